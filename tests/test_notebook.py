@@ -62,8 +62,7 @@ def test_values_show_themselves_in_a_few_lines(measured, result) -> None:
         assert says in repr(value)
         assert len(repr(value)) < MAX_SHOWN
         assert value._repr_html_().count("<table>") == 1
-    strange = replace(measured[0], outputs=("motor <1>", "motor 2"))
-    assert "motor &lt;1&gt;" in strange._repr_html_()
+    assert "motor &lt;1&gt;" in replace(measured[0], outputs=("motor <1>", "motor 2"))._repr_html_()
 
 
 def test_a_response_without_covariance_says_that_its_noise_is_unknown(measured, result) -> None:

@@ -43,8 +43,7 @@ def test_materials_names_and_units_of_controls_of_public_files_are_no_errors(tmp
     assert [frame.name for frame in robot.frames] == ["trunk", "trunk 2", "tool"]
     x, *_ = robot.driven
     assert (x.motor.ratio, x.limits.torque) == (1.0, 0.05 * 7)
-    bend = next(joint for joint in robot.joints if joint.name == "bend")
-    assert bend.spring.damping > 0
+    assert next(joint for joint in robot.joints if joint.name == "bend").spring.damping > 0
 
 
 def test_dynamics_are_those_of_mujoco(tmp_path: Path) -> None:

@@ -25,8 +25,7 @@ Capture = pytest.CaptureFixture[str]
 def said(capture: Capture, *arguments: str) -> tuple[int, str]:
     """Exit code of a command and all that it says, in one line."""
     capture.readouterr()
-    code = cli.run_command(arguments)
-    return code, " ".join("".join(capture.readouterr()).split())
+    return cli.run_command(arguments), " ".join("".join(capture.readouterr()).split())
 
 
 def pasted(pattern: str, text: str) -> list[str]:

@@ -79,8 +79,7 @@ def test_files_of_several_points_taken_as_repetitions_are_named(tmp_path: Path) 
         hits(tmp_path, f"{k}.csv", k, [0, 2])
     study = drafted(tmp_path, [f"{k}.csv" for k in range(3)])
     study.write_text(re.sub(r"realisation: 0, experiment: (\d), at: {.*?}", r"realisation: \1", study.read_text()))
-    run = ran(study)
-    assert "frf/records" in codes(run)
+    assert "frf/records" in codes(ran(study))
 
 
 @pytest.mark.parametrize(

@@ -56,8 +56,7 @@ def test_bristles_from_logs_at_rest_alone(tmp_path: Path) -> None:
         # Without a log that slides viscous friction is not known, and is in the damping.
         truth += lugre_joint.VISCOUS if name == "s1_m1" else 0.0
         assert abs(found[name].value - truth) < 3.3 * found[name].std
-    summary = summary_of(tmp_path / "run")
-    assert summary["status"] == "partly"
+    assert summary_of(tmp_path / "run")["status"] == "partly"
     assert (tmp_path / "run" / "report.html").exists()
 
 

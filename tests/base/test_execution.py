@@ -34,8 +34,7 @@ def killed_at_two(item: int) -> int:
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_worker_that_dies_costs_the_item_that_it_was_at(jobs: int):
     """None in its place, and all others as they are."""
-    found = dict(surviving(killed_at_two, [1, 2, 3, 4, 5], jobs))
-    assert found == {0: 1, 1: None, 2: 9, 3: 16, 4: 25}
+    assert dict(surviving(killed_at_two, [1, 2, 3, 4, 5], jobs)) == {0: 1, 1: None, 2: 9, 3: 16, 4: 25}
 
 
 def dying_once(item: tuple[int, str]) -> int:

@@ -115,8 +115,7 @@ def written(folder: Path, rough: bool, seed: int = 1, **replacing: str) -> Path:
 
 def test_a_number_in_newtons_is_friction_of_a_slide_only(tmp_path: Path) -> None:
     """4 N across the slide is read; N*m there, N at a motor, m/s of a motor's friction are refused where they stand."""
-    robot = load(written(tmp_path, rough=True)).study.robot
-    assert robot.joints[1].friction.coulomb == 4.0
+    assert load(written(tmp_path, rough=True)).study.robot.joints[1].friction.coulomb == 4.0
     for old, new, units in (
         ("coulomb: 4 N}", "coulomb: 4 N*m}", "units of N*m, but joint z"),
         ("coulomb: 0.1,", "coulomb: 0.1 N,", "joint z is given in units of N, but a motor"),

@@ -132,8 +132,7 @@ def test_legs_of_a_quadruped_move_by_their_commands_alone(tmp_path: Path) -> Non
 
     The delay is between nothing and three samples, and inertias of equal joints of the four legs agree within 10 %.
     """
-    summary = run("go2", tmp_path / "run")
-    assert summary["status"] == "identified"
+    assert run("go2", tmp_path / "run")["status"] == "identified"
     found = read_friction_result(tmp_path / "run" / "friction.h5")
     judged = read_validation_logs(tmp_path / "run" / "friction.h5")
     assert [run.log for run in judged.runs] == ["log_6", "log_7"]

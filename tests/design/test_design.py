@@ -221,8 +221,7 @@ def test_the_design_adds_to_the_given_configurations_and_beats_random_choices() 
 def test_robot_time_is_filled() -> None:
     """With one candidate of two periods and a transient, 3 s each and two realisations of two experiments."""
     one = CandidateSpec(given={"a": (0.1, 0.9)})
-    found = design(_with(count=None, robot_time=40.0, candidates=one))
-    assert found.plan.robot_time_s == 36.0
+    assert design(_with(count=None, robot_time=40.0, candidates=one)).plan.robot_time_s == 36.0
     with refused("design/limits", place="design.robot_time"):
         design(_with(count=None, robot_time=10.0))
 

@@ -58,8 +58,7 @@ def test_what_is_known_already_is_not_measured_again() -> None:
     H = np.array([[[[1.0, 0], [0, 0]], [[0, 0], [0, 1.0]]]])
     criterion, nothing = DesignCriterion(np.eye(2)), np.zeros((1, 2, 2))
     np.testing.assert_allclose(optimal_weights(H, criterion, nothing).P.ravel(), [0.5, 0.5], atol=1e-3)
-    known = np.array([[[5.0, 0], [0, 1e-9]]])
-    assert best_experiments(H, 2, criterion, known)[0].tolist() == [0, 2]
+    assert best_experiments(H, 2, criterion, np.array([[[5.0, 0], [0, 1e-9]]]))[0].tolist() == [0, 2]
 
 
 Groups = list[list[list[PowerSource]]]
@@ -144,8 +143,7 @@ def test_nothing_within_the_limits_exceeds_the_certified_bound(seed: int) -> Non
     groups, cost = drawn(seed, 2, guesses=3), priced(seed, 2)
     criterion, known = DesignCriterion(np.eye(4)[:, :3]), np.zeros((3, 4, 4))
     best = best_powers(groups, cost, criterion, known, 0.2)
-    used = np.einsum("kofl,kfl->ko", cost, best.P)
-    assert used.max() <= 1 + 1e-9
+    assert np.einsum("kofl,kfl->ko", cost, best.P).max() <= 1 + 1e-9
     assert np.min(best.P / (0.2 * even_powers(cost))) > 1 - 1e-9
     assert best.value >= criterion.value(information(groups, even_powers(cost), known))
     assert best.gap < 0.06

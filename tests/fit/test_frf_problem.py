@@ -144,10 +144,8 @@ def test_a_left_out_configuration_has_the_numbers_of_its_robot() -> None:
     """What is found for robot B from b1 and b2 predicts b3; without any of B's, the mean of the others does."""
     data = both(0)
     own = ComparedVariant("own", data_sheet_arm.arm(), SPEC, EXACT)
-    fold = refit(data, (own, ("b3",)))
-    assert fold.folds["b3"].misfit < 1.2
-    without = refit(data, (own, ROBOTS["B"]))
-    assert without.folds["b1"].misfit > 10
+    assert refit(data, (own, ("b3",))).folds["b3"].misfit < 1.2
+    assert refit(data, (own, ROBOTS["B"])).folds["b1"].misfit > 10
 
 
 def test_robots_must_be_named_once_and_at_all() -> None:

@@ -31,8 +31,7 @@ def scatter(
         ratios = RatioSums((("motor 1", 0.1 * q),), V[[q]] @ rows[q], V[[q]] @ V[[q]].T, V[[q]] @ residuals[q])
         parts.append(LineSums(**vars(evidence_of(rows[q], residuals[q])) | {"ratios": ratios}))
     pull = np.array([part.ratios.pull[0] for part in parts])
-    result = scatter_of_ratios(parts, HALF, float(r @ r), N * Q - 2.0, 1.0, is_excess, least)
-    return result, pull @ HALF
+    return scatter_of_ratios(parts, HALF, float(r @ r), N * Q - 2.0, 1.0, is_excess, least), pull @ HALF
 
 
 @pytest.mark.parametrize("std", [0.5, 3.0])

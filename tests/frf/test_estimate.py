@@ -28,8 +28,7 @@ def _record(lines: np.ndarray, U: np.ndarray, Y: np.ndarray, *, P: int = 2, expe
 
 
 def _plant(F: int, n_y: int, n_u: int, seed: int = 0) -> np.ndarray:
-    rng = np.random.default_rng(seed)
-    return circular(rng, (F, n_y, n_u))
+    return circular(np.random.default_rng(seed), (F, n_y, n_u))
 
 
 def _experiments(G: np.ndarray, lines: np.ndarray, M: int, rng: np.random.Generator, **how: object) -> list[Record]:
@@ -132,8 +131,7 @@ def test_fewer_degrees_of_freedom_than_outputs_leave_a_singular_covariance_that_
     one = estimate(records[:1], ALL_PERIODS, lines)
     assert (one.noise.form, one.noise.dof) == ("kronecker", 1)
     assert np.linalg.matrix_rank(one.noise.full()[20]) == 1
-    smooth = smooth_noise(one)
-    assert np.linalg.eigvalsh(smooth.covariance).min() > 0
+    assert np.linalg.eigvalsh(smooth_noise(one).covariance).min() > 0
     both = estimate(records, ALL_PERIODS, lines)
     assert (both.total.form, both.total.dof) == ("kronecker", 1)
 
@@ -290,6 +288,5 @@ def test_torques_that_no_feedback_explains_show_none() -> None:
     logs, _ = records()
     rng = np.random.default_rng(0)
     noise = [replace(log, u=1e5 * rng.standard_normal(log.u.shape)) for log in logs]
-    found = motor_motion(noise, response())
-    assert found.feedback is None
+    assert motor_motion(noise, response()).feedback is None
     assert motor_motion([replace(log, outputs=("joint 1", "joint 2")) for log in logs], response()) is None

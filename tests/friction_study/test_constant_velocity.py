@@ -91,10 +91,8 @@ def test_levels_are_covered_whatever_the_noise_remembers(memory: float) -> None:
 def test_slopes_of_two_directions_are_no_offset() -> None:
     levels = estimate_friction_curve(passes(2, uneven=6e-4), True, 2 * np.pi / RATIO)
     assert set(levels.direction) == {1.0, -1.0}
-    law = StaticLaw.of(levels, LawSpec())
-    assert law.values["directions.viscous"] == pytest.approx(6e-4, rel=0.15)
-    alike = estimate_friction_curve(passes(3), True, 2 * np.pi / RATIO)
-    assert set(alike.direction) == {0.0}
+    assert StaticLaw.of(levels, LawSpec()).values["directions.viscous"] == pytest.approx(6e-4, rel=0.15)
+    assert set(estimate_friction_curve(passes(3), True, 2 * np.pi / RATIO).direction) == {0.0}
 
 
 @pytest.mark.parametrize(

@@ -31,8 +31,7 @@ from elastid.robot import Friction
 def stops_and_moves(seconds: float) -> FloatArray:
     """Pick and place: moves there and back of 60 rad/s, between stops of two seconds."""
     move = np.concatenate([np.linspace(0, 60, 300), np.full(400, 60.0), np.linspace(60, 0, 300), np.zeros(2000)])
-    cycle = np.concatenate([move, -move])
-    return np.resize(cycle, int(seconds * RATE_HZ))
+    return np.resize(np.concatenate([move, -move]), int(seconds * RATE_HZ))
 
 
 DRIFT = {"Fc": 6e-3, "f": 25e-3, "offset": 1e-3}
@@ -96,8 +95,7 @@ def test_correlated_torque_noise_keeps_its_variance() -> None:
     """w_k+1 = a w_k + e_k, a = exp(-T / tau), has std sigma where var e = sigma^2 (1 - a^2)."""
     joint, noise = replace(FOLLOWED, correlation_s=0.02), replace(NOISE, correlated=0.3)
     driving = noise.vector(joint, RATE_HZ)[2]
-    fade = np.exp(-1 / (RATE_HZ * 0.02))
-    assert driving / (1 - fade**2) == pytest.approx(0.3**2)
+    assert driving / (1 - np.exp(-1 / (RATE_HZ * 0.02)) ** 2) == pytest.approx(0.3**2)
 
 
 def followed(run: WarmRun, joint: TrackedJoint = FOLLOWED) -> TrackedFriction:

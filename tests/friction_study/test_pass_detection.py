@@ -94,8 +94,7 @@ def test_the_variance_of_a_level_counts_the_correlation_of_the_noise() -> None:
     x = np.zeros(n)
     for k in range(1, n):
         x[k] = phi * x[k - 1] + e[k]
-    variance = regression(x, 0.0).solve()[1][0, 0]
-    assert variance == pytest.approx((1 + phi) / (1 - phi) / n, rel=0.15)
+    assert regression(x, 0.0).solve()[1][0, 0] == pytest.approx((1 + phi) / (1 - phi) / n, rel=0.15)
 
 
 def test_inertia_is_that_of_the_instant_at_which_a_held_torque_acts() -> None:

@@ -127,8 +127,7 @@ def test_coulomb_friction_is_covered_where_no_speed_is_slow_enough_for_stiction(
     assert np.mean(held) >= 0.85
     columns = ("speed", "direction", "torque", "std", "load", "temperature")
     fast = replace(levels, **{name: getattr(levels, name)[speeds > 0.7] for name in columns})
-    few = StaticLaw.of(fast, LawSpec())
-    assert "0.88" in reasons(few)["stribeck"]
+    assert "0.88" in reasons(StaticLaw.of(fast, LawSpec()))["stribeck"]
 
 
 def test_coulomb_friction_that_falls_with_heat_is_a_number_and_in_the_robots_file() -> None:

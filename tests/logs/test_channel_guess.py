@@ -166,8 +166,7 @@ def test_inertia_is_in_si_of_prefixed_torques_and_wrapped_angles() -> None:
     q, _, _, u = moved()
     angle = (np.rad2deg(20 * q) + 180) % 360 - 180
     signals = [(guess_by_name("torque [mNm]", None), 1e3 * u), (guess_by_name("angle [deg]", None), angle)]
-    guess = guess_log(signals, RATE)
-    assert 20 * guess.joints[0].relation.inertia == pytest.approx(3.0, rel=0.03)
+    assert 20 * guess_log(signals, RATE).joints[0].relation.inertia == pytest.approx(3.0, rel=0.03)
 
 
 RATIO = 50.0

@@ -208,8 +208,7 @@ def test_what_is_wrong_with_a_loop_is_said() -> None:
     loose = (Joint("elbow", "y"), Joint("twist", (-LEVER, 0.0, 0.0)))
     free = replace(robot, bodies=(*robot.bodies[:-1], replace(robot.bodies[-1], joints=loose)))
     assert "joint twist" in wrong(free)
-    far_off = linkage(Rod(0.75), crank=0.45)
-    assert "does not close: its ends are" in wrong(far_off, (0.0, -1.2))
+    assert "does not close: its ends are" in wrong(linkage(Rod(0.75), crank=0.45), (0.0, -1.2))
 
 
 AT = Configuration("c", np.array([0.2, 0.4, 0.1]))

@@ -65,8 +65,7 @@ def test_hysteresis_is_the_loop_of_a_maker_s_test() -> None:
     ]
     assert abs(crossings[0] - crossings[1]) == pytest.approx(width.value, rel=1e-3)
     assert found.number("K1_1") is None  # one stiffness at every torque
-    middle = np.argmin(np.abs(found.torque[:200]))
-    assert found.torsion_std[middle] == pytest.approx(0.05 / K, rel=0.05)
+    assert found.torsion_std[np.argmin(np.abs(found.torque[:200]))] == pytest.approx(0.05 / K, rel=0.05)
 
 
 def test_a_transmission_error_has_amplitude_and_phase() -> None:

@@ -45,8 +45,7 @@ def test_magnitudes_that_drive_and_effects_of_another_joint_are_no_part_of_the_r
     driving = [("friction", 1e-3, -1.0), ("behind", 0.0, -1.0), ("load", 1e-3, -0.1), ("stop", 1e-4, -3.0)]
     (joint,) = with_magnitudes(*driving, ("error sine", 1.0, 0.0)).driven
     assert (joint.motor.dry_friction, joint.friction, joint.gear, joint.spring) == (None, None, None, Spring(K, D))
-    other = with_magnitudes(("friction", 1e-3, 2.0), ("cubic", 0.0, 4e9), joint="2")
-    assert other == with_magnitudes()
+    assert with_magnitudes(("friction", 1e-3, 2.0), ("cubic", 0.0, 4e9), joint="2") == with_magnitudes()
 
 
 @pytest.mark.parametrize(

@@ -113,8 +113,7 @@ def test_forces_at_motor_gear_and_link_move_two_masses_as_they_must() -> None:
     by_place = {"motor": (link + spring) / det, "gear": link / det, "link": spring / det}
     assert elastic_joints(linearisation) == ("1",)
     for place, exact in by_place.items():
-        moved = (drive.C @ drive.H @ drive.directions(place, 0))[:, 0]
-        assert moved == pytest.approx(exact, rel=1e-9)
+        assert (drive.C @ drive.H @ drive.directions(place, 0))[:, 0] == pytest.approx(exact, rel=1e-9)
     assert drive.G[:, 0, 0] == pytest.approx(by_place["motor"], rel=1e-9)
     assert np.abs(drive.images).max() < 1e-9 * np.abs(drive.G).max()
     assert (drive.k[0], drive.d[0], drive.torque[0]) == pytest.approx((g.k, g.d, 0.0))

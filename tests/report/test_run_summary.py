@@ -61,8 +61,7 @@ def test_the_page_of_responses_answers_its_three_questions_by_the_modes():
     many = replace(content, responses=(noted,) * 5, modes=(replace(modes, notes=()),) * 5)
     (_, (_, warned)), (_, listed), _ = questions_of_responses(many)
     assert (numbers_of(warned), len(listed), numbers_of(listed[-1])) == ([2], 4, [2])
-    none = ResponsesContent("a bench", (), (), "", {})
-    assert questions_of_responses(none)[1][1]
+    assert questions_of_responses(ResponsesContent("a bench", (), (), "", {}))[1][1]
 
 
 def test_the_answer_says_how_exact_what_was_held_must_be():

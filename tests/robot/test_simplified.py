@@ -69,8 +69,7 @@ def test_a_rigid_gear_is_the_rotor_on_the_joint() -> None:
     inertia = 1.3 + 10 * 0.2**2 + 50**2 * 2e-3
     expected = s**2 / (s**2 * inertia + s * (2.0 + 50**2 * 3e-3) + gravity)
     np.testing.assert_allclose(response(robot, SERIAL, up)[:, 0, 0], expected, rtol=1e-9)
-    model = formulate(robot)
-    assert resting(model, 0.1).q.tolist() == [0.1]
+    assert resting(formulate(robot), 0.1).q.tolist() == [0.1]
 
 
 @pytest.mark.parametrize("name", ["9", "elbow"])

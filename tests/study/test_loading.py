@@ -220,8 +220,7 @@ def test_the_schema_is_json_with_units_and_closed_sections() -> None:
     assert document["$schema"] == "https://json-schema.org/draft/2020-12/schema"
     assert document["additionalProperties"] is False
     assert {"name", "experiment"} == set(document["required"])
-    spring = document["$defs"]["Spring"]["properties"]["stiffness"]
-    assert "in N*m/rad" in spring["description"]
+    assert "in N*m/rad" in document["$defs"]["Spring"]["properties"]["stiffness"]["description"]
     assert document["$defs"]["Joint"]["properties"]["name"]["type"] == ["string", "number"]
     assert {"type": ["string", "number"]} in document["properties"]["robot"]["anyOf"]
 

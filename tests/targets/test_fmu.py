@@ -32,8 +32,7 @@ ROBOTS = ["bench", *SLOW, "linkage_arm minimal"]
 
 def gains_of(model: FittedRobot) -> JointLoop:
     """Feedback with a bandwidth of 3 Hz in the first configuration."""
-    point = rest_of(model)
-    return tune(model.model, point.q, 3.0, 0.7)
+    return tune(model.model, rest_of(model).q, 3.0, 0.7)
 
 
 def starts_of(model: FittedRobot) -> dict[str, float]:

@@ -68,8 +68,7 @@ def test_c_interpolates_as_python_does(tmp_path: Path) -> None:
     expected = interpolated(move, times)
     buffers = [(ctypes.c_double * 2)() for _ in range(3)]
     for i, t in enumerate(times.tolist()):
-        over = c.move_at(ctypes.c_double(t), *buffers)
-        assert over == (t >= last)
+        assert c.move_at(ctypes.c_double(t), *buffers) == (t >= last)
         for own, value in zip(buffers, expected, strict=True):
             np.testing.assert_allclose(np.array(own), value[i], rtol=1e-12, atol=1e-12)
     q, v, u = interpolated(move, move.time_s - move.time_s[0])
@@ -112,8 +111,7 @@ def test_friction_compensation_in_c_is_the_law_of_the_robot(tmp_path: Path) -> N
         np.testing.assert_allclose(np.array(u), [np.sign(speed) * level, -np.sign(speed) * level], rtol=1e-7)
     rows = [line.split(",") for line in table.read_text(encoding="utf-8").splitlines()[1:]]
     assert len(rows) == 402
-    fastest = max(float(speed) for _, speed, _ in rows)
-    assert fastest == pytest.approx(robot.driven[0].limits.velocity)
+    assert max(float(speed) for _, speed, _ in rows) == pytest.approx(robot.driven[0].limits.velocity)
 
 
 NOISE = FilterNoise(angle=COUNT / np.sqrt(12), torque=TORQUE_STD, drift={"Fc": 6e-3, "f": 25e-3, "offset": 1e-3})

@@ -57,8 +57,7 @@ def test_late_commands_are_named_with_their_delay() -> None:
     """15 ms, to half a sample of the simulated drives."""
     late = CommandedJoint(delay_s=0.015)
     motion = late.motion()
-    result = replay(late.robot, motion)
-    assert best(result) == ("delay", pytest.approx(0.015, abs=5e-4))
+    assert best(replay(late.robot, motion)) == ("delay", pytest.approx(0.015, abs=5e-4))
     assert not best(replay(late.robot, replace(motion, delay_s=0.015)))[0]
 
 

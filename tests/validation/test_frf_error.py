@@ -93,8 +93,7 @@ def test_validation_compares_white_residuals_with_the_noise(sigmas, is_passed):
     verdict = validate([measured], [response(G)], ["c1"]).verdict
     assert verdict.startswith("Validation passed") == is_passed
     assert ("overestimated" in verdict) == (sigmas < 1)
-    ratio = re.findall(r"(\d[.\d]*) times", verdict)[0]
-    assert float(ratio) == pytest.approx(sigmas, rel=0.05)
+    assert float(re.findall(r"(\d[.\d]*) times", verdict)[0]) == pytest.approx(sigmas, rel=0.05)
 
 
 def test_a_missing_mode_is_beyond_the_noise_and_correlated():

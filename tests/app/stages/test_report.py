@@ -120,8 +120,7 @@ def test_responses_from_elsewhere_need_no_robot(
     study = tmp_path / "study.yml"
     study.write_text(json.dumps({"name": "elsewhere", "experiment": experiment, "report": {"formats": ["png"]}}))
     assert run_command(["check", str(study)]) == 0
-    said = capsys.readouterr().out
-    assert "frf-responses" in said
+    assert "frf-responses" in capsys.readouterr().out
     run = ["--run", str(tmp_path / "run"), "-q"]
     assert run_command(["run", str(study), *run]) == 0
     (again,) = read_responses(tmp_path / "run" / "frf.h5")

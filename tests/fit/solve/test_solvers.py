@@ -144,8 +144,7 @@ def test_a_model_without_a_value_is_stepped_around(method: SolverName):
 @both_solvers
 def test_an_exhausted_solve_does_not_call_itself_converged(method: SolverName, capfd):
     """Two iterations are not enough, and IPOPT prints nothing."""
-    end = solve(DECAY, DECAY.parameters.x, max_iterations=2, method=method)
-    assert not end.converged
+    assert not solve(DECAY, DECAY.parameters.x, max_iterations=2, method=method).converged
     assert capfd.readouterr() == ("", "")
 
 

@@ -122,8 +122,7 @@ def test_the_step_of_an_encoder_and_its_noise_are_told() -> None:
     assert step(np.round(CLEAN[:, 1] / 30) * 30) == pytest.approx(30)
     assert step(coarse) == pytest.approx(1e3 * q, rel=1e-6)
     assert step(CLEAN[:, 0]) == 0
-    signals = np.stack([CLEAN[:, 0], coarse], axis=1)
-    assert [*outcome(report_steps, signals, N, 1)[1].values()] == [1]
+    assert [*outcome(report_steps, np.stack([CLEAN[:, 0], coarse], axis=1), N, 1)[1].values()] == [1]
     assert not outcome(report_steps, np.stack([CLEAN[:, 0], fine], axis=1), N, 1)[1]
 
 

@@ -52,8 +52,7 @@ def in_file() -> ComplexArray:
     s = 2j * np.pi * FREQ_HZ
     G = plant(FREQ_HZ)
     outputs = np.stack([RATIO / s * 60 / (2 * np.pi), 180 / np.pi / s**2], axis=1)
-    inputs = np.array([RATIO * CONSTANT * 1e-3, -1.0])
-    return outputs[:, :, None] * G * inputs
+    return outputs[:, :, None] * G * np.array([RATIO * CONSTANT * 1e-3, -1.0])
 
 
 def _spec(path: str, **changes: Any) -> ResponsesSpec:

@@ -195,8 +195,7 @@ def test_twin_and_torque_come_back_from_their_file_and_are_on_the_page(tmp_path:
 
 def test_the_page_of_an_answer_has_its_figure_as_a_file_and_on_it(tmp_path: Any) -> None:
     page = write_page_of_answer(Answer("a", ()), Figure, tmp_path / "tune.html", "us")
-    png = base64.b64encode((tmp_path / "tune.png").read_bytes()).decode()
-    assert png in page.read_text("utf-8")
+    assert base64.b64encode((tmp_path / "tune.png").read_bytes()).decode() in page.read_text("utf-8")
 
 
 def test_the_first_screen_names_the_widest_number_unless_the_model_is_wrong() -> None:

@@ -223,8 +223,7 @@ def test_the_page_without_its_data_is_small_and_prints_on_few_whole_sheets(opene
     data = re.findall(r'<script type="application/json".*?</script>|<img [^>]*>', text, re.DOTALL)
     assert len(data) >= 2
     assert len(text.encode()) - len("".join(data).encode()) < 150_000
-    paper = opened.pdf(prefer_css_page_size=True)
-    assert 3 <= len(re.findall(rb"/Type\s*/Page\b", paper)) <= 12
+    assert 3 <= len(re.findall(rb"/Type\s*/Page\b", opened.pdf(prefer_css_page_size=True))) <= 12
     opened.set_viewport_size({"width": 688, "height": 1000})  # A4 within its margins
     opened.emulate_media(media="print")
     wide = (

@@ -68,8 +68,7 @@ def test_gains_of_a_motor_are_the_best_that_its_delay_and_its_draws_allow(monkey
     assert np.exp(alone.reached(Scene.of(one))) == pytest.approx(fastest, rel=0.01)
     assert np.sum(doubted.on(Scene.of(draws, 400)).peaks_db > LIMIT_DB) <= 1
     assert np.sum(doubted.slower(1.05, 1.05).on(Scene.of(draws, 400)).peaks_db > LIMIT_DB) > 1
-    late = robust(one, None, 40.0, 3)
-    assert late.reached(Scene.of(one)) < alone.reached(Scene.of(one)) - 0.3
+    assert robust(one, None, 40.0, 3).reached(Scene.of(one)) < alone.reached(Scene.of(one)) - 0.3
 
 
 @pytest.mark.slow
