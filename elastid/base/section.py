@@ -61,7 +61,7 @@ class Key:
         return value
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        """How pydantic validates the field, a section in it by its own validator, which is built if a study has one."""
+        """Return the pydantic schema of the field; a nested section has a separate validator, built at first use."""
         from pydantic_core import core_schema  # value types stay free of pydantic
 
         nested = core_schema.no_info_plain_validator_function(lambda value: validator(source).validate_python(value))

@@ -134,7 +134,7 @@ class Assembly:
         return self.linearisation.follows or not self.linearisation.is_affine_in(self._dependent)
 
     def search_problem(self, fit: ElasticFit) -> LeastSquares:
-        """Return the problem of the search: the fit as linearised, or linearised at every x where it is local."""
+        """Return the least-squares problem of the search; if `is_local`, it is linearised again at every x."""
         return replace(fit.problem, evaluate=partial(self._relinearised, fit)) if self.is_local else fit.problem
 
     def _relinearised(self, first: ElasticFit, x: FloatArray) -> Evaluation:

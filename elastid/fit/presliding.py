@@ -225,7 +225,7 @@ def _thinned(assembly: Assembly, x: FloatArray) -> tuple[ElasticFit, float]:
 
 
 def _columns(evaluated: Evaluated, rates: FloatArray) -> Iterator[tuple[str, FloatArray]]:
-    """dr/ds (n_a, N) of the springs of each motor whose motion is in a response, by its joint."""
+    """Yield joint and dr/d(stiffness) (n_a, N) for each motor with a measured motion."""
     kernel, G = evaluated.part.kernel, evaluated.G
     model, s = kernel.model, laplace_variable(kernel.freq_hz[:, None, None])
     for j, place in enumerate(model.inputs):

@@ -135,7 +135,7 @@ def sum_lines(
     model_error_pull = {key: U @ sums for key, sums in _coherent(response, flat, errors).items()}
     of_ratios = ratio_errors(part, response, part.theta(fit.parameters, x), mixing)
     error_sums = float(np.sum(np.abs(errors) ** 2)), model_error_pull, _sum_ratios(of_ratios, response, r, J, U)
-    # In z the information of a part is at most 1: its square has no digits to lose.
+    # In z the information of a part is at most 1: squaring it loses no precision.
     values, vectors = np.linalg.eigh(rows.T @ rows)
     by_line = response.freq_hz, np.sqrt(np.maximum(values, 0.0))[:, None] * (U @ vectors).T, power_of_lines
     of_z = U @ pull, blocks @ U.T, None if scatter is None else U @ scatter @ U.T
@@ -193,7 +193,7 @@ def _whitening(part: Part, mixing: ComplexArray | None) -> ComplexArray:
 
 
 def _coherent(response: Response, J: ComplexArray, errors: ComplexArray) -> dict[tuple[str, str, int], ComplexArray]:
-    """Pulls J^H e (n,) of whitened errors e (F, m, m), one column for each element, summed over lines of each octave.
+    """Return gradients J^H e (n,) of whitened errors e (F, m, m) for each element, summed over lines by octave.
 
     J (n, F, m): derivatives; vec column-major.
     """

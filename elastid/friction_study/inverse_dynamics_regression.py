@@ -276,7 +276,7 @@ def _unidentified(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iter
         ("stribeck", 0 < velocity < lowest / LOWEST_SPEED, above_stribeck(lowest, velocity)),
         ("temperature", not is_alone, "joints that move together are regressed without; record this joint alone, cold "
             "and warm"),
-        ("temperature", is_isothermal and high - low < TEMPERATURE_STEP_K, "no temperature that varies was logged; "
+        ("temperature", is_isothermal and high - low < TEMPERATURE_STEP_K, "no varying temperature was logged; "
             "log it, and record motions cold and warm"),
         ("temperature", is_isothermal and high - low >= TEMPERATURE_STEP_K,
             f"{ABSENT.replace('levels', 'motions')} from {low:.3g} to {high:.3g} degC"),

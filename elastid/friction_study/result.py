@@ -137,8 +137,7 @@ class JointFriction:
     def missing(self) -> tuple[UnidentifiedTerm, ...]:
         """Parts of a law of friction that these data cannot identify: stiction, or friction at all."""
         if self.is_unrelated:
-            why = "no parameter is significant, and most of the torque is unexplained. Check that torque and motion"
-            why += " are of the same joint and time"
+            why = "no parameter is significant, most torque is unexplained. Check joint and time of torque and motion"
             return (UnidentifiedTerm("friction", why),)
         if self.friction is None and not self.has_one_speed:
             slid = any(part is not None for part in (self.static, self.motion, self.commanded))

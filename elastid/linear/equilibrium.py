@@ -203,8 +203,8 @@ def _faults(
     participation = np.linalg.norm(Z @ modes[:, eigenvalues <= MIN_INERTIA], axis=1)
     if massless := ", ".join(name for name, part in zip(names, participation, strict=True) if part > 0.1):
         yield (
-            f"the mass matrix is singular, motion of {massless} moves no inertia; give the bodies that it moves a mass "
-            "off the joint's axis or an inertia about it"
+            f"the mass matrix is singular: {massless} moves no inertia. Give a body on this joint a mass off the "
+            "joint's axis or an inertia about it"
         )
 
 

@@ -126,18 +126,17 @@ def channel_rates(log: Log) -> list[tuple[str, str, float]]:
 
 
 def common_step_ms(channels: Sequence[tuple[str, str, float]]) -> float:
-    """Return the sample time at which there are a drive and a motion, or of the slowest channel if one is absent."""
+    """Return the shortest sample time that a drive and a motion reach, else the longest sample time."""
     quantities = [(guess_by_name(name, None, unit).quantity, ms) for name, unit, ms in channels]
     fastest = [min((ms for name, ms in quantities if name in kinds), default=0.0) for kinds in (DRIVES, MOTIONS)]
     return max(fastest) if all(fastest) else max(ms for *_, ms in channels)
 
 
 def rate_of(t: FloatArray) -> float:
-    """Return the rate of stamps (n,) per unit of time: of their even grid, else of their steps without gaps."""
-    rises = np.diff(t)
+    """Return the rate of stamps (n,) on a uniform grid, else 1 / mean step without gaps."""
+    rises, grid = np.diff(t), even_grid(t)
     rises = rises[rises > 0]
-    grid = even_grid(t)
-    # Gaps left out, the mean is that of a clock that jitters or is rounded.
+    # The mean step is correct for stamps that jitter or are rounded.
     return 1 / float(np.mean(rises[rises < MIN_GAP * np.median(rises)])) if grid is None else grid[1]
 
 

@@ -225,8 +225,8 @@ def usable(response: Response, band_hz: tuple[float, float] | None) -> Response:
         where = "" if band_hz is None else f" from {band_hz[0]:g} to {band_hz[1]:g} Hz"
         raise DataError(
             "modal/lines",
-            f"{int(np.sum(used))} lines{where} have excitation "
-            f"and coherence, modes need {LIMITS.lines} or more; take a wider band, a longer period or record",
+            f"{int(np.sum(used))} lines{where} are excited and "
+            f"coherent; modes need {LIMITS.lines}. Use a wider band, or a longer period or record",
             f"configuration {response.configuration.name}",
         )
     return response.lines(used)

@@ -189,7 +189,7 @@ def separate_determinations(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
     spacing = float(np.median(np.diff(omega)))
     Q, R, norms = fit.factors
     rows = np.linalg.pinv(R, rcond=1e-12)[: 2 * n].reshape(n, 2, -1)
-    # The part of each pole's columns that the others do not have is Q times these.
+    # Q times these: part of each pole's columns orthogonal to all other columns.
     parts = np.linalg.pinv(rows @ rows.mT) @ rows
     whole = np.sum((parts.mT @ (fit.coefficients * norms[:, None])[: 2 * n].reshape(n, 2, -1)) ** 2, axis=1)
     columns = complex_columns(Q @ parts.reshape(2 * n, -1).T).reshape(-1, n, 2)
@@ -197,7 +197,7 @@ def separate_determinations(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
     about = np.zeros_like(near)
     for r in np.flatnonzero(-2 * fit.poles.real <= spacing).tolist():
         near[r], about[r] = np.abs(omega - fit.poles[r].imag) < 2 * spacing, _about(fit, r)
-    # Lines that no pole is judged by are as many rows as columns, with the same products.
+    # QR compresses the lines used for no pole to as many rows as columns; same products.
     near, about = np.tile(near, 2), np.tile(about, 2)
     rest, Qy = ~np.any(near | about, axis=0), np.concatenate([Q, fit.data.y], axis=1)
     T = np.linalg.qr(Qy[rest], mode="r")

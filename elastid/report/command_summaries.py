@@ -60,8 +60,8 @@ def answer_of_map(workspace: WorkspaceMap) -> Answer:
             ),
         ),
         (
-            "Limits: fraction of postures in which the spring contributes most to the softest direction. Part 50 %: in "
-            f"the softest tenth of {len(m)} postures, 1 % more stiffness of the spring gives 0.5 % less compliance; "
+            "Limits: fraction of postures in which the spring contributes most to the softest direction. Part: % less "
+            f"compliance per % more stiffness of the spring, mean of the softest tenth of {len(m)} postures; "
             f"with gravity the parts do not sum to 100 %. Load ({force}) N; cutting "
             f"coefficient {1e-6 * m.cutting_coefficient:g} N/mm².",
         ),

@@ -183,7 +183,7 @@ def residual_sentence(result: Result, agreements: Sequence[FrfError]) -> str:
         if cause.startswith(REQUIRED):
             ratio = result.residual_test.partition(": residuals ")[2]
             users = "The fit" + " and the validation" * any(agreement.is_validation for agreement in agreements)
-            return f"{capital(cause)}. {users} used the value that the data require: residuals {ratio}."
+            return f"{capital(cause)}. {users} used the value required by the data: residuals {ratio}."
         return f"{capital(cause)}.{test if result.exceeds_noise else ''}"
     if "error" in (noise := _noise_and_error(result, agreements)):
         return f"No error beyond {noise}.{test}"

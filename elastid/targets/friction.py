@@ -82,7 +82,7 @@ void {name}_follow(double x[{n}], double P[{size}], double torque, double load, 
 def _header(observers: Mapping[str, TrackedFriction], identifiers: Mapping[str, str]) -> str:
     lines = [
         "Filters that follow friction, link side, SI. <joint>_start once, at rest; <joint>_follow every sample:",
-        "torque and load (gravity) since the sample before, angle of the motor now. innovation: measured less",
+        "torque and load (gravity) since the previous sample, present motor angle. innovation: measured minus",
         "predicted angle, variance: its variance; both may be NULL. The states Fc and f are logarithms; 95 % band:",
         "x[i] +- 1.96 sqrt(P[i * n + i]), n states. It includes the errors of fixed numbers: P ends with the n",
         *("cross covariances of each of them, over its std.", "", "States:", ""),

@@ -60,7 +60,7 @@ class Plants:
         return len(self.A)
 
     def with_states(self, states: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """A, B, C of the same P(z) with m = states, zeros beyond its own: a delay differs from robot to robot."""
+        """Return A, B, C of P(z), zero-padded to `states` states, since delays differ between robots."""
         more = (0, states - self.A.shape[-1])
         none = (0, 0)
         return (

@@ -62,7 +62,7 @@ class Cut:
             self.force and not self.normal
         ):
             raise ValueError(
-                "load, normal and force are finite, no direction is the zero vector, and a force needs a normal"
+                "load, normal and force must be finite; normal and force must not be 0; force requires normal"
             )
         if not self.cutting_coefficient > 0:
             raise ValueError(f"cutting coefficient {self.cutting_coefficient:g} N/m^2; it must be positive")
@@ -324,8 +324,8 @@ def map_workspace(
     if not has_rest.any():
         raise StudyError(
             "robot/no-equilibrium",
-            f"robot {family.robot.name} has no equilibrium in any of the {N} postures. Check that they are within the "
-            "reach of its loops, and the units of its springs and masses",
+            f"robot {family.robot.name} has no equilibrium in any of the {N} postures. Check that the loops can "
+            "reach the postures, and the units of springs and masses",
         )
     for key, column in columns.items():
         n = 0

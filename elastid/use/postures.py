@@ -171,7 +171,7 @@ class Table:
             joints = robot.driven_names
             raise DataError(
                 "use/path",
-                f"its columns are {', '.join(self.heads)}. Give one for each driven joint "
+                f"its columns are {', '.join(self.heads)}. Give a column per driven joint "
                 f"({', '.join(joints)}; rad, or `{joints[0]} (deg)`), or poses of the frame: x, y, z in m, and all or "
                 "none of rx, ry, rz in rad",
                 self.path,

@@ -184,7 +184,7 @@ def test_information_is_a_function_of_powers_in_the_closed_loop() -> None:
         single = replace(prospect, plan=replace(plan, R=plan.R[:, :, :1])).information(configuration, x)
         assert (np.abs(2 * single - H).max() < 1e-9 * H.max()) == (floor == 0)
         largest.append(H.max())
-    assert largest == sorted(largest, reverse=True)
+    assert largest[0] > largest[1] > largest[2]
 
 
 def test_candidates_that_tip_over_are_no_choice() -> None:

@@ -57,7 +57,7 @@ def test_a_payload_on_and_off_gives_the_gain_with_its_interval(gain: float, tmp_
 
 @pytest.mark.parametrize("loads", [("empty", "empty"), ("full", "full")])
 def test_without_a_difference_no_gain_is_known(loads: tuple[str, ...], tmp_path: Path) -> None:
-    """All other numbers have their intervals, inertia that of all that turned."""
+    """All other parameters have intervals; inertia includes the payload."""
     result = identified(tmp_path, 1.1, loads)
     assert not any(number.name.startswith("gain") for number in result.numbers)
     for number in result.numbers:
@@ -69,14 +69,14 @@ def test_without_a_difference_no_gain_is_known(loads: tuple[str, ...], tmp_path:
     assert (joint.misfit, [part.term for part in joint.missing], result.status) == ("", ["stribeck"], "partly")
 
 
-def test_a_torque_that_has_nothing_to_do_with_the_motion_identifies_nothing(tmp_path: Path) -> None:
+def test_unrelated_torque_gives_status_failed(tmp_path: Path) -> None:
     """Noise in place of the torque."""
     write_log(tmp_path / "0.csv", Q, 20 * np.random.default_rng(3).standard_normal(len(Q)))
     measured = read_friction_logs(ROBOT, logs(FileSpec("0.csv")), tmp_path, ["1"], {})
     result = identify_friction(
         ROBOT, identify_sliding_friction(ROBOT, ROBOT.driven, measured), measured, FrictionSpec()
     )
-    assert (result.status, [part.term for part in result.joints[0].missing]) == ("failed", ["friction"])
+    assert result.status == "failed"
 
 
 @pytest.mark.parametrize("factor", [1 / RATIO, 1 / RATIO**2, RATIO])

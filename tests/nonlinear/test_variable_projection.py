@@ -196,7 +196,7 @@ def test_shapes_that_are_alike_share_a_level() -> None:
 
 
 def test_forward_selection_adds_a_member_that_pays_behind_one_that_does_not() -> None:
-    """Member 0 explains 5 of the 6 that it needs, member 1 four of the two, member 2 three, beside member 1 one."""
+    """Gain (needed): member 0 5 (6), member 1 4 (2), member 2 3 (2), but only 1 once member 1 is selected."""
     gains, needs = (5.0, 4.0, 3.0), (6.0, 2.0, 2.0)
     members, cost = greedy(
         lambda chosen: [[*chosen, i] for i in range(3) if i not in chosen],

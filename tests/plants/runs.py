@@ -10,7 +10,7 @@ from elastid.study import load
 
 
 def run_of(study: Path, folder: Path, *overrides: str, jobs: int = 1) -> Run:
-    """A run that says nothing."""
+    """A silent run."""
     return Run(load(study, overrides), folder, jobs, Console(-1))
 
 

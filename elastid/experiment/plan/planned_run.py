@@ -64,8 +64,8 @@ def _first_inconsistent_motor(
     for i in np.flatnonzero(wrong)[:1]:
         return (
             f"the {noun} of {plan.inputs[i]} differs from the plan: correlation {rho[i]:.2f}, gain "
-            f"{number(float(gain[i]), 3)}, mean {means[i]:.4g} instead of {expected_means[i]:.4g}. Check that it is "
-            "this run, channels, signs, units, posture, payload"
+            f"{number(float(gain[i]), 3)}, mean {means[i]:.4g} instead of {expected_means[i]:.4g}. Check run, "
+            "channels, signs, units, posture and payload"
         )
     return ""
 

@@ -93,9 +93,9 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
         return ()
     actual_unit, assumed_unit = ("rad/s", "Hz") if typical > 0 else ("Hz", "rad/s")
     text = (
-        f"all estimates are {math.exp(typical):.3g} times their start, which no residual shows. Check whether the "
-        f"frequencies are in {actual_unit} instead of {assumed_unit} (39 times), the positions in degrees (57 times), "
-        "or the torques on the other side of the gear (its ratio)"
+        f"all estimates are {math.exp(typical):.3g} times their start values; residuals cannot show why. "
+        f"Check: frequencies in {actual_unit} instead of {assumed_unit} (factor 39), positions in degrees (57), "
+        "torques on the other side of the gear (ratio)"
     )
     return (Note("fit/frequency-unit", text, ", ".join(result.parameters.free[i].name for i in stiff)),)
 

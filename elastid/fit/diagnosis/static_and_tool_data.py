@@ -126,7 +126,7 @@ def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
     compared, least = agreement(now, alone)
     if compared.disagrees and np.isfinite(least):
         why = "stiffer under static load (gear friction)" if compared.ratio < 1 else "softer (gear hysteresis)"
-        compared = replace(compared, cause=f"check the scale of loads and gauge; if it is right, all springs are {why}")
+        compared = replace(compared, cause=f"check the scales of loads and gauge; if correct, all springs are {why}")
     predicted, slopes = loads.predicted(alone.parameters, alone.x)
     rows = [row for load in loads.robot.loads for row in load.directions.tolist()]
     by_responses_std = np.linalg.norm(slopes @ now.root, axis=1)

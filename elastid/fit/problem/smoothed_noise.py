@@ -188,7 +188,7 @@ def smooth_noise(response: Response) -> SmoothedNoise | None:
 
 
 def _smooth(response: Response, raw: Covariance) -> tuple[Covariance, FloatArray, FloatArray]:
-    """Smooth covariance, and how much of variance and matrix is the own of a line, as `SmoothedNoise` has them."""
+    """Return smooth covariance, and the unsmoothed fractions of variance and matrix by line (`SmoothedNoise`)."""
     F, n_y, n_u = response.G.shape
     if raw.form == "diagonal":
         variance, kappa = smooth_variance(raw.variance, response.G, raw.dof)

@@ -40,12 +40,12 @@ class Whitening(Kept):
         factors = used_factors(self.noise, used, is_split=self.floor == 0)
         self.noise.release()
         if len(factors) == 2:
-            return inverse_triangle(factors[::-1]) * s
+            return inverse_cholesky(factors[::-1]) * s
         diagonal = np.arange(n_y * n_u)
         row_by_row = diagonal.reshape(n_u, n_y).T.ravel()
         C = factors[0][:, row_by_row[:, None], row_by_row]
         C[:, diagonal, diagonal] += (self.floor * np.abs(self.G)).reshape(F, -1) ** 2
-        return inverse_triangle([C / (s.mT * s)])
+        return inverse_cholesky([C / (s.mT * s)])
 
     def lines(self, keep: BoolArray | slice) -> "Whitening":
         """Return the whitening on some lines; keep (F,) is True where a line stays."""
@@ -65,7 +65,7 @@ def declared_model_error(response: Response, spec: WeightSpec) -> float:
 
 
 def used_factors(noise: Covariance, used: BoolArray, is_split: bool = True) -> tuple[ComplexArray, ...]:
-    """Return left and right, or, unless split, cov(vec G); 1 in place of elements that are not used (F, n_y, n_u)."""
+    """Return (left, right) if split, else (cov(vec G),); identity for elements not in `used` (F, n_y, n_u)."""
     flat = vec(used)
     lines = flat.all(axis=1)
     if is_split and noise.left is not None and noise.right is not None and np.array_equal(lines, flat.any(axis=1)):
@@ -75,8 +75,8 @@ def used_factors(noise: Covariance, used: BoolArray, is_split: bool = True) -> t
     return (C,)
 
 
-def inverse_triangle(factors: Sequence[ComplexArray]) -> ComplexArray:
-    """Return L^-1 (F, n, n) of C = L L^H, the Kronecker product of its factors, as L is of theirs.
+def inverse_cholesky(factors: Sequence[ComplexArray]) -> ComplexArray:
+    """Return L^-1 (F, n, n) of C = L L^H from the Cholesky factors of the Kronecker factors of C.
 
     Raises LinAlgError where C is singular.
     """

@@ -166,7 +166,7 @@ class Columns(Kept):
 
     @cached_property
     def entries(self) -> IntArray:
-        """The element that each entry of G (n_y, n_u) is."""
+        """Index in `elements` of each entry of G, (n_y, n_u)."""
         (rows, columns), model = self.elements, self.kernel.model
         entries = np.empty((len(model.outputs), len(model.inputs)), np.int64)
         entries[rows, columns] = range(len(rows))

@@ -20,7 +20,7 @@ from elastid.base.errors import installed
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.files.log import ArrayLog, StoredArray
 
-# Of a column the messages that hold it, and its values.
+# Per column: indices of its messages, and values.
 _Columns: TypeAlias = dict[str, tuple[list[int], list[NDArray[Any]]]]
 _JOINT_FIELDS = {"position": "rad", "velocity": "rad/s", "effort": "N*m"}
 

@@ -64,7 +64,7 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
     if not discarded:
         return result
     numbers = ", ".join(str(p + 1) for p in discarded)
-    text = f"repetitions {numbers} of {P} lack 10 % of a channel, or have a gap that the others do not predict"
+    text = f"repetitions {numbers} of {P} lack over 10 % of a channel, or have a gap too noisy to interpolate"
     if P - len(discarded) < 2:
         text += ", and two complete repetitions are needed. Measure again, or exclude the faulty part with samples"
         raise log.error("records/missing-samples", text)
@@ -170,8 +170,8 @@ def _with_integer_period(signals: FloatArray, period: float, N: int, L: int, log
     if n < MIN_PERIODS * L or n_missing <= 0:
         return result
     text = (
-        f"{n} samples are {n / L:.2f} repetitions of {L}. The {n - L} that repeat give the noise; the last "
-        f"{n_missing} are copied from the first repetition"
+        f"{n} samples are {n / L:.2f} repetitions of {L}. The {n - L} repeated samples give the noise; the "
+        f"missing {n_missing} are copied from repetition 1"
     )
     end = np.full((n_missing, signals.shape[1]), np.nan)
     log.report("incomplete periods", 1, text)

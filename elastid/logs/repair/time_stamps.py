@@ -194,7 +194,7 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
     """Resample signals from instants (n,) in s, the first of which is 0."""
     steps_s, steps = np.diff(time_s), describe_steps(time_s)
     if not np.median(steps_s) > 0:
-        text = f"{int((steps_s <= 0).sum())} of {len(time_s)} rows have the time of the row before"
+        text = f"{int((steps_s <= 0).sum())} of {len(time_s)} rows are not after the previous row"
         raise log.error("records/clock", f"{text}. Log each sample once")
     gaps = np.flatnonzero(steps_s > MIN_GAP * np.median(steps_s))
     knot_steps = np.delete(steps_s, gaps)
@@ -214,8 +214,8 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
     in_gaps = np.isin(np.searchsorted(time_s, grid_s, side="right") - 1, gaps)
     result[in_gaps] = np.nan
     text = (
-        f"its time has {steps}; resampled to {rate_hz:g} Hz, exact up to {PASSBAND * knot_hz:.3g} Hz. The "
-        f"residual (noise, or faster motion) is {ratio.max(initial=0.0):.2g} of the rms"
+        f"its time has {steps}; resampled to {rate_hz:g} Hz, exact up to {PASSBAND * knot_hz:.3g} Hz. "
+        f"Residual/signal rms = {ratio.max(initial=0.0):.2g} (noise, or faster motion)"
     )
     log.report(RESAMPLED, len(result), text)
     _report_gaps(int(in_gaps.sum()), gaps, log)

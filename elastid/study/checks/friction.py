@@ -34,7 +34,7 @@ def check_friction(study: Study, base: Path) -> Iterator[Problem]:
     yield from check_count(study)
     yield from check_configurations(study)
     if spec.constant_velocity == "detect":
-        yield Problem(_PASSES, "detect applies to logs (experiment.recorded). Give speeds, count, window ...")
+        yield Problem(_PASSES, "detect requires logs (experiment.recorded). Give speeds, count and window")
     if experiment.simulated is not None:
         yield from check_simulated(study, experiment.simulated)
     for joint in study.friction_joints:

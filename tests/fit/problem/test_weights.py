@@ -204,7 +204,7 @@ def test_smooth_noise_of_other_values_is_computed_again():
 
 
 def test_whitening_by_the_factors_of_the_noise_is_that_of_the_whole_covariance():
-    """On used lines, whatever the noise of the others: L^-1 C L^-H = 1 and L triangular."""
+    """Factored and full whitening agree; noise of unused lines has no effect."""
     one = response_smoothed_noise(np.random.default_rng(6), OUTPUTS + TORQUE, 6)
     smooth, sigma, used = smooth_noise(one).smooth, np.ones(one.G.shape), FREQ_SMOOTHED_NOISE > 10
     sigma[~used] = np.inf
