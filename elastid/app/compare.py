@@ -48,7 +48,7 @@ _Fits: TypeAlias = dict[Elastic, tuple[ComparedVariant, Sequence[Refit]]]
 
 
 def compare(run: Run, studies: Sequence[LoadedStudy] = ()) -> Comparison:
-    """compare.json, and the report again where there is one; the ranking.
+    """Rank models, and write compare.json and, if the run has one, the report again. Returns the ranking.
 
     studies: further ones whose robots, formulations and parameters are fitted to the responses of `run`, under its
     weights and criterion.  StudyError where there are no current responses, or but one model.
@@ -96,7 +96,7 @@ def variants(loaded: LoadedStudy, studies: Sequence[LoadedStudy] = ()) -> Iterat
 
 
 def comparison_table(comparison: Comparison) -> list[list[str]]:
-    """Headings, then a line for each model, the best first."""
+    """Return headings, then a row for each model, the best first."""
     left_out = any(math.isfinite(row.mean_misfit) for row in comparison.rows)
     rows = [["model", "note", "parameters", "QAIC above best", "residuals / noise"]]
     rows[0] += ["left out: error / sigma", "magnitude dB", "phase deg", "misfit above best"] if left_out else []
@@ -166,7 +166,7 @@ def _weighed_as(study: Study, varied: Study) -> FitSpec:
 
 
 def refitted(run: Run, models: Sequence[ComparedVariant], responses: Responses) -> list[list[Refit]]:
-    """The fits of each model, to all responses and without each fold; those not there yet by several processes."""
+    """Fit each model to all responses and without each fold; missing fits run in several processes."""
     parts = ((), *divide(responses.names, run.study.compare.folds))
     tasks = [(variant, part) for variant in models for part in parts]
     finished = Checkpoint(path_below(run.folder, PARTIAL), run.stamps["estimate"].code)
@@ -181,7 +181,7 @@ def refitted(run: Run, models: Sequence[ComparedVariant], responses: Responses) 
 
 
 def search_elasticity(run: Run) -> None:
-    """compare.json with every trial and the models tried, and the report again where there is one.
+    """Search for elastic elements; write compare.json with all trials and models and, if it exists, the report again.
 
     StudyError where there are no current responses, those of one configuration only, or nothing to search among.
     """

@@ -242,7 +242,7 @@ def _gains(study: Study) -> tuple[tuple[float, float], ...]:
 
 
 def gears_of(run: Run) -> GearResult | None:
-    """The effects of gears, where the study asks for them and they could be looked for."""
+    """Read the gear effects if the study asks for them and they were estimated; else None."""
     if "gears" not in run.stages:
         return None
     run.require_result("gears")

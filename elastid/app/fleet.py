@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import date
 from functools import partial
 from importlib.util import find_spec
+from itertools import starmap
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -41,7 +42,7 @@ Row: TypeAlias = dict[str, Any]
 
 
 def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
-    """All members, then fleet.parquet (fleet.csv without pyarrow), fleet.html and run.log; the path of the page.
+    """Run all members, then write fleet.parquet (fleet.csv without pyarrow), fleet.html and run.log; returns the page.
 
     Raises StudyError where the study of a member is wrong, and when all is written FitError where members failed,
     MisfitError where some are misfits.
@@ -72,14 +73,14 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
 
 def _check(fleet: Fleet, folder: Path) -> None:
     """Wrong overrides, and a folder that cannot be written, are reported before hours of work; StudyError."""
-    wrong = []
+    members_by_error: dict[str, list[Member]] = {}
     for member in fleet.members:
         try:
             load(fleet.study, member.overrides)
         except StudyError as error:
-            wrong.append(f"{member.label}: {error}")
-    if wrong:
-        raise StudyError("study/invalid", first_of(wrong))
+            members_by_error.setdefault(str(error), []).append(member)
+    if members_by_error:
+        raise StudyError("study/invalid", first_of([*starmap(_by_member, members_by_error.items())]))
     try:
         path_below(folder, MEMBERS).mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -87,6 +88,12 @@ def _check(fleet: Fleet, folder: Path) -> None:
         raise ElastidError("files/folder", f"not writable ({reason}). Give another folder with --run", folder) from None
     for member in fleet.members:
         path_below(folder, MEMBERS, member.name)
+
+
+def _by_member(error: str, members: Sequence[Member]) -> str:
+    """Return an error with the first member that has it and the number of the others."""
+    others = f" and {len(members) - 1} more" if members[1:] else ""
+    return f"{members[0].label}{others}: {error}"
 
 
 def _raise_for(name: str, outcomes: Sequence[Outcome]) -> None:

@@ -48,7 +48,7 @@ class _Table:
 
 
 def texts_from_universal(paths: Sequence[Path], folder: Path) -> dict[str, str]:
-    """The study of universal files, by name."""
+    """Draft the study of universal files; returns texts by file name."""
     outputs, inputs = uff_places(paths[0])
     names = ["bench"] if len(paths) == 1 else [f"bench_{i}" for i in range(1, len(paths) + 1)]
     states = ", ".join(f"{name}: []" for name in names)
@@ -66,7 +66,7 @@ def texts_from_universal(paths: Sequence[Path], folder: Path) -> dict[str, str]:
 
 
 def texts_from_responses(paths: Sequence[Path], folder: Path, robot: Robot | None) -> dict[str, str]:
-    """The study of frequency responses, by name; empty for a file without responses.
+    """Draft the study of frequency responses; returns texts by file name, none for a file without responses.
 
     Raises DataError if the robot has another number of motors than the response has inputs.
     """

@@ -90,7 +90,7 @@ _OBJECTS = (
 
 
 def described(path: Path) -> str:
-    """A page of plain text; StudyError where the file is not there, DataError where it cannot be read."""
+    """Describe a file in plain text; StudyError for a missing file, DataError for an unreadable one."""
     if not path.exists():
         raise StudyError("files/missing", "no such file", path)
     if not is_log(path):

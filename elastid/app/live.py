@@ -94,7 +94,7 @@ class Session:
 
     @classmethod
     def of(cls, run: Run, goals: Sequence[str], simulate: bool, robot_time: float | None = None) -> "Session":
-        """The session of a study; StudyError for one that has no plan, and for a goal that names no parameter."""
+        """Begin the session of a study; StudyError for a study without a plan or a goal that names no parameter."""
         study, robot = run.study, run.study.as_robot()
         require_one_robot_in_any_posture(study)
         assert study.excitation is not None
@@ -122,7 +122,7 @@ class Session:
         )
 
     def work(self) -> tuple[list[Plan], bool, str]:
-        """The plans that were carried out, True where the goal is reached, and how it ended."""
+        """Run experiments until the goal is reached. Returns the plans, True if it was reached, and how it ended."""
         self.path.mkdir(parents=True, exist_ok=True)
         remove_leftovers(self.path)
         plans: list[Plan] = []
@@ -302,17 +302,17 @@ class Session:
         return read_fit(run.path("fit"))
 
     def worst(self, used: Mapping[str, float]) -> str:
-        """The parameter that uses most of the goal, in words."""
+        """Describe the parameter that is furthest from the goal."""
         name = max(used, key=lambda joint: used[joint])
         goal = 100 * self.goal.widths[name]
         return f"{name} identified to ±{number(used[name] * goal, 2)} % (goal {goal:.3g} %)"
 
     def plan(self, step: int) -> Path:
-        """The plan of an experiment, from 1; without its suffix the folder of the results up to this one."""
+        """Return the path of the plan of an experiment, from 1; its stem is the folder of the results so far."""
         return self.path / f"x{step}.h5"
 
     def log(self, run: Experiment) -> Path | None:
-        """The log of a run; None until it is there. DataError where there are several."""
+        """Return the log of a run, None if it is missing; DataError for several."""
         logs = [path for path in sorted((self.path / "logs").glob(f"{run.name}.*")) if is_log(path)]
         if len(logs) > 1:
             names = ", ".join(path.name for path in logs)
@@ -337,7 +337,7 @@ class Session:
         return FileSpec(f"logs/{log.name}", run.configuration.name, run.realisation, run.experiment, samples=samples)
 
     def write_study(self, plans: Sequence[Plan]) -> Path:
-        """study.yml and robot.yml of the measured periods of all logs of some plans, which are there."""
+        """Write study.yml and robot.yml of the measured periods of all logs that exist for some plans."""
         data, first = study_data(self.run.loaded.path, self.run.loaded.overrides), plans[0]
         files = tuple(self._file(plan, run) for plan in plans for run in plan.experiments)
         period = float(first.period_samples)
@@ -352,7 +352,7 @@ class Session:
 
 
 def planned_time_s(run: Run) -> float:
-    """Robot time of the plan that the study itself asks for."""
+    """Return the robot time in s of the plan that the study itself requests."""
     study = run.study
     assert study.excitation is not None
     n_u, experiment, design = len(study.as_robot().driven), study.experiment, study.design
@@ -363,7 +363,7 @@ def planned_time_s(run: Run) -> float:
 
 
 def write_simulated_log(folder: Path, rig: SimulatedRig, run: Experiment) -> None:
-    """The log of a run on a simulated rig, as a controller would leave it."""
+    """Write the log of a run on a simulated rig as a robot controller would."""
     inputs, outputs = rig.plan.inputs, rig.outputs
     names = [*(f"r {at}" for at in inputs), *(f"u {at}" for at in inputs), *(f"y {at}" for at in outputs)]
     signals = dict(zip(names, np.hstack(rig.log(run)).T, strict=True))
@@ -371,7 +371,7 @@ def write_simulated_log(folder: Path, rig: SimulatedRig, run: Experiment) -> Non
 
 
 def require_one_robot_in_any_posture(study: Study) -> None:
-    """StudyError for a study without a plan, or whose sections name configurations, which live chooses itself."""
+    """Refuse a study without a plan, or one whose sections name configurations, which `live` chooses; StudyError."""
     simulated, motors = study.experiment.as_simulated(), study.as_robot().motor_locations
     per_group = [name for name, parameter in study.fit.parameters.items() if parameter.per is not None]
     unsupported: dict[str, Any] = {

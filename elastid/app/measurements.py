@@ -38,14 +38,14 @@ class Run:
 
 
 def runs_by_name(logs: Sequence[Path]) -> list[tuple[str, int, int]]:
-    """Configuration, realisation and experiment of logs with names such as p1-r0-e2; none if one has another name."""
+    """Return configuration, realisation and experiment of logs named such as p1-r0-e2; none if another name occurs."""
     names = [re.fullmatch(r"(.+?)[-_ ]r(\d+)[-_ ]e(\d+)", path.stem) for path in logs]
     runs = [(name[1], int(name[2]), int(name[3])) for name in names if name]
     return runs if len(set(runs)) == len(logs) else []
 
 
 def in_two_files(logs: Sequence[Path], form: TextFormatSpec) -> tuple[list[tuple[Path, ...]], Signals]:
-    """Measurements of two files each, inputs first, and the signals of the first one; none for other logs.
+    """Return measurements of two files each, inputs first, and the signals of the first one; none for other logs.
 
     Files are of two kinds by their headings, or by names such as 1_torque.csv.
     """
@@ -71,7 +71,7 @@ def in_two_files(logs: Sequence[Path], form: TextFormatSpec) -> tuple[list[tuple
 
 
 def hit_runs(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> list[Run]:
-    """Runs of logs whose hammer or sensors move between them; none if they do not.
+    """Return runs of logs whose hammer or sensors move between them; none if nothing moves.
 
     Locations are by headings that differ, by names such as point2_acc3, else by the responses.  guess: of a structure
     with one input.
@@ -88,13 +88,13 @@ def hit_runs(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> lis
 
 
 def headings_of(path: Path, form: TextFormatSpec) -> tuple[str, ...]:
-    """Names of all signals of a log."""
+    """List the names of all signals of a log."""
     with opened_log(path, form) as log:
         return tuple(log.shapes())
 
 
 def hit_place(guess: LogGuess) -> str:
-    """Location of the input, whose name no output has."""
+    """Return the location of the input, with a name that no output has."""
     place = guess.joints[0].torque.place
     return "hammer" if place in {motion.place for motion in guess.motions} else place
 

@@ -24,7 +24,7 @@ KINDS = ("free", "ball", "slide", "hinge")  # of joints, by MuJoCo's numbers
 
 
 def robot_of(model: Any, name: str) -> Robot:
-    """The robot of a compiled model, in MuJoCo's units, angles in rad; ValueError for a ball joint, a free one inside.
+    """Convert a compiled model to a robot, angles in rad; ValueError for a ball joint, or a free joint inside.
 
     Bodies that stand on the base, and the trunk of a robot that floats, are frames of the base.
     """
@@ -83,7 +83,7 @@ def _joint(model: Any, i: int) -> Joint:
 
 
 def gains_of(model: Any) -> dict[str, tuple[float, float]]:
-    """Position and velocity gains of the joints with position servos, on the link side."""
+    """Return link-side position and velocity gains of the joints with position servos."""
     gains = {}
     for i in range(model.njnt):
         gears = _gears(model, i)

@@ -12,7 +12,7 @@ from elastid.study import Study
 
 
 def overview(study: Study) -> str:
-    """A page of plain text."""
+    """Summarise a study in plain text."""
     parts = [study.display.text]
     if study.robot is not None:
         parts.append(study.robot.display.text)

@@ -79,7 +79,7 @@ class CommandSettings:
 
 
 def read_model(path: Path) -> Model:
-    """The robot of a run folder or fit.h5, a robot model of elastid, a URDF, or an MJCF file with its servos."""
+    """Read the robot of a run folder, fit.h5, robot.yml, URDF, or an MJCF file with its servos."""
     if path.is_dir() or path.suffix == ".h5":
         return _robot_of_result(path)
     if not path.is_file():
@@ -223,7 +223,7 @@ def _words(test: Tested) -> str:
 
 
 def ratio_words(value: float) -> str:
-    """A ratio of sampling times: as fitted, and the typical ratio near it.
+    """Describe a ratio of sampling times: as fitted, and the typical ratio near it.
 
     >>> ratio_words(2.56), ratio_words(0.41), ratio_words(1.2), ratio_words(1.02)
     ('2.5 (fitted: 2.56)', '1/2.5 (fitted: 0.41)', '1.2', '1.02')

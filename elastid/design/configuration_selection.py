@@ -34,7 +34,7 @@ class Candidates:
 
 
 def draw_candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float | FloatArray = 0.0) -> Candidates:
-    """The admissible candidates of a study; the same seed draws the same.
+    """Draw admissible candidates of a study; the same seed draws the same candidates.
 
     swing: rad or m that each joint moves to either side, one number or (n_u,).  StudyError for a wrong number of angles
     or an unknown body, for a slide without limits, and where no candidate is left, with the reasons.
@@ -108,7 +108,7 @@ def _proposed(
 
 
 def obstacles(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> Iterator[tuple[str, BoolArray]]:
-    """Candidates (Q,) that reach the floor or a box with a point that moves or a link between two of them."""
+    """Return candidates (Q,) that touch the floor or a box with a moving point or a link between two of them."""
     if spec.floor is None and not spec.boxes:
         return
     points = _link_points(skeleton(robot, angles))
@@ -120,7 +120,7 @@ def obstacles(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> Iterator
 
 
 def upwards(robot: Robot) -> FloatArray:
-    """Unit vector against gravity; z without gravity."""
+    """Return the unit vector against gravity; z without gravity."""
     gravity = np.array(robot.gravity)
     g = float(np.linalg.norm(gravity))
     return -gravity / g if g > 0 else np.array([0.0, 0.0, 1.0])
@@ -140,7 +140,7 @@ def choose_configurations(
     criterion: DesignCriterion, prospect: Prospect, count: int, elsewhere: FloatArray,
     configurations: Sequence[Configuration], taken: Sequence[str], execution: Execution,
 ) -> tuple[tuple[DesignedConfiguration, ...], str]:  # fmt: skip
-    """The best whole experiments, `count` in all, among candidate configurations, and a sentence on them.
+    """Choose `count` whole experiments among candidate configurations; returns them and a sentence on them.
 
     elsewhere (n_x, n_x): information without them (given configurations, earlier measurements, priors).  taken: names
     that other configurations have.  StudyError where no candidate informs any parameter.
@@ -157,7 +157,7 @@ def choose_configurations(
 def informations(
     prospect: Prospect, configurations: Sequence[Configuration], x: FloatArray, execution: Execution
 ) -> tuple[FloatArray, IntArray]:
-    """H (Q, n_x, n_x) at x (n_x,) of the configurations that have an equilibrium, and which these are.
+    """Return H (Q, n_x, n_x) at x (n_x,) of configurations with an equilibrium, and their indices.
 
     StudyError or DataError of the first where none has.
     """
@@ -181,7 +181,7 @@ def _information(prospect: Prospect, x: FloatArray, configuration: Configuration
 def visible(
     criterion: DesignCriterion, H: FloatArray, prior: FloatArray, parameters: Parameters
 ) -> tuple[DesignCriterion, FloatArray]:
-    """The criterion on the parameters that the candidates together inform, and information (n_x, n_x) for the rest."""
+    """Restrict the criterion to parameters that candidates inform; returns it and information (n_x, n_x) for others."""
     pooled = H.mean(axis=0) + prior
     length = np.sqrt(np.maximum(np.diag(pooled), 0.0))
     length[length == 0] = 1.0

@@ -28,7 +28,7 @@ from elastid.robot import Robot
 
 
 def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Note, ...]:
-    """A note for each motor whose Coulomb friction is more than a third of its rms torque (Nm, link side), at rest.
+    """Note each motor at rest whose Coulomb friction exceeds a third of its rms torque (Nm, link side).
 
     Under a carrier the joints slide with any multisine.
     """
@@ -51,7 +51,7 @@ def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Not
 
 
 def presliding(measurements: Sequence[Measurement], robot: Robot) -> tuple[Presliding, ...]:
-    """Presliding friction of each motor that is expected to reverse within 0.2 to 4 presliding distances.
+    """Return the presliding friction of each motor that is expected to reverse within 0.2 to 4 presliding distances.
 
     The distance is F_c / sigma_0 of the friction model of the motor; the rate is E|w| over it.
     """
@@ -128,12 +128,12 @@ def _expected(
 
 
 def completed_problem(problem: DesignProblem) -> DesignProblem:
-    """Problem with defaults for open settings: torques, typical spectrum, damping by friction."""
+    """Return the problem with defaults for open settings: torques, typical spectrum, damping by friction."""
     return with_friction_damping(with_typical_spectrum(with_torques(problem), problem.excitation.torque_rms))
 
 
 def with_friction_damping(problem: DesignProblem) -> DesignProblem:
-    """The problem of a robot whose viscous friction includes the damping by Coulomb friction under this excitation.
+    """Add the equivalent damping of Coulomb friction under this excitation to the viscous friction of the robot.
 
     Averaged over the configurations given and some candidates; repeated, since damping reduces the motion.
     """

@@ -79,7 +79,7 @@ class Forecast:
         return correlation_of(self.covariance)
 
     def strongest(self, name: str) -> tuple[str, float]:
-        """Most correlated parameter and the correlation; '' without one."""
+        """Return the most correlated parameter and the correlation; '' without a correlated parameter."""
         row = self.parameters.index(name)
         strength = np.nan_to_num(np.abs(self.correlation[row]))
         strength[row] = 0.0
@@ -90,7 +90,7 @@ class Forecast:
 
 
 def forecast(expected: "Sequence[ExpectedResponse]", x: FloatArray, is_compensated: bool = False) -> Forecast:
-    """The forecast for parameters near x (n_x,) from the expected responses of a plan, all on the same lines.
+    """Predict the estimate of parameters near x (n_x,) from the expected responses of a plan, all on the same lines.
 
     is_compensated: friction will be, of the torques.
     Raises StudyError where the plan has fewer lines than there are unknowns, or its responses drown in noise.
@@ -213,5 +213,5 @@ class LimitUse:
 
 
 def unit_of(kind: int, slides: bool) -> str:
-    """SI unit of one of QUANTITIES, of a motor whose joint turns or slides."""
+    """Return the SI unit of one of QUANTITIES, for a motor whose joint turns or slides."""
     return of_translation(UNITS[kind]) if slides else UNITS[kind]

@@ -30,7 +30,7 @@ from elastid.record import Configuration
 
 
 def limits_of(rig: SimulatedRig, configuration: Configuration) -> FloatArray:
-    """Limits (8, n_u) in a configuration, in the order of QUANTITIES."""
+    """Return limits (8, n_u) in a configuration, in the order of QUANTITIES."""
     limits, carrier = [joint.limits for joint in rig.robot.driven], rig.simulated.carrier
     room = [min(x.angle[1] - q, q - x.angle[0]) for x, q in zip(limits, configuration.angles, strict=True)]
     v = np.full(len(limits), np.inf)
@@ -42,7 +42,7 @@ def limits_of(rig: SimulatedRig, configuration: Configuration) -> FloatArray:
 
 
 def expected_peaks(rig: SimulatedRig, factor: FloatArray, base: FloatArray, q: int) -> dict[str, FloatArray]:
-    """Peaks of all runs of the q-th configuration, from its base (8, n_u), by the linear response."""
+    """Predict peaks (8, n_u) of every run of configuration q by linear superposition on `base` (8, n_u)."""
     plan, response, peaks = rig.plan, _response(rig, q), {}
     for run in plan.experiments:
         if run.configuration.name == plan.configurations[q].name:
@@ -58,7 +58,7 @@ def _by_quantity(largest: FloatArray, like: FloatArray) -> FloatArray:
 
 
 def largest_peaks(plan: Plan, runs: Mapping[str, FloatArray]) -> FloatArray:
-    """Largest peaks (Q, 8, n_u) of the runs in each configuration."""
+    """Return the largest peaks (Q, 8, n_u) of the runs in each configuration."""
     return np.array([
         np.max([runs[e.name] for e in plan.experiments if e.configuration.name == c.name], axis=0)
         for c in plan.configurations
@@ -66,7 +66,7 @@ def largest_peaks(plan: Plan, runs: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def peaks_of_movement(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
-    """Peaks (8, n_u) without multisine; StudyError where even so a motor is lost.
+    """Return peaks (8, n_u) without multisine; StudyError if even they exceed a limit.
 
     Of the rigid robot without friction where there is no limit.
     """
@@ -108,7 +108,7 @@ def expected_use(rig: SimulatedRig, margin: float) -> LimitUse:
 
 
 def peaks_of_run(rig: SimulatedRig, rehearsal: Rehearsal) -> FloatArray:
-    """Peaks (8, n_u) of a whole run."""
+    """Return peaks (8, n_u) of a whole run."""
     signals, carrier = rehearsal.signals, rig.simulated.carrier
     back = np.zeros(len(rig.plan.inputs))
     if carrier is not None and carrier.kind == "offset":
@@ -162,7 +162,7 @@ def within_limits(
 
 
 def power_costs(rig: SimulatedRig, excitation: MultisineSpec) -> FloatArray:
-    r"""Cost of powers in terms of the limits of each configuration: c (Q, n_o, F, n_u) with sum_kl c_okl P_kl <= 1.
+    r"""Return c (Q, n_o, F, n_u), powers over the limits of each configuration, with sum_kl c_okl P_kl <= 1.
 
     .. math:: c_{okl} = \frac{|T_{okl}|^2}{2 E}\, \frac{\kappa^2}{room_o^2}, \qquad \kappa^2 = 2 \ln (2 F E M)
 

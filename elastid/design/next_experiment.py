@@ -48,14 +48,14 @@ class Goal:
     widths: Mapping[str, float]
 
     def used(self, parameters: Parameters, x: FloatArray, covariance: FloatArray) -> FloatArray:
-        """r (n_goals,) at x (n_x,) with a covariance (n_x, n_x) of x; at most 1 where the goal is reached."""
+        """Return r (n_goals,) at x (n_x,) with covariance (n_x, n_x); at most 1 once the goal is reached."""
         names, values = parameters.free_names, parameters.as_dict(x)
         std = np.sqrt(np.maximum(np.diag(covariance)[[names.index(name) for name in self.widths]], 0.0))
         size = [1.0 if parameters[name].log else max(abs(values[name]), 1e-300) for name in self.widths]
         return np.asarray(QUANTILE_95 * std / size / np.array([*self.widths.values()]))
 
     def reached(self, result: Result) -> dict[str, float]:
-        """Half-width of each interval of a fit relative to the value, divided by the requested one."""
+        """Return half-widths of intervals of a fit relative to the values, divided by the requested half-widths."""
         used = {}
         for name, width in self.widths.items():
             low, high = result.interval(name)
@@ -65,7 +65,7 @@ class Goal:
 
 
 def read_goal(texts: Sequence[str], names: Sequence[str]) -> Goal:
-    """The goal of texts such as `k_*: 1 %` or `k_1: 0.5 %, d_*: 5 %`; the narrower of two that name one parameter.
+    """Parse a goal such as `k_*: 1 %` or `k_1: 0.5 %, d_*: 5 %`; of two goals for a parameter the narrower counts.
 
     names: of the parameters that the fit identifies.  StudyError for a text without a width, or of no parameter.
     """
@@ -103,7 +103,7 @@ class PriorEstimate:
 
     @classmethod
     def before(cls, problem: DesignProblem) -> "PriorEstimate":
-        """Knowledge before any data: starts, priors and tolerances of the study."""
+        """Return the information before any data: starts, priors and tolerances of the study."""
         parameters = with_tolerances(problem.parameters, problem.robot, problem.fit)
         return cls(parameters, parameters.x, np.asarray(np.linalg.inv(_prior_information(parameters))))
 
@@ -168,7 +168,7 @@ def next_experiment(
     execution: Execution,
     left_s: float = math.inf,
 ) -> NextExperiment:
-    """The experiment of the largest gain for each second, called `name`, its multisine drawn from phase_seed.
+    """Choose the experiment with the largest gain per second; its multisine is drawn from phase_seed.
 
     problem: at the values of the fit, with a section `design` whose candidates are those.  robots: within the interval
     of the fit, on each of which the limits are kept.  left_s: robot time that is left; a longer experiment is proposed

@@ -40,7 +40,7 @@ class DesignCriterion:
     interest: FloatArray
 
     def value(self, M: FloatArray) -> FloatArray:
-        """phi (...) of information matrices M (S, ..., d, d), the mean over guesses; -inf where one is singular."""
+        """Return phi (...) of information matrices M (S, ..., d, d), the mean over guesses; -inf for a singular one."""
         return np.asarray(self._criterion_of_covariance(self.interest.T @ self._solve(M)).mean(axis=0))
 
     def _solve(self, M: FloatArray) -> FloatArray:
@@ -57,7 +57,7 @@ class DesignCriterion:
         return np.where((sign > 0) & np.isfinite(log), -log / C.shape[-1], -np.inf)
 
     def slope(self, M: FloatArray) -> tuple[float, FloatArray]:
-        """phi and its gradient X C^-1 X^T / s (S, d, d) at M (S, d, d), X = M^-1 K, C = K^T X."""
+        """Return phi and its gradient X C^-1 X^T / s (S, d, d) at M (S, d, d), X = M^-1 K, C = K^T X."""
         X = self._solve(M)
         C = self.interest.T @ X
         gradient = X @ np.linalg.solve(C, np.swapaxes(X, 1, 2)) / C.shape[-1]
@@ -65,7 +65,7 @@ class DesignCriterion:
 
 
 def optimal_weights(H: FloatArray, criterion: DesignCriterion, prior: FloatArray) -> "Powers":
-    """The shares (1, Q, 1) of candidates with information H (S, Q, d, d) per experiment.
+    """Return optimal weights (1, Q, 1) of candidates with information H (S, Q, d, d) per experiment.
 
     prior (S, d, d): earlier information, divided by the number of experiments to be shared.
     """
@@ -76,7 +76,7 @@ def optimal_weights(H: FloatArray, criterion: DesignCriterion, prior: FloatArray
 def best_experiments(
     H: FloatArray, count: int, criterion: DesignCriterion, prior: FloatArray
 ) -> tuple[IntArray, float]:
-    """Numbers (Q,) of whole experiments of each candidate, `count` in all, and efficiency against the best shares.
+    """Return numbers (Q,) of experiments of each candidate, `count` in all, and efficiency against optimal weights.
 
     Drawn from the shares, then exchanged one by one: the best of several starts.  prior (S, d, d): earlier information.
     """
@@ -146,12 +146,12 @@ class PowerSource:
     used: BoolArray
 
     def information(self, P: FloatArray) -> FloatArray:
-        """H (n_x, n_x) at powers P (F, n_u), summed over the experiments of a realisation."""
+        """Return H (n_x, n_x) at powers P (F, n_u), summed over the experiments of a realisation."""
         rows = as_real(self.J * np.sqrt(self._weight(P))).reshape(len(self.J), -1)
         return rows @ rows.T
 
     def gains(self, P: FloatArray, gradient: FloatArray) -> FloatArray:
-        """d Tr(gradient H) / d P (F, n_u), for a gradient (n_x, n_x) without negative eigenvalues."""
+        """Return d Tr(gradient H) / d P (F, n_u), for a gradient (n_x, n_x) without negative eigenvalues."""
         eigenvalues, V = np.linalg.eigh(gradient)
         rows = (V * np.sqrt(np.maximum(eigenvalues, 0.0))).T @ as_real(self.J).reshape(len(self.J), -1)
         squares = np.sum(rows**2, axis=0).reshape(*self.used.shape, 2).sum(axis=-1)
@@ -170,11 +170,11 @@ class CandidateInformation:
     H: FloatArray
 
     def information(self, P: FloatArray) -> FloatArray:
-        """H (n_x, n_x) of a mixture."""
+        """Return H (n_x, n_x) of a mixture."""
         return np.tensordot(P[:, 0], self.H, 1)
 
     def gains(self, P: FloatArray, gradient: FloatArray) -> FloatArray:
-        """d Tr(gradient H) / d P (Q, 1), the same at all P."""
+        """Return d Tr(gradient H) / d P (Q, 1), equal at all P."""
         return np.maximum(np.tensordot(self.H, gradient, 2), 0.0)[:, None]
 
 
@@ -199,7 +199,7 @@ def best_powers(
     least: float,
     tolerance: float = MAX_GAP,
 ) -> Powers:
-    """Best powers of each group, whose configurations all have the same.
+    """Optimise the powers of each group, whose configurations all have the same.
 
     cost (K, n_o, F, n_u): c of each group; every input and line must have one.  prior (S, n_x, n_x): earlier
     information.  least: epsilon.
@@ -231,7 +231,7 @@ def best_powers(
 
 
 def even_powers(cost: FloatArray) -> FloatArray:
-    """P (K, F, n_u), the same at all lines of an input, with which every input goes as far as a limit allows."""
+    """Return P (K, F, n_u), equal at all lines of an input, such that every input just reaches a limit."""
     per_input = cost.sum(axis=2)
     powers = 1 / per_input.max(axis=1)
     for _ in range(30):

@@ -55,13 +55,13 @@ class ExpectedResponse:
     fit: FitSpec
 
     def information(self, x: FloatArray) -> FloatArray:
-        r"""H (n_x, n_x) = 2 Re sum_k J_k^H W_k J_k at x (n_x,), without priors, W as the fit weighs."""
+        r"""Return H (n_x, n_x) = 2 Re sum_k J_k^H W_k J_k at x (n_x,), without priors, W as the fit weighs."""
         fit = expected_fit([self])
         return fit.evaluate(x).hessian / 2 - np.diag(fit.prior_slopes**2)
 
 
 def expected_fit(expected: Sequence[ExpectedResponse]) -> ElasticFit:
-    """The fit of all expected responses together."""
+    """Return the joint fit of all expected responses."""
     responses, models, weights = zip(*((part.response, part.model, part.weights) for part in expected), strict=True)
     return elastic_fit(responses, models, weights, expected[0].parameters, expected[0].fit.criterion)
 
@@ -69,7 +69,7 @@ def expected_fit(expected: Sequence[ExpectedResponse]) -> ElasticFit:
 def friction_linearisation(
     V: ComplexArray, lines: IntArray, period_samples: int, coulomb: FloatArray, carrier_velocity: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    r"""Damping d (n_u,) and E|s_k|^2 (F, n_u) by Coulomb friction under V (K, F, n_u) in K experiments, link side.
+    r"""Linearise Coulomb friction under V (K, F, n_u) in K experiments: damping (n_u,), E|s_k|^2 (F, n_u), link side.
 
     .. math:: \tau_c\, \mathrm{sign}(v_c + v) = d\, v + s, \qquad
               d = \frac{\mathrm{Re} \sum_k V_k^* T_k}{\sum_k |V_k|^2}
@@ -121,7 +121,7 @@ class Prospect:
         return Linearisation.of_robot(self.robot, self.model, self.parameters.names, self.presliding)
 
     def expected(self, configuration: Configuration, x: FloatArray) -> ExpectedResponse:
-        """The response of a robot with parameters x (n_x,) in a configuration, with weights as the fit has them.
+        """Predict the response of a robot with parameters x (n_x,) in a configuration, with the weights of the fit.
 
         StudyError where the configuration has no equilibrium.
         """
@@ -131,11 +131,11 @@ class Prospect:
         return ExpectedResponse(response, model, weigh(response, self.fit), self.parameters, self.fit)
 
     def information(self, configuration: Configuration, x: FloatArray) -> FloatArray:
-        """H (n_x, n_x) at x (n_x,)."""
+        """Return H (n_x, n_x) at x (n_x,)."""
         return self.expected(configuration, x).information(x)
 
     def source(self, configuration: Configuration, x: FloatArray) -> PowerSource:
-        """Information by elements one by one, a function of the powers of R; friction scatters as under R.
+        """Return the information of each element as a function of the powers of R; friction scatters as under R.
 
         StudyError without noise.
         """
@@ -177,12 +177,12 @@ class Prospect:
         return Covariance(noise + distortion, math.inf, *() if self.distortion > 0 else (left, right))
 
     def equivalent_damping(self, configuration: Configuration, x: FloatArray) -> FloatArray:
-        """Nms/rad (n_u,), link side: by how much Coulomb friction raises the viscous friction that a fit finds."""
+        """Return the increase (n_u,) of fitted viscous friction by Coulomb friction, link side, Nms/rad."""
         motion = self._local(configuration, x)[2]
         return self._friction(self._torques(configuration, motion)[1], motion)[0]
 
     def reversals(self, configuration: Configuration, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Mean distance between two reversals, mean speed and travel (n_u,) of each motor, rad and s, link side.
+        """Return mean distance between two reversals, mean speed and travel (n_u,) of each motor, rad and s, link side.
 
         The distance is infinite without reversals.
         """

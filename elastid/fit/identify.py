@@ -263,7 +263,7 @@ def _check_robot(response: Response, robot: Robot) -> None:
 
 
 def check_effects(fit: ElasticFit, robot: Robot) -> None:
-    """FitError that names the free parameters without effect on the responses that count."""
+    """Raise FitError if free parameters have no effect on the responses; it names them."""
     information = np.diag(replace(fit, inertias=()).evaluate(fit.parameters.x).hessian) / 2 - fit.prior_slopes**2
     # A plausible change of x: a factor e, or the range of the bounds of a linear parameter.
     spans = [1.0 if p.log or not np.isfinite(p.upper - p.lower) else p.upper - p.lower for p in fit.parameters.free]

@@ -140,10 +140,10 @@ class ToolComparison:
 
 @dataclass(frozen=True)
 class Agreement:
-    """A second source over the motors' responses alone, and whether both can be of one robot.
+    """Consistency test between an independent data set (load tests or tool FRFs) and the fit of the motor FRFs.
 
-    ratio, ratio_std: of deflections or magnitudes, NaN where none are predicted.  chi_square: with the errors of both,
-    of `dof` real numbers.  cause: the likeliest one in words where they disagree by more than chance, else empty.
+    ratio, ratio_std: measured over predicted deflection or magnitude; NaN without a prediction.  chi_square: weighted
+    by the errors of both, with `dof` degrees of freedom.  cause: the likeliest cause of a significant difference.
     """
 
     ratio: float = math.nan

@@ -145,7 +145,7 @@ class Family:
             rotations = {name: frame_poses(model.robot_at(theta), q, name).rotation[0] for name in names}
 
         def row(place: str) -> FloatArray:
-            """Row (n,) of a place, as a sum of `places`."""
+            """Return the row (n,) of a location, as a sum of `places`."""
             weights = np.zeros(len(rows) + model.n_u)
             kind, name, axis = split_place(place)
             if kind in ("motor", "joint", "body") or self.request.axes == "own":

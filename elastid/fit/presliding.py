@@ -135,7 +135,7 @@ class _State:
         return max(self.cost / self.fit.problem.dof, 1.0)
 
     def predicted(self, joint: str) -> float:
-        """The drop of V by a linear step in the parameters and in springs of a motor, infinite where it is not seen."""
+        """Predict the decrease of V by a linear step in parameters and springs of a motor; infinite if undetermined."""
         if not self._sees(joint):
             return math.inf
         C, _, _, r = self._steps(joint)

@@ -45,7 +45,7 @@ class OperatingPoint:
 
 
 def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configuration) -> OperatingPoint:
-    """Statics by Newton's method with the exact stiffness, from the posture that a rigid robot would have.
+    """Solve statics by Newton's method with the exact stiffness, from the posture of a rigid robot.
 
     theta (n_theta,): model.parameters, SI.  configuration.angles (n_u,): the motors' angles, link side (or m).
     StudyError for a wrong number of angles, a joint that finds no rest, tips over under gravity or moves no inertia.

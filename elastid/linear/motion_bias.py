@@ -73,7 +73,7 @@ def estimate_motion_bias(
         inputs = [model.inputs.index(place) for place in linear.controller.motors]
 
     def of_motion(lines_hz: FloatArray, most: int) -> ComplexArray:
-        """dG (F, n_y, n_u) at lines_hz (F,) of a motion of at most so many lines."""
+        """Return dG (F, n_y, n_u) at lines_hz (F,) for a motion of at most so many lines."""
         omega = 2 * np.pi * lines_hz
         bias = _MotionBias.of(expansion, motion, measured, at, mean, most)
         nodes = omega[np.unique(np.linspace(0, len(omega) - 1, most).astype(np.int64))]
@@ -167,7 +167,7 @@ class _MotionBias:
     def of(
         cls, expansion: _Expansion, motion: MotorMotion, measured: IntArray, at: list[int], mean: FloatArray, most: int
     ) -> "_MotionBias":
-        """measured (n_m,): indices of the model's motors in the motion signals. most: most lines of the motion."""
+        """Expand the motion on at most `most` lines. measured (n_m,): indices of the model's motors in it."""
         few = motion.grouped(most)
         sums, centres = few.power[:, at][:, :, at], 2 * np.pi * few.freq_hz
         W = _amplitudes(expansion, centres, sums, measured) / np.sqrt(2)  # of each sign of the frequency

@@ -92,7 +92,7 @@ class LoadedRobot:
         )
 
     def deflections(self, theta: Sequence[FloatArray]) -> tuple[list[FloatArray], list[FloatArray]]:
-        """Readings (n,) of each load and their slopes (n, n_p) to the parameters; theta (n_theta,) of each.
+        """Return readings (n,) of each load and their slopes (n, n_p) to the parameters, at theta (n_theta,) of each.
 
         LinAlgError where the robot finds no rest.
         """

@@ -72,7 +72,7 @@ class Strip:
 
 
 def half_width(row: ParameterRow) -> float:
-    """Half of the 95 % interval over the estimate; infinite where the data do not reach."""
+    """Return half of the 95 % interval over the estimate; infinite for an unidentifiable parameter."""
     low, high = row.interval
     return (high - low) / 2 / abs(row.estimate) if row.estimate and math.isfinite(high - low) else math.inf
 
@@ -88,17 +88,17 @@ def springs_and_dampers(rows: Sequence[ParameterRow]) -> list[ParameterRow]:
 
 
 def widest(rows: Sequence[ParameterRow]) -> ParameterRow | None:
-    """The number with the widest interval among springs and dampers; None without numbers."""
+    """Return the number with the widest interval among springs and dampers; None without numbers."""
     return max(springs_and_dampers(rows), key=half_width, default=None)
 
 
 def verdict_sentence(result: Result, rows: Sequence[ParameterRow], agreements: Sequence[FrfError] = ()) -> str:
-    """Verdict of the fit on the estimates, its message if it did not converge; then their accuracy."""
+    """State the verdict of the fit, its message if it did not converge, and the accuracy of the estimates."""
     return ". ".join(map(capital, filter(None, (_status_clause(result, agreements), accuracy(result, rows)))))
 
 
 def accuracy(result: Result, rows: Sequence[ParameterRow]) -> str:
-    """Half-widths of the intervals, if they mean anything, and the number of true values inside."""
+    """State half-widths of meaningful intervals, and the number of true values inside."""
     with_truth = [row for row in rows if row.truth is not None]
     inside = sum(row.interval[0] <= row.truth <= row.interval[1] for row in with_truth if row.truth is not None)
     count = f"All {inside}" if inside == len(with_truth) else f"{inside} of {len(with_truth)}"
@@ -115,7 +115,7 @@ MOTION_LEFT = 0.01  # of the position signal, which effects of the gears may lea
 
 
 def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResult | None = None) -> str:
-    """One sentence on the quality of the estimates, consistent with status, verdicts, causes and intervals."""
+    """State the quality of the estimates, consistent with status, verdicts, causes and intervals."""
     most = widest(rows)
     if result.status != "converged":
         if result.meaning == CONTRADICTED:
@@ -175,7 +175,7 @@ def _noise_and_error(result: Result, agreements: Sequence[FrfError]) -> str:
 
 
 def residual_sentence(result: Result, agreements: Sequence[FrfError]) -> str:
-    """The residual test and the first cause of a model error, in sentences."""
+    """State the result of the residual test and the first cause of a model error."""
     if not result.noise_is_known:
         return "Unknown: without a measured noise no residual test is possible."
     test = f" {capital(result.residual_test)}."
@@ -226,7 +226,7 @@ def _width_clause(rows: Sequence[ParameterRow], kind: str) -> str:
 
 
 def strip(agreements: Sequence[FrfError]) -> Strip:
-    """Residual over noise of every element in every configuration; errors in dB where no noise is known."""
+    """Return residual over noise of every element in every configuration; errors in dB if the noise is unknown."""
     has_noise = any(np.isfinite(agreement.rms_sigma).any() for agreement in agreements)
     rows = []
     for q, agreement in enumerate(agreements):
@@ -253,7 +253,7 @@ def _titles(agreements: Sequence[FrfError]) -> tuple[str, tuple[str, ...], tuple
 
 
 def summary_line(content: ReportContent) -> str:
-    """Configurations, experiments and the robot's time."""
+    """State the number of configurations and experiments, and the robot's time."""
     n = len(content.frf)
     parts = [f"{n} configuration{'s' if n != 1 else ''}"]
     if content.plan is not None:
@@ -284,7 +284,7 @@ OPEN_GEARS = Action(
 
 
 def next_steps(result: Result, rows: Sequence[ParameterRow]) -> tuple[Action, ...]:
-    """The most useful first: the remedy of the first cause, the action of the status, a narrower interval.
+    """List the next steps: remedy of the first cause, action of the status, then a narrower interval.
 
     More experiments do not narrow an interval that includes a model error.
     """
@@ -372,7 +372,7 @@ MODES_SHOWN = 3
 
 
 def questions_of_responses(content: ResponsesContent) -> Questions:
-    """The three questions of the page of responses without a robot, each with its sentences."""
+    """Answer the three questions of the page of responses without a robot."""
     warnings = sum(note.first.severity == "warning" for note in content.notes)
     stds = [float(np.nanmedian(modes.relative_std)) for modes in content.modes if np.isfinite(modes.relative_std).any()]
     good = [f"Noise is {percent(max(stds))} of the response at a line." if stds else "The noise is unknown."]

@@ -74,7 +74,7 @@ class Actuators:
     intervals: Intervals
 
     def interval_text(self, row: Actuator, *quantities: str) -> str:
-        """Intervals of quantities of a joint in a line; empty without any."""
+        """Format intervals of quantities of a joint in a row; empty without intervals."""
         parts = []
         for quantity in quantities:
             if ends := self.intervals.get((row.joint, quantity)):
@@ -127,7 +127,7 @@ def _parts_without_snippet(joint: Joint, law: Friction | None) -> Iterator[str]:
 
 
 def fit_intervals(model: FittedRobot, friction: CompensatedFriction | None) -> Intervals:
-    """Intervals of the numbers of a fit and of its Coulomb friction, on the link side."""
+    """Return the intervals of a fit's numbers and of its Coulomb friction, on the link side."""
     fitted = {number.name: number for number in known_numbers(model) if math.isfinite(number.std)}
     places = {row.place: row.interval for row in (friction_rows(friction) if friction else ()) if row.interval}
     intervals: dict[tuple[str, str], tuple[float, float]] = {}
@@ -147,7 +147,7 @@ def fit_intervals(model: FittedRobot, friction: CompensatedFriction | None) -> I
 
 
 def with_total_inertias(actuators: Actuators, result: FrictionResult) -> Actuators:
-    """The same numbers, with the total inertia (with links), gravity and offset of each joint listed as lost."""
+    """Return the same numbers, with total inertia (with links), gravity and offset of each joint listed as lost."""
 
     def row_of(row: Actuator) -> Actuator:
         values = {n.name: n.value for joint in result.joints if joint.joint == row.joint for n in joint.numbers}
@@ -164,7 +164,7 @@ def with_total_inertias(actuators: Actuators, result: FrictionResult) -> Actuato
 
 
 def friction_intervals(result: FrictionResult) -> Intervals:
-    """Intervals of the numbers of a friction study; none of a number that differs by direction.
+    """Return the intervals of a friction study's numbers; none for a number that differs by direction.
 
     All joints share the delay, which is among the numbers of the first.
     """

@@ -32,7 +32,7 @@ from elastid.use.trajectory_optimisation import SLIDING
 
 
 def write_observers(folder: Path, observers: Mapping[str, TrackedFriction]) -> tuple[Path, ...]:
-    """observer.c and observer.h: <joint>_start and <joint>_follow of each joint by its name."""
+    """Write observer.c and observer.h: <joint>_start and <joint>_follow of each joint by its name."""
     identifiers = c_identifiers(observers)
     steps = {name: _step(identifiers[name], observer) for name, observer in observers.items()}
     equations = c_sources("equations", steps.values())["equations.c"]
@@ -117,7 +117,7 @@ def _starts(joint: TrackedJoint) -> str:
 
 
 def compensation(robot: Robot) -> ca.Function:
-    """v (n_u,) -> u_f (n_u,): motor torque in addition to the frictionless robot."""
+    """Build v (n_u,) -> u_f (n_u,): motor torque in addition to the frictionless robot."""
     v = ca.SX.sym("v", len(robot.driven))
     laws = {law.place: law for law in frictions(robot)}
     torques = []

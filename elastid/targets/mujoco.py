@@ -80,7 +80,7 @@ def write_mujoco(folder: Path, linear_model: FittedRobot, geared: Robot | None =
 
 
 def mjcf(robot: Robot, rods: "Mapping[str, RodPose]" = NO_RODS) -> ET.Element:
-    """The robot without keyframes; StudyError where MJCF cannot represent it.  rods: the poses they are drawn in."""
+    """Return the MJCF robot without keyframes; StudyError for unsupported parts. rods: poses to draw them in."""
     _check(robot)
     root = ET.Element("mujoco", model=robot.name)
     ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", balanceinertia="false")
@@ -264,12 +264,12 @@ class RodPose:
 
 
 def rod_poses(robot: Robot, q: FloatArray) -> dict[str, RodPose]:
-    """Poses of rods by loop, with the joints at q (n_l,)."""
+    """Return poses of rods by loop, with the joints at q (n_l,)."""
     return {loop.name: _rod_pose(robot, loop, loop.rod, q) for loop in robot.loops if loop.rod is not None}
 
 
 def add_loops(root: ET.Element, elements: Elements, robot: Robot, start: Mapping[str, RodPose]) -> None:
-    """Rods below their first bodies, sites at the ends, and the constraints.  start: poses in which rods are drawn."""
+    """Add rods below their first bodies, sites at the ends, and the constraints. start: poses to draw rods in."""
     if not robot.loops:
         return
     equality = ET.SubElement(root, "equality")
@@ -284,7 +284,7 @@ def add_loops(root: ET.Element, elements: Elements, robot: Robot, start: Mapping
 
 
 def rod_positions(start: Mapping[str, RodPose], now: Mapping[str, RodPose], robot: Robot) -> Positions:
-    """Positions of the joints of all rods by name: a quaternion from the drawn pose, and slides."""
+    """Return joint positions of all rods by name: a quaternion from the drawn pose, and slides."""
     positions: Positions = {}
     for loop in robot.loops:
         if loop.rod is None:
@@ -324,7 +324,7 @@ def _add_rod(equality: ET.Element, elements: Elements, loop: Loop, rod: Rod, dir
 
 
 def add_rod_springs(root: ET.Element, elements: Elements, robot: Robot) -> None:
-    """The springs of elastic rods as tendons between their two bodies.
+    """Add the springs of elastic rods as tendons between their two bodies.
 
     A spring in the rod's own slide would act on its massless end, and time steps do not take such a spring implicitly.
     """
@@ -391,7 +391,7 @@ def _turn(first: FloatArray, second: FloatArray) -> FloatArray:
 
 
 def quaternion(R: FloatArray) -> FloatArray:
-    """(w, x, y, z) (4,) of a rotation matrix (3, 3), with w >= 0."""
+    """Return (w, x, y, z) (4,) of a rotation matrix (3, 3), with w >= 0."""
     return np.asarray(Rotation.from_matrix(R).as_quat(canonical=True)[[3, 0, 1, 2]])
 
 

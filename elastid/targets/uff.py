@@ -43,7 +43,7 @@ def write_uff(
     modes: Sequence[Modes] = (),
     geometry: GeometrySpec | None = None,
 ) -> tuple[Path, ...]:
-    """<configuration>.uff for each response, with its modes where given, and nodes.csv; StudyError without pyuff.
+    """Write <configuration>.uff for each response, with its modes if given, and nodes.csv; StudyError without pyuff.
 
     geometry: points and lines of the structure, which each file gets.
     """
@@ -69,7 +69,7 @@ def write_uff(
 
 
 def numbered(places: Iterable[str]) -> Nodes:
-    """Node and direction (0 none, 1 to 3 along x, y, z, 4 to 6 about them) of each place, all different."""
+    """Number places by node and direction (0 none, 1 to 3 along x, y, z, 4 to 6 about them), all different."""
     names = list(dict.fromkeys(places))
     matches = {name: re.fullmatch(r"(?:.*\D)?(\d{1,9})(r?[xyz])", name) for name in names}
     nodes = {name: (int(m[1]), _DIRECTIONS.index(m[2])) for name, m in matches.items() if m}

@@ -23,7 +23,7 @@ from elastid.targets.target import Target
 
 
 def write_urdf(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
-    """robot.urdf; StudyError where the robot has loops, since a URDF is a tree."""
+    """Write robot.urdf; StudyError for a robot with loops, since a URDF is a tree."""
     root = urdf(model.robot)
     ET.indent(root)
     path = folder / "robot.urdf"
@@ -34,7 +34,7 @@ def write_urdf(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
 
 
 def urdf(robot: Robot) -> ET.Element:
-    """The rigid robot; StudyError where it has loops."""
+    """Return the rigid robot as URDF; StudyError for a robot with loops."""
     if robot.loops:
         raise StudyError(
             "export/not-representable",

@@ -70,7 +70,7 @@ class Plants:
         )
 
     def response(self, freq_hz: FloatArray) -> ComplexArray:
-        """P (N, F, n_u, n_u), angle over torque, at freq_hz (N, F)."""
+        """Return P (N, F, n_u, n_u), angle over torque, at freq_hz (N, F)."""
         unit, responses = np.eye(self.A.shape[-1]), []
         for A, B, C, lines_hz in zip(self.A, self.B, self.C, freq_hz, strict=True):  # all at once take gigabytes
             z = np.exp(2j * np.pi * lines_hz / self.rate_hz)[:, None, None]
@@ -80,9 +80,9 @@ class Plants:
 
 @dataclass(frozen=True)
 class PlantMode:
-    """A mode of the robot with motors that are free: freq_hz, and the spring with the most strain energy.
+    """Mode of the robot with free motors: natural frequency, and the spring with the largest strain energy.
 
-    motor_amplitudes (n_u,): by which it moves each motor, over that of the mode that moves it most.
+    motor_amplitudes (n_u,): modal participation of each motor, normalised by its largest one over all modes.
     """
 
     freq_hz: float
@@ -101,7 +101,7 @@ class PostureFamily:
 
     @classmethod
     def of(cls, result: Result, postures: Sequence[Configuration], rate_hz: float) -> "PostureFamily":
-        """StudyError where a posture has no rest."""
+        """Build the family of plants; StudyError for a posture without an equilibrium."""
         motors = result.known_robot.motor_locations
         family = result.family(PredictionPorts(inputs=motors, outputs=motors, motors="free"))
         chain, e, models, inertia = torque_elements(family.robot.chain), family.estimated, [], []
@@ -129,7 +129,7 @@ class PostureFamily:
         return self._plants(self.family.estimated.x)
 
     def draws(self, result: Result, count: int, seed: int) -> Plants:
-        """count times Q plants of robots drawn from the fit (`draw_robots`), the postures of each robot in a row."""
+        """Draw `count` robots from the fit (`draw_robots`), with Q plants each, the postures of a robot in a row."""
         pieces = [self._plants(x) for x in draw_robots(result, count, seed).x]
         states = max(piece.A.shape[-1] for piece in pieces)
         A, B, C = (np.concatenate(part) for part in zip(*(piece.with_states(states) for piece in pieces), strict=True))
@@ -194,7 +194,7 @@ STABLE = 1 - 1e-9  # |z| of a pole, which rounding of an integrator at 1 stays o
 
 
 def grid(plants: Plants, lines: int, per_mode: int) -> FloatArray:
-    """freq_hz (N, F): logarithmic up to half the rate, and denser about each mode of a plant."""
+    """Return freq_hz (N, F): logarithmic up to half the rate, and denser about each mode of a plant."""
     poles = np.linalg.eigvals(plants.A)
     with np.errstate(divide="ignore", invalid="ignore"):
         s = np.log(poles.astype(complex)) * plants.rate_hz
@@ -224,12 +224,12 @@ class Scene:
     @classmethod
     @lru_cache(maxsize=4)  # of the estimate, coarse and fine, and of draws
     def of(cls, plants: Plants, lines: int = 220, per_mode: int = 13) -> "Scene":
-        """Scene on a grid with so many lines."""
+        """Build a scene on a grid with so many lines."""
         freq_hz = grid(plants, lines, per_mode)
         return cls(plants, freq_hz, plants.response(freq_hz))
 
     def closed(self, gains: JointLoop, filters: Filters | None) -> "Closed":
-        """The loops of gains (n_u,) or (N, n_u)."""
+        """Close the loops with gains (n_u,) or (N, n_u)."""
         return Closed(self, gains, filters)
 
 
@@ -282,13 +282,13 @@ class Closed:
 
 
 def scaled(S: ComplexArray, inertia: FloatArray) -> ComplexArray:
-    """J^-1/2 S J^1/2 of S (N, F, n_u, n_u) with inertia (N, n_u)."""
+    """Return J^-1/2 S J^1/2 of S (N, F, n_u, n_u) with inertia (N, n_u)."""
     root = np.sqrt(inertia)[:, None]
     return S / root[..., :, None] * root[..., None, :]
 
 
 def bandwidths(E: ComplexArray, freq_hz: FloatArray) -> FloatArray:
-    """Hz (N, n_u) where |E| of E (N, F, n_u) first rises to -3 dB; the ends of the grid where it lies beyond."""
+    """Return Hz (N, n_u) where |E| of E (N, F, n_u) first rises to -3 dB, within the ends of the grid."""
     size = np.abs(E)
     above = size >= THRESHOLD
     last = np.where(above.any(axis=1), above.argmax(axis=1), size.shape[1] - 1)
@@ -302,7 +302,7 @@ def bandwidths(E: ComplexArray, freq_hz: FloatArray) -> FloatArray:
 
 
 def closed_loop_poles(plants: Plants, gains: JointLoop, filters: Filters | None) -> ComplexArray:
-    """z (N, n) of the loops; gains that differ from plant to plant are (N, n_u)."""
+    """Return z (N, n) of the loops; gains that differ from plant to plant are (N, n_u)."""
     N, _, n_u = plants.B.shape
     T, unit, none = 1 / plants.rate_hz, np.eye(n_u), np.zeros((n_u, n_u))
     kp, kd, ki = (np.broadcast_to(part, (N, n_u))[:, :, None] * unit for part in (gains.kp, gains.kd, gains.ki))

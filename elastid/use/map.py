@@ -112,7 +112,7 @@ def answers(
     H = at.J[:, None] @ X
 
     def std(line: int, a: ComplexArray | FloatArray, b: ComplexArray | FloatArray) -> FloatArray:
-        """Standard deviations (Q,) of Re a^T G b of directions a, b (Q, 3)."""
+        """Return the std (Q,) of Re a^T G b for directions a, b (Q, 3)."""
         pair = ((X[:, line] @ each[:, :, None]).mT for each in (a, b))
         slopes = at.response_slopes(s[:, line, None], a, b, *pair)[:, 0]
         return np.asarray(np.linalg.norm(slopes.real @ shifts.T, axis=1))
@@ -178,7 +178,7 @@ def _extremes(
 
 
 def largest_gain(G: ComplexArray) -> FloatArray:
-    """Largest singular value (...) of matrices (..., n, n)."""
+    """Return the largest singular value (...) of matrices (..., n, n)."""
     return singular_values(G.reshape(-1, *G.shape[-2:]))[:, 0].reshape(G.shape[:-2])
 
 
@@ -300,7 +300,7 @@ def map_workspace(
     is_path: bool = False,
     execution: Execution = HERE,
 ) -> WorkspaceMap:
-    """The map of postures (Q, n_u) of a fitted robot; StudyError where none of them has an equilibrium.
+    """Map postures (Q, n_u) of a fitted robot; StudyError if none has an equilibrium.
 
     fitted: or its family in the axes of the base, built before.  frame: by default `tool`, else the last one.
     lines_hz (F,): by default LINES of them over the modes.  Maps of many postures are in temporary files.
@@ -353,7 +353,7 @@ def _in_parts(function: Callable[[FloatArray], Any], angles: FloatArray) -> tupl
 
 
 def default_lines(equations: LockedEquations, angles: FloatArray) -> FloatArray:
-    """LINES lines (F,) from half the first natural frequency of some postures to twice their sixth, or last."""
+    """Return LINES lines (F,) from half the first natural frequency of some postures to twice their sixth, or last."""
     some = angles[:: max(1, len(angles) // 20)][:20]
     q, rests = equations.rest(some)
     at = equations.at(some[rests], q[rests]) if rests.any() else None

@@ -34,7 +34,7 @@ class MotionLimits:
 
     @classmethod
     def of(cls, robot: Robot) -> "MotionLimits":
-        """Limits of the driven joints."""
+        """Return the limits of the driven joints."""
         limits = [joint.limits for joint in robot.driven]
         angle = np.array([limit.angle for limit in limits], float)
         return cls(angle, *(np.array([getattr(limit, kind) for limit in limits], float) for kind in KINDS))
@@ -47,7 +47,7 @@ class MotionLimits:
         return (low + high) / 2, np.where(finite, (high - low) / 2, np.inf)
 
     def narrowed(self, parts: dict[str, FloatArray]) -> "MotionLimits":
-        """Limits with a part (n_u,) of each kind that is named."""
+        """Reduce each named kind of limit to a fraction (n_u,)."""
         return replace(self, **{kind: getattr(self, kind) * part for kind, part in parts.items()})
 
 
@@ -71,14 +71,14 @@ class References:
         return float((len(self.time_s) - 1) / (self.time_s[-1] - self.time_s[0]))
 
     def use(self, limits: MotionLimits) -> dict[str, FloatArray]:
-        """Used fraction (N, n_u) of each limit, 0 without a limit."""
+        """Return the used fraction (N, n_u) of each limit, 0 without a limit."""
         used = {kind: np.abs(getattr(self, kind)) / getattr(limits, kind) for kind in KINDS}
         middle, reach = limits.range
         return {"angle": np.abs(self.position - middle) / reach, **used}
 
 
 def evaluate_spline(spline: BSpline, t: FloatArray, order: int) -> FloatArray:
-    """A spline (N, n), or its derivative of an order, at t (N,); at rest before its start and after its end."""
+    """Evaluate a spline (N, n), or a derivative, at t (N,); at rest before its start and after its end."""
     low, high = spline.t[[0, -1]]
     values = np.asarray(spline(np.clip(t, low, high), order))
     if order:
@@ -103,7 +103,7 @@ class Move:
     duration: float
 
     def at(self, t: FloatArray, order: int = 0) -> FloatArray:
-        """Angles (N, n_u) at times (N,), or their derivatives of an order, in rad (m) and s."""
+        """Return angles (N, n_u) at times (N,), or their derivatives of an order, in rad (m) and s."""
         return evaluate_spline(self.spline, t / self.duration, order) / self.duration**order
 
     @property
@@ -117,7 +117,7 @@ class Move:
 
 
 def read_move(path: Path, robot: Robot, frame: str, duration: float | None = None) -> Move:
-    """A CSV file of joint angles or poses (`read_path`), with a column `t` in s or, without times, in `duration` s.
+    """Read joint angles or poses from CSV (`read_path`), with a column `t` in s or, without times, in `duration` s.
 
     duration: 0 for one that is still to be found, None for that of the file.
 
@@ -228,5 +228,5 @@ def _check_limits(table: Table, angles: FloatArray, robot: Robot) -> None:
 
 
 def point_to_point(start: FloatArray, end: FloatArray, duration: float) -> Move:
-    """The move of the joints from angles (n_u,) to others."""
+    """Plan the move of the joints from angles (n_u,) to others."""
     return Move(_through(np.array([0.0, 1.0]), np.stack([start, end]), False), duration)

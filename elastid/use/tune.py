@@ -74,7 +74,7 @@ class TwinLoop:
         cls, commanded: CommandedRobot, robot: Robot, start: FloatArray, rate_hz: float, bandwidth_hz: float,
         samples: int = 0, *, clips: bool = False,
     ) -> "TwinLoop":  # fmt: skip
-        """Loop of a robot with the gains of the commanded one, at rest in a posture `start` (n_u,).
+        """Build the loop of a robot with the gains of the commanded one, at rest in a posture `start` (n_u,).
 
         samples: about how many will be simulated.  clips: torques at their limits.  StudyError for poles that are too
         fast.
@@ -86,7 +86,7 @@ class TwinLoop:
         return cls(commanded, robot, plant, gains)
 
     def follow(self, references: References, robot: Robot | None = None) -> tuple[FloatArray, FloatArray]:
-        """q (N, n_q), torque of the drives (N, n_u) of this robot, or another of its kind, from rest.
+        """Simulate q (N, n_q) and drive torques (N, n_u) of this robot, or a similar one, from rest.
 
         DataError where a motor is lost, StudyError where it finds no rest at the start.
         """
@@ -111,7 +111,7 @@ class TwinLoop:
         return motion.q, motion.u
 
     def outcome(self, name: str, references: References, target: FloatArray, end_s: float) -> Outcome:
-        """The error from target (N, 3) of a move that ends at end_s."""
+        """Return the error from target (N, 3) of a move that ends at end_s."""
         q, _ = self.follow(references)
         at = self.commanded.poses(q, self.robot).position - target
         error, after = np.linalg.norm(at, axis=1), references.time_s > end_s
@@ -175,7 +175,7 @@ class MoveRobots:
 
 
 def tune_move(given: MoveRobots, move: Move, name: str, progress: Progress = silent) -> TunedMove:
-    """The references of a move and its outcomes; a move without a duration takes the shortest time.
+    """Tune the references of a move and simulate their outcomes; a move without a duration takes the shortest time.
 
     DataError where no motion keeps the limits, or none is as exact as it should be in any time.
     """
@@ -211,7 +211,7 @@ class _MoveTask:
     margin_s: float
 
     def tuned(self, name: str, progress: Progress) -> TunedMove:
-        """The best move with its outcomes."""
+        """Return the best move with its outcomes."""
         robots, limits, joints = self.robots, self.limits, self.commanded.robot.driven
         planned, r, errors, most = self._within_limits(progress)
         target = self._path(r.time_s)

@@ -20,7 +20,7 @@ def fleet(tmp_path) -> Path:
     ("table", "message"),
     [
         ("robot,day\na,2026-01-01\n", ("members.csv:1:1", "date")),
-        ("robot;date\nA;2026-01-01\n", ("members.csv:1:1", "robot")),
+        ("robot date\nA 2026-01-01\n", ("members.csv:1:1", "robot")),
         ("robot,date\nA,2026-01-01,4\n", "members.csv:2:1"),
         ("robot,date\na,2024-05-01\na,2024-05-01\n", "a on 2024-05-01"),
         ("robot,date\n", "members"),

@@ -56,7 +56,7 @@ def test_a_path_of_angles_or_poses_is_read_in_its_units(tmp_path: Path) -> None:
         ("1,2\n0,up\n", ":2"),
         ("1,2\n0\n", ":2"),
         ("1,2\n0,nan\n", ":2"),
-        ("1;2\n0,5;1\n", ":2"),
+        ("1 2\n0.5 1\n", ":2"),
         ("x,y,z\n9,9,9\n", "frame tool"),
         ("1 (mm),2\n0,1\n", "mm"),
         ("1 (deg),1,2\n0,0,1\n", "name 1"),

@@ -43,7 +43,7 @@ class Validated:
 
 
 def validate(study: Study, work: Work) -> Artefacts:
-    """validation.h5 and validation.json: prediction errors of the fitted model, on left-out configurations if any.
+    """Validate the fit: validation.h5 and validation.json with prediction errors, on validation configurations if any.
 
     Without records, which may not be kept, nothing is simulated.
     """
@@ -93,7 +93,7 @@ def validate(study: Study, work: Work) -> Artefacts:
 def judge(
     basis: Validated, left_out: Sequence[str], records: Path | None, console: Console, execution: Execution
 ) -> tuple[Validation, LogComparison]:
-    """Errors of the responses, of those left out with the interval of a prediction; and the robot in time.
+    """Compute errors of all responses, those for validation with the interval of a prediction, and of the simulation.
 
     That is its torques part by part, and its motion along a record; nothing without records, or torques in them.
     """

@@ -270,7 +270,7 @@ def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = LIMITS.r
     correlations = test.correlations(every)
 
     def index(i: int) -> ModificationIndex:
-        """The modification index of candidate i, with the candidates that it cannot be distinguished from."""
+        """Return the modification index of candidate i, with the candidates that are indistinguishable from it."""
         candidate, (step, _, occam), drop = every[i], steps[i], float(drops[i])
         members = [test.numbers[k] for k in candidate.places]
         is_equal = (drops > LIMITS.equal_drop * drops[i]) & (correlations[i] > LIMITS.equal_correlation)

@@ -62,7 +62,7 @@ class NoiseShapes:
 
     @classmethod
     def of(cls, freq_hz: FloatArray, G: ComplexArray, quantity: Motion, weakness: FloatArray | None) -> "NoiseShapes":
-        """weakness (F,): the inverse of the excitation's power, where it is known."""
+        """Return (F,) the inverse of the excitation's power, if it is known."""
         f = np.maximum(freq_hz, freq_hz[freq_hz > 0].min()) / freq_hz.max()
         motion = np.stack([f ** (2 * MOTION_ORDER[quantity] - 2.0 * order) for order in range(MOTIONS)])
         gain = np.linalg.norm(G, axis=2)

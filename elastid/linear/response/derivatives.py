@@ -82,7 +82,7 @@ class Sensitivity:
         return np.asarray(full.reshape(F, -1).take(place, axis=1).reshape(F, len(self.outputs), n_2))
 
     def pull(self, weight: ComplexArray) -> ComplexArray:
-        """sum over lines and elements of (j omega)^p weight U_b (3, n_b), p = 0, 1, 2, columns U; weight (F, n_e).
+        """Sum (j omega)^p weight U_b (3, n_b), p = 0, 1, 2, columns U, over lines and elements; weight (F, n_e).
 
         Of matrices S with an omega^2 of their own p = 0 alone.
         """
@@ -98,7 +98,7 @@ class Sensitivity:
         return np.concatenate([single, self.pulled_by(between), direct], axis=1)
 
     def pulled_by(self, between: ComplexArray) -> ComplexArray:
-        """The share of the matrices S in `pull` (3, n_2); between (3, r, r): of left^T weight right, as it has them."""
+        """Return the contribution of S to `pull` (3, n_2); between (3, r, r): of left^T weight right, in that form."""
         flat = between.reshape(3, between.shape[1] ** 2)
         fixed, inertial = self.S.reshape(*self.S.shape[:2], flat.shape[1])
         pulled = flat @ fixed.T
