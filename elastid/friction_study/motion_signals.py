@@ -417,22 +417,24 @@ class MotionLog:
         return next(iter(self.signals.values()))
 
 
-def both_bands(logs: Sequence[MotionLog], narrow: float) -> tuple[list[MotionLog], ...]:
+# Second band over the passband; a correct model has equal parameters in both.
+NARROW_BAND = 0.25
+
+
+def both_bands(logs: Sequence[MotionLog]) -> tuple[list[MotionLog], ...]:
     """Return signals of the whole and of a narrow band at the same samples; none for short logs or many reversals."""
     bands = list[MotionLog](), list[MotionLog]()
     for log in logs:
+        motions = {joint: axis.motion for joint, axis in log.signals.items()}
         try:
-            slow = {
-                joint: MotionSignals.of(axis.motion, narrow * axis.passband_hz) for joint, axis in log.signals.items()
-            }
+            slow = MotionLog.of(motions, log.resting, NARROW_BAND * log.first.passband_hz)
         except DataError:
             return ()
-        if any(signal.used.all() for signal in slow.values()):
+        if any(axis.used.all() for axis in slow.signals.values()):
             return ()
-        kept = next(iter(slow.values())).decimation
-        same = slice(kept.start, kept.stop, log.first.decimation.step)
-        for band, signals in zip(bands, (log.signals, slow), strict=True):
-            band.append(
-                replace(log, signals={joint: replace(axis, decimation=same) for joint, axis in signals.items()})
-            )
+        inner = slow.first.decimation
+        samples = slice(inner.start, inner.stop, log.first.decimation.step)
+        for band, part in zip(bands, (log, slow), strict=True):
+            signals = {joint: replace(axis, decimation=samples) for joint, axis in part.signals.items()}
+            band.append(replace(part, signals=signals))
     return bands

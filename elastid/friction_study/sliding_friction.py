@@ -15,6 +15,7 @@ friction, nor an error of the inertia from a factor of all friction.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -143,18 +144,18 @@ def _commanded_joints(robot: Robot, measured: FrictionRecords) -> dict[str, Comm
     commanded_logs = [commanded_log(robot, log) for log in logs]
     carried = {j: c for log in commanded_logs for j, c in zip(log.joints, log.coupled_inertia.tolist(), strict=True)}
     return {
-        joint: replace(_with_motion(fit, measured.of(joint, "commands")), carried=carried[joint])
+        joint: _with_motion(fit, measured.of(joint, "commands"), carried[joint])
         for joint, fit in fit_commanded(commanded_logs).items()
     }
 
 
-def _with_motion(fit: CommandedJoint, records: Sequence[FrictionRecord]) -> CommandedJoint:
-    """Return the numbers with the motion that identified them."""
+def _with_motion(fit: CommandedJoint, records: Sequence[FrictionRecord], carried: float) -> CommandedJoint:
+    """Return the numbers with the motion that identified them, and the inertia that the joint carries."""
     position = np.concatenate([record.position - record.position.mean() for record in records])
     speed = np.concatenate([np.abs(np.gradient(record.position, 1 / record.rate_hz)) for record in records])
     low, high = np.quantile(speed, [0.05, 0.99]).tolist()
-    seconds = sum(record.duration_s for record in records)
-    return replace(fit, travel=float(np.std(position)), speeds=(low, high), logs=len(records), seconds=seconds)
+    travel, seconds = float(np.std(position)), sum(record.duration_s for record in records)
+    return replace(fit, travel=travel, speeds=(low, high), carried=carried, logs=len(records), seconds=seconds)
 
 
 def commanded_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> CommandedLog:
@@ -246,9 +247,8 @@ def _joint_friction(robot: Robot, joint: Joint, measured: FrictionRecords, motio
         # The passes of joints that moved together are free of the rigid body.
         is_free = not planned and motion.friction is not None and motion.friction.rigid_body is not None
         against = not is_free and turns_against_gravity(robot, joint, records[0].configuration)
-        curve = estimate_friction_curve(
-            [part for record in records for part in passes_of(record)], against, _turn(joint)
-        )
+        passes = [part for record in records for part in passes_of(record)]
+        curve = estimate_friction_curve(passes, against, _turn(joint))
         notes += curve.notes
     elif not (motion.friction or joint.name in warmed or any(r.purpose in STILL for r in logged)):
         raise DataError(
@@ -273,9 +273,8 @@ def _coasting(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> 
         # What it does at rest is no sliding, however long.
         n = len(slides) - int(np.argmax(slides[::-1])) + round(6.0 / PASSBAND_HZ * record.rate_hz)
         whole, torque = log.first.motion, record.torque - rigid
-        motions.append(
-            replace(whole, position=whole.position[:n], torque=torque[:n], temperature=None, is_run_down=True)
-        )
+        position = whole.position[:n]
+        motions.append(replace(whole, position=position, torque=torque[:n], temperature=None, is_run_down=True))
     text = (
         "its run-downs give friction relative to the inertia of the robot's file: 1 % of it is 1 % of friction, and an "
         "offset of the torque is part of Coulomb friction unless they go both ways: no interval has that in it"
@@ -318,9 +317,8 @@ def motion_logs(measured: FrictionRecords, purpose: Purpose = "motion") -> list[
 def _single_joint_motion(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> JointMotion:
     records, notes = sorted(records, key=lambda record: record.payload), list[Note]()
     against, code = turns_against_gravity(robot, joint, records[0].configuration), "friction/no-record"
-    passes = _sufficient_runs(
-        [part for record in records for part in attempt(notes, code, detect_passes, record, against) or ()]
-    )
+    detected = (attempt(notes, code, detect_passes, record, against) or () for record in records)
+    passes = _sufficient_runs([*chain.from_iterable(detected)])
     friction = attempt(notes, code, _regress, robot, joint, records, against)
     if friction is None and not passes:
         raise DataError(code, str(notes[0]))

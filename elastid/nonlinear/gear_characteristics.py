@@ -104,10 +104,8 @@ def identify_gears(
         for joint, peak in zip(data.joints, peaks, strict=True)
         if joint in elastic
     )
-    notes = (
-        *coarse_encoders(data.lines, drives),
-        *rigid_gears([joint for joint in data.joints if joint not in elastic]),
-    )
+    rigid = [joint for joint in data.joints if joint not in elastic]
+    notes = (*coarse_encoders(data.lines, drives), *rigid_gears(rigid))
     nothing_acts = [SmoothedMotion.start(grid, drive, 0) for grid, drive in zip(lines, drives, strict=True)]
     before = unexplained_fraction(linear, drives, nothing_acts, np.zeros(0))
     after = unexplained_fraction(data, chosen.drives, chosen.estimates, chosen.magnitudes)
@@ -289,11 +287,9 @@ def sheet_of(gear: JointEffects, result: Result, bounds: Mapping[Group, float]) 
     numbers = [*_springs(gear, result, reach), *_torque_numbers(gear, reach), *_periodic(gear)]
     names = {number.name for number in numbers}
     numbers += [row for row in _unseen(gear, bounds, reach) if row.name not in names]
-    numbers = [
-        replace(row, rated_fraction=(row.value if row.is_significant else row.bound) / rated)
-        if row.kind == "torque" and math.isfinite(rated) else row
-        for row in numbers
-    ]  # fmt: skip
+    for i, row in enumerate(numbers):
+        if row.kind == "torque" and math.isfinite(rated):
+            numbers[i] = replace(row, rated_fraction=(row.value if row.is_significant else row.bound) / rated)
     way = reach * np.linspace(-1, 1, 200)
     delta = np.concatenate([way, -way])
     tau, rows = gear.torque(delta, hysteresis=True)

@@ -189,9 +189,8 @@ def scale_priors(
     """
     priors = np.ones(len(scales))
     for s, group in enumerate(scales):
-        if np.all(
-            np.abs(magnitudes[group]) < MIN_SIGNIFICANCE * std[n_x:][group]
-        ):  # of next to nothing any scale will do
+        # Any scale fits an effect that is next to nothing.
+        if np.all(np.abs(magnitudes[group]) < MIN_SIGNIFICANCE * std[n_x:][group]):
             priors[s] = 1e12 * max(1.0, float(A[n_x + len(magnitudes) + s, n_x + len(magnitudes) + s]))
     return priors
 

@@ -124,10 +124,9 @@ def choose_effects(
     if not estimate.effects:
         return estimate
     bent = {f"k_{effect.joint}" for effect in estimate.effects if effect.kind not in ("friction", "behind")}
-    of_gears = np.array(
-        [STIFFNESS_ERROR_OF_EFFECTS * (p.log and p.stands_for in bent) for p in estimate.parameters.free]
-    )
-    unseen = np.concatenate([np.maximum(compensation_error(estimate.parameters), of_gears), _systematic_std(estimate)])
+    free, by_friction = estimate.parameters.free, compensation_error(estimate.parameters)
+    by_effects = STIFFNESS_ERROR_OF_EFFECTS * np.array([p.log and p.stands_for in bent for p in free])
+    unseen = np.concatenate([np.maximum(by_friction, by_effects), _systematic_std(estimate)])
     return replace(estimate, covariance=estimate.covariance + np.diag(unseen**2))
 
 
@@ -138,10 +137,8 @@ def _systematic_std(estimate: GearEstimate) -> FloatArray:
     Where friction turns between the samples its shape is known to SLIGHT of it, and what is left bends the gear as an
     error of transmission does: beside 32 Nm of friction 20 urad were found 1 to 2.7 urad too small on six seeds.
     """
-    drive, (kinds, joints) = (
-        estimate.drives[0],
-        np.array([(effect.kind, effect.joint) for effect in estimate.effects]).T,
-    )
+    drive = estimate.drives[0]
+    kinds, joints = np.array([(effect.kind, effect.joint) for effect in estimate.effects]).T
     friction = np.isin(kinds, ("friction", "behind")) * estimate.magnitudes
     bends = (joints[:, None] == joints) @ friction / drive.k[[drive.joints.index(joint) for joint in joints]]
     is_error = np.isin(kinds, ("error sine", "error cosine"))
@@ -149,9 +146,8 @@ def _systematic_std(estimate: GearEstimate) -> FloatArray:
 
 
 def _on_grid(estimate: GearEstimate, lines: Sequence[PeriodLines]) -> GearEstimate:
-    return replace(
-        estimate, estimates=tuple(motion.on(part) for motion, part in zip(estimate.estimates, lines, strict=True))
-    )
+    motions = tuple(motion.on(part) for motion, part in zip(estimate.estimates, lines, strict=True))
+    return replace(estimate, estimates=motions)
 
 
 def _converge(data: GearData, estimate: GearEstimate) -> GearEstimate:
@@ -210,11 +206,8 @@ def _as_gap_or_range(data: GearData, estimate: GearEstimate, joint: str) -> Gear
     if len(springs) != 1 or estimate.effects[springs[0]].edge is None or f"k_{joint}" not in names:
         return estimate
     (i,), place = springs, names.index(f"k_{joint}")
-    effect, f, k = (
-        estimate.effects[i],
-        float(estimate.magnitudes[i]),
-        estimate.parameters.as_dict(estimate.x)[f"k_{joint}"],
-    )
+    effect, f = estimate.effects[i], float(estimate.magnitudes[i])
+    k = estimate.parameters.as_dict(estimate.x)[f"k_{joint}"]
     inner, outer = (k, k + f) if effect.kind == "range" else (k - f, k)
     kind: Kind = "gap" if outer > APART**2 * inner else "range"
     if kind == effect.kind or not inner > 0:
@@ -271,9 +264,8 @@ def _select_effects(data: GearData, estimate: GearEstimate, groups: Sequence[Gro
         return [[*chosen, i] for i, group in enumerate(groups) if not _conflicts(group[0], effects, alone=True)]
 
     def cost(chosen: list[int]) -> float:
-        return _cross_validated_cost(
-            sums, prior, np.concatenate([np.arange(ends[0]), *(np.arange(ends[i], ends[i + 1]) for i in chosen)])
-        )
+        members = (np.arange(ends[i], ends[i + 1]) for i in chosen)
+        return _cross_validated_cost(sums, prior, np.concatenate([np.arange(ends[0]), *members]))
 
     def pays(before: float, after: float, chosen: list[int]) -> bool:
         group = groups[chosen[-1]]

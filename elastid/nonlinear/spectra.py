@@ -245,11 +245,9 @@ def unsuited(first: Record) -> str:
     """Return the reason why friction and gear effects are not identifiable from these records, else ""."""
     if not first.is_periodic:
         return "the records have no period; what is not linear is found from differences between periodic experiments"
-    missing = [place for place in first.inputs if place not in first.outputs]
-    names = ", ".join(missing)
-    return f"the angle of {names} is not among the outputs; log the motors' angles, of which all is a function" * bool(
-        missing
-    )
+    missing = ", ".join(place for place in first.inputs if place not in first.outputs)
+    text = f"the angle of {missing} is not among the outputs; log the motors' angles, of which all is a function"
+    return text if missing else ""
 
 
 def _periods(

@@ -394,11 +394,12 @@ def select_motor_basis(
 
 def residual_power_ratios(equations: NormalEquations, motors: int, motor_of: IntArray) -> FloatArray:
     """Return the cross-validated residual power ratio (n_m,) of the basis functions of each motor."""
-    every = [np.flatnonzero(motor_of == motor) for motor in range(motors)]
-    powers = [
-        (residual_power(equations, i, rows), residual_power(equations, i, rows[:0])) for i, rows in enumerate(every)
-    ]
-    return np.array([power / total if total > 0 else 1.0 for power, total in powers])
+    ratios = np.ones(motors)
+    for motor in range(motors):
+        rows = np.flatnonzero(motor_of == motor)
+        if (total := residual_power(equations, motor, rows[:0])) > 0:
+            ratios[motor] = residual_power(equations, motor, rows) / total
+    return ratios
 
 
 def refined(choice: Basis, coefficients: FloatArray, places: Sequence[str], velocity_noise: FloatArray) -> Basis:

@@ -81,11 +81,12 @@ void {name}_follow(double x[{n}], double P[{size}], double torque, double load, 
 
 def _header(observers: Mapping[str, TrackedFriction], identifiers: Mapping[str, str]) -> str:
     lines = [
-        "Filters that follow friction, link side, SI. <joint>_start once, at rest; <joint>_follow every sample:",
-        "torque and load (gravity) since the previous sample, present motor angle. innovation: measured minus",
-        "predicted angle, variance: its variance; both may be NULL. The states Fc and f are logarithms; 95 % band:",
-        "x[i] +- 1.96 sqrt(P[i * n + i]), n states. It includes the errors of fixed numbers: P ends with the n",
-        *("cross covariances of each of them, over its std.", "", "States:", ""),
+        "Extended Kalman filters of joint friction, link side, SI. Call <joint>_start once at rest, then",
+        "<joint>_follow every sample. torque, load: motor torque and gravity torque since the previous sample.",
+        "angle: present motor angle. innovation: measured minus predicted angle. variance: variance of the",
+        "innovation. Both may be NULL. The states Fc and f are logarithms. 95 % band of state i, with n states:",
+        "x[i] +- 1.96 sqrt(P[i * n + i]). The band includes the errors of the fixed numbers. For each of these,",
+        *("P ends with n cross covariances of the states, divided by its standard deviation.", "", "States:", ""),
     ]
     declared = []
     for name, observer in observers.items():
