@@ -51,7 +51,7 @@ def main() -> None:
 
 
 def _in_ascii(error: Any) -> tuple[str, int]:
-    """The nearest letters of a terminal that has no others, for the first that it lacks (a handler of codecs)."""
+    """Replace the first character that a terminal lacks by similar ones (a handler of codecs)."""
     return _ASCII.get(error.object[error.start], "?"), error.start + 1
 
 

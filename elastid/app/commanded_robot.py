@@ -108,7 +108,7 @@ def _stands_on_base(robot: Robot, result: FrictionResult) -> bool:
 
 
 def _across(robot: Robot, body: Body) -> tuple[FloatArray, float]:
-    """Gravity (3,) across the axis of a body's joint at angle 0, as a direction and a size in m/s^2."""
+    """Return gravity (3,) across the axis of a body's joint at angle 0, as a direction and a size in m/s^2."""
     axis, down = unit_axis(body.joints[0].axis), body.placement.rotation.T @ np.asarray(robot.gravity)
     down = down - (down @ axis) * axis
     g = float(np.linalg.norm(down))
@@ -116,7 +116,7 @@ def _across(robot: Robot, body: Body) -> tuple[FloatArray, float]:
 
 
 def _with_pendulums(robot: Robot, values: Mapping[tuple[str, str], float]) -> Robot:
-    r"""The robot with the identified inertia and gravity of each body on the base, half of the inertia in the rotor.
+    r"""Add identified inertia and gravity of each body on the base, half of the inertia in the rotor.
 
     With e1 along gravity across the axis a at q = 0, e2 = a x e1 and c = (H e1 + G e2) / (m g) the torque is
     G cos q + H sin q.

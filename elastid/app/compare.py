@@ -112,7 +112,7 @@ def comparison_table(comparison: Comparison) -> list[list[str]]:
 
 
 def _default(study: Study) -> tuple[VariantSpec, ...]:
-    """Parts left out, and other equations of loops, of a study that is compared with no other."""
+    """Yield variants without single parts, and with other equations of loops, for a study without other models."""
     robot = study.as_robot()
     riding = any(joint.motor is not None and joint.motor.on for joint in robot.driven)
     coupling = [VariantSpec("without motor coupling", motor_coupling=False)] if riding else []
@@ -122,7 +122,7 @@ def _default(study: Study) -> tuple[VariantSpec, ...]:
 
 
 def _loop_variants(study: Study) -> tuple[VariantSpec, ...]:
-    """The approximations in use for a robot with loops, as far as they leave anything out, and the exact equations."""
+    """Yield approximations for a robot with loops that omit something, and the exact equations."""
     robot, model = study.as_robot(), study.model
     if not robot.loops:
         return ()
@@ -160,7 +160,7 @@ def variant(loaded: LoadedStudy, spec: VariantSpec) -> ComparedVariant:
 
 
 def _weighed_as(study: Study, varied: Study) -> FitSpec:
-    """The fit of another study with the criterion, weights and band of the own one, so that their costs compare."""
+    """Return the fit of another study with criterion, weights and band of this study, for comparable costs."""
     fit = study.seeded_fit
     return replace(varied.fit, criterion=fit.criterion, weights=fit.weights, band_hz=fit.band_hz, seed=fit.seed)
 
@@ -217,7 +217,7 @@ def search_elasticity(run: Run) -> None:
 
 
 def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
-    """Coordinates that can be elastic or rigid, label to name, and the labels that start elastic: the gears."""
+    """Return coordinates that can be elastic or rigid, label to name, and the labels that start elastic: the gears."""
     robot, unknown = loaded.study.as_robot(), unseen(loaded.study.as_robot(), loaded.study.model.variant)
     coordinates = [spring for spring in elastic_coordinates(robot) if f"k_{spring.name}" not in unknown]
     if not coordinates:

@@ -120,7 +120,7 @@ class _LogFile(logging.FileHandler):
         return printable(super().format(record))
 
     def _open(self) -> TextIOWrapper:
-        """ElastidError where it is a link."""
+        """Open the log; ElastidError for a link."""
         return open(self.baseFilename, "a", encoding="utf-8", errors=self.errors, opener=unlinked)
 
     def handleError(self, record: logging.LogRecord) -> None:

@@ -72,7 +72,7 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
 
 
 def _check(fleet: Fleet, folder: Path) -> None:
-    """Wrong overrides, and a folder that cannot be written, are reported before hours of work; StudyError."""
+    """Refuse wrong overrides, and a folder that is not writable, before hours of work; StudyError."""
     members_by_error: dict[str, list[Member]] = {}
     for member in fleet.members:
         try:
@@ -114,7 +114,7 @@ def _reasons(outcomes: Sequence[Outcome]) -> list[str]:
 
 
 def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[Outcome, ...]:
-    """How each member ended; those whose worker died are tried again after the others."""
+    """Run all members; those whose worker died are tried again after the others."""
     work = partial(_identified, fleet.study, folder)
     outcomes: dict[str, Outcome] = {}
     for attempt in range(2):
@@ -131,7 +131,7 @@ def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[
 
 
 def _identified(study: Path, folder: Path, member: Member) -> Outcome:
-    """The stages of a member's study that are not current, in its own folder, and how it ended."""
+    """Run the stages of a member's study that are not current, in its own folder."""
     run = Run(load(study, member.overrides), folder / MEMBERS / member.name, 1, Console(-2))
     try:
         run_all(run)
@@ -163,7 +163,7 @@ def rows_of(folder: Path, member: Member) -> Iterator[Row]:
 
 
 def _numbers_of(number: Mapping[str, Any]) -> Row:
-    """Row of a number; where none was seen of a gear 0, with the std of which its bound is the one-sided 95 %."""
+    """Return the row of a number; an effect that is not significant is 0, with the std of its one-sided 95 % bound."""
     if number["value"] is None:
         bound = number["bound95"]
         std = bound / ONE_SIDED_95
@@ -186,7 +186,7 @@ def _values(rows: Sequence[Row]) -> tuple[FleetValue, ...]:
 
 
 def _write_table(folder: Path, rows: Sequence[Row]) -> Path:
-    """fleet.parquet, a row each parameter of each member; fleet.csv where no reader of Parquet is installed."""
+    """Write fleet.parquet, a row per parameter and member; fleet.csv if no reader of Parquet is installed."""
     if find_spec("pyarrow") is None:
         path = folder / "fleet.csv"
         write_rows(path, [rows[0].keys(), *(row.values() for row in rows)])

@@ -134,7 +134,7 @@ def _torque_study_lines(
 
 
 def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[int, ...]]) -> tuple[str, str]:
-    """Code and message about a log without an input and its motion."""
+    """Return code and message about a log without an input and its motion."""
     longest = max(map(max, shapes.values()), default=0)
     if 0 < longest <= MIN_SAMPLES:
         text = f"its number of samples is {longest}; more than {MIN_SAMPLES} are needed. Export the whole measurement"
@@ -166,7 +166,7 @@ def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[in
 
 
 def _columns(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess, may_differ: bool) -> dict[str, int]:
-    """Column of each signal by its heading in the first log if the headings of the logs differ, which only some may.
+    """Return the column of each signal of the first log if the headings of the logs differ, which only some may.
 
     Raises DataError for a log without one of the channels.
     """
@@ -181,7 +181,7 @@ def _columns(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess, may_di
 
 
 def _controller(path: Path, n_u: int) -> FloatArray | None:
-    """Gains kp and kd (2, n_u) of a log; None unless both are there and positive."""
+    """Return gains kp and kd (2, n_u) of a log; None unless both exist and are positive."""
     with opened_log(path, guess_format(path)) as log:
         gains = [values for name in GAINS if (values := gains_in(log, name, n_u)) is not None]
     is_known = len(gains) == len(GAINS) and bool(np.all((np.array(gains) > 0) & np.isfinite(gains)))
@@ -215,7 +215,7 @@ def _command_files(
     text: str,
     period: Sequence[str],
 ) -> dict[str, str]:
-    """Files of a study of logs with commands and positions (pairs of channels) and without torques.
+    """Draft the files of a study of logs with commands and positions (pairs of channels) and without torques.
 
     A study of elasticity if the robot has elastic gears and the commands a period, else of friction.
     """
@@ -287,7 +287,7 @@ def _unused(
 def _configurations(
     n: int, motions: Sequence[ChannelGuess], robot: Robot | None, positions: Positions, by_name: list[str]
 ) -> tuple[list[str], list[str]]:
-    """The configuration of each of n logs, by_name (n) or by motions of joints first, and their lines in a study."""
+    """Return the configuration of each of n logs, by names or by motions of joints, and their rows in a study."""
     nothing = np.zeros((n, 4))  # of motions without a position
     moments = np.array([motion.to_si * positions.get(motion.key, nothing) for motion in motions])
     means, scatter = moments[:, :, 2].T, np.abs(moments[:, :, 3]).max(axis=0)
@@ -316,7 +316,7 @@ def _study(
     frame: str = "",
     columns: Mapping[str, int] = MappingProxyType({}),
 ) -> Iterator[str]:
-    """The study file up to its channels. frame: where a hammer hits.  columns: numbers of channels by their names."""
+    """Yield the study file up to its channels. frame: where a hammer hits.  columns: channel numbers by name."""
     names = robot.driven_names if robot is not None else []
     if guess.is_motion and robot is None:
         names = [str(i + 1) for i in range(len(guess.joints))]
@@ -385,7 +385,7 @@ def _period(drives: FloatArray) -> list[str]:
 
 
 def _files(paths: Sequence[Sequence[str]], states: Sequence[str] = (), runs: Sequence[Run] = ()) -> Iterator[str]:
-    """Lines of the measurements, with paths, configurations (states, none in a study of friction) and known runs."""
+    """Yield rows of the measurements, with paths, configurations (none in a friction study) and known runs."""
     why = " # guessed: each of an excitation of its own; one realisation for further periods of the same"
     why = " # guessed by the names of the files" if runs else why
     if any(run.at for run in runs):
@@ -402,7 +402,7 @@ def _files(paths: Sequence[Sequence[str]], states: Sequence[str] = (), runs: Seq
 
 
 def _robot(joints: Iterable[tuple[bool, float]], source: str) -> Iterator[str]:
-    """Lines of a robot of single joints: whether each slides, and its inertia, by the source."""
+    """Yield rows of a robot of single joints: whether each slides, and its inertia, by the source."""
     yield "# Each joint is alone on the base; give geometry, ratios and inertias."
     yield "name: robot of the logs"
     yield "gravity: [0, 0, -9.81] # guessed: it acts on joints about y; about z it does not"

@@ -61,7 +61,7 @@ def _text_rows(log: TextLog) -> list[tuple[str, ...]]:
 
 
 def _blocks(log: TextLog, n_columns: int) -> list[list[FloatArray]]:
-    """Values of each column of a large text in blocks of lines that are evenly spread over it."""
+    """Return values of each column of a large text in blocks of rows that are evenly spread over it."""
     n = len(log.number_lines) - log.first
     starts = np.unique(np.linspace(0, max(0, n - BLOCK_LINES), _BLOCKS).astype(int)).tolist()
     columns: list[list[FloatArray]] = [[] for _ in range(n_columns)]
@@ -72,7 +72,7 @@ def _blocks(log: TextLog, n_columns: int) -> list[list[FloatArray]]:
 
 
 def _rise(start: NDArray[Any]) -> str:
-    """The rate of a signal that rises as a time or a counter does; empty for any other."""
+    """Describe the rate of a signal that rises like a time or a counter; empty for any other."""
     t = np.squeeze(start)
     if t.ndim != 1 or t.dtype.kind == "b" or not is_clock(time_s := np.asarray(t - t[:1], dtype=np.float64)):
         return ""

@@ -56,7 +56,7 @@ def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess
 
 
 def _at(joint: Joint, guess: JointGuess) -> JointGuess:
-    """The guess at a joint of the robot, in units of a translation where that slides."""
+    """Return the guess at a joint of the robot, in units of a translation if the joint slides."""
     motion = guess.motion
     if joint.slides and dimension_and_size(motion.unit)[0].startswith("rad"):
         motion = replace(motion, unit=of_translation(dimension_and_size(motion.unit)[0]))
@@ -66,7 +66,7 @@ def _at(joint: Joint, guess: JointGuess) -> JointGuess:
 
 
 def _read_as(robot: Robot, joints: Sequence[JointGuess], unit: str, on_motor: bool) -> tuple[JointGuess, ...]:
-    """The joints with one unit for all positions that state none, and all signals on one side of the gears.
+    """Read joints with one unit for all positions without a unit, and all signals on one side of the gears.
 
     Torques are motor-side if at the link one of them would be too small for the inertia of its rotor.
     """

@@ -162,7 +162,7 @@ class Session:
         return replace(self.problem, robot=estimated_robot(result), fitted_values=values)
 
     def _design(self, plans: Sequence[Plan]) -> DesignSpec:
-        """Candidates, and the distortion that the logs so far show, which longer experiments do not lower."""
+        """Return candidates, and the distortion in the logs so far, which longer experiments do not lower."""
         design = self.problem.design
         assert design is not None
         if not plans:
@@ -173,7 +173,7 @@ class Session:
         return replace(design, distortion=math.sqrt(np.mean(ratios)) if ratios else design.distortion)
 
     def _planned(self, plans: Sequence[Plan], result: Result | None) -> Plan | str:
-        """The next plan, as it was written or now; a sentence where no further one leads to the goal."""
+        """Return the next plan, read or new, or the reason why no further plan leads to the goal."""
         step = len(plans) + 1
         path, problem = self.plan(step), self._at(result)
         if path.is_file():
@@ -219,7 +219,7 @@ class Session:
         return int(np.random.SeedSequence([self.problem.seed, step]).generate_state(1)[0])
 
     def _robots(self, result: Result | None, step: int) -> tuple[Robot, ...]:
-        """Robots at the ends of the interval of a fit, or of a data sheet, on which the limits are kept as well."""
+        """Return robots at the ends of the intervals of a fit or a data sheet, for which the limits hold as well."""
         if result is not None:
             return draw_robots(replace(result, covariance=4 * result.covariance), DRAWS, self._seed(step)).robots
         springs = {p.name: p.value for p in self.problem.parameters.free if p.name.startswith("k")}
@@ -227,7 +227,7 @@ class Session:
         return tuple(map(self.problem.robot.with_parameters, ends))
 
     def _refusal(self, proposal: NextExperiment, plans: Sequence[Plan], result: Result | None) -> str:
-        """Why no further experiment leads to the goal; empty where one may."""
+        """Return the reason why no further experiment leads to the goal; empty if one may."""
         spent = sum(plan.robot_time_s for plan in plans)
         if math.isinf(proposal.option.more_s):
             name, ratio = proposal.option.floor
@@ -266,7 +266,7 @@ class Session:
             self._wait(run)
 
     def _check(self, plan: Plan, records: Path, problem: DesignProblem) -> None:
-        """DataError for a record that contradicts its plan."""
+        """Refuse a record that contradicts its plan; DataError."""
         coulomb = coulomb_torques(problem.robot)
         with self._execution(f"rehearsal of {plan.configurations[0].name}") as execution:
             rehearsals = execution.ordered(problem.rig(plan).rehearse, plan.experiments)
@@ -287,7 +287,7 @@ class Session:
             time.sleep(POLL_S)
 
     def _size(self, run: Experiment) -> int:
-        """Bytes of the log of a run; -1 until it is there."""
+        """Return the size of a run's log in bytes; -1 without a log."""
         path = self.log(run)
         return -1 if path is None else sum(part.stat().st_size for part in (path, *path.rglob("*")))
 

@@ -56,7 +56,7 @@ def robot_of(model: Any, name: str) -> Robot:
 
 
 def _joint(model: Any, i: int) -> Joint:
-    """Driven by its actuator, or by a motor to come where the file has no actuator at all."""
+    """Convert a joint, driven by its actuator, or by a future motor if the file has no actuator at all."""
     name, kind = model.joint(i).name or f"joint {i}", KINDS[int(model.jnt_type[i])]
     if kind in ("free", "ball"):
         raise ValueError(f"joint {name} is of type {kind}; take hinges and slides, a base that stands still")
@@ -115,7 +115,7 @@ def _strength(model: Any, a: int) -> float:
 
 
 def _rotation(quaternion: Any) -> Any:
-    """R (3, 3) of w, x, y, z."""
+    """Return R (3, 3) of w, x, y, z."""
     return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
 
 

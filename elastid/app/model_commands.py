@@ -154,7 +154,7 @@ def tune_study(
 def _given(
     run: Run, result: Result, frame: str | None, draws: int, asked: tuple[float | None, float, float]
 ) -> MoveRobots:
-    """The robots of a study with the requested frame.  asked: rate and bandwidth in Hz, error in m."""
+    """Return the robots of a study with the requested frame. asked: rate and bandwidth in Hz, error in m."""
     study, (rate_hz, bandwidth_hz, error_m) = run.study, asked
     family = result.family(posture.PredictionPorts(frame=frame))
     friction = read_friction(run.path("estimate")) if run.path("estimate").exists() else None

@@ -57,7 +57,7 @@ def _experiments(study: Study) -> Iterator[str]:
 
 
 def _questions(study: Study) -> Iterator[str]:
-    """Questions on channels: unknown units, and torque constants or all gains of exactly 1."""
+    """Yield questions on channels: unknown units, torque constants or all gains of exactly 1."""
     recorded = study.experiment.recorded
     channels = () if recorded is None else recorded.channels
     gains = None if recorded is None else recorded.controller

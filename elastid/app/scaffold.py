@@ -72,7 +72,7 @@ def from_robot(path: Path) -> tuple[Robot, dict[str, str]]:
 
 
 def _with_guessed_drives(robot: Robot, postures: FloatArray, path: Path) -> tuple[FloatArray, Robot, tuple[str, ...]]:
-    """Inertia (n_u,) of the links of each drive, the robot with guessed gears and rotors, and comments on them."""
+    """Return inertia (n_u,) of the links of each drive, the robot with guessed gears and rotors, and comments."""
     urdf = [*read_elements(path).all("joint")] if path.suffix.lower() == ".urdf" else []
     # The links alone: rotors without inertia, and no joint that only a spring holds.
     links = with_joints(robot, lambda joint: replace(joint, motor=Motor(_NO_ROTOR)) if joint.motor else None)
@@ -115,7 +115,7 @@ def read_urdf_model(path: Path) -> Robot:
 
 
 def _links_of_urdf(path: Path, ratio: float = _RATIO) -> Robot:
-    """The links of a URDF; its motors, behind gears of a ratio where they turn, have no inertia yet."""
+    """Return the links of a URDF; motors of revolute joints get a gear ratio, and no inertia yet."""
     root = read_elements(path)
     kinds = {joint.name: joint.attributes.get("type") for joint in root.all("joint") if not joint.first("mimic")}
     moving = {name: 1.0 if kind == "prismatic" else ratio for name, kind in kinds.items() if kind != "fixed"}
@@ -139,7 +139,7 @@ def _with_drive(joint: Joint, of_links: float) -> Joint:
 
 
 def _gear(of_links: float) -> tuple[float, float]:
-    """Stiffness and damping, to two digits, of a gear that swings with the inertia of its links."""
+    """Guess stiffness and damping, to two digits, of a gear from the inertia of its links."""
     k = of_links * (2 * math.pi * _HELD_HZ) ** 2
     return float(f"{k:.2g}"), _damping(k)
 

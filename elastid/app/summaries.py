@@ -263,7 +263,7 @@ def listed(notes: Iterable[Note]) -> list[Content]:
 
 
 def _log_comparison(log_comparison: LogComparison) -> Content:
-    """Torques part by part, over all and by octave, and errors of runs, without the signals."""
+    """Return torque contributions, over all and by octave, and errors of runs, without the signals."""
     signal, fractions = "signal=kind place error", "unexplained_fraction unexplained_without_friction"
     of_band = f"low_hz high_hz power {fractions}"
     return {
@@ -281,7 +281,7 @@ def _log_comparison(log_comparison: LogComparison) -> Content:
 
 
 def _shared(balance: TorqueBalance, value: TorqueBalance | BandBalance, names: str) -> Content:
-    """Fields of a balance or of a band of it, and the share of each part."""
+    """Return fields of a balance or of a band of it, and the fraction of each contribution."""
     return section(value, names) | {"fractions": dict(zip(balance.parts, value.fractions, strict=True))}
 
 

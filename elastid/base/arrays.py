@@ -290,7 +290,7 @@ def stored_in(folder: Path, values: NDArray[Any]) -> NDArray[Any]:
 
 @lru_cache(maxsize=4)
 def _pages(path: Path, inode: int, mtime_ns: int) -> mmap.mmap:
-    """Identity of a file at this moment; a later replacement is a different file."""
+    """Map a file in its present version; a later replacement is a different file."""
     with path.open("rb") as file:
         return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
@@ -308,7 +308,7 @@ def mapped(path: Path, dataset: Any) -> FloatArray | None:
 
 
 def _stored_rows(path: Path, offset: int, columns: int, first: int, last: int) -> NDArray[Any]:
-    """Rows of a table of single precision that starts at an offset of a file."""
+    """Read rows of a table of single precision that starts at an offset of a file."""
     values = np.fromfile(path, np.float32, (last - first) * columns, offset=offset + 4 * columns * first)
     return values.reshape(last - first, columns)
 

@@ -64,7 +64,7 @@ def xml_comment(text: str) -> str:
 
 
 def _separate_pairs(text: str, *pairs: str) -> str:
-    """The text with a blank inside each of these pairs of characters, also where they overlap."""
+    """Insert a blank into each of these pairs of characters, also if they overlap."""
     for pair in pairs:
         text = re.sub(f"{re.escape(pair[0])}(?={re.escape(pair[1])})", f"{pair[0]} ", text)
     return text

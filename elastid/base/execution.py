@@ -75,7 +75,7 @@ def surviving(
 def _outcomes(
     function: Callable[[Item], Value], items: Sequence[tuple[int, Item]], jobs: int, at_home: bool = False
 ) -> Generator[tuple[int, Outcome], None, None]:
-    """Outcomes from the cluster of `on_dask`, or from processes of this machine, as they finish."""
+    """Yield outcomes from the cluster of `on_dask`, or from processes of this machine, as they finish."""
     address, new = SCHEDULER.get(), None
     if address:
         with client_of(address) as client:
@@ -172,7 +172,7 @@ MOST_DEATHS = 4
 def _by_workers(
     function: Callable[[Item], Value], items: Sequence[Item], jobs: int, at_home: bool = False
 ) -> Generator[tuple[int, Outcome], None, None]:
-    """Outcomes from workers; the item of a worker that dies is done again, by half as many."""
+    """Yield outcomes from workers; if a worker dies, half as many repeat its item."""
     remaining, deaths = dict(enumerate(items)), 0
     while remaining:
         with closing(_outcomes(function, list(remaining.items()), max(1, jobs >> deaths), at_home)) as results:
@@ -193,7 +193,7 @@ def _by_workers(
 
 
 def _refuse_unguarded() -> None:
-    """Raises ElastidError where the script that runs would begin again in every worker."""
+    """Raise ElastidError if the script that runs would begin again in every worker."""
     file = getattr(sys.modules["__main__"], "__file__", None)
     with suppress(OSError, UnicodeDecodeError):
         if file is not None and "__main__" not in Path(file).read_text(encoding="utf-8"):
@@ -276,7 +276,7 @@ class Remote(Thread):
             self._asked(_forget)
 
     def _asked(self, function: Callable[..., Any], *given: Any) -> Any:
-        """The value there; LostError where the worker is gone, for which the scheduler would wait for ever."""
+        """Ask the worker for a value; LostError if it is gone, for which the scheduler would wait for ever."""
         self._task = self._client.submit(function, self._name, *given, pure=False, workers=[self._at])
         while True:
             try:
@@ -297,7 +297,7 @@ _SERVED = dict[str, Served]()
 
 
 def _answer(name: str, message: bytes) -> bytes | None:
-    """Answer of the worker of a name; LostError where it was another process."""
+    """Answer as the worker of a name; LostError if it was another process."""
     answer = _SERVED.setdefault(name, Served()).answer(message)
     return None if answer is None else bytes(answer)
 

@@ -105,7 +105,7 @@ def write_atomically(path: Path, data: bytes) -> None:
 
 
 def _flush_folder(folder: Path) -> None:
-    """Have the new name of a file on the disk, too, where the system can do that."""
+    """Flush the new name of a file to the disk, if the system supports it."""
     if hasattr(os, "O_DIRECTORY"):
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         try:
@@ -126,7 +126,7 @@ def check_self_contained(file: Any) -> None:
 
 
 def _members(path: str, group: Any, place: str, above: tuple[int, ...]) -> Iterator[str]:
-    """The place of each member below a group, once it was looked at; above: the groups that it lies in.
+    """Yield the place of each member below a group, before it is opened; above: the groups around it.
 
     group: h5py.h5g.GroupID, whose members are there in half the time of h5py.Group.
     """

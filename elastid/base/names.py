@@ -53,7 +53,7 @@ class NameRule:
         return name
 
     def _problem(self, name: str) -> str:
-        """Why a text cannot be a name, blank at an end or not one line of printable characters; empty where it can."""
+        """Return the reason why a text is no name: a blank end or unprintable characters; empty for a valid name."""
         if not 0 < len(name) <= MAX_NAME_LENGTH:
             return f"has {len(name)} characters; give 1 to {MAX_NAME_LENGTH}"
         if not name.isprintable():

@@ -269,7 +269,7 @@ def start_method() -> str:
 
 
 def _call(at_rest: list[Worker], function: list[Worker], place: int, new: Callable[..., Any]) -> Worker:
-    """A worker at rest that lives, or a new one; among those called, from its first moment."""
+    """Take an idle worker that lives, or start a new one; it is among the workers from its first moment."""
     for worker in [worker for worker in at_rest if worker.place == place]:
         at_rest.remove(worker)
         function.append(worker)
@@ -283,7 +283,7 @@ def _call(at_rest: list[Worker], function: list[Worker], place: int, new: Callab
 
 @contextmanager
 def _undisturbed() -> Iterator[None]:
-    """Ctrl-C acts behind the end: amid a start it would leave a worker that is never ended."""
+    """Postpone Ctrl-C until the end: during a start it would leave a worker that never ends."""
     if current_thread() is not main_thread():  # which Ctrl-C does not reach
         yield
         return
@@ -381,7 +381,7 @@ class Served:
 
 
 def _end_with_parent() -> None:
-    """A worker whose parent was killed would go on with its item."""
+    """End this worker if its parent was killed."""
     parent = parent_process()
     if parent is not None:
         parent.join()

@@ -127,7 +127,7 @@ def upwards(robot: Robot) -> FloatArray:
 
 
 def _link_points(skeleton: Skeleton) -> FloatArray:
-    """The points that move and points on the links between two that do (Q, n, 3)."""
+    """Return moving points and points on the links between two of them (Q, n, 3)."""
     points = [skeleton.points[:, skeleton.moves]]
     for a, b in skeleton.links:
         if skeleton.moves[a] and skeleton.moves[b]:
@@ -171,7 +171,7 @@ def informations(
 
 
 def _information(prospect: Prospect, x: FloatArray, configuration: Configuration) -> FloatArray | None:
-    """H (n_x, n_x); None without an equilibrium."""
+    """Return H (n_x, n_x); None without an equilibrium."""
     try:
         return prospect.information(configuration, x)
     except (StudyError, DataError):
@@ -203,7 +203,7 @@ def visible(
 def _named(
     configurations: Sequence[Configuration], numbers: IntArray, realisations: int, taken: Sequence[str]
 ) -> tuple[DesignedConfiguration, ...]:
-    """Chosen configurations in the order of the candidates; unnamed ones are called c1, c2 ..."""
+    """Name chosen configurations in the order of the candidates; unnamed ones are called c1, c2 ..."""
     selection: list[DesignedConfiguration] = []
     used = {*taken, *(c.name for c in configurations if not c.name.startswith("candidate"))}
     free = (name for name in (f"c{i}" for i in range(1, len(used) + len(configurations) + 2)) if name not in used)

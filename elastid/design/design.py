@@ -112,7 +112,7 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
 def _expected(
     problem: DesignProblem, measurements: Sequence[Measurement], friction: Sequence[Presliding]
 ) -> list[ExpectedResponse]:
-    """Responses with the tolerances of the robot's file and its gears, and with presliding friction."""
+    """Predict responses with the tolerances of the robot model and its gears, and with presliding friction."""
     robot, freq_hz = problem.robot, measurements[0][0].plan.freq_hz
     springs = {row.spring: (row.stiffness, row.rate) for row in friction}
     within = with_tolerances(problem.parameters, robot, problem.fit)
@@ -154,7 +154,7 @@ def _equivalent_damping(problem: DesignProblem, probe: Plan, q: int, configurati
 
 
 def _with_damping(problem: DesignProblem, d: FloatArray) -> DesignProblem:
-    """Problem with d (n_u,) in Nms/rad more viscous friction in the motors, link side."""
+    """Add d (n_u,) in Nms/rad to the viscous friction of the motors, link side."""
     pairs = [(joint.name, joint.motor, more) for joint, more in zip(problem.robot.driven, d.tolist(), strict=True)]
     values = {f"fm_{name}": motor.viscous + more / motor.ratio**2 for name, motor, more in pairs if motor is not None}
     unknown = {name: value for name, value in values.items() if name not in dict(problem.fitted_values)}
@@ -191,7 +191,7 @@ def _choose(
 
 
 def _prospect(problem: DesignProblem) -> tuple[Prospect, FloatArray]:
-    """The prospect of a candidate, and the information (n_x, n_x) of the configurations given."""
+    """Predict the measurement of a candidate, and return the information (n_x, n_x) of the given configurations."""
     probe = problem.probe(problem.experiment)
     check_line_count(probe.freq_hz, problem.parameters)
     prior = problem.prior_information()

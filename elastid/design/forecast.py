@@ -135,7 +135,7 @@ def check_line_count(freq_hz: FloatArray, parameters: Parameters) -> None:
 
 
 def _blind(R: FloatArray, parameters: Parameters, x: FloatArray) -> FloatArray:
-    """Directions (n_b, n) of relative changes that move the expected responses by less than their noise.
+    """Return directions (n_b, n) of relative changes that move the expected responses by less than their noise.
 
     They are of the n parameters of interest: nuisance parameters have priors, and move with each direction.
     """
@@ -149,7 +149,7 @@ def _blind(R: FloatArray, parameters: Parameters, x: FloatArray) -> FloatArray:
 
 
 def _undetermined(blind: FloatArray, names: Sequence[str]) -> list[Note]:
-    """A note for each undetermined direction (n_b, n)."""
+    """Note each undetermined direction (n_b, n)."""
     notes = []
     for direction in blind:
         parts = [i for i in np.argsort(-np.abs(direction), kind="stable") if abs(direction[i]) > MIN_COMPONENT]

@@ -90,7 +90,7 @@ def optimal_speeds(
 
 
 def _information(guess: StribeckGuess, speeds: FloatArray) -> FloatArray:
-    """J^T J (n, d, d) of one level at each speed, by the numbers relative to themselves."""
+    """Return J^T J (n, d, d) of one run at each speed, for numbers relative to themselves."""
     zeros = np.zeros_like(speeds)
     conditions = Conditions(speeds, zeros, zeros, np.full_like(speeds, np.nan))
     linear = {"coulomb": guess.coulomb, "stiction": guess.stiction, "viscous": guess.viscous}
@@ -230,7 +230,7 @@ def _middle(robot: Robot, index: int, name: str, angles: tuple[float, ...], angl
 
 
 def _acceleration(joint: Joint, holding: float, inertia: float, guess: StribeckGuess) -> float:
-    """Acceleration of ramps: within the joint's limit, 0.4 s to full speed, 90 % of the torque left by gravity."""
+    """Return the acceleration of ramps: joint limit, 0.4 s to full speed, 90 % of the torque that gravity leaves."""
     limits = joint.limits
     speed = limits.velocity if math.isfinite(limits.velocity) else 1.0
     limit = min(limits.acceleration, RAMP_PEAK * speed / 0.4)
@@ -379,7 +379,7 @@ def _planned(
 
 
 def _posture(experiment: ExperimentSpec, robot: Robot, name: str | None) -> Configuration:
-    """A configuration by name, by default the first; without any, every joint at zero or the nearest that it may."""
+    """Return a configuration by name, by default the first; without any, every joint at zero or its nearest limit."""
     configurations = experiment.configurations
     if configurations:
         configuration = name or next(iter(configurations))
@@ -388,7 +388,7 @@ def _posture(experiment: ExperimentSpec, robot: Robot, name: str | None) -> Conf
 
 
 def _speeds(passes: ConstantVelocitySpec, axis: Axis) -> tuple[FloatArray, FloatArray, float]:
-    """Speeds, passes at each, and efficiency; StudyError for a range without room."""
+    """Return speeds, runs at each, and efficiency; StudyError for an empty range."""
     (lowest, highest), unit = passes.speeds or (axis.slowest, axis.fastest), axis.limits.unit
     is_optimal = passes.spacing == "optimal"
     if not 0 < lowest < highest / (4 if is_optimal else 1):

@@ -52,7 +52,7 @@ def expected_peaks(rig: SimulatedRig, factor: FloatArray, base: FloatArray, q: i
 
 
 def _by_quantity(largest: FloatArray, like: FloatArray) -> FloatArray:
-    """Largest values (8, n_u) of signals (C, K, n_u) of `_response`; turning back is by the velocity."""
+    """Order the largest values (8, n_u) of signals (C, K, n_u) of `_response`; turning back is by the velocity."""
     peak: FloatArray = largest.max(axis=0)
     return np.concatenate([peak[:4], peak[2:3], peak[4:], np.zeros((7 - len(peak), like.shape[1]))])
 
@@ -79,7 +79,7 @@ def peaks_of_movement(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
 
 
 def _rigid_peaks(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
-    """Peaks (8, n_u) of the movement of the rigid robot without friction."""
+    """Return peaks (8, n_u) of the movement of the rigid robot without friction."""
     torque, configuration = feed_forward_of(model_of(rig.robot)), experiment.configuration
     path = reference(rig.plan, rig.simulated.carrier, torque, configuration)
     motion = path.position - configuration.angles, path.velocity, path.acceleration
@@ -88,7 +88,7 @@ def _rigid_peaks(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
 
 
 def _reference_peaks(rig: SimulatedRig, configuration: Configuration, rows: FloatArray) -> FloatArray:
-    """Peaks (3, n_u) of position, velocity and acceleration of references (m, n_u); 0 without any."""
+    """Return peaks (3, n_u) of position, velocity and acceleration of references (m, n_u); 0 without any."""
     rate_hz, x = rig.plan.rate_hz / rig.plan.cycle_samples, rows - configuration.angles
     if rig.plan.inject == "velocity":
         x = np.cumsum(rows, axis=0) / rate_hz
@@ -119,7 +119,7 @@ def peaks_of_run(rig: SimulatedRig, rehearsal: Rehearsal) -> FloatArray:
 
 
 def _peaks_of(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
-    """Largest peaks (8, n_u) of a run, if it has references also at the largest gains; 2 limits if a motor is lost."""
+    """Return the largest peaks (8, n_u) of a run, for references also at the largest gains; 2 limits if it fails."""
     rigs = [rig] if rig.plan.inject == "torque" else [rig, rig.with_gains(1 + GAIN_ERROR, 1 + GAIN_ERROR)]
     try:
         return np.asarray(np.max([peaks_of_run(each, each.rehearse(experiment)) for each in rigs], axis=0))
@@ -191,7 +191,7 @@ def power_costs(rig: SimulatedRig, excitation: MultisineSpec) -> FloatArray:
 
 
 def _response(rig: SimulatedRig, q: int) -> ComplexArray:
-    """T (F, C, K, n_u, n_u) of the q-th configuration from planned torques to K signals with C pairs of gains.
+    """Return T (F, C, K, n_u, n_u) of configuration q from planned torques to K signals with C pairs of gains.
 
     Torque, position, velocity and acceleration of the motors; position, velocity and acceleration of references.
     """
@@ -209,7 +209,7 @@ def _response(rig: SimulatedRig, q: int) -> ComplexArray:
 
 
 def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, FloatArray]:
-    """Limits and the peaks without multisine, both (Q, 8, n_u); StudyError where these leave no room."""
+    """Return limits and the peaks without multisine, both (Q, 8, n_u); StudyError if the peaks exceed limits."""
     plan = rig.plan
     limit = np.array([limits_of(rig, c) for c in plan.configurations])
     first = {e.configuration.name: e for e in reversed(plan.experiments)}
@@ -229,7 +229,7 @@ def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, Floa
 
 
 def _filling(rig: SimulatedRig, q: int, room: FloatArray, is_shared: bool) -> FloatArray:
-    """Factors (n_u,) with which every motor fills its room (8, n_u), by linear prediction; StudyError where endless.
+    """Return factors (n_u,) with which each motor reaches its limits (8, n_u), predicted; StudyError if unlimited.
 
     is_shared: powers have been divided between the motors; their peaks keep the proportion of their RMS.
     """
@@ -267,7 +267,7 @@ def _check_ends(plan: Plan, room: FloatArray) -> None:
 def _rehearse(
     rig: SimulatedRig, factor: FloatArray, base: FloatArray, allowed: FloatArray, is_free: bool, execution: Execution
 ) -> tuple[FloatArray, dict[str, FloatArray]]:
-    """Factors (Q, n_u) with which every run keeps inside `allowed` (Q, 8, n_u), and each run's peaks (8, n_u) there.
+    """Simulate runs until factors (Q, n_u) keep them inside `allowed` (Q, 8, n_u); returns peaks (8, n_u), too.
 
     base (Q, 8, n_u): peaks without multisine.  Runs far from all limits have expected peaks, the others rehearsed ones.
     """

@@ -116,7 +116,7 @@ class PriorEstimate:
 
 
 def _prior_information(parameters: Parameters) -> FloatArray:
-    """Information (n_x, n_x) of the priors, with vague priors for all other parameters."""
+    """Return the information (n_x, n_x) of the priors, with vague priors for all other parameters."""
     # Without a prior 1 of ln p, or the size of a linear parameter.
     stds = [p.prior.std if p.prior else 1.0 if p.log else abs(p.value) or 1.0 for p in parameters.free]
     return np.diag(1 / np.square(stds))
@@ -197,7 +197,7 @@ def next_experiment(
 def _ranked(
     problem: DesignProblem, candidates: Candidates, state: PriorEstimate, goal: Goal, execution: Execution
 ) -> list[Option]:
-    """Options, the best first: all candidates at the study's length, and the best of them at others."""
+    """Rank options, the best first: all candidates at the study's length, and the best of them at others."""
     usual = problem.experiment.periods
 
     def at(periods: int, configurations: Sequence[Configuration]) -> list[Option]:
@@ -218,7 +218,7 @@ def _ranked(
 def _option(
     state: PriorEstimate, goal: Goal, H: FloatArray, configuration: Configuration, periods: int, time_s: float
 ) -> Option:
-    """An experiment of information H (n_x, n_x)."""
+    """Return an experiment of information H (n_x, n_x)."""
     M = state.information
 
     def used(repeats: int) -> FloatArray:

@@ -44,7 +44,7 @@ class DesignCriterion:
         return np.asarray(self._criterion_of_covariance(self.interest.T @ self._solve(M)).mean(axis=0))
 
     def _solve(self, M: FloatArray) -> FloatArray:
-        """M^-1 K (..., d, s); a singular M gets huge variances."""
+        """Return M^-1 K (..., d, s); a singular M gets huge variances."""
         diagonal = np.einsum("...ii->...i", M)
         ridge = 1e-13 * np.maximum(diagonal, 1e-13 * diagonal.max(axis=-1, keepdims=True))
         K = self.interest
@@ -52,7 +52,7 @@ class DesignCriterion:
         return np.linalg.solve(regular, np.broadcast_to(K, (*M.shape[:-2], *K.shape)))
 
     def _criterion_of_covariance(self, C: FloatArray) -> FloatArray:
-        """-ln det(C) / s of (M^-1)_SS (..., s, s); a singular M may have no logarithm due to rounding."""
+        """Return -ln det(C) / s of (M^-1)_SS (..., s, s); NaN by rounding is possible for a singular M."""
         sign, log = np.linalg.slogdet(C)
         return np.where((sign > 0) & np.isfinite(log), -log / C.shape[-1], -np.inf)
 
@@ -95,7 +95,7 @@ def best_experiments(
 def _exchanged(
     numbers: IntArray, H: FloatArray, prior: FloatArray, criterion: DesignCriterion
 ) -> tuple[IntArray, float]:
-    """Numbers (Q,) that no exchange of one experiment for another improves, and phi with them."""
+    """Exchange single experiments until none improves phi; returns numbers (Q,) and phi."""
     numbers = numbers.astype(np.int64)
     value = float(criterion.value(prior + np.tensordot(numbers, H, (0, 1))))
     improved = True
@@ -121,7 +121,7 @@ def _best_addition(rest: FloatArray, H: FloatArray, criterion: DesignCriterion, 
 
 
 def _gains(H: FloatArray, gradient: FloatArray) -> FloatArray:
-    """g (Q,): relative gain of phi by a small increase of each candidate's share."""
+    """Return g (Q,): relative gain of phi by a small increase of each candidate's weight."""
     return np.asarray(np.maximum(np.einsum("sqij,sij->q", H, gradient, optimize=True), 0.0))
 
 
@@ -244,12 +244,12 @@ def even_powers(cost: FloatArray) -> FloatArray:
 
 
 def _used(cost: FloatArray, P: FloatArray) -> FloatArray:
-    """Part (K, n_o) of each limit that is used."""
+    """Return the used fraction (K, n_o) of each limit."""
     return np.asarray(np.einsum("kofl,kfl->ko", cost, P))
 
 
 def _information(groups: Groups, P: FloatArray, prior: FloatArray) -> FloatArray:
-    """M (S, n_x, n_x)."""
+    """Return M (S, n_x, n_x)."""
     M = prior.copy()
     for group, powers in zip(groups, P, strict=True):
         for configuration in group:
@@ -258,7 +258,7 @@ def _information(groups: Groups, P: FloatArray, prior: FloatArray) -> FloatArray
 
 
 def _power_gains(groups: Groups, P: FloatArray, gradient: FloatArray) -> FloatArray:
-    """d phi / d P (K, F, n_u)."""
+    """Return d phi / d P (K, F, n_u)."""
     gains = []
     for group, powers in zip(groups, P, strict=True):
         pairs = [pair for configuration in group for pair in zip(configuration, gradient, strict=True)]

@@ -234,7 +234,7 @@ def best_spectra_of(
 def _best(
     problem: DesignProblem, measurements: Sequence[Measurement], cost: FloatArray, together: bool = False
 ) -> FloatArray:
-    """Amplitudes (Q, F, n_u) in Nm of Q configurations, or (1, F, n_u) where all have the same.
+    """Return amplitudes (Q, F, n_u) in Nm of Q configurations, or (1, F, n_u) if all have the same.
 
     cost (Q, n_o, F, n_u): `limits.power_costs`.  StudyError where fewer experiments than inputs are run.
     """

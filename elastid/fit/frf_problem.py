@@ -138,7 +138,7 @@ class Assembly:
         return replace(fit.problem, evaluate=partial(self._relinearised, fit)) if self.is_local else fit.problem
 
     def _relinearised(self, first: ElasticFit, x: FloatArray) -> Evaluation:
-        """V, its gradient and 2 J^T J of the fit linearised at x; V is infinite, and no error, where no robot stands.
+        """Return V, its gradient and 2 J^T J, linearised at x; V is infinite if the robot has no equilibrium.
 
         Which elements count, and how much, stays as it is in the first fit.
         """
@@ -204,7 +204,7 @@ def _part(
 
 
 def _part_again(group: tuple[Response, Response, Weights, Part]) -> Part:
-    """The part of a response with the model, and the aliases of ZOH torques, of the part of another response."""
+    """Return the part of a response with the model, and the aliases of ZOH torques, of another response's part."""
     response, other, weights, part = group
     return part_with(part.columns, other.G - part.measured, response, weights, part.criterion)
 
@@ -350,7 +350,7 @@ def accelerated(before: tuple[FloatArray, FloatArray], now: tuple[FloatArray, Fl
 def _where_it_stands(
     assembly: Assembly, end: LocalOptimum, criterion: ResidualKind, error: StudyError
 ) -> RelinearisedOptimum:
-    """The nearest point halfway, and halfway again, to the start at which the robot stands; not converged.
+    """Halve the step to the start until the robot has an equilibrium; returns an optimum that is not converged.
 
     The diagnosis finds from there why the springs became so soft, for example by wrong postures. For a robot model with
     tolerances NoRestError is raised, and the fit is repeated with fixed numbers.

@@ -77,7 +77,7 @@ def _repeat(
 
 
 def _off_file(parameter: Parameter, x: float, rng: np.random.Generator) -> Parameter:
-    """A number of the robot's file as another file would have it, within its tolerance about the optimum."""
+    """Return another value of a number of the robot model, within its tolerance about the optimum."""
     if parameter.prior is None:
         return parameter
     mean = x + parameter.prior.std * float(rng.standard_normal())
@@ -137,7 +137,7 @@ def profile_likelihood(
 def _profile(
     problem: LeastSquares, x: FloatArray, least: float, A_inverse: FloatArray, variance: FloatArray, place: int
 ) -> tuple[float, float]:
-    """Both ends in x of the interval of one parameter, infinite where the data give no bound; least: V at x."""
+    """Return both ends in x of the interval of one parameter, infinite if unbounded by the data; least: V at x."""
     curvature = max(float(A_inverse[place, place]), 1e-300)
     variance_of_x = float(variance[place]) if 0 < variance[place] < math.inf else curvature
     tangent, threshold = A_inverse[:, place] / curvature, QUANTILE_95 * math.sqrt(variance_of_x / curvature)

@@ -106,7 +106,7 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = (), has_
 
 
 def _choose(spec: FitSpec, robot: Robot, configurations: Sequence[str], has_references: bool) -> Parameters:
-    """Parameters of `choose`; raise ValueError for an impossible set."""
+    """Choose parameters for `choose`; raise ValueError for an impossible set."""
     configurations = tuple(dict.fromkeys(map(posture_of, configurations)))
     late = {channel_name(DELAY, "r"): ParameterSpec()} if has_references else {}
     table = robot.parameters(named_on_demand(late | spec.parameters, robot)) | {DELAY: (0.0, "s")}
@@ -167,7 +167,7 @@ def _match(
 
 
 def _starred(key: str, name: str, rule: ParameterSpec, table: Collection[str]) -> ParameterSpec:
-    """Key for one name of a pattern; the * of its tie is the match of the key's *."""
+    """Return the key for one name of a pattern; the * of its tie is the match of the key's *."""
     if rule.tie is None or "*" not in rule.tie.to or rule.tie.to in table:
         return rule
     if key.count("*") != 1:
@@ -185,7 +185,7 @@ def _ratio(name: str, ratio: RatioSpec) -> Parameter:
 
 
 def _default(robot: Robot) -> dict[str, ParameterSpec]:
-    """Every stiffness, and every damping of a spring or rod and friction of a motor that is not zero."""
+    """Select every stiffness, and every nonzero damping of a spring or rod and friction of a motor."""
     springs: list[tuple[str, str, Spring | Rod | None]] = [("", joint.name, joint.spring) for joint in robot.joints]
     springs += [("m", joint.name, joint.motor.spring) for joint in robot.joints if joint.motor is not None]
     springs += [("", loop.name, loop.rod) for loop in robot.loops if loop.rod is not None and loop.rod.is_elastic]
@@ -275,7 +275,7 @@ def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Para
 
 
 def _within(fixed: Parameter, std: float) -> Parameter:
-    """A fixed number freed within its tolerance, which is relative for a positive one."""
+    """Free a fixed number within its tolerance, which is relative for a positive number."""
     if not fixed.log:
         return replace(fixed, free=True, prior=Prior(fixed.value, std), is_nuisance=True)
     lower, upper = fixed.value / MAX_FACTOR, fixed.value * MAX_FACTOR

@@ -218,7 +218,7 @@ def _accelerometers(outputs: Sequence[str]) -> tuple[str, ...]:
 
 
 def _with_frames(robot: Robot, request: PredictionPorts) -> tuple[Robot, str]:
-    """The robot with a frame of the requested name, and one for each body that is used as a frame."""
+    """Add a frame of the requested name, and a frame for each body that is used as a frame."""
     frame = request.frame or default_frame(robot)
     if isinstance(frame, Frame):
         others = tuple(other for other in robot.frames if other.name != frame.name)

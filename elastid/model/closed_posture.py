@@ -123,7 +123,7 @@ def are_closed(robot: Robot, q: FloatArray) -> BoolArray:
 
 
 def _continue_posture(parts: Mechanism, q: FloatArray, angles: FloatArray) -> FloatArray:
-    """Postures at the driven joints' angles (Q, n_u), from one posture q (1, n_l)."""
+    """Solve postures at the driven joints' angles (Q, n_u), from one posture q (1, n_l)."""
     steps = max(1, int(np.ceil(np.abs(angles - q[0, parts.driven]).max(initial=0.0) / PATH_STEP)))
     q = np.repeat(q, len(angles), axis=0)
     way = (angles - q[:, parts.driven]) / steps
@@ -155,7 +155,7 @@ def _correction(parts: Mechanism, q: FloatArray) -> FloatArray:
 
 
 def _why_open(parts: Mechanism, angles: FloatArray) -> str:
-    """The loop that stays open and its gap, at the posture wanted or at the start already, or the joints it locks."""
+    """Name the loop that stays open and its gap, at the requested posture or already at the start, or locked joints."""
     robot = parts.robot
     (start,) = followed(robot, np.array([[joint.start for joint in robot.driven]]))
     (end,) = followed(robot, angles[None])
@@ -175,7 +175,7 @@ def _why_open(parts: Mechanism, angles: FloatArray) -> str:
 
 
 def _check_locked(parts: Mechanism, q: FloatArray) -> None:
-    """StudyError for driven joints that no motion of the passive ones follows."""
+    """Refuse driven joints that no motion of the passive joints follows; StudyError."""
     _, Phi = parts.rows(q[None])
     is_moving = np.abs(Phi[0] @ rates(parts.robot, q[None])[0]).max(axis=0) > 1e-6 * max(np.abs(Phi).max(), 1e-300)
     if locked := ", ".join(joint.name for joint, is_left in zip(parts.robot.driven, is_moving, strict=True) if is_left):
@@ -197,7 +197,7 @@ def _widest(parts: Mechanism, q: FloatArray) -> tuple[str, str]:
 
 
 def _check_posture(parts: Mechanism, q: FloatArray) -> None:
-    """Every passive joint follows the driven ones, and not by a lever that has folded up."""
+    """Check that every passive joint follows the driven joints, and not by a folded lever."""
     _, Phi = parts.rows(q[None])
     _check_locked(parts, q)
     n_p = len(parts.passive)

@@ -182,12 +182,12 @@ def _beyond_linear(joint: str, x: ca.SX, theta: Mapping[str, Any]) -> tuple[ca.S
 
 
 def _root(x: ca.SX, e: ca.SX) -> ca.SX:
-    """sqrt(x^2 + e^2), the smooth |x|."""
+    """Return sqrt(x^2 + e^2), the smooth |x|."""
     return ca.sqrt(x**2 + e**2)
 
 
 def _arch(x: ca.SX, e: ca.SX) -> ca.SX:
-    """F, the integral of `_root` from 0."""
+    """Return F, the integral of `_root` from 0."""
     return (x * _root(x, e) + e**2 * ca.asinh(x / e)) / 2
 
 
@@ -254,7 +254,7 @@ def rotors(
 
 
 def _coriolis(Y: ca.SX, J: ca.SX, q: ca.SX, v: ca.SX) -> ca.SX:
-    """c (n_q,), by differentiating the scalar rates w = Y v along the motion and to q, the momenta p = J w held."""
+    """Derive c (n_q,) from the scalar rates w = Y v along the motion and to q, with fixed momenta p = J w."""
     w, p = Y @ v, ca.SX.sym("p", J.size1())
     bias = ca.jtimes(Y.T @ p, q, v) - ca.gradient(ca.dot(p, w), q)
     return Y.T @ (J * ca.jtimes(w, q, v)) + ca.substitute(bias, p, J * w)

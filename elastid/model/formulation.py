@@ -151,7 +151,7 @@ def unbent(robot: Robot, q: ca.SX) -> ca.SX:
 
 
 def _axes(robot: Robot) -> list[FloatArray]:
-    """The axes (3,) of all joints in the base frame, all at 0."""
+    """Return the axes (3,) of all joints in the base frame, all at 0."""
     R: list[FloatArray] = []
     axes = []
     for frame in tree(robot).frames:
@@ -188,7 +188,7 @@ def series_stiffness(robot: Robot, equations: Equations, stretched: Sequence[Clo
 
 
 def _lever(robot: Robot, loop: Loop) -> int:
-    """The elastically driven joint that turns an end of a loop, its first end if both are turned so."""
+    """Return the elastically driven joint that turns an end of a loop, its first end if both are turned so."""
     for branch in robot.branches[robot.loops.index(loop)]:
         for i in branch:
             if robot.joints[i].is_flexible:

@@ -106,7 +106,7 @@ def located(name: str, xyz: Sequence[float], theta: Mapping[str, ca.SX]) -> Poin
 
 
 def _aligned(joint: Joint) -> tuple[int, FloatArray]:
-    """The coordinate axis of the motion, and the constant rotation that carries it onto the joint's axis."""
+    """Return the coordinate axis of the motion, and the constant rotation from it to the joint's axis."""
     direction = unit_axis(joint.axis)
     largest = int(np.argmax(np.abs(direction)))
     if direction[largest] == 1.0:
@@ -117,7 +117,7 @@ def _aligned(joint: Joint) -> tuple[int, FloatArray]:
 
 
 def _clean(array: FloatArray) -> FloatArray:
-    """Rounding residue of sines and cosines set to 0 and +-1, so that CasADi leaves the products out."""
+    """Set rounding residues of sines and cosines to 0 and +-1, so that CasADi omits the products."""
     nearest = np.round(array)
     return np.where(np.abs(array - nearest) < 4 * np.finfo(float).eps, nearest, array)
 

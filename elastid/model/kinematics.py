@@ -223,7 +223,7 @@ def stick_figure(robot: Robot, q: FloatArray) -> StickFigure:
 
 
 def _anchors(robot: Robot) -> tuple[dict[str, list[Sequence[float]]], list[tuple[tuple[str, int], ...]]]:
-    """Points of bodies at the ends of loops and compensators; per connection, body and point index of both ends."""
+    """Return points at the ends of loops and compensators, and per connection body and point index of both ends."""
     anchors: dict[str, list[Sequence[float]]] = {}
     pairs = []
     for ends in (*(loop.ends for loop in robot.loops), *(compensator.ends for compensator in robot.compensators)):

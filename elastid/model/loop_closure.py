@@ -90,7 +90,7 @@ def _closure(
 def _pin_rows(
     layout: Tree, joint_turns: tuple[Turn, ...], seats: tuple[Attachment, Attachment], pin: Pin, gap: ca.SX
 ) -> ca.SX:
-    """Displacements across the axis; where the pin is spatial, that along it and the two tilts as well."""
+    """Return displacements across the axis; for a spatial pin also along the axis, and the two tilts."""
     along = unit_axis(pin.axis)
     across = np.cross(np.eye(3)[int(np.argmin(np.abs(along)))], along)
     across /= np.linalg.norm(across)
@@ -126,7 +126,7 @@ def with_rod_inertia(robot: Robot, equations: Equations, loops: Sequence[Closure
 
 
 def _with_mass(equations: Equations, mass: ca.SX, point: ca.SX) -> Equations:
-    """T = mass |p'|^2 / 2 more: J^T m J to the mass matrix, J^T m (dJ/dt) v to the forces."""
+    """Add T = mass |p'|^2 / 2: J^T m J to the mass matrix, J^T m (dJ/dt) v to the forces."""
     J = ca.jacobian(point, equations.q)
     return replace(
         equations,
@@ -232,7 +232,7 @@ def partition(model: ElasticModel, Phi: FloatArray) -> Partition:
 
 
 def _tier(model: ElasticModel, coordinate: str) -> int:
-    """0: elongations of rods and joints that nothing holds; then elastic joints, geared joints, motors."""
+    """Rank coordinates: 0 for elongations and free joints; then elastic joints, geared joints, motors."""
     kind, _, name = coordinate.partition(" ")
     if kind == "rod":
         return 0

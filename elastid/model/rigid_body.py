@@ -93,7 +93,7 @@ def mass_matrix(layout: Tree, composite: tuple[BodyInertia, ...], joint_turns: t
 
 
 def _force_on_parent(moment: ca.SX, force: ca.SX, frame: BodyFrame, turn: Turn) -> tuple[ca.SX, ca.SX]:
-    """Moments about the origin and forces (3, n) of a frame, in its parent's axes and about the parent's origin."""
+    """Return moments about the origin and forces (3, n) of a frame, in its parent's axes and about its origin."""
     R = ca.DM(frame.R)
     force = R @ turn.forth(force)
     return R @ turn.forth(moment) + ca.skew(turn.origin) @ force, force
@@ -182,7 +182,7 @@ def inverse_dynamics(robot: Robot) -> ca.Function:
 
 
 def _at_shafts(robot: Robot, carried: Sequence[BodyInertia]) -> tuple[list[ca.SX], ca.SX]:
-    """Symbols q, v, a (n_l,) and torques (n_l,) for shafts of motors and for joints without a motor."""
+    """Return symbols q, v, a (n_l,) and torques (n_l,) for shafts of motors and for joints without a motor."""
     layout, state = tree(robot), [ca.SX.sym(name, len(robot.joints)) for name in "qva"]
     E = np.eye(len(robot.joints))
     E[np.ix_(robot.driven_indices, robot.driven_indices)] = robot.mixing

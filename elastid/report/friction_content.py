@@ -167,7 +167,7 @@ def refusals(result: FrictionResult) -> tuple[Refusal, ...]:
 
 
 def _not_identified(result: FrictionResult) -> str:
-    """Parts that are not identifiable, with their joints if these are not all; empty without such parts."""
+    """List parts that are not identifiable, with their joints unless all are meant; empty without such parts."""
     joints: dict[str, tuple[str, ...]] = {}
     for refusal in refusals(result):
         if not refusal.reason.startswith((NOT_ASKED, ABSENT)):

@@ -198,7 +198,7 @@ def load_name(robot: Robot) -> str:
 
 
 def _kind(body: Body, joint: Joint) -> str:
-    """Bending or torsion where the spring of a joint without motor lies in a link along or across its axis."""
+    """Return bending or torsion if the spring of a passive joint lies in a link, across or along its axis."""
     along = body.placement.rotation.T @ np.array(body.placement.xyz)
     length = float(np.linalg.norm(along))
     if joint.slides or length == 0 or any(joint_.motor is not None for joint_ in body.joints):

@@ -167,7 +167,7 @@ def _with_verdicts(rows: Sequence[ParameterRow]) -> str:
 
 
 def _noise_and_error(result: Result, agreements: Sequence[FrfError]) -> str:
-    """`noise`, and the assumed model error if the residuals of the fitted configurations exceed the noise alone."""
+    """Return the noise, and the model error if the residuals of fitted configurations exceed the noise alone."""
     exceeds = noise_p([agreement for agreement in agreements if not agreement.is_validation]) < FALSE_ALARM
     if not (exceeds or result.is_within_declared):
         return "noise"
@@ -240,7 +240,7 @@ def strip(agreements: Sequence[FrfError]) -> Strip:
 
 
 def _titles(agreements: Sequence[FrfError]) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
-    """`kind`, `outputs` and `inputs` of a `Strip`."""
+    """Return `kind`, `outputs` and `inputs` of a `Strip`."""
     sides = {(tuple(agreement.outputs), tuple(agreement.inputs)) for agreement in agreements}
     if len(sides) != 1:
         return "", (), ()
@@ -334,7 +334,7 @@ TOLERANCES = {
 
 
 def _action_of_tolerance(result: Result, poor: ParameterRow) -> Action | None:
-    """The measurement of the numbers whose tolerances are most of a variance, if any are: of it C_xn C_nn^-1 C_nx."""
+    """Advise to measure the numbers whose tolerances contribute most of a variance, C_xn C_nn^-1 C_nx."""
     C, names = result.covariance, result.parameters.free_names
     i, n, fractions = names.index(poor.name), len(result.parameters.of_interest), {}
     for beginning in TOLERANCES:

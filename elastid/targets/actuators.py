@@ -109,7 +109,7 @@ def _actuator(robot: Robot, joint: Joint, kp: float | None, kd: float | None, de
 
 
 def _parts_without_snippet(joint: Joint, law: Friction | None) -> Iterator[str]:
-    """Parts of the model of a joint that no snippet has."""
+    """List parts of the model of a joint that no snippet has."""
     parts = {
         "quadratic friction": "quadratic", "friction by direction": "directions", "load-dependent friction": "load",
         "temperature dependence of the friction": "temperature", "presliding (LuGre)": "lugre",
@@ -208,7 +208,7 @@ def _add_comment(parent: ET.Element, *texts: str) -> None:
 
 
 def _mjcf(actuators: Actuators) -> str:
-    """Default classes, one per joint and one per elastic gear, for <include>."""
+    """Return default classes, one per joint and one per elastic gear, for <include>."""
     root = ET.Element("mujoco", model=actuators.name)
     defaults = ET.SubElement(root, "default")
     for row in actuators.rows:
@@ -230,7 +230,7 @@ def _mjcf(actuators: Actuators) -> str:
 
 
 def _isaac_lab(actuators: Actuators) -> str:
-    """A module with one actuator configuration per joint."""
+    """Return a module with one actuator configuration per joint."""
     lines = []
     for row in actuators.rows:
         words = actuators.interval_text(row, "armature", "coulomb", "stiction", "viscous", "kp", "kd", "delay")
@@ -279,7 +279,7 @@ def _sdf(actuators: Actuators) -> str:
 
 
 def _drake(actuators: Actuators) -> str:
-    """Joints and transmissions of a URDF with Drake's tags."""
+    """Return joints and transmissions of a URDF with Drake's tags."""
     root = ET.Element("robot", {"name": actuators.name, "xmlns:drake": "http://drake.mit.edu"})
     for row in actuators.rows:
         _add_comment(root, actuators.interval_text(row, "armature", "viscous", "kp", "kd"))
@@ -296,7 +296,7 @@ def _drake(actuators: Actuators) -> str:
 
 
 def _ros2(actuators: Actuators) -> str:
-    """Gains of a trajectory controller with effort commands, and limits of joints."""
+    """Return gains of a trajectory controller with effort commands, and limits of joints."""
     gains, limits = list[str](), list[str]()
     for row in actuators.rows:
         name, words = one_line(row.joint).replace("'", "''"), actuators.interval_text(row, "kp", "kd")
@@ -323,7 +323,7 @@ def _readme(actuators: Actuators) -> str:
 
 
 def _table(actuators: Actuators) -> Iterator[str]:
-    """A line for each number of each joint."""
+    """Return a row for each number of each joint."""
     for row in actuators.rows:
         for quantity, units in UNITS.items():
             value, ends = getattr(row, quantity), actuators.intervals.get((row.joint, quantity))

@@ -216,7 +216,7 @@ def description(
 
 
 def _describe_2(variables: ET.Element, structure: ET.Element, layout: Layout, names: tuple[str, ...]) -> None:
-    """Variables with their types below them, and unknowns by their places from 1 on."""
+    """Describe variables with their types below them, and unknowns by their places from 1 on."""
     for reference, variable in enumerate(layout.variables):
         scalar = ET.SubElement(variables, "ScalarVariable", _attributes(variable, reference))
         ET.SubElement(scalar, "Real", _start_of(variable))
@@ -262,7 +262,7 @@ def _configuration(reference: int, names: tuple[str, ...]) -> dict[str, str]:
 
 
 def _start_of(variable: Variable) -> dict[str, str]:
-    """Inputs and parameters have a start; outputs are computed."""
+    """Return start values of inputs and parameters; outputs are computed."""
     return {"start": repr(variable.start)} if variable.causality in ("input", "parameter") else {}
 
 

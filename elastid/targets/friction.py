@@ -44,7 +44,7 @@ def write_observers(folder: Path, observers: Mapping[str, TrackedFriction]) -> t
 
 
 def _step(name: str, observer: TrackedFriction) -> ca.Function:
-    """(x, P, u, g, y) -> (x, P, innovation, variance) with the noise's numbers."""
+    """Build (x, P, u, g, y) -> (x, P, innovation, variance) with the noise's numbers."""
     step = filter_step(observer.filtered, observer.rate_hz)
     x, P, u, g, y = step.sx_in()[:5]
     results = step(x, P, u, g, y, observer.noise.vector(observer.filtered, observer.rate_hz))

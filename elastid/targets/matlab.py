@@ -86,7 +86,7 @@ def _system(system: Any) -> Fields:
 
 
 def _tool(model: FittedRobot) -> Fields:
-    """The robot at a frame with its motors locked, in all postures; the names alone of one that cannot bend."""
+    """Return the robot at a frame with locked motors, in all postures; only the names for a rigid robot."""
     configurations = [linear.configuration for linear in model.linear]
     named: Fields = {"configurations": np.array([posture.name for posture in configurations], dtype=object)}
     frame = default_frame(model.robot)
@@ -106,7 +106,7 @@ def _tool(model: FittedRobot) -> Fields:
 
 
 def _response(G: Any, measured: Response, variance: FloatArray | None) -> Fields:
-    """The fields of an idfrd; CovarianceData (n_y, n_u, F, 2, 2): each real component carries half of the variance."""
+    """Return the fields of an idfrd; CovarianceData (n_y, n_u, F, 2, 2): half the variance per real component."""
     half = None if variance is None else np.moveaxis(variance, 0, 2) / 2
     return {
         "configuration": measured.configuration.name,

@@ -174,7 +174,7 @@ def _driven(joint: Joint) -> str:
 
 
 def _tendon(root: ET.Element, joint: Joint) -> ET.Element:
-    """The sum of motor angle and twist of a flexible joint, made where it is not there."""
+    """Return the tendon that sums motor angle and twist of a flexible joint; it is added if missing."""
     tendons = _tendon_list(root)
     fixed = next((tendon for tendon in tendons if tendon.get("name") == f"joint {joint.name}"), None)
     if fixed is None:
@@ -194,7 +194,7 @@ def _named_joints(root: ET.Element) -> dict[str | None, ET.Element]:
 
 
 def _add_lost_motion(root: ET.Element, robot: Robot) -> None:
-    """Tendons over the springs with backlash, slack within the gap; the hinges keep the inner stiffness."""
+    """Add tendons over springs with backlash, slack within the gap; hinges keep the inner stiffness."""
     hinges = _named_joints(root)
     for joint in robot.joints:
         spring = joint.spring
@@ -232,7 +232,7 @@ def _intervals(root: ET.Element, model: FittedRobot) -> None:
 def _keyframes(
     root: ET.Element, model: FittedRobot, points: Sequence[OperatingPoint], start: "Mapping[str, RodPose]"
 ) -> None:
-    """Rest in every configuration, the joints in the order of the file, which is the engine's."""
+    """Add the equilibrium of every configuration, joints in the order of the file, which is the engine's."""
     keys = ET.SubElement(root, "keyframe")
     joints = [element.get("name", "") for element in root.findall("worldbody//joint")]
     for point in points:
@@ -340,19 +340,19 @@ def add_rod_springs(root: ET.Element, elements: Elements, robot: Robot) -> None:
 
 
 def _part(rod: Rod) -> float:
-    """f: relative location of the moving part of a rod's mass, 0 to 1; 1 without mass."""
+    """Return f: relative location of the moving part of a rod's mass, 0 to 1; 1 without mass."""
     return rod.center + rod.inertia / (rod.mass * rod.center * rod.length**2) if rod.mass * rod.center > 0 else 1.0
 
 
 def _point_mass(body: ET.Element, mass: float, x: float) -> None:
-    """A mass at a distance along the rod; the engine refuses none at all."""
+    """Add a mass at a distance along the rod; it is positive, since the engine refuses 0."""
     # The massless end of a rod and its spin: time steps need more of them (kg, kg m^2) than the response.
     least, inertia = max(mass, 1e-3), in_full([1e-4] * 3)
     ET.SubElement(body, "inertial", pos=in_full((x, 0.0, 0.0)), mass=repr(float(least)), diaginertia=inertia)
 
 
 def _closed_points(loop: Loop) -> list[tuple[FloatArray, FloatArray]]:
-    """Shifts at both ends of the points that a loop without a rod joins: one, or two along the axis of a pin."""
+    """Return shifts at both ends of the points that a loop without a rod joins: one, or two along a pin's axis."""
     points = [(np.zeros(3), np.zeros(3))]
     if loop.pin is not None and not loop.pin.planar:
         axes = loop.pin.axis, loop.pin.axis if loop.pin.other_axis is None else loop.pin.other_axis
@@ -378,7 +378,7 @@ def _rod_pose(robot: Robot, loop: Loop, rod: Rod, q: FloatArray) -> RodPose:
 
 
 def _frame(robot: Robot, q: FloatArray, body: str) -> tuple[FloatArray, FloatArray]:
-    """Rotation (3, 3) and origin (3,) of a body, the base included, with the joints at q."""
+    """Return rotation (3, 3) and origin (3,) of a body, the base included, with the joints at q."""
     if body == BASE:
         return np.eye(3), np.zeros(3)
     poses = frame_poses(robot, q[None], body)
@@ -386,7 +386,7 @@ def _frame(robot: Robot, q: FloatArray, body: str) -> tuple[FloatArray, FloatArr
 
 
 def _turn(first: FloatArray, second: FloatArray) -> FloatArray:
-    """The smallest rotation (3, 3) that takes one direction to another."""
+    """Return the smallest rotation (3, 3) from one direction to another."""
     return np.asarray(Rotation.align_vectors([second], [first])[0].as_matrix())
 
 

@@ -85,7 +85,7 @@ def numbered(places: Iterable[str]) -> Nodes:
 
 
 def _located(places: Sequence[str], geometry: GeometrySpec | None) -> tuple[Nodes, dict[str, int]]:
-    """Node and direction of each place, negative against an axis, and the node of each point of the geometry."""
+    """Return node and direction of each place, negative against an axis, and the node of each point."""
     if geometry is None:
         return numbered(places), {}
 
@@ -146,7 +146,7 @@ def _sets(name: str, response: Response, nodes: Nodes) -> Iterable[dict[str, Any
 
 
 def _mode_sets(name: str, modes: Modes, nodes: Nodes) -> Iterable[dict[str, Any]]:
-    """Mode shapes along x, y and z of the nodes, without rotations and outputs without a direction."""
+    """Yield mode shapes along x, y and z of the nodes, without rotations and outputs without a direction."""
     translating = [(i, *nodes[place]) for i, place in enumerate(modes.places) if 1 <= abs(nodes[place][1]) <= 3]
     numbers = sorted({node for _, node, _ in translating})
     for r in range(modes.n_modes if numbers else 0):

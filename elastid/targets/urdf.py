@@ -56,7 +56,7 @@ def urdf(robot: Robot) -> ET.Element:
 
 
 def _body(root: ET.Element, robot: Robot, body: Body, parent: str, pose: FloatArray) -> tuple[str, FloatArray]:
-    """The joints that lead to a body and its link; each further joint has an empty link before it.
+    """Add the joints that lead to a body and its link; each further joint has an empty link before it.
 
     pose: of the parent body in the parent's link.  Returns the link and the body's pose in it.
     """
@@ -80,7 +80,7 @@ def _body(root: ET.Element, robot: Robot, body: Body, parent: str, pose: FloatAr
 
 
 def _link_name(root: ET.Element, robot: Robot, name: str) -> str:
-    """A name for a link that is no body, unlike all others: a body and a frame may share one, two links may not."""
+    """Return a unique name for a link that is no body; in contrast to links, a body and a frame may share one."""
     bodies = [BASE, *(body.name for body in robot.all_bodies)]
     return unused(name, [*bodies, *(link.get("name", "") for link in root.iter("link"))])
 

@@ -182,7 +182,7 @@ def _sampled(linear: LinearModel, theta: FloatArray, rate_hz: float) -> tuple[Fl
 def _with_input_states(
     A: FloatArray, before: FloatArray, now: FloatArray, C: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """x_(k+1) = A x_k + before u_(k-1) + now u_k as a state space of x and u_(k-1)."""
+    """Return x_(k+1) = A x_k + before u_(k-1) + now u_k as a state space of x and u_(k-1)."""
     n, n_u = before.shape
     wide = np.block([[A, before], [np.zeros((n_u, n + n_u))]])
     return wide, np.vstack([now, np.eye(n_u)]), np.hstack([C, np.zeros((len(C), n_u))])
@@ -242,7 +242,7 @@ class Closed:
     filters: Filters | None
 
     def _controller(self, has_damping: bool) -> ComplexArray:
-        """F or F_r (N, F, n_u)."""
+        """Return F or F_r (N, F, n_u)."""
         freq_hz, rate_hz = self.scene.freq_hz, self.scene.plants.rate_hz
         stack = self.gains.gain_derivatives(lambda part: np.atleast_2d(part)[:, None])
         H = 1.0 if self.filters is None else self.filters.response(freq_hz, rate_hz)
@@ -320,6 +320,6 @@ def closed_loop_poles(plants: Plants, gains: JointLoop, filters: Filters | None)
 
 
 def _blocks(rows: list[list[FloatArray]]) -> FloatArray:
-    """Block matrices (N, m, n) of blocks (N, ., .) or (., .)."""
+    """Assemble matrices (N, m, n) of blocks (N, ., .) or (., .)."""
     N = np.broadcast_shapes(*((1, *block.shape)[-3:-2] for row in rows for block in row))
     return np.block([[np.broadcast_to(block, (*N, *block.shape[-2:])) for block in row] for row in rows])

@@ -160,7 +160,7 @@ def answers(
 def _extremes(
     at: LockedPostures, freq_hz: FloatArray, zeta: FloatArray, lines_hz: FloatArray, cut: Cut
 ) -> tuple[FloatArray, FloatArray]:
-    """Lines (Q,) of the largest response and of the most negative real part.  freq_hz, zeta (Q, n): NaN beyond."""
+    """Return lines (Q,) of the largest response and the most negative real part. freq_hz, zeta (Q, n): NaN beyond."""
     zeta = np.clip(zeta, 0.0, 1.0)
     # Where each mode peaks, and where its real part is most negative.
     extremes = [np.sqrt(np.maximum(1 - 2 * zeta**2, 1e-4)), np.sqrt(1 + 2 * zeta)]
@@ -346,7 +346,7 @@ def map_workspace(
 
 
 def _in_parts(function: Callable[[FloatArray], Any], angles: FloatArray) -> tuple[BoolArray, dict[str, FloatArray]]:
-    """`answers` of so many postures at a time as a cache takes."""
+    """Evaluate `answers` of as many postures at a time as fit into a cache."""
     rests, parts = zip(*(function(angles[first : first + 50]) for first in range(0, len(angles), 50)), strict=True)
     names = max(parts, key=len)
     return np.concatenate(rests), {key: np.concatenate([part[key] for part in parts if part]) for key in names}

@@ -168,7 +168,7 @@ def _times(table: Table) -> FloatArray | None:
 
 
 def _path_parameters(points: FloatArray, times: FloatArray | None) -> FloatArray:
-    """Shares (Q,) of the duration at which a path is at its points (Q, n); of their distance without times."""
+    """Return fractions (Q,) of the duration at the points (Q, n) of a path; fractions of distance without times."""
     if times is None:
         steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
         times = np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1e-9 * max(steps.sum(), 1e-9)))])
@@ -176,7 +176,7 @@ def _path_parameters(points: FloatArray, times: FloatArray | None) -> FloatArray
 
 
 def _through(path_parameters: FloatArray, points: FloatArray, is_timed: bool) -> BSpline:
-    """The spline of the time's share from rest to rest, through points (Q, n) at shares (Q,) of time or of the way."""
+    """Return the spline from rest to rest, through points (Q, n) at fractions (Q,) of time or of the way."""
     if is_timed:
         return _rest_to_rest_spline(path_parameters, points)
     way = make_interp_spline(path_parameters, points, k=min(3, len(points) - 1))
@@ -185,7 +185,7 @@ def _through(path_parameters: FloatArray, points: FloatArray, is_timed: bool) ->
 
 
 def _rest_to_rest_spline(s: FloatArray, points: FloatArray) -> BSpline:
-    """The spline of degree 5 through points (Q, n) at s (Q,), at its ends without velocity and acceleration."""
+    """Return the spline of degree 5 through points (Q, n) at s (Q,), at rest without acceleration at its ends."""
     still = np.zeros(points.shape[1])
     return make_interp_spline(s, points, k=5, bc_type=([(1, still), (2, still)], [(1, still), (2, still)]))
 
@@ -216,7 +216,7 @@ def _through_poses(table: Table, robot: Robot, frame: str, times: FloatArray | N
 
 
 def _check_limits(table: Table, angles: FloatArray, robot: Robot) -> None:
-    """DataError for the first row (of a table of joints) or angle (of poses) beyond the limits of a driven joint."""
+    """Refuse the first row (of a table of joints) or angle (of poses) beyond a limit of a driven joint; DataError."""
     for row, i in np.argwhere(beyond_limits(robot, angles)).tolist():
         line = table.lines[row] if len(angles) == len(table.lines) else table.lines[-1]
         joint = robot.driven[i]

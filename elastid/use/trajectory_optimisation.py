@@ -237,7 +237,7 @@ class _CollocationProblem:
         self._build()
 
     def _guess(self, move: Move) -> FloatArray:
-        """Coefficients (count, n_q) of the rigid robot's motion, deflected as at rest at both ends."""
+        """Return coefficients (count, n_q) of the rigid robot's motion, deflected as at rest at both ends."""
         fine = np.linspace(self.knots[0], self.knots[-1], 2 * (self.n + 1) + 1)
         rigid, fraction = self.commanded.rigid(move, fine)[0], np.clip(fine / move.duration, 0, 1)[:, None]
         deflected = (1 - fraction) * (self.ends[0] - rigid[0]) + fraction * (self.ends[1] - rigid[-1])
@@ -283,7 +283,7 @@ class _CollocationProblem:
         self.lower = -self.upper
 
     def _bounded(self, *motions: ca.MX) -> list[ca.MX]:
-        """Position to jerk of the motors with a finite limit, about its middle, over its reach."""
+        """Return position to jerk of motors with a finite limit, about its middle, over half its range."""
         limits, bounded = self.limits, []
         rows = [self.commanded.model.index(name) for name in self.commanded.model.inputs]
         middle, reach = limits.range

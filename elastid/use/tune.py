@@ -235,11 +235,11 @@ class _MoveTask:
         )  # fmt: skip
 
     def _path(self, time_s: FloatArray, robot: Robot | None = None) -> FloatArray:
-        """Path (N, 3) of the frame on the commanded robot, or on another one that is rigid."""
+        """Return the path (N, 3) of the frame on the commanded robot, or on another one that is rigid."""
         return self.commanded.poses(self.commanded.rigid(self.move, time_s)[0], robot).position
 
     def _within_limits(self, progress: Progress) -> tuple[Planned, References, FloatArray, FloatArray]:
-        """A plan that keeps the limits, errors (D, N) of draws with its references, and their largest torque (n_u,).
+        """Return a plan that keeps the limits, errors (D, N) of samples with it, and their largest torque (n_u,).
 
         Bounds are narrowed where samples between knots, or draws with their feedback, go beyond them.
         """
@@ -287,7 +287,7 @@ class _MoveTask:
         )
 
     def _outcomes(self, references: References, target: FloatArray, drawn: FloatArray) -> tuple[Outcome, ...]:
-        """Rigid feedforward, catalogue and identified stiffness on the robot to judge by, this with 95 % of draws."""
+        """Return outcomes of rigid feedforward, catalogue and identified stiffness, the last with 95 % of samples."""
         robots, move = self.robots, self.move
         start, hz, samples = move.ends[0], (robots.rate_hz, robots.bandwidth_hz), 3 * len(references.time_s)
         judge = TwinLoop.of(self.commanded, robots.judge, start, *hz, samples, clips=True)

@@ -71,7 +71,7 @@ def _library() -> ctypes.CDLL | None:
 
 @cache
 def _level() -> str:
-    """The widest level that the library has for this processor: portable, avx2 or avx512."""
+    """Return the widest level of the library for this processor: portable, avx2 or avx512."""
     library = _library()
     if library is None:
         raise RuntimeError(f"there is no library of kernels at {LIBRARY}; {_BUILD_AGAIN}")

@@ -79,7 +79,7 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
 
 
 def _changes(changes: Changes, evaluated: Sequence[Evaluated], costs: FloatArray) -> Iterator[Misreading]:
-    """Readings of all configurations, and of each alone of those that fit worst."""
+    """Yield misreadings of all configurations, and of single configurations with the worst fit."""
     yield from changes(evaluated, costs)
     for i in np.argsort(-costs)[: LIMITS.followed] if len(costs) > 2 else ():
         part = evaluated[i].part
@@ -220,7 +220,7 @@ def _scaled(fit: ElasticFit, starts: Sequence[FloatArray]) -> Iterator[tuple[str
 
 
 def _scales(evaluated: Sequence[Evaluated]) -> tuple[dict[str, float], dict[str, float]]:
-    """ln c of outputs and inputs that make the measured elements as large as the model's, by the median of lines."""
+    """Return ln c of outputs and inputs that match measured and modelled magnitudes, by the median of lines."""
     outputs, inputs = _channels(evaluated)
     rows, values = [], []
     for e in evaluated:

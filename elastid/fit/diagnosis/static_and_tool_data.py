@@ -79,7 +79,7 @@ class SecondSource:
         return end.cost, float(end.x[-1]), float(std)
 
     def _at(self, z: FloatArray) -> Evaluation:
-        """T and its derivatives at z (n,)."""
+        """Evaluate T and its derivatives at z (n,)."""
         n = self.root.shape[1]
         x, prior = self.x + self.root @ z[:n], np.where(np.arange(len(z)) < n, z, 0.0)
         cost, gradient, H = float(prior @ prior), prior, np.diag(np.where(np.arange(len(z)) < n, 1.0, 0.0))
@@ -112,7 +112,7 @@ def explains(now: SecondSource, T: float, least: float) -> bool:
 def _residuals(
     loads: StaticLoads, parameters: Parameters, x: FloatArray, root: FloatArray, factor: float | None
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Whitened residuals (n,) and their slopes."""
+    """Return whitened residuals (n,) and their slopes."""
     y, slopes = loads.predicted(parameters, x)
     J = slopes @ root
     if factor is not None:
@@ -141,7 +141,7 @@ def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
 def _tool_residuals(
     fit: ElasticFit, x: FloatArray, root: FloatArray, factor: float | None
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Whitened residuals (N,) of each response and their slopes (N, n)."""
+    """Return whitened residuals (N,) of each response and their slopes (N, n)."""
     for model in evaluate(fit, x):
         slopes = np.tensordot(root.T, model.free, axes=1)
         if factor is not None:

@@ -150,7 +150,7 @@ def next_factors(fit: ElasticFit, responses: Sequence[Response], x: FloatArray, 
 def _sums(
     fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], pair: tuple[Part, Response]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """J^T J, J^T r and T (`with_factors`) of one configuration."""
+    """Return J^T J, J^T r and T (`with_factors`) of one configuration."""
     r, J, T = with_factors(fit, x, factors, *pair, pair[0].mixing)
     rows = as_real(J).reshape(len(J), -1)
     return rows @ rows.T, rows @ as_real(r).ravel(), T

@@ -78,5 +78,5 @@ def move_figure(tuned: TunedMove) -> Figure:
 
 
 def _in_mm(error: FloatArray) -> FloatArray:
-    """Error in mm, not below a tenth of a micrometre: there a figure shows rounding."""
+    """Convert an error to mm, at least a tenth of a micrometre, since smaller values are rounding."""
     return np.maximum(1e3 * error, 1e-4)

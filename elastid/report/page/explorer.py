@@ -149,5 +149,5 @@ def _mode_row(row: ModeRow, unit: str) -> Mapping[str, Any] | None:
 
 
 def _whole(values: FloatArray, step: float) -> list[int]:
-    """(n, 3) in whole steps, point by point."""
+    """Pack (n, 3) in whole steps, point by point."""
     return np.round(values / step).astype(int).ravel().tolist()

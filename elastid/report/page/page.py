@@ -102,7 +102,7 @@ def _joint(point: FloatArray, names: Sequence[str], rows: Mapping[str, Parameter
 
 
 def _projected(drawing: ModeDrawing) -> FloatArray:
-    """The points (n, 2) in pixels, seen obliquely, up being up."""
+    """Project points to pixels (n, 2), seen obliquely, up being up."""
     up = drawing.up
     right, depth = (up + 1) % 3, (up + 2) % 3
     p = drawing.points
