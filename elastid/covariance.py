@@ -83,8 +83,8 @@ class Covariance(Kept):
         n_y = self.variance.shape[1]
         of_vec = [i + n_y * j for j in columns for i in rows]
 
-        def block(part: ComplexArray | None, kept: Sequence[int]) -> ComplexArray | None:
-            return None if part is None else np.asarray(part)[:, kept][:, :, kept]
+        def block(part: ComplexArray | None, indices: Sequence[int]) -> ComplexArray | None:
+            return None if part is None else np.asarray(part)[:, indices][:, :, indices]
 
         left, right = block(self.left, columns), block(self.right, rows)
         variance, matrix = self.variance[:, rows][:, :, columns], block(self.matrix, of_vec)

@@ -80,8 +80,8 @@ class Quality:
 
     def lines(self, keep: BoolArray) -> "Quality":
         """Select lines; keep (F,) is True for a line that stays."""
-        cut: dict[str, Any] = {name: part[keep] for name, part in vars(self).items() if isinstance(part, np.ndarray)}
-        return replace(self, **cut, excited=Levels(*(part[keep] for part in vars(self.excited).values())))
+        arrays: dict[str, Any] = {name: part[keep] for name, part in vars(self).items() if isinstance(part, np.ndarray)}
+        return replace(self, **arrays, excited=Levels(*(part[keep] for part in vars(self.excited).values())))
 
 
 @frozen_value
@@ -302,10 +302,10 @@ class Response(Kept):
         columns = [index_of(place, self.inputs, "input") for place in inputs]
 
         uncertainties = {"noise": self.noise, "total": self.total}
-        cut: dict[str, Any] = {n: part.elements(rows, columns) for n, part in uncertainties.items() if part is not None}
+        part: dict[str, Any] = {n: c.elements(rows, columns) for n, c in uncertainties.items() if c is not None}
         return replace(
             self,
-            **cut,
+            **part,
             G=self.G[:, rows][:, :, columns],
             inputs=inputs,
             outputs=outputs,

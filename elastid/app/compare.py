@@ -234,17 +234,17 @@ def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
 def _fit_variant(
     run: Run, coordinates: Mapping[str, str], start: Elastic, models: Sequence[Elastic], responses: Responses
 ) -> _Fits:
-    made: dict[Elastic, ComparedVariant] = {}
+    variants: dict[Elastic, ComparedVariant] = {}
     cannot: _Fits = {}
     for model in models:
         name = run.study.name if len(model) == len(coordinates) else f"{', '.join(model) or 'nothing'} elastic"
         rigid = tuple(coordinate for label, coordinate in coordinates.items() if label not in model)
         try:
-            made[model] = variant(run.loaded, VariantSpec(name, rigid=rigid))
+            variants[model] = variant(run.loaded, VariantSpec(name, rigid=rigid))
         except StudyError as error:
             if model in (start, tuple(coordinates)):
                 raise StudyError("compare/variants", f"{name}: {error}", "search") from None
             first = ComparedVariant(name, run.study.as_robot(), run.study.fit, run.study.model)
             cannot[model] = first, 2 * [Refit("failed", str(error), 0, math.inf, 0, {})]
-    fits = refitted(run, list(made.values()), responses)
-    return dict(zip(made, zip(made.values(), fits, strict=True), strict=True)) | cannot
+    fits = refitted(run, list(variants.values()), responses)
+    return dict(zip(variants, zip(variants.values(), fits, strict=True), strict=True)) | cannot

@@ -49,15 +49,15 @@ def _signal_row(
 
 
 def _text_rows(log: TextLog) -> list[tuple[str, ...]]:
-    named = log.named_columns()
-    signals: list[Iterator[FloatArray]] = [(log.columns([k])[:, 0] for k in (i,)) for i in range(len(named))]
+    columns = log.named_columns()
+    signals: list[Iterator[FloatArray]] = [(log.columns([k])[:, 0] for k in (i,)) for i in range(len(columns))]
     if log.is_large:
-        signals = [iter(x) for x in _blocks(log, len(named))]
+        signals = [iter(x) for x in _blocks(log, len(columns))]
     elif not log.sample_ms:
         with suppress(DataError):  # which its column then shows
-            signals = [iter([column]) for column in log.columns(range(len(named))).T]
-    units = log.units or [""] * len(named)
-    return [_signal_row(*row, unit, x) for row, unit, x in zip(named, units, signals, strict=True)]
+            signals = [iter([column]) for column in log.columns(range(len(columns))).T]
+    units = log.units or [""] * len(columns)
+    return [_signal_row(*row, unit, x) for row, unit, x in zip(columns, units, signals, strict=True)]
 
 
 def _blocks(log: TextLog, n_columns: int) -> list[list[FloatArray]]:

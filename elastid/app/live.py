@@ -71,9 +71,9 @@ def live_study(run: Run, goals: Sequence[str], simulate: bool, robot_time: float
         run.console.say(f"live: {words}")
     finished = replace(run, loaded=load(study))
     run_all(finished)
-    used = session.goal.reached(read_fit(finished.path("fit")))
-    if not is_reached or max(used.values()) > 1:
-        raise FitError("live/goal", f"{session.worst(used) if is_reached else words}", "the goal is not reached")
+    ratios = session.goal.reached(read_fit(finished.path("fit")))
+    if not is_reached or max(ratios.values()) > 1:
+        raise FitError("live/goal", f"{session.worst(ratios) if is_reached else words}", "the goal is not reached")
 
 
 @dataclass(frozen=True)
@@ -129,14 +129,14 @@ class Session:
         result: Result | None = None
         while True:
             if result is not None:
-                used, spent_s = self.goal.reached(result), sum(plan.robot_time_s for plan in plans)
-                progress = f"{sum(ratio <= 1 for ratio in used.values())} of {len(used)} reached, {self.worst(used)}"
+                ratios, spent_s = self.goal.reached(result), sum(plan.robot_time_s for plan in plans)
+                progress = f"{sum(r <= 1 for r in ratios.values())} of {len(ratios)} reached, {self.worst(ratios)}"
                 self.run.console.say(f"live: after x{len(plans)}, {spent_s:.4g} s: {progress}")
                 if result.status not in TRUSTED:
                     step, before = len(plans), "" if len(plans) == 1 else "contradict the earlier logs, or "
                     words = f"the logs of x{step} {before}have a significant model error: {result.message}. Replace"
                     return plans, False, f"{words} them in live/logs, or remove live/x{step}* and live/*/x{step}-*"
-                if max(used.values()) <= 1:
+                if max(ratios.values()) <= 1:
                     whole_s = planned_time_s(self.run)
                     time_used = f"{spent_s:.4g} s of robot time, {100 * spent_s / whole_s:.0f} % of the"
                     words = f"goal reached after {len(plans)} experiments and {time_used} {whole_s:.4g} s"
@@ -301,11 +301,11 @@ class Session:
                 carry_out(run, name)
         return read_fit(run.path("fit"))
 
-    def worst(self, used: Mapping[str, float]) -> str:
+    def worst(self, ratios: Mapping[str, float]) -> str:
         """Describe the parameter that is furthest from the goal."""
-        name = max(used, key=lambda joint: used[joint])
+        name = max(ratios, key=lambda joint: ratios[joint])
         goal = 100 * self.goal.widths[name]
-        return f"{name} identified to ±{number(used[name] * goal, 2)} % (goal {goal:.3g} %)"
+        return f"{name} identified to ±{number(ratios[name] * goal, 2)} % (goal {goal:.3g} %)"
 
     def plan(self, step: int) -> Path:
         """Return the path of the plan of an experiment, from 1; its stem is the folder of the results so far."""

@@ -128,8 +128,8 @@ def _without_looks(spec: Any) -> None:
         adds_none = geom.parent.name == "world" or geom.parent.explicitinertial or geom.mass == 0
         if geom.meshname and adds_none and not is_always_by_geometry:
             spec.delete(geom)
-    used = {geom.meshname for geom in spec.geoms}
-    unused = (mesh for mesh in spec.meshes if mesh.name not in used)
+    mesh_names = {geom.meshname for geom in spec.geoms}
+    unused = (mesh for mesh in spec.meshes if mesh.name not in mesh_names)
     for asset in (*spec.skins, *spec.materials, *spec.textures, *unused):
         spec.delete(asset)
 

@@ -73,15 +73,15 @@ def use_fit(run: Run, name: str, work: Callable[[Result], Used]) -> None:
     """Run a command `name` on the study's fit and write its results; StudyError without a current fit."""
     result = current_fit(run)
     with logged_in(run.folder, run.jobs, run.console):
-        used, made_by = work(result), run.stamps["fit"].shown["made by"]
-        for file, write in used.files.items():
+        results, made_by = work(result), run.stamps["fit"].shown["made by"]
+        for file, write in results.files.items():
             write(run.folder / file)
-        write_page_of_answer(used.answer, used.figure, run.folder / f"{name}.html", made_by, used.data)
-        names = (*used.files, f"{name}.html", f"{name}.png")
+        write_page_of_answer(results.answer, results.figure, run.folder / f"{name}.html", made_by, results.data)
+        names = (*results.files, f"{name}.html", f"{name}.png")
         keep_checksums(run.folder, names)
-        for table in used.answer.tables:
+        for table in results.answer.tables:
             run.console.detail(table.text)
-        for sentence in (*used.answer.sentences, ", ".join(str(run.folder / name) for name in names)):
+        for sentence in (*results.answer.sentences, ", ".join(str(run.folder / name) for name in names)):
             run.console.say(f"{name}: {sentence}")
         warn_of_distrust(run, name, result)
 

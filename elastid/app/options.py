@@ -125,19 +125,19 @@ def insisting() -> Iterator[Event]:
 
     def show(unraisable: "sys.UnraisableHookArgs") -> None:
         if not pressed.is_set():
-            shown(unraisable)
+            hook(unraisable)
 
     if current_thread() is not main_thread():  # signals belong to the main thread
         yield pressed
         return
     # Python prints the traceback of a KeyboardInterrupt that falls into a destructor, and goes on; it comes again.
-    shown, sys.unraisablehook = sys.unraisablehook, show
+    hook, sys.unraisablehook = sys.unraisablehook, show
     before = {number: signal(number, interrupt) for number in (SIGINT, SIGTERM)}
     try:
         yield pressed
     finally:
         ended.set()
-        sys.unraisablehook = shown
+        sys.unraisablehook = hook
         for number, handler in before.items():
             signal(number, handler)
 

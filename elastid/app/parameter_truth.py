@@ -77,6 +77,6 @@ def truth(
     if simulated is None:
         return None
     mixed = mixed_numbers(robot, True, friction)
-    named = (*robot.geometry, *(name for name in robot.channel_numbers if name in estimates))
-    numbers = {name: value for name, (value, _) in robot.parameters(named).items()} | {DELAY: 0.0}
+    names = (*robot.geometry, *(name for name in robot.channel_numbers if name in estimates))
+    numbers = {name: value for name, (value, _) in robot.parameters(names).items()} | {DELAY: 0.0}
     return {name: float(value) for name, value in (numbers | simulated.truth).items() if name not in mixed}

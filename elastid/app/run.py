@@ -224,16 +224,16 @@ class Run:
 
     def is_current(self, stage: str) -> bool:
         """True if the result of a stage is there as it was written, made from the same inputs by the same code."""
-        wanted, path, row = self.stamps[stage], self.path(stage), self.stages[stage]
+        stamp_now, path, row = self.stamps[stage], self.path(stage), self.stages[stage]
         if not all(any(self.folder.glob(n)) for n in row.leaves) or changed_texts(self.folder, row.texts):
             return False
         if any(path.exists() and name not in self.stages for name, path in self.overwritten(stage).items()):
             return False
         if path.suffix == ".h5":
             stamp = read_stamp(path)
-            return stamp is not None and stamp.is_of(wanted) and has_checksum(path)
+            return stamp is not None and stamp.is_of(stamp_now) and has_checksum(path)
         text = path.read_text(encoding="utf-8", errors="replace")
-        return wanted.inputs in text and wanted.code in text
+        return stamp_now.inputs in text and stamp_now.code in text
 
     def overwritten(self, stage: str) -> dict[str, Path]:
         """Return results of later stages that rewrite a text of this stage; they are removed together with the text."""
@@ -265,15 +265,15 @@ class Run:
 
     def require_result(self, name: str) -> None:
         """Raise StudyError with the command to run if the result of a stage is missing."""
-        path, wanted = self.path(name), self.stamps[name]
+        path, required = self.path(name), self.stamps[name]
         stamp = read_stamp(path)
         command = f"Run `elastid run {self.loaded.path} {name}` first, with the same options"
-        if stamp is None or stamp.inputs != wanted.inputs:
+        if stamp is None or stamp.inputs != required.inputs:
             raise StudyError(
                 "run/earlier-stage",
                 f"{path} is missing, damaged, or made from another study, other data or other options. {command}",
             )
-        why = "" if stamp.code == wanted.code else f"was made by other code or versions ({stamp.software})"
+        why = "" if stamp.code == required.code else f"was made by other code or versions ({stamp.software})"
         if doubt := why or ("" if has_checksum(path) else "has no checksum, so that damage is not detectable"):
             again = f"To make it again: `elastid run {self.loaded.path} {name}`"
             self.console.warn(f"{path} {doubt} and is used unchanged. {again}")

@@ -50,9 +50,9 @@ class Stage:
 
     def sees(self, study: "Study") -> "Study":
         """Return the study with the keys that the stage reads, all others at their defaults."""
-        named = study if "name" in self.keys.split() else replace(study, name="study")
-        seen: Study = _seen(named, ["name", "experiment", *self.keys.split()])
-        return seen
+        study_of_name = study if "name" in self.keys.split() else replace(study, name="study")
+        selection: Study = _seen(study_of_name, ["name", "experiment", *self.keys.split()])
+        return selection
 
 
 def _seen(section: Any, keys: Iterable[str]) -> Any:

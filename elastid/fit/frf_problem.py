@@ -255,8 +255,8 @@ def is_distorted_by_friction(response: Response) -> bool:
     noise, total = response.noise, response.total
     if noise is None or total is None or is_friction_compensated(response):
         return False
-    used = (noise.variance > 0) & np.isfinite(total.variance)
-    return bool(used.any()) and float(np.median(total.variance[used] / noise.variance[used])) > DISTORTED
+    is_valid = (noise.variance > 0) & np.isfinite(total.variance)
+    return bool(is_valid.any()) and float(np.median(total.variance[is_valid] / noise.variance[is_valid])) > DISTORTED
 
 
 def model_error_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> float:
@@ -374,9 +374,9 @@ def robust_factors(fit: ElasticFit, weights: Sequence[Weights], x: FloatArray) -
     distances = []
     for part, weight in zip(fit.parts, weights, strict=True):
         e = difference(part.criterion, part.measured, part.kernel.response(part.theta(fit.parameters, x)))
-        used = part.gain > 0
-        gain = np.divide(part.gain, np.sqrt(weight.factor), out=np.zeros_like(part.gain), where=used)
-        distances.append(np.where(used, gain * np.abs(np.where(used, e, 0.0)), 0.0))
+        is_used = part.gain > 0
+        gain = np.divide(part.gain, np.sqrt(weight.factor), out=np.zeros_like(part.gain), where=is_used)
+        distances.append(np.where(is_used, gain * np.abs(np.where(is_used, e, 0.0)), 0.0))
     every = np.concatenate([z[part.gain > 0] for z, part in zip(distances, fit.parts, strict=True)])
     reach = OUTLIER_STDS * max(1.0, float(np.median(every)) / RAYLEIGH_MEDIAN)
     return tuple(np.minimum(1.0, reach / np.maximum(z, 1e-300)) for z in distances)

@@ -64,8 +64,8 @@ def _repeat(
     draw: np.random.SeedSequence,
 ) -> LocalOptimum:  # fmt: skip
     rng = np.random.default_rng(draw)
-    drawn = (source.draw(rng) for source in sources)
-    parts = tuple(replace(part, measured=G) for part, G in zip(fit.parts, drawn, strict=True))
+    samples = (source.draw(rng) for source in sources)
+    parts = tuple(replace(part, measured=G) for part, G in zip(fit.parts, samples, strict=True))
     pairs = zip(fit.parameters.free, x, strict=True)
     draws = {p.name: _off_file(p, float(xi), rng) for p, xi in pairs if p.is_nuisance}
     parameters = Parameters(tuple(draws.get(p.name, p) for p in fit.parameters)) if draws else fit.parameters
@@ -103,17 +103,17 @@ class _Source:
 
 
 def _source(part: Part, weights: Weights, theta: FloatArray) -> _Source:
-    G, used = part.kernel.response(theta), part.gain > 0
+    G, is_used = part.kernel.response(theta), part.gain > 0
     C = weights.noise_covariance()
     F, n_y, n_u = G.shape
     if C is None:
-        root = np.where(used, weights.sigma, 0.0).reshape(F, -1)[:, :, None] * np.eye(n_y * n_u)
+        root = np.where(is_used, weights.sigma, 0.0).reshape(F, -1)[:, :, None] * np.eye(n_y * n_u)
     else:
         row_by_row = vec(np.arange(n_y * n_u).reshape(n_y, n_u)).argsort()
         C = C[:, row_by_row[:, None], row_by_row]
         values, vectors = np.linalg.eigh(C)
         root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-    return _Source(G, root.astype(complex), used)
+    return _Source(G, root.astype(complex), is_used)
 
 
 MAX_GROWTH = 3.0  # of the distance from the optimum, from one point to the next

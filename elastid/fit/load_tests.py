@@ -157,10 +157,10 @@ class Agreement:
         """True if both show different robots by more than chance."""
         return bool(self.cause)
 
-    def _compared(self, count: int, what: str) -> str:
+    def _compared(self, count: int, noun: str) -> str:
         if not self.dof:
-            return f"no line of the {what} counts: none is more than noise"
-        text = f"{count} {what}: {math.sqrt(self.chi_square / self.dof):.3g} times their std from the motors', rms"
+            return f"no line of the {noun} counts: none is more than noise"
+        text = f"{count} {noun}: {math.sqrt(self.chi_square / self.dof):.3g} times their std from the motors', rms"
         return f"{text}, {self.ratio:.4g} +- {self.ratio_std:.2g} times as large" if math.isfinite(self.ratio) else text
 
 

@@ -254,7 +254,7 @@ def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Para
     of mass: an offset of an axis acts in second order.
     """
     unused = ("gain_u_",) if channel_name(DELAY, "r") in parameters.names else ("gain_kp_", "gain_kd_")
-    tolerances = {given.name: given for given in tolerances_of(robot) if not given.name.startswith(unused)}
+    tolerances = {prior.name: prior for prior in tolerances_of(robot) if not prior.name.startswith(unused)}
     by_name = {parameter.name: parameter for parameter in parameters}
     of_study = {p.stands_for for p in parameters if p.is_free or p.tie is not None}
     of_study |= {n for key, rule in spec.parameters.items() if rule.fixed for n in matching(key, parameters.names)}
@@ -262,14 +262,14 @@ def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Para
     factors: dict[str, Parameter] = {}
     for name, (value, unit) in robot.parameters((*parameters.names, *tolerances)).items():
         number = by_name.get(name, Parameter(name, value, unit, log=name.startswith(("l_", "gain_")), free=False))
-        given = tolerances.get(name)
-        if given is None or name in of_study or (number.value == 0 and given.kind not in ("center_of_mass", "angle")):
+        prior = tolerances.get(name)
+        if prior is None or name in of_study or (number.value == 0 and prior.kind not in ("center_of_mass", "angle")):
             numbers += [number] * (name in by_name)
-        elif given.factor:
-            factors[given.factor] = replace(_within(Parameter(given.factor, 1.0, log=True), given.std), ratio=True)
-            numbers.append(replace(number, tie=Tie(given.factor, number.value)))
+        elif prior.factor:
+            factors[prior.factor] = replace(_within(Parameter(prior.factor, 1.0, log=True), prior.std), ratio=True)
+            numbers.append(replace(number, tie=Tie(prior.factor, number.value)))
         else:
-            numbers.append(_within(number, given.std))
+            numbers.append(_within(number, prior.std))
     of_file = {number.name for number in numbers}
     return Parameters((*numbers, *(p for p in parameters if p.name not in of_file), *factors.values()))
 

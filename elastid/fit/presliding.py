@@ -163,8 +163,8 @@ class _State:
         of_springs, r = self._rows
         C = of_springs[joint]
         steps = -(C @ r) / np.maximum(np.sum(C**2, axis=1), 1e-300)
-        used = np.isin(np.sign(steps), self.signs)
-        return C[used], steps[used], _rates(self.base.responses)[used], r
+        is_allowed = np.isin(np.sign(steps), self.signs)
+        return C[is_allowed], steps[is_allowed], _rates(self.base.responses)[is_allowed], r
 
     def _sees(self, joint: str) -> bool:
         return all(f"motor {joint}" in part.kernel.model.outputs for part in self.fit.parts)

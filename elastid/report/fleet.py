@@ -83,8 +83,8 @@ def drawings_of_fleet(
 ) -> Iterator[Drawing]:
     """List a figure of each parameter over robots and dates."""
     for count, name in enumerate(dict.fromkeys(value.parameter for value in values), start=1):
-        marked = {finding.robot for finding in findings if finding.parameter == name}
+        robots = {finding.robot for finding in findings if finding.parameter == name}
         of_name = [value for value in values if value.parameter == name]
         caption = f"{name} of every robot and date with its 95 % interval."
-        draw = partial(fleet_parameter, name, units[name], of_name, marked)
+        draw = partial(fleet_parameter, name, units[name], of_name, robots)
         yield Drawing(f"fleet-{count:03d}", "parameters", caption, draw)

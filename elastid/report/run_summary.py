@@ -126,20 +126,20 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
     if most is None:
         return "No parameter was identified."
     poor = [row for row in rows if row.verdict.startswith((BIASED, UNCERTAIN))]
-    named = _with_verdicts(poor)
+    with_verdicts = _with_verdicts(poor)
     if result.exceeds_noise:
         error = (
             f"assumed model error of {percent(result.model_error)} of each FRF"
             if result.is_within_declared
             else "model error"
         )
-        return f"With caution{named and f': {named}'}. The intervals include the {error}."
+        return f"With caution{with_verdicts and f': {with_verdicts}'}. The intervals include the {error}."
     if result.cause[0]:
         return f"With caution: {result.cause[0]}."
     if gears is not None and not gears.refused and gears.after > MOTION_LEFT:
         return f"With caution: gears and springs leave {percent(gears.after)} of the position signal unexplained."
     if poor:
-        return f"{'No' if len(poor) == len(rows) else 'Not all of them'}: {named}."
+        return f"{'No' if len(poor) == len(rows) else 'Not all of them'}: {with_verdicts}."
     if half_width(most) > WIDTH_CLASSES[-1]:
         return f"Not all of them: the interval of {most.name} is wider than ±{percent(WIDTH_CLASSES[-1])}."
     mixed = ", ".join(row.name for row in rows if row.has_coulomb)
@@ -220,8 +220,8 @@ def _width_clause(rows: Sequence[ParameterRow], kind: str) -> str:
         if within >= max(len(rows) / 2, 1):
             count = f"all {within}" if within == len(rows) else f"{within} of {len(rows)}"
             is_few, names = within == len(rows) <= 2, " and ".join(row.name for row in rows)
-            named = f"the parameter{'s' * (len(rows) > 1)} {names}" if is_few else f"{count} {kind}"
-            return f"{named} {'has an interval' if len(rows) == 1 else 'have intervals'} of ±{percent(limit)} or less"
+            subject = f"the parameter{'s' * (len(rows) > 1)} {names}" if is_few else f"{count} {kind}"
+            return f"{subject} {'has an interval' if len(rows) == 1 else 'have intervals'} of ±{percent(limit)} or less"
     return ""
 
 
@@ -350,9 +350,9 @@ def _action_of_tolerance(result: Result, poor: ParameterRow) -> Action | None:
     return _narrower(sentence, poor, reason, math.sqrt(max(1 - fractions[most], 0.0)))
 
 
-def _narrower(what: str, poor: ParameterRow, reason: str, factor: float) -> Action | None:
+def _narrower(measure: str, poor: ParameterRow, reason: str, factor: float) -> Action | None:
     before, after = percent(half_width(poor)), percent(factor * half_width(poor))
-    return None if before == after else Action(what, f"{reason} from ±{before} to ±{after}.")
+    return None if before == after else Action(measure, f"{reason} from ±{before} to ±{after}.")
 
 
 def _action_of_experiments(result: Result, poor: ParameterRow) -> Action | None:

@@ -82,13 +82,13 @@ class Numbers:
     @classmethod
     def of(cls, result: Result) -> "Numbers":
         """Select the requested numbers."""
-        asked = result.parameters.of_interest
+        focus = result.parameters.of_interest
         parts = (*result.std_contributions.values(),) or (dict.fromkeys(result.std, math.nan),) * 3
         rows = [
             (result.values[p.name], result.std[p.name], *(part[p.name] for part in parts), *result.interval(p.name))
-            for p in asked
+            for p in focus
         ]  # fmt: skip
-        return cls(tuple(p.name for p in asked), tuple(p.unit for p in asked), *np.array(rows).reshape(-1, 7).T)
+        return cls(tuple(p.name for p in focus), tuple(p.unit for p in focus), *np.array(rows).reshape(-1, 7).T)
 
 
 def write_fit(

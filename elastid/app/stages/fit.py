@@ -191,12 +191,12 @@ STD_PARTS = {
 def _legend(
     robot: Robot, result: Result, rows: Sequence[ParameterRow], friction: CompensatedFriction | None
 ) -> Iterator[str]:
-    named = [(row.name, *row.name.partition("_")[::2]) for row in reversed(rows)]
+    symbols = [(row.name, *row.name.partition("_")[::2]) for row in reversed(rows)]
     groups = []
     for owner, has_motor, families in SYMBOLS:
         of_owner = {
             family: (name, place)
-            for name, family, place in named
+            for name, family, place in symbols
             if family in families and has_motor in (None, place.partition(SEPARATOR)[0] in robot.driven_names)
         }
         names = ", ".join(f"{of_owner[family][0]} ({families[family]})" for family in families if family in of_owner)

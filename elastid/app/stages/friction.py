@@ -113,7 +113,7 @@ def friction(study: Study, work: Work) -> Artefacts:
     """Fit friction: friction.h5, summary.json, identified_robot.yml; a failure leaves a summary and FitError."""
     name, robot, left_out = study.name, study.as_robot(), study.validation.configurations
     joint_fits = stored.read_constant_velocity(work.sources["constant_velocity"])
-    measured, others = stored.read_friction_records(work.sources["measure"]).divided(left_out)
+    measured, validation = stored.read_friction_records(work.sources["measure"]).divided(left_out)
     simulated, recorded = study.experiment.simulated, study.experiment.recorded
     truth = None if simulated is None else true_robot(robot, simulated.truth)
     try:
@@ -124,7 +124,7 @@ def friction(study: Study, work: Work) -> Artefacts:
     identified, controller = with_identified_friction(robot, result), None if recorded is None else recorded.controller
     with work.execution() as execution:
         log_comparison = compare_friction_logs(identified, result.joints, measured, controller, execution)
-        judged = predict_logs(identified, result.joints, others, controller, execution)
+        judged = predict_logs(identified, result.joints, validation, controller, execution)
     reported = notes_of(joint_fits)
 
     def report(console: Console) -> None:

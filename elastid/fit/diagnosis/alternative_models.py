@@ -105,9 +105,9 @@ def _angles(evidence: Evidence) -> Iterator[AlternativeModel]:
         changes[f"angles of axes {first.name} and {second.name} exchanged in all configurations"] = np.eye(n)[order]
     angles = np.array([G.configuration.angles for G in assembly.responses])
     for name, change in changes.items():
-        stood = angles @ change.T
-        if not np.allclose(stood, angles):
-            pairs = zip(assembly.responses, stood, strict=True)
+        changed = angles @ change.T
+        if not np.allclose(changed, angles):
+            pairs = zip(assembly.responses, changed, strict=True)
             responses = (replace(G, configuration=replace(G.configuration, angles=row)) for G, row in pairs)
             yield AlternativeModel(name, "postures", replace(assembly, responses=tuple(responses)))
 

@@ -47,10 +47,10 @@ def find_load(test: ScoreTest, candidate: Candidate, variance: float, least: flo
         return None
     scale = np.sqrt(np.where(is_reached, np.diag(S), math.inf))
     power, turn = np.linalg.eigh(S / np.outer(scale, scale))
-    used = power > 1e-9 * power[-1]
-    root = np.sqrt(power[used])
-    L = (root * turn[:, used]).T * np.where(is_reached, scale, 0.0)
-    target = (turn[:, used].T @ (g / scale)) / root
+    is_significant = power > 1e-9 * power[-1]
+    root = np.sqrt(power[is_significant])
+    L = (root * turn[:, is_significant]).T * np.where(is_reached, scale, 0.0)
+    target = (turn[:, is_significant].T @ (g / scale)) / root
     if float(target @ target) < least:
         return None
     from scipy.optimize import least_squares  # slow to load, and seldom needed

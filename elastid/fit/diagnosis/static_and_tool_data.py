@@ -177,9 +177,9 @@ def _source(assembly: Assembly, alone: Result) -> tuple[ElasticFit, SecondSource
 
 
 def _compared(response: Response, part: Part, fit: ElasticFit, x: FloatArray) -> ToolComparison:
-    G, used = part.kernel.response(part.theta(fit.parameters, x)), part.gain > 0
-    ratio = np.abs(response.G[used]) / np.maximum(np.abs(G[used]), 1e-300)
-    rms = float(np.sqrt(np.mean((20 * np.log10(np.maximum(ratio, 1e-300))) ** 2))) if used.any() else np.nan
+    G, is_used = part.kernel.response(part.theta(fit.parameters, x)), part.gain > 0
+    ratio = np.abs(response.G[is_used]) / np.maximum(np.abs(G[is_used]), 1e-300)
+    rms = float(np.sqrt(np.mean((20 * np.log10(np.maximum(ratio, 1e-300))) ** 2))) if is_used.any() else np.nan
     return ToolComparison(response.configuration.name, response.motors, response.inputs, response.outputs, rms)
 
 

@@ -75,15 +75,15 @@ def trust_region(
     parameters = problem.parameters
     unit, fixed = _units(parameters, x0, beginning), np.zeros(len(x0), dtype=bool) if fixed is None else fixed
     x, now, radius, costs = x0, beginning, FIRST_RADIUS * np.sqrt(len(x0)), [beginning.cost]
-    for used in range(max_iterations + 1):
+    for iteration in range(max_iterations + 1):
         at_bounds = fixed | find_active_bounds(problem, x, now)
         if distance_to_optimum(now, problem.dof, at_bounds) < tolerance:
-            return Ending(x, now, "", used)
-        if used == max_iterations:
+            return Ending(x, now, "", iteration)
+        if iteration == max_iterations:
             break
         is_far = len(costs) > CREEPING_ITERATIONS and is_far_from_noise(now.cost, problem.dof)
         if is_far and costs[-1 - CREEPING_ITERATIONS] - now.cost < MIN_PROGRESS * now.cost:
-            return Ending(x, now, CREEPING, used)
+            return Ending(x, now, CREEPING, iteration)
         gradient, hessian = unit * now.gradient, np.outer(unit, unit) * now.hessian
         border = None if problem.border is None else np.outer(unit, unit) * problem.border(x)
         metric, step, predicted = np.eye(len(x)), np.zeros(len(x)), 0.0
@@ -96,7 +96,7 @@ def trust_region(
             predicted = -float(gradient @ step + 0.5 * step @ hessian @ step)
             radius *= 1.0 if predicted > ROUNDING * now.cost else SHRINK[0]
         if not predicted > ROUNDING * now.cost:
-            return Ending(x, now, "no further decrease", used)
+            return Ending(x, now, "no further decrease", iteration)
         x_new = _clipped(parameters, x, unit * step)
         new = problem.evaluate(x_new)
         gain_ratio = (now.cost - new.cost) / predicted if np.isfinite(new.cost) else -np.inf

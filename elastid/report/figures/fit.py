@@ -48,9 +48,9 @@ def forest(rows: Sequence[ParameterRow]) -> Figure:
     start = np.array([row.start for row in rows]) / reference
     bounds = np.array([row.bounds for row in rows]).T / reference
     ratios = values / reference[:, None]
-    shown = np.concatenate([start, ratios[:, 0], ratios[:, 3]])
-    shown = shown[np.isfinite(shown) & (shown > 0)]
-    low, high = min(0.5, *shown) / 1.15, max(2.0, *shown) * 1.15
+    finite = np.concatenate([start, ratios[:, 0], ratios[:, 3]])
+    finite = finite[np.isfinite(finite) & (finite > 0)]
+    low, high = min(0.5, *finite) / 1.15, max(2.0, *finite) * 1.15
     marks = [Curve(start, y, "start", style.START, True, looks={"mfc": "none", "mew": 1})]
     pairs = zip(bounds, (bounds > low) & (bounds < high), strict=True)
     marks += [Curve(end[rows], y[rows], "bound", style.WEAK, True, looks=_BAR) for end, rows in pairs if rows.any()]
@@ -341,12 +341,12 @@ def command_errors_figure(joints: Sequence[JointError]) -> Figure:
     return style.matrix("Error of the positions from commands alone", [[panel]])
 
 
-def fleet_parameter(name: str, unit: str, values: Sequence[FleetValue], marked: Collection[str]) -> Figure:
+def fleet_parameter(name: str, unit: str, values: Sequence[FleetValue], conspicuous: Collection[str]) -> Figure:
     """Draw one column per robot, its dates from left to right; robots with a finding are marked."""
     robots, days = list(dict.fromkeys(value.robot for value in values)), sorted({value.day for value in values})
     width, curves = 0.6 / max(1, len(days)), []
     for is_marked in (False, True):
-        if points := [value for value in values if (value.robot in marked) == is_marked]:
+        if points := [value for value in values if (value.robot in conspicuous) == is_marked]:
             x = np.array([robots.index(v.robot) + width * (days.index(v.day) - (len(days) - 1) / 2) for v in points])
             y, std = np.array([(value.value, value.std) for value in points]).T
             text = "differs or drifts" if is_marked else "robot, dates from left to right"

@@ -69,9 +69,9 @@ def sliding(numbers: Regression, v: FloatArray) -> tuple[FloatArray, FloatArray]
     columns |= {"directions.coulomb": np.ones_like(v), "directions.viscous": np.abs(v)}
     names = [name for name in columns if name in numbers.names]
     A = np.stack([columns[name] for name in names], axis=1)
-    chosen = [numbers.names.index(name) for name in names]
-    covariance = numbers.covariance[np.ix_(chosen, chosen)]
-    return A @ numbers.values[chosen], np.sqrt(np.einsum("ni,ij,nj->n", A, covariance, A))
+    indices = [numbers.names.index(name) for name in names]
+    covariance = numbers.covariance[np.ix_(indices, indices)]
+    return A @ numbers.values[indices], np.sqrt(np.einsum("ni,ij,nj->n", A, covariance, A))
 
 
 def _over_velocity(motion: MotionFriction, velocity: FloatArray, friction: FloatArray) -> Iterator[Curve]:
