@@ -121,11 +121,8 @@ def forecast(expected: "Sequence[ExpectedResponse]", x: FloatArray, is_compensat
     a, p = uncertainty.averaging_fraction[:n], uncertainty.persistent_fraction[:n]
     fractions = np.nan_to_num([a, p, np.maximum(1 - a - p, 0.0)])
     values = names, units, nominal, log, covariance[:n, :n], configurations, freq_hz, fraction
-    return Forecast(
-        *values,
-        (*notes, *correlated(names, by_noise)),
-        variance_fractions=fractions if n < len(x) else np.zeros((0, 0)),
-    )
+    by_source = fractions if n < len(x) else np.zeros((0, 0))
+    return Forecast(*values, (*notes, *correlated(names, by_noise)), variance_fractions=by_source)
 
 
 def check_line_count(freq_hz: FloatArray, parameters: Parameters) -> None:

@@ -286,10 +286,8 @@ def standstill_of(
         n = round(1.0 * spec.rate_hz)  # a period of 1 s
         for fraction in spec.presliding_test.torque:
             for draw in range(2):
-                period_torque = small_multisine(
-                    fraction * law.coulomb, spec.presliding_test.band_hz, n, spec.rate_hz, rng
-                )
-                name = f"j{joint}-rest-{fraction:g}-{draw}"
+                amplitude, name = fraction * law.coulomb, f"j{joint}-rest-{fraction:g}-{draw}"
+                period_torque = small_multisine(amplitude, spec.presliding_test.band_hz, n, spec.rate_hz, rng)
                 torque = np.tile(period_torque, 33)  # the first period is the transient
                 motions.append(PlannedMotion(name, joint, "presliding_test", middle, torque=torque, period_samples=n))
     return tuple(motions)
@@ -320,11 +318,10 @@ def warm_up_of(
     places = sorted({round(place * (len(design.speed) - 1)) for place in (0.3, 0.65, 1.0)})
     tests = list[PlannedMotion]()
     for number in range(int(spec.time / spec.test_every) + 1):
+        passes = [planned_pass(design.speed[place], number, limits) for place in places]
         motions = (
-            PlannedMotion(
-                f"j{joint}-test-{test.name}", joint, "constant_velocity", posture, planned=test, is_warm_up=True
-            )
-            for test in (planned_pass(design.speed[place], number, limits) for place in places)
+            PlannedMotion(f"j{joint}-test-{p.name}", joint, "constant_velocity", posture, planned=p, is_warm_up=True)
+            for p in passes
         )
         tests += timed(motions, limits, start_s + number * spec.test_every, 1.0)[0]
     return warm_up, tuple(tests), start_s + spec.time

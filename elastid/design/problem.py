@@ -121,10 +121,8 @@ class DesignProblem:
         if self.design is None:
             return problem.plan(experiment)
         probes = self.candidates(self.design).configurations[:8]
-        return problem.plan(
-            experiment,
-            [DesignedConfiguration(replace(c, name=f"probe{i}"), realisations) for i, c in enumerate(probes)],
-        )
+        named = (replace(configuration, name=f"probe{i}") for i, configuration in enumerate(probes))
+        return problem.plan(experiment, [DesignedConfiguration(probe, realisations) for probe in named])
 
     def at_equilibria(
         self, probe: Plan, value: Callable[[int, Configuration], Value], names: Collection[str] = ()

@@ -35,7 +35,7 @@ SMOOTHED_HZ = 60.0
 def smoothed(record: FrictionRecord, hz: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return low-pass filtered position, velocity, logged velocity if available, and acceleration (n,)."""
     smooth = butter(2, min(hz, 0.45 * record.rate_hz), fs=record.rate_hz, output="sos")
-    position = np.asarray(sosfiltfilt(smooth, record.position))
+    position = sosfiltfilt(smooth, record.position)
     velocity = np.gradient(position, 1 / record.rate_hz) if record.velocity is None else record.velocity
     return position, velocity, np.gradient(sosfiltfilt(smooth, velocity), 1 / record.rate_hz)
 
@@ -266,7 +266,7 @@ class MotionSignals:
         acting = motion.position
         if motion.torque_delay_s:
             acting = spline_derivative(spline_filter1d(acting, 5), 0, motion.torque_delay_s * rate)
-        position = np.asarray(sosfiltfilt(smooth, acting))
+        position = sosfiltfilt(smooth, acting)
         # Central differences would take 43 % of an acceleration at a fifth of the rate.
         spline, logged = spline_filter1d(position, 5), spline_filter1d(acting, 5)
         derivatives = np.stack([spline_derivative(logged, order) * rate**order for order in (1, 2)])

@@ -135,7 +135,7 @@ def base_columns_of(robot: Robot, joints: tuple[str, ...], logs: Sequence[Motion
     diagonal = np.abs(np.diag(R))
     chosen = np.sort(order[: int(np.sum(diagonal > RANK_TOLERANCE * diagonal[0]))]).astype(np.int64)
     regrouped = np.linalg.lstsq(sample[:, chosen] / size[chosen], sample, rcond=None)[0] / size[chosen, None]
-    return chosen, np.asarray(regrouped)
+    return chosen, regrouped
 
 
 def _sizes(sample: FloatArray) -> FloatArray:

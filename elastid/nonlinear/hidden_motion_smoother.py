@@ -59,7 +59,7 @@ class SmoothedMotion:
         """Return the estimate on a grid of more or fewer points."""
 
         def resampled(x: FloatArray) -> FloatArray:
-            return np.asarray(irfft(rfft(x), lines.points) * (lines.points / x.shape[-1])) if x.size else x
+            return irfft(rfft(x), lines.points) * (lines.points / x.shape[-1]) if x.size else x
 
         return replace(self, unknowns=tuple(map(resampled, self.unknowns)), loads=resampled(self.loads))
 
@@ -305,7 +305,7 @@ def newton(
     def error(x: FloatArray) -> tuple[float, FloatArray, FloatArray, FloatArray]:
         """Return RMS of the error, the error, slope of the law, and the force."""
         force, slope = law(x)
-        e = np.asarray((x - x_0 + linear(force)) / size)
+        e = (x - x_0 + linear(force)) / size
         return float(np.sqrt(np.mean(e**2))), e, slope, force
 
     now = error(x)

@@ -201,7 +201,7 @@ class PeriodLines:
             if above[-1] < X.shape[-1]:
                 aliases += X[..., above] * (F / above) ** 2
             aliases += X[..., below].conj() * (F / below) ** 2
-        return np.asarray(X[..., 1 : F + 1]), aliases
+        return X[..., 1 : F + 1], aliases
 
 
 def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntArray | None) -> PeriodLines:

@@ -69,10 +69,7 @@ def write_friction_csv(folder: Path, friction_result: FrictionResult) -> tuple[P
 
     Its columns after the numbers: how much of each other number of the regressor a base parameter contains.
     """
-    rows = [
-        (number.name, number.unit, number.value, number.std, number.low, number.high)
-        for number in friction_result.numbers
-    ]
+    rows = [(n.name, n.unit, n.value, n.std, n.low, n.high) for n in friction_result.numbers]
     head = "parameter", "unit", "value", "std"
     paths = [write_rows(folder / "parameters.csv", [(*head, "lower_95", "upper_95"), *rows])]
     for i, body in enumerate(friction_result.rigid_bodies, start=1):

@@ -151,10 +151,9 @@ def _inertial(element: ET.Element, body: Body) -> None:
 def _hinges(element: ET.Element, joint: Joint) -> None:
     axis = {"axis": in_full(unit_axis(joint.axis)), "type": "slide" if joint.slides else "hinge"}
     axis |= {"pos": in_full(joint.point)} if any(joint.point) else {}
-    motor = joint.motor
-    armature, friction = (
-        (0.0, 0.0) if motor is None else (motor.ratio**2 * motor.inertia, motor.ratio**2 * motor.viscous)
-    )
+    armature = friction = 0.0
+    if (motor := joint.motor) is not None:
+        armature, friction = motor.ratio**2 * motor.inertia, motor.ratio**2 * motor.viscous
     if joint.spring is None:
         _hinge(element, _driven(joint), axis, armature=armature, damping=friction + joint.viscous)
     elif joint.motor is None:

@@ -61,13 +61,10 @@ class Plants:
 
     def with_states(self, states: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return A, B, C of P(z), zero-padded to `states` states, since delays differ between robots."""
-        more = (0, states - self.A.shape[-1])
-        none = (0, 0)
-        return (
-            np.pad(self.A, (none, more, more)),
-            np.pad(self.B, (none, more, none)),
-            np.pad(self.C, (none, none, more)),
-        )
+        more, none = (0, states - self.A.shape[-1]), (0, 0)
+        widths = (none, more, more), (none, more, none), (none, none, more)
+        A, B, C = (np.pad(*part) for part in zip((self.A, self.B, self.C), widths, strict=True))
+        return A, B, C
 
     def response(self, freq_hz: FloatArray) -> ComplexArray:
         """P (N, F, n_u, n_u), angle over torque, at freq_hz (N, F)."""
@@ -145,16 +142,13 @@ class PostureFamily:
         modal = modes(linear, theta)
         point = equilibrium(self.family.model, self.family.theta, linear.configuration)
         energy = strain_energy(self.family.model, self.family.theta, point, shapes_of_all(linear, modal.shapes))
-        energy_of, M = np.nan_to_num(energy.fraction), linear.matrices(theta)[0]
-        parts = (
-            np.abs(linear.B.T @ modal.shapes) ** 2 / np.einsum("im,ij,jm->m", modal.shapes.conj(), M, modal.shapes).real
-        )
+        M, shapes = linear.matrices(theta)[0], modal.shapes
+        parts = np.abs(linear.B.T @ shapes) ** 2 / np.einsum("im,ij,jm->m", shapes.conj(), M, shapes).real
         parts = parts / np.maximum(parts.max(axis=1, initial=0.0), 1e-300)[:, None]
+        springs = [energy.springs[i] for i in np.nan_to_num(energy.fraction).argmax(axis=0)]
         # A pendulum under gravity has less than half of its strain energy in springs.
         return tuple(
-            PlantMode(
-                float(modal.freq_hz[m]), energy.springs[int(energy_of[:, m].argmax())], tuple(parts[:, m].tolist())
-            )
+            PlantMode(float(modal.freq_hz[m]), springs[m], tuple(parts[:, m].tolist()))
             for m in np.flatnonzero(energy.load <= 0.5).tolist()
         )
 

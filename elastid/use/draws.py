@@ -45,9 +45,8 @@ def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = 
         moved = [numbers[name] for name in names]
         numbers.pop(DELAY, None)
         for size, doubt in zip(sizes, result.doubts, strict=True):
-            numbers |= {
-                name: doubt.with_error(name, numbers[name], float(size)) for name in doubt.members if name in numbers
-            }
+            members = [name for name in doubt.members if name in numbers]
+            numbers |= {name: doubt.with_error(name, numbers[name], float(size)) for name in members}
         try:
             robots.append(exact.with_parameters(numbers))
         except ValueError:

@@ -119,9 +119,8 @@ def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUND
                 "type": "ineq", "fun": lambda x: known(x.tobytes())[0], "jac": lambda x: known(x.tobytes())[1],
             },
         )  # fmt: skip
-        trial = (
-            slowed(best.at(np.clip(optimum.x, low, high)), is_accepted, 20) if np.isfinite(optimum.x).all() else None
-        )
+        x = np.clip(optimum.x, low, high)
+        trial = slowed(best.at(x), is_accepted, 20) if np.isfinite(x).all() else None
         gained = (trial or best).reached(scene) - best.reached(scene)
         best = trial if trial and gained > 0 else best
         reach /= 3 if gained < 0.005 else 1
@@ -176,9 +175,7 @@ def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: 
             break
         limit_db -= min(above + 0.01, 1.5)
     # Slowing may cost one of them half its bandwidth, and another nothing.
-    safe = [
-        result for start in candidates if (result := slowed(start, lambda cascade: excess(cascade) <= 0)) is not None
-    ]
+    safe = [*filter(None, (slowed(start, lambda cascade: excess(cascade) <= 0) for start in candidates))]
     if not safe:
         raise FitError("use/gains", "no gains keep the sensitivity below 6 dB for 95 % of the posterior samples")
     return max(safe, key=lambda cascade: cascade.reached(scene))

@@ -57,13 +57,11 @@ class Cut:
     force: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
-        directions = [each for each in (self.normal, self.force) if each is not None]
-        if not (np.all(np.isfinite([self.load, *directions])) and all(map(np.any, directions))) or (
-            self.force and not self.normal
-        ):
-            raise ValueError(
-                "load, normal and force must be finite; normal and force must not be 0; force requires normal"
-            )
+        directions = [direction for direction in (self.normal, self.force) if direction is not None]
+        is_finite = np.all(np.isfinite([self.load, *directions]))
+        if not is_finite or not all(map(np.any, directions)) or (self.force and not self.normal):
+            text = "load, normal and force must be finite; normal and force must not be 0; force requires normal"
+            raise ValueError(text)
         if not self.cutting_coefficient > 0:
             raise ValueError(f"cutting coefficient {self.cutting_coefficient:g} N/m^2; it must be positive")
 
@@ -205,7 +203,7 @@ class Quantity:
         """Ends (Q,) of the 95 % intervals."""
         with np.errstate(over="ignore", invalid="ignore"):
             reach = np.exp(QUANTILE_95 * self.relative_std)
-            return np.asarray(self.value / reach), np.asarray(self.value * reach)
+            return self.value / reach, (self.value * reach)
 
 
 @frozen_value
@@ -282,11 +280,9 @@ class WorkspaceMap:
     @property
     def limiting_springs(self) -> tuple[str, ...]:
         """The spring with the largest part in the softest direction of each posture."""
-        return (
-            tuple(self.springs[i] for i in np.argmax(self.compliance_fraction, axis=1))
-            if self.springs
-            else ("",) * len(self)
-        )
+        if not self.springs:
+            return ("",) * len(self)
+        return tuple(self.springs[i] for i in np.argmax(self.compliance_fraction, axis=1))
 
 
 def map_workspace(

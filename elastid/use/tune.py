@@ -264,9 +264,8 @@ class _MoveTask:
             errors, most = [], np.abs(references.torque).max(axis=0)
             for i, robot in enumerate(robots.draws):
                 q, torque = loop.follow(references, robot)
-                errors.append(
-                    np.linalg.norm(commanded.poses(q, robot).position - self._path(references.time_s, robot), axis=1)
-                )
+                path = self._path(references.time_s, robot)
+                errors.append(np.linalg.norm(commanded.poses(q, robot).position - path, axis=1))
                 most = np.maximum(most, np.abs(torque).max(axis=0))
                 velocity = np.abs(np.diff(q @ commanded.model.B, axis=0)).max(axis=0) * robots.rate_hz
                 used["velocity"] = np.maximum(used["velocity"], velocity / limits.velocity)
@@ -274,9 +273,8 @@ class _MoveTask:
             used["torque"] = np.maximum(used["torque"], most / limits.torque)
             if all(np.all(part <= 1.0) for part in used.values()):
                 return planned, references, np.array(errors), most
-            narrowed = narrowed.narrowed(
-                {kind: np.where(part > 1, _SPARE / np.maximum(part, 1.0), 1.0) for kind, part in used.items()}
-            )
+            factors = {kind: np.where(part > 1, _SPARE / np.maximum(part, 1.0), 1.0) for kind, part in used.items()}
+            narrowed = narrowed.narrowed(factors)
         kind = max(used, key=lambda key: float(used[key].max()))
         joint = commanded.robot.driven[int(np.argmax(used[kind]))].name
         raise DataError(

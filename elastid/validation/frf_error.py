@@ -267,9 +267,9 @@ def _tests(
     if noise is None or not np.any(noise.variance > 0):
         return math.nan, 0.0, math.nan
     whiten = whitening(noise)
-    z, shift_dof = np.asarray((whiten @ vec(E)[:, :, None])[:, :, 0]), 0.0
+    z, shift_dof = (whiten @ vec(E)[:, :, None])[:, :, 0], 0.0
     if shifting := [x.reshape(-1, *E.shape) for x in (shifts, measured.bias) if x is not None]:
-        z, shift_dof = without_shifts(z, np.asarray((whiten @ vec(np.concatenate(shifting))[..., None])[..., 0]))
+        z, shift_dof = without_shifts(z, (whiten @ vec(np.concatenate(shifting))[..., None])[..., 0])
     return *power_over_noise(z, whiten, noise, shift_dof), white_by_chance(z)
 
 

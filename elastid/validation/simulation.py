@@ -103,9 +103,8 @@ def _along_record(
     """Yield signals of a plant under the torque of the last period of a record, over and over, held on its motion."""
     model, angles, chain = plant.model, record.configuration.angles, plant.model.robot.chain
     N, motors = record.period_samples, [model.inputs.index(place) for place in record.inputs]
-    last = last_counted(
-        record.n_periods, {index // (2 if record.half_wave else 1) for index in record.discarded_periods}
-    )
+    half_waves = 2 if record.half_wave else 1
+    last = last_counted(record.n_periods, {index // half_waves for index in record.discarded_periods})
     period = slice(last * N, (last + 1) * N)
     position = np.tile(angles, (N, 1))
     for i, place in zip(motors, record.inputs, strict=True):
@@ -127,9 +126,8 @@ def _along_record(
     path, rate, driving = (np.tile(signal, (lead + 1, 1)) for signal in (position, velocity, torque))
     commands = Commands(path, rate, driving, still, still)
     moving, loop = np.isin(np.arange(model.n_u), motors), tracking_gains(plant, tracking_hz)
-    return _in_band(
-        record, band_hz, delay_s, plant, simulate_tracking(plant, commands, moving, loop, position[0], velocity[0])
-    )
+    trajectory = simulate_tracking(plant, commands, moving, loop, position[0], velocity[0])
+    return _in_band(record, band_hz, delay_s, plant, trajectory)
 
 
 def _logged(record: Record, plant: Plant, moved: Trajectory) -> Record:
