@@ -138,17 +138,17 @@ def _link_points(skeleton: Skeleton) -> FloatArray:
 
 def choose_configurations(
     criterion: DesignCriterion, prospect: Prospect, count: int, elsewhere: FloatArray,
-    configurations: Sequence[Configuration], taken: Sequence[str], execution: Execution,
+    configurations: Sequence[Configuration], reserved: Sequence[str], execution: Execution,
 ) -> tuple[tuple[DesignedConfiguration, ...], str]:  # fmt: skip
     """The best whole experiments, `count` in all, among candidate configurations, and a sentence on them.
 
-    elsewhere (n_x, n_x): information without them (given configurations, earlier measurements, priors).  taken: names
-    that other configurations have.  StudyError where no candidate informs any parameter.
+    elsewhere (n_x, n_x): information without them (given configurations, earlier measurements, priors).  reserved:
+    names that other configurations have.  StudyError where no candidate informs any parameter.
     """
     H, rows = informations(prospect, configurations, prospect.parameters.x, execution)
     visible_parameters, ground = visible(criterion, H, elsewhere, prospect.parameters)
     numbers, efficiency = best_experiments(H[None], count, visible_parameters, (elsewhere + ground)[None])
-    selection = _named([configurations[i] for i in rows], numbers, prospect.realisations, taken)
+    selection = _named([configurations[i] for i in rows], numbers, prospect.realisations, reserved)
     names = ", ".join(f"{c.configuration.name} ({c.realisations} realisations)" for c in selection)
     best = f"{100 * efficiency:.1f} % of the best possible allocation"
     return selection, f"chosen among {len(rows)} candidates: {names}; {best}"
@@ -201,11 +201,11 @@ def visible(
 
 
 def _named(
-    configurations: Sequence[Configuration], numbers: IntArray, realisations: int, taken: Sequence[str]
+    configurations: Sequence[Configuration], numbers: IntArray, realisations: int, reserved: Sequence[str]
 ) -> tuple[DesignedConfiguration, ...]:
     """Chosen configurations in the order of the candidates; unnamed ones are called c1, c2 ..."""
     selection: list[DesignedConfiguration] = []
-    used = {*taken, *(c.name for c in configurations if not c.name.startswith("candidate"))}
+    used = {*reserved, *(c.name for c in configurations if not c.name.startswith("candidate"))}
     free = (name for name in (f"c{i}" for i in range(1, len(used) + len(configurations) + 2)) if name not in used)
     for configuration, number in zip(configurations, numbers.tolist(), strict=True):
         if number:

@@ -151,8 +151,10 @@ def _undetermined(blind: FloatArray, names: Sequence[str]) -> list[Note]:
     for direction in blind:
         parts = [i for i in np.argsort(-np.abs(direction), kind="stable") if abs(direction[i]) > MIN_COMPONENT]
         terms = " ".join(f"{direction[i] * np.sign(direction[parts[0]]):+.2f} {names[i]}" for i in parts)
-        who = names[parts[0]] if len(parts) == 1 else f"the combination {terms} (relative changes)"
-        text = f"this plan does not identify {who}. Fix or tie one parameter, or measure an output that depends on it"
+        unknown = names[parts[0]] if len(parts) == 1 else f"the combination {terms} (relative changes)"
+        text = (
+            f"this plan does not identify {unknown}. Fix or tie one parameter, or measure an output that depends on it"
+        )
         notes.append(Note("fit/not-identifiable", text))
     return notes
 

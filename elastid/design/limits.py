@@ -98,13 +98,19 @@ def _reference_peaks(rig: SimulatedRig, configuration: Configuration, rows: Floa
 
 def expected_use(rig: SimulatedRig, margin: float) -> LimitUse:
     """Predict the use of the limits by linear responses about the movement of the rigid robot without friction."""
-    plan, first = rig.plan, {e.configuration.name: e for e in reversed(rig.plan.experiments)}
+    plan, (limit, experiments) = rig.plan, _limits_and_experiments(rig)
     names, factor = tuple(c.name for c in plan.configurations), np.ones((len(plan.configurations), len(plan.inputs)))
     runs: dict[str, FloatArray] = {}
-    for q, name in enumerate(names):
-        runs |= expected_peaks(rig, factor, _rigid_peaks(rig, first[name]), q)
-    limit = np.array([limits_of(rig, c) for c in plan.configurations])
+    for q, experiment in enumerate(experiments):
+        runs |= expected_peaks(rig, factor, _rigid_peaks(rig, experiment), q)
     return LimitUse(names, plan.inputs, largest_peaks(plan, runs), limit, factor, margin, (), plan.sliding)
+
+
+def _limits_and_experiments(rig: SimulatedRig) -> tuple[FloatArray, list[Experiment]]:
+    """Limits (Q, 8, n_u), and the first experiment of each configuration."""
+    first = {e.configuration.name: e for e in reversed(rig.plan.experiments)}
+    limit = np.array([limits_of(rig, c) for c in rig.plan.configurations])
+    return limit, [first[c.name] for c in rig.plan.configurations]
 
 
 def peaks_of_run(rig: SimulatedRig, rehearsal: Rehearsal) -> FloatArray:
@@ -175,9 +181,9 @@ def power_costs(rig: SimulatedRig, excitation: MultisineSpec) -> FloatArray:
     room = (1 - excitation.margin) * limit - base
     _, M, E, F, n_u = plan.R.shape
     crest = 2 * np.log(2 * F * E * M)
-    given = np.zeros((0, F, n_u))
+    torque_cost = np.zeros((0, F, n_u))
     if excitation.torque_rms != "limits":
-        given = np.repeat(np.diag(1 / (2 * E * torque_rms(excitation, rig.robot) ** 2))[:, None, :], F, axis=1)
+        torque_cost = np.repeat(np.diag(1 / (2 * E * torque_rms(excitation, rig.robot) ** 2))[:, None, :], F, axis=1)
     costs = []
     for q, (torque, position, velocity, acceleration, turning_back, *of_reference) in enumerate(room):
         if excitation.torque_rms == "limits":
@@ -186,7 +192,7 @@ def power_costs(rig: SimulatedRig, excitation: MultisineSpec) -> FloatArray:
         least = np.array([torque, position, np.minimum(velocity, turning_back), acceleration, *of_reference])
         least, power = least[: power.shape[1]].ravel(), power.reshape(F, -1, n_u)
         motion = np.swapaxes(power, 0, 1) * (crest / (2 * E * least**2))[:, None, None]
-        costs.append(np.concatenate([given, motion]))
+        costs.append(np.concatenate([torque_cost, motion]))
     return np.array(costs)
 
 
@@ -210,10 +216,8 @@ def _response(rig: SimulatedRig, q: int) -> ComplexArray:
 
 def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, FloatArray]:
     """Limits and the peaks without multisine, both (Q, 8, n_u); StudyError where these leave no room."""
-    plan = rig.plan
-    limit = np.array([limits_of(rig, c) for c in plan.configurations])
-    first = {e.configuration.name: e for e in reversed(plan.experiments)}
-    base = np.array([peaks_of_movement(rig, first[c.name]) for c in plan.configurations])
+    plan, (limit, experiments) = rig.plan, _limits_and_experiments(rig)
+    base = np.array([peaks_of_movement(rig, experiment) for experiment in experiments])
     used = base / limit
     q, kind, i = np.unravel_index(np.argmax(used), used.shape)
     if used[q, kind, i] < 1 - margin:

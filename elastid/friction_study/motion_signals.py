@@ -276,9 +276,9 @@ class MotionSignals:
         velocity = np.stack([spline_derivative(spline, 1, i / finer) * rate for i in range(finer)], axis=1).ravel()
         direction = resample_poly(np.sign(velocity), 1, finer, padtype="line")
         taps = b_spline_taps(rate, passband_hz)
-        kept = slice(spoilt, len(position) - spoilt, max(1, int(rate / (4 * passband_hz))))
+        inner = slice(spoilt, len(position) - spoilt, max(1, int(rate / (4 * passband_hz))))
         acceleration = spline_derivative(spline, 2) * rate**2
-        return cls(motion, position, velocity[::finer], acceleration, derivatives, direction, taps, kept, passband_hz)
+        return cls(motion, position, velocity[::finer], acceleration, derivatives, direction, taps, inner, passband_hz)
 
     @cached_property
     def inertial_acceleration(self) -> FloatArray:
@@ -299,11 +299,11 @@ class MotionSignals:
 
     def filtered(self, column: FloatArray) -> FloatArray:
         """Return a side of the equation (n, ...) behind the filter, at the decimated samples, away from the ends."""
-        kept, h = self.decimation, len(self.taps) // 2
-        before = h + -2 * h % kept.step  # a whole number of steps before the end of the taps
-        sums = upfirdn(self.taps, column[kept.start - before : kept.stop + h], 1, kept.step, axis=0)
-        first = (before + h) // kept.step
-        return np.asarray(sums[first : first + len(range(kept.start, kept.stop, kept.step))])
+        samples, h = self.decimation, len(self.taps) // 2
+        before = h + -2 * h % samples.step  # a whole number of steps before the end of the taps
+        sums = upfirdn(self.taps, column[samples.start - before : samples.stop + h], 1, samples.step, axis=0)
+        first = (before + h) // samples.step
+        return np.asarray(sums[first : first + len(range(samples.start, samples.stop, samples.step))])
 
     def pieces(self) -> Iterator[tuple["MotionSignals", slice]]:
         """Yield overlapping parts that divide the decimated samples between them, and the samples of each part."""

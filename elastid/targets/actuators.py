@@ -168,8 +168,8 @@ def friction_intervals(result: FrictionResult) -> Intervals:
 
     All joints share the delay, which is among the numbers of the first.
     """
-    every = {**TERMS, "armature": RIGID_TERMS["armature"], "delay": RIGID_TERMS[DELAY]}
-    terms = {quantity: every[quantity] for quantity in UNITS if quantity in every}
+    all_terms = {**TERMS, "armature": RIGID_TERMS["armature"], "delay": RIGID_TERMS[DELAY]}
+    terms = {quantity: all_terms[quantity] for quantity in UNITS if quantity in all_terms}
     intervals = {
         (joint.joint, quantity): (number.low, number.high)
         for joint in result.joints

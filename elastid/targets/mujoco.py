@@ -235,8 +235,8 @@ def _keyframes(
     keys = ET.SubElement(root, "keyframe")
     joints = [element.get("name", "") for element in root.findall("worldbody//joint")]
     for point in points:
-        now = rod_poses(model.robot, point.q[: len(model.robot.joints)])
-        positions = _positions(model, point) | rod_positions(start, now, model.robot)
+        rods = rod_poses(model.robot, point.q[: len(model.robot.joints)])
+        positions = _positions(model, point) | rod_positions(start, rods, model.robot)
         q = [value for joint in joints for value in positions[joint]]
         ET.SubElement(keys, "key", name=point.configuration.name, qpos=in_full(q), ctrl=in_full(point.u))
 
@@ -282,17 +282,17 @@ def add_loops(root: ET.Element, elements: Elements, robot: Robot, start: Mapping
                 _connect(equality, f"{loop.name} {i}", f"{loop.name} end 1{i}", f"{loop.name} end 2{i}")
 
 
-def rod_positions(start: Mapping[str, RodPose], now: Mapping[str, RodPose], robot: Robot) -> Positions:
+def rod_positions(start: Mapping[str, RodPose], rods: Mapping[str, RodPose], robot: Robot) -> Positions:
     """Positions of the joints of all rods by name: a quaternion from the drawn pose, and slides."""
     positions: Positions = {}
     for loop in robot.loops:
         if loop.rod is None:
             continue
         rotation = _turn(_ALONG, start[loop.name].direction)
-        turn = rotation.T @ _turn(start[loop.name].direction, now[loop.name].direction) @ rotation
+        turn = rotation.T @ _turn(start[loop.name].direction, rods[loop.name].direction) @ rotation
         positions[f"turn {loop.name}"] = quaternion(turn).tolist()
         if loop.rod.is_elastic:
-            s = now[loop.name].elongation
+            s = rods[loop.name].elongation
             positions |= {f"stretch {loop.name}": [s], f"part {loop.name}": [_part(loop.rod) * s]}
     return positions
 

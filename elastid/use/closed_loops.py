@@ -174,12 +174,12 @@ def _sampled(linear: LinearModel, theta: FloatArray, rate_hz: float) -> tuple[Fl
 
 
 def _with_input_states(
-    A: FloatArray, before: FloatArray, now: FloatArray, C: FloatArray
+    A: FloatArray, B_before: FloatArray, B_now: FloatArray, C: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """x_(k+1) = A x_k + before u_(k-1) + now u_k as a state space of x and u_(k-1)."""
-    n, n_u = before.shape
-    wide = np.block([[A, before], [np.zeros((n_u, n + n_u))]])
-    return wide, np.vstack([now, np.eye(n_u)]), np.hstack([C, np.zeros((len(C), n_u))])
+    n, n_u = B_before.shape
+    wide = np.block([[A, B_before], [np.zeros((n_u, n + n_u))]])
+    return wide, np.vstack([B_now, np.eye(n_u)]), np.hstack([C, np.zeros((len(C), n_u))])
 
 
 LIMIT_DB = 6.0  # of M_S

@@ -75,10 +75,10 @@ def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIM
     for _ in range(MAX_NOTCHES * len(best.velocity_gain)):
         candidates = [searched(scene, cascade, limit_db, rounds=2) for cascade in _with_notch(scene, best)]
         start = max(filter(None, candidates), key=lambda cascade: cascade.reached(scene), default=best)
-        gained = searched(scene, start, limit_db) or best
-        if gained.reached(scene) < best.reached(scene) + 0.02:  # a notch is kept for 2 % of bandwidth
+        candidate = searched(scene, start, limit_db) or best
+        if candidate.reached(scene) < best.reached(scene) + 0.02:  # a notch is kept for 2 % of bandwidth
             return
-        best = gained
+        best = candidate
         yield best
 
 
@@ -102,7 +102,7 @@ def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUND
         return _keeps(scene, cascade, limit_db)
 
     @lru_cache(maxsize=2)
-    def known(x: bytes) -> tuple[FloatArray, FloatArray]:
+    def margin_at(x: bytes) -> tuple[FloatArray, FloatArray]:
         return sensitivity_margin(scene, start.at(np.frombuffer(x)), limit_db)
 
     n = len(start.velocity_gain)
@@ -116,14 +116,14 @@ def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUND
             lambda x: (-uphill @ x, -uphill), best.vector, jac=True, method="SLSQP",
             bounds=list(zip(low, high, strict=True)), options={"maxiter": _STEPS, "ftol": 1e-5},
             constraints={
-                "type": "ineq", "fun": lambda x: known(x.tobytes())[0], "jac": lambda x: known(x.tobytes())[1],
+                "type": "ineq", "fun": lambda x: margin_at(x.tobytes())[0], "jac": lambda x: margin_at(x.tobytes())[1],
             },
         )  # fmt: skip
         x = np.clip(optimum.x, low, high)
         trial = slowed(best.at(x), is_accepted, 20) if np.isfinite(x).all() else None
-        gained = (trial or best).reached(scene) - best.reached(scene)
-        best = trial if trial and gained > 0 else best
-        reach /= 3 if gained < 0.005 else 1
+        gain = (trial or best).reached(scene) - best.reached(scene)
+        best = trial if trial and gain > 0 else best
+        reach /= 3 if gain < 0.005 else 1
         if reach < 0.05:
             break
     return best
@@ -137,7 +137,7 @@ def sensitivity_margin(scene: Scene, form: Cascade, limit_db: float) -> tuple[Fl
     parts = np.array_split(np.arange(sizes.shape[1]), _BANDS)
     lines = np.array([part[size[part].argmax()] for size in sizes for part in parts])
     rows = np.repeat(np.arange(len(sizes)), _BANDS)
-    left_db = limit_db - 0.02 - 20 * np.log10(sizes[rows, lines])
+    margin_db = limit_db - 0.02 - 20 * np.log10(sizes[rows, lines])
     # d sigma = -Re u^H S dF P S v in scaled coordinates.
     at, scale, owners = S[rows, lines], root[rows], form.owners
     left, sigma, right = np.linalg.svd(at / scale[:, :, None] * scale[:, None, :])
@@ -146,8 +146,8 @@ def sensitivity_margin(scene: Scene, form: Cascade, limit_db: float) -> tuple[Fl
     through = before * form.response(freq_hz[rows, lines], rate_hz) * after
     slopes = -(through[:, owners] * form.log_slopes(freq_hz[rows, lines], rate_hz)).real / sigma[:, :1]
     if not closed.stable.all():  # a step too far counts as farther than any limit
-        left_db = left_db - 60
-    return left_db, -20 / np.log(10) * slopes
+        margin_db = margin_db - 60
+    return margin_db, -20 / np.log(10) * slopes
 
 
 def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: int) -> Cascade:

@@ -249,8 +249,8 @@ class WorkspaceMap:
 
         def column(of: Any, name: str) -> Any:
             values, pieces = getattr(of, name), []
-            for some in np.array_split(rows, 1 + len(rows) // 200):  # a system maps 64 KB about each row of a file
-                pieces.append(values[some])
+            for piece in np.array_split(rows, 1 + len(rows) // 200):  # a system maps 64 KB about each row of a file
+                pieces.append(values[piece])
                 release(values)
             return np.concatenate(pieces)
 
@@ -350,8 +350,8 @@ def _in_parts(function: Callable[[FloatArray], Any], angles: FloatArray) -> tupl
 
 def default_lines(equations: LockedEquations, angles: FloatArray) -> FloatArray:
     """LINES lines (F,) from half the first natural frequency of some postures to twice their sixth, or last."""
-    some = angles[:: max(1, len(angles) // 20)][:20]
-    q, rests = equations.rest(some)
-    at = equations.at(some[rests], q[rests]) if rests.any() else None
+    sample = angles[:: max(1, len(angles) // 20)][:20]
+    q, rests = equations.rest(sample)
+    at = equations.at(sample[rests], q[rests]) if rests.any() else None
     freq_hz = np.array([2.0, 50.0]) if at is None else np.abs(oscillations(at.M, at.D, at.K)[0][:, :6]) / (2 * np.pi)
     return np.geomspace(np.nanmin(freq_hz) / 2, 2 * np.nanmax(freq_hz), LINES)

@@ -179,9 +179,9 @@ def _through(path_parameters: FloatArray, points: FloatArray, is_timed: bool) ->
     """The spline of the time's share from rest to rest, through points (Q, n) at shares (Q,) of time or of the way."""
     if is_timed:
         return _rest_to_rest_spline(path_parameters, points)
-    way = make_interp_spline(path_parameters, points, k=min(3, len(points) - 1))
+    path = make_interp_spline(path_parameters, points, k=min(3, len(points) - 1))
     s = np.linspace(0.0, 1.0, _SAMPLES + 1)
-    return _rest_to_rest_spline(s, way(np.clip(np.polynomial.polynomial.polyval(s, _TIMING), 0.0, 1.0)))
+    return _rest_to_rest_spline(s, path(np.clip(np.polynomial.polynomial.polyval(s, _TIMING), 0.0, 1.0)))
 
 
 def _rest_to_rest_spline(s: FloatArray, points: FloatArray) -> BSpline:

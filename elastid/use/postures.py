@@ -27,9 +27,9 @@ _POSITION, _ROTATION = dict.fromkeys(("x", "y", "z"), "m"), dict.fromkeys(("rx",
 
 def limits_of(robot: Robot) -> FloatArray:
     """Lower and upper angle (n_u, 2) of the driven joints; a full turn, or 0 for those that slide, without limits."""
-    whole = [(0.0, 0.0) if joint.slides else (-np.pi, np.pi) for joint in robot.driven]
+    full_range = [(0.0, 0.0) if joint.slides else (-np.pi, np.pi) for joint in robot.driven]
     limits = np.array([joint.limits.angle for joint in robot.driven], float)
-    return np.where(np.isfinite(limits), limits, np.array(whole))
+    return np.where(np.isfinite(limits), limits, np.array(full_range))
 
 
 def beyond_limits(robot: Robot, angles: FloatArray) -> BoolArray:

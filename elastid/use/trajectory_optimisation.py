@@ -252,9 +252,9 @@ class _CollocationProblem:
         C_x, U_x, L_x = ca.vertsplit(x, np.cumsum([0, *sizes]).tolist())
         C, U, L = ca.reshape(C_x, n_q, n), ca.reshape(U_x, n_u, n), ca.reshape(L_x, n_c, n)
         first, last = (ca.repmat(ca.DM(end), 1, _N_END_COEFFICIENTS) for end in self.ends)
-        whole = ca.horzcat(first, C, last)
-        self.coefficients = ca.Function("coefficients", [x], [whole])
-        Q, V, A, jerk = (whole @ ca.DM(basis).T for basis in self.bases)
+        coefficients = ca.horzcat(first, C, last)
+        self.coefficients = ca.Function("coefficients", [x], [coefficients])
+        Q, V, A, jerk = (coefficients @ ca.DM(basis).T for basis in self.bases)
         B = ca.DM(self.commanded.model.B) @ ca.diag(ca.DM(self.u_0))
         force, phi, _ = self.commanded.balance.map(n)(Q, V, A, L * self.force_0)
         dynamics = (force - B @ U) / self.force_0
@@ -266,13 +266,13 @@ class _CollocationProblem:
         end_inputs = [ca.DM(u / self.u_0) for u in self.holding]
         rate = ca.diff(ca.horzcat(end_inputs[0], U, end_inputs[1]), 1, 1) * (_RATE_S / np.sqrt(self.step))
         # Sixth differences of coefficients: small of any smooth motion, large of one from knot to knot.
-        ripple = ca.diff(whole, 6, 1) * (np.sqrt(self.step) / _RIPPLE)
+        ripple = ca.diff(coefficients, 6, 1) * (np.sqrt(self.step) / _RIPPLE)
         residual = ca.vertcat(tool, ca.vec(rate), ca.vec(ripple))
         self.nlp = {"x": x, "f": ca.sumsqr(residual), "g": g}
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", g.size1())
         slopes = ca.jacobian(residual, x)
-        few = ca.diag(ca.DM([0.0] * (sizes[0] + sizes[1]) + [1e-8] * sizes[2]))
-        H = 2 * lam_f * slopes.T @ slopes + lam_f * ca.sparsify(few)  # Gauss and Newton's
+        regularisation = ca.diag(ca.DM([0.0] * (sizes[0] + sizes[1]) + [1e-8] * sizes[2]))
+        H = 2 * lam_f * slopes.T @ slopes + lam_f * ca.sparsify(regularisation)  # Gauss and Newton's
         arguments = [x, ca.MX(0, 1), lam_f, lam_g]
         names = ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]
         self.hessian = ca.Function("nlp_hess_l", arguments, [ca.triu(H)], *names)
@@ -361,8 +361,8 @@ def first_duration(commanded: CommandedRobot, move: Move, limits: MotionLimits) 
     unit = move.in_time(1.0)
     bounds = enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1)
     times = [float((np.abs(unit.at(t, order)) / bound).max() ** (1 / order)) for order, bound in bounds]
-    way, a, start = unit.at(t) - unit.ends[0], unit.at(t, 2), commanded.rigid_posture(unit.ends[0])
-    slow, quick = (feed_forward(commanded.model, start, way, 0 * way, x) for x in (0 * a, a))
+    path, a, start = unit.at(t) - unit.ends[0], unit.at(t, 2), commanded.rigid_posture(unit.ends[0])
+    slow, quick = (feed_forward(commanded.model, start, path, 0 * path, x) for x in (0 * a, a))
     room = np.maximum(limits.torque - np.abs(slow), 0.05 * limits.torque)
     times.append(float(np.sqrt((np.abs(quick - slow) / room).max())))
     return 1.1 * max(times)

@@ -174,26 +174,26 @@ class MoveRobots:
     error_m: float
 
 
-def tune_move(given: MoveRobots, move: Move, name: str, progress: Progress = silent) -> TunedMove:
+def tune_move(robots: MoveRobots, move: Move, name: str, progress: Progress = silent) -> TunedMove:
     """The references of a move and its outcomes; a move without a duration takes the shortest time.
 
     DataError where no motion keeps the limits, or none is as exact as it should be in any time.
     """
-    commanded = CommandedRobot.of(given.identified, given.frame, move.ends[0])
-    task = _MoveTask(given, commanded, move, MotionLimits.of(given.identified), margin_of(commanded, move))
+    commanded = CommandedRobot.of(robots.identified, robots.frame, move.ends[0])
+    task = _MoveTask(robots, commanded, move, MotionLimits.of(robots.identified), margin_of(commanded, move))
     if not move.duration:
         if not first_duration(commanded, move, task.limits):
             raise DataError(
                 "use/move",
-                f"robot {given.identified.name} has no limits of velocity, acceleration or torque, so that no time is "
+                f"robot {robots.identified.name} has no limits of velocity, acceleration or torque, so that no time is "
                 "the shortest; give its joints limits, or a duration",
             )
-        spared = task.limits.narrowed({kind: np.full(len(task.limits.torque), _SPARE**2) for kind in KINDS})
-        fastest = shortest(commanded, move, spared, task.margin_s, given.error_m)
+        limits = task.limits.narrowed({kind: np.full(len(task.limits.torque), _SPARE**2) for kind in KINDS})
+        fastest = shortest(commanded, move, limits, task.margin_s, robots.error_m)
         if fastest is None:
             raise DataError(
                 "use/move",
-                f"the tool stays within {1e3 * given.error_m:g} mm of its path in no time; raise --error, or move the "
+                f"the tool stays within {1e3 * robots.error_m:g} mm of its path in no time; raise --error, or move the "
                 "path away from limits and singular postures",
             )
         task = replace(task, move=fastest)

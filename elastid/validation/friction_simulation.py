@@ -260,16 +260,16 @@ def predict_logs(
     execution: Execution,
 ) -> LogComparison:
     """Return the logs of motions by the numbers of `joints`; robot: with their friction, for the simulations."""
-    by_name, judged = {joint.joint: joint for joint in joints}, list[JointFriction]()
+    by_name, predicted = {joint.joint: joint for joint in joints}, list[JointFriction]()
     reasons = dict[str, list[str]]()
     for log in motion_logs(measured):
         for name, record in log.items():
             try:
-                judged.append(_along(robot, by_name.get(name), record, log))
+                predicted.append(_along(robot, by_name.get(name), record, log))
             except DataError as error:
                 reasons.setdefault(name, []).append(f"{record.name}: {error}")
     missing = {name: "; ".join(texts) for name, texts in reasons.items()}
-    findings = compare_friction_logs(robot, judged, measured, controller, execution)
+    findings = compare_friction_logs(robot, predicted, measured, controller, execution)
     by_commands = _commanded_runs(robot, joints, motion_logs(measured, "commands"))
     return replace(findings, runs=(*findings.runs, *by_commands), missing=missing)
 
