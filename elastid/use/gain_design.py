@@ -37,7 +37,7 @@ def _keeps(scene: Scene, cascade: Cascade, limit_db: float) -> bool:
 
 
 def slowed(cascade: Cascade, is_accepted: Callable[[Cascade], bool], slowest: int = _SLOWEST) -> Cascade | None:
-    """First slower copy of a controller that satisfies its limit, within a quarter of a step; None if no copy does."""
+    """Return the first slower copy of a controller within its limit, to a quarter of a step; None if no copy is."""
     for step in range(slowest):
         for factor in (0.0, 1.0):  # of the slowing that the velocity loops take part in
 
@@ -50,7 +50,7 @@ def slowed(cascade: Cascade, is_accepted: Callable[[Cascade], bool], slowest: in
 
 
 def rules(plants: Plants, first_mode_hz: float, delay: int) -> Iterator[Cascade]:
-    """Velocity bandwidths from 2 to 1/30 of the first mode, or of the limit by delay and sampling; gains by inertia."""
+    """Yield velocity bandwidths, 2 to 1/30 of the first mode or the limit by delay and sampling; gains by inertia."""
     top = 2 * np.pi * min(first_mode_hz, plants.rate_hz / (8 * (1 + delay)))
     inertia = np.exp(np.log(plants.inertia).mean(axis=0))
     corner = np.full(len(inertia), 0.3 * plants.rate_hz)
@@ -60,7 +60,7 @@ def rules(plants: Plants, first_mode_hz: float, delay: int) -> Iterator[Cascade]
 
 
 def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIMIT_DB) -> Iterator[Cascade]:
-    """Better and better controllers that keep the limit on all plants; FitError where no gain does."""
+    """Yield better and better controllers within the limit on all plants; FitError where no gain does."""
     feasible = [cascade for cascade in rules(scene.plants, first_mode_hz, delay) if _keeps(scene, cascade, limit_db)]
     best = max(feasible, key=lambda cascade: cascade.reached(scene), default=None)
     if best is None:
@@ -83,7 +83,7 @@ def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIM
 
 
 def _with_notch(scene: Scene, best: Cascade) -> Iterator[Cascade]:
-    """Cascades with a shallow notch more for one axis, below and above the peak that it has most part in."""
+    """Yield cascades with a shallow notch more for one axis, below and above the peak that it has most part in."""
     left, size, right = np.linalg.svd(scaled(best.on(scene).S, scene.plants.inertia))
     parts = np.abs(left[..., 0] * right[..., 0, :]) * size[..., :1]
     for axis in range(len(best.velocity_gain)):
@@ -96,7 +96,7 @@ def _with_notch(scene: Scene, best: Cascade) -> Iterator[Cascade]:
 
 
 def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUNDS) -> Cascade | None:
-    """The best that rounds of sequential quadratic programming find; None for a start that no slowing helps."""
+    """Search by rounds of sequential quadratic programming; None for a start that no slowing helps."""
 
     def is_accepted(cascade: Cascade) -> bool:
         return _keeps(scene, cascade, limit_db)
@@ -130,7 +130,7 @@ def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUND
 
 
 def sensitivity_margin(scene: Scene, form: Cascade, limit_db: float) -> tuple[FloatArray, FloatArray]:
-    """Limit less M_S, dB (n,), of each part of the band of each plant, and its slopes (n, n_x) to the logarithms x."""
+    """Return limit less M_S, dB (n,), of each part of the band of each plant, and slopes (n, n_x) to logarithms x."""
     freq_hz, rate_hz, root = scene.freq_hz, scene.plants.rate_hz, np.sqrt(scene.plants.inertia)
     closed = form.on(scene)
     S, sizes = closed.S, closed.size
@@ -151,7 +151,7 @@ def sensitivity_margin(scene: Scene, form: Cascade, limit_db: float) -> tuple[Fl
 
 
 def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: int) -> Cascade:
-    """The design that keeps the limit on the estimate and on 95 % of D draws.
+    """Design a controller that keeps the limit on the estimate and on 95 % of D draws.
 
     draws: D times as many plants as the estimate has, or none.  FitError where no gains do.
     """
@@ -160,7 +160,7 @@ def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: 
     scene_of_draws = None if draws is None else Scene.of(draws, lines=120, per_mode=9)
 
     def excess(cascade: Cascade) -> float:
-        """dB by which the peak of the estimate, or the 95 % quantile of the draws, is above the limit."""
+        """Return dB by which the peak of the estimate, or the 95 % quantile of the draws, is above the limit."""
         peaks = [float(cascade.on(fine).peaks_db.max())]
         if scene_of_draws is not None:
             of_draws = cascade.on(scene_of_draws).peaks_db.reshape(-1, Q).max(axis=1)

@@ -110,7 +110,7 @@ def answers(
     H = at.J[:, None] @ X
 
     def std(line: int, a: ComplexArray | FloatArray, b: ComplexArray | FloatArray) -> FloatArray:
-        """Standard deviations (Q,) of Re a^T G b of directions a, b (Q, 3)."""
+        """Return standard deviations (Q,) of Re a^T G b of directions a, b (Q, 3)."""
         pair = ((X[:, line] @ each[:, :, None]).mT for each in (a, b))
         slopes = at.response_slopes(s[:, line, None], a, b, *pair)[:, 0]
         return np.asarray(np.linalg.norm(slopes.real @ shifts.T, axis=1))
@@ -158,7 +158,7 @@ def answers(
 def _extremes(
     at: LockedPostures, freq_hz: FloatArray, zeta: FloatArray, lines_hz: FloatArray, cut: Cut
 ) -> tuple[FloatArray, FloatArray]:
-    """Lines (Q,) of the largest response and of the most negative real part.  freq_hz, zeta (Q, n): NaN beyond."""
+    """Return lines (Q,) of the largest response and the most negative real part.  freq_hz, zeta (Q, n): NaN beyond."""
     zeta = np.clip(zeta, 0.0, 1.0)
     # Where each mode peaks, and where its real part is most negative.
     extremes = [np.sqrt(np.maximum(1 - 2 * zeta**2, 1e-4)), np.sqrt(1 + 2 * zeta)]
@@ -176,7 +176,7 @@ def _extremes(
 
 
 def largest_gain(G: ComplexArray) -> FloatArray:
-    """Largest singular value (...) of matrices (..., n, n)."""
+    """Return largest singular value (...) of matrices (..., n, n)."""
     return singular_values(G.reshape(-1, *G.shape[-2:]))[:, 0].reshape(G.shape[:-2])
 
 
@@ -238,7 +238,7 @@ class WorkspaceMap:
     sliding: tuple[bool, ...] = ()
 
     def __getitem__(self, name: str) -> Quantity:
-        """A quantity by its name."""
+        """Return a quantity by its name."""
         return {quantity.name: quantity for quantity in self.quantities}[name]
 
     def __len__(self) -> int:
@@ -296,7 +296,7 @@ def map_workspace(
     is_path: bool = False,
     execution: Execution = HERE,
 ) -> WorkspaceMap:
-    """The map of postures (Q, n_u) of a fitted robot; StudyError where none of them has an equilibrium.
+    """Map postures (Q, n_u) of a fitted robot; StudyError where none of them has an equilibrium.
 
     fitted: or its family in the axes of the base, built before.  frame: by default `tool`, else the last one.
     lines_hz (F,): by default LINES of them over the modes.  Maps of many postures are in temporary files.
@@ -342,14 +342,14 @@ def map_workspace(
 
 
 def _in_parts(function: Callable[[FloatArray], Any], angles: FloatArray) -> tuple[BoolArray, dict[str, FloatArray]]:
-    """`answers` of so many postures at a time as a cache takes."""
+    """Return `answers` of so many postures at a time as a cache takes."""
     rests, parts = zip(*(function(angles[first : first + 50]) for first in range(0, len(angles), 50)), strict=True)
     names = max(parts, key=len)
     return np.concatenate(rests), {key: np.concatenate([part[key] for part in parts if part]) for key in names}
 
 
 def default_lines(equations: LockedEquations, angles: FloatArray) -> FloatArray:
-    """LINES lines (F,) from half the first natural frequency of some postures to twice their sixth, or last."""
+    """Return LINES lines (F,) from half the first natural frequency of some postures to twice their sixth, or last."""
     sample = angles[:: max(1, len(angles) // 20)][:20]
     q, rests = equations.rest(sample)
     at = equations.at(sample[rests], q[rests]) if rests.any() else None

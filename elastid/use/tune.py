@@ -74,7 +74,7 @@ class TwinLoop:
         cls, commanded: CommandedRobot, robot: Robot, start: FloatArray, rate_hz: float, bandwidth_hz: float,
         samples: int = 0, *, clips: bool = False,
     ) -> "TwinLoop":  # fmt: skip
-        """Loop of a robot with the gains of the commanded one, at rest in a posture `start` (n_u,).
+        """Return loop of a robot with the gains of the commanded one, at rest in a posture `start` (n_u,).
 
         samples: about how many will be simulated.  clips: torques at their limits.  StudyError for poles that are too
         fast.
@@ -86,7 +86,7 @@ class TwinLoop:
         return cls(commanded, robot, plant, gains)
 
     def follow(self, references: References, robot: Robot | None = None) -> tuple[FloatArray, FloatArray]:
-        """q (N, n_q), torque of the drives (N, n_u) of this robot, or another of its kind, from rest.
+        """Return q (N, n_q), torque of the drives (N, n_u) of this robot, or another of its kind, from rest.
 
         DataError where a motor is lost, StudyError where it finds no rest at the start.
         """
@@ -111,7 +111,7 @@ class TwinLoop:
         return motion.q, motion.u
 
     def outcome(self, name: str, references: References, target: FloatArray, end_s: float) -> Outcome:
-        """The error from target (N, 3) of a move that ends at end_s."""
+        """Return the error from target (N, 3) of a move that ends at end_s."""
         q, _ = self.follow(references)
         at = self.commanded.poses(q, self.robot).position - target
         error, after = np.linalg.norm(at, axis=1), references.time_s > end_s
@@ -152,7 +152,7 @@ class TunedMove(References):
     advice: str = ""
 
     def __getitem__(self, name: str) -> Outcome:
-        """An outcome by its name."""
+        """Return an outcome by its name."""
         return {outcome.name: outcome for outcome in self.outcomes}[name]
 
 
@@ -175,7 +175,7 @@ class MoveRobots:
 
 
 def tune_move(robots: MoveRobots, move: Move, name: str, progress: Progress = silent) -> TunedMove:
-    """The references of a move and its outcomes; a move without a duration takes the shortest time.
+    """Tune the references of a move, with its outcomes; a move without a duration takes the shortest time.
 
     DataError where no motion keeps the limits, or none is as exact as it should be in any time.
     """
@@ -211,7 +211,7 @@ class _MoveTask:
     margin_s: float
 
     def tuned(self, name: str, progress: Progress) -> TunedMove:
-        """The best move with its outcomes."""
+        """Tune the move, with its outcomes."""
         robots, limits, joints = self.robots, self.limits, self.commanded.robot.driven
         planned, r, errors, most = self._within_limits(progress)
         target = self._path(r.time_s)
@@ -235,11 +235,11 @@ class _MoveTask:
         )  # fmt: skip
 
     def _path(self, time_s: FloatArray, robot: Robot | None = None) -> FloatArray:
-        """Path (N, 3) of the frame on the commanded robot, or on another one that is rigid."""
+        """Return path (N, 3) of the frame on the commanded robot, or on another one that is rigid."""
         return self.commanded.poses(self.commanded.rigid(self.move, time_s)[0], robot).position
 
     def _within_limits(self, progress: Progress) -> tuple[Planned, References, FloatArray, FloatArray]:
-        """A plan that keeps the limits, errors (D, N) of draws with its references, and their largest torque (n_u,).
+        """Find a plan within the limits, errors (D, N) of draws with its references, and their largest torque (n_u,).
 
         Bounds are narrowed where samples between knots, or draws with their feedback, go beyond them.
         """
@@ -285,7 +285,7 @@ class _MoveTask:
         )
 
     def _outcomes(self, references: References, target: FloatArray, drawn: FloatArray) -> tuple[Outcome, ...]:
-        """Rigid feedforward, catalogue and identified stiffness on the robot to judge by, this with 95 % of draws."""
+        """Simulate rigid feedforward, catalogue and identified stiffness on the robot `judge`, the last with draws."""
         robots, move = self.robots, self.move
         start, hz, samples = move.ends[0], (robots.rate_hz, robots.bandwidth_hz), 3 * len(references.time_s)
         judge = TwinLoop.of(self.commanded, robots.judge, start, *hz, samples, clips=True)
