@@ -61,7 +61,7 @@ class ExpectedResponse:
 
 
 def expected_fit(expected: Sequence[ExpectedResponse]) -> ElasticFit:
-    """Return the joint fit of all expected responses."""
+    """Return the fit of all expected responses together."""
     responses, models, weights = zip(*((part.response, part.model, part.weights) for part in expected), strict=True)
     return elastic_fit(responses, models, weights, expected[0].parameters, expected[0].fit.criterion)
 
@@ -69,7 +69,7 @@ def expected_fit(expected: Sequence[ExpectedResponse]) -> ElasticFit:
 def friction_linearisation(
     V: ComplexArray, lines: IntArray, period_samples: int, coulomb: FloatArray, carrier_velocity: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    r"""Linearise Coulomb friction under V (K, F, n_u) in K experiments: damping (n_u,), E|s_k|^2 (F, n_u), link side.
+    r"""Return damping d (n_u,), E|s_k|^2 (F, n_u) by Coulomb friction under V (K, F, n_u) of K experiments, link side.
 
     .. math:: \tau_c\, \mathrm{sign}(v_c + v) = d\, v + s, \qquad
               d = \frac{\mathrm{Re} \sum_k V_k^* T_k}{\sum_k |V_k|^2}
@@ -121,7 +121,7 @@ class Prospect:
         return Linearisation.of_robot(self.robot, self.model, self.parameters.names, self.presliding)
 
     def expected(self, configuration: Configuration, x: FloatArray) -> ExpectedResponse:
-        """Predict the response of a robot with parameters x (n_x,) in a configuration, with the weights of the fit.
+        """Return the response of a robot with parameters x (n_x,) in a configuration, with weights as the fit has them.
 
         StudyError where the configuration has no equilibrium.
         """
@@ -131,11 +131,11 @@ class Prospect:
         return ExpectedResponse(response, model, weigh(response, self.fit), self.parameters, self.fit)
 
     def information(self, configuration: Configuration, x: FloatArray) -> FloatArray:
-        """Return H (n_x, n_x) at x (n_x,)."""
+        """Return information H (n_x, n_x) at x (n_x,)."""
         return self.expected(configuration, x).information(x)
 
     def source(self, configuration: Configuration, x: FloatArray) -> PowerSource:
-        """Return the information of each element as a function of the powers of R; friction scatters as under R.
+        """Return information by elements one by one, a function of the powers of R; friction scatters as under R.
 
         StudyError without noise.
         """
@@ -177,7 +177,7 @@ class Prospect:
         return Covariance(noise + distortion, math.inf, *() if self.distortion > 0 else (left, right))
 
     def equivalent_damping(self, configuration: Configuration, x: FloatArray) -> FloatArray:
-        """Return the increase (n_u,) of fitted viscous friction by Coulomb friction, link side, Nms/rad."""
+        """Return increase (n_u,), Nms/rad, link side, of the viscous friction of a fit by Coulomb friction."""
         motion = self._local(configuration, x)[2]
         return self._friction(self._torques(configuration, motion)[1], motion)[0]
 
@@ -252,7 +252,7 @@ class Prospect:
         return np.asarray(per_sample * (4 / (self.plan.period_samples * self.plan.periods)) + scattered)
 
     def _output_variances(self) -> FloatArray:
-        """Return rad^2 or (m/s^2)^2 (F, n_y) of a sample, as if white: sensor noise, encoder counts of a motor."""
+        """Return variances (F, n_y), rad^2 or (m/s^2)^2, of a sample, as if white: sensor noise and encoder counts."""
         noise = self.simulated.noise
         color = noise.variances("angle", self.plan.freq_hz, self.plan.rate_hz) - noise.angle_std**2
         is_angle = [logged_quantity(place) == "position" for place in self.outputs]

@@ -374,7 +374,7 @@ def _covariance(end: _Linearised, problem: _Problem, names: Sequence[tuple[str, 
     meat = sum(long_run(score, count) for score, count in zip(end.scores, counts, strict=True))
     dof = float(sum(counts))
     covariance = end.inverse @ meat @ end.inverse * small_sample_factors(dof) ** 2
-    variance, dofs, every = np.diag(covariance).copy(), np.full(len(covariance), dof), np.vstack(end.scores)
+    variance, dofs, scores = np.diag(covariance).copy(), np.full(len(covariance), dof), np.vstack(end.scores)
     wider = np.ones(len(covariance))
     for joint in problem.joints:
         places = [i for i, (of, _) in enumerate(names) if of == joint]
@@ -383,7 +383,7 @@ def _covariance(end: _Linearised, problem: _Problem, names: Sequence[tuple[str, 
             for log, q in zip(problem.logs, problem.measured, strict=True)
         ]
         state = np.concatenate(angles)[:, None]
-        wider[places] = state_widening(end.inverse, every, state, variance, dofs)[places]
+        wider[places] = state_widening(end.inverse, scores, state, variance, dofs)[places]
     if m > 1:
         d = np.array([score.sum(axis=0) for score in end.scores]) @ end.inverse
         ratio = m / (m - 1) * np.sum(d**2, axis=0) / np.maximum(variance, 1e-300)

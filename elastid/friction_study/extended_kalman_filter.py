@@ -306,8 +306,8 @@ class KalmanFilter:
                 block = np.stack([motion.torque[samples], motion.load[samples], motion.angle[samples]])
                 here = slice(start + begin, start + begin + block.shape[1])
                 block = np.pad(block, ((0, 0), (0, _BLOCK - block.shape[1])), "edge")
-                every = evaluated(self._block, [x, P.T, *block, noise_rows], shapes)
-                states, spread, e, S = (output[: n - begin] for output in every)
+                outputs = evaluated(self._block, [x, P.T, *block, noise_rows], shapes)
+                states, spread, e, S = (output[: n - begin] for output in outputs)
                 variance = np.diagonal(spread, axis1=1, axis2=2)[:, friction_rows]
                 considered = np.sum(spread[:, n_x:, friction_rows] ** 2, axis=1)
                 numbers[:, here] = states[:, friction_rows], np.sqrt(variance), variance - considered

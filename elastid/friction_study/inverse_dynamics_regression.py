@@ -383,9 +383,9 @@ def regress_robot_motion(
         return [equations_of(log, terms, block, sliding) for log, block in zip(logs, rigid, strict=True)]
 
     terms, rate_hz = dict.fromkeys(joints, MotionTerms(friction_only=True)), logs[0].first.decimated_hz
-    every = solve(equations(terms), rate_hz)
+    full = solve(equations(terms), rate_hz)
     for joint in joints:
-        chance = every.at(joint).chance("directions.viscous", 0)
+        chance = full.at(joint).chance("directions.viscous", 0)
         terms[joint] = replace(terms[joint], by_direction=chance < FALSE_ALARM)
     least = solve(equations(terms), rate_hz)
     shifts = band_differences(both_bands(logs), lambda log: equations_of(log, terms, base.filtered(log)))

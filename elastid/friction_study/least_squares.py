@@ -97,9 +97,9 @@ def inverse_normal(J: FloatArray) -> FloatArray:
     size = np.linalg.norm(J, axis=0)
     size[size < 1e-100] = 1.0  # the square of such a column underflows
     _, s, Vt = np.linalg.svd(J / size, full_matrices=False)
-    reached = s > 1e-12 * s.max()
-    inverse = (Vt[reached].T / s[reached] ** 2) @ Vt[reached]
-    reach = np.sum(Vt[~reached] ** 2, axis=0) > 1e-6
+    is_identified = s > 1e-12 * s.max()
+    inverse = (Vt[is_identified].T / s[is_identified] ** 2) @ Vt[is_identified]
+    reach = np.sum(Vt[~is_identified] ** 2, axis=0) > 1e-6
     inverse[reach, reach] = np.inf
     return np.asarray(inverse / np.outer(size, size))
 
@@ -203,8 +203,8 @@ class Solution:
 
 def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     """Return parameters common to all logs; rate_hz of the samples."""
-    every = [[getattr(log, name) for log in logs] for name in ("X", "R", "y", "states")]
-    X, R, y, states = (parts[0] if len(parts) == 1 else np.concatenate(parts) for parts in every)
+    stacks = [[getattr(log, name) for log in logs] for name in ("X", "R", "y", "states")]
+    X, R, y, states = (parts[0] if len(parts) == 1 else np.concatenate(parts) for parts in stacks)
     (n, m), n_x = y.shape, X.shape[2]
     weight, used = np.ones(m), np.any(X, axis=2).sum(axis=0)
     for _ in range(5 if m > 1 else 1):  # weights, then the solution
@@ -331,6 +331,6 @@ def _basis(R: FloatArray) -> tuple[FloatArray, FloatArray]:
         return np.zeros((len(R), 0)), np.zeros((R.shape[1], 0))
     size = np.where(size > 0, size, np.inf)
     _, s, Vt = np.linalg.svd(_triangle(R) / size, full_matrices=False)
-    kept = s > RANK_TOLERANCE * s[0]
-    inverse = (Vt[kept] / s[kept, None] / size).T
+    is_significant = s > RANK_TOLERANCE * s[0]
+    inverse = (Vt[is_significant] / s[is_significant, None] / size).T
     return R @ inverse, inverse

@@ -170,16 +170,16 @@ def _heat(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
     degc = [axis.motion.temperature for axis in signals if axis.motion.temperature is not None]
     if len(degc) < len(signals):
         return terms
-    every = np.concatenate(degc)
-    low, high = float(every.min()), float(every.max())
-    terms = replace(terms, reference=float(every.mean()), measured=(low, high))
-    if np.ptp(every) < TEMPERATURE_STEP_K:
+    temperatures = np.concatenate(degc)
+    low, high = float(temperatures.min()), float(temperatures.max())
+    terms = replace(terms, reference=float(temperatures.mean()), measured=(low, high))
+    if np.ptp(temperatures) < TEMPERATURE_STEP_K:
         return terms
     alone = [regress(signals, replace(terms, heat=(name,))).chance(name, 0) for name in HEAT]
     if min(alone) * len(HEAT) > FALSE_ALARM:
         return terms
     # Two temperatures identify no decay; held at one that was not measured, it makes f at the mean temperature wrong.
-    between = np.mean(np.abs(every - (low + high) / 2) < (high - low) / 6)
+    between = np.mean(np.abs(temperatures - (low + high) / 2) < (high - low) / 6)
     # Three temperatures at least have 5 % of the time in the middle third of all.
     terms = replace(terms, heat=HEAT, is_decay_free=bool(between > 0.05))
     return terms.at(regress(signals, terms))

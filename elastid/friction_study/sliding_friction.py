@@ -189,9 +189,9 @@ def rigid_loads(robot: Robot, records: Sequence[FrictionRecord], position: Float
     places = [robot.driven_indices[robot.driven_names.index(record.joint)] for record in records]
     (n, m), rate_hz = position.shape, records[0].rate_hz
     q, v, a = smoothed_motion(position, rate_hz)[0]
-    whole = np.zeros((3, len(robot.joints), n))
-    whole[0, list(robot.driven_indices)] = (robot.mixing @ records[0].angles(len(robot.driven)))[:, None]
-    for signals, values in zip(whole, (q, v, a), strict=True):
+    states = np.zeros((3, len(robot.joints), n))
+    states[0, list(robot.driven_indices)] = (robot.mixing @ records[0].angles(len(robot.driven)))[:, None]
+    for signals, values in zip(states, (q, v, a), strict=True):
         signals[places] = values.T
     dynamics, theta = inverse_dynamics(robot), np.array([value for value, _ in robot.parameters().values()])
 
@@ -199,17 +199,17 @@ def rigid_loads(robot: Robot, records: Sequence[FrictionRecord], position: Float
         return np.asarray(dynamics(q, v, a, np.tile(theta[:, None], q.shape[1])).full())[places]
 
     # Columns of the mass matrix at some instants.
-    sample, unit = whole[0][:, :: max(1, n // 20)], np.zeros((len(robot.joints), 1))
-    still, columns = np.zeros_like(sample), []
+    sample, unit = states[0][:, :: max(1, n // 20)], np.zeros((len(robot.joints), 1))
+    zeros, columns = np.zeros_like(sample), []
     for place in places:
         unit[:], unit[place] = 0.0, 1.0
-        columns.append(torque(sample, still, still + unit) - torque(sample, still, still))
+        columns.append(torque(sample, zeros, zeros + unit) - torque(sample, zeros, zeros))
     M = np.array(columns)  # (m, m, k)
     diagonal = np.mean(M[range(m), range(m)], axis=1)
     coupling = np.max(np.abs(M), axis=2) * ~np.eye(m, dtype=bool)
     if not np.any(coupling > 1e-9 * np.sqrt(np.outer(diagonal, diagonal))):
         return np.zeros_like(position), np.zeros(m)
-    return torque(*whole).T - a * diagonal, diagonal
+    return torque(*states).T - a * diagonal, diagonal
 
 
 def simulated_commands(
@@ -272,9 +272,9 @@ def _coasting(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> 
         rigid, slides = torques_in_file(with_point_mass(robot, record.payload), log)[joint.name], log.first.slides
         # What it does at rest is no sliding, however long.
         n = len(slides) - int(np.argmax(slides[::-1])) + round(6.0 / PASSBAND_HZ * record.rate_hz)
-        whole, torque = log.first.motion, record.torque - rigid
-        position = whole.position[:n]
-        motions.append(replace(whole, position=position, torque=torque[:n], temperature=None, is_run_down=True))
+        motion, torque = log.first.motion, record.torque - rigid
+        position = motion.position[:n]
+        motions.append(replace(motion, position=position, torque=torque[:n], temperature=None, is_run_down=True))
     text = (
         "its run-downs give friction relative to the inertia of the robot's file: 1 % of it is 1 % of friction, and an "
         "offset of the torque is part of Coulomb friction unless they go both ways: no interval has that in it"
@@ -373,8 +373,8 @@ def _sufficient_runs(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, 
 def motion_log(robot: Robot, log: Mapping[str, FrictionRecord], passband_hz: float) -> MotionLog:
     """Return the signals of a log, and the angles of the joints that rest in it."""
     first = next(iter(log.values()))
-    every = zip(robot.driven_names, (robot.mixing @ first.angles(len(robot.driven))).tolist(), strict=True)
-    resting = {joint: angle for joint, angle in every if joint not in log}
+    angles = zip(robot.driven_names, (robot.mixing @ first.angles(len(robot.driven))).tolist(), strict=True)
+    resting = {joint: angle for joint, angle in angles if joint not in log}
     return MotionLog.of({joint: _motion(record, False) for joint, record in log.items()}, resting, passband_hz)
 
 

@@ -86,14 +86,15 @@ class StaticLaw:
                 if reason:
                     reasons[part.name] = extrapolated[part.name] = reason
         # Of a part that is there, a further number that does not show is no refusal.
-        taken = {part.name for part in parts if part not in waiting}
-        shown = {name: reason for name, reason in reasons.items() if name not in taken or not reason.startswith(ABSENT)}
-        for name, reason in shown.items():
+        for name in {part.name for part in parts if part not in waiting}:
+            if reasons.get(name, "").startswith(ABSENT):
+                del reasons[name]
+        for name, reason in reasons.items():
             if getattr(spec, name) == "yes":
                 text = f"law.{name} cannot be identified: {reason}"
                 raise FitError("friction/law", text, f"friction of {curve.place}")
         fit = _add_curve_uncertainty(curve, fit, parts[0], spec)
-        return replace(fit, unidentified=tuple(UnidentifiedTerm(name, reason) for name, reason in shown.items()))
+        return replace(fit, unidentified=tuple(UnidentifiedTerm(name, reason) for name, reason in reasons.items()))
 
     @property
     def quantile_95(self) -> float:

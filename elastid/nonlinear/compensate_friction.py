@@ -211,11 +211,11 @@ def to_shafts(record: Record, E: FloatArray | None) -> Record:
         return record
     columns = [record.outputs.index(place) for place in record.inputs if place in record.outputs]
     if len(columns) < len(record.inputs) or len({record.quantities[i] for i in columns}) > 1:
-        rest = [i for i in range(len(record.outputs)) if i not in columns]
-        outputs = tuple(record.outputs[i] for i in rest)
-        quantities = tuple(record.quantities[i] for i in rest)
-        sampled = tuple(record.sampled[i] for i in rest) if record.sampled else ()
-        return replace(record, y=record.y[:, rest], outputs=outputs, quantities=quantities, sampled=sampled)
+        others = [i for i in range(len(record.outputs)) if i not in columns]
+        outputs = tuple(record.outputs[i] for i in others)
+        quantities = tuple(record.quantities[i] for i in others)
+        sampled = tuple(record.sampled[i] for i in others) if record.sampled else ()
+        return replace(record, y=record.y[:, others], outputs=outputs, quantities=quantities, sampled=sampled)
     return _turned(record, columns, np.asarray(np.linalg.inv(E)), E.T)
 
 

@@ -171,11 +171,11 @@ def _scale_jacobian(
     effects: Sequence[GearEffect], magnitudes: FloatArray, scales: Sequence[Sequence[int]], n_x: int
 ) -> FloatArray:
     """Return T (n, n_x + n_f + n_s) from parameters, magnitudes, scale steps to parameters and all magnitudes."""
-    kept, edges = n_x + len(magnitudes), [(s, i) for s, group in enumerate(scales) for i in group]
-    T = np.zeros((kept + len(edges), kept + len(scales)))
-    T[:kept, :kept] = np.eye(kept)
+    size, edges = n_x + len(magnitudes), [(s, i) for s, group in enumerate(scales) for i in group]
+    T = np.zeros((size + len(edges), size + len(scales)))
+    T[:size, :size] = np.eye(size)
     for row, (s, i) in enumerate(edges):
-        T[kept + row, kept + s] = magnitudes[i] * effects[i].scale
+        T[size + row, size + s] = magnitudes[i] * effects[i].scale
     return T
 
 

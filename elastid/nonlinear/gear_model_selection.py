@@ -14,6 +14,7 @@ together, along the motion under the effects that were found. Of a sine with its
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import compress
 from typing import TypeAlias
 
 import numpy as np
@@ -169,7 +170,7 @@ def _best_law(data: GearData, estimate: GearEstimate, joint: str, family: tuple[
     springs = springs_of(estimate)
     if not springs:
         return estimate
-    kept = tuple(effect for effect in estimate.effects if effect not in springs)
+    others = tuple(effect for effect in estimate.effects if effect not in springs)
     deflection = _sizes(data, estimate, data.joints.index(joint))[1]
 
     def cost(magnitudes: GearEstimate) -> float:
@@ -178,13 +179,13 @@ def _best_law(data: GearData, estimate: GearEstimate, joint: str, family: tuple[
     tie = sum(lines.Y.size for lines in data.lines)
 
     def tried(before: GearEstimate, effects: tuple[GearEffect, ...]) -> GearEstimate:
-        return _prune(data, estimate_gear_parameters(data, before, effects, _ROUGH, kept, cost(estimate)))
+        return _prune(data, estimate_gear_parameters(data, before, effects, _ROUGH, others, cost(estimate)))
 
     trials = [estimate]
     for kind in family:
         if not any(effect.kind == kind or {effect.kind, kind} == {"range", "gap"} for effect in springs):
             start = KINDS[kind].scales[len(KINDS[kind].scales) // 2] * deflection
-            trials.append(tried(estimate, (*kept, GearEffect(kind, joint, start))))
+            trials.append(tried(estimate, (*others, GearEffect(kind, joint, start))))
     best = min(trials, key=cost)
     ranged = next((trial for trial in trials if [effect.kind for effect in springs_of(trial)] == ["range"]), best)
     if best.weighted_cost < ranged.weighted_cost < best.weighted_cost + tie:
@@ -239,16 +240,17 @@ def _prune(data: GearData, estimate: GearEstimate) -> GearEstimate:
     size = estimate.magnitudes / np.maximum(estimate.std, 1e-300)
     power = sum(np.sum(np.abs(e.Phi) ** 2, axis=(0, 1, 2)) for e in estimate.estimates) * estimate.magnitudes**2
     families = [(*family_of(effect), effect.scale) for effect in estimate.effects]
-    seen, powers = dict.fromkeys(families, -np.inf), dict.fromkeys(families, 0.0)
+    sizes, powers = dict.fromkeys(families, -np.inf), dict.fromkeys(families, 0.0)
     for family, effect, z, P in zip(families, estimate.effects, size.tolist(), power.tolist(), strict=True):
-        seen[family] = max(seen[family], z if effect.row.brakes else abs(z))
+        sizes[family] = max(sizes[family], z if effect.row.brakes else abs(z))
         powers[family] += P
     largest = {joint: max(P for family, P in powers.items() if family[1] == joint) for _, joint, *_ in families}
-    keep = [seen[family] >= MIN_SIGNIFICANCE and powers[family] > SLIGHT**2 * largest[family[1]] for family in families]
+    keep = [
+        sizes[family] >= MIN_SIGNIFICANCE and powers[family] > SLIGHT**2 * largest[family[1]] for family in families
+    ]
     if all(keep):
         return estimate
-    effects = tuple(effect for effect, kept in zip(estimate.effects, keep, strict=True) if kept)
-    return estimate_gear_parameters(data, estimate, effects, tolerance=_ROUGH)
+    return estimate_gear_parameters(data, estimate, tuple(compress(estimate.effects, keep)), tolerance=_ROUGH)
 
 
 def _select_effects(data: GearData, estimate: GearEstimate, groups: Sequence[Group]) -> list[GearEffect]:

@@ -23,7 +23,7 @@ from elastid.targets.target import Target
 
 
 def functions(model: FittedRobot) -> tuple[ca.Function, ...]:
-    """Build mass(q) -> M, force(q, v) -> f, damping(q) -> D, stiffness(q) -> K, input_matrix() -> B at fitted numbers.
+    """Return mass(q) -> M, force(q, v) -> f, damping(q) -> D, stiffness(q) -> K, input_matrix() -> B, as fitted.
 
     damping and stiffness are the Hessians of dissipation and potential: the linear model at an equilibrium q. Where
     loops are closed by constraints, also constraint(q) -> phi and constraint_jacobian(q) -> Phi, and stiffness(q,
@@ -63,7 +63,7 @@ def _equilibria(model: FittedRobot) -> ca.Function:
 
 
 def write_casadi(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
-    """Write mass.casadi, force.casadi and so on, a file per function, for casadi.Function.load; and coordinates.txt."""
+    """Write mass.casadi, force.casadi and so on, one file a function, for casadi.Function.load; and coordinates.txt."""
     built = {folder / f"{function.name()}.casadi": function for function in functions(model)}
     for path, function in built.items():
         with replacing(path) as temporary:

@@ -89,14 +89,14 @@ class Subject:
 
     @classmethod
     def fitted(cls, model: FittedRobot) -> "Subject":
-        """Return the unit of a fitted robot, in the measured configurations."""
+        """Return a fitted robot, in the configurations that were measured."""
         postures = tuple(linear.configuration for linear in model.linear)
         intervals = {number.name: number.interval_text for number in known_numbers(model)}
         return cls(model.name or model.robot.name, model.model, postures, intervals)
 
     @classmethod
     def moving(cls, robot: Robot, tuned: TunedMove) -> "Subject":
-        """Return the unit of a robot at the start of a move, with the control loops of the move."""
+        """Return a robot at the start of a move, in the loops that the move was judged in."""
         model, start = formulate(robot), Configuration("start of the move", tuned.position[0])
         gains = tune(model, equilibrium(model, model.theta, start).q, tuned.bandwidth_hz, DAMPING_RATIO)
         return cls(tuned.name, model, (start,), {}, tuned, gains.kp, gains.kd)
@@ -105,7 +105,7 @@ class Subject:
 def layout(
     subject: Subject, contacts: Contacts, points: tuple[OperatingPoint, ...], rate_hz: float, step_s: float
 ) -> Layout:
-    """Lay out the variables of a robot that starts at rest in the first of its configurations."""
+    """Return the variables of a robot that starts at rest in the first of its configurations."""
     equations, moves = subject.model, subject.move is not None
     motors, joints = equations.inputs, [joint.name for joint in equations.robot.joints]
     position = equations.B.T @ points[0].q * (not moves)
@@ -151,7 +151,7 @@ def _of(
 
 
 def framed(robot: Robot) -> Robot:
-    """Return the robot with a frame `tool`, added if it is missing."""
+    """Return robot with a frame `tool`, added if it is missing."""
     return robot if robot.frames else with_frames(robot, (TOOL,))
 
 
@@ -216,7 +216,7 @@ def description(
 
 
 def _describe_2(variables: ET.Element, structure: ET.Element, layout: Layout, names: tuple[str, ...]) -> None:
-    """Describe variables with their types below them, and unknowns by their places from 1 on."""
+    """Return variables with their types below them, and unknowns by their places from 1 on."""
     for reference, variable in enumerate(layout.variables):
         scalar = ET.SubElement(variables, "ScalarVariable", _attributes(variable, reference))
         ET.SubElement(scalar, "Real", _start_of(variable))
@@ -262,7 +262,7 @@ def _configuration(reference: int, names: tuple[str, ...]) -> dict[str, str]:
 
 
 def _start_of(variable: Variable) -> dict[str, str]:
-    """Return start values of inputs and parameters; outputs are computed."""
+    """Return inputs and parameters have a start; outputs are computed."""
     return {"start": repr(variable.start)} if variable.causality in ("input", "parameter") else {}
 
 
@@ -272,7 +272,7 @@ def _text(root: ET.Element) -> str:
 
 
 def equations(model: ElasticModel, contacts: Contacts) -> tuple[ca.Function, ...]:
-    """Build acceleration, bristles, readings and, for robots with loops, closing; dense.
+    """Return acceleration, bristles, readings and, with loops, closing; dense.
 
     acceleration(q, v, z, u, force, theta, friction) -> q''.  bristles(z, v, friction, step) -> z after a step at
     constant v.  readings(q, v) -> angles and speeds of the motors, angles of the joints, origins of the frames.
@@ -310,17 +310,17 @@ _SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": 
 
 
 def write_fmu(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
-    """Write robot_fmi2.fmu and robot_fmi3.fmu; StudyError if a configuration has no equilibrium."""
+    """Write robot_fmi2.fmu and robot_fmi3.fmu; StudyError where a configuration has no rest."""
     return write_units(folder, Subject.fitted(model), IDENTIFIER)
 
 
 def write_move_fmu(folder: Path, robot: Robot, tuned: TunedMove) -> tuple[Path, ...]:
-    """Write robot_with_move_fmi2.fmu and ..._fmi3.fmu: a robot whose controller plays a tuned move from time 0 on."""
+    """Write robot_with_move_fmi2.fmu and ..._fmi3.fmu: a robot with a tuned move in its controller, from time 0 on."""
     return write_units(folder, Subject.moving(robot, tuned), "robot_with_move")
 
 
 def write_units(folder: Path, subject: Subject, stem: str) -> tuple[Path, ...]:
-    """Write <stem>_fmi2.fmu and <stem>_fmi3.fmu of a robot; StudyError if its start has no equilibrium."""
+    """Write <stem>_fmi2.fmu and <stem>_fmi3.fmu of a robot; StudyError where a posture of its start has no rest."""
     sources, described = unit_sources(subject)
     compiler = next((tool for name in COMPILERS if (tool := shutil.which(name))), None)
     paths = tuple(folder / f"{stem}_fmi{version}.fmu" for version in (2, 3))
@@ -363,7 +363,7 @@ def unit_sources(subject: Subject) -> tuple[dict[str, str], dict[int, str]]:
 
 
 def compiled(compiler: str, sources: Mapping[str, str], names: Sequence[str]) -> bytes:
-    """Compile the library for this system; StudyError with the message of a failed compiler."""
+    """Return the library for this system; StudyError with the compiler's words where it fails."""
     with tempfile.TemporaryDirectory() as temporary:
         for name, text in sources.items():
             (Path(temporary) / name).write_text(text, encoding="utf-8", newline="\n")

@@ -44,7 +44,7 @@ def write_observers(folder: Path, observers: Mapping[str, TrackedFriction]) -> t
 
 
 def _step(name: str, observer: TrackedFriction) -> ca.Function:
-    """Build (x, P, u, g, y) -> (x, P, innovation, variance) with the noise's numbers."""
+    """Return (x, P, u, g, y) -> (x, P, innovation, variance) with the noise's numbers."""
     step = filter_step(observer.filtered, observer.rate_hz)
     x, P, u, g, y = step.sx_in()[:5]
     results = step(x, P, u, g, y, observer.noise.vector(observer.filtered, observer.rate_hz))
@@ -118,7 +118,7 @@ def _starts(joint: TrackedJoint) -> str:
 
 
 def compensation(robot: Robot) -> ca.Function:
-    """Build v (n_u,) -> u_f (n_u,): motor torque in addition to the frictionless robot."""
+    """Return v (n_u,) -> u_f (n_u,): motor torque in addition to the frictionless robot."""
     v = ca.SX.sym("v", len(robot.driven))
     laws = {law.place: law for law in frictions(robot)}
     torques = []

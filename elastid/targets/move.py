@@ -48,7 +48,7 @@ def move_sources(tuned: TunedMove) -> dict[str, str]:
 
 
 def write_move_ros2(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
-    """Write a trajectory_msgs/msg/JointTrajectory in YAML, effort the torque, for `ros2 topic pub`."""
+    """Write a trajectory_msgs/msg/JointTrajectory in YAML, effort the torque, as `ros2 topic pub` takes it."""
     motion = {"positions": tuned.position, "velocities": tuned.velocity, "accelerations": tuned.acceleration}
     return (write_trajectory(folder / "trajectory.yaml", tuned.joints, tuned.time_s, **motion, effort=tuned.torque),)
 

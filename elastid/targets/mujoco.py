@@ -80,7 +80,7 @@ def write_mujoco(folder: Path, linear_model: FittedRobot, geared: Robot | None =
 
 
 def mjcf(robot: Robot, rods: "Mapping[str, RodPose]" = NO_RODS) -> ET.Element:
-    """Return the MJCF robot without keyframes; StudyError for unsupported parts. rods: poses to draw them in."""
+    """Return the robot without keyframes; StudyError if MJCF cannot represent it.  rods: their drawn poses."""
     _check(robot)
     root = ET.Element("mujoco", model=robot.name)
     ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", balanceinertia="false")
@@ -151,10 +151,9 @@ def _inertial(element: ET.Element, body: Body) -> None:
 def _hinges(element: ET.Element, joint: Joint) -> None:
     axis = {"axis": in_full(unit_axis(joint.axis)), "type": "slide" if joint.slides else "hinge"}
     axis |= {"pos": in_full(joint.point)} if any(joint.point) else {}
-    motor = joint.motor
-    armature, friction = (
-        (0.0, 0.0) if motor is None else (motor.ratio**2 * motor.inertia, motor.ratio**2 * motor.viscous)
-    )
+    armature = friction = 0.0
+    if (motor := joint.motor) is not None:
+        armature, friction = motor.ratio**2 * motor.inertia, motor.ratio**2 * motor.viscous
     if joint.spring is None:
         _hinge(element, _driven(joint), axis, armature=armature, damping=friction + joint.viscous)
     elif joint.motor is None:
@@ -174,7 +173,7 @@ def _driven(joint: Joint) -> str:
 
 
 def _tendon(root: ET.Element, joint: Joint) -> ET.Element:
-    """Return the tendon that sums motor angle and twist of a flexible joint; it is added if missing."""
+    """Return the sum of motor angle and twist of a flexible joint, made where it is not there."""
     tendons = _tendon_list(root)
     fixed = next((tendon for tendon in tendons if tendon.get("name") == f"joint {joint.name}"), None)
     if fixed is None:
@@ -194,7 +193,7 @@ def _named_joints(root: ET.Element) -> dict[str | None, ET.Element]:
 
 
 def _add_lost_motion(root: ET.Element, robot: Robot) -> None:
-    """Add tendons over springs with backlash, slack within the gap; hinges keep the inner stiffness."""
+    """Add tendons over the springs with backlash, slack within the gap; the hinges keep the inner stiffness."""
     hinges = _named_joints(root)
     for joint in robot.joints:
         spring = joint.spring
@@ -232,12 +231,12 @@ def _intervals(root: ET.Element, model: FittedRobot) -> None:
 def _keyframes(
     root: ET.Element, model: FittedRobot, points: Sequence[OperatingPoint], start: "Mapping[str, RodPose]"
 ) -> None:
-    """Add the equilibrium of every configuration, joints in the order of the file, which is the engine's."""
+    """Add rest in every configuration, the joints in the order of the file, which is the engine's."""
     keys = ET.SubElement(root, "keyframe")
     joints = [element.get("name", "") for element in root.findall("worldbody//joint")]
     for point in points:
-        now = rod_poses(model.robot, point.q[: len(model.robot.joints)])
-        positions = _positions(model, point) | rod_positions(start, now, model.robot)
+        rods = rod_poses(model.robot, point.q[: len(model.robot.joints)])
+        positions = _positions(model, point) | rod_positions(start, rods, model.robot)
         q = [value for joint in joints for value in positions[joint]]
         ET.SubElement(keys, "key", name=point.configuration.name, qpos=in_full(q), ctrl=in_full(point.u))
 
@@ -269,7 +268,7 @@ def rod_poses(robot: Robot, q: FloatArray) -> dict[str, RodPose]:
 
 
 def add_loops(root: ET.Element, elements: Elements, robot: Robot, start: Mapping[str, RodPose]) -> None:
-    """Add rods below their first bodies, sites at the ends, and the constraints. start: poses to draw rods in."""
+    """Add rods below their first bodies, sites at the ends, and constraints.  start: poses in which rods are drawn."""
     if not robot.loops:
         return
     equality = ET.SubElement(root, "equality")
@@ -283,17 +282,17 @@ def add_loops(root: ET.Element, elements: Elements, robot: Robot, start: Mapping
                 _connect(equality, f"{loop.name} {i}", f"{loop.name} end 1{i}", f"{loop.name} end 2{i}")
 
 
-def rod_positions(start: Mapping[str, RodPose], now: Mapping[str, RodPose], robot: Robot) -> Positions:
-    """Return joint positions of all rods by name: a quaternion from the drawn pose, and slides."""
+def rod_positions(start: Mapping[str, RodPose], rods: Mapping[str, RodPose], robot: Robot) -> Positions:
+    """Return positions of the joints of all rods by name: a quaternion from the drawn pose, and slides."""
     positions: Positions = {}
     for loop in robot.loops:
         if loop.rod is None:
             continue
         rotation = _turn(_ALONG, start[loop.name].direction)
-        turn = rotation.T @ _turn(start[loop.name].direction, now[loop.name].direction) @ rotation
+        turn = rotation.T @ _turn(start[loop.name].direction, rods[loop.name].direction) @ rotation
         positions[f"turn {loop.name}"] = quaternion(turn).tolist()
         if loop.rod.is_elastic:
-            s = now[loop.name].elongation
+            s = rods[loop.name].elongation
             positions |= {f"stretch {loop.name}": [s], f"part {loop.name}": [_part(loop.rod) * s]}
     return positions
 
@@ -345,14 +344,14 @@ def _part(rod: Rod) -> float:
 
 
 def _point_mass(body: ET.Element, mass: float, x: float) -> None:
-    """Add a mass at a distance along the rod; it is positive, since the engine refuses 0."""
+    """Return a mass at a distance along the rod; the engine refuses none at all."""
     # The massless end of a rod and its spin: time steps need more of them (kg, kg m^2) than the response.
     least, inertia = max(mass, 1e-3), in_full([1e-4] * 3)
     ET.SubElement(body, "inertial", pos=in_full((x, 0.0, 0.0)), mass=repr(float(least)), diaginertia=inertia)
 
 
 def _closed_points(loop: Loop) -> list[tuple[FloatArray, FloatArray]]:
-    """Return shifts at both ends of the points that a loop without a rod joins: one, or two along a pin's axis."""
+    """Return shifts at both ends of the points that a loop without a rod joins: one, or two along the axis of a pin."""
     points = [(np.zeros(3), np.zeros(3))]
     if loop.pin is not None and not loop.pin.planar:
         axes = loop.pin.axis, loop.pin.axis if loop.pin.other_axis is None else loop.pin.other_axis
@@ -386,7 +385,7 @@ def _frame(robot: Robot, q: FloatArray, body: str) -> tuple[FloatArray, FloatArr
 
 
 def _turn(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Return the smallest rotation (3, 3) from one direction to another."""
+    """Return the smallest rotation (3, 3) that takes one direction to another."""
     return np.asarray(Rotation.align_vectors([second], [first])[0].as_matrix())
 
 

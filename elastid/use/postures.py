@@ -26,20 +26,20 @@ _POSITION, _ROTATION = dict.fromkeys(("x", "y", "z"), "m"), dict.fromkeys(("rx",
 
 
 def limits_of(robot: Robot) -> FloatArray:
-    """Lower and upper angle (n_u, 2) of the driven joints; a full turn, or 0 for those that slide, without limits."""
-    whole = [(0.0, 0.0) if joint.slides else (-np.pi, np.pi) for joint in robot.driven]
+    """Return lower and upper angle (n_u, 2) of driven joints; without limits a full turn, 0 for sliding joints."""
+    full_range = [(0.0, 0.0) if joint.slides else (-np.pi, np.pi) for joint in robot.driven]
     limits = np.array([joint.limits.angle for joint in robot.driven], float)
-    return np.where(np.isfinite(limits), limits, np.array(whole))
+    return np.where(np.isfinite(limits), limits, np.array(full_range))
 
 
 def beyond_limits(robot: Robot, angles: FloatArray) -> BoolArray:
-    """True (Q, n_u) of angles beyond the limits of their joints, where these have some."""
+    """Return True (Q, n_u) for angles beyond the limits of their joints, where these have some."""
     low, high = np.array([joint.limits.angle for joint in robot.driven], float).T
     return np.asarray((angles < low - 1e-9) | (angles > high + 1e-9))
 
 
 def random_postures(robot: Robot, count: int, seed: int = 0) -> FloatArray:
-    """Draw angles (count, n_u), uniform within the limits, of postures in which the loops close."""
+    """Draw angles (count, n_u), uniform within the limits, of postures in which loops close; many are in a file."""
     (low, high), rng, n = limits_of(robot).T, np.random.default_rng(seed), 0
     tries, piece = count * (5 if robot.loops else 1), 10_000
     angles = (np.empty if count <= piece else empty_in_file)((count, len(low)))
@@ -58,12 +58,12 @@ def random_postures(robot: Robot, count: int, seed: int = 0) -> FloatArray:
 
 
 def _seeds(robot: Robot, seed: int) -> FloatArray:
-    """Draw postures among which each pose finds its start; fewer for a linkage, which takes longer."""
+    """Return postures among which each pose finds its start; fewer of a linkage, which take longer."""
     return random_postures(robot, 200 if robot.loops else 2000, seed)
 
 
 def grid_postures(robot: Robot, frame: str, points: int = 12, seed: int = 0) -> FloatArray:
-    """Return angles (Q, n_u) that bring a frame onto a cubic grid, `points` along the workspace's longest side."""
+    """Return angles (Q, n_u) of a frame on a cubic grid over its workspace, `points` along the longest side."""
     reached = frame_poses(robot, followed(robot, _seeds(robot, seed)), frame).position
     low, high = reached.min(axis=0), reached.max(axis=0)
     spacing = max(float((high - low).max()) / max(points - 1, 1), _REACHED)
@@ -82,7 +82,7 @@ def grid_postures(robot: Robot, frame: str, points: int = 12, seed: int = 0) -> 
 def inverse_kinematics(
     robot: Robot, frame: str, position: FloatArray, rotation: FloatArray | None = None, seed: int = 0
 ) -> tuple[FloatArray, BoolArray]:
-    """Solve angles (Q, n_u) within the limits for positions (Q, 3) of a frame, and rotations (Q, 3, 3) if given.
+    """Find angles (Q, n_u) within the limits that bring a frame to positions (Q, 3) and optional rotations (Q, 3, 3).
 
     Second value (Q,): whether it is reached.
     """
@@ -104,7 +104,7 @@ def inverse_kinematics(
 def follow_path(
     robot: Robot, frame: str, position: FloatArray, rotation: FloatArray | None, seed: int = 0
 ) -> tuple[FloatArray, BoolArray]:
-    """Solve postures (n, n_u) and flags (n,) of success for positions (n, 3), m; a search starts at the last pose."""
+    """Find postures (n, n_u) and flags (n,) if reached for positions (n, 3), m; each search starts at the last pose."""
     angles, reached = inverse_kinematics(robot, frame, position, rotation, seed)
     for i in range(1, len(position)):
         if not reached[i - 1]:
@@ -119,7 +119,7 @@ def follow_path(
 def _descend(
     robot: Robot, frame: str, position: FloatArray, rotation: FloatArray | None, q: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return angles (Q, n_u), and their distance (Q,) from the poses, m or rad."""
+    """Return angles (Q, n_u), and how far (Q,) they are from the poses, m or rad."""
     distance, (low, high) = np.full(len(q), np.inf), limits_of(robot).T
     for _ in range(60):
         joints = followed(robot, q)
@@ -165,7 +165,7 @@ class Table:
         return self.in_si({joint.name: "m" if joint.slides else "rad" for joint in robot.driven})
 
     def poses(self, robot: Robot) -> tuple[FloatArray, FloatArray | None]:
-        """Return positions (Q, 3) and rotations (Q, 3, 3), None without rotations; DataError without poses."""
+        """Return positions (Q, 3) and rotations (Q, 3, 3) or None; DataError where there are no poses either."""
         turns = _ROTATION.keys() & {*self.names}
         if not _POSITION.keys() <= {*self.names} or (turns and turns != _ROTATION.keys()):
             joints = robot.driven_names
@@ -179,7 +179,7 @@ class Table:
         return self.in_si(_POSITION), Rotation.from_rotvec(self.in_si(_ROTATION)).as_matrix() if turns else None
 
     def in_si(self, dimensions: dict[str, str]) -> FloatArray:
-        """Return columns (Q, n) by name in SI; DataError for a unit of another dimension."""
+        """Return columns (Q, n) of the names in `dimensions` in SI units; DataError for a unit of another dimension."""
         columns = [self.names.index(name) for name in dimensions]
         units = [name_and_unit(self.heads[column])[1] for column in columns]
         try:
@@ -215,14 +215,14 @@ def read_path(path: Path, robot: Robot, frame: str) -> tuple[FloatArray, tuple[s
 
 
 def _remark(where: BoolArray, words: str) -> tuple[str, ...]:
-    """Return a sentence on rows (Q,), counted from 1; empty without rows."""
+    """Return sentence on rows (Q,), counted from 1; empty without rows."""
     rows = [str(row + 1) for row in np.flatnonzero(where)]
     more = ", ..." * (len(rows) > 5)
     return (f"{len(rows)} of the path's postures (row {', '.join(rows[:5])}{more}) {words}",) if rows else ()
 
 
 def read_numbers(path: Path) -> Table:
-    """Read numbers of a CSV file; DataError with the row of a cell without a number."""
+    """Read the numbers of a CSV file; raise DataError with the row of a cell without a number."""
     values, lines, heads = [], [], tuple[str, ...]()
     for line, cells in read_table(path):
         try:

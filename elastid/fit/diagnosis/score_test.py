@@ -67,7 +67,7 @@ class ScoreTest:
 
     @classmethod
     def of(cls, numbers: Sequence[FixedNumber], A: FloatArray, b: FloatArray, free: BoolArray) -> ScoreTest:
-        """Return A = [J J_h]^T [J J_h] with priors and b = [J J_h]^T r; free (n_x,): parameters that may follow."""
+        """Return a = [J J_h]^T [J J_h] with priors and b = [J J_h]^T r; free (n_x,): parameters that may follow."""
         n_x, places = len(free), np.flatnonzero(free)
         size = np.sqrt(np.diag(A))
         size[size == 0] = 1.0
