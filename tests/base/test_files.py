@@ -86,14 +86,6 @@ def test_a_table_has_its_cells_with_their_lines(heads: list[str], rows: list[lis
             list(read_table(path))
 
 
-@pytest.mark.parametrize("separator", [";", "\t"])
-def test_a_table_of_another_country_has_the_same_numbers(separator: str, tmp_path: Path) -> None:
-    """Semicolons or tabs between cells, and a comma before decimals; other commas stay."""
-    path = tmp_path / "table.csv"
-    path.write_text("\n".join(separator.join(row) for row in (("1 (deg)", "b"), ("-1,5", "2,5e-1"), ("1,2,3", "0.5"))))
-    assert [[*cells.values()] for _, cells in read_table(path)] == [["-1.5", "2.5e-1"], ["1,2,3", "0.5"]]
-
-
 @pytest.mark.parametrize("refusals", [0, 1, len(RENAME_PAUSES_S), len(RENAME_PAUSES_S) + 1])
 def test_a_refused_renaming_is_tried_again_for_two_seconds(
     refusals: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
