@@ -34,7 +34,7 @@ def folder(tmp_path_factory) -> Path:
     return folder
 
 
-def test_a_script_of_five_nouns_finds_what_the_command_line_finds(folder: Path) -> None:
+def test_script_finds_what_command_line_finds(folder: Path) -> None:
     """The same records, responses and fit; arrays of a file lie elsewhere in memory, which moves the last bit."""
     names = {"folder": folder}
     exec(SCRIPT, names)

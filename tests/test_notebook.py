@@ -91,7 +91,7 @@ def test_figures_are_drawn_of_values(measured, result) -> None:
     assert elastid.plot.parameters(fit_result(), TRUTH)._repr_png_().startswith(b"\x89PNG")
 
 
-def test_a_figure_of_a_notebook_has_the_style_of_the_page() -> None:
+def test_notebook_figure_has_page_style() -> None:
     picture = elastid.plot.friction_curve(friction_result(), "elbow")._repr_png_()
     with rc_context({"font.size": 22, "axes.facecolor": "black", "figure.dpi": 40, "savefig.transparent": True}):
         assert elastid.plot.friction_curve(friction_result(), "elbow")._repr_png_() == picture
@@ -154,7 +154,7 @@ def test_every_public_function_takes_a_path_as_text(tmp_path, result) -> None:
     assert load_robot(f"{CONFIGS}/robots/linkage_arm.yml").name == "linkage arm"
 
 
-def test_a_mistake_is_answered_with_what_there_is_or_what_gives_the_right_one(measured, result, tmp_path) -> None:
+def test_mistake_is_answered_with_valid_names(measured, result, tmp_path) -> None:
     """No index of a tuple, no shape inside CasADi, no attribute of an inner value; and no file is begun."""
     model, response, system = serial(arm()), measured[0], result.model("c1").to_control()
     home = elastid.Configuration("home", np.zeros(2))

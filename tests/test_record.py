@@ -36,7 +36,7 @@ def test_a_record_refuses_what_disagrees(changes: dict[str, object], says: str) 
         record(**changes)
 
 
-def test_a_held_torque_acts_half_a_sample_late_and_weaker_by_a_sinc() -> None:
+def test_zero_order_hold_is_half_sample_and_sinc() -> None:
     """At a tenth of the rate: 18 degrees late, 1.6 % weaker; the DFT of a held cosine over many samples agrees."""
     H = record(hold="zero-order").hold_response(np.array([100.0]))[0, 0]
     assert np.degrees(np.angle(H)) == pytest.approx(-18)

@@ -28,9 +28,7 @@ def chatter(item: object) -> str:
     return str(item)
 
 
-def test_a_library_does_not_write_on_the_terminal_of_a_command(
-    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_libraries_do_not_write_on_terminal(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     """Of a command that keeps no log; afterwards Python is as it was."""
     monkeypatch.setattr("elastid.app.inspection.described", chatter)
     with warnings.catch_warnings():
@@ -147,7 +145,7 @@ def test_signs_that_a_terminal_lacks_are_letters() -> None:
 
 
 @pytest.mark.slow
-def test_a_terminal_of_ascii_alone_and_the_backend_of_a_notebook_are_no_errors(tiny: Path, here: Path) -> None:
+def test_ascii_terminal_and_notebook_backend_are_supported(tiny: Path, here: Path) -> None:
     """Signs are written in letters, and the figures are drawn."""
     strange = {"PYTHONIOENCODING": "ascii", "MPLBACKEND": "module://nowhere.inline"}
     command = [sys.executable, "-m", "elastid", "run", str(tiny), "--png", "--jobs", "1", "--run", "2±1"]
@@ -200,9 +198,7 @@ def driven(stage: str, number: int, study: Path, folder: str = "runs/tiny") -> s
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL], ids=["ctrl-c", "kill -9"])
-def test_a_run_stopped_in_every_stage_in_turn_ends_as_if_it_had_not_been(
-    tiny: Path, here: Path, number: signal.Signals
-) -> None:
+def test_run_stopped_in_every_stage_gives_same_bytes(tiny: Path, here: Path, number: signal.Signals) -> None:
     """Each time what was finished is kept, and the next run goes on; the results are the same to the bit."""
     code = 130 if number == signal.SIGINT else -9
     leaves = {name: stage.leaves[0] for name, stage in stages_of(SIMULATED).items()}

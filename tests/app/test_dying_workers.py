@@ -78,9 +78,7 @@ def stages_with_deaths(
 
 
 @pytest.mark.slow
-def test_a_process_that_is_killed_in_each_stage_changes_no_byte(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tiny: Path
-) -> None:
+def test_run_killed_in_each_stage_gives_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tiny: Path) -> None:
     """Of two, one that has done its first part."""
     alone = run_of(tiny, tmp_path / "alone", *ELASTIC)
     names = (*alone.stages, "compare")

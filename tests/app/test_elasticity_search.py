@@ -21,7 +21,7 @@ FIT = "fit.starts=1", "fit.parameters.k_1x={start: 1e6, bounds: [1e3, 1e10]}"
 
 
 @pytest.mark.slow
-def test_the_joint_that_gives_way_is_freed_and_the_rigid_one_is_not(study: Path) -> None:
+def test_elastic_search_frees_soft_joint_and_locks_rigid_joint(study: Path) -> None:
     """From 20 sigma to the noise in one step; the rigid joint buys nothing for its parameter."""
     run = measured(study, load(study, (STIFF,)).study.robot, *FIT, seed=0)
     search_elasticity(run)
@@ -57,7 +57,7 @@ compare: {folds: 2}
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "formulation"), [(0, "constrained"), (1, "minimal")])
-def test_a_gear_that_is_stiff_and_a_rod_that_is_not_are_told(tmp_path: Path, seed: int, formulation: str) -> None:
+def test_elastic_search_names_stiff_gear_and_rigid_rod(tmp_path: Path, seed: int, formulation: str) -> None:
     """The gear of axis 2 is 1000 times stiffer than that of axis 3, nor does the lower arm bend: the rod stretches.
 
     Beyond 36 Hz, or below 5 % of noise, a compliance of a thousandth would begin to show.

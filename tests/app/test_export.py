@@ -65,7 +65,7 @@ def test_old_tag_is_answered_with_the_new_one(tiny: Path, capsys: pytest.Capture
 
 
 @pytest.mark.slow
-def test_the_command_writes_the_same_bytes_twice_and_wants_a_fit(
+def test_export_requires_fit_and_repeats_bytes(
     tiny: Path, tmp_path: Path, installed_target: None, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = tmp_path / "run"

@@ -63,7 +63,7 @@ def finished(tmp_path_factory, tiny_texts) -> tuple[Path, Path]:
 
 
 @pytest.mark.slow
-def test_a_soft_gear_is_found_and_a_restart_keeps_what_is_done(
+def test_fleet_names_soft_gear_and_resumes_finished_members(
     finished: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
     """By name on page and terminal; the table is the same, whatever --jobs says and although a worker was killed.
@@ -94,9 +94,7 @@ def test_a_soft_gear_is_found_and_a_restart_keeps_what_is_done(
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")
-def test_a_cluster_of_which_a_worker_is_killed_gives_the_same_bytes(
-    finished: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_cluster_with_killed_worker_gives_same_bytes(finished: tuple[Path, Path], tmp_path: Path) -> None:
     """Two workers for three members that are left; table, page and summaries are those of processes."""
     distributed = pytest.importorskip("distributed", reason="Dask is not installed (extra dask)")
     path, folder = finished
@@ -182,7 +180,7 @@ def test_a_fleet_follows_what_was_found_at_the_gears(tmp_path: Path) -> None:
     assert MEANINGS["Fb", True] == "running torque behind the gear grows"
 
 
-def test_lost_motion_that_opens_after_it_was_not_seen_is_named() -> None:
+def test_lost_motion_that_appears_later_is_reported() -> None:
     """Of one robot of three, from below its bound; what no robot shows at any date is no parameter."""
     days, bound = ("2026-01-01", "2026-07-01", "2027-01-01"), {"low": 0.0, "high": 1e-5}
     rows = [

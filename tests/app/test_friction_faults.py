@@ -64,7 +64,7 @@ def test_a_clean_log_gives_the_law_without_an_alarm(tmp_path: Path, capsys: pyte
         ({"files": "      - {path: log.csv, joint: 2}"}, "files[0].joint: no driven joint is called '2'"),
     ],
 )
-def test_studies_that_cannot_work_are_refused_before_a_log_is_read(
+def test_invalid_friction_studies_are_refused_before_reading_logs(
     keys: dict[str, str], words: str, tmp_path: Path
 ) -> None:
     write(tmp_path, trapezoids((0.5,)))

@@ -91,7 +91,7 @@ def test_rows_that_run_backwards_in_time_are_refused(motion: Path, tmp_path: Pat
         load_with_logs(tmp_path / "new" / "study.yml")
 
 
-def test_a_log_whose_clock_was_set_back_is_one_of_friction(motion: Path, tmp_path: Path) -> None:
+def test_log_with_set_back_clock_becomes_friction_study(motion: Path, tmp_path: Path) -> None:
     """Divided there, where the samples of the other part begin."""
     head, *rows = motion.read_text().splitlines()
     motion.write_text("\n".join([head, *rows[:1500], *rows[500:2000]]) + "\n")
@@ -120,7 +120,7 @@ def test_hammer_tests_without_force_are_refused(tmp_path: Path) -> None:
     assert "# Not used" not in (tmp_path / "s3" / "study.yml").read_text()
 
 
-def test_a_path_that_is_none_and_robots_among_logs_are_refused(motion: Path, tmp_path: Path) -> None:
+def test_missing_path_and_robot_among_logs_are_refused(motion: Path, tmp_path: Path) -> None:
     for paths in ((motion, "lost.csv"), ("arm.urdf", "other.xml", motion)):
         wanted = [str(tmp_path / path) for path in paths]
         assert cli.run_command(["new", str(tmp_path / "new"), "--from", *wanted]) in (1, 2)
@@ -176,9 +176,7 @@ def test_logs_are_at_the_motors_that_they_name(suffix: str, units: str, tmp_path
 
 
 @pytest.mark.parametrize(("drive", "gear", "sides"), [("tau", 100, {"motor"}), ("current", 1, {"motor", "link"})])
-def test_sides_of_the_gears_are_those_of_angles_within_limits_and_of_currents(
-    drive: str, gear: int, sides: set[str], tmp_path: Path
-) -> None:
+def test_gear_sides_follow_joint_limits_and_currents(drive: str, gear: int, sides: set[str], tmp_path: Path) -> None:
     """Motors at 100 times the angles, in degrees as stated; currents act before gears whose angles are behind them."""
     (tmp_path / "arm.urdf").write_text(ARM)
     log = logged(tmp_path / "log.csv", ("shoulder", "elbow"), (0.2 * gear, -0.3 * gear), " [deg]", drive)
@@ -189,7 +187,7 @@ def test_sides_of_the_gears_are_those_of_angles_within_limits_and_of_currents(
     np.testing.assert_allclose(study.experiment.configurations["bench"], [0.2, -0.3], atol=1e-3)
 
 
-def test_a_log_without_a_time_is_of_responses_and_lists_what_it_does_not_use(tmp_path: Path) -> None:
+def test_log_without_time_becomes_response_study_with_unused_columns(tmp_path: Path) -> None:
     """A torque that repeats, two angles, a current, and a column that does not change."""
     u = np.tile(np.random.default_rng(0).standard_normal(1000), 4)
     columns = {"torque": u, "motor_angle": 0.1 * u, "load_angle": 0.2 * u, "current": u, "state": 0 * u}
@@ -220,7 +218,7 @@ def test_the_rate_is_that_of_the_clock_of_a_log(clock: dict[str, Any], time: str
     assert [c.channel for c in recorded.channels] == ["torque_1", "acc_1"]
 
 
-def test_logs_that_differ_in_one_drive_are_no_periods_of_one_excitation(tmp_path: Path) -> None:
+def test_logs_with_different_drives_are_not_one_excitation(tmp_path: Path) -> None:
     """The signs of orthogonal experiments, on a carrier that is most of the second drive: `run` would refuse them."""
     t, lines, rng = np.arange(1500) / 500, np.arange(7, 100, 4), np.random.default_rng(0)
     phases, logs = rng.uniform(0, 2 * np.pi, (2, len(lines))), []
@@ -233,7 +231,7 @@ def test_logs_that_differ_in_one_drive_are_no_periods_of_one_excitation(tmp_path
     assert [file.realisation for file in recorded.files] == [0, 1]
 
 
-def test_a_hit_at_the_tool_is_a_study_of_responses_at_a_frame(tmp_path: Path) -> None:
+def test_hammer_log_at_tool_becomes_study_at_frame(tmp_path: Path) -> None:
     """A force of zero between hits at a robot of three motors: not clipped; its response enters the robot's study."""
     robot, rng, n = tmp_path / "arm.urdf", np.random.default_rng(0), 8000
     robot.write_text(ARM)
@@ -321,7 +319,7 @@ def test_commanded_positions_without_units_have_the_unit_of_their_range(size: fl
 
 
 @pytest.mark.parametrize("late", [0, 20])
-def test_columns_named_command_that_a_position_follows_are_commands_and_no_torques(late: int, tmp_path: Path) -> None:
+def test_command_columns_followed_by_position_are_no_torques(late: int, tmp_path: Path) -> None:
     """By the names of the joints in any order, without a quantity or a unit in the name; 0 or 20 samples late."""
     t, command = commands()
     heads = "time,knee_command,hip_command,hip_position,knee_position"
@@ -335,7 +333,7 @@ def test_columns_named_command_that_a_position_follows_are_commands_and_no_torqu
 
 
 @pytest.mark.parametrize("kp", [[20.0, 40.0, 60.0], [0.0, 40.0], [[20.0, 40.0]] * 599 + [[20.0, 41.0]]])
-def test_gains_of_another_number_or_zero_are_not_those_of_the_log(kp: list, tmp_path: Path) -> None:
+def test_gains_of_wrong_count_or_zero_are_ignored(kp: list, tmp_path: Path) -> None:
     """The study is accepted, with gains to enter."""
     t, command = commands()
     np.savez(tmp_path / "log.npz", time_s=t, command_rad=command, position_rad=0.9 * command, kp=np.array(kp), kd=1.0)
@@ -417,7 +415,7 @@ PROPERTIES = {
 }  # fmt: skip
 
 
-def test_channels_of_a_scope_with_their_own_sample_times_are_in_step(tmp_path: Path) -> None:
+def test_scope_channels_with_own_sample_times_are_aligned(tmp_path: Path) -> None:
     """Response within 0.1 % up to 50 Hz; channels that begin at different times are refused."""
     freq, G = scope_export(tmp_path / "scope.csv")
     study = new(tmp_path, tmp_path / "scope.csv")
@@ -462,7 +460,7 @@ def test_force_and_accelerometer_in_two_files_are_one_measurement(
 
 
 @pytest.mark.parametrize(("first", "second"), [("j1", "j2"), ("Joint_1", "Joint_2")])  # the latter alone: a position
-def test_files_with_the_same_headings_are_one_measurement_by_their_names(
+def test_files_with_equal_headings_form_measurement_by_name(
     first: str, second: str, motion: Path, tmp_path: Path
 ) -> None:
     """Torques and positions as joint_effort and joint_position."""

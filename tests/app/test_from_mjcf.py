@@ -32,7 +32,7 @@ def test_meshes_of_bodies_with_stated_inertia_need_no_files(tmp_path: Path) -> N
     assert robots[0] == robots[1]
 
 
-def test_materials_names_and_units_of_controls_of_public_files_are_no_errors(tmp_path: Path) -> None:
+def test_public_mjcf_materials_names_and_units_are_accepted(tmp_path: Path) -> None:
     """A material of a site; a site with the name of the trunk; a gear of 0.05 beside controls; a spring undamped."""
     text = ARM.replace("<site", '<site name="trunk" material="red"/><site').replace('name="a"', 'name="a" gear="0.05"')
     trunk = '<worldbody><body name="trunk"><geom size=".1"/></body>'
@@ -76,7 +76,7 @@ def test_dynamics_are_those_of_mujoco(tmp_path: Path) -> None:
     assert turn.ratio == -60.0
 
 
-def test_damping_of_a_driven_joint_is_its_motors_and_ranges_limit_its_torque() -> None:
+def test_mjcf_damping_becomes_motor_friction_and_range_limits_torque() -> None:
     """Beside the armature, before the gear; a force's range, a control's where it is a force, and the joint's own."""
     robot = compiled(ARM.replace('armature="12"', 'armature="12" damping="7.2" stiffness="5"'))
     x, turn, _ = robot.driven

@@ -80,9 +80,7 @@ def estimated(folder: Path, *sources: Path) -> Response:
 
 
 @pytest.mark.parametrize("write", [idfrd, arrays, archive, parts, polar])
-def test_responses_in_any_container_become_a_study_with_the_same_numbers(
-    write: Callable[[Path], Path], tmp_path: Path
-) -> None:
+def test_responses_in_any_container_become_equal_studies(write: Callable[[Path], Path], tmp_path: Path) -> None:
     """Frequencies in Hz and G in SI, all elements that the file has."""
     response = estimated(tmp_path, write(tmp_path / "frf"))
     _, n_y, n_u = response.G.shape
@@ -106,7 +104,7 @@ def test_outputs_at_motors_have_the_quantity_of_their_slope(tmp_path: Path) -> N
     assert cli.run_command(words) != 0
 
 
-def test_iddata_struct_has_the_names_units_and_period_of_its_cells(tmp_path: Path) -> None:
+def test_iddata_struct_keeps_names_units_and_period(tmp_path: Path) -> None:
     """OutputData, InputData and Ts; quantities and units of each column are in cells beside them."""
     t = np.arange(4000) / 500
     torque = np.tile(np.random.default_rng(0).standard_normal(1000), 4)

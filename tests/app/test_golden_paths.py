@@ -115,7 +115,7 @@ def test_another_delimiter_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_late_torque_is_named_and_the_fit_with_its_delay_converges(tmp_path: Path, capsys: Capture) -> None:
+def test_late_torque_is_named_and_delay_fit_converges(tmp_path: Path, capsys: Capture) -> None:
     study = two_axes(tmp_path)
     run = measured_responses(Path(study), load(Path(study)).study.robot)
     late = [

@@ -159,7 +159,7 @@ def test_a_sensor_whose_files_miss_a_hit_point_is_refused(tmp_path: Path) -> Non
     ran(study, code=1)
 
 
-def test_the_first_hit_point_may_keep_the_location_of_its_channel(tmp_path: Path) -> None:
+def test_first_hit_point_may_keep_channel_location(tmp_path: Path) -> None:
     """Only the files of further points state `at`."""
     for k in range(2):
         hits(tmp_path, f"p{k}.csv", k, [0])

@@ -30,14 +30,14 @@ NAMES = ("k_1", "fm_1", "fm_1@warm", "f_1", "fm_2", "f_2", "fm_3")
 PARAMETERS = Parameters(tuple(Parameter(name, 1e-3) for name in NAMES))
 
 
-def test_of_a_recorded_robot_no_motor_is_known_to_be_without_friction() -> None:
+def test_recorded_robot_has_motors_of_unknown_friction() -> None:
     marked = contents(ROBOT, False, taken_friction(), PARAMETERS)
     assert (marked["fm_1"], marked["fm_2"], marked["fm_3"]) == (SLOPE, NOT_SIGNIFICANT, WITH_COULOMB)
     assert "f_1" not in marked
     assert truth(ROBOT, None, ()) is None
 
 
-def test_no_viscous_friction_that_takes_up_coulomb_friction_is_called_true() -> None:
+def test_viscous_friction_with_coulomb_part_has_no_truth() -> None:
     """The motor's own, and that of a joint which turns rigidly with a motor: a fit is right not to meet them."""
     known = truth(ROBOT, SimulatedSpec(), ())
     assert known is not None
@@ -45,7 +45,7 @@ def test_no_viscous_friction_that_takes_up_coulomb_friction_is_called_true() -> 
     assert not {"fm_1", "fm_2", "f_2"} & set(known)
 
 
-def test_a_level_that_was_taken_out_leaves_the_viscous_friction_of_its_motor() -> None:
+def test_compensated_coulomb_torque_keeps_viscous_friction_of_motor() -> None:
     """No other dry friction of the file is left."""
     first, second, _ = with_findings(ROBOT, taken_friction(), None).driven
     assert first.motor.friction.coulomb == pytest.approx(4.5 / 50)
@@ -85,7 +85,7 @@ def test_every_effect_has_its_place() -> None:
     assert joint.gear.hysteresis == (Hysteresis(5.0, 1e-4), Hysteresis(2.0, 3e-4, "smooth"))
 
 
-def test_a_law_of_the_file_that_was_not_found_is_gone() -> None:
+def test_friction_model_of_file_is_removed_if_not_identified() -> None:
     """The effects add to straight springs: a gap of the file beside the one that was found would count twice."""
     worn = with_joints(
         robot(Gear()), lambda joint: replace(joint, spring=replace(joint.spring, backlash=2e-4, cubic=1e9))
@@ -93,7 +93,7 @@ def test_a_law_of_the_file_that_was_not_found_is_gone() -> None:
     assert with_effects(worn, result({})).driven[0].spring == robot(Gear()).driven[0].spring
 
 
-def test_a_spring_that_would_pull_keeps_its_stiffness_at_zero_torque() -> None:
+def test_softening_spring_keeps_stiffness_at_zero_torque() -> None:
     """A softening of the records' torques has no place in a robot's file, which holds at every torque."""
     joint = with_effects(robot(Gear()), result({GearEffect("cubic", "1"): -1e9})).driven[0]
     assert joint.spring.is_linear
@@ -103,7 +103,7 @@ def test_a_spring_that_would_pull_keeps_its_stiffness_at_zero_torque() -> None:
 
 
 @pytest.mark.parametrize(("kind", "level"), [("gap", 1.5e5), ("gap", 2e5), ("range", 6e4)])
-def test_a_gap_and_a_range_are_the_broken_line_that_was_found(kind: str, level: float) -> None:
+def test_identified_backlash_and_range_give_piecewise_linear_spring(kind: str, level: float) -> None:
     """k x less f clip(x), or more f beyond b, but for the rounded ends."""
     k, b = 2e5, 3e-4
     stiff = with_joints(robot(Gear()), lambda joint: replace(joint, spring=Spring(k, 60.0)))

@@ -19,7 +19,7 @@ def _row(page: str, signal: str) -> list[str]:
     return next(line.split() for line in page.splitlines() if line.startswith(f"  {signal} "))
 
 
-def test_a_text_log_is_shown_with_first_lowest_and_highest_value_and_the_rate_of_its_time(tmp_path: Path) -> None:
+def test_text_log_shows_first_lowest_highest_and_clock_rate(tmp_path: Path) -> None:
     """A column of words is shown with the reason why it has no numbers."""
     rows = [f"{t},{100 * t * (-1) ** i},{'ok' if i else 'start'}" for i, t in enumerate(T)]
     (tmp_path / "log.csv").write_text("time,x,state\n" + "\n".join(rows))
@@ -45,7 +45,7 @@ def test_hdf5_is_shown_with_its_units_in_pieces_or_whole(tmp_path: Path, monkeyp
     assert described(tmp_path / "log.h5") == page
 
 
-def test_a_matlab_file_is_no_text_and_what_only_matlab_reads_has_a_way_out(tmp_path: Path) -> None:
+def test_matlab_object_is_refused_with_export_command(tmp_path: Path) -> None:
     """No word of delimiters; a text is not a signal; for objects it says how to save them."""
     savemat(tmp_path / "log.mat", {"rec": {"x": np.sin(T), "note": "run 7"}, "fs": 20.0})
     page = described(tmp_path / "log.mat")

@@ -58,9 +58,7 @@ def test_nothing_is_written_through_a_link(
     assert is_file or [path.name for path in victim.iterdir()] == ["thesis.txt"]
 
 
-def test_a_member_of_a_fleet_that_is_a_link_is_named_before_any_work(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_fleet_member_that_is_a_link_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, victim = tmp_path / "bench", tmp_path / "victim"
     assert run_command(["new", str(folder), "--template", "frf"]) == 0
     members = "members: [{robot: a, date: 2026-01-31}, {robot: b, date: 2026-01-31}]"

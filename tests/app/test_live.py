@@ -56,7 +56,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.slow
-def test_the_goal_is_reached_in_less_time_than_the_plan_takes(study: Path, measured: Path) -> None:
+def test_live_reaches_goal_in_less_time_than_plan(study: Path, measured: Path) -> None:
     """The folder is that of an ordinary run, whose intervals are as narrow as was asked for and hold the truth."""
     folder = study.parent / "finished"
     shutil.copytree(measured, folder)
@@ -165,7 +165,7 @@ def test_a_goal_out_of_reach_ends_with_a_sentence(study: Path, measured: Path) -
 
 
 @pytest.mark.slow
-def test_another_payload_that_no_holding_torque_shows_contradicts_the_logs_before(study: Path) -> None:
+def test_payload_change_without_holding_torque_contradicts_earlier_logs(study: Path) -> None:
     """A tenth more mass from the second experiment on; with the right logs in their place the goal is reached."""
     folder = study.parent / "payload"
     session(study, folder, robot_time=16.0).work()

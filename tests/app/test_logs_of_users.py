@@ -121,7 +121,7 @@ def test_dates_and_times_of_day_are_a_clock(form: str, tmp_path: Path) -> None:
     assert "friction:" in text
 
 
-def test_a_torque_without_a_motion_of_its_own_is_not_used(tmp_path: Path) -> None:
+def test_torque_without_own_motion_is_not_used(tmp_path: Path) -> None:
     """One position is the motion of one motor."""
     study = drafted(tmp_path, save(tmp_path / "log.csv", "t,tau_1,tau_2,q_1", T, U, 0.5 * U, Q))
     channels = study.experiment.as_recorded().channels
@@ -201,7 +201,7 @@ def test_one_fault_of_a_log_changes_no_number(fault: str, tmp_path: Path) -> Non
     assert fault in ("none", "heading again", "time of zero", "cut off") or said
 
 
-def test_channels_of_a_tdms_file_with_their_own_rates_are_in_step(tmp_path: Path) -> None:
+def test_tdms_channels_with_own_rates_are_aligned(tmp_path: Path) -> None:
     """Torque at four times the rate of the position, which begins 0.4 s later."""
     nptdms = pytest.importorskip("nptdms")
     fast, start = np.arange(4 * len(LONG)) / (4 * RATE), np.datetime64("2024-05-01T10:00:00.000000")

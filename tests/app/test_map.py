@@ -11,7 +11,7 @@ from elastid.store.results import read_fit, read_map
 
 
 @pytest.mark.slow
-def test_a_fitted_study_is_mapped_at_random_on_a_path_and_by_poses(fitted_arm: Path) -> None:
+def test_fitted_study_is_mapped_at_random_path_and_poses(fitted_arm: Path) -> None:
     """The same seed gives the same bytes; a path's postures are those of its rows; the result answers itself."""
     run = fitted_arm.parent / "run"
     assert command("map", fitted_arm, "--random", "30") == 0

@@ -52,7 +52,7 @@ def test_loops_are_designed_for_rate_and_delay_of_the_controller(folder: Path, m
         assert (family.rate_hz, delay) == expected
 
 
-def test_the_frequencies_of_a_map_are_those_of_the_load_on_its_spring(folder: Path) -> None:
+def test_map_frequencies_equal_load_on_spring(folder: Path) -> None:
     """In all postures, the motor held."""
     assert command("map", folder, folder / "run", "--random", "3") == 0
     mapped, stiffness = read_map(folder / "run" / "map.h5"), read_fit(folder / "run" / "fit.h5").values["k_1"]
@@ -70,7 +70,7 @@ def test_draws_scatter_about_the_fit(folder: Path) -> None:
     assert np.abs(z).max() < 4
 
 
-def test_the_fit_predicts_other_logs_and_not_those_of_its_own_folder(folder: Path, tmp_path: Path) -> None:
+def test_prediction_uses_other_logs_and_refuses_own_folder(folder: Path, tmp_path: Path) -> None:
     """Torque and motion of its twin within 1 %."""
     run = folder / "run"
     assert command("predict", folder, tmp_path, "--with", run, "--set", "seed=5") == 0
@@ -82,7 +82,7 @@ def test_the_fit_predicts_other_logs_and_not_those_of_its_own_folder(folder: Pat
 
 
 @pytest.mark.slow
-def test_a_live_session_reaches_its_goal_and_takes_no_other_logs(folder: Path, tmp_path: Path) -> None:
+def test_live_session_reaches_goal_and_ignores_foreign_logs(folder: Path, tmp_path: Path) -> None:
     """The log says how far it is; references are those of its plan; simulated logs are not those of a robot."""
     words = ("--goal", "k_1: 0.014 %")
     assert command("live", folder, tmp_path, *words, "--simulate") == 0

@@ -71,7 +71,7 @@ class Emulator:
         return wrong
 
 
-def test_the_player_of_the_page_gives_an_emulated_robot_the_planned_torque(tmp_path: Path) -> None:
+def test_page_player_gives_emulated_robot_planned_torque(tmp_path: Path) -> None:
     """No cycle wrong or lost, at rest at the end; planned spectrum within 3 %; inertia by the log within 3 %."""
     path = ReferencePathSpec(0.004, unit="deg")
     gains = GainsSpec(position_gain=K_P, velocity_gain=K_V, integral_time=T_I)
@@ -110,7 +110,7 @@ def test_the_player_of_the_page_gives_an_emulated_robot_the_planned_torque(tmp_p
     np.testing.assert_allclose(np.abs(U / (2 * np.pi * plan.freq_hz) ** 2 / Q)[low], INERTIA, rtol=0.03)
 
 
-def test_players_of_egm_and_rtde_send_a_row_per_message_and_log_its_state() -> None:
+def test_egm_and_rtde_players_send_row_per_message() -> None:
     """Stubs of the messages, without a robot: rows in order; time, positions and currents."""
     rows, written = [[1.0, 2.0], [3.0, 4.0]], []
     joints = Message(joints=[5.0, 6.0])

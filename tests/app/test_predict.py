@@ -50,7 +50,7 @@ def study_of(tmp_path_factory) -> Callable[..., Path]:
     return made
 
 
-def test_logs_of_the_command_line_have_the_keys_of_the_files_that_they_stand_for(tmp_path: Path) -> None:
+def test_command_line_logs_keep_keys_of_replaced_files(tmp_path: Path) -> None:
     """The last of the first where there are more; not those of one log alone."""
     files = "{path: a.csv, configuration: a}, {path: b.csv, configuration: b, samples: [0, 9]}"
     (tmp_path / "study.yml").write_text(STUDY.replace("{path: log.csv}", files), encoding="utf-8")
@@ -65,9 +65,7 @@ def command(*words: str | Path) -> int:
 
 
 @pytest.mark.slow
-def test_friction_of_one_log_explains_another_of_its_axis_and_not_one_that_rubs_more(
-    study_of: Callable[..., Path], tmp_path: Path
-) -> None:
+def test_friction_explains_same_axis_and_not_higher_friction(study_of: Callable[..., Path], tmp_path: Path) -> None:
     """As well as a regression of that log; where Coulomb friction is 4 Nm more, what is left is that, 0.1 % off."""
     first, second, third = study_of("first", 1, 12.0), study_of("second", 2, 12.0), study_of("third", 2, 16.0)
     assert command("run", first, "--run", tmp_path / "first") == 0
@@ -115,7 +113,7 @@ def two_axes(folder: Path, name: str, seed: int, missing: float = 0.0) -> Path:
 
 
 @pytest.mark.slow
-def test_rigid_body_and_friction_of_joints_that_moved_together_explain_other_logs(tmp_path: Path) -> None:
+def test_rigid_body_and_friction_explain_other_joint_logs(tmp_path: Path) -> None:
     """A log that was left out, and one of the command line, nearly as well as a regression of it; a spring is seen."""
     study, run = tmp_path / "study.yml", tmp_path / "run"
     study.write_text(TWO_AXES, encoding="utf-8")

@@ -45,7 +45,7 @@ def predicted(folder: Path, *words: str | Path) -> tuple[int, dict]:
 
 
 @pytest.mark.slow
-def test_robot_file_passes_at_the_clock_of_the_log_and_fails_at_another(log: Path, tmp_path: Path) -> None:
+def test_robot_file_passes_right_clock_and_fails_wrong_clock(log: Path, tmp_path: Path) -> None:
     """Exit code 3, and the factor 2.5 of the period first among the tests."""
     model = tmp_path / "robot.yml"
     model.write_text(yaml_text(CommandedJoint().robot), encoding="utf-8")

@@ -106,9 +106,7 @@ def test_wrong_damping_gain_moves_viscous_friction_alone(tmp_path: Path, monkeyp
 
 
 @pytest.mark.slow
-def test_sum_of_damping_gain_and_friction_is_stated_for_free_gains(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_free_gains_give_sum_of_damping_gain_and_friction(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With a prior of 20 % of each gain neither k_d nor friction is identified, but their sum is."""
     study = JOINT.write(tmp_path / "a", stated=(JOINT.kp, JOINT.kd / 1.2), **GAINS)
     result = fitted(study, monkeypatch)

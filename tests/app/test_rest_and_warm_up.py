@@ -68,7 +68,7 @@ def warm(folder: Path, log: warm_rig.WarmLog, *files: str) -> Run:
 
 
 @pytest.mark.slow
-def test_a_warm_up_has_its_heat_its_levels_and_its_page(tmp_path: Path) -> None:
+def test_warm_up_study_gives_temperature_coulomb_torque_and_page(tmp_path: Path) -> None:
     """An hour in steps of 10 s: heat given off to 5 %, two nodes as the thermometer is outside."""
     joint = result_of(warm(tmp_path, warm_rig.warm_log(1.0))).at("1")
     assert joint.thermal.h == pytest.approx(warm_rig.OUTER, rel=0.05)

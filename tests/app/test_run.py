@@ -91,9 +91,7 @@ def test_check_foretells_the_plan(finished: Path) -> None:
 
 
 @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="cores of a process are those of Linux")
-def test_processes_are_for_the_cores_of_this_one_and_start_where_there_is_work(
-    finished: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_processes_match_cores_and_start_only_for_work(finished: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     started = []
     monkeypatch.setattr(running, "load_for_workers", started.append)
     run_all(run_in(finished, jobs=2))
@@ -120,7 +118,7 @@ def test_a_fit_leaves_the_robot_with_its_numbers(finished: Path) -> None:
     assert path.read_text() == (finished / "run" / "identified_robot.yml").read_text()
 
 
-def test_a_result_that_has_changed_on_the_disk_is_made_again(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_result_changed_on_disk_is_made_again(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One bit of a response: `run` says so and ends with the bytes that were there; the fit alone refuses it."""
     path = copy / "run" / "frf.h5"
     before = path.read_bytes()
@@ -138,7 +136,7 @@ def test_a_result_that_has_changed_on_the_disk_is_made_again(copy: Path, capsys:
 @pytest.mark.parametrize(
     ("name", "stage"), [("summary.json", "fit"), ("report.html", "report"), ("references/*.csv", "design")]
 )
-def test_a_text_that_has_changed_on_the_disk_is_made_again(
+def test_text_changed_on_disk_is_made_again(
     copy: Path, worked_on: list[str], capsys: pytest.CaptureFixture[str], name: str, stage: str
 ) -> None:
     """One digit that another program would read, or a robot would follow: `run` says so and makes it again."""

@@ -70,7 +70,7 @@ def test_a_file_that_is_no_robot_leaves_no_study(tmp_path: Path) -> None:
     assert not (tmp_path / "new").exists()
 
 
-def test_a_joint_whose_links_have_no_inertia_is_refused_at_its_line(tmp_path: Path) -> None:
+def test_joint_without_link_inertia_is_refused_at_its_row(tmp_path: Path) -> None:
     path = tmp_path / "arm.urdf"
     inertia = '<inertia ixx="{0}" iyy="{0}" izz="{0}"/>'
     link = '<link name="{1}"><inertial><mass value="0.2"/>' + inertia + "</inertial></link>\n"

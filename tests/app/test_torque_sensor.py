@@ -82,7 +82,7 @@ def test_sensors_of_unknown_size_are_not_used(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_friction_in_front_of_the_sensor_does_not_move_stiffness_and_damping(tmp_path: Path) -> None:
+def test_friction_before_torque_sensor_leaves_stiffness_and_damping(tmp_path: Path) -> None:
     """Inside their intervals, within 0.1 and 1 %, with a third of the torque lost in friction; the motor is unknown."""
     for realisation in (1, 2):
         write_log(tmp_path, realisation, friction=3.0)
@@ -139,7 +139,7 @@ def test_sensors_next_to_motor_torques_are_found(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_friction_in_front_of_sensors_needs_no_model_of_the_links(tmp_path: Path) -> None:
+def test_friction_before_sensor_needs_no_link_model(tmp_path: Path) -> None:
     """Coulomb and viscous friction of both joints within 1 %; the links and gravity are in the sensors' torques."""
     drafted(tmp_path, arm_log(tmp_path))
     assert run_command(["run", str(tmp_path / "new" / "study.yml"), "-q", "--run", str(tmp_path / "run")]) == 0

@@ -40,7 +40,7 @@ def test_a_fitted_study_commands_a_move(fitted_arm: Path, capsys: pytest.Capture
 @needs_compiler
 @pytest.mark.oracle("fmpy")
 @pytest.mark.parametrize("version", [2, 3])
-def test_the_tool_of_a_unit_with_a_move_inside_follows_its_path(fitted_arm: Path, version: int) -> None:
+def test_fmu_with_move_follows_tool_path(fitted_arm: Path, version: int) -> None:
     """In another program, with nothing set: as exactly as planned, and not at all with the path of another time."""
     study = fitted_arm
     import fmpy

@@ -35,7 +35,7 @@ def same_code(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("kind", [".py", ".pyi", ".c", ".h", ".m", ".j2", ".js", ".css", ".yml", ".txt", ".typed", ""])
-def test_a_byte_of_any_packaged_file_changes_the_hash_of_the_code(tmp_path: Path, kind: str) -> None:
+def test_changed_byte_of_package_changes_code_hash(tmp_path: Path, kind: str) -> None:
     """Kernels, pages, templates and data as much as Python; what Python itself leaves there counts nothing."""
     root = Path(shutil.copytree(PACKAGE, tmp_path / "elastid", ignore=shutil.ignore_patterns("__pycache__")))
     before = code_hash(root)
@@ -88,9 +88,7 @@ def is_within_declared(stage: Stage, path: tuple[Any, ...]) -> bool:
 
 @pytest.mark.parametrize("template", TEMPLATES)
 @pytest.mark.slow
-def test_each_key_reaches_the_stages_that_declare_it_and_their_successors(
-    studies: dict[str, LoadedStudy], template: str
-) -> None:
+def test_key_changes_stages_that_read_it_and_their_successors(studies: dict[str, LoadedStudy], template: str) -> None:
     """For every key of the study: seen and in the stamp where it is declared, in neither where it is not."""
     loaded = studies[template]
     stages, before = stages_of_study(loaded.study), stamps(loaded)
@@ -112,7 +110,7 @@ def test_each_key_reaches_the_stages_that_declare_it_and_their_successors(
             assert (after[name].inputs != before[name].inputs) is (not same or upstream), (path, name)
 
 
-def test_the_content_of_a_log_changes_the_stamp_of_its_records(studies: dict[str, LoadedStudy]) -> None:
+def test_log_content_changes_stamp_of_records(studies: dict[str, LoadedStudy]) -> None:
     """One byte of one file, whatever its date."""
     loaded = studies["recorded"]
     before = stamps(loaded)

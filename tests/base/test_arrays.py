@@ -39,7 +39,7 @@ class Sample:
             raise ValueError(f"x has shape {self.x.shape}, G {self.G.shape}")
 
 
-def test_arrays_of_a_value_are_read_only_copies_of_their_type() -> None:
+def test_arrays_of_value_are_read_only_copies() -> None:
     """Whatever was given stays as it was, and so does the value."""
     x = np.arange(3)
     value = Sample(x, x, x.tolist(), name="a")
@@ -95,7 +95,7 @@ input()
 """
 
 
-def test_arrays_beside_a_file_take_no_name_and_are_gone_when_their_process_is_killed(tmp_path) -> None:
+def test_file_arrays_have_no_name_and_vanish_with_process(tmp_path) -> None:
     """However it ends, since the file has no name from the first moment."""
     process = subprocess.Popen(
         [sys.executable, "-c", FILLED, tmp_path], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -107,7 +107,7 @@ def test_arrays_beside_a_file_take_no_name_and_are_gone_when_their_process_is_ki
     assert list(tmp_path.iterdir()) == []
 
 
-def test_arrays_beside_a_file_are_those_given_also_after_their_memory_and_in_another_process(tmp_path) -> None:
+def test_file_arrays_keep_values_after_release_and_in_processes(tmp_path) -> None:
     """Several in one file, and larger than it; a source in memory, or a folder that takes none, leaves the array."""
     given = [np.arange(n, dtype=dtype).reshape(-1, 1) for n, dtype in ((5, float), (0, complex), (70_000, np.int64))]
     kept = [stored_in(tmp_path, array) for array in given]

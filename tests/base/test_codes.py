@@ -17,7 +17,7 @@ PACKAGE = Path(elastid.__file__).parent
 CODED = {"ElastidError", "StudyError", "DataError", "FitError", "MisfitError", "Note"}
 
 
-def test_every_error_and_note_has_a_code_of_the_table_and_every_code_is_used_and_explained() -> None:
+def test_codes_of_errors_and_notes_are_complete_used_explained() -> None:
     constants = set()
     for file in sorted(PACKAGE.rglob("*.py")):
         for node in ast.walk(ast.parse(file.read_text())):
@@ -61,13 +61,13 @@ def test_explain_answers_an_old_name_with_one_that_exists(old: str, new: str) ->
 
 
 @pytest.mark.parametrize("override", ["fit.weights.floor=0.1", "friction.passes=detect", "tool={motors: held}"])
-def test_a_study_with_an_old_name_is_told_the_new_one(override: str, tmp_path: Path) -> None:
+def test_study_with_old_name_gets_new_name(override: str, tmp_path: Path) -> None:
     assert cli.run_command(["new", str(tmp_path / "arm")]) == 0
     with refused("study/invalid", holds="renamed to "):
         load(tmp_path / "arm" / "study.yml", (override,))
 
 
 @pytest.mark.parametrize("words", ["run x levels", "loops x --draws 2"])
-def test_an_old_word_on_the_command_line_is_told_the_new_one(words: str, capsys) -> None:
+def test_command_line_with_old_word_gets_new_word(words: str, capsys) -> None:
     assert cli.run_command(words.split()) == 2
     assert "renamed to" in capsys.readouterr().err

@@ -26,7 +26,7 @@ def address():
 
 
 @pytest.mark.filterwarnings("default")
-def test_work_on_a_cluster_gives_its_values_in_order_and_its_errors_as_they_are(monkeypatch):
+def test_cluster_work_returns_ordered_values_and_errors(monkeypatch):
     """Also where a worker dies that the scheduler does not know of yet; without any worker there is a sentence.
 
     The worker is a thread of this process: what is sent and what comes back.
@@ -90,7 +90,7 @@ def process(item: int) -> int:
 
 
 @pytest.mark.filterwarnings("default")
-def test_items_are_asked_at_the_workers_of_a_cluster_that_have_them(address, tmp_path, monkeypatch):
+def test_cluster_items_go_to_workers_that_have_them(address, tmp_path, monkeypatch):
     """Each at one of them; one that dies is followed by another."""
     monkeypatch.setattr("elastid.base.execution.ANSWER_S", 2.0)
     with on_dask(address), persistent_workers():
@@ -112,7 +112,7 @@ def test_items_are_asked_at_the_workers_of_a_cluster_that_have_them(address, tmp
 @pytest.mark.parametrize(
     "address", ["tcp://127.0.0.1:9", slow("x"), slow("host:notaport"), "foo://x:1", slow("tcp://[::1"), "tls://a:1"]
 )
-def test_a_text_at_which_no_scheduler_answers_is_refused_before_any_work(address, monkeypatch):
+def test_address_without_scheduler_is_refused_before_work(address, monkeypatch):
     """Nor one that needs certificates, where none are configured; no client is left, which would stop the next one."""
     monkeypatch.setattr("elastid.base.execution.ANSWER_S", 0.5)
     with refused("workers/cluster"):

@@ -14,7 +14,7 @@ from elastid.base.display import digits, interval_of, number
         (12345678.0, "12350000"), (1.5e8, "1.500e+08"), (1.234e-4, "0.0001234"), (1.234e-5, "1.234e-05"),
     ],
 )  # fmt: skip
-def test_a_number_has_four_digits_and_an_exponent_only_where_it_must(value, text):
+def test_number_has_four_digits_and_exponent_only_if_needed(value, text):
     """From 1e-4 to 1e8 there is none."""
     assert number(value) == text
 

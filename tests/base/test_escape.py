@@ -43,7 +43,7 @@ def test_identifiers_differ() -> None:
 
 
 @pytest.mark.parametrize("text", TEXTS)
-def test_a_prompt_and_a_notebook_show_a_text_and_nothing_else(text: str) -> None:
+def test_prompt_and_notebook_show_same_text(text: str) -> None:
     display = Display(f"Robot {text}", ("name",), [(text,)])
     assert not CONTROLS.search(display.text)
     assert not CONTROLS.search(display.html)

@@ -11,7 +11,7 @@ from plants.refusals import refused
 from elastid.base.execution import Execution, surviving
 
 
-def test_a_script_that_would_begin_anew_in_every_worker_is_told_what_it_lacks(tmp_path: Path):
+def test_script_without_main_guard_is_refused_in_workers(tmp_path: Path):
     """The workers read the script again, and would start workers of their own."""
     script = tmp_path / "script.py"
     work = "print(Execution(2).ordered(abs, [-1, -2]))\n"
@@ -32,7 +32,7 @@ def killed_at_two(item: int) -> int:
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_a_worker_that_dies_costs_the_item_that_it_was_at(jobs: int):
+def test_dead_worker_costs_only_its_item(jobs: int):
     """None in its place, and all others as they are."""
     assert dict(surviving(killed_at_two, [1, 2, 3, 4, 5], jobs)) == {0: 1, 1: None, 2: 9, 3: 16, 4: 25}
 

@@ -115,7 +115,7 @@ def test_without_a_library_numpy_does_the_work(
 @needs_kernels
 @pytest.mark.usefixtures("_forgotten")
 @pytest.mark.parametrize("fault", ["no library", "other sources"])
-def test_a_library_that_does_not_fit_is_refused_with_a_warning(
+def test_library_of_other_version_is_refused_with_warning(
     fault: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """A file that is none, and one that was built before its sources changed."""

@@ -25,6 +25,6 @@ def test_a_number_out_of_its_bounds_is_named(given: dict[str, float]) -> None:
         replace(Sample(), **given)
 
 
-def test_the_first_number_is_named_where_it_is_given_without_its_name() -> None:
+def test_unnamed_first_number_is_refused_with_its_name() -> None:
     with pytest.raises(ValueError, match=r"^time: "):
         Sample(-1.0)

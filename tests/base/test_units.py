@@ -28,7 +28,7 @@ def test_a_text_with_a_unit_equals_number_times_factor(unit: str, number: float)
         ([1], "m", "expected a number"),
     ],
 )
-def test_what_is_not_a_quantity_is_refused_with_what_would_fit(value: object, dimension: str, says: str) -> None:
+def test_text_without_quantity_is_refused_with_valid_units(value: object, dimension: str, says: str) -> None:
     """A wrong dimension, an unknown unit, a text, NaN: each message says what is expected."""
     with pytest.raises(ValueError, match=says.replace("*", r"\*")):
         to_si(value, dimension)

@@ -67,7 +67,7 @@ def large(item: int) -> bytes:
     return bytes(20_000_000)
 
 
-def test_workers_that_are_ended_amid_an_answer_are_not_waited_for():
+def test_workers_terminated_amid_answer_are_not_awaited():
     """A pool of the standard library waits for ever for the rest of the answer."""
     for _ in range(5):
         survivors = surviving(large, list(range(30)), 2)
@@ -203,7 +203,7 @@ def sent(monkeypatch) -> list[int]:
     return sizes
 
 
-def test_each_value_goes_to_one_process_once_and_what_comes_from_there_does_not_go_back(sent):
+def test_value_goes_to_a_process_once_and_never_back(sent):
     """What is worked out stays there; the successor of a process that dies is given them again."""
     items = [data(n) for n in (10_000, 20_000, 30_000)]
     with persistent_workers():
@@ -223,7 +223,7 @@ def test_each_value_goes_to_one_process_once_and_what_comes_from_there_does_not_
         assert list(there.at_home(length, items)) == [10_000, 20_000, 30_000]
 
 
-def test_a_name_of_what_the_other_end_does_not_have_is_no_value():
+def test_unknown_name_from_other_end_is_refused():
     item, here, there = data(10_000), End(keeps=False), End(keeps=True)
     arrived = there.unpacked(here.packed([item, item.values]))
     assert arrived[1] is arrived[0].values

@@ -20,7 +20,7 @@ def study() -> Iterator[ModuleType]:
 
 
 @pytest.mark.slow
-def test_of_a_thousand_intervals_93_to_97_percent_hold_the_truth(study: ModuleType) -> None:
+def test_intervals_cover_truth_in_93_to_97_percent(study: ModuleType) -> None:
     """Of the three-mass axis, all parameters alike; the estimates scatter by the Cramer-Rao bound."""
     plant = study.three_mass()
     found = study.calibrated(study.DataSets(plant, 2), 1000, 1)
@@ -38,7 +38,7 @@ def test_clean_logs_of_both_generators_raise_no_alarm(study: ModuleType) -> None
         assert import_module("false_alarms").judged(number, 0)[1] == {}
 
 
-def test_no_alarm_of_300_has_an_interval_up_to_1_2_percent(study: ModuleType) -> None:
+def test_no_alarm_in_300_has_upper_bound_1_2_percent(study: ModuleType) -> None:
     """1 - 0.025^(1/300)."""
     low, high = import_module("false_alarms").interval(0, 300)
     assert (low, round(high, 4)) == (0.0, 0.0122)

@@ -87,7 +87,7 @@ def test_every_text_is_utf_8() -> None:
 
 
 @pytest.mark.slow
-def test_what_other_programs_say_is_not_read_in_the_encoding_of_the_system() -> None:
+def test_output_of_other_programs_ignores_system_encoding() -> None:
     """Their words are UTF-8 or bytes, and what is neither is replaced."""
     found = [
         f"{path}:{node.lineno}: {ast.unparse(node)}"

@@ -25,7 +25,7 @@ from elastid.robot import Frame, Placement
 from elastid.study import load_robot
 
 
-def test_manutec_turns_on_axis_1_with_the_inertia_of_its_bodies():
+def test_manutec_turns_on_axis_1_with_body_inertia():
     """Upright, M_11 is the sum over the bodies by the parallel axis theorem; its lowest mode is an axis on its gear."""
     model = serial(load_robot(ROBOTS / "manutec_r3.yml"))
     axis = model.index("joint 1")
@@ -39,7 +39,7 @@ def test_manutec_turns_on_axis_1_with_the_inertia_of_its_bodies():
     assert 5 < modes(linear, linear.theta_ref).freq_hz[0] < 40
 
 
-def test_the_kuka_arm_has_the_reach_and_weight_of_its_table():
+def test_kuka_arm_has_reach_and_weight_of_table():
     """Eighteen coordinates; the tool where its links lie stretched out, gravity on axis 2 by hand."""
     robot = load_robot(ROBOTS / "kr300_twelve_springs.yml")
     model = serial(robot)
@@ -60,7 +60,7 @@ AXES = replace(two_axes((0.0, 0.0)), frames=(Frame("tool", "fore", Placement((0.
 OUTPUTS = ("motor 1", "motor 2", "accelerometer tool z", "frame tool y", "frame tool rx")
 
 
-def test_the_rig_measures_what_the_linear_model_says_at_every_place():
+def test_rig_measures_linear_model_at_every_location():
     """Motors in rad, a point in m/s^2 with and without gravity, an angle of the tool: all within 0.3 %."""
     experiment = ExperimentSpec({"a": (0.2, -0.5)}, 1, simulated=SimulatedSpec(outputs=OUTPUTS))
     plan = make_plan(MultisineSpec(1000.0, 2.0, (1.0, 60.0), 3.0), experiment, AXES, 3)

@@ -30,7 +30,7 @@ def run(name: str, folder: Path, code: int = 0) -> dict[str, Any]:
 
 
 @pytest.mark.slow
-def test_a_prismatic_axis_is_followed_under_its_force_and_under_its_controller(tmp_path: Path) -> None:
+def test_prismatic_axis_is_simulated_by_force_and_by_controller(tmp_path: Path) -> None:
     """Its mass and friction are those of friction_study/test_inverse_dynamics_regression.py."""
     summary = run("emps", tmp_path / "run")
     assert summary["motions"]["1"]["misfit"] == ""
@@ -78,7 +78,7 @@ def test_friction_of_a_prismatic_axis_is_followed_by_direction(tmp_path: Path) -
 
 
 @pytest.mark.slow
-def test_six_axes_have_friction_with_the_error_of_their_rigid_body(tmp_path: Path) -> None:
+def test_six_axes_friction_includes_rigid_body_error(tmp_path: Path) -> None:
     """Intervals hold what Weigand et al. (2021) identified with a full model of the robot, but for axis 5.
 
     There it is 468, just below the interval; its Coulomb friction and the coupling in the wrist are not the same. The

@@ -57,7 +57,7 @@ def nearest(freq_hz: FloatArray, G: ComplexArray, wanted: float, sign: int = 1) 
 
 
 @pytest.mark.slow
-def test_the_bench_with_its_load_turned_round_ends_with_the_name_of_the_channel(tmp_path: Path) -> None:
+def test_bench_with_reversed_load_names_the_channel(tmp_path: Path) -> None:
     """The load's encoder is mounted mirrored; a study that forgets it ends with exit code 1 and a message."""
     options = ("--set", "experiment.recorded.channels.2.sign=1", "--set", "fit.starts=4")
     summary = run(BENCH_STUDY, tmp_path, *options, code=1)
@@ -95,7 +95,7 @@ def test_the_bench_comes_out_as_measured(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("error", [0.01, 0.05])
-def test_the_bench_is_a_misfit_where_its_error_is_not_declared(error: float, tmp_path: Path) -> None:
+def test_bench_with_undeclared_error_is_misfit(error: float, tmp_path: Path) -> None:
     """Residuals 48 times the noise, of 16 %: exit code 3, a whole report, and the intervals include the stiffness."""
     options = ("--set", f"fit.weights.model_error={error}", "--set", "fit.starts=4")
     summary = run(BENCH_STUDY, tmp_path, *options, code=3)
@@ -267,9 +267,7 @@ def ran(study: Path, folder: Path, *overrides: str) -> Response:
     [(), ("experiment.recorded.period=none", "estimator.method=h1")],
     ids=["as-shipped", "as-one-transient"],
 )
-def test_the_mass_of_the_axis_is_in_the_response_of_the_shipped_study(
-    overrides: tuple[str, ...], tmp_path: Path
-) -> None:
+def test_shipped_axis_study_has_mass_in_response(overrides: tuple[str, ...], tmp_path: Path) -> None:
     """Force over acceleration above 2 Hz is the published 95.11 kg within 5 %."""
     response = ran(EMPS_STUDY, tmp_path / "run", *overrides)
     assert (response.inputs, response.outputs, response.unit) == (("drive",), ("carriage",), "(m/s^2)/(N)")
@@ -278,7 +276,7 @@ def test_the_mass_of_the_axis_is_in_the_response_of_the_shipped_study(
     assert np.median(1 / response.G[high, 0, 0].real) == pytest.approx(95.11, rel=0.05)
 
 
-def test_the_shipped_study_of_the_axis_says_where_its_record_can_be_had() -> None:
+def test_shipped_axis_study_names_source_of_record() -> None:
     """Its head has repository, commit and path; with another file in its place it is a study of responses."""
     head = EMPS_STUDY.read_text(encoding="utf-8").partition("\nname:")[0]
     for part in ("github.com/forgi86/sysid-neural-continuous", "956aa7ecd7", "examples/EMPS/data/DATA_EMPS.mat"):

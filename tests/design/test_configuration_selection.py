@@ -33,7 +33,7 @@ def _angles(spec: CandidateSpec, seed: int = 1, swing: float = 0.0) -> np.ndarra
     return np.array([c.angles for c in draw_candidates(spec, ARM, seed, swing).configurations])
 
 
-def test_drawn_candidates_fill_the_limits_less_the_swing_and_hang_on_the_seed() -> None:
+def test_candidates_respect_limits_and_depend_on_seed() -> None:
     """A joint without limits turns within +-180 deg."""
     spec = CandidateSpec(random=2000, margin=0.0)
     angles = _angles(spec, swing=0.1)
@@ -53,7 +53,7 @@ def test_a_grid_reaches_from_limit_to_limit() -> None:
     assert set(angles[:, 0].tolist()) == {0.0}
 
 
-def test_nothing_admissible_reaches_floor_or_box_and_nothing_free_is_refused() -> None:
+def test_admissible_postures_avoid_obstacles_and_free_ones_stay() -> None:
     """Joints, centres of mass, a frame, and points on the way between, against the skeleton's own numbers."""
     box = BoxSpec("post", (0.2, -0.3, 0.0), (0.6, 0.3, 0.8))
     spec = CandidateSpec(random=500, floor=0.1, boxes=(box,), clearance=0.05)

@@ -100,7 +100,7 @@ def test_fits_scatter_as_the_forecast_said() -> None:
 
 
 @pytest.mark.slow
-def test_fits_of_robots_that_are_off_their_file_state_the_std_of_the_forecast() -> None:
+def test_fits_of_robots_with_tolerances_have_forecast_std() -> None:
     """Predicted over fitted standard deviation, the median of three robots: 0.8 to 1.25 for each stiffness and damper.
 
     With the default floor; the part by noise likewise.
@@ -147,7 +147,7 @@ def test_an_exact_file_has_no_part_in_the_forecast() -> None:
 GIVEN = replace(PROBLEM, design=None, experiment=replace(PROBLEM.experiment, configurations={"a": (0.3, 0.8)}))
 
 
-def test_coulomb_friction_damps_as_much_as_theory_says_and_scatters_the_rest() -> None:
+def test_coulomb_damping_and_scatter_equal_theory() -> None:
     """sign of a Gaussian velocity: d = sqrt(2 / pi) tau / sigma, and the scattered power of van Vleck's arcsine."""
     rng = np.random.default_rng(0)
     N, lines = 16384, np.arange(1, 1500)
@@ -198,7 +198,7 @@ def test_candidates_that_tip_over_are_no_choice() -> None:
         design(replace(problem, experiment=replace(problem.experiment, configurations=down)))
 
 
-def test_the_design_adds_to_the_given_configurations_and_beats_random_choices() -> None:
+def test_design_adds_configurations_and_beats_random_choice() -> None:
     """Names, realisations, robot time, and the geometric mean of the forecasts of random plans."""
     problem = replace(PROBLEM, experiment=replace(PROBLEM.experiment, configurations={"c1": (0.0, 0.5)}))
     found = design(problem)
@@ -272,7 +272,7 @@ def _rough(problem: DesignProblem, coulomb: float) -> DesignProblem:
 
 
 @pytest.mark.parametrize(("realisations", "is_left"), [(1, True), (2, False)])
-def test_friction_that_the_estimator_takes_out_is_hardly_in_the_forecast(realisations: int, is_left: bool) -> None:
+def test_compensated_friction_hardly_changes_forecast(realisations: int, is_left: bool) -> None:
     """With estimator.friction the forecast is near that of a robot without, where realisations show friction."""
     problem = replace(GIVEN, experiment=replace(GIVEN.experiment, realisations=realisations))
     smooth, left = design(problem).forecast, design(_rough(problem, 0.3)).forecast
@@ -284,7 +284,7 @@ def test_friction_that_the_estimator_takes_out_is_hardly_in_the_forecast(realisa
 
 
 @pytest.mark.parametrize(("coulomb", "motors"), [(0.65, 0), (0.7, 1), (1.6, 1), (1.7, 2)])
-def test_coulomb_friction_beyond_a_third_of_the_rms_torque_is_reported(coulomb: float, motors: int) -> None:
+def test_coulomb_friction_above_third_of_torque_is_reported(coulomb: float, motors: int) -> None:
     """On the link side, of 5 and 2 Nm rms behind gears, in two realisations."""
     plan, robot = make_plan(GIVEN.excitation, GIVEN.experiment, TWO, 0), _rough(GIVEN, coulomb).robot
     places = ["motor 1", "motor 2"][2 - motors :]

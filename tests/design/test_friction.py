@@ -20,7 +20,7 @@ from elastid.robot import Joint, Limits
 from elastid.robot.simplified import without_friction
 
 
-def test_passes_stay_within_limits_and_the_certificate_says_how_good_they_are() -> None:
+def test_runs_stay_in_limits_with_certified_efficiency() -> None:
     """All defaults: slow enough for stiction, as fast as window and torque allow, the same for a seed."""
     plan = planned(FrictionSpec())
     (design,) = plan.designs
@@ -67,7 +67,7 @@ def test_a_warm_up_is_followed_by_tests() -> None:
     assert tests[-3].start_s == pytest.approx(warm_up.start_s + 1800.0)
 
 
-def test_a_robot_without_friction_in_its_file_is_planned_by_those_of_common_gears() -> None:
+def test_robot_without_friction_is_planned_by_typical_gears() -> None:
     """It is larger by as much as the motor is stronger, at the same part of its highest speed."""
     assert "friction of common gears" in planned(FrictionSpec(), axis(law=None)).assumed_friction[0]
     planned(FrictionSpec(), axis(Limits(), None))
@@ -132,7 +132,7 @@ def test_ramps_take_the_torque_that_gravity_and_friction_leave(torque: float, ba
 
 
 @given(speed=st.floats(0.5, 250.0))
-def test_friction_that_is_planned_for_falls_from_stiction_by_its_slope(speed: float) -> None:
+def test_planned_friction_decreases_from_stiction_by_its_slope(speed: float) -> None:
     h = 1e-5 * speed
     assert GUESS.torque(0.0) == pytest.approx(GUESS.stiction)
     assert GUESS.slope(speed) == pytest.approx((GUESS.torque(speed + h) - GUESS.torque(speed - h)) / (2 * h), abs=1e-6)

@@ -57,7 +57,7 @@ def test_amplitudes_fill_the_limits_and_no_peak_is_above_them(carrier: CarrierSp
         assert np.all(np.diff(position[end - plan.periods * plan.period_samples : end], axis=0) > 0)
 
 
-def test_torques_that_are_too_large_are_lowered_with_a_word_and_small_ones_kept() -> None:
+def test_large_torques_are_lowered_with_note_small_ones_kept() -> None:
     """A number in the study is what is wanted at most."""
     _, limit_use, rig = within(torque_rms=900.0)
     assert np.all(limit_use.factor < 1)
@@ -79,7 +79,7 @@ def test_torques_that_are_too_large_are_lowered_with_a_word_and_small_ones_kept(
     ],
     ids=["gravity", "end of the joint", "carrier"],
 )
-def test_limits_that_leave_no_room_are_refused_with_what_is_in_the_way(
+def test_limits_without_room_are_refused_with_their_cause(
     limits: Limits, carrier: CarrierSpec | None, code: str, place: str
 ) -> None:
     """The robot's weight, its movement: how much it needs, how much there is, what to change."""
@@ -87,7 +87,7 @@ def test_limits_that_leave_no_room_are_refused_with_what_is_in_the_way(
         within(carrier, arm(limits))
 
 
-def test_a_motor_without_any_limit_moves_as_with_one_and_cannot_be_scaled_to_it() -> None:
+def test_motor_without_limit_moves_but_cannot_be_scaled() -> None:
     peaks = []
     for robot in (without_dry_friction(arm()), arm(Limits())):
         spec = experiment(CARRIERS[1])
@@ -98,7 +98,7 @@ def test_a_motor_without_any_limit_moves_as_with_one_and_cannot_be_scaled_to_it(
         within(robot=arm(Limits()))
 
 
-def test_a_constant_velocity_shows_the_linear_robot_in_spite_of_gravity_and_friction() -> None:
+def test_constant_velocity_shows_linear_robot_despite_gravity_and_friction() -> None:
     """The planned movement's drift of angle and weight is taken out of the log; 3 % where sliding never stops."""
     plan, _, rig = within(CarrierSpec(kind="offset", velocity=0.1))
     records = [rig.measure(e) for e in rig.experiments]
@@ -110,7 +110,7 @@ def test_a_constant_velocity_shows_the_linear_robot_in_spite_of_gravity_and_fric
     assert np.median(error, axis=0).max() < 0.03
 
 
-def test_power_costs_are_squared_peaks_in_the_room_of_each_limit() -> None:
+def test_power_costs_are_squared_peaks_over_limits() -> None:
     """sum c P = kappa^2 rms^2 / room^2 with kappa^2 = 2 ln (2 F E M), of the closed loop; 1 for torque_rms."""
     machine, spec = arm(), experiment()
     excitation = replace(EXCITATION, torque_rms=(30.0, 20.0))

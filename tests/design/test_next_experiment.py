@@ -99,7 +99,7 @@ def test_limits_are_kept_on_every_robot_that_the_fit_allows() -> None:
         assert np.all(peaks <= limits * (1 - EXCITATION.margin) * 1.001)
 
 
-def test_what_the_robot_reaches_while_it_is_shaken_excludes_a_posture() -> None:
+def test_excitation_peaks_exclude_postures() -> None:
     """A box a millimetre off the beam when it is level: free as a posture, and touched by its swing."""
     robot = replace(arm(), frames=(Frame("tip", arm().bodies[-1].name, Placement((0.0, 0.0, 0.5))),))
     x, z = 0.1 + 0.5 * np.sin(1.4), 0.4 + 0.5 * np.cos(1.4)
@@ -136,7 +136,7 @@ def test_a_configuration_without_a_spectrum_has_the_typical_one() -> None:
     np.testing.assert_allclose(amplitudes, np.broadcast_to(asked.typical, amplitudes.shape))
 
 
-def test_a_goal_is_reached_where_the_interval_is_as_narrow_as_asked() -> None:
+def test_goal_is_reached_at_requested_interval() -> None:
     """Half widths of 95 % over those of the goal, by a covariance and by intervals; unknown numbers never are."""
     asked, goal = problem().parameters, Goal({"k_1": 0.02, "k_2": 0.1})
     std = np.array([0.02 if name == "k_1" else 0.05 for name in asked.free_names]) / 1.96
@@ -146,7 +146,7 @@ def test_a_goal_is_reached_where_the_interval_is_as_narrow_as_asked() -> None:
     assert goal.reached(result) == {"k_1": pytest.approx(1.0), "k_2": np.inf}
 
 
-def test_friction_damps_the_motion_that_it_leaves_and_a_carrier_takes_its_room() -> None:
+def test_friction_damps_remaining_motion_and_carrier_uses_limits() -> None:
     """The damping of a design is that of the motion with it; candidates are off the limits by swing and margin."""
     asked = problem()
     settled = with_friction_damping(asked)

@@ -27,7 +27,7 @@ def random_information(seed: int, S: int = 1, Q: int = 30, d: int = 4, rank: int
 
 @settings(max_examples=40, deadline=None)
 @given(s=st.integers(1, 3), seed=st.integers(0, 1000))
-def test_the_criterion_is_that_of_the_covariance_and_has_its_gradient(s: int, seed: int) -> None:
+def test_criterion_equals_covariance_form_and_its_gradient(s: int, seed: int) -> None:
     """ln det of K^T M^-1 K, the mean over guesses; slopes by differences."""
     rng = np.random.default_rng(seed)
     M, K = random_information(seed, S=2, Q=8).sum(axis=1), np.eye(4)[:, :s]
@@ -95,7 +95,7 @@ def information(groups: Groups, P: FloatArray, known: FloatArray) -> FloatArray:
     return known + sum(np.stack([one.information(p) for one in group[0]]) for group, p in each)
 
 
-def test_quadratic_regression_puts_its_power_at_the_ends_and_in_the_middle() -> None:
+def test_quadratic_regression_has_power_at_ends_and_middle() -> None:
     """One input, noise alone: lines are candidates, and a third of the power goes to -1, 0 and 1 each."""
     x = np.linspace(-1, 1, 201)
     one, J = np.ones((201, 1, 1)), np.vander(x, 3)

@@ -111,7 +111,7 @@ def limited(torque_rms: Any = 120.0) -> tuple[SimulatedRig, Any]:
 
 
 @pytest.mark.parametrize("torque_rms", [slow(5000.0), "limits"])
-def test_motion_torque_and_references_keep_the_limits_with_gains_that_are_thirty_percent_off(torque_rms: Any) -> None:
+def test_movement_keeps_limits_with_gains_30_percent_off(torque_rms: Any) -> None:
     rig, use = limited(torque_rms)
     assert 0.8 < use.used.max() <= 0.9
     limit = limits_of(rig, rig.plan.configurations[0])
@@ -135,7 +135,7 @@ def test_gains_that_are_off_change_the_torque_by_no_more() -> None:
 
 
 @pytest.mark.parametrize("carrier", [None, CarrierSpec(amplitude=0.02), CarrierSpec(kind="offset", velocity=0.1)])
-def test_a_run_is_complete_and_at_rest_in_its_first_and_last_rows(carrier: CarrierSpec | None) -> None:
+def test_run_file_is_complete_and_starts_at_rest(carrier: CarrierSpec | None) -> None:
     """Approach, P + 1 periods without a gap, return: one row a cycle."""
     driven = ControllerSpec(reference=ReferencePathSpec(CYCLE))
     spec = experiment(simulated=SimulatedSpec(substeps=4, controller=driven, carrier=carrier))
@@ -166,9 +166,7 @@ def plan_of_spline(inject: Injected) -> Plan:
         ("deg", "link", "velocity", "velocity of motor 2 (deg/s, link side)"),
     ],
 )
-def test_files_are_in_the_unit_and_on_the_side_that_the_study_states(
-    unit: Any, side: Any, inject: Any, heading: str, tmp_path: Path
-) -> None:
+def test_files_have_unit_and_side_of_study(unit: Any, side: Any, inject: Any, heading: str, tmp_path: Path) -> None:
     spec = ReferencePathSpec(CYCLE, "spline", unit=unit, side=side)
     driven, machine = ControllerSpec(reference=spec), arm()
     simulated = SimulatedSpec(substeps=4, controller=driven, noise=NoiseSpec(encoder_counts=4096))

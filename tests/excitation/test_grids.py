@@ -12,7 +12,7 @@ from elastid.excitation.grids import grid_lines, line_frequencies, with_detectio
 from elastid.excitation.spec import MultisineSpec, planned_lines
 
 
-def test_full_grid_holds_every_line_of_the_band_and_its_edges() -> None:
+def test_full_grid_has_all_lines_of_band_with_edges() -> None:
     """1 to 40 Hz in a period of 10 s at 2 kHz: lines 10 to 400, though 0.1 Hz is no binary number."""
     lines = grid_lines("full", (1.0, 40.0), 2000.0, 20000)
     assert lines.tolist() == list(range(10, 401))
@@ -27,7 +27,7 @@ def test_odd_grid_is_odd_wherever_the_band_begins(first: int, width: int, n: int
     assert lines.tolist() == [k for k in range(first, first + width + 1) if k % 2]
 
 
-def test_odd_odd_grid_leaves_every_second_odd_line_to_odd_distortion() -> None:
+def test_odd_odd_grid_leaves_lines_for_odd_distortion() -> None:
     """1, 5, 9 ...: the sum of three such lines is 3 (mod 4), where none is excited."""
     lines = grid_lines("odd-odd", (2.0, 20.0), 100.0, 100)
     assert lines.tolist() == [5, 9, 13, 17]
@@ -46,7 +46,7 @@ def test_of_every_group_of_lines_one_is_left_for_detection(group: int, n: int, s
     assert [np.isin(one, lines.detection).sum() for one in groups] == [1] * len(groups)
 
 
-def test_a_study_plans_the_lines_of_its_grid_and_detection_lines_by_its_seed():
+def test_planned_lines_follow_grid_and_seed():
     """Any line of a group may be the one for detection; phases without chance have one realisation."""
     spec = MultisineSpec(100.0, 1.0, (2.0, 40.0), 1.0)
     odd, own = planned_lines(spec, 0), planned_lines(replace(spec, grid="lines", lines=(3, 8)), 0)
@@ -60,7 +60,7 @@ def test_a_study_plans_the_lines_of_its_grid_and_detection_lines_by_its_seed():
 
 
 @pytest.mark.parametrize("lines", [(1, 3), (3, 41), (3, 8, 3)])
-def test_lines_that_no_band_holds_are_refused_with_those_that_it_does(lines):
+def test_band_without_lines_is_refused_with_its_lines(lines):
     spec = MultisineSpec(100.0, 1.0, (2.0, 40.0), 1.0, grid="lines", lines=lines)
     with refused("excitation/lines", place="excitation.lines", holds="allow lines 2 to 40, each once"):
         planned_lines(spec, 0)
@@ -79,7 +79,7 @@ def test_quasi_logarithmic_lines_keep_their_ratio_where_lines_are_dense(ratio: f
     assert lines[-1] * ratio > last - step
 
 
-def test_every_input_of_a_zippered_grid_has_its_own_interleaved_lines() -> None:
+def test_zippered_grid_interleaves_lines_of_inputs() -> None:
     """Seven lines for three inputs; fewer lines than inputs are refused."""
     assert zippered(7, 3).tolist() == [0, 1, 2, 0, 1, 2, 0]
     with refused("excitation/lines", place="excitation.orthogonal"):

@@ -22,7 +22,7 @@ from elastid.excitation.spec import Phases
 
 
 @pytest.mark.parametrize("spectrum", [(), ((2.0, 10.0), (20.0, 1.0))])
-def test_every_input_has_the_torque_rms_asked_for_in_every_experiment(
+def test_inputs_have_requested_rms_in_every_experiment(
     spectrum: tuple[tuple[float, float], ...],
 ) -> None:
     """RMS over a period of the sampled signal, for a flat and for a shaped spectrum."""
@@ -34,7 +34,7 @@ def test_every_input_has_the_torque_rms_asked_for_in_every_experiment(
         np.testing.assert_allclose(np.sqrt(np.mean(torque**2, axis=0)), rms, rtol=1e-12)
 
 
-def test_amplitude_table_is_straight_on_log_log_axes_and_multiplies_a_power_law() -> None:
+def test_amplitude_table_is_log_linear_and_multiplies_power_law() -> None:
     """Points in any order; a slope of -1 between them; constant beyond the ends."""
     freq_hz = np.array([1.0, 2.0, 4.0, 10.0, 20.0, 40.0])
     table = relative_amplitudes(freq_hz, 0.0, ((20.0, 1.0), (2.0, 10.0)))
@@ -81,7 +81,7 @@ def test_optimised_phases_lower_the_crest_factor_of_the_compressed_signal() -> N
     assert crest[1] > 2
 
 
-def test_a_binary_signal_has_a_flat_spectrum_and_a_logarithmic_sweep_one_that_falls() -> None:
+def test_binary_signal_is_flat_and_logarithmic_sweep_decreases() -> None:
     """Lines of a band-limited pseudo-random binary signal are alike to a factor of 2; 1 / f of power by a sweep."""
     lines = np.arange(10, 200)
     magnitude = np.abs(sweep_spectrum("prbs", lines))
@@ -92,7 +92,7 @@ def test_a_binary_signal_has_a_flat_spectrum_and_a_logarithmic_sweep_one_that_fa
 
 @pytest.mark.parametrize("lines", [np.arange(10, 200), np.arange(11, 400, 2)])
 @pytest.mark.parametrize("kind", ["linear-sweep", "log-sweep"])
-def test_a_sweep_passes_its_lines_from_the_first_to_the_last(kind: Sweep, lines: np.ndarray) -> None:
+def test_sweep_passes_lines_from_first_to_last(kind: Sweep, lines: np.ndarray) -> None:
     """Group delay of the middle lines, in the sweep's length: a period, or half of one with odd lines."""
     delay = -np.diff(np.unwrap(np.angle(sweep_spectrum(kind, lines)))) / (2 * np.pi) % 1
     at = (np.log(lines) if kind == "log-sweep" else lines)[:-1]
@@ -109,7 +109,7 @@ def test_a_sweep_multiplies_the_amplitudes_that_are_asked_for() -> None:
     assert np.linalg.norm(U) == pytest.approx(np.linalg.norm(amplitude), rel=1e-12)
 
 
-def test_a_small_multisine_is_odd_and_has_the_peak_that_is_asked_for() -> None:
+def test_small_multisine_is_odd_with_requested_peak() -> None:
     """Within its band; the second half of its period is the first one reversed."""
     signal = small_multisine(0.3, (2.0, 9.0), 1000, 100.0, np.random.default_rng(1))
     assert np.abs(signal).max() == pytest.approx(0.3, rel=1e-12)

@@ -53,7 +53,7 @@ def eye(F: int, n_u: int) -> np.ndarray:
     return np.repeat(np.eye(n_u)[None], F, axis=0).astype(complex)
 
 
-def test_crest_factor_of_a_sine_is_sqrt_two_and_of_a_pulse_train_is_high() -> None:
+def test_crest_factor_is_sqrt_2_for_sine_high_for_pulses() -> None:
     """One line: peak / RMS = sqrt 2. F lines in phase: F / sqrt(F / 2)."""
     assert crest_factors(np.array([3]), np.array([2j])) == pytest.approx(np.sqrt(2), rel=1e-2)
     assert crest_factors(np.arange(1, 33), np.ones(32, complex)) == pytest.approx(np.sqrt(2 * 32), rel=1e-2)

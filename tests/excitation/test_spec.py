@@ -33,7 +33,7 @@ SPOILT = (
 
 
 @pytest.mark.parametrize(("key", "keys"), SPOILT, ids=str)
-def test_a_multisine_that_cannot_be_played_is_refused_by_its_key(key: str, keys: dict[str, Any]) -> None:
+def test_unplayable_multisine_is_refused_by_its_key(key: str, keys: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match=key):
         MultisineSpec(**{**KNOWN, **keys})
 

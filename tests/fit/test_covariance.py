@@ -55,7 +55,7 @@ from elastid.response import UNEXPLAINED, Response
 X = parameters().x
 
 
-def test_a_variance_has_the_degrees_of_freedom_of_the_lines_that_make_it():
+def test_variance_has_degrees_of_freedom_of_its_lines():
     """Of ten equal lines of nu complex ones 2 nu 10, of one among them that has all the information 2 nu."""
     power = np.zeros((10, 2))
     power[:, 0], power[3, 1] = 2.0, 1.0
@@ -135,7 +135,7 @@ def linear_in_damping(relative: float) -> LeastSquares:
     return problem_of(free, residual)
 
 
-def test_the_interval_of_a_roughly_known_damping_is_that_of_the_damping_itself():
+def test_interval_of_uncertain_damping_is_on_linear_scale():
     """r is linear in d: exactly d +- 1.96 std, which no interval symmetric in log d is, in a few evaluations."""
     problem, calls = linear_in_damping(0.3), []
 
@@ -174,7 +174,7 @@ def test_bootstraps_scatter_as_the_covariance_says(criterion, is_known):
     assert np.all((ratio > 0.65) & (ratio < 1.35)), ratio
 
 
-def test_the_deviations_of_modes_and_responses_are_those_of_drawn_parameters():
+def test_std_of_modes_and_responses_equals_sampled_parameters():
     """20 000 draws of x: standard deviations of frequency, damping and G as the first order has them."""
     model, free = plant((0, 2)), parameters()
     A = np.random.default_rng(3).standard_normal((4, 4))
@@ -220,7 +220,7 @@ def test_of_white_residuals_blocks_state_the_scatter_and_agree() -> None:
 
 
 @pytest.mark.slow
-def test_of_correlated_residuals_long_blocks_state_the_scatter_and_single_lines_do_not() -> None:
+def test_long_blocks_of_correlated_residuals_give_scatter() -> None:
     """Noise averaged over ten lines: single lines state a fraction of the variance, blocks of thirty nearly all."""
     x, variance, parted = drawn(np.random.default_rng(1), 10, 30)
     x_again, single, _ = drawn(np.random.default_rng(1), 10, 1)
@@ -245,7 +245,7 @@ def evidence_of(J, r) -> LineSums:
 
 
 @pytest.mark.parametrize("Q", [3, 5, 40])
-def test_of_a_linear_model_it_is_that_of_fits_without_each(Q):
+def test_influence_of_linear_model_equals_refits_without_each(Q):
     rng = np.random.default_rng(Q)
     blocks, y = [rng.standard_normal((6, 3)) * (1, 1e4, 1e-5) for _ in range(Q)], rng.standard_normal((Q, 6))
     x = np.linalg.lstsq(np.vstack(blocks), np.concatenate(y))[0]
@@ -261,7 +261,7 @@ def test_of_a_linear_model_it_is_that_of_fits_without_each(Q):
 
 
 @pytest.mark.parametrize("dof", [8, 500])
-def test_a_model_is_in_error_where_noise_does_not_explain_the_cost(dof: int):
+def test_cost_above_noise_is_model_error(dof: int):
     """Once in 700 draws of V, of few degrees of freedom, whose distribution is skew, as of many."""
     draws = np.random.default_rng(0).chisquare(dof, 700_000)
     assert np.mean(draws > dof * max_cost_ratio(dof)) == pytest.approx(1 / 700, rel=0.1)
@@ -278,7 +278,7 @@ def sums_of(*parts: LineSums, **given) -> Sums:
     return replace(Sums(parts, HALF, np.ones(2), none, none, none, none[:, 0], {}, count, count - 2), **given)
 
 
-def test_residuals_count_over_their_degrees_of_freedom_and_together_at_a_frequency() -> None:
+def test_residuals_count_by_dof_and_jointly_at_frequency() -> None:
     """N / (N - n_x) of 30; two configurations alike add up before they are squared; tau = 2."""
     white = replace(evidence_of(J, R), freq_hz=np.arange(30.0), autocovariance=np.array([R @ R]))
     single = np.sum((J * R[:, None]) ** 2, axis=0) * [4.0, 0.01]
@@ -291,7 +291,7 @@ def test_residuals_count_over_their_degrees_of_freedom_and_together_at_a_frequen
         np.testing.assert_allclose(sandwich_variance(sums), expected)
 
 
-def test_noise_counts_as_it_was_measured_and_as_the_residuals_where_it_was_not() -> None:
+def test_measured_noise_counts_and_unknown_noise_is_residual() -> None:
     """Covariance H^T S H with priors and load tests; V of the power less what the parameters take; its dof."""
     one, prior = evidence_of(J, R), np.diag([0.4, 0.0])
     measured = replace(one, noise=np.array([[0.5, 0.1], [0.1, 0.3]]), noise_power=50.0, noise_spread=90.0)
@@ -305,7 +305,7 @@ def test_noise_counts_as_it_was_measured_and_as_the_residuals_where_it_was_not()
         assert cost_and_dof == pytest.approx([power - np.trace(meat), dof], nan_ok=True)
 
 
-def test_a_floor_has_at_most_the_power_that_the_cost_leaves_room_for() -> None:
+def test_model_error_power_is_at_most_excess_cost() -> None:
     """Above the expected cost and two of its standard deviations, of 200 degrees of freedom 20 of 100."""
     part = replace(evidence_of(J, R), model_error_power=40.0)
     sums = sums_of(part, model_error_pulls={("y", "u", 0): np.array([1.0, 1j]), ("y", "u", 1): np.array([2.0, 0])})

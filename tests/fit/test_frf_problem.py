@@ -74,7 +74,7 @@ def test_a_fit_names_the_joint_that_rests_inside_its_gap() -> None:
     assert "robot/operating-point" in {note.code for note in result.notes}
 
 
-def test_a_search_that_ends_where_the_robot_tips_over_comes_back_to_where_it_stands() -> None:
+def test_search_returns_from_collapse_to_equilibrium() -> None:
     """Springs a thousand times softer than those of the file carry neither link; the end says so, and is none."""
     robot, spec = (
         arm(Spring(3e5, 500), Spring(1.8e5, 250)),

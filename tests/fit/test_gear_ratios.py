@@ -50,7 +50,7 @@ def test_ratios_without_excess_explain_nothing() -> None:
     assert not found.explains
 
 
-def test_beside_a_model_error_ratios_count_with_their_tolerance_at_least() -> None:
+def test_ratios_beside_model_error_have_at_least_tolerance() -> None:
     """Residuals of noise alone after a model error was added to it: ratios that agree prove nothing."""
     agreeing, dx = scatter(0.0, is_excess=False, least=1.0)
     np.testing.assert_allclose(agreeing.covariance, dx.T @ dx)
@@ -66,7 +66,7 @@ def test_another_error_is_not_explained_by_ratios(std: float, noise: float) -> N
     np.testing.assert_allclose(found.covariance, dx.T @ dx)
 
 
-def test_errors_by_ratios_are_those_of_the_model_without_the_noise_of_the_response() -> None:
+def test_ratio_errors_use_modelled_response_without_noise() -> None:
     """Noise in them would be correlated with residuals, and look like a scatter of the ratios."""
     responses = measure(arm(), np.random.default_rng(1), 0.05)
     assembly, errors = Assembly.of(responses, arm(), SPEC, parameters := choose(SPEC, arm())), []
@@ -78,7 +78,7 @@ def test_errors_by_ratios_are_those_of_the_model_without_the_noise_of_the_respon
     np.testing.assert_array_equal(*errors)
 
 
-def test_a_gear_whose_ratios_agree_is_as_uncertain_as_the_others_show() -> None:
+def test_gear_with_equal_ratios_shares_scatter_of_others() -> None:
     """Two angles say little of a scatter; those of the second gear are so many tolerances off, or agree, too."""
     N, names, first = 1e4 * np.eye(4), ["1", "1", "2", "2"], [0.0, 0.05]
     alone = ratio_std(N[:2, :2], 1e4 * np.array(first), names[:2], 1.0)[0]

@@ -36,7 +36,7 @@ def spec_of(changes: dict[str, ParameterSpec]) -> FitSpec:
     return FitSpec(parameters=SPRINGS | changes, starts=2, start_factor=1.5, seed=1, profile=())
 
 
-def test_the_gain_of_a_sensor_is_found_where_the_inertias_are_known() -> None:
+def test_sensor_gain_is_identified_with_known_inertias() -> None:
     """A gyroscope that reads 30 % too much and a torque 10 % too low, found to 1 % with eight springs and dampers.
 
     Without their gains the residuals are several times the noise.
@@ -81,7 +81,7 @@ def test_late_and_filtered_torques_are_identified(late: Channel) -> None:
         assert of_motion.values["delay"] == pytest.approx(-late.delay, abs=2e-5)
 
 
-def test_gains_that_nothing_scales_are_named_and_a_prior_or_a_held_one_helps() -> None:
+def test_unidentifiable_gains_are_named_and_fixed_by_prior() -> None:
     """All gains of three motions and two torques: one factor is free."""
     gains = {f"gain_u_motor_{i}": ParameterSpec() for i in (1, 2)}
     gains |= {f"gain_y_{place.replace(' ', '_')}": ParameterSpec() for place in OUTPUTS}

@@ -58,7 +58,7 @@ def test_damping_beside_distortion_that_no_motor_explains_is_not_believed(noisy)
     assert {name for name, verdict in verdicts.items() if verdict == DISTORTED} == {"d_1", "d_1x", "d_2", "d_2z"}
 
 
-def test_without_a_floor_of_the_study_it_is_what_the_residuals_show(noisy, identified):
+def test_model_error_without_study_value_follows_residuals(noisy, identified):
     """None for noise alone, 0.4 % for errors of that size, and at most 1 %."""
     assert identified.model_error == 0
     rng, exact = np.random.default_rng(3), measure(arm())
@@ -139,7 +139,7 @@ def test_without_a_measured_variance_the_residuals_set_the_intervals():
     assert (result.notes[0].code, result.notes[0].place) == ("fit/weights", "configuration c1")
 
 
-def test_what_friction_leaves_that_was_taken_out_is_in_the_intervals():
+def test_remaining_friction_after_compensation_is_in_intervals():
     """Responses whose systematic errors hold those of its levels, too: their variance besides, and the same numbers."""
     (response,) = measure(pendulum(), [(0.0,)], np.random.default_rng(1))
     none = np.zeros((SYSTEMATIC_ERRORS + 1, 1, *response.G.shape), complex)

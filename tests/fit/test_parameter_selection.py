@@ -251,7 +251,7 @@ def test_an_inertia_stays_one_that_a_body_can_have():
 
 
 @pytest.mark.slow
-def test_a_mass_its_place_and_its_inertia_are_found_together_from_many_starts():
+def test_mass_centre_and_inertia_are_identified_from_many_starts():
     """M depends on m c^2: far starts, and impossible ones, end at the truth."""
     free = ("m_arm", "c_arm_x", "I_arm_xx", "I_arm_yy", "I_arm_zz", "k_1", "k_x")
     truth = bodied(inertia=(0.02, 0.03, 0.04, 0.0, 0.0, 0.0))
@@ -271,7 +271,7 @@ def test_a_start_that_no_body_can_have_is_named():
         identify([of_body(bodied(), np.random.default_rng(3))], bodied(), spec)
 
 
-def test_motor_friction_that_no_file_has_begins_where_it_stops_the_rotor_within_a_second():
+def test_unknown_motor_friction_starts_at_one_second_decay():
     """1e-3 kg m^2 and 1 s: 1e-3 Nms/rad, within a factor of 100; a number of the file is taken as it is."""
     unknown = choose(FitSpec(parameters={"fm_*": ParameterSpec()}), bench(viscous=0.0))
     assert (unknown["fm_1"].value, unknown["fm_2"].value) == (1e-3, 1e-3)

@@ -21,7 +21,7 @@ LINES = np.linspace(1.0, 60.0, 40)
 LINKAGES = ("linkage_arm constrained", "linkage_arm minimal")
 
 
-def test_tool_responses_static_compliance_and_modes_are_those_of_the_closed_form() -> None:
+def test_tool_responses_compliance_and_modes_equal_closed_form() -> None:
     """About the equilibrium under gravity, in the axes of the base, with the motors held."""
     M, D, K, J = closed_form(ANGLES)
     inputs, outputs = ["force tool x", "force tool z"], ["frame tool x", "frame tool z"]
@@ -68,7 +68,7 @@ def test_what_samples_between_response_and_state_space_is_an_argument() -> None:
     assert np.abs(model.response(LINES, sampled_hz=1e6).G / plain - 1).max() < 1e-6
 
 
-def test_a_stiff_controller_holds_the_motors_and_a_soft_one_lets_them_go() -> None:
+def test_stiff_controller_locks_motors_and_soft_one_frees_them() -> None:
     """Servo stiffness adds to compliance as a spring in series, a thousandth of the gears' at most."""
     held = result().at(ANGLES).stiffness().compliance
     loop = JointLoop(np.full(2, 1e8), np.full(2, 1e4), np.zeros(2))
@@ -79,7 +79,7 @@ def test_a_stiff_controller_holds_the_motors_and_a_soft_one_lets_them_go() -> No
     assert double[2, 2] > 1.5 * held[2, 2]
 
 
-def test_a_payload_lowers_the_frequencies_and_a_frame_may_be_anywhere() -> None:
+def test_payload_lowers_frequencies_at_any_frame() -> None:
     """A mass of 20 kg at the tool; none again where it is left out; a frame that the file lacks."""
     empty = result().at(ANGLES).modes().freq_hz[0]
     assert result().at(ANGLES, payload=Payload(20.0)).modes().freq_hz[0] < 0.9 * empty
@@ -89,7 +89,7 @@ def test_a_payload_lowers_the_frequencies_and_a_frame_may_be_anywhere() -> None:
     assert result().at(ANGLES, frame="fore").stiffness().frame == "fore"
 
 
-def test_postures_are_given_by_numbers_names_or_the_name_of_a_configuration() -> None:
+def test_postures_are_numbers_names_or_configurations() -> None:
     """All the same robot; what is no posture is refused with what is missing."""
     own = result()
     by_name, by_angle = own.at("home").modes().freq_hz, own.at([0.3, 0.5]).modes().freq_hz
@@ -118,7 +118,7 @@ def test_what_cannot_be_asked_is_refused_with_the_reason() -> None:
         replace(own, robot=None).at(ANGLES)
 
 
-def test_a_misfit_widens_what_is_predicted_by_the_numbers_that_would_explain_it() -> None:
+def test_misfit_widens_predictions_by_causing_numbers() -> None:
     """A mass that the fit held, 10 % off by its index, moves frequencies by about 5 % of their part of it."""
     own = result()
     index = ModificationIndex(

@@ -101,7 +101,7 @@ def test_springs_of_motors_are_found_with_their_numbers(is_exact: bool) -> None:
 
 
 @pytest.mark.slow
-def test_the_model_of_a_fitted_robot_has_the_friction_in_its_responses_and_not_in_its_equations() -> None:
+def test_fitted_model_has_presliding_in_responses_only() -> None:
     """Residuals of the responses are as large as the noise; the linear models have the robot's coordinates alone."""
     result, responses = fitted(True)
     robot = FittedRobot.of(result, arm(), responses)

@@ -26,7 +26,7 @@ def fitted(seed: int, tolerances: Tolerances | None) -> Result:
     return fit_parameters(measure(off(arm(), rng), rng), arm(tolerances), SPEC)
 
 
-def test_a_data_sheet_robot_converges_where_an_exact_file_is_a_misfit() -> None:
+def test_data_sheet_robot_converges_and_exact_file_is_misfit() -> None:
     """Every stiffness within 3 standard deviations of its interval; noise and file make up the whole of it."""
     result, held = fitted(3, Tolerances()), fitted(3, None)
     assert (result.status, held.status) == ("converged", "misfit")
@@ -40,7 +40,7 @@ def test_a_data_sheet_robot_converges_where_an_exact_file_is_a_misfit() -> None:
     assert set(result.std_noise) == {"k_1", "k_2", "d_1", "d_2", "fm_1", "fm_2"}
 
 
-def test_four_times_the_data_halve_the_part_of_noise_and_leave_that_of_the_file() -> None:
+def test_more_data_halve_noise_part_and_keep_prior_part() -> None:
     """With a torque constant known to 5 %, in one posture; much noise, little, which leaves the file, half of that."""
     robot, spec = arm(Tolerances(torque_constant=0.05)), replace(SPEC, starts=1, weights=WeightSpec(model_error=0.0))
     data = (measure(arm(), np.random.default_rng(5), noise)[:1] for noise in (1e-4, 1e-6, 5e-7))
@@ -51,7 +51,7 @@ def test_four_times_the_data_halve_the_part_of_noise_and_leave_that_of_the_file(
         assert few.std[name] == pytest.approx(few.std_prior[name], rel=0.01)
 
 
-def test_the_ratio_of_a_gear_widens_what_it_scales_and_moves_no_number() -> None:
+def test_gear_ratio_error_widens_intervals_without_shift() -> None:
     """One posture, gears by 0.3 % and half of that: k is uncertain by twice as much, and the file has the part."""
     wide, half, exact = (Tolerances(ratio=std) for std in (0.003, 0.0015, "exact"))
     responses = [replace(G, ratio_std=np.full(2, 0.003)) for G in measure(arm(), np.random.default_rng(5))[:1]]
@@ -66,7 +66,7 @@ def test_the_ratio_of_a_gear_widens_what_it_scales_and_moves_no_number() -> None
 
 
 @pytest.mark.parametrize("error", [0.0, 0.01])
-def test_ratios_that_differ_from_posture_to_posture_are_seen_in_the_residuals(error: float) -> None:
+def test_ratios_differing_by_posture_show_in_residuals(error: float) -> None:
     """Transmission errors of 0 and 1 % of the ratio, named: k within 3 std, below 0.4 % and above 0.5 %."""
     rng, responses = np.random.default_rng(5), []
     for i, signs in enumerate(rng.choice([-1, 1], (len(POSTURES), 2))):
@@ -94,9 +94,7 @@ def test_ratios_that_differ_from_posture_to_posture_are_seen_in_the_residuals(er
         ("angle_2@c1", lambda G: replace(G, configuration=replace(c := G.configuration, angles=c.angles + 0.15))),
     ],
 )
-def test_one_wrong_record_is_a_misfit_of_its_own_cause_and_not_of_the_ratios(
-    cause: str, fault: Callable[[Response], Response], seed: int
-) -> None:
+def test_wrong_record_is_misfit_with_own_cause(cause: str, fault: Callable[[Response], Response], seed: int) -> None:
     """Of three: 10 % too large, 1 ms late, at another posture; the cause, or one that is told apart by nothing."""
     rng = np.random.default_rng(seed)
     data = [replace(G, ratio_std=np.full(2, 0.003)) for G in measure(off(arm(), rng), rng)]
@@ -111,7 +109,7 @@ def test_one_wrong_record_is_a_misfit_of_its_own_cause_and_not_of_the_ratios(
 
 
 @pytest.mark.slow
-def test_intervals_hold_the_truth_of_robots_that_are_off_their_file() -> None:
+def test_intervals_cover_truth_of_robots_off_their_file() -> None:
     """Of 24 draws: 95 % of k and d within four standard deviations of that count, and none a misfit."""
     truth = {"k_1": 3e4, "k_2": 2e4, "d_1": 60.0, "d_2": 40.0}
     results = [fitted(seed, Tolerances()) for seed in range(100, 124)]

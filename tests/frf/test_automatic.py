@@ -42,7 +42,7 @@ def _multisine(periods: int, seed: int, N: int = 400) -> Record:
     return replace(noise_record(N, 0, n=1), u=u, y=y, is_periodic=True, period_samples=N)
 
 
-def test_a_light_resonance_goes_to_the_local_method_and_heavy_noise_to_segments() -> None:
+def test_light_resonance_selects_local_method_and_noise_segments() -> None:
     """Leakage of a segment against the variance of a narrow window; the note has both errors."""
     rng = np.random.default_rng(0)
     record = noise_record(4000, 1, n=1)
@@ -58,7 +58,7 @@ def test_a_light_resonance_goes_to_the_local_method_and_heavy_noise_to_segments(
     np.testing.assert_array_equal(chosen["noisy"].G, estimate([noisy], replace(AUTO, method="h1")).G)
 
 
-def test_the_stated_error_of_segments_holds_the_leakage_that_their_variance_lacks() -> None:
+def test_segment_error_includes_leakage() -> None:
     """Of a light resonance without noise, against the truth, at the lines of the preview: within a factor of two."""
     record = noise_record(8000, 2, n=1)
     record = replace(record, y=LIGHT.driven(record.u))
@@ -99,7 +99,7 @@ def test_a_local_method_that_takes_long_must_be_much_better(monkeypatch: pytest.
     assert (method, " 2999 " in reason) == ("h1", True)
 
 
-def test_periods_from_rest_go_to_the_local_method_and_those_of_a_plan_or_at_rest_do_not() -> None:
+def test_periods_from_rest_select_local_method() -> None:
     """Five periods of a resonance that rings longer: the mean is off by more than three times as much."""
     record = _multisine(5, 0)
     auto, mean = estimate([record], AUTO), estimate([record], replace(AUTO, method="arithmetic"))
@@ -140,7 +140,7 @@ def test_local_methods_take_one_record_of_noise_from_rest(method: Method) -> Non
 
 
 @pytest.mark.parametrize("method", ["h1", "local_rational"])
-def test_lines_of_motors_above_the_excitation_hold_the_controller_and_are_left_out(method: Method) -> None:
+def test_lines_above_excitation_are_discarded(method: Method) -> None:
     """A motor G = 0.5 z^-1 under u = r - 0.5 y, r up to 20 Hz: above, noise of y alone moves u, and Y / U is -2. A
     shaker's lines stay, as those of a band that is stated."""
     n, rng = 8000, np.random.default_rng(0)
@@ -162,7 +162,7 @@ def test_lines_of_motors_above_the_excitation_hold_the_controller_and_are_left_o
 
 
 @pytest.mark.parametrize("method", ["auto", "h1", "local_rational"])
-def test_a_missing_sample_is_refused_by_every_method_that_reads_it(method: Method) -> None:
+def test_missing_sample_is_refused_by_its_methods(method: Method) -> None:
     """A local method does not read what is beyond the shortest record."""
     spec = EstimatorSpec(method=method, quantity="velocity", band_hz=(5.0, 80.0))
     short, long = noise_record(2000, 0, noise=0.1), noise_record(2040, 1, noise=0.1, realisation=1)

@@ -115,7 +115,7 @@ def test_faults_are_named(fault: str, code: str) -> None:
     assert codes(u, y) == [code]
 
 
-def test_records_of_one_configuration_have_one_clock_and_the_same_places() -> None:
+def test_records_of_configuration_share_clock_and_locations() -> None:
     """Clocks differ by at most 1e-4."""
     first = record(*hits())
     checks.refuse_mismatch([first, replace(first, rate_hz=RATE_HZ * (1 + 9e-5))])

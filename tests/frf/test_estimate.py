@@ -55,7 +55,7 @@ def test_any_number_of_inputs_outputs_and_experiments_gives_the_plant(
     assert response.total is None
 
 
-def test_a_torque_that_is_held_between_samples_acts_later_and_weaker() -> None:
+def test_zero_order_hold_delays_and_weakens_torque() -> None:
     """u is held for a sample: Y = G H U, so the estimate is the plant and not the plant with its hold."""
     lines = np.arange(1, 100)
     record = _experiments(np.ones((99, 1, 1), dtype=complex), lines, 1, np.random.default_rng(0))[0]
@@ -124,7 +124,7 @@ def test_total_covariance_holds_the_distortion_that_noise_cannot_see(scale: tupl
     assert np.all(np.diag(noise).real < 0.5 * np.diag(true).real)
 
 
-def test_fewer_degrees_of_freedom_than_outputs_leave_a_singular_covariance_that_weighs() -> None:
+def test_few_degrees_of_freedom_give_singular_usable_covariance() -> None:
     """Three outputs from two periods of one input: of rank one at each line, and regular over its neighbours."""
     rng, lines = np.random.default_rng(0), np.arange(5, 50)
     records = _experiments(_plant(45, 3, 1), lines, 2, rng, noise=(0.0, 1.0))
@@ -136,7 +136,7 @@ def test_fewer_degrees_of_freedom_than_outputs_leave_a_singular_covariance_that_
     assert (both.total.form, both.total.dof) == ("kronecker", 1)
 
 
-def test_records_with_unequal_period_counts_are_averaged_with_their_own_counts() -> None:
+def test_records_with_unequal_periods_are_weighted_by_count() -> None:
     """P = 2 in one experiment and 16 in the other: the variance of the mean of inputs is the sum of both parts."""
     rng, lines = np.random.default_rng(0), np.arange(5, 120)
     U = np.eye(2)[:, None, :] * np.ones((2, len(lines), 2))

@@ -60,7 +60,7 @@ def impedance(G: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("coulomb", [1.6, slow(3.0)])
-def test_the_second_order_of_coulomb_friction_is_predicted_from_six_records(coulomb: float) -> None:
+def test_second_order_of_coulomb_friction_is_predicted(coulomb: float) -> None:
     """Friction of 0.16 and 0.3 rms torques adds, beside viscous friction, a reactance that grows with frequency.
 
     The mean of 600 records shows it, turned by 0.2 to 0.4 rad; six alone predict it, without knowing the friction, to a
@@ -99,7 +99,7 @@ def test_noise_alone_and_friction_far_below_it_have_no_bias(coulomb: float, nois
     assert estimate(rubbing(coulomb, 6, noise=noise), EstimatorSpec(), LINES).bias is None
 
 
-def test_friction_whose_distortion_is_a_part_of_the_noise_has_its_bias() -> None:
+def test_friction_hidden_in_noise_has_bias_bound() -> None:
     """Distortion below the noise of each line stands out over all of them, and with it the size of the second order."""
     records, rng = rubbing(1.6, 12), np.random.default_rng(1)
     disturbed = [replace(one, u=one.u + 6 * rng.standard_normal(one.u.shape)) for one in records]
@@ -110,7 +110,7 @@ def test_friction_whose_distortion_is_a_part_of_the_noise_has_its_bias() -> None
 
 
 @pytest.mark.parametrize("carrier", [0.0, 0.5, 3.0])
-def test_the_density_of_a_standstill_is_that_of_a_sine_in_noise(carrier: float) -> None:
+def test_density_at_zero_velocity_equals_sine_in_noise(carrier: float) -> None:
     """e^-x I_0(x) / sqrt(2 pi sigma^2), x = c^2 / 4 sigma^2, of a velocity of deviation sigma about a carrier c."""
     (record, *_), rng = rubbing(1.6, 6), np.random.default_rng(5)
     V = np.zeros((400, N // 2 + 1), complex)
@@ -120,7 +120,7 @@ def test_the_density_of_a_standstill_is_that_of_a_sine_in_noise(carrier: float) 
     assert density == pytest.approx(ive(0, carrier**2 / 4) / np.sqrt(2 * np.pi), rel=1e-3)
 
 
-def test_the_level_at_a_line_is_that_of_detection_lines_about_it() -> None:
+def test_distortion_at_line_is_that_of_neighbouring_detection_lines() -> None:
     """An excess in proportion to the frequency is found at each line to the distance of two detection lines."""
     lines, odd = np.arange(1, 201, 2), np.arange(7, 200, 8)
     detected = Detected(None, None, odd, odd[:, None, None].astype(complex), 1)

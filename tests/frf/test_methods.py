@@ -62,7 +62,7 @@ def test_every_method_is_exact_without_noise(method: str, n_y: int, n_u: int) ->
 
 
 @pytest.mark.parametrize("injection", ["reference", "torque"])
-def test_in_closed_loop_h1_is_biased_and_the_means_and_the_joint_method_are_not(injection: str) -> None:
+def test_h1_is_biased_in_closed_loop_unlike_joint_method(injection: str) -> None:
     """Output noise fed back into the inputs: what many blocks leave of the error is the bias of H1."""
     rng, M, F, n = np.random.default_rng(1), 400, 30, 2
     G, C = circular(rng, (F, n, n)) + 2 * np.eye(n), circular(rng, (F, n, n)) + 2 * np.eye(n)
@@ -75,7 +75,7 @@ def test_in_closed_loop_h1_is_biased_and_the_means_and_the_joint_method_are_not(
     assert error["h1"] > 2 * error["joint"]
 
 
-def test_errors_in_variables_knows_the_noise_of_both_sides_where_h1_is_biased() -> None:
+def test_errors_in_variables_has_noise_of_both_sides() -> None:
     """Correlated noise on inputs and outputs, known from the periods: its error, scatter alone, is far below its."""
     rng, M, F, n = np.random.default_rng(1), 1500, 12, 2
     G = circular(rng, (F, n, n)) + 2 * np.eye(n)
@@ -88,7 +88,7 @@ def test_errors_in_variables_knows_the_noise_of_both_sides_where_h1_is_biased() 
     assert error["errors_in_variables"] < 0.3 * error["h1"]
 
 
-def test_an_experiment_of_several_periods_counts_as_so_many_of_one() -> None:
+def test_experiment_of_several_periods_counts_each_period() -> None:
     """The maximum likelihood estimate of both, and the variance of h1 of one input by the noise of each experiment."""
     rng, F, P = np.random.default_rng(4), 8, np.array([3, 4, 3, 4, 4])
     U, Y, Z = (circular(rng, (F, n, k)) for n, k in ((2, 5), (2, 5), (4, 9)))

@@ -51,14 +51,14 @@ def test_a_slow_transient_is_found_below_fast_noise(seed: int) -> None:
     assert len(trusted(periods_of(record, LINES, "acceleration"), AUTO).periods) == 3
 
 
-def test_the_transient_that_is_stated_is_left_out_whether_seen_or_not() -> None:
+def test_stated_transient_is_discarded_in_any_case() -> None:
     """A number in the study; one that leaves less than two periods is refused."""
     assert _kept(steady_record(6), replace(AUTO, transient_periods=2))[0] == [2, 3, 4, 5]
     with refused("frf/periods", place="record c-r0-e0"):
         _kept(steady_record(4), replace(AUTO, transient_periods=3))
 
 
-def test_of_two_periods_the_second_is_settled_where_the_first_decays_to_it() -> None:
+def test_second_period_is_steady_after_decay_of_first() -> None:
     """A transient of 3 % at the start of a log; of three periods their distances tell it, and the log stays.
 
     So does one whose transient is a millionth of the motion, however far above the noise.
@@ -101,7 +101,7 @@ def test_good_periods_are_almost_never_left_out(n_lines: int) -> None:
     assert lost <= 4
 
 
-def test_the_bad_periods_of_a_real_bench_are_left_out_and_no_other() -> None:
+def test_bad_periods_of_real_bench_are_discarded() -> None:
     """The first of 20, and the 7th and 14th of those after it."""
     study = load(with_records(BENCH_STUDY)).study
     rig = RecordedRig(study.robot, study.experiment, BENCH_STUDY.parent)
@@ -129,7 +129,7 @@ def test_a_steady_drift_is_no_transient() -> None:
     assert _kept(replace(record, y=record.y * decaying))[0] == [2, 3]
 
 
-def test_periods_of_a_long_record_are_compared_with_some_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_long_record_compares_selected_periods(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pairs of all would not fit into memory; the same bad periods are found, among those compared with or not."""
     record = steady_record(60, noise=0.01)
     y = record.y.copy()

@@ -92,7 +92,7 @@ def test_a_window_wider_than_the_modal_bandwidth_gets_a_word() -> None:
     assert len(wide_windows(found, FREQ, 10 * span, poles=1)) == 1
 
 
-def test_the_form_of_a_covariance_follows_from_its_degrees_of_freedom() -> None:
+def test_covariance_form_follows_degrees_of_freedom() -> None:
     """2 x 2: the full matrix from 9 realisations on, a Kronecker product below, variances alone where one is left."""
     rng, lines = np.random.default_rng(0), np.arange(10, 70)
     records = experiments_of(rng.normal(size=(60, 2, 2)), lines, 9, rng, noise=(0.1, 0.1))
@@ -150,7 +150,7 @@ def test_levels_are_corrected_for_what_the_feedback_makes_of_them() -> None:
     np.testing.assert_allclose(response.quality.even.amplitude, 0.01, rtol=1e-9)
 
 
-def test_one_realisation_of_an_odd_random_grid_shows_its_total_variance() -> None:
+def test_single_odd_random_realisation_has_total_variance() -> None:
     """The fast method: the predicted variance of one realisation is the scatter of many, within 15 %."""
     records = nonlinear(lambda u: u + 0.05 * u**3, ODD_RANDOM, 30, noise=0.02)
     single = [estimate([replace(record, realisation=0)], ALL_PERIODS, ODD_RANDOM) for record in records]

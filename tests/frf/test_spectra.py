@@ -52,7 +52,7 @@ def test_a_motion_that_drifts_steadily_gives_the_same_spectra(quantity: Motion) 
     np.testing.assert_allclose(drifting, still, rtol=0, atol=1e-9 * np.abs(still).max())
 
 
-def test_a_position_that_wanders_is_cleaned_of_most_of_its_leakage() -> None:
+def test_drift_correction_removes_most_leakage_of_position() -> None:
     """A random walk of the velocity under the position: twenty times less scatter than of the plain DFT."""
     record = steady_record(20, "position")
     rng = np.random.default_rng(2)
@@ -75,7 +75,7 @@ def test_drift_removal_adds_no_noise_to_an_encoder_without_drift() -> None:
     np.testing.assert_allclose(np.mean(variance, axis=0)[10:].mean(), 4 * s**2 / N, rtol=0.02)
 
 
-def test_half_wave_records_give_two_estimates_of_a_period_and_a_true_noise_level() -> None:
+def test_half_wave_records_give_two_estimates_and_noise() -> None:
     """Odd lines, one period of 400 samples, an offset on all signals: G exact, and the noise of white noise."""
     lines = np.arange(1, 120, 2)
     whole = steady_record(2, lines=lines)
@@ -93,7 +93,7 @@ def test_half_wave_records_give_two_estimates_of_a_period_and_a_true_noise_level
     assert np.mean(true) == pytest.approx(4 * s**2 / N, rel=0.06)
 
 
-def test_a_half_wave_position_that_wanders_in_one_half_period_has_its_other_spectra() -> None:
+def test_half_wave_position_with_drift_keeps_other_spectra() -> None:
     """What moves the mean of the record, and not the ends of the other half periods, is no part of these."""
     lines, half = np.arange(1, 120, 2), N // 2
     record = replace(steady_record(3, "position", lines=lines), half_wave=True)
@@ -113,7 +113,7 @@ def test_half_wave_records_have_no_even_lines() -> None:
     np.testing.assert_allclose(estimate([off_centre], AUTO, lines).G[:, 0, 0], 1.0, atol=2e-2)
 
 
-def test_a_record_of_two_logs_is_two_records_and_what_misses_is_named_by_its_log() -> None:
+def test_record_of_two_logs_names_log_of_missing_samples() -> None:
     """Samples, references and periods left out are those of each log."""
     record = replace(steady_record(), starts=(1,), discarded_periods=(2,))
     first, second = single_logs(record)
@@ -164,7 +164,7 @@ def test_inputs_of_noise_have_no_excited_line() -> None:
         analysed_lines([RecordSpectra(replace(record, u=rng.normal(size=record.u.shape)))], AUTO, None)
 
 
-def test_the_driver_of_a_large_record_has_the_mean_and_noise_of_all_its_periods(
+def test_large_record_has_mean_and_noise_of_all_periods(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """One period at a time, the first of five left out."""

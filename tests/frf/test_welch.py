@@ -61,7 +61,7 @@ def test_leakage_is_in_the_total_covariance() -> None:
 
 
 @pytest.mark.parametrize("repeats", [1, 3])
-def test_a_sine_that_is_in_few_segments_leaks_within_its_intervals(repeats: int) -> None:
+def test_sine_in_few_segments_leaks_within_intervals(repeats: int) -> None:
     """More than 95 % of the regions hold the truth, by coherence and leakage of a window alone some 86 %."""
     for snr_db in (30.0, 50.0):
         records = [replace(each, is_periodic=False) for each in sweeps(repeats, snr_db, np.random.default_rng(0))]
@@ -70,7 +70,7 @@ def test_a_sine_that_is_in_few_segments_leaks_within_its_intervals(repeats: int)
         assert np.mean(square < -np.log(0.05) * response.total.variance[:, 0, 0]) > 0.95
 
 
-def test_a_sweep_that_ends_with_its_record_is_smoothed_by_the_window_alone() -> None:
+def test_sweep_ending_with_record_is_smoothed_by_window() -> None:
     """w^2 of segments over all samples are one constant; lines beyond the sweep's last frequency, 80 Hz, are left out.
 
     Two resonances, one passed 2 s before the end: the response is the truth smoothed by |W|^2 within 1 %, where
@@ -90,7 +90,7 @@ def test_a_sweep_that_ends_with_its_record_is_smoothed_by_the_window_alone() -> 
     assert np.linalg.norm(response.G[at, 0, 0] - truth_there) < 0.01 * np.linalg.norm(truth_there)
 
 
-def test_leakage_of_hann_is_a_sixth_of_the_second_difference_and_that_of_a_boxcar_is_none() -> None:
+def test_hann_leakage_is_second_difference_and_boxcar_is_biased() -> None:
     """Kernel |W|^2: 1/6, 2/3, 1/6; noise makes of it what correlated lines make of a second difference."""
     hann = np.sin(np.pi * np.arange(256) / 256) ** 2
     weights, noise = Segments(hann, 128).leakage
@@ -116,7 +116,7 @@ def test_the_error_has_the_variance_that_is_stated(window: str) -> None:
     assert np.mean(squares) / np.mean(variances) == pytest.approx(1.0, abs=0.1)
 
 
-def test_inputs_in_proportion_are_refused_and_a_narrow_resonance_is_reported() -> None:
+def test_proportional_inputs_are_refused_and_narrow_resonance_reported() -> None:
     """One signal on both inputs; a segment shorter than the decay of a resonance."""
     record = noise_record(3000, 0)
     with refused("frf/inputs-not-separable", place="configuration c"):
@@ -139,7 +139,7 @@ def test_the_segment_that_a_refusal_gives_is_taken(segment, says):
     assert len(estimate([record], replace(H1, segment=advised(caught, says))).freq_hz)
 
 
-def test_independent_segments_without_overlap_are_all_and_with_it_those_of_welch() -> None:
+def test_independent_segments_equal_welch() -> None:
     """Hann: 50 % overlap correlates neighbours by 1/6, so that their power by 1/36 (Welch, 1967); boxcar by 1/4."""
     hann = np.sin(np.pi * np.arange(256) / 256) ** 2
     assert Segments(hann, 256).independent(2560) == pytest.approx(10)
@@ -161,7 +161,7 @@ def low_passed_record(seed: int) -> Record:
 
 @pytest.mark.parametrize("method", ["h1", "local_polynomial"])
 @pytest.mark.slow
-def test_the_stated_lines_are_the_sum_of_the_autocorrelation_of_the_errors(method: Method) -> None:
+def test_line_count_is_sum_of_error_autocorrelation(method: Method) -> None:
     """12 records; errors relative to their scatter, lags up to a hundred lines."""
     spec = EstimatorSpec(method=method, quantity="position", lines="full", band_hz=(2.0, 45.0))
     found = [estimate([low_passed_record(seed)], spec) for seed in range(12)]

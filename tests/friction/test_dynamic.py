@@ -99,7 +99,7 @@ def test_steady_sliding_takes_tustins_torque_in_both_directions(law: Law, v: flo
     np.testing.assert_allclose(static, expected, rtol=1 - math.tanh(abs(v) / SLIDING_VELOCITY) + 1e-12)
 
 
-def test_lugre_drifts_under_a_ripple_below_break_away_and_maxwell_slip_does_not() -> None:
+def test_lugre_drifts_below_break_away_and_maxwell_slip_stays() -> None:
     """Strain cycles about a bent state relax LuGre's torque cycle by cycle; Maxwell slip's loop is closed."""
     bend, cycle = np.full(50, 1e-2), np.tile(np.repeat([-1e-2, 1e-2], 20), 50)
     for law, closed in ((ELEMENTS, True), (Bristle(1e4), False)):

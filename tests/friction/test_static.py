@@ -62,7 +62,7 @@ def closed_form(c: Conditions, eta: Mapping[str, float]) -> np.ndarray:
 
 
 @pytest.mark.parametrize("eta", [ETA, ETA | {"load.stribeck_velocity": 0.3}])
-def test_the_columns_of_a_law_are_its_closed_form_and_its_slopes_their_differences(eta: dict[str, float]) -> None:
+def test_friction_columns_equal_closed_form_and_differences(eta: dict[str, float]) -> None:
     rng = np.random.default_rng(1)
     warm = np.where(np.arange(30) % 5, rng.uniform(20, 60, 30), np.nan)
     c = Conditions(rng.uniform(0.01, 1, 30), rng.choice([-1.0, 0, 1], 30), rng.uniform(0, 20, 30), warm)

@@ -106,7 +106,7 @@ def test_late_feedback_acts_as_less_damping_and_as_inertia():
     np.testing.assert_allclose(late, kp + damping * s + inertia * s**2, rtol=0, atol=2e-4)
 
 
-def test_links_of_a_model_load_their_motors_by_the_equations_of_the_arm(tmp_path):
+def test_link_loads_of_motors_equal_arm_equations(tmp_path):
     """Beside the mean inertia at each joint; a joint without gravity and coupling is loaded by nothing."""
     t = np.arange(600) / RATE_HZ
     waves = [(0.5, 3.0, 0.0), (0.4, 4.1, 0.7)]
@@ -141,7 +141,7 @@ def test_a_sampled_controller_takes_its_hold_from_the_friction(differentiates: b
 
 @pytest.mark.slow
 @pytest.mark.parametrize("delay_s", [0.0, 0.010])
-def test_armatures_of_two_coupled_joints_are_recovered_beside_the_rigid_body(delay_s: float, tmp_path: Path) -> None:
+def test_armatures_of_coupled_joints_are_recovered(delay_s: float, tmp_path: Path) -> None:
     """The masses are those of the robot model; both joints share the delay, and move as measured by commands alone."""
     r = references(3000, 2, 0.4, 2.0)
     q = positions(two_joints, r, delay_s) + np.random.default_rng(1).normal(0, 1e-4, r.shape)

@@ -203,7 +203,7 @@ def test_runs_at_one_speed_give_its_torque_and_no_law() -> None:
     assert (found.status, found.at("1").friction) == ("partly", None)
 
 
-def test_a_warm_and_loaded_joint_has_the_numbers_of_its_levels() -> None:
+def test_warm_loaded_joint_has_its_coulomb_torques() -> None:
     """20 K above the reference and under 30 Nm; the file's numbers where nothing is compared."""
     warm = TemperatureDependence(25.0, stiction=0.002, viscous=1e-3, decay=20.0)
     law = Friction(0.2, 0.3, 5.0, load=LoadDependence(0.05, 0.08), temperature=warm)
@@ -219,7 +219,7 @@ def test_a_warm_and_loaded_joint_has_the_numbers_of_its_levels() -> None:
     assert true_numbers(robot, "1")["Fc_m1"] == pytest.approx(20.0)
 
 
-def test_each_direction_has_an_interval_as_wide_in_its_std_as_the_mean_has() -> None:
+def test_direction_intervals_scale_with_std_as_mean() -> None:
     """F_c forwards 24, backwards 20, and as many std to each end as of F_c itself."""
     speed = np.tile(np.geomspace(0.01, 1.0, 8), 2)
     way = np.repeat([1.0, -1.0], 8)

@@ -72,7 +72,7 @@ def test_friction_of_coupled_motors_lies_within_intervals(side: str, tmp_path: P
     assert of_joint[0] == pytest.approx(OF_JOINT, abs=3 * of_joint[1])
 
 
-def test_passes_of_a_coupled_joint_show_the_friction_of_its_motor_alone() -> None:
+def test_coupled_joint_runs_show_friction_of_motor() -> None:
     """The first joint turns both motors, each with 9 Nm: at the joint, 13.5 Nm would be its friction."""
     motor = Motor(2e-3, RATIO, coulomb=COULOMB[0] / RATIO)
     limits = Limits((-1.5, 1.5), velocity=2.0, torque=2000.0, acceleration=10.0)

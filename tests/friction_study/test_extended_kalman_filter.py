@@ -134,7 +134,7 @@ def test_filter_in_blocks_continues_its_estimate(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.slow
-def test_noise_is_that_of_the_longest_motion_wherever_the_first_one_begins() -> None:
+def test_filter_noise_is_estimated_from_longest_motion() -> None:
     """Another motion of half a second, 1 rad away, changes nothing of the noise that is found."""
     run = simulate(rich(1.5), 5).samples
     short = JointSamples(run.torque[:500], run.load[:500], run.angle[:500] + 1.0)
@@ -174,7 +174,7 @@ def test_what_a_study_has_identified_narrows_the_bands() -> None:
     assert with_tolerances(rigid, useless).tolerances["inertia"] == 0.5
 
 
-def test_friction_of_the_records_in_which_a_joint_moves_alone_is_followed():
+def test_friction_is_tracked_only_where_joint_moves_alone():
     """Beside the inertia and gravity that the study found; a joint that never moves alone has a note, or is refused."""
     rng, t = np.random.default_rng(0), np.arange(3000) / 200.0
     waves = [(0.6, 1.9, 0.0), (0.3, 4.3, 1.0)]

@@ -68,7 +68,7 @@ def with_noise(motion: Motion, std: float, seed: int = 0) -> Motion:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("std", [2e-4, 5e-4])
-def test_noise_of_the_position_neither_biases_inertia_nor_is_a_misfit(std: float) -> None:
+def test_position_noise_neither_biases_inertia_nor_causes_misfit(std: float) -> None:
     """8 logs; in a band of 20 Hz the noise lowers the inertia by 4 to 16 %."""
     fits = [regress_motion(with_noise(swing(seed), std, seed)) for seed in range(8)]
     errors = np.array([(fit.regression["inertia"] - J) / fit.regression.std("inertia") for fit in fits])
@@ -78,7 +78,7 @@ def test_noise_of_the_position_neither_biases_inertia_nor_is_a_misfit(std: float
 
 @pytest.mark.slow
 @pytest.mark.parametrize("turn", [0.0, 2 * np.pi / RATIO])
-def test_errors_that_repeat_with_the_motors_angle_are_in_the_intervals(turn: float) -> None:
+def test_errors_periodic_in_motor_angle_are_in_intervals(turn: float) -> None:
     """6 logs over half a radian under cogging and Coulomb friction by the motor's turn, whose ratio is known or not."""
     step_s, t = 5e-4, np.arange(60_000) * 5e-4
     joints, references = [], []
@@ -108,7 +108,7 @@ def test_parts_of_the_torque_are_those_of_the_axis():
     assert np.std(torque - sum(parts.values())) < 0.05 * F_C
 
 
-def test_a_change_between_bands_is_in_the_interval_and_a_misfit_where_it_is_large():
+def test_band_change_widens_interval_or_causes_misfit():
     """Of this joint, by more than three std: shift and std add as variances."""
     fit = regress_motion(swing(3))
     std = fit.regression.std("viscous")
@@ -225,7 +225,7 @@ def with_link(resonance_hz: float, share: float = 0.5) -> Motion:
     return Motion("joint 1", rate, np.round(q / 6e-6) * 6e-6, torque)
 
 
-def test_a_spring_between_motor_and_link_is_a_misfit_and_a_stiff_one_is_none() -> None:
+def test_soft_gear_is_misfit_and_stiff_gear_is_none() -> None:
     """A link at 6 to 15 Hz; one at 1 kHz is rigid, though the noise of its angle is in acceleration and torque."""
     for resonance_hz in (6.0, 15.0):
         fit = regress_motion(with_link(resonance_hz))
@@ -287,7 +287,7 @@ def test_friction_that_changes_with_temperature_has_numbers_for_it() -> None:
     assert by_heat.reference == pytest.approx(T_0)
 
 
-def test_temperature_is_no_part_where_it_does_not_matter_or_vary_and_the_reason_says_so() -> None:
+def test_irrelevant_temperature_is_excluded_with_reason() -> None:
     fits = [regress_motion(warming(seed)) for seed in range(2)]
     fits += [regress_motion(replace(warming(), temperature=none)) for none in (np.full(30000, 25.0), None)]
     assert not any(fit.terms.heat for fit in fits)

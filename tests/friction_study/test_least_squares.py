@@ -31,7 +31,7 @@ def bursts(rng: np.random.Generator) -> Equations:
 
 
 @pytest.mark.slow
-def test_a_number_that_is_learnt_in_few_moments_has_few_degrees_of_freedom() -> None:
+def test_number_learnt_in_few_moments_has_few_dof() -> None:
     """Six moments against a minute of 24 cosines; 95 % of the intervals of 1000 draws hold the truth."""
     rng = np.random.default_rng(1)
     fits = [solve([bursts(rng)], RATE_HZ) for _ in range(1000)]
@@ -56,7 +56,7 @@ def test_intervals_hold_the_truth_whatever_the_correlation(logs: int, seconds: f
     np.testing.assert_allclose(np.sqrt(np.mean(std**2, axis=0)), error.std(axis=0), rtol=0.25)
 
 
-def test_a_search_ends_at_the_optimum_of_each_start_that_has_one() -> None:
+def test_search_reaches_optimum_of_each_start() -> None:
     """Rosenbrock's valley; a start at which the residual is not finite is passed over."""
 
     def residual(x: np.ndarray) -> np.ndarray:

@@ -23,7 +23,7 @@ def record(q: FloatArray, **changes: Any) -> FrictionRecord:
     return FrictionRecord("log", "1", "motion", RATE, np.round(q / count) * count, sliding_torque(q), **changes)
 
 
-def test_every_pass_of_a_log_is_found_and_its_levels_are_right() -> None:
+def test_runs_of_log_are_detected_with_right_torque() -> None:
     """Five speeds there and back under gravity of 2.5 times friction: levels within 0.2 %."""
     found = detect_passes(record(trapezoids(SPEEDS)), True)
     assert [each.speed for each in found] == pytest.approx(SPEEDS, rel=0.01)
@@ -77,7 +77,7 @@ def regression(noise: np.ndarray, ripple: float) -> PassRegression:
     return PassRegression.of(passes, False, 1.0)
 
 
-def test_a_harmonic_that_stands_out_of_the_residuals_joins_the_regression() -> None:
+def test_outstanding_harmonic_joins_regression() -> None:
     """The fifth of a motor turn; the level is that of the truth either way."""
     noise = 0.01 * np.random.default_rng(1).standard_normal(8000)
     for ripple, names in ((0.5, {"ripple.5c", "ripple.5s"}), (0.0, set())):
@@ -87,7 +87,7 @@ def test_a_harmonic_that_stands_out_of_the_residuals_joins_the_regression() -> N
         assert found.solve()[0][0] == pytest.approx(3.0, abs=2e-3)
 
 
-def test_the_variance_of_a_level_counts_the_correlation_of_the_noise() -> None:
+def test_torque_variance_counts_noise_correlation() -> None:
     """sigma^2 / n (1 + phi) / (1 - phi) of noise x_k+1 = phi x_k + e, var e = sigma^2 (1 - phi^2)."""
     phi, n = 0.5, 14_000
     e = np.random.default_rng(2).standard_normal(n) * np.sqrt(1 - phi**2)
@@ -97,7 +97,7 @@ def test_the_variance_of_a_level_counts_the_correlation_of_the_noise() -> None:
     assert regression(x, 0.0).solve()[1][0, 0] == pytest.approx((1 + phi) / (1 - phi) / n, rel=0.15)
 
 
-def test_inertia_is_that_of_the_instant_at_which_a_held_torque_acts() -> None:
+def test_inertia_is_at_instant_of_held_torque() -> None:
     """Within a ramp of 2 rad/s^3 half a sample of 10 ms changes an acceleration by 0.01 rad/s^2."""
     rate = 100.0
     t = np.arange(200) / rate
@@ -112,7 +112,7 @@ def test_inertia_is_that_of_the_instant_at_which_a_held_torque_acts() -> None:
     np.testing.assert_allclose((held.velocity - read.velocity)[20:-20], 5e-3 * read.acceleration[20:-20], rtol=0.02)
 
 
-def test_signals_are_filtered_to_3_db_and_know_the_noise_of_their_position():
+def test_signals_are_filtered_to_3_db_with_position_noise():
     """Half of the power at the end of the passband; noise of velocity and acceleration through the same filter."""
     rate, passband_hz = 500.0, 20.0
     t, noise = np.arange(20_000) / rate, 1e-4 * np.random.default_rng(0).standard_normal(20_000)

@@ -14,7 +14,7 @@ from elastid.friction_study.rigid_body_columns import rigid_body_torques, torque
 from elastid.friction_study.sliding_friction import check_torques
 
 
-def test_friction_is_found_beside_a_rigid_body_that_is_not_known() -> None:
+def test_friction_is_identified_beside_unknown_rigid_body() -> None:
     """Ten logs: unbiased, and most of the 95 % intervals hold the truth."""
     robot, errors, held = ARM, [], []
     for seed in range(10):
@@ -29,7 +29,7 @@ def test_friction_is_found_beside_a_rigid_body_that_is_not_known() -> None:
     assert abs(np.mean(errors)) < 0.7
 
 
-def test_seconds_in_which_a_joint_rests_or_turns_are_not_in_its_regression() -> None:
+def test_rest_and_reversal_are_excluded_from_regression() -> None:
     """Torque there is any below break-away: 30 Nm at rest and reversals of the second joint change nothing."""
     log = motion(6)
     second = log["2"]
@@ -46,7 +46,7 @@ def test_seconds_in_which_a_joint_rests_or_turns_are_not_in_its_regression() -> 
         assert fits[1]["2"].regression[name] == pytest.approx(fits[0]["2"].regression[name], rel=1e-6)
 
 
-def test_torques_of_the_motors_are_not_taken_for_those_of_the_joints() -> None:
+def test_motor_torques_are_not_read_as_joint_torques() -> None:
     """Whatever friction takes beside the rigid body, right torques are not refused."""
     robot, log = ARM, motion(5)
     expected = torques_in_file(robot, MotionLog.of(log, {}, 10.0))
@@ -73,7 +73,7 @@ def test_base_parameters_of_a_known_robot_lie_within_their_stds() -> None:
     assert "mcx_2" in body.names
 
 
-def test_a_rigid_body_is_not_stretched_beyond_the_motions_that_identified_it() -> None:
+def test_rigid_body_is_not_extrapolated_beyond_its_motions() -> None:
     """Of both axes it holds for the first alone; of the first alone not for both."""
     robot, both = ARM, MotionLog.of(motion(1), {}, 10.0)
     first = MotionLog.of({"1": both.signals["1"].motion}, {"2": 0.4}, 10.0)

@@ -39,7 +39,7 @@ def identified(folder: Path, gain: float, loads: tuple[str, ...], seed: int = 0)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("gain", [0.9, 1.0, 1.15])
-def test_a_payload_on_and_off_gives_the_gain_with_its_interval(gain: float, tmp_path: Path) -> None:
+def test_payload_on_and_off_gives_gain_with_interval(gain: float, tmp_path: Path) -> None:
     """Inside its interval in 7 of 8 draws and within 1 % in all; the order of the logs does not matter."""
     inside = []
     for seed in range(0, 16, 2):

@@ -29,7 +29,7 @@ def reasons(law: StaticLaw) -> dict[str, str]:
 
 
 @pytest.mark.slow
-def test_the_whole_published_law_is_chosen_and_held_by_a_robot() -> None:
+def test_published_friction_model_is_selected_and_stored() -> None:
     """All twelve numbers; simulated from the robot's file at any speed, load and temperature inside the ranges."""
     levels = published_levels()
     law = StaticLaw.of(drawn(levels, 0), LawSpec())
@@ -56,7 +56,7 @@ def test_the_whole_published_law_is_chosen_and_held_by_a_robot() -> None:
         ({"speeds": (60.0, 100.0, 280.0)}, "stribeck", 3),
     ],
 )
-def test_what_the_conditions_cannot_tell_is_named_and_has_no_number(
+def test_inseparable_conditions_are_named_without_number(
     conditions: dict[str, tuple[float, ...]], part: str, count: int
 ) -> None:
     law = StaticLaw.of(drawn(published_levels(**conditions), 3), LawSpec())
@@ -70,7 +70,7 @@ def test_three_temperatures_and_loads_tell_all_of_their_parts(conditions):
     assert law.dof == len(law.curve.torque) - len(law.names)
 
 
-def test_stiction_is_no_number_where_every_speed_is_above_a_third_of_the_stribeck_velocity() -> None:
+def test_stiction_is_unidentifiable_above_third_of_stribeck_velocity() -> None:
     """nu_s is 34 rad/s at 60 degC."""
     fast, slow = (
         StaticLaw.of(drawn(published_levels(tuple(np.geomspace(low, 280, 12)), (0.0,), (60.0,), 0.002), 1), LawSpec())
@@ -106,7 +106,7 @@ def test_friction_that_drives_is_refused() -> None:
 
 
 @pytest.mark.slow
-def test_coulomb_friction_is_covered_where_no_speed_is_slow_enough_for_stiction() -> None:
+def test_coulomb_friction_is_covered_without_slow_speeds() -> None:
     """F_c 10, F_s 13 N*m over 0.1 rad/s, speeds from 0.1: too few show it, 12 leave F_s out, and F_c's interval holds.
 
     The law itself holds at the speeds that were measured.
@@ -128,7 +128,7 @@ def test_coulomb_friction_is_covered_where_no_speed_is_slow_enough_for_stiction(
     assert "0.88" in reasons(StaticLaw.of(fast, LawSpec()))["stribeck"]
 
 
-def test_coulomb_friction_that_falls_with_heat_is_a_number_and_in_the_robots_file() -> None:
+def test_temperature_dependent_coulomb_friction_is_in_robot_file() -> None:
     speeds, warmth = np.tile(np.geomspace(0.05, 2.0, 8), 4), np.repeat([25.0, 32.0, 40.0, 47.0], 8)
     torque = 10 - 0.05 * (warmth - 36) + 8 * speeds
     none, noise = np.zeros(32), np.random.default_rng(0).standard_normal(32)
@@ -152,7 +152,7 @@ def test_the_published_surface_is_refitted() -> None:
 
 
 @pytest.mark.slow
-def test_the_stated_std_is_the_scatter_and_the_intervals_hold_the_truth() -> None:
+def test_stated_std_is_scatter_and_intervals_cover() -> None:
     """60 data sets: scatter over stated std 0.8 to 1.25 for each of 12 numbers, 720 intervals at 95 %."""
     levels = published_levels()
     truth = fit_curve(levels, TERMS)

@@ -100,7 +100,7 @@ def test_a_joint_that_moves_no_inertia_is_named() -> None:
 
 
 @pytest.mark.parametrize("angles", [(1.00387526, -0.62551334), (0.84303525, -0.77842651)])
-def test_a_linkage_near_folding_rests_where_the_minimal_formulation_has_it(angles):
+def test_nearly_folded_linkage_has_minimal_equilibrium(angles):
     """Steps back onto the loops are taken in full, whatever work they do: both ended half open without."""
     robot = load_robot(ROOT / "configs" / "robots" / "linkage_arm.yml")
     posture, count = Configuration("near folding", np.array(angles)), len(robot.joints)

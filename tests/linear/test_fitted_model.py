@@ -24,7 +24,7 @@ def test_principal_compliances_are_eigenvalues_and_their_directions_have_no_shea
     np.testing.assert_array_equal(stiff.matrix, np.full((6, 6), np.nan))
 
 
-def test_a_band_is_centred_on_its_response_and_the_simultaneous_one_is_wider() -> None:
+def test_band_is_centred_and_simultaneous_band_wider() -> None:
     """At 95 and at 68 %; std is between them and zero."""
     model, lines = result().at(ANGLES), np.linspace(2.0, 40.0, 30)
     wide, narrow = model.response_band(lines), model.response_band(lines, 0.68)
@@ -61,7 +61,7 @@ def test_modes_have_shapes_of_largest_entry_one() -> None:
     assert len(modes.freq_hz) == 2
 
 
-def test_numbers_follow_the_fit_and_their_slopes_are_those_of_differences() -> None:
+def test_numbers_follow_fit_and_slopes_equal_differences() -> None:
     """Parameters of the fit, and a held mass that a doubt moves by a factor."""
     own = result()
     doubt = ModelErrorFactor(np.array([0.03, -0.02, 0.0, 0.01]), ("m_fore", "c_fore_x"), (0.1, 5e-3), (True, False))

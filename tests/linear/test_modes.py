@@ -91,7 +91,7 @@ QUICK = {"after the gears", "in series", "constrained", "minimal"}
 
 
 @pytest.mark.parametrize("name", [name if name in QUICK else slow(name) for name in ROBOTS])
-def test_the_share_of_a_spring_is_what_its_stiffness_does_to_the_frequency(name: str) -> None:
+def test_spring_energy_fraction_is_frequency_sensitivity(name: str) -> None:
     """d ln f^2 / d ln k (Rayleigh), by differences of the modes of other robots; without weight they sum to one."""
     robot, angles, spec = ROBOTS[name]
     freq_hz, energy = found(robot, angles, spec)

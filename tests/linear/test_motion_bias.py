@@ -77,7 +77,7 @@ def test_sums_and_differences_of_lines_meet_the_motion_again() -> None:
     np.testing.assert_allclose(effect[:, 0, 0], 1 / (L(omega) + change) - 1 / L(omega), rtol=1e-3)
 
 
-def test_a_posture_that_gave_way_is_where_the_motor_was_measured() -> None:
+def test_deflected_posture_is_at_measured_motor_angle() -> None:
     """Of a mean 1 mrad off the configuration: gravity's stiffness there, to first order; 0.1 rad is another zero."""
     angle, shift = 0.9, 1e-3
     model, linear = linear_of(PENDULUM, (angle,))
@@ -91,7 +91,7 @@ def test_a_posture_that_gave_way_is_where_the_motor_was_measured() -> None:
     np.testing.assert_array_equal(other, kept)
 
 
-def test_a_cubic_gear_is_stiffer_by_three_times_its_mean_square_deflection() -> None:
+def test_cubic_gear_stiffens_by_three_mean_squares() -> None:
     """The linearisation of a Duffing spring, k + 3 k_3 sigma^2, of the deflection that goes with the motor's motion."""
     k, cubic, inertia = 2e4, 4e8, 3.0
     joint = Joint("1", "z", Spring(k, 5.0, cubic=cubic), Motor(4.0, 1.0, 10.0))
@@ -142,7 +142,7 @@ def beyond_scatter(
 
 
 @pytest.mark.slow
-def test_records_of_a_moving_arm_show_it_in_its_motors_and_at_points_that_turn() -> None:
+def test_records_of_moving_arm_show_motion_bias() -> None:
     """Three axes and a link that bends and twists; a point's acceleration along an axis, and an accelerometer's."""
     outputs = (*ARM.motor_locations, "frame tool z", "accelerometer tool x")
     simulated = SimulatedSpec(outputs=outputs, compiled=True)

@@ -33,7 +33,7 @@ def stiffness(model: LinearModel) -> ComplexArray:
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_a_relaxing_spring_adds_its_closed_form_to_the_stiffness_of_its_motor(sign: int) -> None:
+def test_relaxing_spring_adds_its_closed_form(sign: int) -> None:
     """Of motor 2 alone, and of both with their own numbers; of either sign."""
     before, second = stiffness(linear({})), RelaxingSpring("2", sign)
     added = stiffness(linear({second: (5e3, 60.0)})) - before
@@ -45,7 +45,7 @@ def test_a_relaxing_spring_adds_its_closed_form_to_the_stiffness_of_its_motor(si
     np.testing.assert_allclose(both[:, 0, 0], 2e4 * S / (S + 9.0), rtol=1e-6)
 
 
-def test_a_slow_one_is_a_spring_to_the_ground_and_a_fast_one_a_damper() -> None:
+def test_slow_relaxation_is_spring_and_fast_one_damper() -> None:
     """a far below and far above the band."""
     before, spring = stiffness(linear({})), RelaxingSpring("1")
     slow, fast = (stiffness(linear({spring: each})) - before for each in ((4e3, 1e-4), (1e9, 1e8)))

@@ -27,7 +27,7 @@ def deflection(model, each, theta=None, dependent=()):
     return readings[0], slopes[0]
 
 
-def test_small_loads_bend_the_arm_by_its_compliance_at_rest_under_gravity():
+def test_small_loads_deflect_arm_by_static_compliance():
     """Two links in closed form, C = J K^-1 J^T with gravity in K: a force and a torque small enough."""
     _, _, K, J = closed_form(WHERE.angles)
     y, _ = deflection(formulate(robot()), load(force=(0.06, 0, 0.08)))
@@ -37,7 +37,7 @@ def test_small_loads_bend_the_arm_by_its_compliance_at_rest_under_gravity():
     np.testing.assert_allclose(y[[0, 2]], J @ np.linalg.solve(K, [0.05, 0.05]), rtol=1e-5)
 
 
-def test_a_hardening_gear_bends_by_the_cubic_that_holds_the_torque():
+def test_hardening_gear_deflects_by_its_cubic():
     """One horizontal arm without gravity: k x + c x^3 = F L cos x, solved by its own Newton steps."""
     k, c, L, F = 2e4, 5e9, 0.7, 400.0
     joint = Joint("1", "y", Spring(k, 1.0, cubic=c), Motor(1e-3, 50.0))

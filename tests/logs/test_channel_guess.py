@@ -30,11 +30,11 @@ def moved(k: int = 0, J: float = 3.0, gravity: float = 0.0) -> tuple[np.ndarray,
     return q, v, a, u
 
 
-def test_a_unit_that_the_file_states_counts_more_than_the_name() -> None:
+def test_unit_in_file_outranks_unit_in_name() -> None:
     assert guess_by_name("channel_1", None, "deg/s").quantity == "velocity"
 
 
-def test_a_controller_that_resists_the_motion_of_other_joints_is_no_sign_of_a_mirrored_torque() -> None:
+def test_resisting_controller_is_no_mirrored_torque() -> None:
     """u = J a - k_d v with a motion from outside; alone, the same torque has the wrong sign."""
     (q, v, a, _), noise = moved(0), np.random.default_rng(9).standard_normal(len(T))
     u = 0.1 * a - 8 * v + 5.5 * np.std(v) * np.convolve(noise, np.ones(400) / 20, "same")
@@ -129,7 +129,7 @@ def test_contradictions_are_found_at_their_channel(
 
 
 @pytest.mark.parametrize("order", [-1, 0, 1, 2])
-def test_the_derivative_of_a_sine_is_damped_as_the_gaussian_says(order: int) -> None:
+def test_derivative_of_sine_has_gaussian_damping(order: int) -> None:
     """omega^k exp(-(s omega)^2 / 2), with a phase of k quarter turns."""
     omega, width = 2 * np.pi * 20 / RATE, 8.0
     t = np.arange(2000)
@@ -152,7 +152,7 @@ def test_the_order_between_two_motions_and_their_gain_are_found(first: int, seco
 @pytest.mark.parametrize(
     ("order", "gravity", "unit"), [(0, 0.0, 1.0), (0, 40.0, 1.0), (1, 40.0, 1.0), (2, 0.0, 1.0), (1, 0.0, 1e-12)]
 )
-def test_newtons_law_has_the_inertia_of_the_joint_from_each_motion(order: int, gravity: float, unit: float) -> None:
+def test_newtons_law_gives_inertia_from_each_motion(order: int, gravity: float, unit: float) -> None:
     """In any unit; where the angle is known or follows from the velocity, beside gravity."""
     motion = moved(gravity=gravity)
     relation = torque_relation(motion[3], unit * motion[order], order, RATE, turns=gravity > 0)
@@ -226,7 +226,7 @@ D = ChannelSpec("d", "motor 1", "sensor", sign=-1)
 @pytest.mark.parametrize("factor", [1, -1, 1e3, 1e2, 1e-3, 1 / RATIO])
 @pytest.mark.parametrize(("gravity", "efficiency"), [(30.0, 1.0), (30.0, 0.7), (0.0, 1.0)])
 @pytest.mark.parametrize("others", [0.0, 1.0])
-def test_torque_sensor_behind_a_gear_is_doubted_by_the_motor_torque(
+def test_torque_sensor_behind_gear_is_doubted_by_motor_torque(
     factor: float, gravity: float, efficiency: float, others: float
 ) -> None:
     """Also behind a gear with losses, and moved by other joints; an inertia alone shows no unit that is too small."""
@@ -250,7 +250,7 @@ def test_joints_that_move_in_proportion_have_no_sign(factor: float) -> None:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_channels_of_an_elastic_joint_on_a_slow_carrier_raise_no_doubt(seed: int) -> None:
+def test_elastic_joint_on_slow_carrier_raises_no_doubt(seed: int) -> None:
     """Friction carries the slow torque, modes the multisine; the torque is up to two samples late."""
     rng = np.random.default_rng(seed)
     rate, n, rotor, load, k = 250.0, 6000, 2.5, 9.0, rng.uniform(2e4, 2e5)

@@ -68,7 +68,7 @@ def test_rows_of_zeros_are_missing_and_interpolated(tmp_path: Path) -> None:
     assert np.median(np.abs(record.torque - U[inside][: len(record.torque)])) < 1e-3 * np.ptp(U)
 
 
-def test_a_long_gap_divides_a_log_and_lost_messages_do_not(tmp_path: Path) -> None:
+def test_long_gap_splits_log_and_lost_messages_do_not(tmp_path: Path) -> None:
     """Parts on both sides begin at their times and hold the samples of the log."""
     q, u = Q.copy(), U.copy()
     middle = len(q) // 2
@@ -153,9 +153,7 @@ def test_a_warm_up_in_two_logs_is_the_warm_up(cycles: int, pause: float, hold: A
 
 
 @pytest.mark.slow
-def test_a_thermometer_of_its_own_rate_with_gaps_leaves_the_motion_as_it_is(
-    warm_up: WarmUp, folder: Path, log: WarmLog
-) -> None:
+def test_slow_thermometer_with_gaps_keeps_motion(warm_up: WarmUp, folder: Path, log: WarmLog) -> None:
     """A reading every 10 s, some missing, in another file: the power is that of the log."""
     readings = log.thermometer[:: round(10 * log.rate_hz)].copy()
     readings[100:110] = np.nan

@@ -40,7 +40,7 @@ def test_a_unit_in_a_name_is_no_joint() -> None:
 
 
 @pytest.mark.parametrize("unit", ["inc", "counts", "ticks", "%", "0.1% rated torque", "Arms", "LSB", "xyz"])
-def test_another_text_in_brackets_is_an_unknown_unit_and_never_stated(unit: str) -> None:
+def test_unknown_text_in_brackets_is_unknown_unit(unit: str) -> None:
     heading = unit_of_heading(f"Torque actual value [{unit}]")
     assert (heading.unit, heading.unknown) == ("", unit)
     guess = guess_by_name(f"Torque actual value [{unit}]", None)

@@ -47,7 +47,7 @@ AXIS = Robot("axis", (Body("arm", joints=(Joint("1", "z", Spring(1e3), Motor(1e-
 LINES = np.arange(3, 60)
 
 
-def test_periods_that_differ_by_the_clocks_of_their_logs_are_estimated_together(tmp_path: Path) -> None:
+def test_periods_of_different_clocks_are_estimated_together(tmp_path: Path) -> None:
     """200.3 and 200.31 samples, found in each; the same lines, and the response of the axis that moves alone."""
     channels = (CHANNELS[1], ChannelSpec("y", "motor 1", "phi", quantity="position"))
     for name, T in (("a", 200.3), ("b", 200.31)):
@@ -62,7 +62,7 @@ def test_periods_that_differ_by_the_clocks_of_their_logs_are_estimated_together(
     np.testing.assert_allclose(G.G[:, 0, 0], 0.2, rtol=1e-3)
 
 
-def test_an_incomplete_second_period_is_used_as_far_as_it_repeats(tmp_path: Path) -> None:
+def test_incomplete_second_period_is_used_while_it_repeats(tmp_path: Path) -> None:
     """1.95 periods: two of them, the last 10 samples from the first."""
     whole = multisines(LINES, N, 400)
     record = record_of(tmp_path, {name: x[:390] for name, x in whole.items()})
@@ -136,7 +136,7 @@ def test_no_log_and_no_period_raises(kind: str, n: int, lag: int, sign: int, see
 
 
 @pytest.mark.parametrize("period", [{"period": "find"}, *({"period_samples": n} for n in (320, 804, 1749, 2010, 5000))])
-def test_motions_that_do_not_repeat_are_refused_with_what_can_be_had(period: dict[str, object]) -> None:
+def test_motions_without_repetition_are_refused_with_remedy(period: dict[str, object]) -> None:
     """Whatever the study states; and what the sentence proposes can be measured."""
     channels = (
         ChannelSpec("u", "motor 1", "rec.act_torque_abs_nm", column=1),

@@ -105,7 +105,7 @@ def test_each_piece_is_repaired(tmp_path: Path, log: dict[str, np.ndarray], larg
 
 
 @pytest.mark.parametrize("turns", [False, True])
-def test_a_log_without_a_period_in_pieces_is_the_same_record(
+def test_pieces_of_log_give_same_record(
     turns: bool, tmp_path: Path, log: dict[str, np.ndarray], request: pytest.FixtureRequest
 ) -> None:
     """To its last sample, with a missing one; as a whole where an angle starts again after a turn."""
@@ -147,9 +147,7 @@ def test_a_large_record_has_the_same_response(
     np.testing.assert_allclose(found.noise.variance, expected.noise.variance, rtol=1e-6)
 
 
-def test_pieces_that_are_not_in_step_are_refused_as_the_whole_log_is(
-    tmp_path: Path, log: dict[str, np.ndarray], large: None
-) -> None:
+def test_pieces_out_of_step_are_refused_like_whole_log(tmp_path: Path, log: dict[str, np.ndarray], large: None) -> None:
     """Samples lost between two pieces are found where the whole log is looked at."""
     spec = _write(tmp_path, log)
     with h5py.File(tmp_path / "log.h5", "r+") as file:

@@ -106,7 +106,7 @@ FAULTS = [
 
 
 @pytest.mark.parametrize(("signals", "repairs", "worse"), [f[1:] for f in FAULTS], ids=[f[0] for f in FAULTS])
-def test_the_response_of_a_mended_log_is_as_exact_as_that_of_a_clean_one(
+def test_response_of_corrected_log_is_as_exact(
     signals: dict[str, FloatArray], repairs: dict[str, int], worse: float, tmp_path: Path
 ) -> None:
     """At most half as wrong again as with the noise alone (1e-4 of each signal); every repair counted and said."""
@@ -135,7 +135,7 @@ def test_two_logs_whose_clocks_differ_are_brought_to_one(ppm: float, tmp_path: P
     assert error_of(record) < 2 * error_of(record_of(tmp_path, CLEAN))
 
 
-def test_one_period_of_the_excitation_gives_the_reference_of_a_log_that_started_anywhere(tmp_path: Path) -> None:
+def test_known_period_gives_reference_from_any_start(tmp_path: Path) -> None:
     """The generator's file: r is repeated, in step with u, and the response is that of the log itself."""
     signals = log(np.arange(P * N) + 211, noise=1e-4)
     write_log(tmp_path / "log.h5", {"u": signals["u"], "y": signals["y"]})

@@ -45,15 +45,13 @@ def test_an_encoder_that_starts_again_after_a_turn_is_unwrapped(bits: int, speed
     np.testing.assert_allclose(left, jumping * unit / at_rest, rtol=1e-12)
 
 
-def test_an_input_that_stands_still_while_another_moves_is_taken_as_not_excited(
-    tmp_path: Path, log: dict[str, np.ndarray]
-) -> None:
+def test_constant_input_is_taken_as_not_excited(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
     """One motor at a time is a lawful experiment; the estimator judges all of them together."""
     (note,) = record_of(tmp_path, log | {"i2": np.full(800, 0.5)}).notes
     assert noted(note) == ("records/input-not-excited", "record home-r0-e0", [2, 2, 0.5])
 
 
-def test_a_last_period_that_is_not_whole_is_left_out_with_a_word(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
+def test_incomplete_last_period_is_discarded_with_note(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
     """780 samples are 3 periods of 200 and 180 more; also when a window of the file is asked for."""
     save_csv(tmp_path / "log.csv", {k: v[:780] for k, v in log.items()})
     record = measured(tmp_path, study_of("log.csv"))
@@ -75,7 +73,7 @@ def test_a_last_period_that_is_not_whole_is_left_out_with_a_word(tmp_path: Path,
         ("i1", lambda x: np.where(np.arange(len(x)) % 7, np.nan, x), "missing-samples", "85.6%"),
     ],
 )
-def test_a_log_of_one_row_a_dead_sensor_and_an_empty_torque_are_refused(
+def test_one_row_dead_sensor_and_empty_torque_are_refused(
     channel: str, change: Callable[..., Any], code: str, holds: str, tmp_path: Path, log: dict[str, np.ndarray]
 ) -> None:
     """A torque that is mostly missing is not said to be without a period."""
@@ -113,7 +111,7 @@ FIRST, SECOND, *MOTIONS = CHANNELS
         ("band-limited", None, "zero-order", (0.0, 1.0)),
     ],
 )
-def test_a_torque_is_held_as_its_channel_says_or_else_as_the_section_does(
+def test_hold_of_channel_outranks_hold_of_section(
     tmp_path: Path, log: dict[str, np.ndarray], section: Any, first: Any, second: Any, held: tuple[float, ...]
 ) -> None:
     """Y = G H U with H = 1 for a measured current, and the half sample and sinc of the rate for a command."""

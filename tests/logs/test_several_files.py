@@ -101,7 +101,7 @@ def test_channels_at_two_rates_need_them_stated(tmp_path: Path) -> None:
     np.testing.assert_allclose(*spectra, rtol=1e-3)
 
 
-def test_logs_that_start_anywhere_in_the_period_are_brought_into_step(tmp_path: Path) -> None:
+def test_logs_of_any_start_are_aligned(tmp_path: Path) -> None:
     """Each loses the part before its first whole period; a lone period is turned."""
     logs = [run(3 * N, 1), run(3 * N + 50, 2, first=77), run(N, 3, first=191)]
     joined = record_of(tmp_path, logs)
@@ -163,7 +163,7 @@ def test_a_clean_pair_of_logs_is_never_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("gain", [0.5, 0.88, 0.92, 1.08, 1.12, 2.0])
 @pytest.mark.parametrize("unit", [1e-4, 1e4])
-def test_an_excitation_of_another_size_is_refused_from_a_tenth_on(gain: float, unit: float, tmp_path: Path) -> None:
+def test_different_excitation_is_refused_above_a_tenth(gain: float, unit: float, tmp_path: Path) -> None:
     """In any unit: friction that warms up changes torques by a few per cent."""
     template = record_of(tmp_path, [run(4 * N, 1)])
     first, second = (replace(template, u=size * unit * template.u) for size in (1.0, gain))

@@ -74,7 +74,7 @@ def test_the_intervals_hold_the_modes_of_whole_records() -> None:
     assert np.mean(np.square(errors)) < 2
 
 
-def test_a_band_without_lines_is_refused_and_a_study_goes_on() -> None:
+def test_band_without_lines_is_refused_and_study_continues() -> None:
     response = modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((1, 5)))
     with refused("modal/lines", place="configuration bench"):
         estimate_modes(response, band_hz=(40, 41))

@@ -47,7 +47,7 @@ def test_a_window_that_no_pole_went_through_is_named() -> None:
         assert "modal/damping" not in {note.code for note in estimate_modes(response, exponential_s=all_of_one).notes}
 
 
-def test_periods_that_are_too_short_for_the_damping_are_named_with_those_that_are_not():
+def test_short_periods_for_damping_are_named():
     """The half-power width of 50 Hz with a damping of 0.001 is 0.1 Hz: one line of 10 s, four of the 40 s asked for."""
     natural, zeta = np.array([30.0, 50.0]), np.array([0.01, 0.001])
     for period_s, is_short in ((10.0, True), (40.0, False)):
@@ -57,7 +57,7 @@ def test_periods_that_are_too_short_for_the_damping_are_named_with_those_that_ar
         assert told == [("modal/damping", "bench", pytest.approx([1, 2, 50, 40], rel=0.02))] * is_short
 
 
-def test_a_weak_pole_of_the_same_shape_within_a_resonance_is_none() -> None:
+def test_weak_pole_within_resonance_is_no_mode() -> None:
     """Of another shape, farther off or stronger it is a mode."""
     strong = FittedMode(50.0, 0.01, 0.01, 1e-4, np.array([[1.0, 2.0j, -1.0]]), np.full((1, 3), 1e-3))
     log_comparison = replace(strong, freq_hz=50.1, residue=0.01j * strong.residue)
@@ -70,7 +70,7 @@ def test_a_weak_pole_of_the_same_shape_within_a_resonance_is_none() -> None:
 
 
 @pytest.mark.parametrize("unit", [1e-4, 1.0, 1e4])
-def test_a_broad_pole_that_is_lower_than_its_surroundings_or_unknown_is_background(unit: float) -> None:
+def test_broad_weak_or_unknown_pole_is_background(unit: float) -> None:
     """By its peak R / (2 pi zeta f) over a flat response of size 1, in any unit; a light one is a mode all the same."""
     response = modal_response(FREQ_HZ, NATURAL, ZETA, np.ones((2, 5)))
     flat = replace(response, G=np.full(response.G.shape, unit / np.sqrt(2)))

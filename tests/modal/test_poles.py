@@ -32,7 +32,7 @@ def test_an_exact_response_gives_its_modes() -> None:
     np.testing.assert_allclose(modes.shapes.real, shapes / largest, atol=1e-8)
 
 
-def test_a_pole_is_stable_where_the_order_before_has_it_within_a_hundredth() -> None:
+def test_pole_is_stable_within_hundredth_of_previous_order() -> None:
     """Of its frequency, and its damping within a twentieth."""
     before = 40.0 * np.array([-0.01 + 1j, -0.02 + 2j])
     same, moved, damped = 40.0 * np.array([-0.01004 + 1.004j, -0.02 + 2.05j, -0.022 + 2j])
@@ -51,7 +51,7 @@ def test_what_a_model_leaves_has_candidates_at_its_peaks() -> None:
 
 @settings(deadline=None, max_examples=30)
 @given(strategies.integers(0, 2**32 - 1), *(strategies.integers(1, 3) for _ in range(3)))
-def test_a_matrix_fraction_of_the_order_has_its_poles_and_no_other(seed: int, n_u: int, n_y: int, half: int) -> None:
+def test_matrix_fraction_has_its_poles_only(seed: int, n_u: int, n_y: int, half: int) -> None:
     """Residues of rank 1 along z and a constant matrix are a fraction of order 2 n / n_u, for any weights."""
     rng, n = np.random.default_rng(seed), half * n_u
     freq_hz = np.cumsum(rng.uniform(0.5, 1.5, 150))
@@ -142,7 +142,7 @@ def test_poles_and_shapes_agree_with_sdypy_ema() -> None:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_resonances_between_lines_are_modes_once_and_three_disturbed_lines_are_none(seed: int) -> None:
+def test_resonances_between_lines_are_single_modes(seed: int) -> None:
     """Three references, each with natural frequencies of its own; the widths are a thirtieth to a third of a line."""
     freq_hz, natural = np.arange(1.0, 201.0), np.array([31.5, 87.45, 152.4])
     zeta, shapes = np.array([5.5, 3.7, 2.0]) * 1e-4, np.random.default_rng(5).uniform(0.4, 1.0, (3, 3))
@@ -158,7 +158,7 @@ def test_resonances_between_lines_are_modes_once_and_three_disturbed_lines_are_n
     np.testing.assert_allclose(estimate_modes(response).freq_hz, natural, atol=0.03)
 
 
-def test_a_response_of_opposite_phase_has_the_modes_of_its_conjugate() -> None:
+def test_opposite_phase_response_has_conjugate_modes() -> None:
     """Frequencies and dampings are those of the response itself; the note has the code modal/phase."""
     response = modal_response(FREQ_HZ[:300], NATURAL[:2], ZETA[:2], np.ones((2, 2)), noise=0.01)
     modes, inverted = (estimate_modes(each) for each in (response, replace(response, G=response.G.conj())))

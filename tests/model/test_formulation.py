@@ -20,7 +20,7 @@ from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Rod, Spri
 MOTOR = Motor(1e-3, -80, viscous=2e-3)
 
 
-def test_a_posture_in_which_the_model_is_singular_is_refused_and_named():
+def test_singular_posture_is_refused_and_named():
     """Wrist axes 4 and 6 in line, no mass between them: their turns cannot be distinguished. Bent, the robot stands."""
     elastic = [Joint(name, axis, Spring(1e4), MOTOR) for name, axis in (("4", "z"), ("5", "y"), ("6", "z"))]
     wrist = Robot(
@@ -49,15 +49,13 @@ def test_a_posture_in_which_the_model_is_singular_is_refused_and_named():
         ("constant_stiffness", 2, {"k_2", "k_3", "k_b2", "k_rod"}),
     ],
 )
-def test_an_elastic_rod_is_cut_or_closes_its_loop_with_the_joints_in_it_held(
-    variant: Variant, rows: int, springs: set[str]
-) -> None:
+def test_elastic_rod_is_cut_or_closes_loop(variant: Variant, rows: int, springs: set[str]) -> None:
     """A loop and an elastic joint in it: two rows where nothing gives in the loop, none where its rod is cut."""
     model = formulate(linkage(bends=True), ModelSpec("minimal", variant))
     assert (model.n_c, set(model.springs)) == (rows, springs)
 
 
-def test_a_tree_is_serial_and_a_linkage_constrained_unless_another_formulation_is_asked_for() -> None:
+def test_default_formulation_is_serial_or_constrained() -> None:
     """An elastic rod has a coordinate of its own in the constrained one; a rigid one is a row in both."""
     assert (formulate(template_arm()).n_c, formulate(template_arm()).independent) == (0, None)
     elastic, rigid = linkage(), linkage(Rod(LOWER, 6.2))
@@ -87,7 +85,7 @@ def of_lever(model: ElasticModel, angles: tuple[float, float]) -> tuple[float, f
 
 
 @pytest.mark.parametrize("angles", POSTURES)
-def test_gear_and_rod_are_springs_in_series_by_the_sine_of_the_angle_between_lever_and_rod(
+def test_gear_and_rod_are_springs_in_series(
     angles: tuple[float, float],
 ) -> None:
     """In a parallelogram y = l cos(q_3 - q_2); a constant one has that of the start; a rigid loop the gear alone."""
@@ -103,7 +101,7 @@ def test_gear_and_rod_are_springs_in_series_by_the_sine_of_the_angle_between_lev
         assert pytest.approx(d_eff, rel=1e-6) == D - own_damping + d
 
 
-def test_a_rod_whose_mass_is_at_its_ends_is_that_of_lumped_rod() -> None:
+def test_end_masses_equal_lumped_rod() -> None:
     """I = a (1 - a) m L^2; any other inertia is moved to the ends."""
     m, a = 6.2, 0.52
     at_ends, evenly = (Rod(LOWER, m, a, inertia) for inertia in (a * (1 - a) * m * LOWER**2, 0.3))
@@ -118,7 +116,7 @@ def test_a_rod_whose_mass_is_at_its_ends_is_that_of_lumped_rod() -> None:
     assert np.abs(M_even - M).max() > 1e-3
 
 
-def test_parameters_without_an_effect_are_those_of_what_a_variant_leaves_out() -> None:
+def test_omitted_terms_leave_parameters_without_effect() -> None:
     """Rods and elastic joints in stiff loops; of a stiffness that is the gear's the rod's; inertia of lumped rods."""
     robot = linkage(bends=True)
     assert unseen(robot, "exact") == unseen(robot, "bending_outside") == ()
@@ -157,7 +155,7 @@ def arm() -> Robot:
     return Robot("arm", bodies, (0.0, 0.0, -9.81), frames=(Frame("tip", "c", Placement((0, 0, 0.5))),))
 
 
-def test_places_read_their_rates_and_an_accelerometer_gravity_as_it_tilts() -> None:
+def test_locations_read_rates_and_accelerometers_read_gravity() -> None:
     """Upright: the tip moves by 1.5, 0.9 and 0.5 m along x per rad; tilted it sees g of gravity along -x per rad."""
     model = serial(arm())
     q, places = np.zeros(4), ("motor 1", "joint 3", "body c y", "frame tip x", "frame tip ry", "accelerometer tip x")
@@ -169,7 +167,7 @@ def test_places_read_their_rates_and_an_accelerometer_gravity_as_it_tilts() -> N
     np.testing.assert_allclose(model.output_jacobian(q, places), C)
 
 
-def test_the_motor_sees_the_link_as_in_the_whole_model_with_the_others_held() -> None:
+def test_locked_motors_leave_two_mass_model() -> None:
     """At two postures; the whole model with every coordinate struck out but those of motor 1 and joint 1."""
     robot = two_axes((0.0, 0.0))
     model = formulate(robot)
@@ -196,7 +194,7 @@ def test_variants_and_independent_coordinates_are_choices_of_the_minimal_formula
         ModelSpec("minimal", **choice)
 
 
-def test_keys_that_do_not_suit_a_robot_are_named_with_their_place() -> None:
+def test_unsuitable_keys_are_named_with_place() -> None:
     """Loops that a serial formulation leaves open; names that are no coordinates; others have their places."""
     robot = linkage()
     assert list(ModelSpec().refusals(robot)) == []

@@ -63,7 +63,7 @@ def test_every_point_moves_by_its_jacobian(numbers: list[float]) -> None:
     np.testing.assert_allclose(drawn.jacobian[-1] @ dq, (poses.position[0] - poses.position[1]) / (2 * h), atol=1e-8)
 
 
-def test_a_centre_of_mass_is_drawn_where_a_body_carries_nothing_and_a_strut_at_its_end() -> None:
+def test_drawing_has_centre_of_mass_and_strut_end() -> None:
     drawn = stick_figure(GANTRY, np.array([0.3, 0.0, -0.7, 0.0]))
     assert "mass" not in {kind for _, _, kind in drawn.links}  # the hand carries the tool
     ((first, *_),) = [link for link in drawn.links if link[2] == "strut"]
@@ -72,7 +72,7 @@ def test_a_centre_of_mass_is_drawn_where_a_body_carries_nothing_and_a_strut_at_i
 
 @pytest.mark.parametrize("kind", ["constrained", "minimal"])
 @pytest.mark.parametrize("rod", [Rod(0.86, 6, 0.4, 0.5, 1e7), Rod(0.86, 6, 0.4, 0.5)], ids=["elastic", "rigid"])
-def test_a_rod_is_drawn_and_stretches_by_what_the_model_says(kind: str, rod: Rod) -> None:
+def test_drawn_rod_stretches_as_in_model(kind: str, rod: Rod) -> None:
     """Between its ends; in every mode the ends part by the elongation, which a rigid rod has none of."""
     robot = linkage(rod, crank=0.33, spatial=True)
     model = formulate(robot, ModelSpec(kind))

@@ -174,7 +174,7 @@ def test_any_choice_of_independent_coordinates_gives_the_same_response():
         response(robot, ModelSpec("minimal", independent=("joint 9",)), at)
 
 
-def test_the_start_decides_how_a_loop_is_put_together_and_it_stays_so() -> None:
+def test_start_posture_decides_loop_branch() -> None:
     """The other branch of a four-bar is another mechanism, followed to the same configuration."""
     robot, at = FOUR_BAR, Configuration("c", (0.5, 0.3))
     *others, upper = robot.bodies

@@ -50,7 +50,7 @@ def test_a_spring_without_rest_length_cancels_gravity_at_every_angle(a: float, b
         assert abs(float(model.stiffness([angle], [], model.theta))) < 1e-6 * WEIGHT
 
 
-def test_gas_and_coil_give_forces_that_are_derivatives_of_their_energy() -> None:
+def test_compensator_forces_are_energy_derivatives() -> None:
     """dV/dq written out against CasADi's gradient of V, and K against differences, for all kinds in a tree."""
     gas = {"force": 800.0, "length": 0.5, "column": 0.8}
     robots = [

@@ -62,7 +62,7 @@ def test_couplings_of_gears_turn_the_errors_with_the_response(found: Compensated
 
 
 @pytest.mark.slow
-def test_distortion_that_no_friction_of_a_motor_explains_is_warned_of(found: CompensatedFriction) -> None:
+def test_unexplained_distortion_of_motor_is_reported(found: CompensatedFriction) -> None:
     """Of Coulomb friction behind the gears, which stays in the response; not of that at the motors, taken out."""
     (behind, *_), lines = measured_bristles("joint")
     left = identify_motor_friction([behind], AUTO, lines)
@@ -88,7 +88,7 @@ def test_distortion_of_an_arm_that_swings_is_not_warned_of() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("coulomb", [(0.0, 0.0), LEVELS])
-def test_a_log_of_two_periods_that_begins_with_its_excitation_bends_no_spring(coulomb: tuple[float, float]) -> None:
+def test_two_periods_from_rest_bend_no_spring(coulomb: tuple[float, float]) -> None:
     """A transient lies between the excited lines, as distortion does: gears are not judged by it, and the second period
     shows friction within 2 %."""
     (records, _), lines = measured(coulomb, 2)
@@ -101,7 +101,7 @@ def test_a_log_of_two_periods_that_begins_with_its_excitation_bends_no_spring(co
     assert not [note for note in response.notes if note.severity == "warning"]
 
 
-def test_the_ratio_of_a_gear_is_that_of_whole_turns_the_better_the_more_turns_its_motor_makes() -> None:
+def test_gear_ratio_is_estimated_from_whole_turns() -> None:
     """0.3 % within a turn, a tenth of it over ten; none of a motor whose numbers are given at the link."""
     bodies, parent = [], "base"
     for name, ratio in (("1", 100.0), ("2", -100.0), ("3", 1.0)):
@@ -131,7 +131,7 @@ def record() -> Record:
     )  # fmt: skip
 
 
-def test_power_is_the_same_on_both_sides_and_the_way_back_leads_home() -> None:
+def test_power_is_invariant_and_mapping_invertible() -> None:
     """u^T q of motors, whatever the order of the outputs; other outputs stay."""
     links, shafts = record(), to_shafts(record(), E)
 
@@ -154,7 +154,7 @@ def test_a_shaft_needs_the_motions_of_all_motors() -> None:
     assert to_shafts(partial, E).outputs == ("accelerometer tool z",)
 
 
-def test_nothing_is_taken_out_of_a_torque_that_is_the_reference() -> None:
+def test_torque_equal_to_reference_is_not_compensated() -> None:
     """Of the second motor alone: its controller's torque was not logged."""
     configurations, lines = measured()
     copied = [
@@ -213,14 +213,14 @@ def lateness(motion: Motion) -> np.ndarray:
     return late[np.abs(late) < 0.5]
 
 
-def test_reversals_are_late_between_samples_by_what_the_errors_of_responses_have() -> None:
+def test_late_reversals_have_error_of_responses() -> None:
     record, _ = simulated()
     late = lateness(friction_of(1 / J).motion(record, "motor 1"))
     assert len(late) > 50
     assert 0.5 * TURNING_ERROR < late.mean() < 1.5 * TURNING_ERROR
 
 
-def test_reversals_under_noise_are_found_by_the_torque_above_the_excited_lines() -> None:
+def test_reversals_are_detected_by_torque_above_excitation() -> None:
     """Noise of 1 % of the angle: they are off by less than 0.7 of what they are by the angle alone."""
     record, _ = simulated()
     noise = 0.01 * np.std(record.y) * np.random.default_rng(4).standard_normal(record.y.shape)

@@ -102,7 +102,7 @@ def test_a_reversal_goes_from_one_direction_to_the_other() -> None:
 
 
 @pytest.mark.parametrize(("kind", "threshold"), [("sign", 1e-3), ("sign", 0.5), ("stribeck", 0.2)])
-def test_the_mean_over_a_cell_is_that_of_a_straight_velocity(kind: str, threshold: float) -> None:
+def test_cell_mean_equals_straight_velocity(kind: str, threshold: float) -> None:
     """It turns within a cell, is one-sided or constant, against ten thousand points of each cell."""
     shape = BasisFunction("motor 1", kind, threshold)
     x = np.linspace(0, 1, 17)
@@ -134,14 +134,14 @@ FRICTION = CompensatedFriction(
 )
 
 
-def test_the_level_in_sliding_is_the_sum_of_signs_and_bristles_without_stribeck() -> None:
+def test_sliding_torque_sums_signs_and_bristles() -> None:
     """With the correlation of the coefficients; 0 of a motor that nothing was taken out of."""
     assert FRICTION.coulomb_friction("motor 1") == pytest.approx((5.0, np.sqrt(0.15)))
     assert FRICTION.coulomb_friction("motor 2") == (0.0, 0.0)
     assert FRICTION.compensated_motors() == ("motor 1",)
 
 
-def test_the_level_in_sliding_is_uncertain_by_elements_that_do_not_slide() -> None:
+def test_sliding_torque_uncertainty_counts_sticking_elements() -> None:
     """A stop of 3 Nm is half-way to sliding after a motion of its threshold; a spring of 10 Nm/rad has no bound."""
     short = replace(FRICTION, swings=(0.1, 0.1))
     assert short.coulomb_friction("motor 1") == pytest.approx((5.0, np.hypot(np.sqrt(0.15), 1.5)))
@@ -150,7 +150,7 @@ def test_the_level_in_sliding_is_uncertain_by_elements_that_do_not_slide() -> No
     assert with_spring.std == pytest.approx(np.hypot(plain.std or 0.0, 6.0))
 
 
-def test_a_reversal_runs_from_minus_to_plus_the_level_in_sliding() -> None:
+def test_reversal_runs_from_minus_to_plus_coulomb_torque() -> None:
     """The bristle bends over twice its threshold."""
     torque, std = FRICTION.reversal("motor 1", np.array([0.0, 0.1, 1.0]))
     np.testing.assert_allclose(torque, [-5.0, 2.0, 5.0])

@@ -79,7 +79,7 @@ def test_a_transmission_error_has_amplitude_and_phase() -> None:
     assert "twice a motor turn" in number.meaning
 
 
-def test_what_was_not_seen_has_the_largest_bound_of_its_shapes() -> None:
+def test_insignificant_effect_has_largest_bound() -> None:
     """And no value; of a hysteresis that the records bend only in part, as much as they would have shown."""
     bounds = {GearEffect("friction", "1"): 0.4, GearEffect("friction", "1", 1e-3): 0.6}
     bounds |= {GearEffect("stop", "1", 1e-4): 0.3, GearEffect("bristle", "1", 6e-3): 1.0}
@@ -97,7 +97,7 @@ def opened(after: float) -> GearResult:
     return GearResult(PARAMETERS.x, np.eye(3), effect, magnitude, before=0.2, after=after)
 
 
-def test_a_misfit_is_explained_by_effects_that_leave_little_of_it() -> None:
+def test_misfit_with_small_remainder_is_explained() -> None:
     """V beyond the noise falls with the square of what is left; else the fit stays a misfit and says so."""
     misfit = replace(plain_fit(PARAMETERS.x), status="misfit", cost=101.0, cost_dof=50.0, verdicts=("bad",))
     good = with_gears(misfit, opened(0.02))
@@ -143,7 +143,7 @@ def test_lost_motion_is_the_way_between_the_flanks() -> None:
     assert sheet({GearEffect("gap", "1", 2e-4): K}).number("k_1").meaning == "stiffness beyond the gap"
 
 
-def test_a_robot_without_a_spring_in_any_gear_keeps_its_fit() -> None:
+def test_robot_without_gear_spring_keeps_fit() -> None:
     rigid = stiffened(robot(Gear()), ["1"])
     found = identify_gears([], [], plain_fit(PARAMETERS.x), rigid, SPEC, GearsSpec())
     assert found.refused

@@ -40,7 +40,7 @@ def estimate_of(magnitudes: Mapping[GearEffect, float], cost: float = 0.0) -> Ge
         ({CUBIC: 300.0, FRICTION: 6.1}, {CUBIC, FRICTION}),
     ],
 )
-def test_effects_near_zero_that_drive_or_are_a_trifle_are_discarded(
+def test_small_or_active_effects_are_discarded(
     monkeypatch: pytest.MonkeyPatch, magnitudes: dict[GearEffect, float], expected: set[GearEffect]
 ) -> None:
     """Three std; friction backwards; a sine with its cosine; 2 % of the torque of another effect of the joint."""
@@ -90,7 +90,7 @@ def test_a_range_far_stiffer_beyond_its_end_is_a_gap(
         ("cubic", {"cubic": 100.0, "range": 109.0, "range range": 65.0}, ["cubic"]),
     ],
 )
-def test_the_law_of_a_spring_explains_more_or_as_much_by_fewer_numbers(
+def test_spring_characteristic_needs_fewer_numbers(
     monkeypatch: pytest.MonkeyPatch, start: Kind, costs: dict[str, float], expected: list[str]
 ) -> None:
     """12 for a number; two ranges, 1.5 times as far, where one explains nearly as much; no gap beside a range."""
@@ -121,7 +121,7 @@ def test_the_law_of_a_spring_explains_more_or_as_much_by_fewer_numbers(
         ({FRICTION: 13.0, GearEffect("load", "1", 1e-3): 40.0}, [GearEffect("load", "1", 1e-3), FRICTION]),
     ],
 )
-def test_a_group_is_added_that_lowers_the_cost_of_other_realisations(
+def test_group_that_lowers_cross_validated_cost_is_added(
     gains: dict[GearEffect, float], expected: list[GearEffect]
 ) -> None:
     """12 for each effect of a group, 60 for the law of a spring; the best one first."""
@@ -134,7 +134,7 @@ def test_a_group_is_added_that_lowers_the_cost_of_other_realisations(
     assert selection._select_effects(data, estimate_of({}), groups) == expected
 
 
-def test_friction_is_a_systematic_error_of_the_transmission_at_its_joint() -> None:
+def test_joint_friction_is_systematic_error_of_transmission() -> None:
     """A part of each magnitude; of an error the deflection by 2 % of the friction on either side of its gear."""
     std = selection._systematic_std(estimate_of({FRICTION: 32.0, SINE: 2e-5, BEHIND: 10.0, COSINE: 0.0, CUBIC: 1e9}))
     bends = SLIGHT / QUANTILE_95 * 32.0 / K

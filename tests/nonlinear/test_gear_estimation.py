@@ -42,7 +42,7 @@ def with_effects(*effects: GearEffect) -> GearEstimate:
     return estimate_gear_parameters(data, initial_estimate(data, linear.parameters, linear.x), effects)
 
 
-def test_a_hardening_gear_is_found_where_a_linear_fit_is_seven_percent_off() -> None:
+def test_hardening_gear_is_identified_where_linear_fit_errs() -> None:
     """k at zero torque within 0.02 %, k_3 within 0.1 %, d within 0.2 %."""
     gear, linear = Gear(k_3=4e9), hardening()[2]
     assert linear.values["k_1"] > 1.05 * gear.k
@@ -74,7 +74,7 @@ def test_the_scale_of_a_level_that_is_not_seen_stays() -> None:
     assert hardening()[2].parameters.as_dict(found.x)["k_1"] == pytest.approx(2e5, rel=2e-4)
 
 
-def test_friction_by_load_turns_over_the_velocity_of_the_rest_of_its_motor() -> None:
+def test_load_friction_turns_over_velocity() -> None:
     """One logarithm of a scale for both, which either magnitude that is seen moves; that of a hysteresis is its own."""
     effects = [GearEffect("friction", "1", 1e-3), GearEffect("stop", "1", 1e-4), GearEffect("load", "1", 2e-3)]
     scales = scales_of([*effects, GearEffect("load", "2", 2e-3)])

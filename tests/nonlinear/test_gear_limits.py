@@ -115,7 +115,7 @@ def test_what_hides_the_effects_of_gears_is_refused(changed: Callable[[Case], Ca
     assert bool(words) == bool(found)
 
 
-def test_noise_of_an_encoder_is_no_difference_of_periods_and_named_where_it_hides_the_deflection() -> None:
+def test_encoder_noise_hides_deflection_and_is_named() -> None:
     """At all lines alike; a fifth of the torsion of the gear."""
     good = case()
     (lines,), noise = good.data.lines, power(good).mean()

@@ -51,7 +51,7 @@ def found(gear: Gear, substeps: int = 6) -> tuple[GearEstimate, dict[str, float]
         ),
     ],
 )
-def test_what_a_gear_does_is_found_on_its_side_and_at_its_level(gear: Gear, expected: dict[str, float]) -> None:
+def test_gear_effects_are_identified_on_their_side(gear: Gear, expected: dict[str, float]) -> None:
     """Magnitudes within 3 % or 3 std, k within 0.1 % and d within 2 %: a linear fit has d 27 % off."""
     # Steps over reversals of a coarser plant are as large as what an error of 2e-5 rad does.
     magnitudes, numbers = found(gear, 24 if gear.error or gear.load else 6)
@@ -97,7 +97,7 @@ def test_springs_have_their_law_and_its_ends(gear: Gear, expected: list[tuple[st
     assert numbers["k_1"] == pytest.approx(gear.k, rel=5e-4)
 
 
-def test_of_a_rigid_gear_friction_of_its_motor_is_a_candidate_and_nothing_else() -> None:
+def test_rigid_gear_has_only_motor_friction_candidates() -> None:
     """It brakes the motion that the others' records have; shapes of a deflection that there is none of are left out."""
     hand = Body(
         "hand", joints=(Joint("1", "z", Spring(9e4, 30.0), Motor(6e-4, 100.0, 8e-4)),), mass=20.0,
@@ -134,7 +134,7 @@ def test_of_a_rigid_gear_friction_of_its_motor_is_a_candidate_and_nothing_else()
     assert note.place == "joint 2"
 
 
-def test_ranges_and_elements_of_a_loop_are_added_one_at_a_time() -> None:
+def test_loop_elements_are_added_one_at_a_time() -> None:
     """Two ranges that were added at once met at one end, and k was 7.7 % off beside a std of 0.13 %."""
     added = [GearEffect("range", "1", 1e-3), GearEffect("stop", "2", 1e-4)]
     assert _conflicts(GearEffect("range", "1", 5e-4), added, alone=True)

@@ -40,7 +40,7 @@ def test_every_effect_has_its_place_in_the_robot() -> None:
     assert (ripple.amplitude, ripple.order, ripple.phase) == pytest.approx((0.7, 1.0, np.pi / 2))
 
 
-def test_magnitudes_that_drive_and_effects_of_another_joint_are_no_part_of_the_robot() -> None:
+def test_active_magnitudes_and_foreign_effects_are_excluded() -> None:
     """Negative friction and hysteresis, waves of size 0, and any effect at a joint that the robot lacks."""
     driving = [("friction", 1e-3, -1.0), ("behind", 0.0, -1.0), ("load", 1e-3, -0.1), ("stop", 1e-4, -3.0)]
     (joint,) = with_magnitudes(*driving, ("error sine", 1.0, 0.0)).driven
@@ -64,7 +64,7 @@ def test_springs_have_the_ends_that_a_file_can_state(effects: list[tuple[Kind, f
     assert with_magnitudes(*effects).driven[0].spring == spring
 
 
-def test_a_fit_has_the_stiffness_beyond_the_ends_and_the_terms_of_its_robot() -> None:
+def test_fit_keeps_end_stiffness_and_robot_terms() -> None:
     """Of a range 1.5 k; a cubic term that the robot lacks is gone, and numbers that were not fitted are fixed."""
     cubic = Parameter("k3_1", 1e9, "N*m/rad^3", free=False)
     ranged = with_magnitudes(("range", 2e-4, 1e5))

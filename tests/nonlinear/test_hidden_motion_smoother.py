@@ -42,14 +42,14 @@ def test_coulomb_friction_that_turns_gradually_sticks_and_slides() -> None:
     assert w[fast] == pytest.approx((w_0 - np.sign(w_0))[fast], abs=2e-3)
 
 
-def test_a_start_worse_than_none_is_left_for_the_motion_without_forces() -> None:
+def test_bad_start_is_replaced_by_free_motion() -> None:
     """x + 50 x^3 = x_0 from 100 times the motion, which eight steps of Newton's method would not leave."""
     x_0 = np.linspace(-1, 1, 101)[None]
     x = newton(lambda x: (50 * x**3, 150 * x**2), lambda force: force, x_0, 100 * x_0)[0]
     assert x + 50 * x**3 == pytest.approx(x_0, abs=1e-3)
 
 
-def test_the_covariance_of_residuals_follows_a_resonance_that_is_narrower_than_its_window() -> None:
+def test_residual_covariance_follows_narrow_resonance() -> None:
     """Noise of torque through a mode of three lines' width, and of angles: within 20 % at the peak and beside it."""
     none, rest, rng = np.zeros((100, 1, 400), complex), np.zeros((1, 400)), np.random.default_rng(1)
     numbers = np.array([1e-16]), np.zeros((100, 1)), np.ones(100, bool), np.arange(400)
@@ -95,7 +95,7 @@ def test_a_motion_that_stands_still_has_numbers() -> None:
 GEAR = Gear()
 
 
-def test_forces_at_motor_gear_and_link_move_two_masses_as_they_must() -> None:
+def test_motor_gear_link_forces_move_two_masses() -> None:
     start = robot(GEAR)
     linearisation = Linearisation.of_robot(start)
     parameters = choose(FitSpec(parameters={"k_*": ParameterSpec()}), start, ["rest"])
@@ -132,7 +132,7 @@ def test_slopes_are_those_of_the_law(kind: str) -> None:
     assert implicit_law(effect, x)[1] == pytest.approx(difference, rel=1e-6, abs=1e-6)
 
 
-def test_an_edge_is_the_change_of_an_effect_with_its_scale() -> None:
+def test_smoothing_scale_derivative_equals_difference() -> None:
     for kind, scale in (("behind", 0.02), ("load", 0.02), ("stop", 3e-4), ("gap", 3e-4)):
         effect = GearEffect(kind, "1", scale)
         assert effect.edge is not None
@@ -143,7 +143,7 @@ def test_an_edge_is_the_change_of_an_effect_with_its_scale() -> None:
     assert GearEffect("error sine", "1", 1.0).edge is None
 
 
-def test_a_stop_loses_four_levels_times_what_it_slides_in_a_loop() -> None:
+def test_stop_operator_loses_four_levels_per_loop() -> None:
     """Work of a loop of amplitude A about a stop of range D: 4 (A - D) at magnitude 1; its slope is that of the way."""
     x = 1e-3 * np.sin(PHASE)
     phi, slope = implicit_law(GearEffect("stop", "1", 2e-4), x)
@@ -164,7 +164,7 @@ def test_a_bristle_follows_dahls_equation() -> None:
     assert np.all(slope >= 0)
 
 
-def test_a_transmission_error_bends_the_gear_and_pushes_the_motor_by_its_slope() -> None:
+def test_transmission_error_deflects_gear_and_pushes_motor() -> None:
     """No energy is lost: tau (q' (1 + e') - l') is what the spring stores."""
     effect = GearEffect("error cosine", "1", 2.0)
     (gear, across), (motor, at_motor) = forces(effect, MOTION)

@@ -45,7 +45,7 @@ def test_the_level_of_coulomb_friction_is_found_without_a_model(friction: str, f
 
 
 @pytest.mark.parametrize("samples", [slow(-2), 0.3, 3])
-def test_torques_that_are_late_or_early_have_the_friction_of_the_motion(samples: float) -> None:
+def test_shifted_torques_have_friction_of_motion(samples: float) -> None:
     """Torques logged some samples off: the delay to a tenth of a sample, with its note; coefficients within 2 %."""
     configurations, lines = measured()
     n = len(configurations[0][0].u)
@@ -60,7 +60,7 @@ def test_torques_that_are_late_or_early_have_the_friction_of_the_motion(samples:
 
 
 @pytest.mark.parametrize("signal", ["u", "y"])
-def test_experiments_that_are_copies_and_motors_with_one_signal_are_refused(signal: str) -> None:
+def test_copied_experiments_and_equal_motors_are_refused(signal: str) -> None:
     """Torques that do not separate the inputs, or angles that do not separate the motors, leave nothing to invert."""
     configurations, lines = measured()
     records = configurations[0]
@@ -103,7 +103,7 @@ def test_one_realisation_shows_friction_where_lines_are_not_excited() -> None:
     assert re.findall(r"\d+", every.notes[0].text) == ["2"]  # experiments
 
 
-def test_a_coarse_encoder_does_not_show_the_sign_of_the_velocity() -> None:
+def test_coarse_encoder_hides_velocity_sign() -> None:
     """Noise and speed are named."""
     configurations, lines = measured()
     count = 2 * np.pi / 1000 / 6
@@ -128,7 +128,7 @@ def test_shapes_may_be_chosen_in_the_first_configuration_alone(
 
 
 @pytest.mark.slow
-def test_levels_that_differ_between_postures_are_named_and_are_in_the_interval() -> None:
+def test_coulomb_torques_varying_by_posture_widen_interval() -> None:
     """Half as much friction in the second: the coefficient is between both, and each is within its 95 % interval."""
     (one, _), lines = measured()
     (_, other), _ = measured((COULOMB[0] / 2, COULOMB[1]))
@@ -143,7 +143,7 @@ def test_levels_that_differ_between_postures_are_named_and_are_in_the_interval()
 
 @pytest.mark.slow
 @pytest.mark.parametrize("law", ["coulomb", slow("lugre"), "maxwell slip"])
-def test_friction_is_found_the_same_in_other_units_and_with_motors_in_another_order(law: str) -> None:
+def test_friction_is_equal_in_other_units_and_order(law: str) -> None:
     """The coefficient of sliding within 5 %, with its std; the distortion falls to less than a fifth; bristles bend."""
     configurations, lines = measured() if law == "coulomb" else measured_bristles(law)
     here = identify_motor_friction(configurations, AUTO, lines)

@@ -58,7 +58,7 @@ def test_torques_are_those_of_two_links_beyond_first_order() -> None:
 
 
 @pytest.mark.parametrize("rod_stiffness", [None, 1e9])
-def test_torques_of_a_linkage_are_those_of_its_two_absolute_angles(rod_stiffness: float | None) -> None:
+def test_linkage_torques_act_on_absolute_angles(rod_stiffness: float | None) -> None:
     """The elbow follows the loop; a rod that gives stays as long as at rest."""
     linkage, links = parallel_linkage()
     loop = linkage.loops[0]

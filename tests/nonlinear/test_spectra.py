@@ -60,7 +60,7 @@ def test_noise_is_the_variance_of_the_mean_over_the_periods() -> None:
 
 @pytest.mark.parametrize("size", [1.0, 1e-6])
 @pytest.mark.parametrize("count", [1, 8])
-def test_the_sign_of_a_gaussian_velocity_is_nonlinear_by_one_less_two_over_pi(count, size):
+def test_sign_of_gaussian_velocity_has_two_over_pi_linear(count, size):
     """Of all experiments where they exceed the motors; else of the lines beside those excited, in any unit."""
     rng, points = np.random.default_rng(0), 2**14
     lines = np.arange(1, points // 2)
@@ -77,6 +77,6 @@ def test_the_sign_of_a_gaussian_velocity_is_nonlinear_by_one_less_two_over_pi(co
 
 
 @pytest.mark.parametrize("changes", [{"outputs": ("joint 1",)}, {"period_samples": P * N, "is_periodic": False}])
-def test_an_angle_that_was_not_logged_and_records_without_a_period_are_refused(changes: dict[str, object]) -> None:
+def test_missing_angle_and_missing_period_are_refused(changes: dict[str, object]) -> None:
     with refused("gears/records", place="configuration a"):
         gather_lines([record(**changes)], SPEC, np.array([5, 9]))

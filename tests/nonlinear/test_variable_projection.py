@@ -118,7 +118,7 @@ def fitted(shapes: Sequence[BasisFunction], v: np.ndarray, truth: np.ndarray) ->
     return solve(X.T @ X, X.T @ truth)
 
 
-def test_two_signs_of_the_grid_become_two_close_ones_about_their_mean() -> None:
+def test_grid_signs_refine_to_two_about_mean() -> None:
     """tanh(v / 1e-3), tried at 0.93e-3 and 1.87e-3: in sliding, these two fitted are off, the close ones by less
     than a quarter of that."""
     v = np.random.default_rng(1).normal(0, 0.05, 20000)
@@ -131,7 +131,7 @@ def test_two_signs_of_the_grid_become_two_close_ones_about_their_mean() -> None:
 
 
 @pytest.mark.parametrize("speed", [0.0, 2e-3])
-def test_friction_that_jumps_does_not_turn_by_the_noise_of_a_velocity(speed: float) -> None:
+def test_jump_friction_ignores_velocity_noise(speed: float) -> None:
     """Of 5e-4 rad/s, over which it seems to turn; one that turns over 2e-3 rad/s keeps that within a tenth."""
     rng = np.random.default_rng(1)
     v = rng.normal(0, 0.05, 200000)
@@ -195,7 +195,7 @@ def test_shapes_that_are_alike_share_a_level() -> None:
     assert not solve(np.eye(2), np.zeros(2)).any()
 
 
-def test_forward_selection_adds_a_member_that_pays_behind_one_that_does_not() -> None:
+def test_forward_selection_adds_effect_behind_useless_one() -> None:
     """Gain (needed): member 0 5 (6), member 1 4 (2), member 2 3 (2), but only 1 once member 1 is selected."""
     gains, needs = (5.0, 4.0, 3.0), (6.0, 2.0, 2.0)
     members, cost = greedy(

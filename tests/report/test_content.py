@@ -32,7 +32,7 @@ def test_the_page_shows_it_in_one_line_with_a_count():
     assert f'<li class="information">{REMARK}</li>' in page
 
 
-def test_rows_say_how_many_standard_deviations_the_estimate_is_from_the_truth():
+def test_rows_give_error_in_standard_deviations():
     """In the solver's variable: ln p for a logarithmic parameter, p for a linear one; none without a truth."""
     rows = parameter_rows(fit_result(), {"k_1": 3e5, "x_c": -0.02})
     assert rows[0].deviation == pytest.approx(math.log(3.02 / 3) / 0.01)
@@ -80,7 +80,7 @@ def test_numbers_are_good_where_the_least_known_of_them_is(monkeypatch: pytest.M
 
 
 @pytest.mark.parametrize("error", [0.02, 0.15])
-def test_numbers_are_good_as_far_as_a_twin_with_them_moves_as_its_log(error: float) -> None:
+def test_numbers_are_good_as_far_as_simulation_follows(error: float) -> None:
     """One whose torque is 15 % off, or that is lost, is said in the first sentence."""
     t = np.arange(500) / 100
     torque = np.sin(2 * np.pi * t)

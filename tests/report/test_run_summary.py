@@ -31,7 +31,7 @@ def rows_of(result):
     return parameter_rows(result, TRUTH)
 
 
-def test_the_verdict_is_of_the_numbers_and_names_the_cause_where_it_did_not_converge():
+def test_verdict_names_cause_without_convergence():
     result = replace(fit_result(), status="converged", cost_dof=200.0)
     assert numbers_of(verdict_sentence(result, rows_of(result)))[:2] == [3, 40]
     assert verdict_sentence(fit_result(), rows_of(result)).startswith("The fit ended with d_1 at its lower bound.")
@@ -39,7 +39,7 @@ def test_the_verdict_is_of_the_numbers_and_names_the_cause_where_it_did_not_conv
     assert "noise is unknown" in verdict_sentence(unknown, rows_of(unknown))
 
 
-def test_the_page_of_responses_answers_its_three_questions_by_the_modes():
+def test_responses_page_answers_questions_by_modes():
     freq_hz = np.arange(40, 200) / 4
     G = true_response(freq_hz)
     std = np.full(G.shape, 0.02 * np.abs(G).max())
@@ -82,7 +82,7 @@ def test_an_uncompensated_motor_is_excepted_from_good_numbers() -> None:
     assert numbers_answer(result, rows).count(rows[-1].name) == 0
 
 
-def test_parameters_of_the_prior_are_not_counted_as_identified_by_data() -> None:
+def test_prior_dominated_parameters_are_not_identified() -> None:
     weak = Note("fit/weakly-identifiable", "", "d_1")
     result = settled(verdicts=(BY_PRIOR, UNCERTAIN, GOOD, BY_PRIOR), notes=(weak,))
     assert numbers_of(result.meaning.partition(";")[0]) == [1, 4, 2, 1]
@@ -132,7 +132,7 @@ def test_a_cause_is_the_same_in_answers_actions_and_meaning() -> None:
     assert 13 in numbers_of(numbers_answer(settled(notes=notes), rows))
 
 
-def test_residuals_are_told_over_the_noise_and_a_misfit_without_widths() -> None:
+def test_residuals_are_over_noise_and_misfit_has_no_width() -> None:
     """Of 40 times the expected cost 6.32; which a fit that converged includes in its intervals."""
     wrong = settled(status="misfit", message="off", cost=4000.0, cost_expected=100.0)
     assert numbers_of(residual_sentence(wrong, ()))[0] == 6.32
@@ -145,7 +145,7 @@ def numbers_of(text: str) -> list[float]:
 
 
 @pytest.mark.parametrize(("repeated", "of_data"), [((), 1.0), ((1.0, 1.0, 0.5, 1.0), 0.5)])
-def test_twice_the_time_narrows_the_widest_by_the_share_of_its_configuration(repeated, of_data: float) -> None:
+def test_twice_the_time_narrows_widest_interval(repeated, of_data: float) -> None:
     """sigma' = sigma / sqrt(1 + s), of what the file does not leave."""
     result = settled(averaging_fraction=np.array(repeated))
     rows = rows_of(result)
@@ -155,7 +155,7 @@ def test_twice_the_time_narrows_the_widest_by_the_share_of_its_configuration(rep
     assert numbers_of(action.gain) == pytest.approx((half, half / np.sqrt(1 + 0.75 * of_data)), abs=0.5)
 
 
-def test_a_base_is_named_where_it_lowers_a_stiffness_by_more_than_its_interval() -> None:
+def test_base_is_named_if_it_shifts_a_stiffness() -> None:
     """Of 3 % of k_1 with a std of 1 %, and 6 % of k_2 with 2 %, both; a base that stiffens is no base."""
     for k_1, k_2, names in ((0.03, 0.06, ["k_1", "k_2"]), (0.03, 0.01, ["k_1"]), (-0.03, 0.01, [])):
         part = RigidPart("base", 1e7, np.array([-k_1, -k_2, 0.0, 0.0]), 1e8)

@@ -109,7 +109,7 @@ def matrices(document: dict[str, Any], q: np.ndarray) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize("make", [puma, tx40, scara, lambda: scara() | {"convention": "modified"}])
-def test_every_link_stands_where_the_product_of_the_matrices_puts_it(make, tmp_path):
+def test_links_stand_at_product_of_matrices(make, tmp_path):
     """Both conventions, joints that slide, a base and a tool."""
     document = make()
     robot = read(document, tmp_path)
@@ -127,7 +127,7 @@ def test_every_link_stands_where_the_product_of_the_matrices_puts_it(make, tmp_p
         np.testing.assert_allclose(tool, T[:3, 3] + T[:3, :3] @ offset, atol=1e-12)
 
 
-def test_an_inertia_about_the_origin_is_brought_to_the_centre_of_mass(tmp_path):
+def test_inertia_about_origin_moves_to_centre(tmp_path):
     """Less m (c^2 1 - c c^T), whatever the link."""
     for body, (*_, m, moment, about_origin) in zip(read(tx40(), tmp_path).bodies, TX40, strict=True):
         xx, yy, zz, xy, xz, yz = about_origin

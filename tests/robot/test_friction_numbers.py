@@ -22,7 +22,7 @@ def robot(law: Friction) -> Robot:
     return Robot("axis", (Body("arm", joints=(Joint("1", spring=Spring(1e4), motor=motor),), mass=3.0, inertia=1.0),))
 
 
-def test_a_law_on_the_link_side_gives_the_same_curve_as_on_the_motor() -> None:
+def test_friction_on_link_side_equals_motor_side() -> None:
     """The curve of the equations of motion is one, from either."""
     link = through_gear(LAW, -100.0, to_motor=False)
     joint = Joint("1", spring=Spring(1e4), motor=Motor(1e-3, -100.0), viscous=20.0, friction=link)

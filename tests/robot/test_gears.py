@@ -43,7 +43,7 @@ def test_a_coupling_behind_the_springs_joins_two_of_them() -> None:
     assert not second.is_in_series
 
 
-def test_a_gear_without_a_spring_is_moved_by_the_one_before_its_coupling() -> None:
+def test_rigid_gear_is_moved_by_coupling() -> None:
     """X has one column: the range is its direction, and the row of `rigid` is across it."""
     robot = wrist(GearCoupling("6", "5", 40.0, "before"), rigid="6", shaft="")
     box = robot.gearboxes[1]

@@ -10,13 +10,13 @@ from elastid.model.formulation import serial
 from elastid.robot import Gear, Joint, Motor, Spring
 
 
-def test_the_spring_of_the_shaft_adds_its_names_and_is_linear() -> None:
+def test_shaft_spring_adds_names_and_is_linear() -> None:
     assert set(Motor(1e-3, spring=Spring(10.0)).numbers("2")) == {"Jm_2", "fm_2", "km_2", "dm_2"}
     with pytest.raises(ValueError, match="must be linear"):
         Motor(1e-3, spring=Spring(10.0, cubic=1.0))
 
 
-def test_a_sliding_joint_has_no_point_and_units_of_a_translation() -> None:
+def test_sliding_joint_has_translation_units_and_no_point() -> None:
     rail = Joint("rail", motion="translation", spring=Spring(1e6))
     assert (rail.unit, rail.numbers["k_rail"][0], rail.numbers["f_rail"][0]) == ("m", "N/m", "N*s/m")
     assert rail.geometry == {}
@@ -24,7 +24,7 @@ def test_a_sliding_joint_has_no_point_and_units_of_a_translation() -> None:
         Joint("rail", motion="translation", point=(0.0, 0.0, 0.1))
 
 
-def test_a_joint_with_a_zero_stands_where_one_is_at_its_position_plus_that() -> None:
+def test_joint_zero_adds_to_position() -> None:
     """The mass matrix of both is the same; a joint that slides has its place in its body."""
     robot = arm()
     off, model = serial(robot.with_parameters({"zero_2": 0.3})), serial(robot)

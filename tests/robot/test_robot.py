@@ -91,7 +91,7 @@ def test_a_placement_is_found_from_its_rotation(pitch: float) -> None:
         (Loop("l", (Anchor("base"), Anchor("tipp"))), "loop l: no body is called tipp; did you mean 'tip'"),
     ],
 )
-def test_a_loop_joins_bodies_and_has_a_name_of_its_own(loop: Loop, says: str) -> None:
+def test_loop_joins_bodies_under_unique_name(loop: Loop, says: str) -> None:
     """Its parameters could not be distinguished from those of a body or joint."""
     with pytest.raises(ValueError, match=says):
         Robot("r", (Body("arm", joints=(JOINT,)), Body("tip", "arm")), loops=(loop,))

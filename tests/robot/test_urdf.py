@@ -126,7 +126,7 @@ def test_what_cannot_be_read_is_refused_with_file_and_line(old, new, place, hold
         read(ARM.replace(old, new, 1), BESIDE, tmp_path)
 
 
-def test_a_joint_that_mimics_and_has_no_motor_is_fixed_and_limits_of_zero_are_none(tmp_path):
+def test_mimic_joint_is_fixed_and_zero_limits_are_none(tmp_path):
     """A finger at the flange with its own inertia adds a body, no joint."""
     finger = ARM.replace('lower="-1" upper="2"', 'lower="0" upper="0"').replace(
         '<joint name="flange" type="fixed">', '<joint name="flange" type="revolute"><mimic joint="a1"/>'
@@ -136,7 +136,7 @@ def test_a_joint_that_mimics_and_has_no_motor_is_fixed_and_limits_of_zero_are_no
     assert [frame.name for frame in robot.frames] == ["base_link", "tool0"]
 
 
-def test_what_stands_on_the_base_is_a_frame_and_a_rounded_inertia_is_enlarged_to_a_possible_one(tmp_path):
+def test_base_body_is_frame_and_inertia_is_enlarged(tmp_path):
     """A pedestal with a mass and an impossible inertia bears nothing of the dynamics; 2.1 of 1 + 1 misses by 5 %."""
     bolts = '<joint name="bolts" type="fixed"><parent link="floor"/><child link="base_link"/></joint>'
     heavy = '<link name="base_link"><inertial><mass value="9"/><inertia ixx="1" iyy="1" izz="9"/></inertial></link>'
@@ -147,19 +147,19 @@ def test_what_stands_on_the_base_is_a_frame_and_a_rounded_inertia_is_enlarged_to
     np.testing.assert_allclose(np.diag(robot.bodies[0].inertia_matrix), [1.05, 1.05, 2.1], atol=1e-12)
 
 
-def test_joints_that_are_not_named_beside_the_file_are_asked_for(tmp_path):
+def test_unnamed_joints_beside_file_are_refused(tmp_path):
     """A joint without motor and spring would swing freely."""
     with refused("robot/file", place="robot.urdf:5", holds="a1"):
         read(ARM, {}, tmp_path)
 
 
-def test_a_file_that_is_not_there_is_looked_for_beside_the_robots_file(tmp_path):
+def test_missing_file_is_sought_beside_robot_file(tmp_path):
     YAML(typ="safe").dump({"urdf": "no.urdf", "joints": {}}, tmp_path / "robot.yml")
     with refused("study/invalid", holds="no.urdf"):
         load_robot(tmp_path / "robot.yml")
 
 
-def test_a_study_names_a_robot_whose_rigid_part_is_a_urdf(tmp_path):
+def test_study_reads_rigid_part_from_urdf(tmp_path):
     """Paths count from the robot's file, overrides reach into it, and the study's text holds the URDF."""
     from elastid.study import load
 

@@ -116,7 +116,7 @@ def compiler_script(folder: Path, body: str) -> str:
 
 
 @needs_compiler
-def test_a_motion_has_the_same_bytes_with_and_without_a_compiler() -> None:
+def test_motion_is_equal_without_compiler() -> None:
     """Two links with friction, counts and noise in closed loop."""
     model, n, random = serial(arm(damping=20.0)), 1500, np.random.default_rng(2)
     point = resting(model, 0.3, -0.8)

@@ -57,7 +57,7 @@ def test_energy_is_conserved_at_the_rate_of_the_order() -> None:
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
-def test_friction_brakes_a_motor_in_both_directions_and_then_holds_it(direction: float) -> None:
+def test_friction_brakes_motor_and_sticks(direction: float) -> None:
     """J v' = -F_c sgn(v): the speed falls along a straight line to zero and stays there."""
     model, F_c, J = serial(motor()), np.array([10.0]), 20.0
     advance = runge_kutta(acceleration(model, F_c), 5e-4, 200)

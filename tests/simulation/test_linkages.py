@@ -190,7 +190,7 @@ def test_accelerations_of_a_linkage_have_its_frequency_response():
 
 @pytest.mark.parametrize("name", POSE)
 @pytest.mark.parametrize("spec", [slow(CONSTRAINED), MINIMAL])
-def test_feed_forward_of_a_linkage_holds_it_and_does_the_work(name: str, spec: ModelSpec):
+def test_linkage_feedforward_balances_and_does_work(name: str, spec: ModelSpec):
     """At rest the holding torque; in motion its power is the change of the rigid robot's energy."""
     model = without(formulate(shipped(name), spec), "d", "f", "fm")
     at = Configuration("c", POSE[name])

@@ -50,7 +50,7 @@ def test_parts_under_another_key_or_damaged_are_not_there(kept: Checkpoint) -> N
     assert sorted(Checkpoint(kept.folder, "one")) == ["refit-0", "start-0", "start-a/b"]
 
 
-def test_a_part_with_a_flipped_bit_is_the_same_or_not_there(kept: Checkpoint) -> None:
+def test_flipped_bit_never_changes_a_part(kept: Checkpoint) -> None:
     """Most flips of a digit leave valid JSON and another number, with which a resumed fit would end elsewhere."""
     path = kept.folder / "start-0.json"
     content = path.read_bytes()

@@ -28,7 +28,7 @@ def some_reference():
     return Reference(AWAY, 8.0, 2, *columns, np.linspace(0, 1, 10))
 
 
-def test_a_movement_is_a_table_with_a_row_for_each_sample(tmp_path):
+def test_movement_table_has_row_per_sample(tmp_path):
     """Time 0 where the periods begin; newtons and metres for an input that translates."""
     write_run(tmp_path / "a.csv", some_reference(), ("motor 1", "motor 2"), ("motor 2",))
     heading, *lines = csv.reader((tmp_path / "a.csv").read_text().splitlines())
@@ -49,7 +49,7 @@ def test_a_movement_is_a_table_with_a_row_for_each_sample(tmp_path):
     np.testing.assert_allclose(numbers[:, 1:], np.column_stack(columns), rtol=1e-8)
 
 
-def test_records_are_read_one_configuration_at_a_time_in_the_order_measured(tmp_path):
+def test_records_are_read_by_configuration_in_order(tmp_path):
     """Names that HDF5 would read as paths included."""
     configurations = [Configuration(name, [0.0]) for name in ("z", "a/b", "..")]
     written = [
@@ -80,7 +80,7 @@ def test_axes_are_dimension_scales_with_units_and_names(tmp_path):
         assert G.dtype == np.complex128
 
 
-def test_a_write_that_fails_leaves_the_old_file_and_no_other(tmp_path):
+def test_failed_write_keeps_old_file(tmp_path):
     """Killed half-way, the file of before is untouched."""
     path = tmp_path / "records.h5"
     record = Record("a", Configuration("c", [0.0]), 0, 0, 1.0, 2, ("u",), ("y",), ("position",), *[np.ones((4, 1))] * 2)
@@ -97,7 +97,7 @@ def test_a_write_that_fails_leaves_the_old_file_and_no_other(tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_time_and_frequency_are_in_samples_where_the_rate_is_not_known(tmp_path) -> None:
+def test_unknown_rate_gives_samples_as_unit(tmp_path) -> None:
     """Units of the signals are those of their places."""
     signals = [np.ones((4, 2))] * 2
     places, motions = ("motor 1", "slide"), ("position", "position")
@@ -112,7 +112,7 @@ def test_time_and_frequency_are_in_samples_where_the_rate_is_not_known(tmp_path)
         assert group["u"].dims[0][0] == group["time_s"]
 
 
-def test_covariances_of_a_large_file_stay_in_it_and_go_to_workers_by_their_place(tmp_path, monkeypatch):
+def test_large_covariances_stay_in_file_for_workers(tmp_path, monkeypatch):
     """A task of one configuration is smaller by its covariances, a search takes none along, and bits are the same."""
     rng, model = np.random.default_rng(0), plant((0, 1, 2))
     known = with_covariance(model, rng)

@@ -75,7 +75,7 @@ MODELS = (
 )
 
 
-def test_a_comparison_of_other_responses_or_a_damaged_one_is_not_there(tmp_path):
+def test_foreign_or_damaged_comparison_is_none(tmp_path):
     path = tmp_path / "compare.json"
     assert read_comparison(path, STAMP) is None
     write_comparison(path, Comparison(("a", "b"), MODELS, ""), STAMP)

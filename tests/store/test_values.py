@@ -168,7 +168,7 @@ def test_any_value_without_arrays_comes_back_from_json(branch) -> None:
     assert same(from_json(json.loads(json.dumps(json_value(branch, or_text), allow_nan=False)), Branch), branch)
 
 
-def test_summaries_have_null_in_place_of_numbers_that_are_not_finite() -> None:
+def test_summaries_have_null_for_nonfinite_numbers() -> None:
     """NumPy's numbers and arrays are plain ones."""
     value = {"a": np.float64(0.5), "b": (math.nan, math.inf), "c": np.array([1, 2]), "d": np.bool_(True)}
     assert json.dumps(json_value(value)) == '{"a": 0.5, "b": [null, null], "c": [1, 2], "d": true}'
@@ -215,7 +215,7 @@ def test_entries_are_named_and_axes_are_those_around_them(tmp_path) -> None:
 
 
 @pytest.mark.slow
-def test_any_damage_under_a_checksum_that_fits_ends_in_a_sentence_or_a_value(tmp_path) -> None:
+def test_damage_with_valid_checksum_is_refused_or_harmless(tmp_path) -> None:
     """Members and attributes that are missing, of other types, lengths and shapes, and counts beyond their data."""
     path = tmp_path / "tree.h5"
     write_artefact(path, "tree", STAMP, {"tree": (some_tree(), Tree)})

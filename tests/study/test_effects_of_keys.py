@@ -16,7 +16,7 @@ from elastid.robot import Anchor, Body, Joint, Loop, Pin, Placement, Rod
 from elastid.study import load
 
 
-def test_the_other_axis_of_a_pin_is_in_the_axes_of_the_second_body() -> None:
+def test_second_pin_axis_is_in_second_body() -> None:
     """A bar whose frame is turned by 90 deg about x closes the same loop; its y axis is the other body's z axis."""
     inertia = (0.64, 0.0, 0.64)
     bar = Body(
@@ -41,7 +41,7 @@ def test_the_other_axis_of_a_pin_is_in_the_axes_of_the_second_body() -> None:
     np.testing.assert_allclose(G[0], G[1], atol=1e-9 * np.abs(G[1]).max())
 
 
-def test_motor_coupling_of_a_variant_lets_rotors_turn_about_their_own_axes_only(tmp_path: Path) -> None:
+def test_variant_motor_coupling_limits_rotors_to_own_axis(tmp_path: Path) -> None:
     """The robot of the variant has no motor that rides on a body."""
     (tmp_path / "robot.yml").write_text(ROBOT)
     (tmp_path / "study.yml").write_text(STUDY)

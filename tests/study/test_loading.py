@@ -120,7 +120,7 @@ def test_each_mistake_has_one_sentence_at_its_place(tiny: Path, old: str, new: s
     assert "Input should" not in rest
 
 
-def test_a_start_that_no_inertia_can_have_is_told_before_anything_is_measured(tiny: Path) -> None:
+def test_impossible_inertia_start_is_refused_before_measuring(tiny: Path) -> None:
     """At the parameter's line; beside the two others of the robot's file it is the one at fault."""
     edited(tiny, "inertia: 1e-3\n", "inertia: [1e-3, 1e-3, 1e-3]\n", "robot.yml")
     (error,) = errors(edited(tiny, "d_1: {}", "I_load_zz: {start: 5}"))
@@ -226,9 +226,7 @@ def test_the_schema_is_json_with_units_and_closed_sections() -> None:
 
 
 @pytest.mark.parametrize(("motion", "given"), [("rotation", "28.6"), ("translation", "150")])
-def test_a_joint_without_limits_far_beyond_what_robots_do_was_given_in_another_unit(
-    tiny: Path, motion: str, given: str
-) -> None:
+def test_excessive_joint_speed_suggests_another_unit(tiny: Path, motion: str, given: str) -> None:
     """Degrees taken for rad, millimetres for m; a joint that really goes there says so by its limits."""
     overrides = [f"experiment.configurations.a=[{given}]", "experiment.simulated.truth={}"]
     edited(tiny, "        limits: {angle: [-90 deg, 90 deg]}\n", f"        motion: {motion}\n", "robot.yml")
@@ -242,7 +240,7 @@ def test_a_folder_in_place_of_a_study_is_told_apart(tiny: Path) -> None:
         load(tiny.parent)
 
 
-def test_a_file_that_is_no_robot_is_named_at_the_study(tiny: Path) -> None:
+def test_file_without_robot_is_named_at_study(tiny: Path) -> None:
     """Its own place is given after that."""
     (tiny.parent / "words.txt").write_text("root:x:0:0\n")
     first, second = errors(edited(tiny, "robot: robot.yml", "robot: words.txt"))
@@ -255,7 +253,7 @@ def tolerances_of(study: Path, *overrides: str) -> Tolerances | Literal["exact"]
     return load(study, overrides).study.as_robot().tolerances
 
 
-def test_a_simulated_rig_is_its_file_unless_its_truth_changes_a_number_that_the_fit_holds(tiny: Path) -> None:
+def test_simulated_rig_is_file_except_fixed_truth(tiny: Path) -> None:
     """A stiffness is no such number, nor is an inertia that is identified."""
     assert tolerances_of(tiny) is None
     wrong = "experiment.simulated.truth={k_1: 60, I_load: 1.1e-3}"

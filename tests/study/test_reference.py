@@ -55,7 +55,7 @@ def test_the_schema_shows_the_texts() -> None:
     assert f"{KEYS['MultisineSpec', 'period'].text} in s, or a text with a unit: s, ms, us, min, h." in period
 
 
-def test_a_key_is_explained_by_its_path_or_by_its_end() -> None:
+def test_key_is_explained_by_path_or_end() -> None:
     """Text, type with unit, default and the keys below, with names and numbers as a study has them."""
     for path in ("excitation.band_hz", "fit.starts", "fit.parameters.<name>.start", "fit.parameters.<name>.tie"):
         key = next(key for key in PLACES if key.path == path)
@@ -94,7 +94,7 @@ def test_a_misspelt_key_has_a_nearest_one(asked: str, nearest: str) -> None:
         explain(asked)
 
 
-def test_without_a_key_the_sections_are_listed_in_the_order_of_a_study() -> None:
+def test_sections_are_listed_in_study_order() -> None:
     """Each with its text; every shipped study keeps that order."""
     order = [line.split()[0] for line in overview().splitlines() if re.match(r"  \w", line)]
     assert sorted(order) == sorted(names_in(Study))

@@ -69,7 +69,7 @@ def test_python_control_reads_the_response_back(model: FittedRobot, tmp_path: Pa
     assert std == pytest.approx(dict(model.result.std), nan_ok=True)
 
 
-def test_matlab_file_holds_state_space_and_idfrd_and_is_read_back(model: FittedRobot, tmp_path: Path) -> None:
+def test_matlab_file_has_state_space_and_idfrd(model: FittedRobot, tmp_path: Path) -> None:
     """ss within 1e-9 without loops, 1e-8 with them; the fields of an idfrd to the last digits."""
     data, script = write_matlab(tmp_path, model)
     content = loadmat(data, squeeze_me=False, struct_as_record=True)

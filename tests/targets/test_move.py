@@ -77,7 +77,7 @@ def test_c_interpolates_as_python_does(tmp_path: Path) -> None:
     np.testing.assert_allclose(u, move.torque)
 
 
-def test_a_trajectory_of_ros_and_a_mat_file_hold_the_samples(tmp_path: Path) -> None:
+def test_ros_trajectory_and_mat_file_have_samples(tmp_path: Path) -> None:
     """Times from the first sample, rising; names as they are."""
     move = tuned()
     write_move(tmp_path, move)

@@ -63,7 +63,7 @@ def test_every_export_has_the_numbers_of_the_fit(model: FittedRobot, tmp_path: P
         assert found == {name: pytest.approx([part for part in row if np.isfinite(part)]) for name, row in free.items()}
 
 
-def test_fitted_responses_have_the_deviation_that_is_due_to_the_parameters(tmp_path: Path) -> None:
+def test_fitted_responses_have_parameter_std(tmp_path: Path) -> None:
     """In MATLAB half of the variance of each real component."""
     content = loadmat(write_matlab(tmp_path, EXACT)[0])
     covariance = np.moveaxis(content["fitted"][0, 0]["CovarianceData"][..., 0, 0], 2, 0)

@@ -16,7 +16,7 @@ def test_draws_scatter_as_the_fit_says() -> None:
     np.testing.assert_allclose(np.std(np.log(draws.values), axis=0), STD, rtol=0.25)
 
 
-def test_a_robot_has_the_numbers_of_its_draw_and_those_that_a_doubt_moves() -> None:
+def test_sampled_robot_has_numbers_of_draw() -> None:
     """A mass, which takes the parameters with it; besides, they scatter as the fit says."""
     doubt = ModelErrorFactor(np.array([0.3, -0.2, 0.0, 0.1]), ("m_fore",), (0.1,), (True,))
     estimated = replace(result().at(np.array([0.4, -0.9])).estimated, doubts=(doubt,))
@@ -28,7 +28,7 @@ def test_a_robot_has_the_numbers_of_its_draw_and_those_that_a_doubt_moves() -> N
             assert robot.parameters()[name][0] == pytest.approx(numbers[name])
 
 
-def test_the_same_seed_gives_the_same_robots_and_what_nothing_reaches_is_held() -> None:
+def test_same_seed_gives_same_robots_and_fixed_rest() -> None:
     """An infinite variance is no draw."""
     own = result()
     C = own.covariance.copy()

@@ -86,7 +86,7 @@ def test_extremes_of_the_response_are_found_between_the_lines() -> None:
 
 
 @pytest.mark.parametrize("name", ["manutec", "linkage_arm constrained"])
-def test_numbers_of_the_robots_file_widen_a_map_as_they_widen_each_posture(name: str) -> None:
+def test_robot_tolerances_widen_map_as_postures(name: str) -> None:
     """Masses, centres, lengths and zeros of axes within their tolerances; lengths of a loop move its joints."""
     fitted = fitted_model(name)
     robot = replace(fitted.model.robot, tolerances=Tolerances())
@@ -107,7 +107,7 @@ def test_numbers_of_the_robots_file_widen_a_map_as_they_widen_each_posture(name:
         np.testing.assert_allclose(slopes, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
 
 
-def test_a_map_in_pieces_keeps_the_order_of_postures_with_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_map_in_pieces_keeps_order(monkeypatch: pytest.MonkeyPatch) -> None:
     """Springs far too soft for the weight stretched out; hanging down the robot rests. Columns in files, one sample."""
     own = result()
     place = [own.parameters.free_names.index(name) for name in ("k_1", "k_2")]
@@ -133,7 +133,7 @@ def test_a_cut_without_direction_size_or_coefficient_is_none(wrong: dict[str, An
         Cut(**wrong)
 
 
-def test_a_frame_whose_origin_no_spring_moves_has_frequencies_and_no_softest_direction() -> None:
+def test_motionless_frame_has_frequencies_and_no_direction() -> None:
     hub = replace(robot(), frames=(Frame("hub", "upper"),))
     mapped = map_workspace(replace(result(), robot=hub), np.array([[0.2, 0.9], [-0.2, 0.1]]))
     assert np.all(mapped["frequency_1"].value > 1)

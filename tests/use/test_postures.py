@@ -31,7 +31,7 @@ def test_poses_that_some_posture_has_are_reached_within_the_limits(name: str) ->
     np.testing.assert_allclose(there.position, poses.position[found], atol=2e-6)
 
 
-def test_a_path_of_angles_or_poses_is_read_in_its_units(tmp_path: Path) -> None:
+def test_path_of_angles_or_poses_has_its_units(tmp_path: Path) -> None:
     """Degrees by the name of the column; semicolons, tabs and decimal commas; a pose out of reach is numbered."""
     path = tmp_path / "path.csv"
     path.write_text("2 (deg);1;note\n90;0,5;0\n", encoding="utf-8")
@@ -63,7 +63,7 @@ def test_a_path_of_angles_or_poses_is_read_in_its_units(tmp_path: Path) -> None:
         ("x,y,z,rx\n1,0,0,0\n", "rx"),
     ],
 )
-def test_a_file_that_is_no_path_is_refused_with_the_reason(tmp_path: Path, text: str, place: str) -> None:
+def test_invalid_path_is_refused_with_reason(tmp_path: Path, text: str, place: str) -> None:
     path = tmp_path / "path.csv"
     path.write_text(text, encoding="utf-8")
     with refused("use/path", "files/table", "use/unreachable", holds=place):
@@ -82,7 +82,7 @@ def test_a_grid_fills_the_workspace_evenly() -> None:
 
 
 @pytest.mark.slow
-def test_random_postures_of_a_linkage_are_closed_and_none_is_about_to_fold_over() -> None:
+def test_random_linkage_postures_close_without_folding() -> None:
     """As a single posture is judged; some of those that are drawn are refused."""
     own = fitted_model("irb4400_linkage minimal").model.robot
     for angles in random_postures(own, 25, 1):

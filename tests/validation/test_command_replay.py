@@ -26,7 +26,7 @@ def best(result: Replay) -> tuple[str, float]:
     return (doubts[0].quantity, doubts[0].value) if doubts else ("", 1.0)
 
 
-def test_correct_model_is_better_than_trivial_predictors_and_raises_no_doubt(motion: CommandedMotion) -> None:
+def test_correct_model_beats_trivial_predictors(motion: CommandedMotion) -> None:
     """Within 0.6 mrad, of which half a sample of the simulated drives is most; the fitted delay is (f + kd) / kp."""
     result = replay(CommandedJoint().robot, motion)
     (joint,) = result.joints
@@ -87,7 +87,7 @@ def test_octaves_divide_the_error_of_the_still_joint() -> None:
 
 
 @pytest.mark.slow
-def test_quadruped_replayed_at_the_wrong_clock_is_named_as_factor_2_5() -> None:
+def test_quadruped_at_wrong_clock_has_factor_2_5() -> None:
     """Real logs of 12 joints: a regression on log 0 predicts log 7 to 6 mrad; at 2 ms for 5 ms hardly the command."""
     logs = [read_command_log(measured(f"{QUADRUPED}/log_{i}.npz"), NAMES) for i in (0, 7)]
     robot = robot_of_commands(logs[0])

@@ -121,7 +121,7 @@ def compared(robot: Robot, **models: tuple[int, float, tuple[float, ...]]) -> Co
     return rank(CONFIGURATIONS, [ComparedVariant(name, robot, FitSpec(), EXACT) for name in models], refits)
 
 
-def test_the_model_with_the_smallest_misfit_is_first_and_qaic_is_in_units_of_the_best_fit(robot: Robot) -> None:
+def test_smallest_misfit_ranks_first_with_scaled_qaic(robot: Robot) -> None:
     """c = V / dof of the best fit, here 2: a cost 100 higher with one parameter less is 50 - 2."""
     found = compared(robot, lean=(4, 2092.0, (3, 3.2, 2.9, 3)), own=(5, 1990.0, (2, 2.1, 1.9, 2)))
     assert [row.name for row in found.rows] == ["own", "lean"]
@@ -135,7 +135,7 @@ def test_the_model_with_the_smallest_misfit_is_first_and_qaic_is_in_units_of_the
     assert "own predicts left-out configurations best (1.41 sigma rms)" in found.verdict
 
 
-def test_a_model_within_the_standard_error_cannot_be_distinguished_and_the_simplest_is_named(robot: Robot) -> None:
+def test_simplest_model_within_standard_error_is_named(robot: Robot) -> None:
     """Better in two configurations, worse in two; or worse by less than a thousandth in all."""
     for misfit in ((2.2, 1.8, 2.1, 1.95), (2.001,) * 4):
         verdict = compared(robot, lean=(4, 2000.0, misfit), own=(5, 1990.0, (2.0, 2.0, 2.0, 2.0))).verdict
@@ -168,7 +168,7 @@ def test_parameters_that_a_model_lacks_are_fixed_at_their_starts(robot: Robot) -
     assert fix(FitSpec(), robot, ["k_9"]).parameters.keys() == {p.name for p in choose(FitSpec(), robot).free}
 
 
-def test_a_fit_of_a_variant_is_to_the_parameters_that_it_has(robot):
+def test_variant_fit_has_its_own_parameters(robot):
     """None is left: refused, as an empty list would mean every stiffness."""
     lean = stiffened(robot, ["2x"])
     both = FitSpec(parameters={"k_2x": ParameterSpec(), "k_1": ParameterSpec()})
@@ -187,7 +187,7 @@ def responses(robot) -> list[Response]:
 SPEC = FitSpec(starts=1, parameters={"k_2x": ParameterSpec()}, weights=WeightSpec(model_error=0.0))
 
 
-def test_a_refit_predicts_the_configurations_that_it_was_not_fitted_to(robot: Robot, responses: list[Response]) -> None:
+def test_refit_predicts_left_out_configurations(robot: Robot, responses: list[Response]) -> None:
     """|E|^2 / sigma^2 is 1 for the true model, 1 + 1 / 0.02^2 / 100 or more for responses a tenth larger."""
     scaled = [*responses[:2], replace(responses[2], G=1.1 * responses[2].G)]
     task = (ComparedVariant("own", robot, SPEC, EXACT), ("c",))

@@ -112,7 +112,7 @@ def test_the_true_twin_is_off_by_the_noise(measured: tuple[SimulatedRig, Record]
     assert run.tracking_bandwidth_hz == pytest.approx(0.4)
 
 
-def test_bristles_and_a_record_without_a_period_are_followed_from_their_start(
+def test_bristles_and_aperiodic_record_are_simulated(
     measured: tuple[SimulatedRig, Record],
 ) -> None:
     """LuGre's law under the torque, from the middle of a motion on: friction has slid so for long."""
@@ -127,7 +127,7 @@ def test_bristles_and_a_record_without_a_period_are_followed_from_their_start(
     assert errors(once)[MOTION] < 0.2
 
 
-def test_a_twin_that_is_too_fast_is_said_to_be_lost(measured: tuple[SimulatedRig, Record]) -> None:
+def test_fast_divergence_is_called_lost(measured: tuple[SimulatedRig, Record]) -> None:
     """Stiff friction takes more steps in a sample than are affordable; without a rate nothing is simulated."""
     _, record = measured
     assert simulate_record(replace(record, has_rate=False), arm(), BAND_HZ) == ()

@@ -35,7 +35,7 @@ def natural(seed: int, softened: float = 0.0, days: tuple[float, ...] = (0.0,), 
 
 
 @pytest.mark.parametrize("days", [(0.0,), (0.0, 180.0), (0.0, 90.0, 180.0)])
-def test_robots_and_dates_that_differ_as_they_do_are_not_named(days):
+def test_typical_scatter_of_fleet_is_not_reported(days):
     """Stds of 0.03 % beside 1.5 % between robots: 5 % of fleets at most, where z by the fits alone names seven of 8.
 
     Where no robot has a third date, the others' changes say what dates differ by.
@@ -43,7 +43,7 @@ def test_robots_and_dates_that_differ_as_they_do_are_not_named(days):
     assert np.mean([bool(find_changes(natural(seed, days=days), 0.05)) for seed in range(60)]) <= 0.05
 
 
-def test_a_gear_that_is_a_tenth_soft_is_named_among_robots_that_differ() -> None:
+def test_soft_gear_is_reported_in_varied_fleet() -> None:
     """Of 8 robots, in 95 % of fleets, and hardly another with it."""
     findings = [find_changes(natural(seed, softened=0.1), 0.05) for seed in range(100)]
     assert np.mean([any((f.robot, f.parameter) == ("r2", "k_1") for f in each) for each in findings]) >= 0.95
@@ -68,7 +68,7 @@ def test_a_softer_gear_and_a_drift_are_found_and_named() -> None:
     assert drifting.z == pytest.approx(np.log1p(drifting.change) / (0.01 * np.sqrt(2)), rel=0.1)
 
 
-def test_one_odd_robot_of_three_does_not_make_the_others_odd() -> None:
+def test_one_odd_robot_leaves_others_unreported() -> None:
     """Two of a kind are the fleet."""
     three = [FleetValue(f"r{i}", 0.0, "k_1", 54.0 if i == 2 else 60.0 + 0.01 * i, 0.05) for i in range(3)]
     assert [finding.robot for finding in find_changes(three, 0.05)] == ["r2"]

@@ -19,7 +19,7 @@ FLAT = np.full((240, 1, 1), 10.0 + 0j)
 
 @given(shift_deg=st.floats(-170, 170), gain_db=st.floats(-20, 20), seed=st.integers(0, 99))
 @settings(deadline=None, max_examples=30)
-def test_gain_and_phase_errors_are_found_apart_whatever_the_phase_of_the_response(shift_deg, gain_db, seed):
+def test_gain_and_phase_errors_are_separate(shift_deg, gain_db, seed):
     """A factor 10^(g/20) exp(j phi) on the model is |g| dB and |phi| degrees rms, also across the wrap at 180."""
     rng, shape = np.random.default_rng(seed), (50, 2, 2)
     G = 10 ** rng.uniform(-0.5, 1.5, shape) * np.exp(2j * np.pi * rng.random(shape))
@@ -31,7 +31,7 @@ def test_gain_and_phase_errors_are_found_apart_whatever_the_phase_of_the_respons
     assert np.isnan(judged.rms_sigma).all()  # without a covariance
 
 
-def test_lines_below_two_sigma_do_not_count_in_magnitude_and_phase():
+def test_lines_below_two_sigma_do_not_count():
     """A model that is absurd exactly where |Ghat| < 2 sigma has no error elsewhere."""
     G = FLAT.copy()
     G[:60] = 1.0
@@ -74,7 +74,7 @@ def test_an_element_that_the_model_decouples_has_a_finite_error():
 
 
 @pytest.mark.parametrize(("gain", "is_passed"), [(1.03, True), (1.06, False)])
-def test_a_configuration_is_judged_as_left_out_where_others_were_fitted(gain, is_passed):
+def test_fitted_others_make_configuration_a_validation(gain, is_passed):
     """Its name is in the verdict then alone; half as much again as the error of the others, 2 %, is allowed."""
     G = two_inertias(*BENCH, 0.002)
     both = response(1.02 * G), replace(response(gain * G), configuration=Configuration("c2", np.zeros(1)))

@@ -83,7 +83,7 @@ def runs_of(record: FrictionRecord, controller: CascadeSpec | None) -> tuple[Log
     return compare_friction_logs(robot, (joint,), FrictionRecords((record,)), controller, Execution()).runs
 
 
-def test_a_twin_of_another_mass_moves_as_the_log_that_shows_its_friction(record):
+def test_simulation_with_other_mass_follows_log(record):
     """By its torque beside a slow loop, and by its reference; the regression of a motion explains it as another log."""
     by_torque, by_reference = runs_of(record, CASCADE)
     for run, most in ((by_torque, (0.003, 0.003, 0.02)), (by_reference, (0.001, 0.001, 0.01))):
@@ -116,7 +116,7 @@ def test_simulation_along_a_slow_log_takes_its_steps() -> None:
     assert true_plant(stiff, spec, 100.0, start, is_free=True).loop.rate_hz == 100.0
 
 
-def test_a_twin_that_its_controller_cannot_hold_is_said_to_be_lost(record: FrictionRecord) -> None:
+def test_uncontrollable_simulation_is_called_lost(record: FrictionRecord) -> None:
     """A velocity gain beyond what the sampled loop bears."""
     _, followed = runs_of(record, CascadeSpec(30.0, 2e4))
     assert followed.lost.startswith("motor 1 ")

@@ -48,7 +48,7 @@ def test_modes_of_a_right_model_are_found_with_their_shapes() -> None:
     assert np.median(found.mac) > 0.98
 
 
-def test_a_mode_that_the_model_lacks_is_named_with_its_motors() -> None:
+def test_unmodelled_mode_is_named_with_motors() -> None:
     (own,) = measured_modes(measured(1.0))
     (note,) = own.notes
     assert note.code == "validation/missing-mode"

@@ -23,7 +23,7 @@ from elastid.validation.residual_tests import (
 
 
 @pytest.mark.parametrize("scatter", [slow(0.0), 0.7])
-def test_white_residuals_are_called_coloured_as_often_as_the_test_says(scatter):
+def test_white_residuals_have_stated_false_alarm_rate(scatter):
     """100 draws, of a level that is known or scatters from line to line: 5 % below 0.05, 1 % below 0.01."""
     rng = np.random.default_rng(0)
     p = np.array(
@@ -74,7 +74,7 @@ def test_nothing_is_tested_where_nothing_is_known():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("n_y", "n_u", "dof"), [(2, 2, 1), slow(3, 2, 4), slow(6, 6, 3)])
-def test_power_over_a_covariance_of_few_degrees_of_freedom_is_beyond_chance_as_often_as_the_test_says(n_y, n_u, dof):
+def test_covariance_power_test_has_stated_false_alarm_rate(n_y, n_u, dof):
     """200 draws of errors and their scatter, of noise on each output that grows with the fourth power of frequency."""
     rng, freq_hz = np.random.default_rng(0), np.linspace(1.0, 40.0, 40)
     std = (freq_hz / 40)[:, None, None] ** 2

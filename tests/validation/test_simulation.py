@@ -16,7 +16,7 @@ from elastid.validation.friction_simulation import friction_balances
 from elastid.validation.log_comparison import DRY, INERTIA, MOTION, VISCOUS, ComparedSignal, LogSimulation
 
 
-def test_orthogonal_parts_have_their_power_as_share_and_the_octave_without_a_part_is_left() -> None:
+def test_orthogonal_contributions_have_their_power_fraction() -> None:
     """Amplitudes 4, 2 and 1 at 3, 6 and 20 Hz: 16, 4 and 1 of 21; the model lacks the last."""
     (_, middle, fast), found = waves(), balance()
     assert found.fractions == pytest.approx((16 / 21, 4 / 21))
@@ -33,7 +33,7 @@ def test_orthogonal_parts_have_their_power_as_share_and_the_octave_without_a_par
     np.testing.assert_allclose(found.torque_sum((DRY, VISCOUS)), middle, atol=1e-12)
 
 
-def test_half_of_the_force_of_a_real_axis_is_friction_and_a_thousandth_is_left() -> None:
+def test_real_axis_has_half_friction_and_small_remainder() -> None:
     """Inertia 50 %, viscous friction 24 %, dry friction 27 % of the mean square; above 2.5 Hz all is inertia."""
     data = loadmat(measured(EMPS))
     record = FrictionRecord("log", "1", "motion", 1e3, data["qm"].ravel(), 35.1507 * data["vir"].ravel(), slides=True)
@@ -50,7 +50,7 @@ def test_half_of_the_force_of_a_real_axis_is_friction_and_a_thousandth_is_left()
     assert all(band.unexplained_fraction < 0.005 for band in found.bands)
 
 
-def test_the_error_of_a_signal_is_over_the_signal_about_its_mean() -> None:
+def test_signal_error_is_relative_to_its_variation() -> None:
     """10 % off at 6 Hz, all of 20 Hz missing."""
     slow, middle, fast = waves()
     signal = ComparedSignal(MOTION, "motor 1", "rad", slow + middle + fast + 7.0, slow + 0.9 * middle + 7.0)

@@ -55,7 +55,7 @@ def test_stages_before_the_gears_know_whether_they_follow(
 
 
 @pytest.mark.slow
-def test_k_and_d_are_those_of_the_gears_and_the_linear_fit_stands_beside_them(folder: Path) -> None:
+def test_gears_summary_replaces_k_and_d_and_keeps_linear_fit(folder: Path) -> None:
     """k within 0.1 %, d within 2 %; a misfit is one no more."""
     content = summary(folder)
     assert content["status"] == "converged"
@@ -131,7 +131,7 @@ def test_exports_have_the_effects_that_they_can_carry(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_fit_that_is_made_again_takes_the_gears_with_it(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_repeated_fit_removes_outdated_gear_result(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """summary.json is the linear fit's until the gears are laid open again; without the section it stays so."""
     arguments = [str(STUDY), "--run", str(folder), "-q"]
     cli.run_command(["run", *arguments, "fit"])
@@ -144,7 +144,7 @@ def test_a_fit_that_is_made_again_takes_the_gears_with_it(folder: Path, capfd: p
 
 
 @pytest.mark.slow
-def test_lost_motion_is_found_where_the_file_of_the_robot_has_it_already() -> None:
+def test_lost_motion_is_identified_beside_backlash_of_robot_file() -> None:
     """About rest within the gap of the file, k shows in no response: the search starts from straight springs."""
     gear = Gear(gap=1e-4, loose=0.3)
     measured, spec = records(gear, seed=1, experiments=4), EstimatorSpec(friction="none", transient_periods=0)

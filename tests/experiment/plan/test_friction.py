@@ -31,7 +31,7 @@ def test_the_fastest_pass_fills_the_window() -> None:
     assert fastest_speed(replace(LIMITS, turn=0.6, window=(0.0, 0.5))) == 0
 
 
-def test_the_window_or_the_speed_that_a_refusal_gives_has_room():
+def test_window_or_speed_of_refusal_is_accepted():
     """Three digits of the speed, four of the window; not much more speed, hardly less window."""
     limits = replace(LIMITS, velocity=9.0)
     with refused("friction/plan", place=".window", holds=("motor 2 at 4 rad/s", "the window is 1.2.")) as caught:
@@ -44,7 +44,7 @@ def test_the_window_or_the_speed_that_a_refusal_gives_has_room():
             planned_pass(least, 1, replace(limits, window=window))
 
 
-def test_every_pass_stays_in_the_window_and_covers_a_turn_at_its_speed() -> None:
+def test_run_stays_in_window_and_covers_turn_at_speed() -> None:
     """Velocity constant between the marks, there and back; position within the window, at rest where it began."""
     for planned in plan_passes(SPEEDS, 1, LIMITS, 0):
         reference = pass_reference(planned, LIMITS, 500.0)
@@ -60,7 +60,7 @@ def test_every_pass_stays_in_the_window_and_covers_a_turn_at_its_speed() -> None
         assert len(reference.position) / 500.0 == pytest.approx(pass_time(planned, LIMITS), rel=0.02, abs=0.02)
 
 
-def test_the_order_is_random_and_the_same_for_a_seed_with_references_between() -> None:
+def test_run_order_is_random_by_seed_with_references_between() -> None:
     plan = plan_passes(SPEEDS, 2, LIMITS, 3, reference_every_s=60.0)
     assert plan == plan_passes(SPEEDS, 2, LIMITS, 3, reference_every_s=60.0)
     speeds = [one.speed for one in plan if not one.is_reference]

@@ -23,7 +23,7 @@ def _plan(configurations: dict[str, tuple[float, ...]], realisations: int = 2, s
     return make_plan(EXCITATION, experiment, arm(), seed)
 
 
-def test_plan_has_as_many_experiments_per_realisation_as_motors_and_knows_its_time() -> None:
+def test_plan_has_n_u_experiments_per_realisation_and_duration() -> None:
     """Q M n_u runs of transient and measured periods between ramps of half a second."""
     plan = _plan({"a": (0.0, 0.0), "b": (0.1, 0.2)})
     assert plan.R.shape == (2, 2, 2, len(plan.lines), 2)
@@ -35,7 +35,7 @@ def test_plan_has_as_many_experiments_per_realisation_as_motors_and_knows_its_ti
     assert plan.freq_hz[-1] <= 60.0
 
 
-def test_a_further_configuration_or_realisation_leaves_the_others_as_they_were() -> None:
+def test_further_configuration_or_realisation_keeps_the_others() -> None:
     """Phases depend on seed, configuration and realisation alone, and differ between them."""
     small, large = _plan({"a": (0.0, 0.0)}, 2), _plan({"a": (0.0, 0.0), "b": (0.1, 0.2)}, 4)
     np.testing.assert_array_equal(small.R[0], large.R[0, :2])
@@ -46,7 +46,7 @@ def test_a_further_configuration_or_realisation_leaves_the_others_as_they_were()
 
 
 @pytest.mark.parametrize("flat", ["position", "velocity", "acceleration"])
-def test_a_motion_that_is_to_be_flat_is_flat_and_low_where_a_resonance_may_be(flat: Any) -> None:
+def test_flat_motion_is_flat_and_low_near_resonance(flat: Any) -> None:
     """Amplitude times the largest response within 10 % is the same at all lines; no line of the motion is above it."""
     machine = arm()
     loop_of = closed_loop_of(machine, SimulatedSpec().controller, 500.0)
@@ -63,7 +63,7 @@ def test_a_motion_that_is_to_be_flat_is_flat_and_low_where_a_resonance_may_be(fl
     assert np.all(motion(1.0).max(axis=0) > 0.9 * level[0])
 
 
-def test_a_motion_without_the_response_of_the_closed_loop_is_refused() -> None:
+def test_flat_motion_without_closed_loop_response_is_refused() -> None:
     with refused("excitation/power", place="excitation"):
         make_plan(replace(LIMITED, torque_rms=50.0, flat="position"), experiment(), arm(), 0)
 

@@ -34,9 +34,7 @@ from elastid.record import Configuration
     cycles=st.integers(1, 2),
 )
 @settings(deadline=None, max_examples=24)
-def test_a_movement_is_the_integral_of_its_velocity_and_periodic_in_its_periods(
-    kind: Any, ramp: float, hold: float, cycles: int
-) -> None:
+def test_movement_is_integral_of_velocity_and_periodic(kind: Any, ramp: float, hold: float, cycles: int) -> None:
     """Position, velocity, acceleration agree; ends at rest; every period's velocity is the last one's."""
     size = {"amplitude": 0.02} if kind == "sine" else {"velocity": (0.05, -0.1)}
     excitation = replace(EXCITATION, torque_rms=1.0, period=2.0, band_hz=(5.0, 60.0))
@@ -80,7 +78,7 @@ def test_derivatives_of_a_sampled_motion_are_of_sixth_order() -> None:
     ],
     ids=lambda carrier: "rest" if carrier is None else carrier.kind,
 )
-def test_the_feed_forward_torque_is_that_of_the_movement_at_every_sample(carrier: CarrierSpec | None) -> None:
+def test_feedforward_torque_equals_movement_at_every_sample(carrier: CarrierSpec | None) -> None:
     """Though it is worked out once for all samples at rest, and for one cycle of a carrier."""
     plan = make_plan(replace(EXCITATION, torque_rms=1.0, band_hz=(5.0, 60.0)), experiment(ramp=0.25), arm(), 0)
 
@@ -92,7 +90,7 @@ def test_the_feed_forward_torque_is_that_of_the_movement_at_every_sample(carrier
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
 
 
-def test_a_square_wave_is_filtered_and_leaves_the_analysed_lines_free() -> None:
+def test_filtered_square_wave_leaves_analysed_lines_free() -> None:
     """The ideal wave behind a Butterworth filter of second order without its phase, as scipy has it."""
     excitation = replace(EXCITATION, torque_rms=1.0, period=10.0, band_hz=(0.9, 60.0), grid="odd-random")
     plan = make_plan(excitation, experiment(), arm(), 0)
@@ -121,7 +119,7 @@ def test_a_carrier_that_leaves_a_joints_limits_is_refused(carrier: CarrierSpec) 
                 check_movement(carrier, replace(plan, configurations=(posture,)), arm())
 
 
-def test_a_carrier_of_other_motors_or_on_excited_lines_is_refused() -> None:
+def test_carrier_on_other_motors_or_excited_lines_is_refused() -> None:
     plan = make_plan(replace(EXCITATION, torque_rms=1.0), experiment(), arm(), 0)
     check_movement(CarrierSpec(0.01, cycles=int(plan.lines[0]) - 1), plan, arm())
     for wrong in (CarrierSpec(0.01, cycles=int(plan.lines[0])), CarrierSpec((0.1, 0.1, 0.1))):

@@ -49,7 +49,7 @@ def test_levels_of_the_rig_are_those_of_the_law() -> None:
     np.testing.assert_array_equal(again.torque, records[3].torque)
 
 
-def test_loops_stay_stuck_and_the_joint_at_rest_is_a_spring() -> None:
+def test_presliding_loops_stay_stuck_and_act_as_spring() -> None:
     """Small torques bend the bristles by torque over sigma_0; rest records have whole periods without the first."""
     small = FrictionSpec(
         rate_hz=500.0,
@@ -74,7 +74,7 @@ def test_loops_stay_stuck_and_the_joint_at_rest_is_a_spring() -> None:
 WARM = replace(LAW, temperature=TemperatureDependence(20.0, viscous=1.0e-3, decay=15.0))
 
 
-def test_a_warm_up_follows_its_heat_and_takes_viscous_friction_away() -> None:
+def test_warm_up_follows_heat_and_lowers_viscous_friction() -> None:
     """T rises towards P / h with C / h, P is the work of the motor; the log has both at each test."""
     heat = HeatSpec(conductance=0.5, time_constant=600.0, ambient=20.0, start=22.0, thermometer_std=0.5)
     spec = FrictionSpec(rate_hz=500.0, constant_velocity=PASSES, warm_up=WarmUpSpec(1.0, time=1800.0, test_every=600.0))

@@ -72,7 +72,7 @@ def linear(robot: Robot, freq_hz: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("kind", "left"), [("pd", 1.0), ("cascade", 0.0)])
-def test_a_cascade_leaves_no_error_under_a_constant_torque_and_pd_leaves_torque_over_kp(kind: str, left: float) -> None:
+def test_cascade_removes_load_error_and_pd_leaves_torque_over_kp(kind: str, left: float) -> None:
     """A ripple so slow that it is a constant torque pushes; the velocity loop's integral takes it up."""
     push = 3.0
     ripple = TorqueRippleSpec(push / 80.0, 1, phase=math.pi / 2 - 80 * ARM[0])
@@ -87,7 +87,7 @@ def test_a_cascade_leaves_no_error_under_a_constant_torque_and_pd_leaves_torque_
     np.testing.assert_allclose((record.y[-1, 0] - ARM[0]) * kp / push, left, atol=0.03)
 
 
-def test_torque_is_clipped_at_its_limit_and_the_record_says_how_often() -> None:
+def test_torque_is_clipped_at_limit_and_counted() -> None:
     """Gravity takes 112 Nm; with 40 Nm rms of multisine a limit of 180 Nm is met now and then, and never exceeded."""
     limits = Limits(torque=180.0)
     record = rig(arm(limits), SimulatedSpec(saturation=True), rms=40.0).measure(plan(40.0).experiments[0])
@@ -173,7 +173,7 @@ def test_friction_is_loaded_by_what_its_joint_holds() -> None:
     np.testing.assert_allclose(loads, [expected[law.place] for law in sliding.laws], rtol=1e-3)
 
 
-def test_without_friction_the_response_tends_to_the_linear_one_with_the_square_of_the_amplitude() -> None:
+def test_response_without_friction_converges_with_square_of_amplitude() -> None:
     """Gravity bends with the angle; what is even in it misses the odd lines, so the error falls as amplitude^2."""
     least, _ = departure(arm(), 2.0, None)
     errors = [departure(arm(), rms, least)[1] for rms in (800.0, 400.0, 200.0)]
@@ -183,7 +183,7 @@ def test_without_friction_the_response_tends_to_the_linear_one_with_the_square_o
 
 
 @pytest.mark.parametrize("kind", ["coulomb", slow("lugre")])
-def test_with_friction_the_response_tends_to_the_linear_one_with_friction_over_amplitude(kind: str) -> None:
+def test_response_with_friction_converges_with_friction_over_amplitude(kind: str) -> None:
     """A joint that slides under its carrier: half the friction is half the error, for static and dynamic friction."""
 
     def robot(level: float) -> Robot:

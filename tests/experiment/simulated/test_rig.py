@@ -84,7 +84,7 @@ def test_the_closed_loop_measures_the_linear_plant_exactly() -> None:
     assert (np.abs(G - expected).max(axis=(1, 2)) / np.abs(expected).max(axis=(1, 2))).max() < 2e-6
 
 
-def test_the_acceleration_of_a_point_holds_the_images_that_its_record_states() -> None:
+def test_acceleration_of_point_contains_stated_images() -> None:
     """Behind an elastic joint that gravity tilts: as the model has it to 1e-5, and by 7e-4 without them."""
     arm = Body(
         "arm", joints=(Joint("1", "z", Spring(2000, 4), Motor(1e-3, 30)),), mass=5.0, center_of_mass=(0.2, 0, 0),
@@ -131,14 +131,14 @@ def test_a_lost_robot_is_reported_with_configuration_motor_and_time() -> None:
         loop.measure(loop.experiments[0])
 
 
-def test_steps_too_long_for_the_robot_are_refused_with_the_number_needed_and_the_joint() -> None:
+def test_long_steps_are_refused_with_required_number_and_joint() -> None:
     """A stiff light joint or strong friction would make the integrator diverge; the study is refused before."""
     simulated = three_axes(SimulatedSpec(substeps=1, truth={"k_3x": 2e8}))
     with refused("experiment/simulated", place="experiment.simulated.substeps", holds="joint 3x"):
         simulated.measure(simulated.experiments[0])
 
 
-def test_the_log_of_a_whole_run_holds_the_record_in_its_measured_periods() -> None:
+def test_log_of_whole_run_contains_record_in_measured_periods() -> None:
     """To the last bit, noise included."""
     simulated = three_axes(SimulatedSpec(noise=NOISE))
     run = simulated.experiments[0]

@@ -31,7 +31,7 @@ def first_of_demo(change: Callable[[Robot], Robot], seed: int) -> tuple[Modifica
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 3])
-def test_a_load_beyond_a_linear_step_is_found_where_the_file_has_tolerances(seed: int) -> None:
+def test_large_load_is_identified_despite_tolerances(seed: int) -> None:
     """5 kg at the end of the demo's fore arm of 75 kg are the first cause; mass within 0.5 kg, place within 60 mm."""
     load = Payload(5.0, (0.9, 0.1, 0.15), 0.05, "fore_arm")
     first, robot = first_of_demo(lambda robot: replace(robot, payload=load), seed)
@@ -46,7 +46,7 @@ def test_a_load_beyond_a_linear_step_is_found_where_the_file_has_tolerances(seed
 
 
 @pytest.mark.parametrize(("noise", "floor"), [slow(0.02, 0.045), slow(0.05, 0.0), (0.05, 0.045)])
-def test_a_missing_torsion_is_named_where_v_does_not_show_it(noise: float, floor: float) -> None:
+def test_missing_torsion_is_named_if_v_hides_it(noise: float, floor: float) -> None:
     """V is 1.13 to 1.36 of its expectation, a stiffness ten of its deviations off; the spring is right to 5 %."""
     case = faulty("missing torsion")
     spec = replace(SPEC, weights=WeightSpec(model_error=floor))

@@ -49,7 +49,7 @@ def driven(freq_hz: np.ndarray, hold: ZohTorque | None, late: float = 0.0) -> Re
 
 
 @pytest.mark.parametrize("late", [0.0, 7e-4])
-def test_images_as_large_as_the_response_are_those_of_the_estimate(late: float) -> None:
+def test_large_images_equal_images_of_estimate(late: float) -> None:
     """Exact lines up to 0.45 of the rate at which the torque is held: the stiffness to 1e-5."""
     held = driven(np.arange(4.0, 450.0, 4.0), HELD, late)
     result = identify([held], plant(80.0), replace(SPEC, parameters=FREE | {"delay": ParameterSpec()}))
@@ -70,7 +70,7 @@ def test_fit_with_wrong_hold_names_the_correct_hold(taken: ZohTorque | None, act
     assert result.indices[0].steps[0] == pytest.approx(0.5e-3 * late, rel=0.1)
 
 
-def test_quantities_and_forms_of_lateness_are_what_they_are_to_first_order() -> None:
+def test_quantities_and_delay_forms_equal_first_order() -> None:
     """Differentiated once more and once less is as before, twice is once again; a low pass is a delay."""
     at = SimpleNamespace(part=SimpleNamespace(kernel=SimpleNamespace(freq_hz=LINES / 1.0)))
     once, twice, less, least = (partial(reading.change, at) for reading in quantities((), np.zeros(0)))
@@ -80,7 +80,7 @@ def test_quantities_and_forms_of_lateness_are_what_they_are_to_first_order() -> 
     assert [as_delay(name) for name in ("delay_1", "low_pass_1", "k_1")] == ["delay_1", "delay_1", "k_1"]
 
 
-def test_a_channel_in_another_unit_is_named_by_its_factor_and_pays_for_stiffnesses_far_from_the_start() -> None:
+def test_channel_unit_is_named_by_factor_far_from_start() -> None:
     """Degrees for radians, from half the stiffness: 2 ln(1 + (ln 2 / 0.5)^2) of the odds, Cauchy's prior of ln k."""
     (response,) = responses_of(plant(), {"c1": (0.0,)}, np.random.default_rng(1), LINES[::2] * RATE_HZ / N)
     spec = FitSpec(parameters={"k_1": ParameterSpec(), "d_1": ParameterSpec()}, starts=1)

@@ -21,7 +21,7 @@ def fitted(case: Case) -> Result:
     return identify(drawn(case, np.random.default_rng(0), 0.005), case.robot, SPEC)
 
 
-def test_a_held_number_moves_a_parameter_as_predicted_and_nothing_warns(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fixed_number_moves_parameter_as_predicted_without_warning(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three of its errors per deviation move the parameter by three, and the fit is as fine as the true one."""
     found, tests = [], []
 
@@ -49,7 +49,7 @@ def test_a_held_number_moves_a_parameter_as_predicted_and_nothing_warns(monkeypa
 
 
 @pytest.mark.slow
-def test_a_pedestal_that_no_response_shows_is_within_the_total_with_a_base() -> None:
+def test_unseen_pedestal_is_within_total_with_base() -> None:
     """120 times as stiff as the gear: k_1 is off by several of its own std, and by less than two with a usual base."""
     k, (upper, fore) = 3e4, arm().bodies
     pedestal = Joint("post", "y", Spring(120 * k, 1e-4 * 120 * k))
@@ -69,7 +69,7 @@ def test_a_pedestal_that_no_response_shows_is_within_the_total_with_a_base() -> 
         assert math.log(result.values[name] / true) == pytest.approx(stated, rel=rel)
 
 
-def test_the_stiffness_from_which_on_a_base_is_hidden_is_where_it_moves_by_an_interval() -> None:
+def test_hidden_base_stiffness_shifts_by_one_interval() -> None:
     """There the gear is off by 1.96 std; of gears ten times as stiff, on a base as stiff as one of steel on a floor."""
     file = arm()
     heavy = file.with_parameters({n: 10 * v for n, (v, _) in file.parameters().items() if n[0] in "mIkdJf"})

@@ -86,9 +86,7 @@ def test_missing_spring_is_named_beside_a_delay_of_the_torques() -> None:
 
 @example(seed=0, decades=[-8.0, 0.0, 0.0], room=1.0)
 @given(seed=st.integers(0, 10**6), decades=st.lists(st.floats(-4, 4), min_size=3, max_size=3), room=st.floats(0.01, 10))
-def test_what_is_freed_is_that_of_least_squares_whatever_the_units_of_what_is_free(
-    seed: int, decades: list[float], room: float
-) -> None:
+def test_freed_parameters_equal_least_squares_in_any_units(seed: int, decades: list[float], room: float) -> None:
     """Of a linear problem of five columns, two of them held, one by one or together within limits that are priors."""
     rng = np.random.default_rng(seed)
     J, raw = rng.standard_normal((50, 5)) * 10.0 ** np.array([*decades, 0, 0]), rng.standard_normal(50)
@@ -144,7 +142,7 @@ def test_a_point_mass_is_found_with_its_place() -> None:
 
 
 @given(load=st.floats(0.1, 20.0), place=st.tuples(*[st.floats(-1.0, 1.0)] * 3))
-def test_a_body_with_a_load_has_the_centre_and_the_inertia_of_both(load: float, place: tuple[float, ...]) -> None:
+def test_body_with_load_has_joint_centre_and_inertia(load: float, place: tuple[float, ...]) -> None:
     """The inertia about its centre by Steiner's theorem: of the reduced mass at the distance of the two."""
     rho, entries = np.array(place), ("xx", "yy", "zz", "xy", "xz", "yz")
     names = [*(f"c_arm_{a}" for a in "xyz"), *(f"I_arm_{e}" for e in entries), "I_arm"]
@@ -222,7 +220,7 @@ def test_every_cause_is_explained_and_has_its_plant() -> None:
 
 
 @pytest.mark.slow
-def test_a_mass_beyond_its_tolerance_is_named_though_the_fit_converged() -> None:
+def test_mass_beyond_tolerance_is_named_in_converged_fit() -> None:
     """The fore arm is 30 % lighter than its file: data move it there, and the sentence says so."""
     case = true_case()
     heavy = case.robot.with_parameters({"m_fore": 1.4 * case.robot.parameters()["m_fore"][0]})

@@ -85,7 +85,7 @@ def test_another_size_at_the_tool_is_told_from_another_reading(held: str, stated
         assert compared.rms_log_db == pytest.approx(20 * np.log10(abs(factor)), abs=0.1)
 
 
-def test_another_spring_at_the_tool_is_neither_a_size_nor_a_reading() -> None:
+def test_softer_tool_spring_is_no_scale_and_no_misreading() -> None:
     """A tenth softer than that of the motors, whose number stays."""
     result = fitted_with_force("acceleration", "acceleration", 1.0, softer=0.9)
     assert result.tool.disagrees > result.tool.is_misread

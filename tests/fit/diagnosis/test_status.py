@@ -49,7 +49,7 @@ def test_one_line_beyond_the_noise_is_no_misfit() -> None:
     assert result.status == "converged"
 
 
-def test_each_number_has_a_verdict_and_the_status_is_that_of_what_is_wanted() -> None:
+def test_numbers_have_verdicts_and_status_follows_focus() -> None:
     """Gear ratios 1 % off turn the gears' springs, and leave that of the first link alone: a study of it converges."""
     case = faulty("gear ratio 1 % wrong")
     data = drawn(case, np.random.default_rng(0))
@@ -109,7 +109,7 @@ def test_what_the_tolerances_absorb_together_is_said_with_its_size(factor: float
 
 
 @pytest.mark.parametrize(("std", "is_beyond"), [(2.0, False), (4.6, True)])
-def test_numbers_within_their_tolerances_that_move_a_stiffness_together_are_seen(std: float, is_beyond: bool) -> None:
+def test_joint_tolerance_shift_of_stiffness_is_detected(std: float, is_beyond: bool) -> None:
     """Each number off its file by what moves k_2 most: at 4.6 std none by 4 tolerances, their rms by chance."""
     true = identify(measured(), FILE, OF_SHEET)
     n, C = len(true.parameters.of_interest), true.covariance
@@ -123,7 +123,7 @@ def test_numbers_within_their_tolerances_that_move_a_stiffness_together_are_seen
     assert [note.place for note in result.notes if note.code == "fit/tolerances"] == ["k_2"] * is_beyond
 
 
-def test_numbers_that_ratios_move_beyond_their_tolerances_count_as_one_each() -> None:
+def test_numbers_moved_by_ratios_count_once() -> None:
     """All 1.3 tolerances off, with variances of 26 tolerances squared by scattering ratios: within chance."""
     true = identify(measured(), FILE, OF_SHEET)
     n, s = (
@@ -142,7 +142,7 @@ def test_motors_exchanged_in_one_configuration_are_named_with_it() -> None:
     assert {*re.findall(r"motor \d|c\d", first.name)} == {"motor 1", "motor 2", "c0"}
 
 
-def test_the_torque_constant_is_what_narrows_an_interval_that_it_makes() -> None:
+def test_torque_constant_is_remedy_for_its_interval() -> None:
     """A joint whose inertias are sought: 5 % of its torque constant are +-9.8 % of all, which noise alone is not."""
     joint = Joint("1", spring=Spring(64.0, damping=0.014), motor=Motor(1.2e-3, viscous=2e-3))
     load, known = Body("load", joints=(joint,), inertia=8e-4), Tolerances(torque_constant=0.05)

@@ -54,7 +54,7 @@ def loops(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> No
         ("motor 1", "accelerometer tool x"),
     ],
 )
-def test_cost_gradient_and_normal_matrix_are_those_of_the_stacked_residuals(covariance, criterion, outputs):
+def test_cost_gradient_and_hessian_equal_stacked_residuals(covariance, criterion, outputs):
     """Springs with dampers, rotors with friction, a mass under gravity, a centre of mass, the delay and lags.
 
     Symmetric responses, outputs in another order, not collocated or an accelerometer that tilts; a mask that
@@ -186,7 +186,7 @@ def same(first, second, x) -> bool:
 
 
 @pytest.mark.slow
-def test_sums_of_workers_are_those_of_one_process_also_by_other_models(responses):
+def test_sums_of_workers_equal_one_process_for_other_models(responses):
     """At two points, and after the models have moved on; of fewer configurations, too."""
     here, x = fit_at(responses), parameters().x
     there = replace(here, home=home_of(responses, Execution(2)))
@@ -204,7 +204,7 @@ def test_sums_of_workers_are_those_of_one_process_also_by_other_models(responses
 
 
 @pytest.mark.slow
-def test_weights_of_several_processes_are_those_of_one_and_know_their_responses(responses):
+def test_weights_of_workers_equal_one_process(responses):
     """The smoothed covariance as well; of a response that cannot be weighed the first in order is named."""
     here, there = (each_at_home(partial(weigh, spec=NO_FLOOR), responses, home) for home in (HERE, Execution(2)))
     for one, other in zip(here, there, strict=True):

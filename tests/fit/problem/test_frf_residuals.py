@@ -119,7 +119,7 @@ def test_the_slope_of_a_residual_is_its_difference_quotient(kind: ResidualKind) 
     np.testing.assert_allclose(difference(kind, G + step, G) / step, error_gain(kind, G), rtol=1e-6)
 
 
-def test_the_distance_to_the_optimum_of_a_parabola_is_in_standard_deviations() -> None:
+def test_distance_to_optimum_of_parabola_is_in_std() -> None:
     """V = 4 (x - 3)^2 + dof at x = 5: the standard deviation is 1 / 2, twice that where V is four times its dof."""
     dof, offset = 10, 2.0
     for cost, expected in ((10.0, 4.0), (40.0, 2.0)):

@@ -81,14 +81,14 @@ def test_intervals_hold_with_a_factor_drawn_anew(size: float) -> None:
     assert np.all((rms > 0.7) & (rms < 1.25))
 
 
-def test_an_error_formed_of_a_noisy_response_is_that_of_the_model() -> None:
+def test_error_from_noisy_response_equals_model_error() -> None:
     """z G^2 of the measured G is correlated with its noise; that of the model is exact."""
     G, exact = frequency_response(plant(), plant().theta_ref, FREQ), data(0, 0.01, 1.0)
     formed = replace(exact, bias=exact.bias * (exact.G / G) ** 2)
     np.testing.assert_allclose(with_modelled_bias(formed, G).bias, exact.bias, rtol=1e-9)
 
 
-def test_systematic_errors_are_those_of_the_model_at_the_end_of_the_fit() -> None:
+def test_systematic_errors_are_evaluated_at_final_model() -> None:
     """From stiffnesses 10 % off a fit ends within 0.01 standard deviations of one from the truth, in the same errors.
 
     Errors of the response at the start would differ from these by nearly their own size, and the ends with them.

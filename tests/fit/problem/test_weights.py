@@ -47,7 +47,7 @@ def test_weights_from_few_degrees_of_freedom_are_unbiased_and_steady(dof, true):
     assert inner.std() < 1.6 / np.sqrt(24)
 
 
-def test_the_floor_adds_to_the_variance_which_is_never_below_the_noise():
+def test_model_error_adds_to_variance_above_noise():
     """sigma^2 = v + (floor |G|)^2, v that of the periods where two realisations agree by chance."""
     chance = replace(response(0.01), total=Covariance(response(1e-4).noise.variance, 3.0))
     for measured, floor in ((response(0.01), 0.05), (chance, 0.0)):
@@ -55,7 +55,7 @@ def test_the_floor_adds_to_the_variance_which_is_never_below_the_noise():
         np.testing.assert_allclose(weights.sigma[:, 0, 0], np.sqrt(0.01 + (floor * np.abs(G)) ** 2))
 
 
-def test_an_element_that_is_no_more_than_noise_is_left_out_with_a_word():
+def test_element_below_noise_is_discarded_with_note():
     """An axis that does not couple is exactly zero in a model, noise in a measurement; a weak one with a peak stays."""
     rng = np.random.default_rng(5)
     measured = response(1.0, outputs=("motor 1", "joint 1", "joint 2"))
@@ -123,7 +123,7 @@ def loss(found, C):
 
 @pytest.mark.parametrize("C", [OUTPUTS, OUTPUTS + TORQUE, 0.01 * OUTPUTS + TORQUE, FOLLOWING])
 @pytest.mark.parametrize("dof", [2, 6])
-def test_noise_of_outputs_and_torques_is_known_from_two_degrees_of_freedom_a_line(C, dof):
+def test_noise_model_is_estimated_from_two_degrees_of_freedom(C, dof):
     """The loss is that of 60 and more degrees of freedom of each line (n^2 / (2 dof) each), weights are unbiased."""
     rng = np.random.default_rng(0)
     found = [smooth_noise(response_smoothed_noise(rng, C, dof)).covariance[:, :2, :2] for _ in range(10)]
@@ -149,7 +149,7 @@ WHITE_ANGLE = OUTPUTS * (FREQ_SMOOTHED_NOISE / np.median(FREQ_SMOOTHED_NOISE))[:
 
 
 @pytest.mark.parametrize("C", [WHITE_ANGLE + TORQUE, FOLLOWING, np.sqrt(FOLLOWING)])
-def test_estimates_from_two_realisations_scatter_by_at_most_1_1_of_the_cramer_rao_bound(C):
+def test_estimates_of_two_realisations_reach_1_1_cramer_rao(C):
     """Torque noise through G and white angle noise; errors in proportion to the gain and to its root."""
     rng, bound = np.random.default_rng(5), scatter(C, np.kron(np.ones((2, 2)), C) * np.kron(np.eye(2), np.ones((2, 2))))
     weighed = (smooth_noise(response_smoothed_noise(rng, C, 1)).covariance for _ in range(8))
@@ -167,7 +167,7 @@ def test_a_line_that_is_really_noisier_keeps_its_own_level():
     assert np.all(power[np.r_[76:80, 81:85]] > 0.5)
 
 
-def test_the_measured_covariance_is_corrected_for_its_part_in_its_own_weight():
+def test_measured_covariance_is_corrected_for_self_influence():
     """E[tr(C~^-1 S)] as corrected is that of errors that the weights have not seen, with a floor or without."""
     rng, C = np.random.default_rng(3), OUTPUTS + TORQUE
     for floor in (0.0, 0.3):
@@ -203,7 +203,7 @@ def test_smooth_noise_of_other_values_is_computed_again():
     assert not np.allclose(other.variance, first.variance, rtol=1e-3)
 
 
-def test_whitening_by_the_factors_of_the_noise_is_that_of_the_whole_covariance():
+def test_factored_whitening_equals_whole_covariance():
     """Factored and full whitening agree; noise of unused lines has no effect."""
     one = response_smoothed_noise(np.random.default_rng(6), OUTPUTS + TORQUE, 6)
     smooth, sigma, used = smooth_noise(one).smooth, np.ones(one.G.shape), FREQ_SMOOTHED_NOISE > 10

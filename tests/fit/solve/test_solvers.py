@@ -202,7 +202,7 @@ def wavy() -> LeastSquares:
     return problem(parameters, residual)
 
 
-def test_the_hit_rate_counts_the_starts_that_reached_the_best_cost():
+def test_converged_starts_count_those_at_best_cost():
     """Starts in the valley of w = 20 are hits, others end in optima of their own."""
     starts = np.log([[20.0], [21.0], [19.0], [45.0], [70.0]])
     ranked, hits = multistart([wavy()], starts)

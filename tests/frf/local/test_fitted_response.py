@@ -45,7 +45,7 @@ def periodic(closed: bool, s: float) -> Quality:
     return quality
 
 
-def test_periods_have_the_coherence_of_one_in_open_and_in_closed_loop() -> None:
+def test_coherence_is_one_in_open_and_closed_loop() -> None:
     """1 / (1 + s^2), behind feedback that halves u 1 / (1 + 4 s^2); noise of the transient adds 25 %, at most 35 %."""
     s = 0.3
     quality = periodic(False, s)
@@ -60,7 +60,7 @@ def test_periods_have_the_coherence_of_one_in_open_and_in_closed_loop() -> None:
     assert 1 < np.mean(quality.input_noise) / (s**2 / 4) < 1.35
 
 
-def test_a_richer_model_widens_the_variance_where_it_differs_and_has_a_useful_variance() -> None:
+def test_richer_local_model_adds_useful_variance() -> None:
     """Ten standard deviations apart, g = 50: (1 + 49 * 2) times; nothing of one with 10^4 times the variance."""
     rng, k = np.random.default_rng(0), np.arange(60)
     R = np.exp(2j * np.pi * rng.random((2, len(k), 1)))
@@ -80,7 +80,7 @@ def test_a_richer_model_widens_the_variance_where_it_differs_and_has_a_useful_va
         np.testing.assert_allclose((total.right / fitted.total.right)[:, 0, 0], ratio)
 
 
-def test_the_residual_of_local_fits_is_chi_square_with_its_degrees_of_freedom() -> None:
+def test_local_residual_is_chi_square_with_stated_dof() -> None:
     """2 scatter / variance of each output has 2 dof real ones: Kolmogorov and Smirnov, and its mean to 2 %."""
     rng = np.random.default_rng(1)
     bins, n_u, n_z, E = 3000, 2, 3, 2

@@ -52,9 +52,7 @@ def _polynomial(n_y: int, n_u: int, rng: np.random.Generator, degree: int = 2) -
     n_y=st.integers(1, 4), n_u=st.integers(1, 4), E=st.integers(1, 3), P=st.integers(1, 3), seed=st.integers(0, 10**6)
 )
 @settings(deadline=None, max_examples=15)
-def test_one_experiment_of_any_number_of_inputs_gives_a_polynomial_response(
-    n_y: int, n_u: int, E: int, P: int, seed: int
-) -> None:
+def test_one_experiment_gives_polynomial_response_for_all_inputs(n_y: int, n_u: int, E: int, P: int, seed: int) -> None:
     """Any n_y, n_u and number of experiments, fewer than inputs too; the transient beside or between the lines."""
     rng = np.random.default_rng(seed)
     G = _polynomial(n_y, n_u, rng)
@@ -123,7 +121,7 @@ def test_noise_and_nonlinear_distortion_are_told_apart_from_one_realisation() ->
     assert ratio == pytest.approx(1 + distortion**2 / (1.1 * from_noise), rel=0.15)
 
 
-def test_records_of_unequal_length_and_a_drifting_position_give_one_response() -> None:
+def test_unequal_records_with_drift_give_one_response() -> None:
     """From rest, three and five periods, acceleration from a position that gains from end to end: -70 dB as a rule.
 
     Single draws scatter from -66 to -94 dB: where the phases leave a line near a resonance with little input.
@@ -165,7 +163,7 @@ def test_too_few_lines_are_refused() -> None:
         local_response([few], LPM, LINES[:12])
 
 
-def test_records_of_different_length_are_cut_for_a_local_method_or_refused() -> None:
+def test_records_of_unequal_length_are_cut_or_refused() -> None:
     """A note for a little, a refusal whose remedy, h1, works for much."""
     spec = EstimatorSpec(method="local_rational", quantity="velocity", band_hz=(5.0, 80.0))
     a, b, c = (noise_record(n, i, noise=0.1, realisation=i) for i, n in enumerate((2000, 2040, 900)))

@@ -109,7 +109,7 @@ def test_the_solution_is_that_of_the_whole_matrix(hangs_on, n_rest, seed, dampin
 
 
 @pytest.mark.parametrize("off", [0.0, 1e-14, 1e-9, 1e-4])
-def test_a_line_on_the_resonance_of_an_undamped_motor_costs_no_digits(off):
+def test_line_on_undamped_resonance_loses_no_digits(off):
     """The motor alone resonates at a line, the robot does not."""
     rng = np.random.default_rng(1)
     M, D, K = system(rng, [0, 1], 4, damping=0.0)

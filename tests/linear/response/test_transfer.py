@@ -30,7 +30,7 @@ def test_high_frequency_response_is_that_of_the_rotors(configuration):
     np.testing.assert_allclose(G[::2, ::2], np.diag(1 / np.diag(model.M)[motors]), rtol=1e-4, atol=1e-7)
 
 
-def test_low_frequency_response_without_gravity_is_that_of_the_rigid_robot():
+def test_low_frequency_response_equals_rigid_robot():
     """Without gravity and dissipation to ground, f -> 0: G -> (M + M_m)^-1 of the rigid robot, with error f^2."""
     robot = replace(arm(), gravity=(0.0, 0.0, 0.0))
     names = robot.parameters()
@@ -106,7 +106,7 @@ def discretised(model: LinearModel, freq_hz: np.ndarray, delay: float) -> np.nda
 @pytest.mark.parametrize(
     ("resonance_hz", "edge_hz", "tolerance"), [(25, 60, 1e-8), (25, 225, 1e-6), (50, 225, 1e-6), (200, 60, 3e-7)]
 )
-def test_images_make_the_response_that_of_the_held_and_sampled_plant(
+def test_images_give_response_of_held_sampled_plant(
     resonance_hz: float, edge_hz: float, tolerance: float, delay: float
 ) -> None:
     """To 1e-8 of the largest G of an output at an eighth of the rate, 1e-6 at 0.45, where images alone are 100 %."""

@@ -195,7 +195,7 @@ BAGS = [write_bag_folder, write_mcap_file]
 
 
 @pytest.mark.parametrize("write", [*WRITERS, *BAGS])
-def test_every_format_gives_the_same_record_in_si_on_the_link_side(
+def test_formats_give_same_record_in_si_link_side(
     write: Callable[[Path, dict[str, np.ndarray]], ExperimentSpec], tmp_path: Path, log: dict[str, np.ndarray]
 ) -> None:
     """Current * constant * ratio, motor angle / ratio (which is negative), signs, scales, units, order of channels."""
@@ -224,7 +224,7 @@ def test_every_format_gives_the_same_record_in_si_on_the_link_side(
         (write_bag_folder, ros_bag.opened),
     ],
 )
-def test_a_file_holds_the_same_here_and_in_the_process_that_reads(
+def test_file_reads_equal_here_and_in_reader_process(
     write: Callable[[Path, LogArrays], ExperimentSpec], opened: Any, tmp_path: Path, log: LogArrays
 ) -> None:
     """Names, shapes, units, rates and values, whole and in pieces."""
@@ -248,7 +248,7 @@ def test_a_file_holds_the_same_here_and_in_the_process_that_reads(
         (b"\x89MCAP0\r\n", "rosbags.highlevel", "ros"),
     ],
 )
-def test_a_library_that_is_not_installed_is_named_with_the_command_that_installs_it(
+def test_missing_library_is_named_with_install_command(
     start: bytes, module: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "log").write_bytes(start)
@@ -324,7 +324,7 @@ def test_dates_are_seconds_and_missing_values_are_missing(tmp_path: Path) -> Non
         ("", None, ()),
     ],
 )
-def test_a_channel_that_a_matlab_file_does_not_hold_is_named_with_those_it_has(
+def test_missing_matlab_channel_is_named_with_existing_ones(
     name: str, column: int | None, message: str, tmp_path: Path, log: dict[str, np.ndarray]
 ) -> None:
     """Missing, a matrix without a column, a wrong column, a text, a scalar, another length, no name at all."""

@@ -27,9 +27,7 @@ def small_steps(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("count", [1, 6, 7, 8, 20, 21, 22, 64])
 @pytest.mark.parametrize(("end", "last"), [("\n", "\n"), ("\r\n", "\r\n"), ("\n", "")])
 @pytest.mark.usefixtures("small_steps")
-def test_any_part_of_a_large_text_is_that_of_the_text_in_memory(
-    count: int, end: str, last: str, tmp_path: Path
-) -> None:
+def test_part_of_large_text_equals_text_in_memory(count: int, end: str, last: str, tmp_path: Path) -> None:
     table = np.random.default_rng(count).normal(size=(count, 2)).round(6)
     rows = ["Zeit;pos", "s;rad", *(";".join(map(str, row)).replace(".", ",") for row in table.tolist())]
     path, form = tmp_path / "log.csv", TextFormatSpec(";", ",")
@@ -44,7 +42,7 @@ def test_any_part_of_a_large_text_is_that_of_the_text_in_memory(
 
 
 @pytest.mark.usefixtures("small_steps")
-def test_a_wrong_cell_of_a_large_text_is_named_with_its_row(tmp_path: Path) -> None:
+def test_wrong_cell_of_large_text_has_its_row(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("pos\n" + "".join("oops\n" if i in (33, 34, 35) else f"{i}\n" for i in range(60)))
     with opened_log(path, TextFormatSpec()) as log:

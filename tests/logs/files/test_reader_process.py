@@ -35,7 +35,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         pytest.param("nptdms.py", "held = bytearray(1 << 44)\n", "log.tdms", marks=linux),
     ],
 )
-def test_a_reader_that_dies_or_asks_for_endless_memory_takes_nothing_along(folder: Path, module, code, log):
+def test_failing_reader_process_harms_nothing_else(folder: Path, module, code, log):
     """As a bad address ends a compiled reader, and where a library believes a length of 2^44."""
     (folder / module).write_text(code)
     with refused("files/damaged", holds=log):
@@ -54,7 +54,7 @@ def test_a_fault_of_the_program_is_no_damaged_file(folder: Path, monkeypatch: py
         contents(folder / "log.mat", TEXT)
 
 
-def test_no_module_of_the_users_folder_is_loaded_to_read_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_reader_loads_no_module_of_user_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A folder of logs may hold a module of anybody, under the name of NumPy."""
     (tmp_path / "numpy.py").write_text("open('loaded', 'w')\n")
     savemat(tmp_path / "log.mat", {"a": np.arange(5.0)})
@@ -63,7 +63,7 @@ def test_no_module_of_the_users_folder_is_loaded_to_read_a_file(tmp_path: Path, 
     assert not Path("loaded").exists()
 
 
-def test_a_length_that_no_file_has_is_damage_and_no_lack_of_memory(tmp_path: Path):
+def test_impossible_length_is_damage_not_memory(tmp_path: Path):
     """The first record of an MCAP file says that it is 2^62 bytes long: `the study asks for more memory`."""
     for length in (2**62, 2**36):
         record = b"\x01" + length.to_bytes(8, "little")

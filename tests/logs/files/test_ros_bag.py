@@ -35,7 +35,7 @@ def test_a_bag_lists_joints_fields_and_sequences_by_topic(tmp_path: Path, log: L
     np.testing.assert_array_equal(_read(bag, "wrench.wrench.force.z")[:, 0], -np.arange(n))
 
 
-def test_the_time_of_a_topic_is_the_stamp_of_its_messages(tmp_path: Path, log: LogArrays) -> None:
+def test_topic_time_is_stamp_of_messages(tmp_path: Path, log: LogArrays) -> None:
     """Exact to the ns although the stamps count from 1970, and not when the bag received them; else that."""
     bag = write_bag(tmp_path / "bag", log)
     at = np.arange(len(log["i1"])) / RATE
@@ -107,7 +107,7 @@ def test_messages_that_all_come_twice_count_once(tmp_path: Path) -> None:
     np.testing.assert_allclose(gathered(tmp_path, twice, _torque(twice))[:3500], _torque(t), atol=1e-6)
 
 
-def test_joints_that_several_nodes_publish_under_one_topic_have_their_own_time(tmp_path: Path, log: LogArrays) -> None:
+def test_joints_of_several_nodes_have_own_time(tmp_path: Path, log: LogArrays) -> None:
     bag = write_bag(tmp_path / "bag", log, publishers=2)
     found = contents(bag, TEXT)
     assert "joint_states.time" not in found
@@ -115,7 +115,7 @@ def test_joints_that_several_nodes_publish_under_one_topic_have_their_own_time(t
     np.testing.assert_array_equal(_read(bag, "joint_states.effort.elbow")[:, 0], log["i2"])
 
 
-def test_a_folder_that_is_no_bag_and_a_damaged_bag_are_refused(tmp_path: Path, log: LogArrays) -> None:
+def test_folder_without_bag_and_damaged_bag_are_refused(tmp_path: Path, log: LogArrays) -> None:
     (tmp_path / "logs").mkdir()
     with refused("files/missing", holds=("logs", "metadata.yaml")):
         contents(tmp_path / "logs", TEXT)

@@ -48,9 +48,7 @@ def test_columns_without_headings_are_named_as_inspect_names_them(tmp_path: Path
         read_channels(path, [ChannelSpec("u", "motor 1", "column 10", 3)], text)
 
 
-def test_a_text_that_is_not_a_number_is_refused_with_the_line_of_the_file(
-    tmp_path: Path, log: dict[str, np.ndarray]
-) -> None:
+def test_text_in_number_column_is_refused_with_row(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
     """Line 102 of the file is sample 100 after one line of headings; a short line is recognised.
 
     A few such cells are missing samples; more than one in a hundred rows are refused.
@@ -101,7 +99,7 @@ def test_the_format_of_a_text_is_guessed(delimiter: str, decimal: str, encoding:
     assert contents(path, guess_format(path)) == dict.fromkeys(("u", "°C", "yl"), (50,))
 
 
-def test_headings_that_are_given_twice_or_elsewhere_are_not_guessed_at(tmp_path: Path) -> None:
+def test_repeated_or_misplaced_headings_are_not_guessed(tmp_path: Path) -> None:
     """The first of two equal headings was taken in silence, and column with it was not looked at."""
     path = tmp_path / "log.csv"
     path.write_text("x,x,y\n1,2,3\n4,5,6\n")
@@ -148,7 +146,7 @@ def test_separators_of_thousands_are_no_decimals(
         assert log.values(names, slice(None))[0].tolist() == list(values)
 
 
-def test_properties_above_the_data_are_none_of_it_and_times_of_a_scope_have_names(tmp_path: Path) -> None:
+def test_properties_above_data_are_skipped_and_scope_times_named(tmp_path: Path) -> None:
     """The documented form of TwinCAT Scope exports: properties of each channel in rows, times in ms beside each."""
     rows = [
         "Name\tdrive", "File\tC:\\drive.csv", "Starttime of export\t132959733843760000\tMonday\t15:56:24.376", "", "",

@@ -28,9 +28,7 @@ from elastid.logs.repair.resampling import RESAMPLED
 )
 @example(seed=4, level=0.01, q=0.0, transient=3.0)
 @example(seed=16, level=0.01, q=0.0, transient=3.0)
-def test_noise_steps_of_an_encoder_and_a_transient_are_no_spikes(
-    seed: int, level: float, q: float, transient: float
-) -> None:
+def test_encoder_steps_and_transient_are_no_spikes(seed: int, level: float, q: float, transient: float) -> None:
     """White noise of any size, coarse steps, a start that rings: not one sample changes."""
     t = np.arange(4 * N)
     signals = wave(t, seed)
@@ -71,7 +69,7 @@ def test_filled_outliers_give_one_note() -> None:
 
 
 @pytest.mark.parametrize("length", [1, 3, 40])
-def test_zeros_that_a_channel_leaps_to_and_back_from_are_missing_samples(length: int) -> None:
+def test_zeros_between_leaps_are_missing_samples(length: int) -> None:
     """A bus that lost samples of an angle far from 0; those of a torque about 0 stay, and pulses that repeat."""
     signals = 1e-4 * CLEAN + np.array([0.0, 90.0])
     signals[3 * N + 100 : 3 * N + 100 + length] = 0.0
@@ -85,7 +83,7 @@ def test_zeros_that_a_channel_leaps_to_and_back_from_are_missing_samples(length:
     assert not outcome(without_standstill, CLEAN, N)[1]
 
 
-def test_what_stands_in_every_period_or_within_a_count_does_not_hang() -> None:
+def test_periodic_or_quantised_standstill_is_no_dropout() -> None:
     """An excitation with a pause, a joint that rests, a coarse encoder, a short hold and a limit."""
     signals = CLEAN + NOISE
     signals[np.arange(P * N) % N > 375] = 0.0
@@ -97,7 +95,7 @@ def test_what_stands_in_every_period_or_within_a_count_does_not_hang() -> None:
         assert not outcome(without_standstill, coarse, N)[1]
 
 
-def test_clipping_is_counted_and_refused_when_it_is_most_of_a_signal() -> None:
+def test_clipping_is_counted_and_refused_if_frequent() -> None:
     """At 2 rms a word, at 1 rms refused, unclipped and coarse steps nothing."""
     at_two, at_one = (np.clip(CLEAN, -level * CLEAN.std(axis=0), level * CLEAN.std(axis=0)) for level in (2, 1))
     beyond = np.sum(np.abs(CLEAN[:, 1]) > 2 * CLEAN[:, 1].std())
@@ -140,7 +138,7 @@ def test_what_is_filled_never_touches_what_was_measured(gaps: list[tuple[int, in
     assert findings.get(FILLED, 0) == np.sum(~good)
 
 
-def test_a_period_that_lacks_too_much_is_left_out_and_too_little_is_refused() -> None:
+def test_incomplete_period_is_discarded_or_refused() -> None:
     """A tenth of a period; one sample, and three, that no period has; a third of a channel; one period left."""
     signals = CLEAN.copy()
     signals[2 * N + 50 : 2 * N + 101] = np.nan

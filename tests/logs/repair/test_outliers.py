@@ -129,7 +129,7 @@ def test_lost_messages_below_the_limit_of_one_are_replaced_together() -> None:
     assert left < 2
 
 
-def test_step_of_a_log_with_spikes_is_no_fraction_of_it() -> None:
+def test_step_of_log_with_spikes_is_exact() -> None:
     """Of 0.01; among the different values spikes make smaller gaps."""
     damaged = _damaged(_clean(383311, 1e-3, 1e-2, 0.0), "pair", 7, 1e-2, 383311)
     assert step(damaged[:, 1]) == pytest.approx(0.01, rel=1e-6)
@@ -144,7 +144,7 @@ def test_zeros_within_the_noise_of_a_torque_stay() -> None:
 
 @pytest.mark.parametrize("seed", [8, 16, 19])
 @pytest.mark.parametrize(("highest", "width"), [(60, 0.0), (250, 0.05)])
-def test_a_joint_that_turns_back_within_the_transient_is_no_spike(seed: int, highest: int, width: float) -> None:
+def test_reversal_within_transient_is_no_spike(seed: int, highest: int, width: float) -> None:
     """Friction that changes sign for one to three samples in the first period, which begins at rest.
 
     width: of the change of sign, over the standard deviation of the speed.

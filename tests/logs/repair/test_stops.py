@@ -24,7 +24,7 @@ def _stopped(log: dict[str, np.ndarray], first: int, last: int) -> dict[str, np.
     return {name: np.r_[x[:first], rest[name], x[last:]] for name, x in log.items()}
 
 
-def test_a_stop_within_one_period_is_found_named_and_left_out(tmp_path: Path) -> None:
+def test_stop_within_period_is_named_and_discarded(tmp_path: Path) -> None:
     """The third of six periods stops after 60 samples; the others are as they were logged."""
     whole = _log(6)
     record = record_of(tmp_path, _stopped(whole, 460, 600))
@@ -75,7 +75,7 @@ def test_what_follows_a_stop_for_good_is_cut_off(periods: int, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("periods", [3, 6])
-def test_a_log_that_begins_before_the_excitation_keeps_all_its_periods(periods: int, tmp_path: Path) -> None:
+def test_log_from_before_excitation_keeps_all_periods(periods: int, tmp_path: Path) -> None:
     """Rest during 0.7 of the first period is a start, no stop, and later periods show that the period is right."""
     log = {name: np.where(np.arange(periods * N) < 140, 0.0, x) for name, x in _log(periods).items()}
     record = record_of(tmp_path, log)

@@ -50,7 +50,7 @@ UNEVEN = {
 
 @pytest.mark.parametrize("kind", UNEVEN)
 @pytest.mark.slow
-def test_a_signal_within_the_band_is_the_same_on_an_even_grid(kind: str) -> None:
+def test_band_limited_signal_is_equal_on_even_grid(kind: str) -> None:
     """To 1e-4 of its size but near the ends, and the message states the steps and the band."""
     t, rate_hz, highest_hz = UNEVEN[kind]
     log = replace(LOG, findings=Findings())
@@ -84,7 +84,7 @@ def test_a_lower_rate_leaves_frequencies_beyond_its_band_out() -> None:
     np.testing.assert_allclose(repaired[100:-100, 1], np.sin(200 * np.pi * grid)[100:-100], atol=1e-5)
 
 
-def test_a_pause_longer_than_a_block_and_an_empty_channel_stay_missing() -> None:
+def test_long_pause_and_empty_channel_stay_missing() -> None:
     """40 s at 1 kHz, and a channel that was never logged."""
     t = np.cumsum(np.random.default_rng(6).uniform(0.8e-3, 1.2e-3, 20_000))
     t[10_000:] += 40.0
@@ -118,7 +118,7 @@ def test_rounded_stamps_lie_on_an_even_grid(stamps: Callable[[FloatArray], Float
         assert grid[1] == pytest.approx(rate_hz, rel=1e-6)
 
 
-def test_times_that_hold_too_little_are_refused_with_what_to_state() -> None:
+def test_insufficient_times_are_refused_with_remedy() -> None:
     """A rate that the stamps do not have, another unit, a clock that jumps by a year, falls, is missing or stands."""
     t = np.cumsum(np.random.default_rng(4).choice([0.010, 0.012], 2000))
     with refused("records/clock", place="log.csv", holds=("37.5 Hz", "90 Hz", "rate_hz 200", "rate_hz: 83")):
@@ -136,7 +136,7 @@ def test_times_that_hold_too_little_are_refused_with_what_to_state() -> None:
 
 
 @pytest.mark.parametrize("is_set_back", [False, True])
-def test_messages_that_overtake_are_sorted_and_a_clock_set_back_leaves_a_gap(is_set_back: bool) -> None:
+def test_reordered_messages_are_sorted_and_set_back_clock_splits(is_set_back: bool) -> None:
     """Of unknown length, where the clock falls by 3 s."""
     t, rows = np.arange(2000) / 100, np.arange(2000)
     if not is_set_back:
@@ -151,7 +151,7 @@ def test_messages_that_overtake_are_sorted_and_a_clock_set_back_leaves_a_gap(is_
 
 @settings(max_examples=20, deadline=None)
 @given(tau=st.floats(-240, 240), noise=st.sampled_from([0.0, 0.3]))
-def test_the_delay_between_two_logs_is_found_to_a_hundredth_of_a_sample(tau: float, noise: float) -> None:
+def test_delay_between_logs_is_exact_to_hundredth_sample(tau: float, noise: float) -> None:
     """Any delay within half a period, with noise on both."""
     rng = np.random.default_rng(1)
     a, b = wave(np.arange(P * N))[:, 0], wave(np.arange(P * N) - tau)[:, 0]

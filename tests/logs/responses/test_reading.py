@@ -169,9 +169,7 @@ WRITERS = [_matlab, _matlab_with_names_in_hz, _matlab_73, _hdf5, _csv, _csv_in_d
 
 
 @pytest.mark.parametrize("write", WRITERS)
-def test_every_format_gives_the_analytic_plant_in_si_on_the_link_side(
-    write: Callable[[Path], ResponsesSpec], tmp_path: Path
-) -> None:
+def test_formats_give_analytic_plant_in_si_link_side(write: Callable[[Path], ResponsesSpec], tmp_path: Path) -> None:
     """Phase (a delay turns it down), units, sides, signs, quantities, names: not conjugated, not transposed."""
     response = _read(tmp_path, write(tmp_path))
     np.testing.assert_allclose(response.freq_hz, FREQ_HZ, rtol=1e-5 if write is _uff else 1e-14)
@@ -180,7 +178,7 @@ def test_every_format_gives_the_analytic_plant_in_si_on_the_link_side(
     assert (response.quantity, response.noise, said(response.notes)) == ("acceleration", None, ())
 
 
-def test_the_variance_of_a_file_follows_the_units_and_a_stated_one_is_relative(tmp_path: Path) -> None:
+def test_variance_follows_units_and_stated_one_is_relative(tmp_path: Path) -> None:
     """CovarianceData holds real and imaginary part, std of a CSV the complex number: both end at 1 % and 3 % of |G|."""
     G = in_file()
     covariance = np.zeros((2, 2, len(FREQ_HZ), 2, 2))
@@ -198,7 +196,7 @@ def test_the_variance_of_a_file_follows_the_units_and_a_stated_one_is_relative(t
         np.testing.assert_allclose(np.sqrt(response.noise.variance), relative * np.abs(response.G), rtol=1e-10)
 
 
-def test_lines_at_rest_or_not_finite_are_left_out_with_a_word(tmp_path: Path) -> None:
+def test_lines_at_zero_or_not_finite_are_discarded(tmp_path: Path) -> None:
     """A line at 0 Hz has no acceleration; a NaN would spoil the fit."""
     G = in_file()
     G[3, 0, 1] = np.nan
@@ -241,7 +239,7 @@ def _saved(**variables: Any) -> Callable[[Path], ResponsesSpec]:
         (partial(_csv_times, 1e-250), {}, "responses/lines", "frf.csv"),
     ],
 )
-def test_a_file_that_cannot_be_used_is_refused_with_its_content(
+def test_unusable_file_is_refused_with_its_content(
     write: Callable[[Path], ResponsesSpec], changes: dict[str, Any], code: str, holds: Any, tmp_path: Path
 ) -> None:
     """No unit, two responses, none, no frequencies, shapes that disagree, a line twice, a channel too many."""

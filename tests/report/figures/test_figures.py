@@ -223,7 +223,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_figure_draws_the_numbers_of_its_result_and_can_be_read(name: str, monkeypatch: Any) -> None:
+def test_figure_draws_its_numbers_legibly(name: str, monkeypatch: Any) -> None:
     """No text covers another or leaves the figure; the legend has the labels, panels hold their lines."""
     figure, expected = CASES[name]()
     texts = []
@@ -258,12 +258,12 @@ def test_cells_have_their_numbers_where_these_say_something() -> None:
         assert [len([*filter(Text.get_text, axes.texts)]) for axes in case()[0].axes] == counts
 
 
-def test_dates_lie_left_and_right_of_the_name_of_their_robot() -> None:
+def test_dates_are_around_robot_name() -> None:
     x = shown(fleet()[0].axes[0], 0)
     assert np.unique(x["differs or drifts"].round(9)).tolist() == [0.85, 1.15]
 
 
-def test_an_estimate_far_from_the_truth_is_marked_at_the_side_where_it_is() -> None:
+def test_distant_estimate_is_marked_at_its_side() -> None:
     """The others, and their intervals, stay apart on a scale of decades about 0; what has no end is drawn, too."""
     deviation = fit.forest(parameter_rows(fit_result(), TRUTH | {"k_2": 3e4})).axes[1]
     low, high = deviation.get_xlim()

@@ -14,7 +14,7 @@ from elastid.report.page.explorer import curve_scripts, explorer
 from elastid.validation.frf_error import validate
 
 
-def test_the_data_of_twenty_configurations_of_six_axes_stay_below_nine_megabytes():
+def test_twenty_six_axis_configurations_stay_below_nine_megabytes():
     """200 lines of 36 elements each and the model's own, with every curve."""
     freq_hz = np.arange(2.0, 102.0, 0.5)
     frf = [pair(6, name=f"c{i}", seed=i, freq_hz=freq_hz) for i in range(20)]
@@ -170,7 +170,7 @@ def test_the_browser_plays_and_pauses(table):
     assert sticks(page) != held
 
 
-def test_the_browser_moves_nothing_on_its_own_for_those_who_want_it_calm(table):
+def test_page_respects_reduced_motion(table):
     """prefers-reduced-motion: a chosen mode stands at its end until it is played."""
     page = table(reduced_motion="reduce")
     page.locator("tr[data-mode] button").nth(1).click()
@@ -182,7 +182,7 @@ def test_the_browser_moves_nothing_on_its_own_for_those_who_want_it_calm(table):
     assert sticks(page) != held
 
 
-def test_the_page_without_scripts_and_on_paper_has_the_table_alone(table):
+def test_page_without_scripts_has_table_only(table):
     """Plain numbers instead of the buttons; no drawing on paper that was not chosen."""
     page = table(java_script_enabled=False)
     assert page.locator("tr[data-mode] button").count() == 0

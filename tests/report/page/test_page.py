@@ -99,7 +99,7 @@ def test_figures_are_files_only_where_they_are_asked_for(tmp_path):
     assert {path.name for path in tmp_path.rglob("*")} == {"report.html", "figures"}
 
 
-def test_a_report_that_cannot_be_written_leaves_the_last_one_whole(tmp_path, monkeypatch):
+def test_failed_report_keeps_previous_one(tmp_path, monkeypatch):
     """A full disk at the end of a file: the error names it, the old page stays, no half file."""
     page = write_report(small_content(), tmp_path, ())
     before = page.read_bytes()
@@ -159,7 +159,7 @@ def test_where_nothing_could_be_found_the_reason_stands_alone() -> None:
     assert "friction" not in {drawing.name for drawing in drawings(report_content(friction=refused))}
 
 
-def test_the_table_has_value_interval_and_origin_and_marks_what_misses_the_truth() -> None:
+def test_table_has_value_interval_origin_and_misses() -> None:
     friction_page = html_of_friction(study.friction_content(), [])
     rows = re.findall(r"<tr( class=\"marked\")?>(<td>F.*?|<td>f_.*?)</tr>", friction_page)
     cells = [re.findall(r"<td[^>]*>(.*?)</td>", row) for _, row in rows]
@@ -180,7 +180,7 @@ def run() -> LogSimulation:
     )
 
 
-def test_twin_and_torque_come_back_from_their_file_and_are_on_the_page(tmp_path: Path) -> None:
+def test_simulation_and_torque_are_read_and_shown(tmp_path: Path) -> None:
     path, log_comparison = (
         tmp_path / "friction.h5",
         LogComparison((balance(),), (run(), replace(run(), signals=(), lost="fast"))),
@@ -193,12 +193,12 @@ def test_twin_and_torque_come_back_from_their_file_and_are_on_the_page(tmp_path:
     assert "link motion" not in html_of_friction(study.friction_content(), ())
 
 
-def test_the_page_of_an_answer_has_its_figure_as_a_file_and_on_it(tmp_path: Any) -> None:
+def test_answer_page_has_figure_inside_and_as_file(tmp_path: Any) -> None:
     page = write_page_of_answer(Answer("a", ()), Figure, tmp_path / "tune.html", "us")
     assert base64.b64encode((tmp_path / "tune.png").read_bytes()).decode() in page.read_text("utf-8")
 
 
-def test_the_first_screen_names_the_widest_number_unless_the_model_is_wrong() -> None:
+def test_first_screen_names_widest_number_unless_misfit() -> None:
     """And has the sketch where there is a robot."""
     content = replace(report_content(), robot=ARM, modes=(mode_row(),))
     rows = parameter_rows(content.result, TRUTH)

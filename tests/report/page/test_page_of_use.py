@@ -22,7 +22,7 @@ def workspace() -> WorkspaceMap:
     return map_workspace(result(), angles, lines_hz=np.geomspace(2, 80, 50), name="<b>arm</b>")
 
 
-def test_a_map_is_read_as_it_was_written_and_its_table_has_its_numbers(workspace: WorkspaceMap, tmp_path: Path) -> None:
+def test_map_round_trip_has_numbers_of_table(workspace: WorkspaceMap, tmp_path: Path) -> None:
     """HDF5 and CSV."""
     write_map(tmp_path / "map.h5", workspace)
     back = read_map(tmp_path / "map.h5")

@@ -122,7 +122,7 @@ def compare(drawn: dict[str, Any], known: dict[str, Any], quantity: str, output:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("tab", [0, 1])
-def test_every_choice_of_the_explorer_draws_the_numbers_of_the_files(opened, folder, tab):
+def test_explorer_choices_draw_numbers_of_files(opened, folder, tab):
     """Both configurations, each quantity as a matrix and each element alone, logarithmic and linear."""
     opened.locator("#explorer [role=tab]").nth(tab).click()
     known = expected(folder, opened.locator("#explorer [role=tab]").nth(tab).inner_text().split(" (")[0])
@@ -145,7 +145,7 @@ def test_every_choice_of_the_explorer_draws_the_numbers_of_the_files(opened, fol
             compare(plot, known, kind, *divmod(e, 2))
 
 
-def test_every_switch_of_the_legend_takes_its_curve_and_gives_it_back(opened):
+def test_legend_switches_hide_and_show_curves(opened):
     """In the explorer and on the first screen; a phase never crosses the ends of its circle in a line."""
     n_switches = []
     for place in (opened.locator("#explorer"), opened.locator("#worst")):
@@ -182,7 +182,7 @@ def test_the_table_holds_the_numbers_of_the_csv_file(opened, folder):
     assert head.get_attribute("aria-sort") == "ascending"
 
 
-def test_the_modes_of_the_chosen_configuration_are_those_of_the_fit(opened, folder):
+def test_modes_of_chosen_configuration_are_of_fit(opened, folder):
     """One drawing at a time, of the configuration whose tab is chosen; Hz as `result.model` has them."""
     result = read_fit(folder / "fit.h5")
     for tab in range(2):
@@ -202,7 +202,7 @@ def test_the_modes_of_the_chosen_configuration_are_those_of_the_fit(opened, fold
     opened.locator("#mode-viewer button").click()
 
 
-def test_everything_folded_opens_and_every_link_of_the_page_leads_somewhere(opened):
+def test_folded_parts_open_and_links_resolve(opened):
     for i in range(opened.locator("details").count()):
         opened.locator("details summary").nth(i).click()
         assert opened.locator("details").nth(i).evaluate("one => one.open && one.scrollHeight > 40")
@@ -217,7 +217,7 @@ def test_everything_folded_opens_and_every_link_of_the_page_leads_somewhere(open
         assert opened.locator("#worst .title").inner_text() == f"{name}: {element}"
 
 
-def test_the_page_without_its_data_is_small_and_prints_on_few_whole_sheets(opened, folder):
+def test_page_without_data_is_small_and_prints_short(opened, folder):
     """Scripts, styles, tables and texts below 150 kB; no table or drawing is wider than the paper."""
     text = (folder / "report.html").read_text(encoding="utf-8")
     data = re.findall(r'<script type="application/json".*?</script>|<img [^>]*>', text, re.DOTALL)

@@ -22,7 +22,7 @@ from elastid.study.checks import UNUSED
 from elastid.study.robots import yaml_text
 
 
-def test_a_configuration_in_which_loops_do_not_close_is_refused_at_its_line(tmp_path: Path) -> None:
+def test_open_loop_configuration_is_refused_at_its_row(tmp_path: Path) -> None:
     """Before anything is measured: with a rod of half the length the linkage does not even close at its start."""
     linkage, short = CONFIGS / "linkage_arm.yml", tmp_path / "short.yml"
     robot = (CONFIGS / "robots" / "linkage_arm.yml").read_text(encoding="utf-8")

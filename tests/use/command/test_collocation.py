@@ -29,7 +29,7 @@ ELASTIC = Robot("axis", (Body("arm", joints=(AXIS,), inertia=J_l),), frames=(TOO
 @pytest.mark.parametrize(("kind", "order", "load"), [
     ("velocity", 1, 1.0), ("acceleration", 2, 1.0), ("jerk", 3, 1.0), ("torque", 2, J_l + J_m),
 ])  # fmt: skip
-def test_the_first_duration_is_a_tenth_more_than_a_rigid_axis_needs(kind: str, order: int, load: float) -> None:
+def test_first_duration_exceeds_rigid_need_by_tenth(kind: str, order: int, load: float) -> None:
     own = point_to_point(np.array([0.0]), np.array([0.6]), 1.0)
     limits = replace(MotionLimits.of(ELASTIC), **{kind: np.array([2.0])})
     T = first_duration(CommandedRobot.of(ELASTIC, "tool", own.ends[0]), own, limits) / 1.1
@@ -38,7 +38,7 @@ def test_the_first_duration_is_a_tenth_more_than_a_rigid_axis_needs(kind: str, o
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("k", "end"), [(2e4, 0.6), (2e2, 0.2)])
-def test_the_shortest_time_is_that_in_which_the_error_is_just_kept(k: float, end: float) -> None:
+def test_shortest_time_just_keeps_error(k: float, end: float) -> None:
     """3 % less time exceed it; shorter and longer than that of the rigid axis."""
     robot = with_joints(ELASTIC, lambda joint: replace(joint, spring=Spring(k, 0.0), limits=Limits(velocity=2.0)))
     own = point_to_point(np.array([0.0]), np.array([end]), 0.0)
@@ -74,7 +74,7 @@ def test_an_elastic_axis_is_commanded_by_its_closed_form() -> None:
 
 
 @pytest.mark.parametrize("robot", [arm(), rigid_gears(arm())])
-def test_a_tool_behind_a_joint_that_bends_by_itself_stays_on_its_path(robot: Robot) -> None:
+def test_tool_behind_passive_spring_stays_on_path(robot: Robot) -> None:
     """Under gravity, with gears elastic or rigid: to a micrometre, where the rigid command leaves it by millimetres."""
     own = move(0.8)
     commanded = CommandedRobot.of(robot, "tool", own.ends[0])

@@ -18,7 +18,7 @@ def written(folder: Path, text: str) -> Path:
     return path
 
 
-def test_a_timed_path_is_passed_at_its_times_and_rests_at_its_ends(tmp_path: Path) -> None:
+def test_timed_path_is_passed_at_times(tmp_path: Path) -> None:
     """The first time counts as 0; the duration of the file may be replaced."""
     path = written(tmp_path, "# a path\n t s,1 deg,2 deg\n1.0,0,0\n1.5,10,20\n2.5,30,20\n")
     move = read_move(path, arm(), "tool")
@@ -32,7 +32,7 @@ def test_a_timed_path_is_passed_at_its_times_and_rests_at_its_ends(tmp_path: Pat
     np.testing.assert_allclose(slower.at(np.array([1.0]), 1), move.at(np.array([0.5]), 1) / 2)
 
 
-def test_a_way_without_times_starts_and_ends_at_rest_in_the_time_that_is_asked_for(tmp_path: Path) -> None:
+def test_untimed_path_rests_at_ends_in_duration(tmp_path: Path) -> None:
     """Its middle is that of the way; acceleration and jerk vanish at both ends."""
     move = read_move(written(tmp_path, "1,2\n0,0\n0.4,0.2\n"), arm(), "tool", 2.0)
     np.testing.assert_allclose(move.at(np.array([1.0])), [[0.2, 0.1]], atol=1e-9)

@@ -42,7 +42,7 @@ def test_limits_of_torque_hold_on_draws_with_their_feedback() -> None:
     assert tuned.predicted_error.max() > 1e-3
 
 
-def test_errors_of_the_path_by_zeros_are_apart_from_those_by_elasticity() -> None:
+def test_path_errors_separate_zeros_and_elasticity() -> None:
     """A zero that is 1 mrad off turns a tool of 1.2 m by 1.2 mm, which the loop of the motor does not see."""
     asked = given(draws=1)
     robot = asked.draws[0].with_parameters({"zero_1": 1e-3})

@@ -36,7 +36,7 @@ def motors(inertia: float | FloatArray) -> Plants:
 
 
 @given(inertia=st.floats(0.1, 10.0), delay=st.integers(0, 6))
-def test_a_velocity_loop_is_stable_up_to_the_gain_of_its_delay(inertia: float, delay: int) -> None:
+def test_velocity_loop_is_stable_up_to_delay_gain(inertia: float, delay: int) -> None:
     """K_v T / J < 2 tan(pi / (4 (1 + d))), at which the phase of d + 1 samples and an integrator is 180 degrees."""
     border = 2 * np.tan(np.pi / (4 * (1 + delay))) * inertia * RATE_HZ
     for part in (0.99, 1.01):
@@ -56,7 +56,7 @@ def test_slopes_of_peaks_are_exact(family: PostureFamily) -> None:
 
 
 @pytest.mark.slow
-def test_gains_of_a_motor_are_the_best_that_its_delay_and_its_draws_allow(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_motor_gains_are_optimal_for_delay_and_draws(monkeypatch: pytest.MonkeyPatch) -> None:
     """As fast as the fastest of 1271 about it; of 21 inertias one may pass the limit, 5 % faster two do."""
     monkeypatch.setattr("elastid.use.gain_design.MAX_NOTCHES", 0)
     one, draws = motors(3.0), motors(3.0 * np.exp(0.2 * np.random.default_rng(0).standard_normal(21)))
@@ -83,7 +83,7 @@ def test_notches_are_added_while_they_make_a_motor_faster() -> None:
 
 
 @pytest.mark.slow
-def test_the_design_keeps_its_limit_on_postures_and_draws_and_is_at_it(family: PostureFamily) -> None:
+def test_design_reaches_limit_on_postures_and_draws(family: PostureFamily) -> None:
     """Peaks at most 6 dB, those of 95 % of the draws as well; 10 % faster it is broken."""
     found = robust(family.estimate, (drawn := family.draws(result(), 40, 1)), 9.0, 1)
     scene, of_draws = Scene.of(family.estimate, lines=800, per_mode=61), Scene.of(drawn, lines=120, per_mode=9)

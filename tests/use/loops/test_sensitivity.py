@@ -68,13 +68,13 @@ def test_an_ideal_cascade_has_the_bandwidth_of_its_position_gain(K_p: float) -> 
     np.testing.assert_allclose(bandwidths(E, freq_hz)[0], [K_p / (2 * np.pi), 0.05, 50.0], rtol=0.01)
 
 
-def test_the_inertia_of_an_axis_is_that_of_its_motor_and_all_that_it_carries() -> None:
+def test_axis_inertia_includes_motor_and_carried_bodies() -> None:
     """Of the arm at rest, in closed form."""
     for inertia, posture in zip(plants().inertia, ([0.3, 0.5], [0.5, -1.2]), strict=True):
         np.testing.assert_allclose(inertia, np.diag(closed_form(np.array(posture))[0]) + 2e-3 * RATIO**2, rtol=1e-6)
 
 
-def test_the_scaled_peak_bounds_each_axis_and_is_the_same_in_other_units() -> None:
+def test_scaled_peak_bounds_axes_in_any_units() -> None:
     """Torques of a sliding axis in kN instead of N change the singular values of S, not of the scaled one."""
     own = plants()
     closed = CASCADE.on(Scene.of(own))
@@ -87,7 +87,7 @@ def test_the_scaled_peak_bounds_each_axis_and_is_the_same_in_other_units() -> No
 
 
 @pytest.mark.parametrize("delay_s", [0.0013, 0.0025, 0.006])
-def test_a_delay_of_the_fit_is_part_of_the_sampled_plant(delay_s: float) -> None:
+def test_fitted_delay_is_part_of_sampled_plant(delay_s: float) -> None:
     """Of half a sample and of more than two: a step of torque moves the motor as much later."""
     own = PostureFamily.of(result(), [Configuration("a", np.array([0.3, 0.5]))], RATE_HZ)
     linear, known = own.models[0].linear, own.models[0].theta
@@ -105,7 +105,7 @@ def test_a_delay_of_the_fit_is_part_of_the_sampled_plant(delay_s: float) -> None
     np.testing.assert_allclose(sampled, prompt[np.maximum(times, 0)], rtol=1e-6, atol=1e-12 * prompt.max())
 
 
-def test_robots_drawn_with_delays_on_both_sides_of_a_sample_are_plants_of_one_size() -> None:
+def test_delays_around_a_sample_give_equal_plants() -> None:
     """The delay of the fit is one sample: draws need one, or a part of another; each responds as it does alone."""
     fitted = fitted_model("scara")
     own, rate_hz = replace(fitted.result, robot=fitted.model.robot), 1 / FITTED_DELAY_S
