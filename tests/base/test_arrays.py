@@ -4,10 +4,13 @@ import pickle
 import subprocess
 import sys
 from dataclasses import FrozenInstanceError, replace
+from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
+from elastid.base import arrays as base_arrays
 from elastid.base.arrays import (
     BoolArray,
     ComplexArray,
@@ -16,6 +19,7 @@ from elastid.base.arrays import (
     LargeArray,
     frozen,
     frozen_value,
+    mapped,
     mean_of_rows,
     release,
     stored_beside,
@@ -82,6 +86,23 @@ def test_a_large_array_reads_the_rows_asked_for() -> None:
     assert (len(large), large.size) == (10, 20)
     assert frozen(large) is large
     np.testing.assert_allclose(mean_of_rows(large, 6), expected[:6].mean(axis=0), rtol=1e-15)
+
+
+def test_mapped_datasets_are_large_and_contiguous(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By their bytes in a large file, or by their number of values in any file."""
+    monkeypatch.setattr(base_arrays, "MIN_PART_BYTES", 64)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["small"], file["large"] = np.zeros(2), np.zeros(8)
+        file.create_dataset("pieces", data=np.zeros(8), chunks=(4,))
+    for least_bytes, least_values, names in (
+        (0, 99, {"large"}),
+        (1 << 40, 99, set()),
+        (1 << 40, 2, {"small", "large"}),
+    ):
+        monkeypatch.setattr(base_arrays, "MIN_LARGE_FILE", least_bytes)
+        monkeypatch.setattr(base_arrays, "MIN_LARGE_VALUES", least_values)
+        with h5py.File(tmp_path / "a.h5") as file:
+            assert {name for name in file if mapped(tmp_path / "a.h5", file[name]) is not None} == names
 
 
 FILLED = """

@@ -58,7 +58,7 @@ def test_a_file_that_is_a_link_is_not_opened(mode: str, tmp_path: Path, elsewher
     assert not (elsewhere / "new").exists()
 
 
-CELL = strategies.tuples(strategies.sampled_from('ab,"1.'), strategies.text('ab #,"1.')).map("".join).map(str.strip)
+CELL = strategies.tuples(strategies.sampled_from('ab,;"1.'), strategies.text('ab #,;"1.')).map("".join).map(str.strip)
 ROW = strategies.lists(CELL, min_size=3, max_size=3)
 
 

@@ -22,9 +22,7 @@ from elastid.excitation.spec import Phases
 
 
 @pytest.mark.parametrize("spectrum", [(), ((2.0, 10.0), (20.0, 1.0))])
-def test_inputs_have_requested_rms_in_every_experiment(
-    spectrum: tuple[tuple[float, float], ...],
-) -> None:
+def test_inputs_have_requested_rms_in_every_experiment(spectrum: tuple[tuple[float, float], ...]) -> None:
     """RMS over a period of the sampled signal, for a flat and for a shaped spectrum."""
     lines = grid_lines("odd", (1.0, 40.0), 200.0, 2000)
     rms = np.array([12.0, 3.0, 0.5])

@@ -58,7 +58,7 @@ def test_damping_beside_distortion_that_no_motor_explains_is_not_believed(noisy)
     assert {name for name, verdict in verdicts.items() if verdict == DISTORTED} == {"d_1", "d_1x", "d_2", "d_2z"}
 
 
-def test_model_error_without_study_value_follows_residuals(noisy, identified):
+def test_model_error_without_study_value_follows_residuals(identified):
     """None for noise alone, 0.4 % for errors of that size, and at most 1 %."""
     assert identified.model_error == 0
     rng, exact = np.random.default_rng(3), measure(arm())

@@ -164,9 +164,7 @@ def test_inputs_of_noise_have_no_excited_line() -> None:
         analysed_lines([RecordSpectra(replace(record, u=rng.normal(size=record.u.shape)))], AUTO, None)
 
 
-def test_large_record_has_mean_and_noise_of_all_periods(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_large_record_has_mean_and_noise_of_all_periods(monkeypatch: pytest.MonkeyPatch) -> None:
     """One period at a time, the first of five left out."""
     record = steady_record(5)
     rng = np.random.default_rng(0)

@@ -85,9 +85,7 @@ def of_lever(model: ElasticModel, angles: tuple[float, float]) -> tuple[float, f
 
 
 @pytest.mark.parametrize("angles", POSTURES)
-def test_gear_and_rod_are_springs_in_series(
-    angles: tuple[float, float],
-) -> None:
+def test_gear_and_rod_are_springs_in_series(angles: tuple[float, float]) -> None:
     """In a parallelogram y = l cos(q_3 - q_2); a constant one has that of the start; a rigid loop the gear alone."""
     k, d, k_r, d_r = 5e5, 250.0, 1e7, 4000.0
     stiff, own_damping = of_lever(of_variant("rigid_loop"), angles)

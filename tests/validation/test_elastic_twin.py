@@ -112,9 +112,7 @@ def test_the_true_twin_is_off_by_the_noise(measured: tuple[SimulatedRig, Record]
     assert run.tracking_bandwidth_hz == pytest.approx(0.4)
 
 
-def test_bristles_and_aperiodic_record_are_simulated(
-    measured: tuple[SimulatedRig, Record],
-) -> None:
+def test_bristles_and_aperiodic_record_are_simulated() -> None:
     """LuGre's law under the torque, from the middle of a motion on: friction has slid so for long."""
     bristly = arm(friction=Friction(0.08, lugre=LuGre(30.0, 0.02)))
     rig = rig_of(bristly)

@@ -41,7 +41,7 @@ def finished(tmp_path_factory) -> Path:
     return folder
 
 
-def test_a_study_leaves_its_artefacts_and_keeps_them(finished: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_study_leaves_its_artefacts_and_keeps_them(finished: Path) -> None:
     """plan, references, records, levels, law, summary, robot and page; nothing is done twice."""
     names = {path.name for path in (finished / "run").iterdir()}
     assert {"plan.h5", "references", "records.h5", "constant_velocity.h5", "friction.h5", "summary.json"} <= names
