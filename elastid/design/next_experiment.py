@@ -55,7 +55,7 @@ class Goal:
         return np.asarray(QUANTILE_95 * std / size / np.array([*self.widths.values()]))
 
     def reached(self, result: Result) -> dict[str, float]:
-        """Return Half-width of each interval of a fit relative to the value, divided by the requested one."""
+        """Return the half-width of each interval of a fit relative to the value, divided by the requested one."""
         used = {}
         for name, width in self.widths.items():
             low, high = result.interval(name)

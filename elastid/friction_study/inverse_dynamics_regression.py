@@ -73,7 +73,6 @@ from elastid.friction_study.static_model_fit import (
     above_stribeck,
     extrapolates,
     friction_of,
-    identified_names,
 )
 from elastid.robot import Friction, MeasuredRange, Robot
 
@@ -134,11 +133,6 @@ class MotionFriction:
         rest = [f"{seconds:.3g} s {name}" for name, seconds in self.seconds.items() if name != "used" and seconds > 0]
         total, used = sum(self.seconds.values()), self.seconds.get("used", 0.0)
         return f"{used:.3g} of {total:.3g} s in the regression{', not ' if rest else ''}{', '.join(rest)}"
-
-    @property
-    def identified_names(self) -> tuple[str, ...]:
-        """The numbers that are no extrapolations."""
-        return identified_names(self.regression.names, self.unidentified)
 
     def to_friction(self) -> tuple[Friction, float]:
         """Return the law and its viscous friction as in a robot model, without presliding."""

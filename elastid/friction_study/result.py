@@ -33,7 +33,7 @@ from elastid.friction_study.presliding import (
 )
 from elastid.friction_study.rigid_body_columns import RigidBody
 from elastid.friction_study.spec import FrictionSpec, LawSpec
-from elastid.friction_study.static_model_fit import ABSENT, NOT_ASKED, StaticLaw, UnidentifiedTerm
+from elastid.friction_study.static_model_fit import ABSENT, NOT_ASKED, StaticLaw, UnidentifiedTerm, identified_names
 from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, warm_up_note, warm_up_of
 from elastid.model.formulation import ElasticJoint, locked_joint
 from elastid.record import motion_unit
@@ -207,9 +207,8 @@ def law_numbers(joint: str, law: StaticLaw, truth: Truth) -> Iterator[FrictionNu
         by_heat, meaning = "temperature.coulomb", f"{at}: change with temperature"
         terms["coulomb"] = replace(TERMS["coulomb"], prefix="tau", symbol="tau_f", meaning=at)
         terms[by_heat] = replace(TERMS[by_heat], prefix="tauT", symbol="tau_T", meaning=meaning)
-    yield from _table(
-        joint, curve.slides, learnt, law.identified_names, law.estimate, truth=truth, reach=law.quantile_95, terms=terms
-    )
+    names, reach = identified_names(law.names, law.unidentified), law.quantile_95
+    yield from _table(joint, curve.slides, learnt, names, law.estimate, truth, reach, terms)
 
 
 def thermal_numbers(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterator[FrictionNumber]:
@@ -384,7 +383,7 @@ def _numbers(
         motion, fit = sliding.motion, sliding.motion.regression
         learnt = f"the motion, {len(motion.plateaus)} plateaus, up to {motion.passband_hz:g} Hz"
         rigid = "inertia", "offset", "gain", "gravity.cos", "gravity.sin"
-        identified = motion.identified_names if static is None else rigid
+        identified = identified_names(fit.names, motion.unidentified) if static is None else rigid
         yield from table(learnt, identified, fit)
     if sliding.commanded is not None:
         joint = sliding.commanded

@@ -127,11 +127,6 @@ class StaticLaw:
         return np.asarray(np.sqrt(np.einsum("ni,ij,nj->n", J, self.covariance, J)))
 
     @property
-    def identified_names(self) -> tuple[str, ...]:
-        """Names of the numbers that are no extrapolations."""
-        return identified_names(self.names, self.unidentified)
-
-    @property
     def measured(self) -> MeasuredRange:
         """The ranges of the conditions."""
         curve, degc = self.curve, self.curve.measured_temperatures

@@ -71,6 +71,11 @@ class Layout:
     variables: tuple[Variable, ...]
     places: dict[str, int]
 
+    @property
+    def outputs(self) -> list[int]:
+        """References of the outputs."""
+        return [i for i, variable in enumerate(self.variables) if variable.causality == "output"]
+
 
 @dataclass(frozen=True, eq=False)
 class Subject:
@@ -224,9 +229,8 @@ def _describe_2(variables: ET.Element, structure: ET.Element, layout: Layout, na
     ET.SubElement(chosen, "Integer", start="1", min="1", max=str(len(names)))
     for part in ("Outputs", "InitialUnknowns"):
         section = ET.SubElement(structure, part)
-        for index, variable in enumerate(layout.variables, start=1):
-            if variable.causality == "output":
-                ET.SubElement(section, "Unknown", index=str(index))
+        for reference in layout.outputs:
+            ET.SubElement(section, "Unknown", index=str(reference + 1))
 
 
 def _describe_3(variables: ET.Element, structure: ET.Element, layout: Layout, names: tuple[str, ...]) -> None:
@@ -235,9 +239,8 @@ def _describe_3(variables: ET.Element, structure: ET.Element, layout: Layout, na
     limits = {"start": "1", "min": "1", "max": str(len(names))}
     ET.SubElement(variables, "Int32", _configuration(len(layout.variables), names) | limits)
     for part in ("Output", "InitialUnknown"):
-        for reference, variable in enumerate(layout.variables):
-            if variable.causality == "output":
-                ET.SubElement(structure, part, valueReference=str(reference))
+        for reference in layout.outputs:
+            ET.SubElement(structure, part, valueReference=str(reference))
 
 
 def build_description(sources: Sequence[str]) -> str:
