@@ -25,7 +25,7 @@ from elastid.base.errors import DataError, Note
 from elastid.friction.static import Conditions
 from elastid.friction_record import FrictionRecord
 from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, terms_p_value
-from elastid.friction_study.motion_signals import SMOOTHED_HZ, smoothed
+from elastid.friction_study.motion_signals import SMOOTHED_HZ, smooth_motion
 
 MAX_RELATIVE_STD = 0.2  # std over level, above which it is not known
 # Ripple of a motor turn and of its half are always in the regression where passes cover a turn; further harmonics up to
@@ -169,7 +169,7 @@ def passes_of(record: FrictionRecord) -> tuple[Pass, ...]:
     # Gravity and inertia are those where the torque acts: half a sample's travel turns both with the direction.
     samples = np.arange(len(record.position))
     lag = samples + record.torque_delay_s * record.rate_hz
-    motion = record.position, *smoothed(record, SMOOTHED_HZ)[1:]
+    motion = record.position, *smooth_motion(record, SMOOTHED_HZ)[1:]
     position, velocity, acceleration = (np.interp(lag, samples, x) for x in motion)
     pair, passes = f"{record.name}, load {record.load}" if record.load else record.name, list[Pass]()
     for start, stop in (window for window in (record.there, record.back) if window is not None):

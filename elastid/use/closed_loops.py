@@ -221,14 +221,10 @@ class Scene:
         freq_hz = grid(plants, lines, per_mode)
         return cls(plants, freq_hz, plants.response(freq_hz))
 
-    def closed(self, gains: JointLoop, filters: Filters | None) -> "Closed":
-        """Return the loops of gains (n_u,) or (N, n_u)."""
-        return Closed(self, gains, filters)
-
 
 @dataclass(frozen=True, eq=False)
 class Closed:
-    """Loops of N plants closed by a controller."""
+    """Loops of N plants closed by a controller with gains (n_u,) or (N, n_u)."""
 
     scene: Scene
     gains: JointLoop

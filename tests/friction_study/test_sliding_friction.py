@@ -70,8 +70,7 @@ def test_without_a_difference_no_gain_is_known(loads: tuple[str, ...], tmp_path:
 @pytest.mark.parametrize("inertia", [0.0, 0.3 * INERTIA])
 def test_unrelated_torque_gives_status_failed(inertia: float, tmp_path: Path) -> None:
     """Noise in place of the torque of friction and gravity; a significant inertia is no friction."""
-    noise = 20 * np.random.default_rng(3).standard_normal(len(Q))
-    write_log(tmp_path / "0.csv", Q, inertia * ACCELERATION + noise)
+    write_log(tmp_path / "0.csv", Q, inertia * ACCELERATION + 20 * np.random.default_rng(3).standard_normal(len(Q)))
     result = friction_study(ROBOT, read_friction_logs(ROBOT, logs(FileSpec("0.csv")), tmp_path, ["1"], {}))
     assert result.status == "failed"
 
