@@ -11,7 +11,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, l
 from elastid.base.errors import DataError
 from elastid.base.statistics import interpolated, smallest_step
 from elastid.excitation.grids import line_frequencies
-from elastid.frf.lines import analysed_lines, spectra_of
+from elastid.frf.lines import analysed_lines
 from elastid.frf.period_selection import settled, trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra, RecordSpectra, period_spectra, single_logs
@@ -101,7 +101,7 @@ def gather_configuration(
     """
     records = tuple(settled(log) for record in measured for log in single_logs(record))
     first = records[0]
-    spectra = spectra_of(records, spec, planned)
+    spectra = list(map(RecordSpectra, records))
     excited = analysed_lines(spectra, spec, planned)
     everywhere = np.arange(excited[0], excited[-1] + 1, 2 if first.half_wave else 1)
     lines = np.union1d(evenly_spaced(excited, 400), evenly_spaced(np.setdiff1d(everywhere, excited), 400))
@@ -214,7 +214,7 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
     if reason := reason_unsuited(first):
         raise DataError("gears/records", reason, f"configuration {first.configuration.name}")
     columns = [first.outputs.index(place) for place in first.inputs]
-    excited = analysed_lines(spectra_of(records, spec, planned), spec, planned)
+    excited = analysed_lines(list(map(RecordSpectra, records)), spec, planned)
     lines = np.arange(1, (first.period_samples + 1) // 2)
     is_excited = np.isin(lines, excited)
     whole = (RecordSpectra(replace(record, half_wave=False)) for record in records)

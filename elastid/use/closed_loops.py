@@ -76,9 +76,9 @@ class Plants:
 
 @dataclass(frozen=True)
 class PlantMode:
-    """A mode of the robot with motors that are free: freq_hz, and the spring with the most strain energy.
+    """Mode of the robot with free motors: natural frequency, and the spring with the largest strain energy.
 
-    motor_amplitudes (n_u,): by which it moves each motor, over that of the mode that moves it most.
+    motor_amplitudes (n_u,): modal participation of each motor, normalised by its largest one over all modes.
     """
 
     freq_hz: float

@@ -206,8 +206,8 @@ def read_path(path: Path, robot: Robot, frame: str) -> tuple[FloatArray, tuple[s
     if not reached.any():
         raise DataError(
             "use/unreachable",
-            f"no pose is within reach of frame {frame} and the limits of the joints; x, y, z are in m from the "
-            "robot's base",
+            f"no pose is within reach of frame {frame} and the limits of the joints. x, y, z count from the robot's "
+            "base, in m unless the heading has another unit. Correct them or the limits",
             path,
         )
     words = "are out of reach of the frame within the limits of the joints, and left out"
