@@ -134,10 +134,8 @@ class _Problem:
         log, span = self.warm_up.log, float(np.ptp(self.warm_up.log.time_s))
         lead = float(np.log(max(log.power.mean(), 1e-3) / 20.0))  # h such that the mean power warms by 20 K
         bounds = {"constant": (np.log(span / 200), np.log(5.0 * span)), "ratio": (np.log(1e-3), np.log(0.9))}
-        bounds |= dict.fromkeys(("share", "level_share"), (0.0, 1.2)) | {  # a little above 1: further nodes
-            "h": (lead - 10, lead + 10),
-            "start": (-10, 10),
-        }
+        # Fractions may be a little above 1 by further nodes.
+        bounds |= {"share": (0.0, 1.2), "level_share": (0.0, 1.2), "h": (lead - 10, lead + 10), "start": (-10, 10)}
         low, high = np.array([bounds[name] for name in self.names]).T
         starts = [
             {"constant": np.log(T), "ratio": np.log(ratio), "share": s, "level_share": 0.6, "h": lead, "start": 0.0}

@@ -64,8 +64,7 @@ def estimate_net_response(
     if not friction.shapes:
         return response
     errors = _coefficient_errors(records, friction, response, spec, planned_lines, E)
-    none = np.zeros((SYSTEMATIC_ERRORS, *errors.shape[1:]), complex)
-    before = none if response.bias is None else response.bias
+    before = np.zeros((SYSTEMATIC_ERRORS, *errors.shape[1:]), complex) if response.bias is None else response.bias
     return replace(response, bias=np.concatenate([before[:-1], errors, before[-1:]]))
 
 
