@@ -80,7 +80,7 @@ def optimal_speeds(
     """Return speeds (n,), lowest first, passes (n,) at each, and their efficiency, (det M / det M*)^(1 / d).
 
     `count` passes between two speeds that know all five numbers of a Stribeck curve best, over all guesses, where every
-    level is known to the same torque.
+    friction torque has the same std.
     """
     speeds, d = np.geomspace(lowest, highest, 200), len(LINEAR) + len(SEARCHED)
     H = np.stack([_information(guess, speeds) for guess in guesses])
@@ -90,7 +90,7 @@ def optimal_speeds(
 
 
 def _information(guess: StribeckGuess, speeds: FloatArray) -> FloatArray:
-    """Return J^T J (n, d, d) of one level at each speed, by the numbers relative to themselves."""
+    """Return J^T J (n, d, d) of one friction torque at each speed, by the numbers relative to themselves."""
     zeros = np.zeros_like(speeds)
     conditions = Conditions(speeds, zeros, zeros, np.full_like(speeds, np.nan))
     linear = {"coulomb": guess.coulomb, "stiction": guess.stiction, "viscous": guess.viscous}

@@ -277,7 +277,7 @@ def _unidentified(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iter
         ("temperature", is_isothermal and high - low < TEMPERATURE_STEP_K, "no varying temperature was logged; "
             "log it, and record motions cold and warm"),
         ("temperature", is_isothermal and high - low >= TEMPERATURE_STEP_K,
-            f"{ABSENT.replace('levels', 'motions')} from {low:.3g} to {high:.3g} degC"),
+            f"{ABSENT.replace('friction torques', 'motions')} from {low:.3g} to {high:.3g} degC"),
         ("load", not terms.load, "one load shows none; record motions with other payloads, or in other postures"),
         ("directions.coulomb", not is_alone, "Coulomb friction by direction cannot be distinguished from offset and "
             "gravity"),

@@ -260,7 +260,7 @@ def _table(
 def true_numbers(robot: Robot, joint: str, static: StaticLaw | None = None) -> dict[str, float]:
     """Return numbers of a joint by name, link side, SI; empty for one without friction.
 
-    static: the law that they are compared with. Its numbers stand at the mean temperature of its levels, and where it
+    static: the law that they are compared with. Its numbers stand at the mean temperature of its torques, and where it
     has no part for the load, under the mean load of these.
     """
     law, numbers = law_of(robot, joint), friction_numbers(robot)
@@ -367,7 +367,7 @@ def _law(
             friction = replace(friction, lugre=LuGre(at_rest.sigma_0, damping, falling))
         friction.check_passive(viscous, sliding.slides)
     except ValueError as error:
-        text = f"its numbers make no law for a robot's file: {error}; more or quieter levels narrow them"
+        text = f"its numbers make no law for a robot's file: {error}; more runs or less noise narrow them"
         return None, None, (Note("friction/law", text, f"joint {sliding.joint}"),)
     return friction, viscous, ()
 
