@@ -226,9 +226,8 @@ def _noise_free_differences(bands: Sequence[Sequence[MotionLog]], fit: MotionFri
 
 def _is_biased_by_noise(fit: Regression, bias: FloatArray) -> bool:
     """Return True if the bias (n_x,) by noise of the position counts beside the std of a number."""
-    return any(
-        abs(bias[i]) > MAX_BIAS * fit.std(name) for i, name in enumerate(fit.names) if name in COMPARED_PARAMETERS
-    )
+    pairs = zip(fit.names, bias, strict=True)
+    return any(abs(x) > MAX_BIAS * fit.std(name) for name, x in pairs if name in COMPARED_PARAMETERS)
 
 
 def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Note]:

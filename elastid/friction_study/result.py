@@ -137,11 +137,8 @@ class JointFriction(SlidingFriction):
             slid = any(part is not None for part in (self.static, self.motion, self.commanded))
             why = "the data identify no law that is physically possible" if slid else "the joint slides in no log"
             return (UnidentifiedTerm("friction", why),)
-        return tuple(
-            term
-            for term in self.unidentified
-            if term.term in ("stribeck", "presliding") and not term.reason.startswith((NOT_ASKED, ABSENT))
-        )
+        required = (term for term in self.unidentified if term.term in ("stribeck", "presliding"))
+        return tuple(term for term in required if not term.reason.startswith((NOT_ASKED, ABSENT)))
 
 
 @dataclass(frozen=True)

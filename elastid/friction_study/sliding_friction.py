@@ -153,7 +153,8 @@ def _with_motion(fit: CommandedJoint, records: Sequence[FrictionRecord], carried
     position = np.concatenate([record.position - record.position.mean() for record in records])
     speed = np.concatenate([np.abs(np.gradient(record.position, 1 / record.rate_hz)) for record in records])
     low, high = np.quantile(speed, [0.05, 0.99]).tolist()
-    travel, seconds = float(np.std(position)), sum(record.duration_s for record in records)
+    travel = float(np.std(position))
+    seconds = sum(record.duration_s for record in records)
     return replace(fit, travel=travel, speeds=(low, high), carried=carried, logs=len(records), seconds=seconds)
 
 

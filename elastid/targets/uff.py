@@ -140,8 +140,8 @@ def _sets(name: str, response: Response, nodes: Nodes) -> Iterable[dict[str, Any
                 "abscissa_spacing": 0,
                 "abscissa_min": float(response.freq_hz[0]),
                 "abscissa_inc": 0.0,
-                "data": np.asarray(response.G[:, i, j]),
-                "x": np.asarray(response.freq_hz),
+                "data": response.G[:, i, j],
+                "x": response.freq_hz,
             }
 
 
