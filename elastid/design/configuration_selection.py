@@ -42,7 +42,7 @@ def draw_candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float |
     low, high = _range(robot, swing)
     names, angles = _proposed(spec, robot, *_range(robot, swing + spec.margin), seed)
     reasons = [("are outside the joints' limits", ((angles < low - 1e-9) | (angles > high + 1e-9)).any(axis=1))]
-    reasons += list(obstacles(spec, robot, angles))
+    reasons += list(collisions(spec, robot, angles))
     allowed = np.ones(len(angles), dtype=np.bool_)
     refused: dict[str, int] = {}
     for reason, bad in reasons:
@@ -107,7 +107,7 @@ def _proposed(
     return [f"candidate{i + 1}" for i in range(len(angles))], angles
 
 
-def obstacles(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> Iterator[tuple[str, BoolArray]]:
+def collisions(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> Iterator[tuple[str, BoolArray]]:
     """Yield candidates (Q,) that reach the floor or a box with a point that moves or a link between two of them."""
     if spec.floor is None and not spec.boxes:
         return
@@ -146,7 +146,7 @@ def choose_configurations(
     names that other configurations have.  StudyError where no candidate informs any parameter.
     """
     H, rows = informations(prospect, configurations, prospect.parameters.x, execution)
-    visible_parameters, ground = visible(criterion, H, elsewhere, prospect.parameters)
+    visible_parameters, ground = identifiable(criterion, H, elsewhere, prospect.parameters)
     numbers, efficiency = best_experiments(H[None], count, visible_parameters, (elsewhere + ground)[None])
     selection = _named([configurations[i] for i in rows], numbers, prospect.realisations, reserved)
     names = ", ".join(f"{c.configuration.name} ({c.realisations} realisations)" for c in selection)
@@ -178,7 +178,7 @@ def _information(prospect: Prospect, x: FloatArray, configuration: Configuration
         return None
 
 
-def visible(
+def identifiable(
     criterion: DesignCriterion, H: FloatArray, prior: FloatArray, parameters: Parameters
 ) -> tuple[DesignCriterion, FloatArray]:
     """Return criterion on parameters that the candidates together inform, and information (n_x, n_x) for the others."""

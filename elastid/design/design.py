@@ -27,7 +27,7 @@ from elastid.record import Configuration, drive_unit
 from elastid.robot import Robot
 
 
-def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Note, ...]:
+def sticking_notes(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Note, ...]:
     """Return a note for each motor with Coulomb friction above a third of its rms torque (Nm, link side), at rest.
 
     Under a carrier the joints slide with any multisine.
@@ -104,7 +104,7 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     responses = _expected(settled, fitted, friction)
     is_compensated = not settled.includes_friction and bool(coulomb_torques(settled.robot).any())
     expected = forecast(responses, responses[0].parameters.x, is_compensated)
-    notes = (*sticking(plan, truth, problem.simulated.carrier), *map(_presliding_note, friction), *expected.notes)
+    notes = (*sticking_notes(plan, truth, problem.simulated.carrier), *map(_presliding_note, friction), *expected.notes)
     expected = replace(expected, notes=notes, choice=choice)
     return Design(plan, expected, limit_use)
 

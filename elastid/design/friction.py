@@ -80,7 +80,7 @@ def optimal_speeds(
     """Return speeds (n,), lowest first, passes (n,) at each, and their efficiency, (det M / det M*)^(1 / d).
 
     `count` passes between two speeds that know all five numbers of a Stribeck curve best, over all guesses, where every
-    level is known to the same torque.
+    friction torque has the same std.
     """
     speeds, d = np.geomspace(lowest, highest, 200), len(LINEAR) + len(SEARCHED)
     H = np.stack([_information(guess, speeds) for guess in guesses])
@@ -90,7 +90,7 @@ def optimal_speeds(
 
 
 def _information(guess: StribeckGuess, speeds: FloatArray) -> FloatArray:
-    """Return J^T J (n, d, d) of one level at each speed, by the numbers relative to themselves."""
+    """Return J^T J (n, d, d) of one friction torque at each speed, by the numbers relative to themselves."""
     zeros = np.zeros_like(speeds)
     conditions = Conditions(speeds, zeros, zeros, np.full_like(speeds, np.nan))
     linear = {"coulomb": guess.coulomb, "stiction": guess.stiction, "viscous": guess.viscous}
@@ -293,7 +293,7 @@ def standstill_of(
     return tuple(motions)
 
 
-def timed(
+def schedule(
     motions: Iterable[PlannedMotion], limits: PassLimits, start_s: float, rate_hz: float
 ) -> tuple[tuple[PlannedMotion, ...], float]:
     """Return the motions one after the other from start_s on, and the end of the last."""
@@ -323,7 +323,7 @@ def warm_up_of(
             PlannedMotion(f"j{joint}-test-{p.name}", joint, "constant_velocity", posture, planned=p, is_warm_up=True)
             for p in passes
         )
-        tests += timed(motions, limits, start_s + number * spec.test_every, 1.0)[0]
+        tests += schedule(motions, limits, start_s + number * spec.test_every, 1.0)[0]
     return warm_up, tuple(tests), start_s + spec.time
 
 
@@ -367,7 +367,7 @@ def _planned(
         *passes_of(passes, loads, postures, design, int(draws[0].generate_state(1)[0])),
         *standstill_of(spec, axis, postures[0], np.random.default_rng(draws[1])),
     )
-    motions, end_s = timed(untimed, axis.limits, start_s, spec.rate_hz)
+    motions, end_s = schedule(untimed, axis.limits, start_s, spec.rate_hz)
     warm_ups: tuple[PlannedWarmUp, ...] = ()
     if spec.warm_up is not None:
         warm_up, tests, end_s = warm_up_of(spec.warm_up, axis, design, postures[0], end_s)

@@ -25,7 +25,7 @@ from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.base.statistics import QUANTILE_95
 from elastid.base.units import to_si
-from elastid.design.configuration_selection import Candidates, informations, obstacles
+from elastid.design.configuration_selection import Candidates, collisions, informations
 from elastid.design.design import completed_problem
 from elastid.design.forecast import LimitUse
 from elastid.design.limits import within_limits
@@ -55,7 +55,7 @@ class Goal:
         return np.asarray(QUANTILE_95 * std / size / np.array([*self.widths.values()]))
 
     def reached(self, result: Result) -> dict[str, float]:
-        """Return Half-width of each interval of a fit relative to the value, divided by the requested one."""
+        """Return the half-width of each interval of a fit relative to the value, divided by the requested one."""
         used = {}
         for name, width in self.widths.items():
             low, high = result.interval(name)
@@ -255,6 +255,6 @@ def _check_obstacles(problem: DesignProblem, configuration: Configuration, use: 
     assert problem.design is not None
     swing = np.minimum(use.peak[0, 1], np.pi)
     corners = np.array([np.zeros(len(swing)), *product((-1, 1), repeat=len(swing))])
-    for reason, bad in obstacles(problem.design.candidates, problem.robot, configuration.angles + swing * corners):
+    for reason, bad in collisions(problem.design.candidates, problem.robot, configuration.angles + swing * corners):
         if bad.any():
             raise StudyError("design/candidates", f"during the excitation, parts of the robot {reason}")

@@ -8,7 +8,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, StudyError
-from elastid.design.configuration_selection import Candidates, draw_candidates, visible
+from elastid.design.configuration_selection import Candidates, draw_candidates, identifiable
 from elastid.design.limits import power_costs, within_limits
 from elastid.design.optimal import DesignCriterion, best_powers, even_powers
 from elastid.design.predicted_response import Prospect
@@ -248,7 +248,7 @@ def _best(
     sources = [prospect.source(c, x) for prospect, c in measurements]
     H = [source.information(P) for source, P in zip(sources, even_powers(cost), strict=True)]
     prior = problem.prior_information()
-    criterion, ground = visible(problem.criterion, np.array(H), prior, first.parameters)
+    criterion, ground = identifiable(problem.criterion, np.array(H), prior, first.parameters)
     groups = [[[source] for source in sources]] if together else [[[source]] for source in sources]
     cost = cost.mean(axis=0, keepdims=True) if together else cost
     best = best_powers(groups, cost, criterion, (prior + ground)[None], problem.excitation.least)

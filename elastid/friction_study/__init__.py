@@ -1,1 +1,1 @@
-"""Friction by experiments of its own: levels, laws, bristles, warm-up, and a filter that follows it over a log."""
+"""Friction by experiments of its own: torques, laws, bristles, warm-up, and a filter that follows it over a log."""

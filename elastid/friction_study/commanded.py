@@ -177,10 +177,13 @@ class _Problem:
         ends = np.cumsum([len(log.joints) for log in self.logs])[:-1]
         return [part[self._settled(log)] for log, part in zip(self.logs, np.split(means, ends, axis=2), strict=True)]
 
-    def errors(self, numbers: FloatArray, delay_s: float) -> list[FloatArray]:
-        """Return errors (n_k, m_k) of the means of each log, simulated with numbers (m, 6)."""
-        simulations = self.simulated(numbers[None], np.array([delay_s]))
-        return [q - sim[:, 0] for q, sim in zip(self.measured, simulations, strict=True)]
+    def errors(self, simulations: Sequence[FloatArray], candidate: int = 0) -> list[FloatArray]:
+        """Return errors (n_k, m_k) of the means of each log, simulated with a candidate."""
+        return [q - sim[:, candidate] for q, sim in zip(self.measured, simulations, strict=True)]
+
+    def errors_of(self, numbers: FloatArray, delay_s: float) -> list[FloatArray]:
+        """Return errors of the means of each log, simulated with numbers (m, 6)."""
+        return self.errors(self.simulated(numbers[None], np.array([delay_s])))
 
     @cached_property
     def measured(self) -> list[FloatArray]:
@@ -227,7 +230,7 @@ def fit_commanded(logs: Sequence[CommandedLog]) -> dict[str, CommandedJoint]:
             break
         for _ in range(8):  # halvings
             trial, late = _next_numbers(numbers, delay_s, part * end.step, problem.is_free)
-            if _log_squares(problem, problem.errors(trial, late)) < cost:
+            if _log_squares(problem, problem.errors_of(trial, late)) < cost:
                 break
             part /= 2
         else:
@@ -285,12 +288,12 @@ class _Linearised:
 
 def _linearised(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Linearised:
     is_free, scales = problem.is_free, PERTURBATION * _scales(problem)
-    changes = [np.zeros_like(scales), *(np.where(np.arange(len(NUMBERS)) == j, scales, 0.0) for j in range(6))]
-    candidates = np.stack([numbers + change for change in [*changes, changes[0]]])
+    changes = np.eye(len(NUMBERS))[:, None] * scales
+    candidates = np.stack([numbers, *(numbers + changes), numbers])
     delays = np.full(len(candidates), delay_s)
     delays[-1] += DELAY_STEP_S
     simulated = problem.simulated(candidates, delays)
-    errors = [q - sim[:, 0] for q, sim in zip(problem.measured, simulated, strict=True)]
+    errors = problem.errors(simulated)
     variance, n_x = _mean_squares(problem, errors), int(is_free.sum()) + 1
     place = np.full(is_free.shape, -1)
     place[is_free] = np.arange(n_x - 1)
@@ -314,10 +317,7 @@ def _start(problem: _Problem) -> tuple[FloatArray, float]:
     """Return numbers (m, 6) and delay of the best of START_DELAYS, each with its regression of the gains' torque."""
     candidates = np.stack([_regress(problem, delay) for delay in START_DELAYS.tolist()])
     simulated = problem.simulated(candidates, START_DELAYS)
-    costs = [
-        _log_squares(problem, [q - sim[:, k] for q, sim in zip(problem.measured, simulated, strict=True)])
-        for k in range(len(START_DELAYS))
-    ]
+    costs = [_log_squares(problem, problem.errors(simulated, k)) for k in range(len(START_DELAYS))]
     best = int(np.argmin(np.nan_to_num(costs, nan=np.inf)))
     return candidates[best], float(START_DELAYS[best])
 
@@ -354,7 +354,7 @@ def _regress(problem: _Problem, delay_s: float) -> FloatArray:
 
 def _fit(problem: _Problem, numbers: FloatArray, delay_s: float) -> dict[str, CommandedJoint]:
     end, is_free = _linearised(problem, numbers, delay_s), problem.is_free
-    rms = np.sqrt(_mean_squares(problem, problem.errors(numbers, delay_s)))
+    rms = np.sqrt(_mean_squares(problem, problem.errors_of(numbers, delay_s)))
     if not np.all(np.isfinite(rms)):
         text = "simulation from the commands diverges for all start values. Check gains and units of the commands"
         raise DataError("friction/motion", text, problem.logs[0].name)

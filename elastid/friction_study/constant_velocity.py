@@ -1,18 +1,18 @@
-r"""Levels of friction of passes, one at each speed, direction, load and temperature: one regression over all passes.
+r"""Friction torques of passes, one at each speed, direction, load and temperature: one regression over all passes.
 
 .. math:: u = s\, g_k + o_k + f s (|\dot q| - v_k) + J \ddot q + G \cos q + H \sin q
               + \sum_h (a_h \cos h N q + b_h \sin h N q)
 
 for the passes of pair k, with s the direction of the motion: ripple of the motor's turns (N a turn of the joint) and
-inertia are the same in all pairs, gravity in all of one load; the level g_k and the part o_k that is the same in both
+inertia are the same in all pairs, gravity in all of one load; the torque g_k and the part o_k that is the same in both
 directions are each pair's own; f is the slope of friction about the mean speed v_k of a pass.  o_k is an offset of the
 torque where it does not change with speed; a part that changes is friction that differs between the directions.
-Levels hold at the measured speed, not at the commanded one.
+Friction torques hold at the measured speed, not at the commanded one.
 
-A level's variance comes from the autocovariance of the residuals of all passes. Ripple that the regression lacks would
-be taken for such noise, so harmonics that stand out of the residuals are added to it. Rows are means of a few samples,
-which loses no information under white noise. Sticking would be taken
-for friction: such passes do not count.
+The variance of a friction torque comes from the autocovariance of the residuals of all passes. Ripple that the
+regression lacks would be taken for such noise, so harmonics that stand out of the residuals are added to it. Rows are
+means of a few samples, which loses no information under white noise. Sticking would be taken for friction: such passes
+do not count.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -25,9 +25,9 @@ from elastid.base.errors import DataError, Note
 from elastid.friction.static import Conditions
 from elastid.friction_record import FrictionRecord
 from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, terms_p_value
-from elastid.friction_study.motion_signals import SMOOTHED_HZ, smoothed
+from elastid.friction_study.motion_signals import SMOOTHED_HZ, smooth_motion
 
-MAX_RELATIVE_STD = 0.2  # std over level, above which it is not known
+MAX_RELATIVE_STD = 0.2  # std over friction torque, above which it is not known
 # Ripple of a motor turn and of its half are always in the regression where passes cover a turn; further harmonics up to
 # this, and those of dry friction, are searched for in its residuals.
 MAX_HARMONIC = 24
@@ -117,7 +117,7 @@ class PassRegression:
         inverse = np.linalg.pinv(self.A / size, rcond=1e-10) / size[:, None]
         values = inverse @ self.y
         autocovariance = self._autocovariance(self.y - self.A @ values)
-        # Of numbers that change more slowly than the residuals forget, as levels do.
+        # Of numbers that change more slowly than the residuals forget, as friction torques do.
         long_run = autocovariance[0] + 2 * float(autocovariance[1:].sum())
         # Every number takes its share of the long-run variance from each autocovariance of the residuals.
         spare = 1 + (2 * len(autocovariance) - 1) * len(values) / len(self.y)
@@ -169,7 +169,7 @@ def passes_of(record: FrictionRecord) -> tuple[Pass, ...]:
     # Gravity and inertia are those where the torque acts: half a sample's travel turns both with the direction.
     samples = np.arange(len(record.position))
     lag = samples + record.torque_delay_s * record.rate_hz
-    motion = record.position, *smoothed(record, SMOOTHED_HZ)[1:]
+    motion = record.position, *smooth_motion(record, SMOOTHED_HZ)[1:]
     position, velocity, acceleration = (np.interp(lag, samples, x) for x in motion)
     pair, passes = f"{record.name}, load {record.load}" if record.load else record.name, list[Pass]()
     for start, stop in (window for window in (record.there, record.back) if window is not None):
@@ -191,7 +191,7 @@ def passes_of(record: FrictionRecord) -> tuple[Pass, ...]:
 class FrictionCurve:
     """Friction of one place at n conditions, each at steady sliding; numbers on the side of the place, SI.
 
-    speed (n,): |v|, positive.  direction (n,): 1, -1, or 0 where the level is the mean of both directions.
+    speed (n,): |v|, positive.  direction (n,): 1, -1, or 0 where the torque is the mean of both directions.
     torque (n,): that brakes, positive, viscous friction included.  std (n,): of torque.  load (n,): |torque| on the
     joint, 0 where none is known.  temperature (n,): degC, NaN where none is known.  shared: value and std of what all
     passes share, by name (`inertia`, `gravity.cos`, `gravity.sin`, `offset`, ripple).  notes: on passes left out.
@@ -223,17 +223,17 @@ class FrictionCurve:
 
     @property
     def measured_temperatures(self) -> FloatArray:
-        """Temperatures of the levels that have one, degC."""
+        """Temperatures of the torques that have one, degC."""
         return self.temperature[np.isfinite(self.temperature)]
 
     @property
     def conditions(self) -> Conditions:
-        """Conditions at which the levels hold."""
+        """Conditions at which the torques hold."""
         return Conditions(self.speed, self.direction, self.load, self.temperature)
 
 
 def estimate_friction_curve(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) -> FrictionCurve:
-    """Return the levels of all pairs of one place, by direction.
+    """Return the friction torques of all pairs of one place, by direction.
 
     has_gravity: True if its torque changes with the angle.  turn: of the joint for one of the motor, whose ripple is
     regressed too; 0 for none.  DataError where a pair has one direction only, or no pair slides.
@@ -257,8 +257,8 @@ def estimate_friction_curve(passes: Sequence[Pass], has_gravity: bool, turn: flo
     uneven, offset = _uneven(values[o], covariance[o, o], conditions[:, 0])
     if not np.any(stds[:n_k] < MAX_RELATIVE_STD * np.abs(g)):
         text = (
-            f"no level is known to {MAX_RELATIVE_STD:.0%}: gravity, ripple or noise are too large compared with them; "
-            "repeat the passes, or make them longer"
+            f"no friction torque is known to {MAX_RELATIVE_STD:.0%}: gravity, ripple or noise are too large beside "
+            "it; repeat the passes, or make them longer"
         )
         raise DataError("friction/constant-velocity", text, f"passes of {place}")
     numbers = zip(values[2 * n_k :].tolist(), stds[2 * n_k :].tolist(), strict=True)
@@ -275,8 +275,8 @@ def _sliding(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
     """Return constant-velocity runs that always slide, in pairs, and notes on the others; DataError without any."""
     sticks = dict.fromkeys(part.pair for part in passes if np.any(part.velocity * part.direction <= 0))
     text = (
-        "the joint stands or turns back within the pass: it sticks and slips at this speed, and its level does not "
-        "count; raise the bandwidth of the controller, or measure faster"
+        "the joint stands or turns back within the pass: it sticks and slips at this speed, and its friction "
+        "torque does not count; raise the bandwidth of the controller, or measure faster"
     )
     used = [part for part in passes if part.pair not in sticks]
     if not used:

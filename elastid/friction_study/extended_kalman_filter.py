@@ -171,8 +171,7 @@ def filter_step(joint: TrackedJoint, rate_hz: float) -> ca.Function:
     slipped = ca.fabs(state["v_m"]) / rate_hz / z_s
     noises = {"z": noise[3] * z_s**2 * slipped * ca.exp(-slipped), "w": noise[2]}
     noises |= {name: noise[4 + i] for i, name in enumerate(joint.followed)}
-    Q = noise[1] * by_u @ by_u.T + ca.diag(ca.vertcat(*(noises.get(name, 0.0) for name in joint.states)))
-    spread += Q
+    spread += noise[1] * by_u @ by_u.T + ca.diag(ca.vertcat(*(noises.get(name, 0.0) for name in joint.states)))  # Q
     towards = spread[:, 0] - cross @ cross[0, :].T
     S = towards[0] + noise[0]
     gain = towards / S

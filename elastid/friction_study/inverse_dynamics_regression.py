@@ -73,7 +73,6 @@ from elastid.friction_study.static_model_fit import (
     above_stribeck,
     extrapolates,
     friction_of,
-    identified_names,
 )
 from elastid.robot import Friction, MeasuredRange, Robot
 
@@ -134,11 +133,6 @@ class MotionFriction:
         rest = [f"{seconds:.3g} s {name}" for name, seconds in self.seconds.items() if name != "used" and seconds > 0]
         total, used = sum(self.seconds.values()), self.seconds.get("used", 0.0)
         return f"{used:.3g} of {total:.3g} s in the regression{', not ' if rest else ''}{', '.join(rest)}"
-
-    @property
-    def identified_names(self) -> tuple[str, ...]:
-        """The numbers that are no extrapolations."""
-        return identified_names(self.regression.names, self.unidentified)
 
     def to_friction(self) -> tuple[Friction, float]:
         """Return the law and its viscous friction as in a robot model, without presliding."""
@@ -232,9 +226,8 @@ def _noise_free_differences(bands: Sequence[Sequence[MotionLog]], fit: MotionFri
 
 def _is_biased_by_noise(fit: Regression, bias: FloatArray) -> bool:
     """Return True if the bias (n_x,) by noise of the position counts beside the std of a number."""
-    return any(
-        abs(bias[i]) > MAX_BIAS * fit.std(name) for i, name in enumerate(fit.names) if name in COMPARED_PARAMETERS
-    )
+    pairs = zip(fit.names, bias, strict=True)
+    return any(abs(x) > MAX_BIAS * fit.std(name) for name, x in pairs if name in COMPARED_PARAMETERS)
 
 
 def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Note]:
@@ -283,7 +276,7 @@ def _unidentified(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iter
         ("temperature", is_isothermal and high - low < TEMPERATURE_STEP_K, "no varying temperature was logged; "
             "log it, and record motions cold and warm"),
         ("temperature", is_isothermal and high - low >= TEMPERATURE_STEP_K,
-            f"{ABSENT.replace('levels', 'motions')} from {low:.3g} to {high:.3g} degC"),
+            f"{ABSENT.replace('friction torques', 'motions')} from {low:.3g} to {high:.3g} degC"),
         ("load", not terms.load, "one load shows none; record motions with other payloads, or in other postures"),
         ("directions.coulomb", not is_alone, "Coulomb friction by direction cannot be distinguished from offset and "
             "gravity"),

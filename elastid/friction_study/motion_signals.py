@@ -32,7 +32,7 @@ from elastid.model.formulation import ElasticJoint
 SMOOTHED_HZ = 60.0
 
 
-def smoothed(record: FrictionRecord, hz: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+def smooth_motion(record: FrictionRecord, hz: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return low-pass filtered position, velocity, logged velocity if available, and acceleration (n,)."""
     smooth = butter(2, min(hz, 0.45 * record.rate_hz), fs=record.rate_hz, output="sos")
     position = sosfiltfilt(smooth, record.position)
@@ -112,7 +112,7 @@ def detect_passes(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRe
 
 def _plateaus(record: FrictionRecord) -> tuple[Plateau, ...]:
     """Return plateaus in chronological order; for a log with a speed, the plateaus at this speed."""
-    position, velocity, acceleration = smoothed(record, STEADY_HZ)
+    position, velocity, acceleration = smooth_motion(record, STEADY_HZ)
     candidates = [_way_plateau(position, *way, record.rate_hz) for way in _ways(position)]
     ways = [plateau for plateau in candidates if plateau is not None]
     steady = find_plateaus(velocity, acceleration, record.rate_hz)

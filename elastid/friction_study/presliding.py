@@ -72,7 +72,7 @@ class Elements:
         """Return Maxwell slip as a robot's file has it."""
         used = self.stiffness > 0
         k, D = self.stiffness[used], self.threshold[used]
-        # A hundred times the torque: an element that slips reaches its level at once.
+        # A hundred times the torque: an element that slips reaches its torque at once.
         return MaxwellSlip(tuple(k.tolist()), tuple((k * D / float(k @ D)).tolist()), 100.0 * float(k @ D))
 
 
@@ -239,7 +239,7 @@ class _Model:
         """Return G (F,) at one amplitude."""
         omega = 2 * np.pi * response.freq_hz
         per_bend = x[-2] / max(G.rms_position for G in self.responses)  # 1 / z_s
-        bristles = (np.exp(x[-3]) + 1j * omega * x[-1] * self.damping_unit) * slipped(omega, response, per_bend)
+        bristles = (np.exp(x[-3]) + 1j * omega * x[-1] * self.damping_unit) * bristle_ratio(omega, response, per_bend)
         return np.asarray(1 / (bristles + 1j * omega * self.viscous + self.reaction(x, omega)))
 
     def start(self) -> FloatArray:
@@ -274,7 +274,7 @@ class _Model:
         return np.concatenate([*residuals, file_deviation])
 
 
-def slipped(omega: FloatArray, response: "PreslidingResponse", per_bend: float) -> ComplexArray:
+def bristle_ratio(omega: FloatArray, response: "PreslidingResponse", per_bend: float) -> ComplexArray:
     """Return z / q (F,) of bristles with 1 / z_s = per_bend under the motion of a response; at most half slips."""
     rate = np.sqrt(2 / np.pi) * response.rms_velocity * per_bend
     epsilon = min(2 / np.pi * (response.rms_position * per_bend) ** 2, 0.5)

@@ -33,7 +33,7 @@ from elastid.friction_study.presliding import (
 )
 from elastid.friction_study.rigid_body_columns import RigidBody
 from elastid.friction_study.spec import FrictionSpec, LawSpec
-from elastid.friction_study.static_model_fit import ABSENT, NOT_ASKED, StaticLaw, UnidentifiedTerm
+from elastid.friction_study.static_model_fit import ABSENT, NOT_ASKED, StaticLaw, UnidentifiedTerm, identified_names
 from elastid.friction_study.warm_up import ThermalModel, WarmUp, fit_warm_up, warm_up_note, warm_up_of
 from elastid.model.formulation import ElasticJoint, locked_joint
 from elastid.record import motion_unit
@@ -137,11 +137,8 @@ class JointFriction(SlidingFriction):
             slid = any(part is not None for part in (self.static, self.motion, self.commanded))
             why = "the data identify no law that is physically possible" if slid else "the joint slides in no log"
             return (UnidentifiedTerm("friction", why),)
-        return tuple(
-            term
-            for term in self.unidentified
-            if term.term in ("stribeck", "presliding") and not term.reason.startswith((NOT_ASKED, ABSENT))
-        )
+        required = (term for term in self.unidentified if term.term in ("stribeck", "presliding"))
+        return tuple(term for term in required if not term.reason.startswith((NOT_ASKED, ABSENT)))
 
 
 @dataclass(frozen=True)
@@ -207,9 +204,8 @@ def law_numbers(joint: str, law: StaticLaw, truth: Truth) -> Iterator[FrictionNu
         by_heat, meaning = "temperature.coulomb", f"{at}: change with temperature"
         terms["coulomb"] = replace(TERMS["coulomb"], prefix="tau", symbol="tau_f", meaning=at)
         terms[by_heat] = replace(TERMS[by_heat], prefix="tauT", symbol="tau_T", meaning=meaning)
-    yield from _table(
-        joint, curve.slides, learnt, law.identified_names, law.estimate, truth=truth, reach=law.quantile_95, terms=terms
-    )
+    names, reach = identified_names(law.names, law.unidentified), law.quantile_95
+    yield from _table(joint, curve.slides, learnt, names, law.estimate, truth, reach, terms)
 
 
 def thermal_numbers(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterator[FrictionNumber]:
@@ -261,7 +257,7 @@ def _table(
 def true_numbers(robot: Robot, joint: str, static: StaticLaw | None = None) -> dict[str, float]:
     """Return numbers of a joint by name, link side, SI; empty for one without friction.
 
-    static: the law that they are compared with. Its numbers stand at the mean temperature of its levels, and where it
+    static: the law that they are compared with. Its numbers stand at the mean temperature of its torques, and where it
     has no part for the load, under the mean load of these.
     """
     law, numbers = law_of(robot, joint), friction_numbers(robot)
@@ -368,7 +364,7 @@ def _law(
             friction = replace(friction, lugre=LuGre(at_rest.sigma_0, damping, falling))
         friction.check_passive(viscous, sliding.slides)
     except ValueError as error:
-        text = f"its numbers make no law for a robot's file: {error}; more or quieter levels narrow them"
+        text = f"its numbers make no law for a robot's file: {error}; more runs or less noise narrow them"
         return None, None, (Note("friction/law", text, f"joint {sliding.joint}"),)
     return friction, viscous, ()
 
@@ -384,7 +380,7 @@ def _numbers(
         motion, fit = sliding.motion, sliding.motion.regression
         learnt = f"the motion, {len(motion.plateaus)} plateaus, up to {motion.passband_hz:g} Hz"
         rigid = "inertia", "offset", "gain", "gravity.cos", "gravity.sin"
-        identified = motion.identified_names if static is None else rigid
+        identified = identified_names(fit.names, motion.unidentified) if static is None else rigid
         yield from table(learnt, identified, fit)
     if sliding.commanded is not None:
         joint = sliding.commanded

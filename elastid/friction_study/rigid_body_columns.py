@@ -113,12 +113,13 @@ def column_names(robot: Robot, joints: Sequence[str]) -> list[tuple[str, str]]:
     """
     frame_columns = [(f"{name}_{joint.name}", unit) for joint in robot.joints for name, unit in _OF_FRAME.items()]
     slides = {joint.name: joint.slides for joint in robot.joints}
-    rotors = [(f"Jm_{joint}", "kg" if slides[joint] else "kg*m^2") for joint in joints]
-    offsets = [(f"o_{joint}", "N" if slides[joint] else "N*m") for joint in joints]
     coupled = [robot.driven_names[i] for i in _coupled(robot)]
-    sliding = [(f"F_{joint}", "N" if slides[joint] else "N*m") for joint in coupled]
-    sliding += [(f"f_{joint}", "N*s/m" if slides[joint] else "N*m*s/rad") for joint in coupled]
-    return [*frame_columns, *rotors, *offsets, *sliding]
+    groups = (
+        ("Jm", joints, ("kg*m^2", "kg")), ("o", joints, ("N*m", "N")),
+        ("F", coupled, ("N*m", "N")), ("f", coupled, ("N*m*s/rad", "N*s/m")),
+    )  # fmt: skip
+    rows = [(f"{letter}_{joint}", units[slides[joint]]) for letter, group, units in groups for joint in group]
+    return [*frame_columns, *rows]
 
 
 def _coupled(robot: Robot) -> list[int]:

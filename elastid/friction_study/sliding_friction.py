@@ -15,7 +15,6 @@ friction, nor an error of the inertia from a factor of all friction.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 
 import numpy as np
 
@@ -154,7 +153,8 @@ def _with_motion(fit: CommandedJoint, records: Sequence[FrictionRecord], carried
     position = np.concatenate([record.position - record.position.mean() for record in records])
     speed = np.concatenate([np.abs(np.gradient(record.position, 1 / record.rate_hz)) for record in records])
     low, high = np.quantile(speed, [0.05, 0.99]).tolist()
-    travel, seconds = float(np.std(position)), sum(record.duration_s for record in records)
+    travel = float(np.std(position))
+    seconds = sum(record.duration_s for record in records)
     return replace(fit, travel=travel, speeds=(low, high), carried=carried, logs=len(records), seconds=seconds)
 
 
@@ -317,8 +317,8 @@ def motion_logs(measured: FrictionRecords, purpose: Purpose = "motion") -> list[
 def _single_joint_motion(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> JointMotion:
     records, notes = sorted(records, key=lambda record: record.payload), list[Note]()
     against, code = turns_against_gravity(robot, joint, records[0].configuration), "friction/no-record"
-    detected = (attempt(notes, code, detect_passes, record, against) or () for record in records)
-    passes = _sufficient_runs([*chain.from_iterable(detected)])
+    detected = [attempt(notes, code, detect_passes, record, against) or () for record in records]
+    passes = _sufficient_runs([part for parts in detected for part in parts])
     friction = attempt(notes, code, _regress, robot, joint, records, against)
     if friction is None and not passes:
         raise DataError(code, str(notes[0]))

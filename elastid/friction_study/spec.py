@@ -13,8 +13,8 @@ Part: TypeAlias = Literal["auto", "yes", "no"]
 class LawSpec:
     """Parts of a friction law in addition to Coulomb and viscous friction.
 
-    Each part is `no`, `auto`: where the levels determine it (an F test at 1 %, and none of its numbers wider than half
-    of itself), or `yes`: without the F test, and an error where the levels cannot determine it.
+    Each part is `no`, `auto`: where the friction torques determine it (an F test at 1 %, and none of its numbers wider
+    than half of itself), or `yes`: without the F test, and an error where the torques cannot determine it.
     """
 
     # fmt: off
@@ -67,7 +67,7 @@ class LoadSpec:
 
     # fmt: off
     name: Annotated[OptionalName, Key("Name of the load; logs name it too.", "short, since every "
-        "level and figure carries it.")]
+        "table and figure states it.")]
     configuration: Annotated[str | None, Key("Posture in which the other joints are held (default: the first of the "
         "experiment).", "postures in which gravity on the joint is small, medium and large give three loads without "
         "any weight.")] = None

@@ -1,10 +1,10 @@
-r"""StaticLaw: sliding friction of one place as a robot's file has it, its parts added where levels show them.
+r"""StaticLaw: sliding friction of one place as a robot's file has it, its parts added where friction torques show them.
 
-The law through levels, by variable projection: its linear numbers are eliminated, the others searched for.
+The law through friction torques, by variable projection: its linear numbers are eliminated, the others searched for.
 
 .. math:: \min_\eta \| P^\perp(\eta)\, W y \|^2, \quad c = (W \Phi)^+ W y
 
-(Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973.) W = 1 / std of each level.
+(Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973.) W = 1 / std of each friction torque.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -47,10 +47,10 @@ class Terms:
 
 @dataclass(frozen=True)
 class StaticLaw:
-    """The law through levels, and the parts that could not be identified from them.
+    """The law through friction torques, and the parts that could not be identified from them.
 
     values: linear numbers and eta by name, SI, at the reference temperature T_0; covariance: in the order linear +
-    searched.  cost: in units of the levels' variance.  Where levels show a Stribeck effect and no speed is slow enough
+    searched.  cost: in units of the torques' variance.  Where they show a Stribeck effect and no speed is slow enough
     for its numbers, it is in the law, so that the other numbers are right and the law holds at the speeds measured, and
     among `held`: its own numbers are extrapolations.
     """
@@ -98,7 +98,7 @@ class StaticLaw:
 
     @property
     def quantile_95(self) -> float:
-        """Half of a 95 % interval in stds: Student's t where the scatter of the levels gave these, else normal."""
+        """Half of a 95 % interval in stds: Student's t where the scatter of the torques gave these, else normal."""
         return float(stdtrit(self.dof, 0.975) if excess(self.cost, self.dof) > 1 else ndtri(0.975))
 
     @property
@@ -127,11 +127,6 @@ class StaticLaw:
         return np.asarray(np.sqrt(np.einsum("ni,ij,nj->n", J, self.covariance, J)))
 
     @property
-    def identified_names(self) -> tuple[str, ...]:
-        """Names of the numbers that are no extrapolations."""
-        return identified_names(self.names, self.unidentified)
-
-    @property
     def measured(self) -> MeasuredRange:
         """The ranges of the conditions."""
         curve, degc = self.curve, self.curve.measured_temperatures
@@ -140,7 +135,7 @@ class StaticLaw:
 
     @property
     def has_one_speed(self) -> bool:
-        """True if the levels are of one speed: Coulomb friction is then the whole torque there, and no law follows."""
+        """True if the torques are of one speed: Coulomb friction is then the whole torque there, and no law follows."""
         return "viscous" not in self.values
 
     def to_friction(self) -> tuple[Friction, float]:
@@ -167,7 +162,7 @@ def fit_curve(curve: FrictionCurve, terms: Terms) -> StaticLaw:
             jac="3-point", bounds=(low, high), x_scale=1.0, ftol=1e-12, xtol=1e-10
         )  # fmt: skip
         if not optima:
-            text = "no start of its Stribeck curve leads to an optimum; check its levels"
+            text = "no start of its Stribeck curve leads to an optimum; check its friction torques"
             raise FitError("friction/law", text, f"friction of {curve.place}")
         x = min(optima, key=lambda end: end.cost).x
     eta = search.eta(x)
@@ -179,7 +174,7 @@ def fit_curve(curve: FrictionCurve, terms: Terms) -> StaticLaw:
 
 
 def excess(cost: float, dof: int) -> float:
-    """Return factor of the variance of levels by which they scatter more than stated; 1 where chance explains it."""
+    """Return factor of the variance by which torques scatter more than stated; 1 where chance explains it."""
     return cost / dof if chdtrc(dof, cost) < FALSE_ALARM else 1.0
 
 
@@ -193,7 +188,7 @@ def derivative(conditions: Conditions, terms: Terms, values: Mapping[str, float]
 class _Search:
     """The variables x: ln of each searched number; the Stribeck velocity over temperature by its ln at both ends."""
 
-    levels: FrictionCurve
+    curve: FrictionCurve
     terms: Terms
     T_0: float
 
@@ -202,7 +197,7 @@ class _Search:
         eta = dict(self.terms.fixed) | named(self.terms.searched, np.exp(x))
         if "temperature.stribeck_velocity" in self.terms.searched:
             cold, hot = eta["stribeck_velocity"], eta["temperature.stribeck_velocity"]
-            degc = self.levels.measured_temperatures - self.T_0
+            degc = self.curve.measured_temperatures - self.T_0
             low, high = float(degc.min()), float(degc.max())
             eta["temperature.stribeck_velocity"] = (hot - cold) / (high - low)
             eta["stribeck_velocity"] = cold - low * (hot - cold) / (high - low)
@@ -210,15 +205,15 @@ class _Search:
 
     def project(self, eta: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         """Return the best linear numbers (n,) at eta, and the residual (m,) over its std (variable projection)."""
-        W = 1 / self.levels.std
-        Q, R = np.linalg.qr(W[:, None] * columns(self.levels.conditions, self.terms.linear, eta, self.T_0))
-        y = W * self.levels.torque
+        W = 1 / self.curve.std
+        Q, R = np.linalg.qr(W[:, None] * columns(self.curve.conditions, self.terms.linear, eta, self.T_0))
+        y = W * self.curve.torque
         projection = Q.T @ y
         return np.linalg.lstsq(R, projection, rcond=None)[0], y - Q @ projection
 
     def starts(self) -> Iterator[FloatArray]:
         """Yield logarithms (n,): Stribeck velocities over the speeds, exponents, one decay."""
-        speeds = np.log(self.levels.speed)
+        speeds = np.log(self.curve.speed)
         velocities = speeds.min() + np.array((0.15, 0.35, 0.6)) * np.ptp(speeds)
         choices: dict[str, tuple[float, ...]] = {
             "stribeck_velocity": tuple(velocities),
@@ -256,14 +251,14 @@ def _range(values: FloatArray) -> tuple[float, float]:
 
 
 # Reasons of parts that are not missing: they were not asked for, or the data show that they are absent.
-NOT_ASKED, ABSENT = "not asked for", "the levels do not show it"
+NOT_ASKED, ABSENT = "not asked for", "the friction torques do not show it"
 # Temperatures closer than this are the same condition.
 TEMPERATURE_STEP_K = 2.0
 # Numbers of temperature that are positive: viscous friction falls with heat.
 COOLING = ("temperature.viscous", "temperature.decay")
 # Speeds that a Stribeck curve with viscous friction needs, and the part of nu_s that the lowest must reach.
 MIN_SPEEDS, LOWEST_SPEED = 5, 1 / 3
-# Exponents of Stribeck curves, the last one where it is held, and the cost by which levels exclude another one.
+# Exponents of Stribeck curves, the last one where it is held, and the cost by which friction torques exclude others.
 EXPONENTS: tuple[float, ...] = (1.0, 1.4, 2.0)
 MAX_COST = 4.0
 # Ends of the names of numbers that change friction below some speed alone.
@@ -316,7 +311,7 @@ def _extended_law(curve: FrictionCurve, fit: StaticLaw, part: _Term, key: Part) 
         return None, part.refusal
     terms = part.added(fit.terms)
     if terms == fit.terms:
-        return None, "it needs a Stribeck curve, which the levels do not show"
+        return None, "it needs a Stribeck curve, which the friction torques do not show"
     try:
         wider = fit_curve(curve, terms)
     except FitError as error:
@@ -324,7 +319,7 @@ def _extended_law(curve: FrictionCurve, fit: StaticLaw, part: _Term, key: Part) 
     new = [name for name in wider.names if name not in fit.names]
     chance = terms_p_value(fit.cost, wider.cost, len(new), wider.dof)
     if part.is_tested and chance > FALSE_ALARM and key == "auto":
-        return None, f"{ABSENT} (chance {chance:.2g} without it); more or quieter levels might"
+        return None, f"{ABSENT} (chance {chance:.2g} without it); more runs or less noise might"
     wide, lowest = _widest(wider, new), float(curve.speed.min())
     nu_s = wider.values["stribeck_velocity"] if "stribeck_velocity" in new else np.inf
     if lowest <= LOWEST_SPEED * nu_s:
@@ -343,7 +338,7 @@ def above_stribeck(lowest: float, nu_s: float) -> str:
 
 
 def _add_curve_uncertainty(curve: FrictionCurve, fit: StaticLaw, stribeck: _Term, spec: LawSpec) -> StaticLaw:
-    """Return fit with the difference to other Stribeck curves that levels do not exclude in its covariance.
+    """Return fit with the difference to other Stribeck curves that the torques do not exclude in its covariance.
 
     These are of another exponent where it is held, and, where there is none, below the lowest speed.
     """
@@ -388,7 +383,7 @@ def _candidate_terms(curve: FrictionCurve) -> tuple[_Term, ...]:
     loads = _distinct(curve.load / max(float(curve.load.max()), 1e-300), 0.05)
 
     def shortage(count: int, needed: int, what: str, advice: str) -> str:
-        return "" if count >= needed else f"{needed} {what} are needed, and these levels have {count}; {advice}"
+        return "" if count >= needed else f"{needed} {what} are needed, and these runs have {count}; {advice}"
 
     stribeck = shortage(speeds, MIN_SPEEDS, "speeds", extrapolates(float(curve.speed.min())))
     uneven = (

@@ -26,11 +26,11 @@ from elastid.nonlinear.friction_basis import BasisFunction, sliding_means
 Signal = TypeVar("Signal", FloatArray, BoolArray)
 
 
-def turning(v: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
+def sign_of(v: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
     """Return tanh(v / scale), or sgn v at scale 0, and its slope (n,), along velocities v (n,) of a period."""
     means = sliding_means(np.append(v, v[0])[None], [(BasisFunction("", "sign", scale), 1.0)])[0]
-    step, phi = following(v) - v, np.tanh(v / scale) if scale else np.sign(v)
-    slope = np.divide(following(phi) - phi, step, out=np.zeros_like(v), where=np.abs(step) > 1e-9 * np.abs(v).max())
+    step, phi = next_point(v) - v, np.tanh(v / scale) if scale else np.sign(v)
+    slope = np.divide(next_point(phi) - phi, step, out=np.zeros_like(v), where=np.abs(step) > 1e-9 * np.abs(v).max())
     return points_of_means(means), (slope + np.concatenate([slope[-1:], slope[:-1]])) / 2
 
 
@@ -47,7 +47,7 @@ def _from_means(n: int) -> ComplexArray:
     return np.asarray(np.exp(-1j * np.pi * half) / np.sinc(half))
 
 
-def following(x: Signal) -> Signal:
+def next_point(x: Signal) -> Signal:
     """Return the value at the next point for each point (n,) of a period."""
     return np.concatenate([x[1:], x[:1]])
 
@@ -197,7 +197,7 @@ def along_period(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatAr
     What breaks or turns between the points does so there.
     """
     if effect.kind in ("friction", "load", "behind"):
-        return turning(x, effect.scale)
+        return sign_of(x, effect.scale)
     return implicit_law(effect, x)
 
 

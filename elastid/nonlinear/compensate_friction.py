@@ -64,8 +64,7 @@ def estimate_net_response(
     if not friction.shapes:
         return response
     errors = _coefficient_errors(records, friction, response, spec, planned_lines, E)
-    none = np.zeros((SYSTEMATIC_ERRORS, *errors.shape[1:]), complex)
-    before = none if response.bias is None else response.bias
+    before = np.zeros((SYSTEMATIC_ERRORS, *errors.shape[1:]), complex) if response.bias is None else response.bias
     return replace(response, bias=np.concatenate([before[:-1], errors, before[-1:]]))
 
 
@@ -92,8 +91,8 @@ def _unexplained(
     if ratio < MIN_UNEXPLAINED or np.median((total / (noise + arm()))[used]) < MIN_UNEXPLAINED:
         return ()
     rms = np.sqrt(np.mean([np.var(record.u, axis=0) for record in records], axis=0))
-    levels = [friction.coulomb_friction(place)[0] for place in response.inputs]
-    stuck = [place for place, F_c, most in zip(response.inputs, levels, rms / 3, strict=True) if F_c > most]
+    coulomb = [friction.coulomb_friction(place)[0] for place in response.inputs]
+    stuck = [place for place, F_c, limit in zip(response.inputs, coulomb, rms / 3, strict=True) if F_c > limit]
     cure = "add `gears: {}` to the study"
     if stuck:
         cure = f"raise excitation.torque_rms: friction stops {' and '.join(stuck)} at this amplitude"

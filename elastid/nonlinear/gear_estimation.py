@@ -37,9 +37,8 @@ MIN_SIGNIFICANCE = 3.0  # std of a magnitude, from which on its scale moves, and
 class GearEstimate:
     """x (n_x,) of the parameters and magnitudes (n_f,) of the effects, with their covariance (n_x + n_f, n_x + n_f).
 
-    last_step_norm: largest step of the last round, in standard deviations.  weighted_cost: sum of ln det S of its
-    residuals, by which alternatives are compared, -2 ln of their likelihood.  scale_std (n_f,): of the effects' scales
-    that are found with them, 0 of the others.
+    weighted_cost: sum of ln det S of its residuals, by which alternatives are compared, -2 ln of their likelihood.
+    scale_std (n_f,): of the effects' scales that are found with them, 0 of the others.
     """
 
     parameters: Parameters
@@ -47,7 +46,6 @@ class GearEstimate:
     x: FloatArray
     magnitudes: FloatArray
     covariance: FloatArray
-    last_step_norm: float
     weighted_cost: float
     estimates: tuple[SmoothedMotion, ...]
     drives: tuple[DriveLines, ...]
@@ -118,8 +116,9 @@ def estimate_gear_parameters(
     """Estimate parameters and magnitudes of the effects from another estimate, or without one (`initial_estimate`); 0
     for new effects.
 
-    tolerance: last_step_norm below which the iteration ends.  fixed: effects whose scales stay.  target_cost: the
-    iteration also ends if the last round decreased weighted_cost by less than its distance to this value.
+    tolerance: largest step over its standard deviation at which the iteration ends.  fixed: effects whose scales stay.
+    target_cost: the iteration also ends if the last round decreased weighted_cost by less than its distance to this
+    value.
     """
     parameters, x, n_x, n_f = start.parameters, start.x, len(start.x), len(effects)
     magnitudes = start.magnitudes_of(effects)
@@ -154,7 +153,7 @@ def estimate_gear_parameters(
     for group, relative in zip(scales, std[n_x + n_f :], strict=True):
         scale_std[group] = [relative * effects[i].scale for i in group]
     covariance, estimated = covariance[: n_x + n_f, : n_x + n_f], tuple(e.of(range(n_f)) for e in estimates)
-    end = tuple(effects), x, magnitudes, covariance, last_step_norm, cost
+    end = tuple(effects), x, magnitudes, covariance, cost
     return GearEstimate(parameters, *end, estimated, tuple(drives), scale_std)
 
 
@@ -213,7 +212,7 @@ def initial_estimate(data: GearData, parameters: Parameters, x: FloatArray) -> G
     (A, *_), weighted_cost = normal_equations(data.lines, drives, estimates, len(x), none)
     prior, _ = priors(parameters, x, len(x))
     covariance = inverse(A.sum(axis=0) + prior)
-    return GearEstimate(parameters, (), x, none, covariance, np.inf, weighted_cost, estimates, drives, none)
+    return GearEstimate(parameters, (), x, none, covariance, weighted_cost, estimates, drives, none)
 
 
 # Sums over lines and experiments of each realisation: A (R, n, n), b (R, n), c (R,) of J^H J, J^H r and r^H r.

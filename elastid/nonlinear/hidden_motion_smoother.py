@@ -171,10 +171,8 @@ class _Problem:
     @cached_property
     def signals(self) -> list[tuple[Place, int]]:
         """Place and joint of each unknown."""
-        signals = {
-            (effect.place, self.drive.joints.index(effect.joint)) for effect in self.effects if effect.is_implicit
-        }
-        return sorted(signals)
+        effects = filter(lambda effect: effect.is_implicit, self.effects)
+        return sorted({(effect.place, self.drive.joints.index(effect.joint)) for effect in effects})
 
     def solve(self, base: ComplexArray, m: int, before: SmoothedMotion) -> tuple[ComplexArray, FloatArray, FloatArray]:
         """Return motion (F, n) of an experiment from its estimate without implicit effects, the unknowns and forces."""

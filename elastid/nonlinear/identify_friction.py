@@ -16,7 +16,7 @@ from elastid.frf.spectra import RecordSpectra
 from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.friction_basis import BasisFunction
 from elastid.nonlinear.motion import VELOCITY_NOISE, motion_of
-from elastid.nonlinear.spectra import ConfigurationSpectra, compensation_torque, gather_configuration, unsuited
+from elastid.nonlinear.spectra import ConfigurationSpectra, compensation_torque, gather_configuration, reason_unsuited
 from elastid.nonlinear.variable_projection import (
     DEPENDENCE_BY_CHANCE,
     SIGN_ERROR,
@@ -25,12 +25,12 @@ from elastid.nonlinear.variable_projection import (
     basis_error_covariance,
     candidate_basis,
     choose,
-    delayed,
+    delay_spectra,
     estimate_coefficients,
     inverse,
     median_swing,
     normal_equations,
-    refined,
+    refine_basis,
     residual_power_ratios,
     torque_delay,
 )
@@ -89,7 +89,7 @@ def _identify(
     data = gather(measured[:few], shapes)
     choice, picked = choose(data, shapes, places, spec.friction == "auto")
     if delay_s := torque_delay(data, shapes, choice, places):
-        late, late_shapes = delayed(data, delay_s), tuple(replace(shape, delay_s=delay_s) for shape in shapes)
+        late, late_shapes = delay_spectra(data, delay_s), tuple(replace(shape, delay_s=delay_s) for shape in shapes)
         late_choice, late_picked = choose(late, late_shapes, places, spec.friction == "auto")
         # Bristles with much damping act before their deflection, as if the torque were logged early.
         if delay_s > 0 or any(shape.is_memoryless for shape in late_choice.shapes):
@@ -99,7 +99,7 @@ def _identify(
     first, friction = _FrictionFit(records[0], spec, picked_spectra, choice, swings), None
     if choice.shapes:
         noise = np.sqrt(np.mean([spectra.velocity_noise**2 for spectra in picked_spectra], axis=0))
-        near = refined(choice, first.sums[0], places, noise)
+        near = refine_basis(choice, first.sums[0], places, noise)
         between = replace(first, choice=near, data=gather(measured[:few], near.shapes, first.result))
         pairs = [[fit.result.coulomb_friction(place)[0] for fit in (between, first)] for place in places]
         # Of many configurations the motion between the samples is looked at where it moves F_c by what is known of it.
@@ -274,7 +274,7 @@ def _no_friction(first: Record, why: str, friction: Friction) -> CompensatedFric
 def refusal(records: Sequence[Record]) -> str:
     """Return the reason why friction is not identifiable from the records of a configuration, else ""."""
     first = records[0]
-    if reason := unsuited(first):
+    if reason := reason_unsuited(first):
         return reason
     equal = np.zeros(len(first.inputs)) if first.r is None else np.all(first.u == first.r, axis=0)
     if same := [place for place, is_equal in zip(first.inputs, equal, strict=True) if is_equal]:

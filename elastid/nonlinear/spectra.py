@@ -211,7 +211,7 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
     """
     records = tuple(log for record in measured for log in single_logs(record))
     first = records[0]
-    if reason := unsuited(first):
+    if reason := reason_unsuited(first):
         raise DataError("gears/records", reason, f"configuration {first.configuration.name}")
     columns = [first.outputs.index(place) for place in first.inputs]
     excited = analysed_lines(list(map(RecordSpectra, records)), spec, planned)
@@ -241,7 +241,7 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
     )
 
 
-def unsuited(first: Record) -> str:
+def reason_unsuited(first: Record) -> str:
     """Return the reason why friction and gear effects are not identifiable from these records, else ""."""
     if not first.is_periodic:
         return "the records have no period; what is not linear is found from differences between periodic experiments"

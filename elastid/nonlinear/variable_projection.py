@@ -14,7 +14,7 @@ searched at which friction leaves least of it in other realisations (`torque_del
 Shapes are chosen by cross-validation over realisations. Candidates are on the scale of the motors' own motion; one is
 compensated only where it pays. Signs are tried at speeds a factor 2 apart. Where friction turns over a speed between
 two of them, both together come out as friction that is 0.1 to 0.2 % too large in sliding; two near their mean leave a
-tenth of that (`refined`).
+tenth of that (`refine_basis`).
 """
 
 import math
@@ -233,7 +233,7 @@ def torque_delay(
     groups = identifiable_basis(data, motor_of)  # a delay changes no magnitude
 
     def power(delay_s: float) -> float:
-        _, equations = estimate_coefficients(delayed(data, delay_s), motor_of, DELAY_ITERATIONS)
+        _, equations = estimate_coefficients(delay_spectra(data, delay_s), motor_of, DELAY_ITERATIONS)
         ratios = [ratio for _, ratio in _choices(equations, candidates, groups)]
         return float(np.mean(np.log(np.maximum(ratios, 1e-12))))
 
@@ -273,7 +273,7 @@ def delay_step_power(data: Sequence[ConfigurationSpectra], candidates: Sequence[
     return float(np.exp(np.mean(np.log(np.maximum(quotient(late_power, power_at_0, 1.0), 1e-12)))))
 
 
-def delayed(data: Sequence[ConfigurationSpectra], delay_s: float) -> list[ConfigurationSpectra]:
+def delay_spectra(data: Sequence[ConfigurationSpectra], delay_s: float) -> list[ConfigurationSpectra]:
     """Return spectra whose shapes are later by a delay."""
     late = [np.exp(-2j * np.pi * delay_s * spectra.freq_hz)[:, None, None] for spectra in data]
     return [replace(spectra, Phi=factor * spectra.Phi) for spectra, factor in zip(data, late, strict=True)]
@@ -402,7 +402,7 @@ def residual_power_ratios(equations: NormalEquations, motors: int, motor_of: Int
     return ratios
 
 
-def refined(choice: Basis, coefficients: FloatArray, places: Sequence[str], velocity_noise: FloatArray) -> Basis:
+def refine_basis(choice: Basis, coefficients: FloatArray, places: Sequence[str], velocity_noise: FloatArray) -> Basis:
     """Refine the choice: signs and Stribeck curves of a motor near the mean speed of the selected ones.
 
     A sign turns over the square root of D^2 - (c sigma)^2, D being the mean speed that fits and sigma (n_m,) the

@@ -43,8 +43,7 @@ def write_draws(folder: Path, draws: DrawnRobots, name: str, warn: Callable[[str
     for number, robot in zip(names, draws.robots, strict=True):
         root = first if robot is start else mjcf(robot, rods)
         ET.indent(root)
-        text = ET.tostring(root, encoding="unicode")
-        (engine / f"robot_{number}.xml").write_text(f"{text}\n", encoding="utf-8")
+        (engine / f"robot_{number}.xml").write_text(f"{ET.tostring(root, encoding='unicode')}\n", encoding="utf-8")
     return folder / "samples.csv", robots, engine
 
 

@@ -71,6 +71,11 @@ class Layout:
     variables: tuple[Variable, ...]
     places: dict[str, int]
 
+    @property
+    def outputs(self) -> list[int]:
+        """References of the outputs."""
+        return [i for i, variable in enumerate(self.variables) if variable.causality == "output"]
+
 
 @dataclass(frozen=True, eq=False)
 class Subject:
@@ -150,7 +155,7 @@ def _of(
     ]
 
 
-def framed(robot: Robot) -> Robot:
+def with_tool_frame(robot: Robot) -> Robot:
     """Return robot with a frame `tool`, added if it is missing."""
     return robot if robot.frames else with_frames(robot, (TOOL,))
 
@@ -161,7 +166,7 @@ def _at_frames(robot: Robot, name: str, causality: Causality, text: str) -> list
             f"{name} {axis} of frame {frame.name}", causality, "continuous",
             f"Frame {frame.name}: {text.format(axis=axis)}", 0.0,
         )
-        for frame in framed(robot).frames
+        for frame in with_tool_frame(robot).frames
         for axis in "xyz"
     ]  # fmt: skip
 
@@ -224,9 +229,8 @@ def _describe_2(variables: ET.Element, structure: ET.Element, layout: Layout, na
     ET.SubElement(chosen, "Integer", start="1", min="1", max=str(len(names)))
     for part in ("Outputs", "InitialUnknowns"):
         section = ET.SubElement(structure, part)
-        for index, variable in enumerate(layout.variables, start=1):
-            if variable.causality == "output":
-                ET.SubElement(section, "Unknown", index=str(index))
+        for reference in layout.outputs:
+            ET.SubElement(section, "Unknown", index=str(reference + 1))
 
 
 def _describe_3(variables: ET.Element, structure: ET.Element, layout: Layout, names: tuple[str, ...]) -> None:
@@ -235,9 +239,8 @@ def _describe_3(variables: ET.Element, structure: ET.Element, layout: Layout, na
     limits = {"start": "1", "min": "1", "max": str(len(names))}
     ET.SubElement(variables, "Int32", _configuration(len(layout.variables), names) | limits)
     for part in ("Output", "InitialUnknown"):
-        for reference, variable in enumerate(layout.variables):
-            if variable.causality == "output":
-                ET.SubElement(structure, part, valueReference=str(reference))
+        for reference in layout.outputs:
+            ET.SubElement(structure, part, valueReference=str(reference))
 
 
 def build_description(sources: Sequence[str]) -> str:
@@ -299,7 +302,7 @@ def equations(model: ElasticModel, contacts: Contacts) -> tuple[ca.Function, ...
 
 def origins(model: ElasticModel, q: ca.SX) -> ca.SX:
     """Return origins (3 n_f,) of all frames at q (n_q,), in the axes of the base, m."""
-    layout = tree(framed(model.robot))
+    layout = tree(with_tool_frame(model.robot))
     joint_turns = turns(layout, q[: len(model.robot.joints)])
     return ca.vertcat(*(position(layout, joint_turns, seat) for seat in layout.named))
 
@@ -332,7 +335,7 @@ def write_units(folder: Path, subject: Subject, stem: str) -> tuple[Path, ...]:
         if version == 3:
             content["sources/buildDescription.xml"] = build_description(names)
         if compiler is not None:
-            content[_library_path(version)] = compiled(compiler, sources, names)
+            content[_library_path(version)] = compile_library(compiler, sources, names)
         with replacing(path) as temporary, zipfile.ZipFile(temporary, "w", zipfile.ZIP_DEFLATED) as archive:
             for name in sorted(content):
                 archive.writestr(zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0)), content[name], zipfile.ZIP_DEFLATED)
@@ -362,7 +365,7 @@ def unit_sources(subject: Subject) -> tuple[dict[str, str], dict[int, str]]:
     return sources, {version: description(version, needed[version], *described) for version in (2, 3)}
 
 
-def compiled(compiler: str, sources: Mapping[str, str], names: Sequence[str]) -> bytes:
+def compile_library(compiler: str, sources: Mapping[str, str], names: Sequence[str]) -> bytes:
     """Return the library for this system; StudyError with the compiler's words where it fails."""
     with tempfile.TemporaryDirectory() as temporary:
         for name, text in sources.items():
@@ -392,7 +395,7 @@ def _sizes(subject: Subject, n_z: int, functions: tuple[ca.Function, ...], varia
     equations_of = subject.model
     numbers = {
         "N_Q": equations_of.n_q, "N_U": equations_of.n_u, "N_L": len(equations_of.robot.joints), "N_Z": n_z,
-        "N_P": 3 * len(framed(equations_of.robot).frames),
+        "N_P": 3 * len(with_tool_frame(equations_of.robot).frames),
         "N_POSTURES": len(subject.postures), "N_VALUES": len(variables.variables),
         "HAS_LOOPS": int(equations_of.n_c > 0), "HAS_MOVE": int(subject.move is not None),
         **{f"N_{of.upper()}": max(getattr(f, f"sz_{of}")() for f in functions) for of in ("arg", "res", "iw", "w")},

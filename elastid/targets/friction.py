@@ -102,8 +102,7 @@ def _header(observers: Mapping[str, TrackedFriction], identifiers: Mapping[str, 
             f"void {key}_follow(double x[{n}], double P[{size}], double torque, double load, double angle,\n"
             f"{' ' * (len(key) + 13)}double *innovation, double *variance);"
         )
-    guard = ["#ifndef OBSERVER_H", "#define OBSERVER_H"]
-    return c_comment(lines) + "\n".join([*guard, *declared, "#endif"]) + "\n"
+    return c_comment(lines) + "\n".join(["#ifndef OBSERVER_H", "#define OBSERVER_H", *declared, "#endif"]) + "\n"
 
 
 def _starts(joint: TrackedJoint) -> str:

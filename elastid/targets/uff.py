@@ -68,7 +68,7 @@ def write_uff(
     return (*paths, table)
 
 
-def numbered(places: Iterable[str]) -> Nodes:
+def nodes_of(places: Iterable[str]) -> Nodes:
     """Return node and direction (0 none, 1 to 3 along x, y, z, 4 to 6 about them) of each place, all different."""
     names = list(dict.fromkeys(places))
     matches = {name: re.fullmatch(r"(?:.*\D)?(\d{1,9})(r?[xyz])", name) for name in names}
@@ -87,14 +87,14 @@ def numbered(places: Iterable[str]) -> Nodes:
 def _located(places: Sequence[str], geometry: GeometrySpec | None) -> tuple[Nodes, dict[str, int]]:
     """Return node and direction of each place, negative against an axis, and the node of each point of the geometry."""
     if geometry is None:
-        return numbered(places), {}
+        return nodes_of(places), {}
 
     def at(point: str, direction: str) -> str:
         return f"{point}{direction}" if point.isdigit() else f"{point} {direction}"
 
     where = {place: spot for place in places if (spot := geometry.direction_of(place)) is not None}
     names = {place: at(point, direction.lstrip("+-")) for place, (point, direction) in where.items()}
-    nodes = numbered((*(names.get(place, place) for place in places), *(at(point, "x") for point in geometry.points)))
+    nodes = nodes_of((*(names.get(place, place) for place in places), *(at(point, "x") for point in geometry.points)))
     signs = {place: -1 if direction.startswith("-") else 1 for place, (_, direction) in where.items()}
     located = {place: nodes[names.get(place, place)] for place in places}
     signed = {place: (node, signs.get(place, 1) * code) for place, (node, code) in located.items()}
@@ -140,8 +140,8 @@ def _sets(name: str, response: Response, nodes: Nodes) -> Iterable[dict[str, Any
                 "abscissa_spacing": 0,
                 "abscissa_min": float(response.freq_hz[0]),
                 "abscissa_inc": 0.0,
-                "data": np.asarray(response.G[:, i, j]),
-                "x": np.asarray(response.freq_hz),
+                "data": response.G[:, i, j],
+                "x": response.freq_hz,
             }
 
 

@@ -28,8 +28,7 @@ def write_urdf(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     ET.indent(root)
     path = folder / "robot.urdf"
     comment = xml_comment("\n".join([_left_out(model.robot), *interval_lines(model)]))
-    head = f'<?xml version="1.0"?>\n<!-- {comment} -->\n'
-    write_text(path, f"{head}{ET.tostring(root, encoding='unicode')}\n")
+    write_text(path, f'<?xml version="1.0"?>\n<!-- {comment} -->\n{ET.tostring(root, encoding="unicode")}\n')
     return (path,)
 
 

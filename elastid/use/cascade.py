@@ -113,7 +113,7 @@ class Cascade:
 
     def on(self, scene: Scene) -> Closed:
         """Return the loops that it closes."""
-        return scene.closed(self.gains, self.filters(scene.plants.rate_hz))
+        return Closed(scene, self.gains, self.filters(scene.plants.rate_hz))
 
     def reached(self, scene: Scene) -> float:
         """Return mean over the axes of the logarithm of the bandwidth, the smallest of all plants."""

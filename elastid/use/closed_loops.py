@@ -62,9 +62,8 @@ class Plants:
     def with_states(self, states: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return A, B, C of P(z), zero-padded to `states` states, since delays differ between robots."""
         more, none = (0, states - self.A.shape[-1]), (0, 0)
-        widths = (none, more, more), (none, more, none), (none, none, more)
-        A, B, C = (np.pad(*part) for part in zip((self.A, self.B, self.C), widths, strict=True))
-        return A, B, C
+        A = np.pad(self.A, (none, more, more))
+        return A, np.pad(self.B, (none, more, none)), np.pad(self.C, (none, none, more))
 
     def response(self, freq_hz: FloatArray) -> ComplexArray:
         """Return P (N, F, n_u, n_u), angle over torque, at freq_hz (N, F)."""
@@ -222,14 +221,10 @@ class Scene:
         freq_hz = grid(plants, lines, per_mode)
         return cls(plants, freq_hz, plants.response(freq_hz))
 
-    def closed(self, gains: JointLoop, filters: Filters | None) -> "Closed":
-        """Return the loops of gains (n_u,) or (N, n_u)."""
-        return Closed(self, gains, filters)
-
 
 @dataclass(frozen=True, eq=False)
 class Closed:
-    """Loops of N plants closed by a controller."""
+    """Loops of N plants closed by a controller with gains (n_u,) or (N, n_u)."""
 
     scene: Scene
     gains: JointLoop
@@ -282,7 +277,7 @@ def scaled(S: ComplexArray, inertia: FloatArray) -> ComplexArray:
 
 
 def bandwidths(E: ComplexArray, freq_hz: FloatArray) -> FloatArray:
-    """Return Hz (N, n_u) where |E| of E (N, F, n_u) first rises to -3 dB; the ends of the grid where it lies beyond."""
+    """Return frequencies (N, n_u), Hz, where |E| of E (N, F, n_u) first rises to -3 dB, or ends of the grid."""
     size = np.abs(E)
     above = size >= THRESHOLD
     last = np.where(above.any(axis=1), above.argmax(axis=1), size.shape[1] - 1)

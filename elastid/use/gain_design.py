@@ -36,7 +36,7 @@ def _keeps(scene: Scene, cascade: Cascade, limit_db: float) -> bool:
     return bool(20 * np.log10(loops.size.max()) <= limit_db and loops.stable.all())
 
 
-def slowed(cascade: Cascade, is_accepted: Callable[[Cascade], bool], slowest: int = _SLOWEST) -> Cascade | None:
+def slow_down(cascade: Cascade, is_accepted: Callable[[Cascade], bool], slowest: int = _SLOWEST) -> Cascade | None:
     """Return the first slower copy of a controller within its limit, to a quarter of a step; None if no copy is."""
     for step in range(slowest):
         for factor in (0.0, 1.0):  # of the slowing that the velocity loops take part in
@@ -49,7 +49,7 @@ def slowed(cascade: Cascade, is_accepted: Callable[[Cascade], bool], slowest: in
     return None
 
 
-def rules(plants: Plants, first_mode_hz: float, delay: int) -> Iterator[Cascade]:
+def initial_cascades(plants: Plants, first_mode_hz: float, delay: int) -> Iterator[Cascade]:
     """Yield velocity bandwidths, 2 to 1/30 of the first mode or the limit by delay and sampling; gains by inertia."""
     top = 2 * np.pi * min(first_mode_hz, plants.rate_hz / (8 * (1 + delay)))
     inertia = np.exp(np.log(plants.inertia).mean(axis=0))
@@ -61,7 +61,8 @@ def rules(plants: Plants, first_mode_hz: float, delay: int) -> Iterator[Cascade]
 
 def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIMIT_DB) -> Iterator[Cascade]:
     """Yield better and better controllers within the limit on all plants; FitError where no gain does."""
-    feasible = [cascade for cascade in rules(scene.plants, first_mode_hz, delay) if _keeps(scene, cascade, limit_db)]
+    starts = initial_cascades(scene.plants, first_mode_hz, delay)
+    feasible = [cascade for cascade in starts if _keeps(scene, cascade, limit_db)]
     best = max(feasible, key=lambda cascade: cascade.reached(scene), default=None)
     if best is None:
         raise FitError(
@@ -70,12 +71,12 @@ def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIM
             f"{scene.plants.rate_hz:g} Hz: raise the rate, or omit the posture with the fastest unstable pole",
         )
     yield best
-    best = searched(scene, best, limit_db) or best
+    best = tune_gains(scene, best, limit_db) or best
     yield best
     for _ in range(MAX_NOTCHES * len(best.velocity_gain)):
-        candidates = [searched(scene, cascade, limit_db, rounds=2) for cascade in _with_notch(scene, best)]
+        candidates = [tune_gains(scene, cascade, limit_db, rounds=2) for cascade in _with_notch(scene, best)]
         start = max(filter(None, candidates), key=lambda cascade: cascade.reached(scene), default=best)
-        candidate = searched(scene, start, limit_db) or best
+        candidate = tune_gains(scene, start, limit_db) or best
         if candidate.reached(scene) < best.reached(scene) + 0.02:  # a notch is kept for 2 % of bandwidth
             return
         best = candidate
@@ -95,7 +96,7 @@ def _with_notch(scene: Scene, best: Cascade) -> Iterator[Cascade]:
             yield replace(best, notches=np.vstack([best.notches, row]), axes=(*best.axes, axis))
 
 
-def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUNDS) -> Cascade | None:
+def tune_gains(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUNDS) -> Cascade | None:
     """Search by rounds of sequential quadratic programming; None for a start that no slowing helps."""
 
     def is_accepted(cascade: Cascade) -> bool:
@@ -107,7 +108,7 @@ def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUND
 
     n = len(start.velocity_gain)
     uphill = np.eye(n, len(start.vector)).sum(axis=0) / n  # the mean of ln K_p over the axes
-    best, reach = slowed(start, is_accepted), _REACH
+    best, reach = slow_down(start, is_accepted), _REACH
     if best is None:
         return None
     for _ in range(rounds):
@@ -120,7 +121,7 @@ def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUND
             },
         )  # fmt: skip
         x = np.clip(optimum.x, low, high)
-        trial = slowed(best.at(x), is_accepted, 20) if np.isfinite(x).all() else None
+        trial = slow_down(best.at(x), is_accepted, 20) if np.isfinite(x).all() else None
         gain = (trial or best).reached(scene) - best.reached(scene)
         best = trial if trial and gain > 0 else best
         reach /= 3 if gain < 0.005 else 1
@@ -150,7 +151,7 @@ def sensitivity_margin(scene: Scene, form: Cascade, limit_db: float) -> tuple[Fl
     return margin_db, -20 / np.log(10) * slopes
 
 
-def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: int) -> Cascade:
+def design_robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: int) -> Cascade:
     """Design a controller that keeps the limit on the estimate and on 95 % of D draws.
 
     draws: D times as many plants as the estimate has, or none.  FitError where no gains do.
@@ -168,14 +169,14 @@ def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: 
         return max(peaks) - LIMIT_DB
 
     candidates: list[Cascade] = []
-    for turn in range(3):  # designs with limits that are lowered by what the draws exceed
-        better = [searched(scene, candidates[-1], limit_db)] if turn else design(scene, first_mode_hz, delay, limit_db)
+    for i in range(3):  # designs with limits that are lowered by what the draws exceed
+        better = [tune_gains(scene, candidates[-1], limit_db)] if i else design(scene, first_mode_hz, delay, limit_db)
         candidates += filter(None, better)
         if (above := excess(candidates[-1])) <= 0:
             break
         limit_db -= min(above + 0.01, 1.5)
     # Slowing may cost one of them half its bandwidth, and another nothing.
-    safe = [*filter(None, (slowed(start, lambda cascade: excess(cascade) <= 0) for start in candidates))]
+    safe = [*filter(None, (slow_down(start, lambda cascade: excess(cascade) <= 0) for start in candidates))]
     if not safe:
         raise FitError("use/gains", "no gains keep the sensitivity below 6 dB for 95 % of the posterior samples")
     return max(safe, key=lambda cascade: cascade.reached(scene))

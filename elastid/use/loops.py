@@ -18,7 +18,7 @@ from elastid.simulation.controller import Filters, filters_of, gains_of
 from elastid.simulation.spec import ControllerSpec
 from elastid.use.cascade import Cascade
 from elastid.use.closed_loops import Closed, PlantMode, Plants, PostureFamily, Scene
-from elastid.use.gain_design import robust
+from elastid.use.gain_design import design_robust
 
 _NEAR, _MOVED = 1 / 3, 5e-3  # of a frequency within which, and of the motor's motion by which, a mode makes a peak
 
@@ -49,14 +49,14 @@ def assess(
 ) -> LoopState:
     """Return a controller of gains (n_u,) or (Q, n_u) in the Q postures of a family; drawn: D times as many plants."""
     plants, axes = family.estimate, family.axes
-    loops = Scene.of(plants, 600, 41).closed(gains, filters)
+    loops = Closed(Scene.of(plants, 600, 41), gains, filters)
     causes = tuple("; ".join(_causes(loops, q, modes, axes)) for q, modes in enumerate(family.modes))
     peaks, bandwidth = loops.peaks_db, loops.bandwidth_hz
     ends, drawn_peaks = np.full((2, *peaks.shape), np.nan), np.zeros(0)
     if drawn is not None:
         D = len(drawn) // len(plants)
         tiled = gains.gain_derivatives(lambda part: np.tile(np.broadcast_to(part, bandwidth.shape), (D, 1)))
-        of_draws = Scene.of(drawn, 120, 9).closed(tiled, filters).peaks_db.reshape(D, -1)
+        of_draws = Closed(Scene.of(drawn, 120, 9), tiled, filters).peaks_db.reshape(D, -1)
         # Sorted: quantiles of infinities would be NaN.
         ends = np.sort(of_draws, axis=0)[[int(0.025 * (D - 1)), int(np.ceil(0.975 * (D - 1)))]]
         drawn_peaks = of_draws.max(axis=1)
@@ -140,6 +140,6 @@ def design_loops(
         is_same = variant.rate_hz == family.rate_hz
         state = todays_loops(family, drawn, today) if is_same else todays_loops(variant, drawn_of(variant), today)
     first_hz = min((mode.freq_hz for modes in family.modes for mode in modes), default=family.rate_hz)
-    cascade = robust(family.estimate, drawn, first_hz, delay_samples)
+    cascade = design_robust(family.estimate, drawn, first_hz, delay_samples)
     designed = assess(DESIGNED, family, drawn, cascade.gains, cascade.filters(family.rate_hz))
     return Loops(name, family.axes, family.rate_hz, draws, state, designed, cascade)

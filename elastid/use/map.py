@@ -13,7 +13,7 @@ eigenvalue of Re G (Altintas, Manufacturing Automation, 2nd ed., 2012, eq. 4.20)
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -89,8 +89,12 @@ QUANTITIES: dict[str, tuple[str, str]] = {
 }
 
 
+# Values and standard deviations (Q,) of quantities by name.
+Values: TypeAlias = dict[str, tuple[FloatArray, FloatArray]]
+
+
 @np.errstate(invalid="ignore")  # of modes that there are not
-def answers(
+def map_columns(
     equations: LockedEquations, lines_hz: FloatArray, curve_hz: FloatArray, cut: Cut, angles: FloatArray
 ) -> tuple[BoolArray, dict[str, FloatArray]]:
     """Return whether each posture (N,) has an equilibrium, and the columns of a map of those that have one, Q.
@@ -106,53 +110,101 @@ def answers(
     peak_hz, chatter_hz = _extremes(at, freq_hz, zeta, lines_hz, cut)
     static_hz = 1e-5 * np.nanmin(freq_hz, axis=1, initial=lines_hz[0])  # a force so slow finds the robot at rest
     s = laplace_variable(np.column_stack([static_hz, peak_hz, chatter_hz]))
-    X = at.motions(s, np.eye(3)[None])
-    H = at.J[:, None] @ X
-
-    def std(line: int, a: ComplexArray | FloatArray, b: ComplexArray | FloatArray) -> FloatArray:
-        """Return standard deviations (Q,) of Re a^T G b of directions a, b (Q, 3)."""
-        pair = ((X[:, line] @ each[:, :, None]).mT for each in (a, b))
-        slopes = at.response_slopes(s[:, line, None], a, b, *pair)[:, 0]
-        return np.asarray(np.linalg.norm(slopes.real @ shifts.T, axis=1))
-
-    C = H[:, 0].real
-    principal, axes = (part[..., ::-1] for part in np.linalg.eigh((C + C.mT) / 2))
-    softest, load = axes[:, :, 0], np.broadcast_to(np.array(cut.load), (len(C), 3))
-    results = {"softest_compliance": (principal[:, 0], std(0, softest, softest))}
-    for i, name in enumerate("xyz"):
-        along = np.broadcast_to(np.eye(3)[i], (len(C), 3))
-        results[f"compliance_{name}"] = C[:, i, i], std(0, along, along)
-    deflected = C @ np.array(cut.load)
-    deflection = np.linalg.norm(deflected, axis=1)
-    results["deflection"] = deflection, std(0, deflected / np.maximum(deflection, 1e-300)[:, None], load)
-    lowest, phi = poles[:, :3], shapes[:, :, :3].mT
-    norm = np.einsum("qmi,qmij,qmj->qm", phi, 2 * lowest[..., None, None] * at.M[:, None] + at.D[:, None], phi)
-    slopes = -(lowest.conj() / norm / np.abs(lowest))[..., None] * at.slopes(lowest, phi, phi)
-    first, swings = np.full((3, 2, len(C)), np.nan), ~np.isnan(lowest)  # three even of a robot with one coordinate
-    first[: lowest.shape[1], 0] = freq_hz[:, :3].T
-    first[: lowest.shape[1], 1].T[swings] = deviation((slopes.real @ slopes_of_x)[swings] / (2 * np.pi), e.covariance)
-    results |= {f"frequency_{i + 1}": (each[0], each[1]) for i, each in enumerate(first)}
-    U, sizes, Vh = np.linalg.svd(H[:, 1])
-    results["dynamic_compliance"] = sizes[:, 0], std(1, U[:, :, 0].conj(), Vh[:, 0].conj())
-    worst = np.linalg.eigh(H[:, 2].real)[1][:, :, 0]
-    n, f = (np.broadcast_to(each, worst.shape) for each in cut.directions or (worst, worst))
-    least = np.einsum("qi,qij,qj->q", n, H[:, 2].real, f)
-    least = np.where(least < 0, least, np.nan)
-    depth = -1 / (2 * cut.cutting_coefficient * least)
-    results["depth_of_cut"] = np.where(least < 0, depth, np.inf), depth / -least * std(2, n, f)
+    responses = _Responses(at, s, at.motions(s, np.eye(3)[None]), shifts)
+    compliance, axes = responses.principal_compliances
+    softest = axes[:, :, 0]
+    values = responses.static_values(compliance[:, 0], softest, np.array(cut.load)) | responses.dynamic_values(cut)
+    values |= _frequencies(at, poles, shapes, slopes_of_x, e.covariance)
     u = np.linalg.solve(at.K, at.J.mT @ softest[:, :, None])
     energy = (u.mT @ at.K @ u)[:, :, 0]
     fractions = at.stiffness * (at.deflection @ u)[:, :, 0] ** 2 / np.where(energy > 0, energy, np.inf)
+    magnitude, magnitude_std = _curve(at, softest, curve_hz, shifts)
+    return has_rest, {name: np.stack(value, axis=1) for name, value in values.items()} | {
+        "angles": angles[has_rest], "axes": axes, "chatter_hz": chatter_hz, "compliance_fraction": fractions,
+        "position": at.position, "magnitude": magnitude, "magnitude_std": magnitude_std,
+    }  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class _Responses:
+    """Motions X (Q, 3, n, 3) of postures by unit forces at s (Q, 3): at rest, at the peak, at the chatter line.
+
+    shifts (n_a, P): of the parameters of the postures by standard deviations in independent directions.
+    """
+
+    at: LockedPostures
+    s: ComplexArray
+    X: ComplexArray
+    shifts: FloatArray
+
+    @cached_property
+    def H(self) -> ComplexArray:
+        """Compliance (Q, 3, 3, 3) of the frame at the three lines."""
+        return self.at.J[:, None] @ self.X
+
+    def std(self, line: int, a: ComplexArray | FloatArray, b: ComplexArray | FloatArray) -> FloatArray:
+        """Return standard deviations (Q,) of Re a^T G b of directions a, b (Q, 3)."""
+        pair = ((self.X[:, line] @ direction[:, :, None]).mT for direction in (a, b))
+        slopes = self.at.response_slopes(self.s[:, line, None], a, b, *pair)[:, 0]
+        return np.asarray(np.linalg.norm(slopes.real @ self.shifts.T, axis=1))
+
+    @property
+    def principal_compliances(self) -> tuple[FloatArray, FloatArray]:
+        """Static compliances (Q, 3), the softest first, with their directions (Q, 3, 3), columns."""
+        C = self.H[:, 0].real
+        values, axes = np.linalg.eigh((C + C.mT) / 2)
+        return values[..., ::-1], axes[..., ::-1]
+
+    def static_values(self, compliance: FloatArray, softest: FloatArray, load: FloatArray) -> Values:
+        """Return compliances of the softest direction (Q, 3) and along the axes, and the deflection by a load (3,)."""
+        C = self.H[:, 0].real
+        values: Values = {"softest_compliance": (compliance, self.std(0, softest, softest))}
+        for i, name in enumerate("xyz"):
+            along = np.broadcast_to(np.eye(3)[i], (len(C), 3))
+            values[f"compliance_{name}"] = C[:, i, i], self.std(0, along, along)
+        motion = C @ load
+        deflection = np.linalg.norm(motion, axis=1)
+        direction = motion / np.maximum(deflection, 1e-300)[:, None]
+        values["deflection"] = deflection, self.std(0, direction, np.broadcast_to(load, (len(C), 3)))
+        return values
+
+    def dynamic_values(self, cut: Cut) -> Values:
+        """Return the largest dynamic compliance, and the limiting depth of cut."""
+        U, sizes, Vh = np.linalg.svd(self.H[:, 1])
+        peak = sizes[:, 0], self.std(1, U[:, :, 0].conj(), Vh[:, 0].conj())
+        real = self.H[:, 2].real
+        worst = np.linalg.eigh(real)[1][:, :, 0]
+        n, f = (np.broadcast_to(direction, worst.shape) for direction in cut.directions or (worst, worst))
+        least = np.einsum("qi,qij,qj->q", n, real, f)
+        least = np.where(least < 0, least, np.nan)
+        depth = -1 / (2 * cut.cutting_coefficient * least)
+        depth_std = depth / -least * self.std(2, n, f)
+        return {"dynamic_compliance": peak, "depth_of_cut": (np.where(least < 0, depth, np.inf), depth_std)}
+
+
+def _frequencies(
+    at: LockedPostures, poles: ComplexArray, shapes: ComplexArray, slopes_of_x: FloatArray, covariance: FloatArray
+) -> Values:
+    """Return the first three natural frequencies; NaN if the robot has fewer coordinates."""
+    lowest, phi = poles[:, :3], shapes[:, :, :3].mT
+    norm = np.einsum("qmi,qmij,qmj->qm", phi, 2 * lowest[..., None, None] * at.M[:, None] + at.D[:, None], phi)
+    slopes = -(lowest.conj() / norm / np.abs(lowest))[..., None] * at.slopes(lowest, phi, phi)
+    rows, swings = np.full((3, 2, len(poles)), np.nan), ~np.isnan(lowest)
+    rows[: lowest.shape[1], 0] = np.abs(lowest).T / (2 * np.pi)
+    rows[: lowest.shape[1], 1].T[swings] = deviation((slopes.real @ slopes_of_x)[swings] / (2 * np.pi), covariance)
+    return {f"frequency_{i}": (value, std) for i, (value, std) in enumerate(rows, start=1)}
+
+
+def _curve(
+    at: LockedPostures, direction: FloatArray, curve_hz: FloatArray, shifts: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return magnitude (Q, L) of the dynamic compliance along a direction (Q, 3), and its standard deviation."""
     s = laplace_variable(curve_hz[None])
-    x = at.motions(s, softest[:, :, None])[..., 0]
-    G, slopes = (x @ at.J.mT @ softest[:, :, None])[..., 0], at.response_slopes(s, softest, softest, x, x)
+    x = at.motions(s, direction[:, :, None])[..., 0]
+    G, slopes = (x @ at.J.mT @ direction[:, :, None])[..., 0], at.response_slopes(s, direction, direction, x, x)
     magnitude = np.maximum(np.abs(G), 1e-300)
     of_magnitude = (G.conj()[..., None] * slopes).real / magnitude[..., None]
-    return has_rest, {name: np.stack(value, axis=1) for name, value in results.items()} | {
-        "angles": angles[has_rest], "axes": axes, "chatter_hz": chatter_hz, "compliance_fraction": fractions,
-        "position": at.position, "magnitude": magnitude,
-        "magnitude_std": np.linalg.norm(of_magnitude @ shifts.T, axis=2),
-    }  # fmt: skip
+    return magnitude, np.linalg.norm(of_magnitude @ shifts.T, axis=2)
 
 
 def _extremes(
@@ -306,7 +358,7 @@ def map_workspace(
     equations, N, columns = LockedEquations(family), len(angles), dict[str, Any]()
     lines = default_lines(equations, angles) if lines_hz is None else np.asarray(lines_hz, float)
     curve = np.geomspace(lines[0], lines[-1], CURVE_LINES)
-    work, has_rest = partial(_in_parts, partial(answers, equations, lines, curve, cut)), np.zeros(N, bool)
+    work, has_rest = partial(_in_parts, partial(map_columns, equations, lines, curve, cut)), np.zeros(N, bool)
     pieces = [np.asarray(angles[first : first + SAMPLE]) for first in range(0, N, SAMPLE)]
     for i, (rests, part) in execution.unordered(work, pieces):
         rows = SAMPLE * i + np.flatnonzero(rests)
@@ -342,7 +394,7 @@ def map_workspace(
 
 
 def _in_parts(function: Callable[[FloatArray], Any], angles: FloatArray) -> tuple[BoolArray, dict[str, FloatArray]]:
-    """Return `answers` of so many postures at a time as a cache takes."""
+    """Return `map_columns` of so many postures at a time as a cache takes."""
     rests, parts = zip(*(function(angles[first : first + 50]) for first in range(0, len(angles), 50)), strict=True)
     names = max(parts, key=len)
     return np.concatenate(rests), {key: np.concatenate([part[key] for part in parts if part]) for key in names}

@@ -368,7 +368,7 @@ def first_duration(commanded: CommandedRobot, move: Move, limits: MotionLimits) 
     return 1.1 * max(times)
 
 
-def sampled(commanded: CommandedRobot, planned: Planned, rate_hz: float, until_s: float) -> References:
+def sample_plan(commanded: CommandedRobot, planned: Planned, rate_hz: float, until_s: float) -> References:
     """Sample a plan at even times up to until_s after its end, at rest there."""
     low, high = planned.q.t[0], planned.q.t[-1]
     n = int(np.ceil((high + until_s - low) * rate_hz))

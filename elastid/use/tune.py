@@ -31,7 +31,7 @@ from elastid.use.trajectory_optimisation import (
     first_duration,
     margin_of,
     rigid_references,
-    sampled,
+    sample_plan,
     shortest,
 )
 
@@ -61,7 +61,7 @@ class Outcome:
 
 
 @dataclass(frozen=True, eq=False)
-class TwinLoop:
+class SimulatedLoop:
     """A robot in the loops of its drives, its numbers given run by run."""
 
     commanded: CommandedRobot
@@ -73,7 +73,7 @@ class TwinLoop:
     def of(
         cls, commanded: CommandedRobot, robot: Robot, start: FloatArray, rate_hz: float, bandwidth_hz: float,
         samples: int = 0, *, clips: bool = False,
-    ) -> "TwinLoop":  # fmt: skip
+    ) -> "SimulatedLoop":  # fmt: skip
         """Return loop of a robot with the gains of the commanded one, at rest in a posture `start` (n_u,).
 
         samples: about how many will be simulated.  clips: torques at their limits.  StudyError for poles that are too
@@ -247,12 +247,12 @@ class _MoveTask:
         n = len(robots.draws)
         samples = round((self.move.duration + 2 * self.margin_s + SETTLING_S) * robots.rate_hz) * n
         start, hz = self.move.ends[0], (robots.rate_hz, robots.bandwidth_hz)
-        loop = TwinLoop.of(commanded, robots.identified, start, *hz, samples)
+        loop = SimulatedLoop.of(commanded, robots.identified, start, *hz, samples)
         narrowed = limits
         for attempt in range(PASSES):
             progress(attempt * (n + 1), PASSES * (n + 1))
             planned = best_plan(commanded, self.move, narrowed, self.margin_s)
-            references = sampled(commanded, planned, robots.rate_hz, SETTLING_S)
+            references = sample_plan(commanded, planned, robots.rate_hz, SETTLING_S)
             # Gravity deflects the robot at rest: its motors may stand beyond their limits.
             if not planned.is_feasible or np.any(references.use(limits)["angle"][[0, -1]] > 1):
                 raise DataError(
@@ -288,12 +288,12 @@ class _MoveTask:
         """Simulate rigid feedforward, catalogue and identified stiffness on the robot `judge`, the last with draws."""
         robots, move = self.robots, self.move
         start, hz, samples = move.ends[0], (robots.rate_hz, robots.bandwidth_hz), 3 * len(references.time_s)
-        judge = TwinLoop.of(self.commanded, robots.judge, start, *hz, samples, clips=True)
+        judge = SimulatedLoop.of(self.commanded, robots.judge, start, *hz, samples, clips=True)
         of_catalogue = CommandedRobot.of(robots.catalogue, robots.frame, start, self.commanded.spec)
         elastic = best_plan(of_catalogue, move, MotionLimits.of(robots.catalogue), self.margin_s)
         commands = {
             RIGID: rigid_references(robots.catalogue, of_catalogue, move, references.time_s),
-            CATALOGUE: sampled(of_catalogue, elastic, robots.rate_hz, SETTLING_S),
+            CATALOGUE: sample_plan(of_catalogue, elastic, robots.rate_hz, SETTLING_S),
             IDENTIFIED: references,
         }
         outcomes = [judge.outcome(name, command, target, move.duration) for name, command in commands.items()]

@@ -223,9 +223,8 @@ def _signs(plant: Plant, motion: CommandedMotion, predicted: FloatArray, joints:
         positions = replace(motion, position=sign * motion.position)
         directions = replace(positions, command=sign * motion.command, velocity=sign * motion.velocity)
         nominal_rms = _rms(motion.position[:, i] - predicted[:, i])
-        changed: tuple[tuple[Quantity, CommandedMotion], ...]
-        changed = (("position sign", positions), ("joint direction", directions))
-        for quantity, other in changed:
+        changes: dict[Quantity, CommandedMotion] = {"position sign": positions, "joint direction": directions}
+        for quantity, other in changes.items():
             try:
                 yield Tested(quantity, -1.0, _rms((other.position - predict(plant, other))[:, i]), nominal_rms, joint)
             except DataError:  # the robot leaves its commands

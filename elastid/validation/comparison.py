@@ -226,9 +226,11 @@ def refit(responses: Sequence[Response], task: tuple[ComparedVariant, Sequence[s
     fitted = [response for response in responses if response.configuration.name not in left_out]
     out = [response for response in responses if response.configuration.name in left_out]
     weights, names = variant.fit.weights, [response.configuration.name for response in fitted]
-    pairs = [(factor, tuple(name for name in factor.configurations if name in names)) for factor in weights.factors]
-    remaining = [(factor, part) for factor, part in pairs if part or not factor.configurations]
-    factors = tuple(replace(factor, configurations=part) for factor, part in remaining)
+    factors = tuple(
+        replace(factor, configurations=part)
+        for factor in weights.factors
+        if (part := tuple(name for name in factor.configurations if name in names)) or not factor.configurations
+    )
     spec = replace(variant.fit, weights=replace(weights, factors=factors))
     try:
         result = fit_parameters(fitted, variant.robot, spec, model=variant.model)

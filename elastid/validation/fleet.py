@@ -141,11 +141,9 @@ class _Parameter:
 def find_changes(values: Sequence[FleetValue], false_discovery_rate: float) -> tuple[Finding, ...]:
     """Return differences and trends, the surest first.  Numbers without a std are left out."""
     parameters = _parameters(values)
-    tests = [
-        finding
-        for parameter in parameters
-        for finding in (*_differences(parameter, parameters), *_trends(parameter, parameters))
-    ]
+    tests = list[Finding]()
+    for parameter in parameters:
+        tests += (*_differences(parameter, parameters), *_trends(parameter, parameters))
     from scipy.stats import false_discovery_control  # slow to load, and seldom needed
 
     tests.sort(key=lambda finding: (finding.p, finding.parameter, finding.robot))

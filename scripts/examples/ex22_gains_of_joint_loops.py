@@ -11,7 +11,7 @@ import elastid as ei
 from elastid.record import JointLoop
 from elastid.robot import Placement
 from elastid.use.closed_loops import PostureFamily
-from elastid.use.gain_design import robust
+from elastid.use.gain_design import design_robust
 from elastid.use.loops import assess
 
 rate_hz, delay = 500.0, 1
@@ -32,7 +32,7 @@ fit = ei.identify(ei.estimate(records, friction="none"), robot, ei.choose(robot,
 family = PostureFamily.of(fit, [linear.configuration for linear in fit.linear], rate_hz)
 draws = family.draws(fit, 20, seed=1)
 first_hz = min(mode.freq_hz for own in family.modes for mode in own)
-cascade = robust(family.estimate, draws, first_hz, delay)
+cascade = design_robust(family.estimate, draws, first_hz, delay)
 designed = assess("designed", family, draws, cascade.gains, cascade.filters(rate_hz))
 
 # The same numbers without notches and low pass, at three times the gain.

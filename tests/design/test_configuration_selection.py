@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.refusals import refused
 
-from elastid.design.configuration_selection import draw_candidates, visible
+from elastid.design.configuration_selection import draw_candidates, identifiable
 from elastid.design.optimal import DesignCriterion
 from elastid.design.spec import BoxSpec, CandidateSpec
 from elastid.model.frame_tree import tree
@@ -113,6 +113,6 @@ def test_candidates_inform_the_same_numbers_whatever_their_units(seed: int, deca
     J[:, 3] = J[:, 2]
     H, difference = J @ np.swapaxes(J, 1, 2), np.array([0.0, 0.0, 1.0, -1.0]) / unit
     numbers = Parameters(tuple(Parameter(name, 1.0) for name in "abcd"))
-    wanted, ground = visible(DesignCriterion(np.eye(4)), H * np.outer(unit, unit), np.zeros((4, 4)), numbers)
+    wanted, ground = identifiable(DesignCriterion(np.eye(4)), H * np.outer(unit, unit), np.zeros((4, 4)), numbers)
     np.testing.assert_array_equal(wanted.interest, np.eye(4)[:, :2])
     assert difference @ ground @ difference == pytest.approx(np.trace(H.mean(axis=0)[2:, 2:]), rel=1e-6)

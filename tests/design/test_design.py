@@ -11,7 +11,7 @@ from plants.refusals import refused
 import elastid
 from elastid.app.console import forecast_table
 from elastid.base.arrays import FloatArray
-from elastid.design.design import design, presliding, sticking
+from elastid.design.design import design, presliding, sticking_notes
 from elastid.design.forecast import Forecast
 from elastid.design.predicted_response import friction_linearisation
 from elastid.design.problem import DesignProblem
@@ -288,10 +288,10 @@ def test_coulomb_friction_above_third_of_torque_is_reported(coulomb: float, moto
     """On the link side, of 5 and 2 Nm rms behind gears, in two realisations."""
     plan, robot = make_plan(GIVEN.excitation, GIVEN.experiment, TWO, 0), _rough(GIVEN, coulomb).robot
     places = ["motor 1", "motor 2"][2 - motors :]
-    assert [(note.code, note.place) for note in sticking(plan, robot, None)] == [
+    assert [(note.code, note.place) for note in sticking_notes(plan, robot, None)] == [
         ("design/motor-sticks", place) for place in places
     ]
-    assert not sticking(plan, robot, CarrierSpec(amplitude=0.1))
+    assert not sticking_notes(plan, robot, CarrierSpec(amplitude=0.1))
 
 
 @pytest.mark.parametrize(("ratio", "is_noted"), [(0.1, False), (0.3, True), (3.0, True), (6.0, False)])

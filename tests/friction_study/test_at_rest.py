@@ -20,10 +20,10 @@ from elastid.friction_study.presliding import (
     Elements,
     PreslidingFit,
     PreslidingResponse,
+    bristle_ratio,
     fit_presliding,
     fit_presliding_responses,
     presliding_responses,
-    slipped,
 )
 from elastid.friction_study.result import identify_friction
 from elastid.friction_study.sliding_friction import SlidingFriction
@@ -148,7 +148,7 @@ def test_slip_under_a_gaussian_motion_is_as_it_is_linearised(amplitude: float) -
         change, slip = q[i % n] - q[(i - 1) % n], abs(q[i % n] - q[(i - 1) % n]) / 2
         z[i] = (z[i - 1] * (1 - slip) + change) / (1 + slip)
     motion = SimpleNamespace(rms_position=q.std(), rms_velocity=v.std())
-    linearised = slipped(omega[lines], motion, 1.0)
+    linearised = bristle_ratio(omega[lines], motion, 1.0)
     error = np.fft.rfft(z[n:])[lines] / Q[lines] - linearised
     assert abs(np.mean(error)) < 0.1 * np.mean(np.abs(1 - linearised))
 

@@ -25,11 +25,11 @@ from elastid.validation.friction_simulation import friction_balances
 LENGTH, PAYLOAD = 0.8, 5.0
 ROBOT_WITH_TOOL = replace(ROBOT, frames=(Frame("tool", "arm", Placement((LENGTH, 0.0, 0.0))),))
 Q = trapezoids([0.2, 0.5, 0.35])
+ACCELERATION = np.gradient(np.gradient(Q, 1 / RATE), 1 / RATE)
 
 
 def identified(folder: Path, gain: float, loads: tuple[str, ...], seed: int = 0) -> FrictionResult:
-    a = np.gradient(np.gradient(Q, 1 / RATE), 1 / RATE)
-    carried = PAYLOAD * (LENGTH**2 * a - 9.81 * LENGTH * np.cos(Q))
+    carried = PAYLOAD * (LENGTH**2 * ACCELERATION - 9.81 * LENGTH * np.cos(Q))
     for i, load in enumerate(loads):
         write_log(folder / f"{i}.csv", Q, gain * (sliding_torque(Q, seed + i) + (carried if load == "full" else 0.0)))
     files = [FileSpec(f"{i}.csv", load=load) for i, load in enumerate(loads)]
@@ -70,8 +70,7 @@ def test_without_a_difference_no_gain_is_known(loads: tuple[str, ...], tmp_path:
 @pytest.mark.parametrize("inertia", [0.0, 0.3 * INERTIA])
 def test_unrelated_torque_gives_status_failed(inertia: float, tmp_path: Path) -> None:
     """Noise in place of the torque of friction and gravity; a significant inertia is no friction."""
-    torque = inertia * np.gradient(np.gradient(Q, 1 / RATE), 1 / RATE)
-    write_log(tmp_path / "0.csv", Q, torque + 20 * np.random.default_rng(3).standard_normal(len(Q)))
+    write_log(tmp_path / "0.csv", Q, inertia * ACCELERATION + 20 * np.random.default_rng(3).standard_normal(len(Q)))
     result = friction_study(ROBOT, read_friction_logs(ROBOT, logs(FileSpec("0.csv")), tmp_path, ["1"], {}))
     assert result.status == "failed"
 

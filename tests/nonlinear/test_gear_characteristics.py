@@ -31,7 +31,7 @@ def sheet(found: dict[GearEffect, float], bounds: dict[GearEffect, float] | None
     x, magnitudes = PARAMETERS.x, np.array([*found.values()])
     covariance = np.diag(np.concatenate([[1e-6, 1e-6], (0.01 * magnitudes) ** 2]))
     scale_std = np.array([0.02 * effect.scale if effect.kind == "gap" else 0.0 for effect in found])
-    known = GearEstimate(PARAMETERS, tuple(found), x, magnitudes, covariance, 0.0, 0.0, (), (), scale_std)
+    known = GearEstimate(PARAMETERS, tuple(found), x, magnitudes, covariance, 0.0, (), (), scale_std)
     groups = {(effect,): size for effect, size in (bounds or {}).items()}
     gear = JointEffects(known, robot(Gear()), "1", PEAK)
     return sheet_of(gear, plain_fit(x + np.array([np.log(1.1), 0.0])), groups)

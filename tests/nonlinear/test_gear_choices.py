@@ -24,10 +24,8 @@ def estimate_of(magnitudes: Mapping[GearEffect, float], cost: float = 0.0) -> Ge
     n = len(magnitudes)
     covariance, motion = np.diag([1e-6, 1e-6, *np.ones(n)]), SimpleNamespace(Phi=np.ones((1, 1, 1, n)))
     drive = SimpleNamespace(joints=("1", "2"), k=np.array([K, 2 * K]))
-    f, scale_std = np.array([*magnitudes.values()]), np.zeros(n)
-    return GearEstimate(
-        PARAMETERS, tuple(magnitudes), PARAMETERS.x, f, covariance, 0.0, cost, (motion,), (drive,), scale_std
-    )  # fmt: skip
+    f, zeros = np.array([*magnitudes.values()]), np.zeros(n)
+    return GearEstimate(PARAMETERS, tuple(magnitudes), PARAMETERS.x, f, covariance, cost, (motion,), (drive,), zeros)
 
 
 @pytest.mark.parametrize(

@@ -51,7 +51,6 @@ def test_hardening_gear_is_identified_where_linear_fit_errs() -> None:
     assert numbers["k_1"] == pytest.approx(gear.k, rel=2e-4)
     assert numbers["d_1"] == pytest.approx(gear.d, rel=2e-3)
     assert found.magnitudes[0] == pytest.approx(gear.k_3, rel=1e-3)
-    assert found.last_step_norm < 0.05
     assert np.all(found.std > 0)
 
 

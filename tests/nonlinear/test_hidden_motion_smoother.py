@@ -12,7 +12,7 @@ from elastid.base.arrays import FloatArray
 from elastid.fit.parameter_selection import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation
-from elastid.nonlinear.basis_functions import GearEffect, GearMotion, forces, implicit_law, transmission_error, turning
+from elastid.nonlinear.basis_functions import GearEffect, GearMotion, forces, implicit_law, sign_of, transmission_error
 from elastid.nonlinear.hidden_motion_smoother import newton, smoothed_covariance
 from elastid.nonlinear.period_model import DriveLines, drive_lines, elastic_joints
 from elastid.nonlinear.spectra import PeriodLines
@@ -76,7 +76,7 @@ def test_reversals_between_points_turn_where_the_motion_is_bent(scale: float) ->
     dense = (np.arange(160_000) + 0.5) * np.pi / 80_000
     exact = np.mean((np.tanh(bent(dense) / scale) if scale else np.sign(bent(dense))) * np.exp(-1j * dense))
     for shift in np.linspace(0.0, 2 * np.pi / 800, 7):
-        phi, slope = turning(bent(PHASE - shift), scale)
+        phi, slope = sign_of(bent(PHASE - shift), scale)
         assert np.mean(phi * np.exp(-1j * (PHASE - shift))) == pytest.approx(exact, abs=3e-4)
         assert np.all(slope >= 0)
 
@@ -86,10 +86,10 @@ def test_a_motion_that_stands_still_has_numbers() -> None:
     still = np.zeros(100)
     stands = np.concatenate([np.full(30, -1.0), [-0.5, 0.5], np.zeros(68)])
     for v in (still, stands):
-        phi, slope = turning(v, 0.1)
+        phi, slope = sign_of(v, 0.1)
         assert np.all(np.isfinite(phi))
         assert np.all(np.isfinite(slope))
-    assert np.all(turning(still, 0.1)[0] == 0)
+    assert np.all(sign_of(still, 0.1)[0] == 0)
 
 
 GEAR = Gear()

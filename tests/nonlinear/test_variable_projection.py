@@ -17,7 +17,7 @@ from elastid.nonlinear.variable_projection import (
     basis_error_covariance,
     greedy,
     identifiable_basis,
-    refined,
+    refine_basis,
     select_motor_basis,
     solve,
 )
@@ -125,7 +125,7 @@ def test_grid_signs_refine_to_two_about_mean() -> None:
     truth = 90 * np.tanh(v / 1e-3)
     tried = [BasisFunction("motor 1", "sign", 0.93e-3), BasisFunction("motor 1", "sign", 1.87e-3)]
     coefficients = fitted(tried, v, truth)
-    near = refined(choice_of(tried), coefficients, PLACES, QUIET).shapes
+    near = refine_basis(choice_of(tried), coefficients, PLACES, QUIET).shapes
     assert near[0].threshold < 1e-3 < near[1].threshold < 1.3 * near[0].threshold
     assert abs(coefficients.sum() - 90) > 4 * abs(fitted(near, v, truth).sum() - 90)
 
@@ -139,7 +139,7 @@ def test_jump_friction_ignores_velocity_noise(speed: float) -> None:
     tried = [BasisFunction("motor 1", "sign", 5e-4 * 2**i) for i in range(4)]
     coefficients = fitted(tried, seen, truth)
     as_seen, corrected = (
-        refined(choice_of(tried), coefficients, PLACES, noise).shapes for noise in (QUIET, QUIET + 5e-4)
+        refine_basis(choice_of(tried), coefficients, PLACES, noise).shapes for noise in (QUIET, QUIET + 5e-4)
     )
     assert 0.9 * corrected[0].threshold <= speed <= 1.1 * corrected[-1].threshold
     assert as_seen[0].threshold > 5e-4
@@ -153,7 +153,7 @@ def test_bristles_and_other_motors_stay_as_they_are() -> None:
         BasisFunction("motor 1", "bristle", 3e-4),
         BasisFunction("motor 2", "sign", 0.0),
     ]
-    bristle, *signs, ideal = refined(choice_of(shapes), np.array([5.0, 0.0, 1.0, 2.0]), PLACES, QUIET).shapes
+    bristle, *signs, ideal = refine_basis(choice_of(shapes), np.array([5.0, 0.0, 1.0, 2.0]), PLACES, QUIET).shapes
     assert (bristle, ideal) == tuple(shapes[2:])
     np.testing.assert_allclose([shape.threshold for shape in signs], 1e-3, rtol=0.11)
 
@@ -164,7 +164,7 @@ def test_a_stribeck_velocity_between_those_that_were_tried_is_found() -> None:
     truth = 90 * np.sign(v) + 30 * np.sign(v) * np.exp(-((v / 0.01) ** 2))
     tried = [BasisFunction("motor 1", "sign"), BasisFunction("motor 1", "stribeck", 0.0135)]
     coefficients = fitted(tried, v, truth)
-    near = refined(choice_of(tried), coefficients, PLACES, QUIET).shapes
+    near = refine_basis(choice_of(tried), coefficients, PLACES, QUIET).shapes
     F_c = sum(
         coefficient for shape, coefficient in zip(near, fitted(near, v, truth), strict=True) if shape.kind == "sign"
     )

@@ -23,10 +23,9 @@ from elastid.robot import Robot
 RATE, MASS = 250.0, 95.0
 
 
-def friction_study(robot: Robot, measured: FrictionRecords, spec: FrictionSpec | None = None) -> FrictionResult:
+def friction_study(robot: Robot, logs: FrictionRecords, spec: FrictionSpec | None = None) -> FrictionResult:
     """The result of a study of all joints."""
-    sliding = identify_sliding_friction(robot, robot.driven, measured)
-    return identify_friction(robot, sliding, measured, spec or FrictionSpec())
+    return identify_friction(robot, identify_sliding_friction(robot, robot.driven, logs), logs, spec or FrictionSpec())
 
 
 def levels() -> FrictionCurve:

@@ -16,7 +16,7 @@ from elastid.use.trajectory_optimisation import (
     plan,
     planned_error,
     rigid_references,
-    sampled,
+    sample_plan,
 )
 from elastid.use.tune import MoveRobots, tune_move
 
@@ -98,7 +98,7 @@ def test_limits_hold_where_they_keep_the_tool_off_its_path() -> None:
         bounds = MotionLimits.of(robot)
         planned = best_plan(commanded, own, bounds, 0.1)
         assert planned.has_converged, planned.status
-        used = sampled(commanded, planned, 500.0, 0.0).use(bounds)
+        used = sample_plan(commanded, planned, 500.0, 0.0).use(bounds)
         # Friction turns around within a sample where the plan lets it do so gradually.
         assert all(float(part.max()) <= 1.02 for part in used.values()), {k: v.max() for k, v in used.items()}
         errors.append(float(planned_error(commanded, own, planned).max()))

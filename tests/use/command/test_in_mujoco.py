@@ -8,7 +8,7 @@ from elastid.base.arrays import FloatArray
 from elastid.record import JointLoop
 from elastid.simulation.controller import tune
 from elastid.use.moves import MotionLimits, References
-from elastid.use.trajectory_optimisation import CommandedRobot, plan, rigid_references, sampled
+from elastid.use.trajectory_optimisation import CommandedRobot, plan, rigid_references, sample_plan
 
 mujoco = pytest.importorskip("mujoco", reason="mujoco is in the group oracles")
 pytestmark = pytest.mark.oracle
@@ -66,7 +66,7 @@ def test_another_engine_follows_more_exactly_than_with_rigid_feedforward() -> No
     """Largest error in the move, and vibration after it."""
     own, true = move(0.8), arm(stiffness=0.8, friction=0.0)
     commanded = CommandedRobot.of(true, "tool", own.ends[0])
-    elastic = sampled(commanded, plan(commanded, own, MotionLimits.of(true), 0.1), 500.0, 0.4)
+    elastic = sample_plan(commanded, plan(commanded, own, MotionLimits.of(true), 0.1), 500.0, 0.4)
     rigid, after = rigid_references(true, commanded, own, elastic.time_s), elastic.time_s > own.duration
     target = commanded.poses(commanded.rigid(own, elastic.time_s)[0]).position
     gains = tune(commanded.model, commanded.rigid_posture(own.ends[0]), 4.0, 0.7)

@@ -13,8 +13,8 @@ from elastid.fit.posture import default_frame
 from elastid.robot import Frame, Robot
 from elastid.study import load_robot
 from elastid.use.moves import MotionLimits, point_to_point
-from elastid.use.trajectory_optimisation import CommandedRobot, best_plan, sampled
-from elastid.use.tune import MoveRobots, TwinLoop, tune_move
+from elastid.use.trajectory_optimisation import CommandedRobot, best_plan, sample_plan
+from elastid.use.tune import MoveRobots, SimulatedLoop, tune_move
 
 
 def given(torque: float = 900.0, draws: int = 3) -> MoveRobots:
@@ -94,9 +94,9 @@ def test_a_linkage_follows_its_own_plan(rod: str) -> None:
     assert bool(commanded.rows) == (rod == "rigid")
     planned = best_plan(commanded, move, MotionLimits.of(robot), 0.05)
     assert planned.has_converged
-    references = sampled(commanded, planned, 500.0, 0.3)
+    references = sample_plan(commanded, planned, 500.0, 0.3)
     target = commanded.poses(commanded.rigid(move, references.time_s)[0]).position
-    loop = TwinLoop.of(commanded, robot, move.ends[0], 500.0, 4.0)
+    loop = SimulatedLoop.of(commanded, robot, move.ends[0], 500.0, 4.0)
     outcome = loop.outcome("own", references, target, move.duration)
     assert outcome.largest < 1e-5
     assert outcome.residual < 1e-6

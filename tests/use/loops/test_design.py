@@ -15,8 +15,8 @@ from elastid.record import Configuration, JointLoop
 from elastid.simulation.controller import Filters
 from elastid.simulation.spec import ControllerSpec, GainsSpec
 from elastid.use.cascade import Cascade
-from elastid.use.closed_loops import LIMIT_DB, Plants, PostureFamily, Scene
-from elastid.use.gain_design import design, robust, sensitivity_margin
+from elastid.use.closed_loops import LIMIT_DB, Closed, Plants, PostureFamily, Scene
+from elastid.use.gain_design import design, design_robust, sensitivity_margin
 from elastid.use.loops import design_loops, todays_loops
 
 RATE_HZ = 250.0
@@ -42,7 +42,7 @@ def test_velocity_loop_is_stable_up_to_delay_gain(inertia: float, delay: int) ->
     for part in (0.99, 1.01):
         K_v = np.array([part * border])
         loop = Cascade(1e-4 * np.ones(1), K_v, np.ones(1), delay, np.zeros((0, 3)))
-        closed = Scene.of(motors(inertia), 2).closed(loop.gains, Filters(((),), delay))
+        closed = Closed(Scene.of(motors(inertia), 2), loop.gains, Filters(((),), delay))
         assert closed.stable == (part < 1)
 
 
@@ -60,15 +60,15 @@ def test_motor_gains_are_optimal_for_delay_and_draws(monkeypatch: pytest.MonkeyP
     """As fast as the fastest of 1271 about it; of 21 inertias one may pass the limit, 5 % faster two do."""
     monkeypatch.setattr("elastid.use.gain_design.MAX_NOTCHES", 0)
     one, draws = motors(3.0), motors(3.0 * np.exp(0.2 * np.random.default_rng(0).standard_normal(21)))
-    alone, doubted = (robust(one, drawn, 40.0, 1) for drawn in (None, draws))
+    alone, doubted = (design_robust(one, drawn, 40.0, 1) for drawn in (None, draws))
     gain, ratio = np.meshgrid(np.linspace(0.5, 1.5, 41), np.linspace(0.7, 1.3, 31))
     K_v, K_p = alone.velocity_gain * gain.reshape(-1, 1), alone.position_gain * ratio.reshape(-1, 1)
-    about = Scene.of(motors(np.full(gain.size, 3.0))).closed(JointLoop(K_p * K_v, K_v, K_p), alone.filters(RATE_HZ))
+    about = Closed(Scene.of(motors(np.full(gain.size, 3.0))), JointLoop(K_p * K_v, K_v, K_p), alone.filters(RATE_HZ))
     fastest = about.bandwidth_hz[about.peaks_db <= LIMIT_DB].max()
     assert np.exp(alone.reached(Scene.of(one))) == pytest.approx(fastest, rel=0.01)
     assert np.sum(doubted.on(Scene.of(draws, 400)).peaks_db > LIMIT_DB) <= 1
     assert np.sum(doubted.slower(1.05, 1.05).on(Scene.of(draws, 400)).peaks_db > LIMIT_DB) > 1
-    assert robust(one, None, 40.0, 3).reached(Scene.of(one)) < alone.reached(Scene.of(one)) - 0.3
+    assert design_robust(one, None, 40.0, 3).reached(Scene.of(one)) < alone.reached(Scene.of(one)) - 0.3
 
 
 @pytest.mark.slow
@@ -85,7 +85,7 @@ def test_notches_are_added_while_they_make_a_motor_faster() -> None:
 @pytest.mark.slow
 def test_design_reaches_limit_on_postures_and_draws(family: PostureFamily) -> None:
     """Peaks at most 6 dB, those of 95 % of the draws as well; 10 % faster it is broken."""
-    found = robust(family.estimate, (drawn := family.draws(result(), 40, 1)), 9.0, 1)
+    found = design_robust(family.estimate, (drawn := family.draws(result(), 40, 1)), 9.0, 1)
     scene, of_draws = Scene.of(family.estimate, lines=800, per_mode=61), Scene.of(drawn, lines=120, per_mode=9)
     assert found.on(scene).peaks_db.max() <= LIMIT_DB + 1e-3
     for cascade, keeps in ((found, True), (found.slower(1.1, 1.05), False)):
@@ -96,7 +96,7 @@ def test_design_reaches_limit_on_postures_and_draws(family: PostureFamily) -> No
 def test_todays_loops_keep_their_own_rate(family: PostureFamily, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever the rate of the loops that are designed."""
     spec = ControllerSpec(kind="cascade", gains=GainsSpec(4.5, tuple((8.0 * family.inertia[0]).tolist())))
-    monkeypatch.setattr("elastid.use.loops.robust", lambda *_: start(family))
+    monkeypatch.setattr("elastid.use.loops.design_robust", lambda *_: start(family))
     slow = replace(family, rate_hz=100.0)
     loops = design_loops("arm", result(), slow, 1, 0, 1, spec, RATE_HZ)
     assert loops.today.peak_db == pytest.approx(todays_loops(family, None, spec).peak_db)
