@@ -28,13 +28,13 @@ def real_dft(x: FloatArray, lines: IntArray | None = None, out: ComplexArray | N
 
 @lru_cache(maxsize=4)
 def _plan(N: int) -> tuple[IntArray, IntArray, ComplexArray] | None:
-    """Return the factors of N / 2, their place of each line (N / 2 + 1,), roots of unity; None with large factors."""
+    """Return the factors of N / 2, their place of each line (N / 2 + 1,), roots of unity; None with large ones."""
     factors, place, rest = [], np.zeros(1, np.int64), N // 2
     for factor in (8, 4, *range(2, 14)):
         while rest and rest % factor == 0:
             factors.append(factor)
             rest //= factor
-    if N % 2 or rest != 1 or not factors:
+    if N % 2 or rest != 1 or not factors or N > 1 << 19:  # numbers of 64 MB
         return None
     for factor in reversed(factors):
         place = (place[:, None] + len(place) * np.arange(factor)).ravel()

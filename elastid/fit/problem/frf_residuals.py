@@ -111,7 +111,8 @@ class Part(Kept):
 
     def linearised(self, model: LinearModel, parameters: Parameters) -> "Part":
         """Return the part with the same data and weights, and the columns of another linear model."""
-        return replace(self, columns=Columns(kernel_of(model, parameters, self.kernel.freq_hz)))
+        kernel = kernel_of(model, parameters, self.kernel.freq_hz, model.theta_ref)
+        return replace(self, columns=Columns(kernel))
 
     def residual(self, G: ComplexArray, mixing: ComplexArray | None) -> ComplexArray:
         """Return r (F, n_y, n_u) at a response G of the model; real and imaginary parts have unit variance each.
@@ -354,18 +355,19 @@ def places_of(response: Response | LinearModel) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*response.outputs, *(moved_by(name) for name in response.inputs if is_load(name)))))
 
 
-def kernel_of(model: LinearModel, parameters: Parameters, freq_hz: FloatArray) -> Kernel:
+def kernel_of(
+    model: LinearModel, parameters: Parameters, freq_hz: FloatArray, theta: FloatArray | None = None
+) -> Kernel:
     """Return the response of a model on some lines, with derivatives with respect to its parameters in x.
 
-    Without slopes to anything else: a fraction to carry to other processes.
+    Without slopes to anything else: a fraction to carry to other processes.  theta: by default of the start.
     """
     if model.parameters != parameters.names:
         raise ValueError(f"the model has parameters {model.parameters}, the set {parameters.names}")
-    dependent, theta = (
-        parameters.dependent_names(model.configuration.name),
-        parameters.expand(parameters.x, model.configuration.name),
-    )
-    (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
+    dependent, linearised_at = parameters.dependent_names(model.configuration.name), model.theta_ref
+    if theta is None:
+        theta = parameters.expand(parameters.x, model.configuration.name)
+        (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
+        model = replace(model, theta_ref=theta, M=M, D=D, K=K, B=model.acting(theta), C=C, T=T)
     slopes = {name: model.slopes[name] for name in dependent if name in model.slopes}
-    local = replace(model, theta_ref=theta, M=M, D=D, K=K, B=model.acting(theta), C=C, T=T, slopes=slopes)
-    return Kernel(local, freq_hz, dependent, model.theta_ref)
+    return Kernel(replace(model, slopes=slopes), freq_hz, dependent, linearised_at)
