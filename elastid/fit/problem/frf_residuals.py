@@ -146,10 +146,15 @@ class Chunk(Kept):
     def sums(self, x: FloatArray, precision: type[np.floating[Any]]) -> tuple[float, FloatArray, FloatArray]:
         """Return V, J^T r (n_x,) and J^T J (n_x, n_x) at x; precision: of J^T J."""
         V, g, A = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
+        numbers: dict[str, tuple[FloatArray, FloatArray]] = {}  # most configurations have the same
         with np.errstate(all="ignore"):
             for part in self.parts:
-                T = part.chain(self.parameters, x)
-                cost, gradient, normal = part.normal.at(part.theta(self.parameters, x), precision)
+                name = self.parameters.configuration_of_stand_in(part.configuration)
+                if name not in numbers:
+                    numbers[name] = self.parameters.expand(x, name), self.parameters.jacobian(x, name)
+                theta, slopes = numbers[name]
+                T = slopes[part.kernel.places]
+                cost, gradient, normal = part.normal.at(theta, precision)
                 V, g, A = V + cost, g + T.T @ gradient, A + T.T @ normal @ T
         return V, g, A
 
