@@ -86,12 +86,14 @@ def named(names: Iterable[str], values: FloatArray) -> dict[str, float]:
 
 
 def frozen(array: Any, dtype: Any = np.float64) -> NDArray[Any]:
-    """Return a read-only copy of an array, or the array itself if it is such a copy or mapped from a file."""
+    """A read-only copy of an array, unless it is read-only already: a copy like that, part of one, or from a file."""
     if isinstance(array, LargeArray):
         return cast(NDArray[Any], array)
-    is_frozen = isinstance(array, np.ndarray) and not array.flags.writeable and array.dtype == dtype
-    if is_frozen and (isinstance(array, np.memmap) or (type(array) is np.ndarray and array.flags.owndata)):
-        return cast(NDArray[Any], array)
+    if isinstance(array, np.ndarray) and not array.flags.writeable and array.dtype == dtype:
+        owner = array if array.base is None else array.base
+        is_plain = type(array) is type(owner) is np.ndarray and owner.flags.owndata and not owner.flags.writeable
+        if is_plain or isinstance(array, np.memmap):
+            return cast(NDArray[Any], array)
     copy = np.array(array, dtype=dtype)
     copy.flags.writeable = False
     return copy

@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
-from elastid.base.kernels import call, is_compiled
+from elastid.base.kernels import call, is_wide
 
 
 def real_dft(x: FloatArray, lines: IntArray | None = None, out: ComplexArray | None = None) -> ComplexArray:
@@ -16,7 +16,7 @@ def real_dft(x: FloatArray, lines: IntArray | None = None, out: ComplexArray | N
     (P, N, c), plan = x.shape, _plan(x.shape[1])
     lines = np.arange(N // 2 + 1) if lines is None else lines
     out = np.empty((P, c, len(lines)), np.complex128) if out is None else out
-    if plan is None or not is_compiled():
+    if plan is None or not is_wide():
         for period, dft in zip(x, out, strict=True):
             dft[:] = np.fft.rfft(period, axis=0)[lines].T
         return out.swapaxes(1, 2)
@@ -28,13 +28,13 @@ def real_dft(x: FloatArray, lines: IntArray | None = None, out: ComplexArray | N
 
 @lru_cache(maxsize=4)
 def _plan(N: int) -> tuple[IntArray, IntArray, ComplexArray] | None:
-    """Return the factors of N / 2, their place of each line (N / 2 + 1,), roots of unity; None with large factors."""
+    """Return the factors of N / 2, their place of each line (N / 2 + 1,), roots of unity; None with large ones."""
     factors, place, rest = [], np.zeros(1, np.int64), N // 2
     for factor in (8, 4, *range(2, 14)):
         while rest and rest % factor == 0:
             factors.append(factor)
             rest //= factor
-    if N % 2 or rest != 1 or not factors:
+    if N % 2 or rest != 1 or not factors or N > 1 << 19:  # numbers of 64 MB
         return None
     for factor in reversed(factors):
         place = (place[:, None] + len(place) * np.arange(factor)).ravel()

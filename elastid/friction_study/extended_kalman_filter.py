@@ -40,7 +40,8 @@ from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.friction.dynamic import Bristle
 from elastid.friction.static import Curve
 from elastid.friction_study.spec import Followed
-from elastid.simulation.closed_loop import compiled, evaluated
+from elastid.model.evaluation import evaluated
+from elastid.simulation.closed_loop import compiled
 from elastid.simulation.dynamics import runge_kutta_step
 
 # Relative std of held numbers where none are known; F_s / F_c falls by a tenth while a gear warms up.

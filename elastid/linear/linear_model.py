@@ -284,12 +284,12 @@ class LinearModel:
         """Return M, D, K (n, n) at theta (n_theta,) in SI; ValueError unless theta has one value per parameter."""
         check_theta(theta, self.parameters)
         change = np.asarray(theta) - self.theta_ref
-        parts = ((getattr(self, letter), *self._terms[letter]) for letter in "MDK")
+        parts = ((getattr(self, letter), *self.terms[letter]) for letter in "MDK")
         M, D, K = (A + (change[at] @ slopes.reshape(len(at), A.size)).reshape(A.shape) for A, at, slopes in parts)
         return M, D, K
 
     @cached_property
-    def _terms(self) -> dict[str, tuple[IntArray, FloatArray]]:
+    def terms(self) -> dict[str, tuple[IntArray, FloatArray]]:
         """Places in theta of the parameters that move M, D, K, and their slopes (n_p, n, n)."""
         of_letter = {
             letter: {name: slope for name, s in self.slopes.items() if (slope := getattr(s, letter)) is not None}

@@ -38,6 +38,7 @@ from elastid.linear.equilibrium import OperatingPoint, equilibrium, free_coordin
 from elastid.linear.linear_model import DELAY, LinearModel, Slope, elements, projected
 from elastid.linear.presliding import RelaxingSpring, element_names, with_relaxing_springs
 from elastid.model.elastic import ElasticModel
+from elastid.model.evaluation import evaluate_rows
 from elastid.model.formulation import EXACT, formulate
 from elastid.model.loop_closure import RANK_TOLERANCE, motions, null_space
 from elastid.model.spec import ModelSpec
@@ -65,9 +66,8 @@ class PointDerivatives:
         StudyError for a coordinate of the geometry with which no joint can keep the loops closed.
         """
         model, free = self.model, free_coordinates(self.model)
-        statics, phi, Phi_theta, A_q, Phi_q, A_lambda = (
-            part.full() for part in self.partial(point.q, point.lambda_, theta)
-        )
+        numbers = (point.q[None], point.lambda_[None], theta[None])
+        statics, phi, Phi_theta, A_q, Phi_q, A_lambda = (part[0] for part in evaluate_rows(self.partial, *numbers))
         if not model.n_c:
             dq = -np.linalg.lstsq(K[np.ix_(free, free)], statics)[0]
             return dq, A_q @ dq, None
@@ -103,8 +103,8 @@ def differentiate_point(
     statics = model.potential_gradient(q, theta) + Phi.T @ lambda_
     A, vec_Phi = ca.vec(triangles), ca.vec(Phi)
     slopes = [ca.jacobian(part, theta) for part in (statics[free], phi, vec_Phi)]
-    slopes += [ca.jacobian(part, q)[:, free] for part in (A, vec_Phi)]
-    return PointDerivatives(model, ca.Function("partial", [q, lambda_, theta], [*slopes, ca.jacobian(A, lambda_)]))
+    slopes += [*(ca.jacobian(part, q)[:, free] for part in (A, vec_Phi)), ca.jacobian(A, lambda_)]
+    return PointDerivatives(model, ca.Function("partial", [q, lambda_, theta], list(map(ca.densify, slopes))))
 
 
 def _reading(
@@ -203,11 +203,10 @@ class Linearisation:
         theta, of_presliding = np.split(theta, [len(model.parameters)])
         names, theta_ref = (*model.parameters, DELAY), np.append(theta, 0.0)
         point, theta = equilibrium(model, theta, configuration), model.carried(theta, configuration.has_payload)
-        triangles, jacobian = self.matrices(point.q, point.lambda_, theta)
-        M, D, K = (column[_places(model.n_q)] for column in triangles.full().T)
-        # With its zeros; the numbers of a sparse one alone leave CasADi sooner.
-        slopes = np.zeros(jacobian.shape)
-        slopes[self._entries] = jacobian.nonzeros()
+        triangles, numbers = evaluate_rows(self.matrices, point.q[None], point.lambda_[None], theta[None])
+        M, D, K = (column[_places(model.n_q)] for column in triangles[0].T)
+        slopes = np.zeros(self.matrices.size_out(1))
+        slopes[self._entries] = numbers[0].ravel("F")
         Z = motions(model, model.constraint_jacobian(point.q, theta).full())
         C, T = (np.ascontiguousarray(part.full()) for part in model.readout(point.q, theta, outputs))
         of_theta, dZ = {}, None
@@ -286,12 +285,15 @@ def _slopes(
 
     matrices: M, D, K (n_q, n_q) and C, T (n_y, n_q) in all coordinates; of_theta, dZ (n_theta, ...): derivatives.
     """
-    parts = {letter: part @ Z for letter, part in of_theta.items()}
+    is_whole = len(Z) == Z.shape[1]  # nothing is held: Z is the unit matrix
+    parts = {letter: part if is_whole else part @ Z for letter, part in of_theta.items()}
     if dZ is not None:
         parts |= {letter: parts.get(letter, 0.0) + (1 + (letter in "MDK")) * (A @ dZ) for letter, A in matrices.items()}
-    for letter in "MDK":
+    for letter in () if is_whole else "MDK":
         whole = Z.T @ parts[letter]
         parts[letter] = (whole + whole.transpose(0, 2, 1)) / 2
+    for part in parts.values():
+        part.flags.writeable = False  # so that no slope is copied
     enters = {letter: np.any(part, axis=(1, 2)) for letter, part in parts.items()}
     return {
         name: Slope(**{letter: part[p] for letter, part in parts.items() if enters[letter][p]})

@@ -34,6 +34,7 @@ from elastid.linear.equilibrium import equilibrium, free_coordinates
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.response.transfer import change_of_angles
 from elastid.model.elastic import ElasticModel
+from elastid.model.evaluation import evaluate_rows
 from elastid.model.loop_closure import RANK_TOLERANCE
 from elastid.response import MotorMotion, Response
 from elastid.robot.robot import split_place
@@ -293,8 +294,8 @@ def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Exp
     slope = _jacobian_of(model, outputs)
 
     def jacobian(distances: FloatArray) -> FloatArray:
-        slopes = slope(z[:, None] + columns @ distances.T, numbers).full()  # side by side
-        return np.asarray(rows @ slopes.reshape(len(slopes), len(distances), -1).swapaxes(0, 1) @ columns)
+        theta = np.broadcast_to(numbers, (len(distances), len(numbers)))
+        return np.asarray(rows @ evaluate_rows(slope, z + distances @ columns.T, theta)[0] @ columns)
 
     # Central differences in rad or m; equations are quadratic in the rates and linear in the others.
     steps = np.diag(np.where(np.arange(2 * n_q + n) < n_q, 1e-5, 1.0))

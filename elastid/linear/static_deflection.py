@@ -14,7 +14,6 @@ axes of the base.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -23,6 +22,7 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.linear.equilibrium import MAX_STEP, MAX_STEPS, ROUNDING_GAP, equilibrium, free_coordinates
 from elastid.model.elastic import ElasticModel
+from elastid.model.evaluation import evaluate_rows
 from elastid.model.frame_tree import position, rotation, tree, turns
 from elastid.record import Configuration
 
@@ -141,22 +141,6 @@ class LoadedRobot:
         if not self.model.n_c:
             return np.asarray(np.linalg.solve(K, right), dtype=float)
         return np.linalg.pinv(K, rcond=1e-12, hermitian=False) @ right
-
-
-def evaluate_rows(function: ca.Function, *rows: FloatArray) -> tuple[FloatArray, ...]:
-    """Return the outputs (L, m, n) of a function of vectors for all rows (L, .) of its arguments, all of them dense."""
-    L, shapes = len(rows[0]), map(function.size_out, range(function.n_out()))
-    arguments, results = list(map(np.ascontiguousarray, rows)), [np.empty((L, n, m)) for m, n in shapes]
-    buffer: Any
-    buffer, evaluate = _for_rows(function, L).buffer()
-    for place, arrays in ((buffer.set_arg, arguments), (buffer.set_res, results)):
-        for i, values in enumerate(arrays):
-            place(i, values.data)
-    evaluate()
-    return tuple(values.swapaxes(1, 2) for values in results)
-
-
-_for_rows = lru_cache(maxsize=16)(ca.Function.map)
 
 
 def _size(r: FloatArray, K: FloatArray) -> FloatArray:

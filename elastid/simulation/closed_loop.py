@@ -20,7 +20,6 @@ import shlex
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -96,22 +95,6 @@ def _load(function: ca.Function) -> ca.Function:
             words = output.read_text(encoding="utf-8", errors="replace").strip()[-300:]
             raise OSError(f"{command[0]} ended with status {done.returncode} {words}".rstrip())
         return ca.external(function.name(), str(library))
-
-
-def evaluated(
-    function: ca.Function, arguments: Sequence[FloatArray], shapes: Sequence[tuple[int, ...]]
-) -> list[FloatArray]:
-    """Evaluate a function to arrays of some shapes, columns as rows, without CasADi's slow matrices."""
-    results = [np.empty(shape) for shape in shapes]
-    buffer: Any  # whose stubs ask for a size more; it is deleted when it goes out of scope
-    buffer, evaluate = function.buffer()
-    arguments = [np.ascontiguousarray(values, np.float64) for values in arguments]
-    for i, values in enumerate(arguments):
-        buffer.set_arg(i, values.data)
-    for i, values in enumerate(results):
-        buffer.set_res(i, values.data)
-    evaluate()
-    return results
 
 
 def sampled_step(

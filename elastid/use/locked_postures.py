@@ -20,7 +20,7 @@ from elastid.fit.posture import Family
 from elastid.linear.equilibrium import CONVERGED_STEP, MAX_STEP, MIN_INERTIA, equilibrium, free_coordinates
 from elastid.linear.linear_model import DELAY, Slope
 from elastid.linear.ports import locked_motor_motions
-from elastid.linear.static_deflection import evaluate_rows
+from elastid.model.evaluation import evaluate_rows
 from elastid.model.kinematics import frame_poses
 from elastid.record import Configuration
 

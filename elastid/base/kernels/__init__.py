@@ -29,6 +29,11 @@ def is_compiled() -> bool:
     return _library() is not None
 
 
+def is_wide() -> bool:
+    """Return True if kernels run in C with more than two numbers in a register."""
+    return is_compiled() and _level() != "portable"
+
+
 def description() -> str:
     """Describe the kernels in use and the processor level that they are compiled for."""
     return f"kernels in C for {_level()}" if is_compiled() else "kernels in NumPy"
@@ -85,8 +90,7 @@ def _kernel(name: str) -> Callable[..., int]:
 
 
 def _as_c(argument: int | npt.NDArray[Any] | None) -> object:
-    if not isinstance(argument, np.ndarray):
-        return argument if argument is None else ctypes.c_int64(argument)
-    if argument.size and argument.flags.writeable:
-        return ctypes.byref(ctypes.c_char.from_buffer(argument.data))  # in a quarter of the time
-    return ctypes.c_void_p(argument.ctypes.data)
+    if isinstance(argument, np.ndarray):
+        # The first field of an array in the C interface of NumPy: its attribute ctypes takes ten times as long.
+        return ctypes.c_void_p.from_address(id(argument) + object.__basicsize__)
+    return argument if argument is None else ctypes.c_int64(argument)

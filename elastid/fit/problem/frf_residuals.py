@@ -111,7 +111,8 @@ class Part(Kept):
 
     def linearised(self, model: LinearModel, parameters: Parameters) -> "Part":
         """Return the part with the same data and weights, and the columns of another linear model."""
-        return replace(self, columns=Columns(kernel_of(model, parameters, self.kernel.freq_hz)))
+        kernel = kernel_of(model, parameters, self.kernel.freq_hz, model.theta_ref)
+        return replace(self, columns=Columns(kernel))
 
     def residual(self, G: ComplexArray, mixing: ComplexArray | None) -> ComplexArray:
         """Return r (F, n_y, n_u) at a response G of the model; real and imaginary parts have unit variance each.
@@ -145,10 +146,15 @@ class Chunk(Kept):
     def sums(self, x: FloatArray, precision: type[np.floating[Any]]) -> tuple[float, FloatArray, FloatArray]:
         """Return V, J^T r (n_x,) and J^T J (n_x, n_x) at x; precision: of J^T J."""
         V, g, A = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
+        numbers: dict[str, tuple[FloatArray, FloatArray]] = {}  # most configurations have the same
         with np.errstate(all="ignore"):
             for part in self.parts:
-                T = part.chain(self.parameters, x)
-                cost, gradient, normal = part.normal.at(part.theta(self.parameters, x), precision)
+                name = self.parameters.configuration_of_stand_in(part.configuration)
+                if name not in numbers:
+                    numbers[name] = self.parameters.expand(x, name), self.parameters.jacobian(x, name)
+                theta, slopes = numbers[name]
+                T = slopes[part.kernel.places]
+                cost, gradient, normal = part.normal.at(theta, precision)
                 V, g, A = V + cost, g + T.T @ gradient, A + T.T @ normal @ T
         return V, g, A
 
@@ -354,18 +360,19 @@ def places_of(response: Response | LinearModel) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*response.outputs, *(moved_by(name) for name in response.inputs if is_load(name)))))
 
 
-def kernel_of(model: LinearModel, parameters: Parameters, freq_hz: FloatArray) -> Kernel:
+def kernel_of(
+    model: LinearModel, parameters: Parameters, freq_hz: FloatArray, theta: FloatArray | None = None
+) -> Kernel:
     """Return the response of a model on some lines, with derivatives with respect to its parameters in x.
 
-    Without slopes to anything else: a fraction to carry to other processes.
+    Without slopes to anything else: a fraction to carry to other processes.  theta: by default of the start.
     """
     if model.parameters != parameters.names:
         raise ValueError(f"the model has parameters {model.parameters}, the set {parameters.names}")
-    dependent, theta = (
-        parameters.dependent_names(model.configuration.name),
-        parameters.expand(parameters.x, model.configuration.name),
-    )
-    (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
+    dependent, linearised_at = parameters.dependent_names(model.configuration.name), model.theta_ref
+    if theta is None:
+        theta = parameters.expand(parameters.x, model.configuration.name)
+        (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
+        model = replace(model, theta_ref=theta, M=M, D=D, K=K, B=model.acting(theta), C=C, T=T)
     slopes = {name: model.slopes[name] for name in dependent if name in model.slopes}
-    local = replace(model, theta_ref=theta, M=M, D=D, K=K, B=model.acting(theta), C=C, T=T, slopes=slopes)
-    return Kernel(local, freq_hz, dependent, model.theta_ref)
+    return Kernel(replace(model, slopes=slopes), freq_hz, dependent, linearised_at)

@@ -281,13 +281,11 @@ def _shrinkage(X: ComplexArray, width: int) -> float:
     if width == 1 or n == 1:
         return 0.0
     neighbours = (width * moving_mean(X, width) - X) / (width - 1)
-    likelihood = []
-    for rho in SHRINKAGES:
-        values, vectors = np.linalg.eigh(rho * np.eye(n) + (1 - rho) * neighbours)
-        values = np.maximum(values, 1e-12)
-        power = np.einsum("fab,fac,fcb->fb", vectors.conj(), X, vectors, optimize=True).real
-        likelihood.append(float(np.sum(-np.log(values) - power / values)))
-    return SHRINKAGES[int(np.argmax(likelihood))]
+    rho = np.array(SHRINKAGES)[:, None, None]
+    values, vectors = np.linalg.eigh(neighbours)
+    values = np.maximum(rho + (1 - rho) * values, 1e-12)
+    power = np.einsum("fab,fac,fcb->fb", vectors.conj(), X, vectors, optimize=True).real
+    return SHRINKAGES[int(np.argmax(np.sum(-np.log(values) - power / values, axis=(1, 2))))]
 
 
 def _self_influence(

@@ -37,10 +37,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.fft import rfft
 
-from elastid.base.arrays import PIECE_VALUES, BoolArray, ComplexArray, FloatArray, IntArray, quotient, release
+from elastid.base.arrays import MIN_LARGE_VALUES, BoolArray, ComplexArray, FloatArray, IntArray, quotient
 from elastid.base.errors import DataError, Note, notes_of
+from elastid.base.fourier import real_dft
 from elastid.base.matrices import power
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.checks import REPEAT_DIFFERENCE
@@ -190,32 +190,13 @@ def _cut_to_one_length(records: Sequence[Record]) -> tuple[Sequence[Record], tup
     return cut, (Note("frf/window", text, where),)
 
 
-def spectra_at(signals: FloatArray, used: slice, bins: IntArray, P: int) -> ComplexArray:
-    r"""Return complex amplitudes (B, c) of samples of signals (n, c), P periods of N, at bins b, one channel at a time.
-
-    Near the lines b = k P + r a few offsets r suffice: with the sums of period p turned by them, a DFT of N samples,
-
-    .. math:: X(k P + r) = \sum_m e^{-2 \pi j (k m / N + r m / P N)} \sum_p x_{p N + m} e^{-2 \pi j r p / P}
-    """
-    N, amplitudes = (used.stop - used.start) // P, np.empty((len(bins), signals.shape[1]), np.complex128)
-    r = (bins + P // 2) % P - P // 2
-    offsets, bin_index = np.unique(r, return_inverse=True)
-    turns = np.exp(-2j * np.pi / P * np.outer(offsets, np.arange(P)))
-    turns, step = np.concatenate([turns.real, turns.imag]), max(1, PIECE_VALUES // N)
-    for i in range(signals.shape[1]):
-        if 2 * len(offsets) >= P:  # the whole spectrum is as short
-            amplitudes[:, i] = rfft(signals[used, i])[bins]
-        else:
-            sums = np.zeros((2 * len(offsets), N))
-            for p in range(0, P, step):
-                start, stop = used.start + p * N, used.start + min(P, p + step) * N
-                sums += turns[:, p : p + step] @ signals[start:stop, i].reshape(-1, N)
-                release(signals)
-            real, imaginary = np.split(sums, 2)
-            turned = (real + 1j * imaginary) * np.exp(-2j * np.pi / (P * N) * np.outer(offsets, np.arange(N)))
-            amplitudes[:, i] = np.fft.fft(turned, axis=1)[bin_index, (bins - r) // P % N]
-        release(signals)
-    return np.asarray(amplitudes * (2 / (P * N)))
+def spectra_at(signals: FloatArray, used: slice, bins: IntArray) -> ComplexArray:
+    """Return complex amplitudes (B, c) of samples of signals (n, c) at bins (B,)."""
+    n, c = used.stop - used.start, signals.shape[1]
+    at_once = c if signals.size < MIN_LARGE_VALUES else 1
+    groups = [slice(i, i + at_once) for i in range(0, c, at_once)]
+    every = [real_dft(signals[used, part][None], bins)[0] for part in groups]
+    return np.asarray(np.concatenate(every, axis=1) * (2 / n))
 
 
 def steady_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: int = 0) -> SteadySpectra:
@@ -232,7 +213,7 @@ def steady_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: i
         inner = np.arange(1, n // 2)
     rest = inner[inner % 2 == 0] if record.half_wave and P == 1 else inner[inner % P != 0]
     indices = np.concatenate([bins, rest])
-    Y, U, R = (None if x is None else spectra_at(x, used, indices, P) for x in (record.y, record.u, record.r))
+    Y, U, R = (None if x is None else spectra_at(x, used, indices) for x in (record.y, record.u, record.r))
     with np.errstate(divide="ignore", invalid="ignore"):
         Z = np.concatenate([Y, U], axis=1) * unit_scale(record, indices * record.rate_hz / n, quantity)
     at_lines, between = np.split(Z, [len(bins)])

@@ -19,7 +19,6 @@ import numpy.typing as npt
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.workers import Kept
-from elastid.linear.linear_model import Slope
 from elastid.linear.response.kernel import Kernel
 
 AnyComplex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]
@@ -182,15 +181,15 @@ class Columns(Kept):
     @cached_property
     def pieces(self) -> Pieces:
         """The pieces of all wanted parameters; bases of rank one first."""
-        n, wanted = self.kernel.model.n, self.kernel.wanted
-        terms = [
-            (place, power, matrix)
-            for place, slope in enumerate([self.kernel.model.slopes.get(name) or Slope() for name in wanted])
-            for power, matrix in enumerate((slope.K, slope.D, slope.M))
-            if matrix is not None and np.any(matrix)
-        ]
-        place, power = np.array([term[:2] for term in terms], np.int64).reshape(-1, 2).T
-        matrices = np.array([matrix for *_, matrix in terms]).reshape(-1, n, n)
+        n, wanted, terms = self.kernel.model.n, self.kernel.wanted, self.kernel.model.terms
+        index = np.full(len(self.kernel.model.parameters), -1)
+        index[self.kernel.places] = np.arange(len(wanted))
+        place = index[np.concatenate([terms[letter][0] for letter in "KDM"])]
+        power = np.repeat(np.arange(3), [len(terms[letter][0]) for letter in "KDM"])
+        matrices = np.concatenate([terms[letter][1].reshape(-1, n, n) for letter in "KDM"])
+        order = np.lexsort((power, place))
+        order = order[(place[order] >= 0) & np.any(matrices[order] != 0, axis=(1, 2))]
+        place, power, matrices = place[order], power[order], matrices[order]
         is_single, sign, y = rank_one_parts(matrices)
         E = np.stack([matrices, np.zeros_like(matrices)], axis=1)
         # Of a parameter that changes K and M by matrices of a higher rank both are one piece.
@@ -265,19 +264,22 @@ class Columns(Kept):
 
 def _first_alike(E: FloatArray) -> tuple[FloatArray, IntArray]:
     """Factor (N,) and first row (N,) of which each row of E (N, m) is a multiple; positive of a first row."""
-    size = np.linalg.norm(E, axis=1)
+    size, first = np.sqrt(np.einsum("nm,nm->n", E, E)), np.arange(len(E))
     unit = E / size[:, None]
-    rows, earlier = np.nonzero(np.tril(np.abs(unit @ unit.T) > 1 - 1e-6))
-    sign = np.sign(np.sum(unit[rows] * unit[earlier], axis=1))
+    cosine = unit @ unit.T
+    rows, earlier = np.nonzero(np.tril(np.abs(cosine) > 1 - 1e-6, -1))
+    sign = np.sign(cosine[rows, earlier])
     is_alike = np.abs(unit[rows] - sign[:, None] * unit[earlier]).max(axis=1, initial=0.0) < EQUAL_TOLERANCE
-    # np.nonzero goes row by row, with the earliest first.
-    _, first = np.unique(rows[is_alike], return_index=True)
-    return size * sign[is_alike][first], earlier[is_alike][first]
+    # np.nonzero goes row by row, with the earliest first, which here comes last and stays.
+    rows, earlier, sign = (part[is_alike][::-1] for part in (rows, earlier, sign))
+    first[rows] = earlier
+    size[rows] *= sign
+    return size, first
 
 
 def _span(matrices: FloatArray) -> FloatArray:
     """Return directions (n, r) that symmetric matrices (N, n, n) span: coordinates, or half as many mixtures."""
     stacked = matrices.transpose(1, 0, 2).reshape(matrices.shape[1], -1)
-    U, size, _ = np.linalg.svd(stacked, full_matrices=False)
+    U, size, _ = np.linalg.svd(np.transpose(np.linalg.qr(stacked.T, mode="r")))
     U, touched = U[:, size > EQUAL_TOLERANCE * size.max(initial=0.0)], np.flatnonzero(stacked.any(axis=1))
     return U if 2 * U.shape[1] <= len(touched) else np.eye(len(stacked))[:, touched]

@@ -20,7 +20,7 @@ terms, such as an undamped part at its resonance, is solved by LAPACK instead, a
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -242,7 +242,7 @@ class Kernel(Kept):
         """Elimination of Z X = B at any theta, by the pattern of Z's entries that are not zero for every theta."""
         model = self.model
         slopes = [part for s in model.slopes.values() for part in (s.M, s.D, s.K) if part is not None]
-        return Elimination.of(np.any([part != 0 for part in (model.M, model.D, model.K, *slopes)], axis=0))
+        return Elimination.of(np.any(np.array([model.M, model.D, model.K, *slopes]) != 0, axis=0))
 
     @cached_property
     def takes_compiled(self) -> bool:
@@ -287,16 +287,7 @@ class Elimination:
     @classmethod
     def of(cls, coupled: BoolArray) -> "Elimination":
         """Return the elimination order of a pattern (n, n) of coupled coordinates, fewest couplings first."""
-        acts = (coupled | coupled.T) & ~np.eye(len(coupled), dtype=bool)
-        filled, remaining, order = np.zeros_like(acts), np.ones(len(acts), dtype=bool), []
-        while remaining.any():
-            k = int(np.argmin(np.where(remaining, (acts & remaining).sum(axis=1), len(acts))))
-            remaining[k] = False
-            filled[k] = acts[k] & remaining
-            acts |= np.outer(filled[k], filled[k]) & ~np.eye(len(acts), dtype=bool)
-            order.append(k)
-        places = np.array(order, np.int64)
-        return cls(places, filled[np.ix_(places, places)])
+        return _elimination(coupled.tobytes(), len(coupled))
 
     def products(
         self, M: FloatArray, D: FloatArray, K: FloatArray, omega: FloatArray, B: FloatArray, Y: FloatArray
@@ -324,6 +315,21 @@ class Elimination:
         """
         later = np.argsort(~self.filled, axis=1, kind="stable").astype(np.int64)
         return later, self.filled.sum(axis=1), self.order[:, None] * len(self.order) + self.order
+
+
+@lru_cache(maxsize=64)
+def _elimination(coupled: bytes, n: int) -> Elimination:
+    acts = np.frombuffer(coupled, bool).reshape(n, n)
+    acts = (acts | acts.T) & ~np.eye(n, dtype=bool)
+    filled, remaining, order = np.zeros_like(acts), np.ones(n, dtype=bool), []
+    while remaining.any():
+        k = int(np.argmin(np.where(remaining, (acts & remaining).sum(axis=1), n)))
+        remaining[k] = False
+        filled[k] = acts[k] & remaining
+        acts |= np.outer(filled[k], filled[k]) & ~np.eye(n, dtype=bool)
+        order.append(k)
+    places = np.array(order, np.int64)
+    return Elimination(places, filled[np.ix_(places, places)])
 
 
 def solved_products(
