@@ -14,8 +14,8 @@ from elastid.app.run import run_all
 def fitted_arm(tmp_path_factory) -> Path:
     """One that has been fitted, in its own folder, with a move."""
     folder = tmp_path_factory.mktemp("arm")
-    (folder / "study.yml").write_text(STUDY, encoding="utf-8")
-    (folder / "move.csv").write_text("1 deg,2 deg\n-10,30\n25,10\n", encoding="utf-8")
+    (folder / "study.yml").write_text(STUDY)
+    (folder / "move.csv").write_text("1 deg,2 deg\n-10,30\n25,10\n")
     assert command("run", folder / "study.yml", "design", "measure", "estimate", "fit") in (0, 3)
     return folder / "study.yml"
 

@@ -346,7 +346,7 @@ def test_commanded_joints_of_a_robot_are_found_by_their_names(tmp_path: Path) ->
     robot = Robot(
         "leg", tuple(Body(f"{n} link", joints=(Joint(n, motor=Motor(1.0)),), mass=1) for n in ("hip", "knee"))
     )
-    (tmp_path / "robot.yml").write_text(yaml_text(robot), encoding="utf-8")
+    (tmp_path / "robot.yml").write_text(yaml_text(robot))
     t, command = commands()
     log = save(tmp_path / "log.csv", "time,pos_knee,pos_hip,cmd_pos_knee,cmd_pos_hip", t, 0.9 * command, command)
     recorded = new(tmp_path, tmp_path / "robot.yml", log).experiment.as_recorded()

@@ -95,11 +95,11 @@ def test_outputs_at_motors_have_the_quantity_of_their_slope(tmp_path: Path) -> N
     G = accelerations(2) / (2j * np.pi * FREQ[:, None, None]) ** 2
     savemat(tmp_path / "frf.mat", {"G": G, "f": FREQ})
     bodies = [Body(f"b{i}", joints=(Joint(f"j{i}", "y", Spring(1e3, 1.0), Motor(1.0)),), mass=1.0) for i in (1, 2)]
-    (tmp_path / "robot.yml").write_text(yaml_text(Robot("pair", tuple(bodies))), encoding="utf-8")
+    (tmp_path / "robot.yml").write_text(yaml_text(Robot("pair", tuple(bodies))))
     response = estimated(tmp_path, tmp_path / "robot.yml", tmp_path / "frf.mat")
     assert response.inputs == ("motor j1", "motor j2")
     np.testing.assert_allclose(response.G, accelerations(2), rtol=1e-6)
-    (tmp_path / "one.yml").write_text(yaml_text(Robot("one", tuple(bodies[:1]))), encoding="utf-8")
+    (tmp_path / "one.yml").write_text(yaml_text(Robot("one", tuple(bodies[:1]))))
     words = ["new", str(tmp_path / "other"), "--from", str(tmp_path / "one.yml"), "--from", str(tmp_path / "frf.mat")]
     assert cli.run_command(words) != 0
 

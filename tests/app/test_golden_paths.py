@@ -37,8 +37,8 @@ def pasted(pattern: str, text: str) -> list[str]:
 
 def two_axes(folder: Path) -> str:
     """The path of a study of two axes."""
-    (folder / "robot.yml").write_text(ROBOT, encoding="utf-8")
-    (folder / "study.yml").write_text(STUDY, encoding="utf-8")
+    (folder / "robot.yml").write_text(ROBOT)
+    (folder / "study.yml").write_text(STUDY)
     return str(folder / "study.yml")
 
 

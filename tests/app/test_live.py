@@ -26,7 +26,7 @@ GOAL = "k_*: 0.2 %"
 @pytest.fixture(scope="module")
 def study(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("arm") / "study.yml"
-    path.write_text(LIVE, encoding="utf-8")
+    path.write_text(LIVE)
     return path
 
 

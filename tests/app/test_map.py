@@ -20,13 +20,13 @@ def test_fitted_study_is_mapped_at_random_path_and_poses(fitted_arm: Path) -> No
     assert (run / "map.csv").read_bytes() == first
     assert {"map.h5", "map.csv", "map.html", "map.png"} <= {path.name for path in run.iterdir()}
     path = fitted_arm.parent / "path.csv"
-    path.write_text("1 deg,2 deg\n20,40\n-10,10\n", encoding="utf-8")
+    path.write_text("1 deg,2 deg\n20,40\n-10,10\n")
     assert command("map", fitted_arm, "--path", path, "--normal", "0", "0", "1", "--load", "0", "0", "-10") == 0
     workspace = read_map(run / "map.h5")
     np.testing.assert_allclose(workspace.angles, np.radians([[20, 40], [-10, 10]]))
     stiff = read_fit(run / "fit.h5").at("down", axes="world").stiffness()
     np.testing.assert_allclose(workspace["compliance_z"].value[0], stiff.compliance[2, 2], rtol=1e-6)
-    path.write_text("x,y,z\n1.0,0,-0.3\n5,0,0\n", encoding="utf-8")
+    path.write_text("x,y,z\n1.0,0,-0.3\n5,0,0\n")
     assert command("map", fitted_arm, "--path", path) == 0
     with (run / "map.csv").open(encoding="utf-8") as file:
         (row,) = csv.DictReader(file)

@@ -44,7 +44,7 @@ def study_of(tmp_path_factory) -> Callable[..., Path]:
         joint = CoggedJoint(6.0, coulomb, coulomb, viscous=20.0, gravity=0.0, cogging=0.0)
         q, u = (signal[::4] for signal in simulated([joint], [reference], 5e-4)[0])
         np.savetxt(folder / "log.csv", np.stack([u + rng.normal(0, 0.5, len(u)), q], axis=1), delimiter=",")
-        (folder / "study.yml").write_text(STUDY, encoding="utf-8")
+        (folder / "study.yml").write_text(STUDY)
         return folder / "study.yml"
 
     return made
@@ -53,7 +53,7 @@ def study_of(tmp_path_factory) -> Callable[..., Path]:
 def test_command_line_logs_keep_keys_of_replaced_files(tmp_path: Path) -> None:
     """The last of the first where there are more; not those of one log alone."""
     files = "{path: a.csv, configuration: a}, {path: b.csv, configuration: b, samples: [0, 9]}"
-    (tmp_path / "study.yml").write_text(STUDY.replace("{path: log.csv}", files), encoding="utf-8")
+    (tmp_path / "study.yml").write_text(STUDY.replace("{path: log.csv}", files))
     logs = [tmp_path / f"{name}.csv" for name in "xyz"]
     (override,) = on_logs(tmp_path / "study.yml", logs, {"overrides": (), "folder": None})["overrides"]
     expected = [{"path": str(log), "configuration": name} for log, name in zip(logs, "abb", strict=True)]
@@ -116,7 +116,7 @@ def two_axes(folder: Path, name: str, seed: int, missing: float = 0.0) -> Path:
 def test_rigid_body_and_friction_explain_other_joint_logs(tmp_path: Path) -> None:
     """A log that was left out, and one of the command line, nearly as well as a regression of it; a spring is seen."""
     study, run = tmp_path / "study.yml", tmp_path / "run"
-    study.write_text(TWO_AXES, encoding="utf-8")
+    study.write_text(TWO_AXES)
     two_axes(tmp_path, "first.csv", 1)
     two_axes(tmp_path, "second.csv", 2)
     assert command("run", study, "--run", run, "--jobs", "1") == 0

@@ -48,7 +48,7 @@ def predicted(folder: Path, *words: str | Path) -> tuple[int, dict]:
 def test_robot_file_passes_right_clock_and_fails_wrong_clock(log: Path, tmp_path: Path) -> None:
     """Exit code 3, and the factor 2.5 of the period first among the tests."""
     model = tmp_path / "robot.yml"
-    model.write_text(yaml_text(CommandedJoint().robot), encoding="utf-8")
+    model.write_text(yaml_text(CommandedJoint().robot))
     code, content = predicted(tmp_path / "right", model, "--log", log, "--log", log)
     assert (code, content["status"], len(content["logs"])) == (0, "passed", 2)
     assert content["rms"]["model"] < 0.05 * content["rms"]["late command"]
@@ -65,7 +65,7 @@ def test_urdf_is_a_model_with_its_damping_and_friction(log: Path, tmp_path: Path
     """All inertia is of the link, which is the same to the joint; other gains than the log's by option."""
     joint = CommandedJoint()
     x = -joint.gravity / 9.81
-    (tmp_path / "leg.urdf").write_text(URDF.format(x=x, I=joint.inertia - x**2), encoding="utf-8")
+    (tmp_path / "leg.urdf").write_text(URDF.format(x=x, I=joint.inertia - x**2))
     code, content = predicted(tmp_path / "run", tmp_path / "leg.urdf", "--log", log)
     assert code == 0
     assert content["rms"]["model"] < 1e-3
@@ -82,7 +82,7 @@ def test_mjcf_is_a_model_with_its_servo(log: Path, tmp_path: Path) -> None:
     x = -joint.gravity / 9.81
     for kp, expected in ((20, 0), (26, 3)):
         text = MJCF.format(x=x, rotor=joint.inertia - x**2, kp=kp)
-        (tmp_path / "leg.xml").write_text(text, encoding="utf-8")
+        (tmp_path / "leg.xml").write_text(text)
         code, content = predicted(tmp_path / f"kp {kp}", tmp_path / "leg.xml", "--log", log)
         assert code == expected
     assert content["tests"][0]["quantity"] == "kp"
@@ -111,10 +111,10 @@ def test_channels_and_controller_of_a_study_are_used(log: Path, tmp_path: Path) 
     with np.load(log) as content:
         signals = {name: content[name] for name in ("command", "position")}
     np.savez(tmp_path / "log.npz", command=signals["command"], turned=-np.rad2deg(signals["position"]), kp=[99.0])
-    (model := tmp_path / "robot.yml").write_text(yaml_text(CommandedJoint().robot), encoding="utf-8")
+    (model := tmp_path / "robot.yml").write_text(yaml_text(CommandedJoint().robot))
     study = tmp_path / "study.yml"
     for gain, expected in ((20, 0), (26, 3)):
-        study.write_text(STUDY.format(gain=gain), encoding="utf-8")
+        study.write_text(STUDY.format(gain=gain))
         words = (model, "--log", tmp_path / "log.npz", "--study", study)
         code, content = predicted(tmp_path / f"run {gain}", *words)
         assert code == expected
@@ -155,7 +155,7 @@ def test_numbers_of_a_study_by_commands_make_pendulums(axis: Axis, tmp_path: Pat
 def test_missing_gains_and_models_are_refused(tmp_path: Path) -> None:
     """Before anything is simulated."""
     model = tmp_path / "robot.yml"
-    model.write_text(yaml_text(CommandedJoint().robot), encoding="utf-8")
+    model.write_text(yaml_text(CommandedJoint().robot))
     n = 400
     signals = {"time": np.arange(n) / 200, "command": np.sin(np.arange(n) / 20), "position": np.sin(np.arange(n) / 20)}
     np.savez(tmp_path / "log.npz", **signals)
@@ -170,5 +170,5 @@ def test_missing_gains_and_models_are_refused(tmp_path: Path) -> None:
 def test_robot_in_place_of_the_study_of_with_is_refused(tmp_path: Path) -> None:
     """The text of a URDF has no section of logs: exit code 2, and no internal error."""
     model = tmp_path / "leg.urdf"
-    model.write_text(URDF.format(x=0.1, I=0.03), encoding="utf-8")
+    model.write_text(URDF.format(x=0.1, I=0.03))
     assert cli.run_command(["predict", str(model), "--with", str(tmp_path), "--log", str(model)]) == 2

@@ -1,7 +1,7 @@
 """Kernels in C: numbers of NumPy at every processor level, on edges too, and no library that does not fit."""
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -75,7 +75,7 @@ def test_edges_are_those_of_numpy(F: int, monkeypatch: pytest.MonkeyPatch) -> No
     nothing = np.zeros((F, 3, 0), complex)
     hurt = A.copy()
     hurt[F // 2 : F // 2 + 1, 0, 1] = np.nan
-    calls: list[Callable[[], np.ndarray]] = [
+    calls = [
         lambda: matrices.added_cross_products([nothing], [nothing]),
         lambda: matrices.added_cross_products([hurt], [A]),
         lambda: matrices.inverse(A + 3 * np.eye(3)),

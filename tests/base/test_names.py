@@ -34,7 +34,7 @@ def test_anything_else_is_refused_in_python(name: str) -> None:
 @pytest.mark.parametrize("name", ["&#10;", "&#9;", " x", "", "a@b", "&#x202e;"])
 def test_it_is_refused_with_its_line_in_a_urdf(tmp_path: Path, name: str) -> None:
     (tmp_path / "r.urdf").write_text(URDF.format(joint=name), encoding="utf-8")
-    (tmp_path / "r.yml").write_text("urdf: r.urdf\njoints: {'1': {motor: {inertia: 1, ratio: 1}}}\n", encoding="utf-8")
+    (tmp_path / "r.yml").write_text("urdf: r.urdf\njoints: {'1': {motor: {inertia: 1, ratio: 1}}}\n")
     with refused("robot/file"):
         load_robot(tmp_path / "r.yml")
 

@@ -68,7 +68,7 @@ def test_a_stribeck_shape_has_its_first_harmonic_whatever_the_sampling() -> None
 def test_elements_together_dissipate_their_loops_and_damp_by_their_rates(kind: Kind, presliding: float) -> None:
     """A loop over a swing S has the area 2 (S - 2 D) of a stop, 2 (S - 2 D tanh(S / 2 D)) of Dahl's bristle."""
     record, D = swinging(3, 0.1), 0.05
-    kinds: list[Kind] = ["stop", "bristle", "stop damping", "bristle damping"]
+    kinds = ["stop", "bristle", "stop damping", "bristle damping"]
     shapes = [BasisFunction("motor 1", each, D) for each in kinds]
     found = amplitudes(record, motion_of(record, "motor 1"), shapes, np.arange(2), np.array([3]))[:, 0]
     element = found[kinds.index(kind)]

@@ -52,7 +52,7 @@ def test_mujoco_has_the_numbers_of_included_classes(files: dict[str, Path], tmp_
       <joint name="knee" class="kn&quot;e.e"/><joint name="twist" class="kn&quot;e.e gear"/><geom size=".1"/></body>
       </body></worldbody><actuator><position joint="rail" class="rail"/><position joint="knee" class="kn&quot;e.e"/>
       </actuator></mujoco>"""
-    (tmp_path / "model.xml").write_text(text, encoding="utf-8")
+    (tmp_path / "model.xml").write_text(text)
     engine = mujoco.MjModel.from_xml_path(str(tmp_path / "model.xml"))
     assert engine.dof_armature == pytest.approx([8.0, 0.1, 0.0])
     assert engine.dof_damping.reshape(3, -1)[:, 0] == pytest.approx([4.0, 0.5, 20.0])

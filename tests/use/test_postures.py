@@ -34,16 +34,16 @@ def test_poses_that_some_posture_has_are_reached_within_the_limits(name: str) ->
 def test_path_of_angles_or_poses_has_its_units(tmp_path: Path) -> None:
     """Degrees by the name of the column; semicolons, tabs and decimal commas; a pose out of reach is numbered."""
     path = tmp_path / "path.csv"
-    path.write_text("2 (deg);1;note\n90;0,5;0\n", encoding="utf-8")
+    path.write_text("2 (deg);1;note\n90;0,5;0\n")
     np.testing.assert_allclose(read_path(path, robot(), "tool")[0], [[0.5, np.pi / 2]])
     path.write_text("2 (mrad)\t1 (°)\n5,0e2\t90\n", encoding="utf-8")
     np.testing.assert_allclose(read_path(path, robot(), "tool")[0], [[np.pi / 2, 0.5]])
-    path.write_text("x,y,z\n1.0,0,0\n9,0,0\n0.9,0,-0.2\n", encoding="utf-8")
+    path.write_text("x,y,z\n1.0,0,0\n9,0,0\n0.9,0,-0.2\n")
     angles, (remark,) = read_path(path, robot(), "tool")
     assert "1 of the path's postures (row 2) are out of reach" in remark
     there = frame_poses(robot(), followed(robot(), angles), "tool").position
     np.testing.assert_allclose(there, [[1, 0, 0], [0.9, 0, -0.2]], atol=2e-6)
-    path.write_text("x (mm),y (mm),z\n1000,0,0\n900,0,-0.2\n", encoding="utf-8")
+    path.write_text("x (mm),y (mm),z\n1000,0,0\n900,0,-0.2\n")
     in_mm, _ = read_path(path, robot(), "tool")
     np.testing.assert_allclose(frame_poses(robot(), followed(robot(), in_mm), "tool").position, there, atol=4e-6)
 
@@ -65,7 +65,7 @@ def test_path_of_angles_or_poses_has_its_units(tmp_path: Path) -> None:
 )
 def test_invalid_path_is_refused_with_reason(tmp_path: Path, text: str, place: str) -> None:
     path = tmp_path / "path.csv"
-    path.write_text(text, encoding="utf-8")
+    path.write_text(text)
     with refused("use/path", "files/table", "use/unreachable", holds=place):
         read_path(path, robot(), "tool")
 

@@ -13,7 +13,6 @@ from plants.two_mass import circular
 
 import elastid.base.arrays as base_arrays
 import elastid.fit.problem.frf_residuals as chunks
-from elastid.base.arrays import ComplexArray
 from elastid.base.execution import HERE, Execution, persistent_workers
 from elastid.base.kernels import is_compiled
 from elastid.fit.frf_problem import Assembly
@@ -139,7 +138,7 @@ def test_loops_agree_with_numpy(is_diagonal, F, n_y, n_u, n_1, n_2, n_3, precisi
     start, scale = 2 * BATCH, rng.uniform(0.5, 2.0, n_1 + n_2 + n_3)
     part = random_part(rng, start, F, n_y, n_u, n_1, n_2, n_3)
     n_e = len(part.outputs)
-    R: ComplexArray = circular(rng, (start + F, n_e, n_e))
+    R = circular(rng, (start + F, n_e, n_e))
     R = np.abs(R[:, 0]) if is_diagonal else np.triu(R)
     R[-1] = 0.0  # a line that is masked
     q, slope = circular(rng, (F, n_e)), circular(rng, (F, n_e))

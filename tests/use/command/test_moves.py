@@ -14,7 +14,7 @@ from elastid.use.moves import point_to_point, read_move
 def written(folder: Path, text: str) -> Path:
     folder.mkdir(exist_ok=True)
     path = folder / "move.csv"
-    path.write_text(text, encoding="utf-8")
+    path.write_text(text)
     return path
 
 
