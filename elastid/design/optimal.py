@@ -102,20 +102,20 @@ def _exchanged(
     while improved:
         improved = False
         for leaves in np.flatnonzero(numbers):
-            rest = prior + np.tensordot(numbers, H, (0, 1)) - H[:, leaves]
-            enters, reached = _best_addition(rest, H, criterion, int(leaves))
-            if reached > value + 1e-9:
+            M = prior + np.tensordot(numbers, H, (0, 1)) - H[:, leaves]
+            enters, phi = _best_addition(M, H, criterion, int(leaves))
+            if phi > value + 1e-9:
                 numbers[leaves] -= 1
                 numbers[enters] += 1
-                value, improved = reached, True
+                value, improved = phi, True
     return numbers, value
 
 
-def _best_addition(rest: FloatArray, H: FloatArray, criterion: DesignCriterion, leaves: int) -> tuple[int, float]:
+def _best_addition(M: FloatArray, H: FloatArray, criterion: DesignCriterion, leaves: int) -> tuple[int, float]:
     # The gradient half way: without the removed experiment M may be close to singular. The best 40 are exact.
-    _, gradient = criterion.slope(rest + H[:, leaves] / 2)
+    _, gradient = criterion.slope(M + H[:, leaves] / 2)
     best = np.argsort(-_gains(H, gradient), kind="stable")[:40]
-    values = criterion.value(rest[:, None] + H[:, best])
+    values = criterion.value(M[:, None] + H[:, best])
     winner = int(np.argmax(values))
     return int(best[winner]), float(values[winner])
 

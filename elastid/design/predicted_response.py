@@ -171,10 +171,10 @@ class Prospect:
         M = self.realisations
         distortion = (self.distortion * np.abs(G)) ** 2 / M
         sensitivity, U = self._torques(configuration, motion)
-        left = (np.swapaxes(np.linalg.inv(self._power(U, sensitivity)), 1, 2) / M).astype(np.complex128)
-        right = self._error(U, G, motion)
-        noise = _diagonal(right)[:, :, None] * _diagonal(left)[:, None, :]
-        return Covariance(noise + distortion, math.inf, *() if self.distortion > 0 else (left, right))
+        inverse_power = (np.swapaxes(np.linalg.inv(self._power(U, sensitivity)), 1, 2) / M).astype(np.complex128)
+        error = self._error(U, G, motion)
+        noise = _diagonal(error)[:, :, None] * _diagonal(inverse_power)[:, None, :]
+        return Covariance(noise + distortion, math.inf, *() if self.distortion > 0 else (inverse_power, error))
 
     def equivalent_damping(self, configuration: Configuration, x: FloatArray) -> FloatArray:
         """Return increase (n_u,), Nms/rad, link side, of the viscous friction of a fit by Coulomb friction."""

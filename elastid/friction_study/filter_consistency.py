@@ -97,9 +97,9 @@ def unknown(track: Track) -> BoolArray:
     return track.variance > (MAX_STD_RATIO * _prior_std(track)) ** 2
 
 
-def filter_notes(place: str, track: Track, judged: Consistency) -> Iterator[Note]:
+def filter_notes(place: str, track: Track, assessment: Consistency) -> Iterator[Note]:
     """Yield notes on a filter: it diverged, or which numbers are not observable, and why its bands are too narrow."""
-    names, P, diverged = track.joint.followed, track.covariance, judged.divergence
+    names, P, diverged = track.joint.followed, track.covariance, assessment.divergence
     never = np.all(unknown(track), axis=0).tolist()
     std = np.sqrt(np.diag(P))
     pairs = np.argwhere(np.triu(np.abs(P), 1) > MAX_STD_RATIO * np.outer(std, std)).tolist()
@@ -111,7 +111,7 @@ def filter_notes(place: str, track: Track, judged: Consistency) -> Iterator[Note
             "several speeds from viscous friction"
         )
         yield Note("filter/not-observable", text, place, severity="warning" if pairs else "information")
-    if reasons := [f"diverged {diverged}"] if diverged else judged.doubts:
+    if reasons := [f"diverged {diverged}"] if diverged else assessment.doubts:
         text = (
             f"{'; '.join(reasons)}; the model or its noise is wrong, and the bands are too narrow: correct "
             "inertia, spring, bristles, gravity and payload of the joint, or give filter.correlation_time, "

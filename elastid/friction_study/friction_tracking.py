@@ -91,10 +91,10 @@ def track_friction(
     filters = [KalmanFilter(joint, rate_hz, 60 * len(stretch.angle) * find_noise) for joint in joints]
     kalman, noise = filters[0], guess
     if find_noise:
-        estimates = [(each, *estimate_noise(each, stretch, guess, min(settle_s, 1.0))) for each in filters]
+        estimates = [(model, *estimate_noise(model, stretch, guess, min(settle_s, 1.0))) for model in filters]
         kalman, noise, _ = min(estimates, key=lambda estimate: estimate[-1])
     joint, track = kalman.joint, kalman.run(motions, noise)
-    judged = consistency(track, settle_s)
+    assessment = consistency(track, settle_s)
     step = max(1, (n := len(track.innovation)) // 2000)  # a result keeps so many points
     ends = np.arange(n % step + step - 1, n, step)
     mean_nis = track.nis[n % step :].reshape(-1, step).mean(axis=1)
@@ -104,7 +104,7 @@ def track_friction(
     )
     return TrackedFriction(
         name, slides, joint.followed, track.time_s[ends], values, low, high, unknown(track)[ends], mean_nis,
-        judged, noise, joint, rate_hz, tuple(filter_notes(f"joint {name}", track, judged))
+        assessment, noise, joint, rate_hz, tuple(filter_notes(f"joint {name}", track, assessment))
     )  # fmt: skip
 
 

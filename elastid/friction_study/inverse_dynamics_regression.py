@@ -130,9 +130,9 @@ class MotionFriction:
     @property
     def time_summary(self) -> str:
         """Words on each second of the logs: in the regression or why not."""
-        rest = [f"{seconds:.3g} s {name}" for name, seconds in self.seconds.items() if name != "used" and seconds > 0]
+        unused = [f"{value:.3g} s {name}" for name, value in self.seconds.items() if name != "used" and value > 0]
         total, used = sum(self.seconds.values()), self.seconds.get("used", 0.0)
-        return f"{used:.3g} of {total:.3g} s in the regression{', not ' if rest else ''}{', '.join(rest)}"
+        return f"{used:.3g} of {total:.3g} s in the regression{', not ' if unused else ''}{', '.join(unused)}"
 
     def to_friction(self) -> tuple[Friction, float]:
         """Return the law and its viscous friction as in a robot model, without presliding."""

@@ -91,8 +91,8 @@ class GearData:
         before: Sequence[SmoothedMotion], near: float = 1e-4,
     ) -> list[SmoothedMotion]:  # fmt: skip
         """Return the motion in each configuration under effects of given magnitudes, as `smooth_motion` has it."""
-        every = zip(self.lines, drives, before, strict=True)
-        return [smooth_motion(lines, drive, effects, magnitudes, start, near) for lines, drive, start in every]
+        rows = zip(self.lines, drives, before, strict=True)
+        return [smooth_motion(lines, drive, effects, magnitudes, start, near) for lines, drive, start in rows]
 
     def joint_normal_equations(
         self, estimate: GearEstimate, further: Sequence[GearEffect]

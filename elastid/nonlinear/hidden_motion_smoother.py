@@ -210,10 +210,10 @@ class _Problem:
 
     def _unmoved(self, base: ComplexArray, m: int) -> FloatArray:
         """Return the unknown deflections (n_x, n) at rest and by transmission errors; 0 of velocities."""
-        total, rest = np.zeros((len(self.signals), self.lines.points)), self._static_deflection(m)
+        total, static = np.zeros((len(self.signals), self.lines.points)), self._static_deflection(m)
         for i, (place, j) in enumerate(self.signals):
             if place == "gear":
-                total[i] = rest[j] + self._transmission_error(base, j, m)
+                total[i] = static[j] + self._transmission_error(base, j, m)
         return total
 
     def _transmission_error(self, q: ComplexArray, j: int, m: int) -> FloatArray:

@@ -75,7 +75,7 @@ def _identify(
     planned: IntArray | None,
     execution: Execution,
 ) -> CompensatedFriction:
-    few, places = -(-_CHOICE_RECORDS // len(records)), records[0].inputs
+    n_first, places = -(-_CHOICE_RECORDS // len(records)), records[0].inputs
 
     def gather(
         part: Sequence[Iterable[Record]], shapes: Sequence[BasisFunction], friction: CompensatedFriction | None = None
@@ -86,7 +86,7 @@ def _identify(
         raise _Unsuited(refused)
     refuse_mismatch(records)
     shapes = candidate_basis(records, spec.friction == "coulomb")
-    data = gather(measured[:few], shapes)
+    data = gather(measured[:n_first], shapes)
     choice, picked = choose(data, shapes, places, spec.friction == "auto")
     if delay_s := torque_delay(data, shapes, choice, places):
         late, late_shapes = delay_spectra(data, delay_s), tuple(replace(shape, delay_s=delay_s) for shape in shapes)
@@ -100,13 +100,13 @@ def _identify(
     if choice.shapes:
         noise = np.sqrt(np.mean([spectra.velocity_noise**2 for spectra in picked_spectra], axis=0))
         near = refine_basis(choice, first.sums[0], places, noise)
-        between = replace(first, choice=near, data=gather(measured[:few], near.shapes, first.result))
+        between = replace(first, choice=near, data=gather(measured[:n_first], near.shapes, first.result))
         pairs = [[fit.result.coulomb_friction(place)[0] for fit in (between, first)] for place in places]
         # Of many configurations the motion between the samples is looked at where it moves F_c by what is known of it.
-        is_near = all(abs(coefficient - whole) <= SIGN_ERROR * coefficient for coefficient, whole in pairs)
-        if few >= len(measured) or not is_near:
+        is_near = all(abs(coefficient - sampled) <= SIGN_ERROR * coefficient for coefficient, sampled in pairs)
+        if n_first >= len(measured) or not is_near:
             first, friction = between, first.result
-    first = replace(first, data=[*first.data, *gather(measured[few:], first.choice.shapes, friction)])
+    first = replace(first, data=[*first.data, *gather(measured[n_first:], first.choice.shapes, friction)])
     return first.with_dependence() if choice.shapes else first.result
 
 

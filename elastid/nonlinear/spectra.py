@@ -254,8 +254,8 @@ def _periods(
     logged: RecordSpectra, lines: IntArray, excited: BoolArray, spec: EstimatorSpec, quantity: Motion
 ) -> PeriodSpectra:
     """Return motions and torques of the periods that can be trusted, by their excited lines (F,), at all lines."""
-    every = period_spectra(logged, lines, quantity)
-    return every.only(trusted(every.on(excited), spec).periods) if len(every.periods) > 1 else every
+    periods = period_spectra(logged, lines, quantity)
+    return periods.only(trusted(periods.on(excited), spec).periods) if len(periods.periods) > 1 else periods
 
 
 def compensation_torque(coefficients: FloatArray, Phi: ComplexArray, motor_of: IntArray, n_m: int) -> ComplexArray:

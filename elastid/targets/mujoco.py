@@ -65,14 +65,14 @@ def write_mujoco(folder: Path, linear_model: FittedRobot, geared: Robot | None =
     """
     model = linear_model
     _check(model.robot)
-    rest = [equilibrium(model.model, model.theta[:-1], linear.configuration) for linear in model.linear]
-    start = rod_poses(model.robot, rest[0].q[: len(model.robot.joints)])
+    points = [equilibrium(model.model, model.theta[:-1], linear.configuration) for linear in model.linear]
+    start = rod_poses(model.robot, points[0].q[: len(model.robot.joints)])
     root = mjcf(model.robot, start)
     if geared is not None:
         _rub(root, geared)
         _add_lost_motion(root, geared)
     _intervals(root, model)
-    _keyframes(root, model, rest, start)
+    _keyframes(root, model, points, start)
     ET.indent(root)
     path = folder / "robot.xml"
     write_text(path, ET.tostring(root, encoding="unicode") + "\n")

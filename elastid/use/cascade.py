@@ -51,8 +51,8 @@ class Cascade:
 
     def at(self, x: FloatArray) -> "Cascade":
         """Return cascade with other numbers, of logarithms x (n_x,)."""
-        p, v, corner, rest = np.split(np.exp(x), np.cumsum([len(self.velocity_gain)] * 3))
-        return replace(self, position_gain=p, velocity_gain=v, low_pass_hz=corner, notches=rest.reshape(-1, 3))
+        p, v, corner, notches = np.split(np.exp(x), np.cumsum([len(self.velocity_gain)] * 3))
+        return replace(self, position_gain=p, velocity_gain=v, low_pass_hz=corner, notches=notches.reshape(-1, 3))
 
     def bounds(self, reach: float, rate_hz: float) -> tuple[FloatArray, FloatArray]:
         """Return bounds (n_x,) of x, within `reach` of its own and with filters that can be."""

@@ -163,10 +163,10 @@ def _sampled(linear: LinearModel, theta: FloatArray, rate_hz: float) -> tuple[Fl
     samples, part = divmod(max(system.delay, 0.0) * rate_hz, 1.0)
     wide = np.zeros((n + n_u, n + n_u))
     wide[:n] = np.hstack([system.A, system.B])
-    (A, B), (_, now) = (np.split(expm(wide * span / rate_hz)[:n], [n], axis=1) for span in (1.0, 1 - part))
+    (A, B), (_, B_now) = (np.split(expm(wide * span / rate_hz)[:n], [n], axis=1) for span in (1.0, 1 - part))
     C = system.C
     if part > 0:  # u_(k - 1) acts for the first part of the sample
-        A, B, C = _with_input_states(A, B - now, now, C)
+        A, B, C = _with_input_states(A, B - B_now, B_now, C)
     for _ in range(int(samples)):
         A, B, C = _with_input_states(A, B, np.zeros_like(B), C)
     return A, B, C
@@ -196,12 +196,12 @@ def grid(plants: Plants, lines: int, per_mode: int) -> FloatArray:
     counts = (s.imag > 1e-6 * np.abs(s)) & (zeta < 0.5) & (zeta > 0) & (freq_hz < top)
     base = np.geomspace(max(freq_hz[counts].min(initial=0.2 * top) / 300, top / 5000), top, lines)
     spread = np.sinh(np.linspace(-3, 3, per_mode)) / np.sinh(3)
-    most = int(counts.sum(axis=1).max(initial=0))
+    n_modes = int(counts.sum(axis=1).max(initial=0))
     rows = []
     for modes_hz, z, keep in zip(freq_hz, zeta, counts, strict=True):
         centres, widths = modes_hz[keep], np.clip(8 * z[keep], 0.02, 0.4)
         near = (centres[:, None] * (1 + widths[:, None] * spread)).ravel()
-        padding = np.geomspace(base[0], top, (most - len(centres)) * per_mode + 2)[1:-1] * (1 + 1e-6)
+        padding = np.geomspace(base[0], top, (n_modes - len(centres)) * per_mode + 2)[1:-1] * (1 + 1e-6)
         rows.append(np.sort(np.clip(np.concatenate([base, near, padding]), base[0], top)))
     return np.array(rows)
 
@@ -293,10 +293,10 @@ def bandwidths(E: ComplexArray, freq_hz: FloatArray) -> FloatArray:
 def closed_loop_poles(plants: Plants, gains: JointLoop, filters: Filters | None) -> ComplexArray:
     """Return z (N, n) of the loops; gains that differ from plant to plant are (N, n_u)."""
     N, _, n_u = plants.B.shape
-    T, unit, none = 1 / plants.rate_hz, np.eye(n_u), np.zeros((n_u, n_u))
+    T, unit, zeros = 1 / plants.rate_hz, np.eye(n_u), np.zeros((n_u, n_u))
     kp, kd, ki = (np.broadcast_to(part, (N, n_u))[:, :, None] * unit for part in (gains.kp, gains.kd, gains.ki))
     # States y_(k-1) and T sum e of e_k = -(k_p + k_d / T) y_k + k_d / T y_(k-1).
-    A, B = _blocks([[none, none], [kd, unit]]), _blocks([[unit], [-T * kp - kd]])
+    A, B = _blocks([[zeros, zeros], [kd, unit]]), _blocks([[unit], [-T * kp - kd]])
     C, D = _blocks([[kd / T, ki]]), -kp - kd / T
     if not np.any(ki):
         A, B, C = A[:, :n_u, :n_u], B[:, :n_u], C[:, :, :n_u]

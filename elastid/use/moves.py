@@ -186,8 +186,8 @@ def _through(path_parameters: FloatArray, points: FloatArray, is_timed: bool) ->
 
 def _rest_to_rest_spline(s: FloatArray, points: FloatArray) -> BSpline:
     """Return the spline of degree 5 through points (Q, n) at s (Q,), at its ends without velocity and acceleration."""
-    still = np.zeros(points.shape[1])
-    return make_interp_spline(s, points, k=5, bc_type=([(1, still), (2, still)], [(1, still), (2, still)]))
+    zeros = np.zeros(points.shape[1])
+    return make_interp_spline(s, points, k=5, bc_type=([(1, zeros), (2, zeros)], [(1, zeros), (2, zeros)]))
 
 
 def _through_poses(table: Table, robot: Robot, frame: str, times: FloatArray | None) -> BSpline:

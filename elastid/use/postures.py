@@ -64,8 +64,8 @@ def _seeds(robot: Robot, seed: int) -> FloatArray:
 
 def grid_postures(robot: Robot, frame: str, points: int = 12, seed: int = 0) -> FloatArray:
     """Return angles (Q, n_u) of a frame on a cubic grid over its workspace, `points` along the longest side."""
-    reached = frame_poses(robot, followed(robot, _seeds(robot, seed)), frame).position
-    low, high = reached.min(axis=0), reached.max(axis=0)
+    points_reached = frame_poses(robot, followed(robot, _seeds(robot, seed)), frame).position
+    low, high = points_reached.min(axis=0), points_reached.max(axis=0)
     spacing = max(float((high - low).max()) / max(points - 1, 1), _REACHED)
     sides = [np.arange(a, b + spacing / 2, spacing) for a, b in zip(low, high, strict=True)]
     targets = np.stack(np.meshgrid(*sides, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -105,15 +105,15 @@ def follow_path(
     robot: Robot, frame: str, position: FloatArray, rotation: FloatArray | None, seed: int = 0
 ) -> tuple[FloatArray, BoolArray]:
     """Find postures (n, n_u) and flags (n,) if reached for positions (n, 3), m; each search starts at the last pose."""
-    angles, reached = inverse_kinematics(robot, frame, position, rotation, seed)
+    angles, is_reached = inverse_kinematics(robot, frame, position, rotation, seed)
     for i in range(1, len(position)):
-        if not reached[i - 1]:
+        if not is_reached[i - 1]:
             continue
         turn = rotation if rotation is None else rotation[i : i + 1]
         q, distance = _descend(robot, frame, position[i : i + 1], turn, angles[i - 1 : i])
         if distance[0] < _REACHED:
-            angles[i], reached[i] = q[0], True
-    return angles, reached
+            angles[i], is_reached[i] = q[0], True
+    return angles, is_reached
 
 
 def _descend(
@@ -202,8 +202,8 @@ def read_path(path: Path, robot: Robot, frame: str) -> tuple[FloatArray, tuple[s
     if angles is not None:
         beyond = np.asarray(beyond_limits(robot, angles).any(axis=1))
         return angles, _remark(beyond, "are beyond the limits of the joints, and kept")
-    angles, reached = follow_path(robot, frame, *table.poses(robot))
-    if not reached.any():
+    angles, is_reached = follow_path(robot, frame, *table.poses(robot))
+    if not is_reached.any():
         raise DataError(
             "use/unreachable",
             f"no pose is within reach of frame {frame} and the limits of the joints. x, y, z count from the robot's "
@@ -211,7 +211,7 @@ def read_path(path: Path, robot: Robot, frame: str) -> tuple[FloatArray, tuple[s
             path,
         )
     words = "are out of reach of the frame within the limits of the joints, and left out"
-    return angles[reached], _remark(~reached, words)
+    return angles[is_reached], _remark(~is_reached, words)
 
 
 def _remark(where: BoolArray, words: str) -> tuple[str, ...]:

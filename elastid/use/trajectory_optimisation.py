@@ -223,8 +223,8 @@ class _CollocationProblem:
         parts = np.array_split(times[1:-1], 1 + N // 200)  # dense matrices of few rows at a time
         self.bases = [vstack([csc_array(splines(part, order)) for part in parts], "csc") for order in range(4)]
         self.target = commanded.poses(commanded.rigid(move, times[1:-1])[0])
-        still = np.zeros((2, self.n_q))
-        self.holding = commanded.torque(np.array(self.ends), still, still)
+        zeros = np.zeros((2, self.n_q))
+        self.holding = commanded.torque(np.array(self.ends), zeros, zeros)
         guess = self._guess(move)
         u = commanded.torque(*(basis @ guess for basis in self.bases[:3]))
         peak = np.abs(np.vstack([u, self.holding])).max(axis=0)

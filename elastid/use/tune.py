@@ -93,13 +93,13 @@ class SimulatedLoop:
         table = (robot or self.robot).parameters()
         model = self.plant.model
         theta = np.array([table[name][0] for name in model.parameters])
-        rest = equilibrium(model, theta, Configuration("start", references.position[0])).q
+        q_0 = equilibrium(model, theta, Configuration("start", references.position[0])).q
         # As the loop differentiates its readings, so that its torque is of the error alone.
         velocity = np.diff(references.position, axis=0, prepend=references.position[:1]) * references.rate_hz
-        none = np.zeros_like(velocity)
-        commands = Commands(references.position, velocity, references.torque, none, none)
+        zeros = np.zeros_like(velocity)
+        commands = Commands(references.position, velocity, references.torque, zeros, zeros)
         try:
-            motion = simulate(self.plant.loop, self.gains, commands, rest, theta=theta)
+            motion = simulate(self.plant.loop, self.gains, commands, q_0, theta=theta)
         except DataError as error:
             advice = "lower --bandwidth, or raise --rate"
             if robot is not None:
@@ -213,7 +213,7 @@ class _MoveTask:
     def tuned(self, name: str, progress: Progress) -> TunedMove:
         """Tune the move, with its outcomes."""
         robots, limits, joints = self.robots, self.limits, self.commanded.robot.driven
-        planned, r, errors, most = self._within_limits(progress)
+        planned, r, errors, max_torque = self._within_limits(progress)
         target = self._path(r.time_s)
         distances = [np.linalg.norm(self._path(r.time_s, robot) - target, axis=1).max() for robot in robots.draws]
         at = self.commanded.poses(planned.q(np.clip(r.time_s, *planned.q.t[[0, -1]]))).position
@@ -230,7 +230,7 @@ class _MoveTask:
             units=tuple(joint.unit for joint in joints), judge=robots.judge_name, bandwidth_hz=robots.bandwidth_hz,
             duration=self.move.duration, margin_s=self.margin_s, target=target, predicted_error=error,
             limits=np.array([getattr(limits, kind) for kind in KINDS]),
-            outcomes=self._outcomes(r, target, errors), samples=len(robots.draws), max_torque=most, advice=advice,
+            outcomes=self._outcomes(r, target, errors), samples=len(robots.draws), max_torque=max_torque, advice=advice,
             geometric_error_m=float(np.quantile(distances, 0.95)) if distances else 0.0,
         )  # fmt: skip
 
@@ -261,18 +261,18 @@ class _MoveTask:
                     "--fastest finds, or ends that the motors hold against gravity",
                 )
             used = {kind: references.use(limits)[kind].max(axis=0) for kind in KINDS}
-            errors, most = [], np.abs(references.torque).max(axis=0)
+            errors, max_torque = [], np.abs(references.torque).max(axis=0)
             for i, robot in enumerate(robots.draws):
                 q, torque = loop.follow(references, robot)
                 path = self._path(references.time_s, robot)
                 errors.append(np.linalg.norm(commanded.poses(q, robot).position - path, axis=1))
-                most = np.maximum(most, np.abs(torque).max(axis=0))
+                max_torque = np.maximum(max_torque, np.abs(torque).max(axis=0))
                 velocity = np.abs(np.diff(q @ commanded.model.B, axis=0)).max(axis=0) * robots.rate_hz
                 used["velocity"] = np.maximum(used["velocity"], velocity / limits.velocity)
                 progress(attempt * (n + 1) + i + 1, PASSES * (n + 1))
-            used["torque"] = np.maximum(used["torque"], most / limits.torque)
+            used["torque"] = np.maximum(used["torque"], max_torque / limits.torque)
             if all(np.all(part <= 1.0) for part in used.values()):
-                return planned, references, np.array(errors), most
+                return planned, references, np.array(errors), max_torque
             factors = {kind: np.where(part > 1, _SPARE / np.maximum(part, 1.0), 1.0) for kind, part in used.items()}
             narrowed = narrowed.narrowed(factors)
         kind = max(used, key=lambda key: float(used[key].max()))

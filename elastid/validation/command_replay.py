@@ -168,9 +168,9 @@ def predict(plant: Plant, motion: CommandedMotion, change: Change | None = None)
     edges = np.arange(ticks + 1) * drive_s - change.delay - motion.delay_s
     command = _zoh_means(motion.command, edges, period_s)
     velocity = _zoh_means(motion.velocity / change.clock, edges, period_s)
-    still = np.zeros_like(command)
+    zeros = np.zeros_like(command)
     gains = JointLoop(motion.gains.kp * change.kp, motion.gains.kd * change.kd, motion.gains.ki)
-    commands = Commands(command, velocity, still - np.array(motion.offsets or 0.0), still, still)
+    commands = Commands(command, velocity, zeros - np.array(motion.offsets or 0.0), zeros, zeros)
     trajectory = simulate_tracking(plant, commands, np.ones(n_u, bool), gains, motion.position[0], np.zeros(n_u))
     samples = np.arange(n) * period_s / drive_s
     return np.stack([np.interp(samples, np.arange(ticks), reading) for reading in trajectory.reading.T], axis=1)
@@ -291,8 +291,8 @@ def _late_command(measured: FloatArray, command: FloatArray, rate_hz: float) -> 
     def error(samples: float) -> float:
         return _rms(measured - np.interp(rows - samples, rows, command))
 
-    whole = np.arange(min(len(command) // 4, round(2 * rate_hz)) + 1)
-    nearest = float(whole[int(np.argmin([error(float(d)) for d in whole]))])
+    shifts = np.arange(min(len(command) // 4, round(2 * rate_hz)) + 1)
+    nearest = float(shifts[int(np.argmin([error(float(d)) for d in shifts]))])
     ends = max(nearest - 1, 0.0), nearest + 1
     samples = min(nearest, float(minimize_scalar(error, bounds=ends, method="bounded").x), key=error)
     return samples / rate_hz, np.interp(rows - samples, rows, command)

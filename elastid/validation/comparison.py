@@ -291,9 +291,9 @@ def _score(measured: Response, modelled: Response, spec: FitSpec) -> Fold:
     weights = weigh(measured, spec)
     used = weights.used
     error = np.abs(measured.G - modelled.G)[used] / weights.sigma[used]
-    errors = agreement(measured, modelled, is_validation=True)
+    frf_error = agreement(measured, modelled, is_validation=True)
     misfit = float(np.mean(error**2)) if error.size else math.nan
-    return Fold(errors.configuration, misfit, errors.overall_rms_log_db, errors.overall_phase_rms_deg)
+    return Fold(frf_error.configuration, misfit, frf_error.overall_rms_log_db, frf_error.overall_phase_rms_deg)
 
 
 def _compared(name: str, refits: Sequence[Refit], criterion: float, configurations: Sequence[str]) -> ComparedModel:

@@ -220,10 +220,10 @@ def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> It
         # As the loop differentiates what it reads, so that its torque is of the error alone.
         position, velocity = path, np.diff(path, axis=0, prepend=path[:1]) * plant.loop.rate_hz
     else:
-        gains, still = gains_of(plant.model, q, controller.spec), np.zeros(log.n)
+        gains, zeros = gains_of(plant.model, q, controller.spec), np.zeros(log.n)
         references = (record.reference for record in log.records if record.reference is not None)
         position = log.joint_values(references, log.posture)
-        load = log.torques(still if record.disturbance is None else record.disturbance for record in log.records)
+        load = log.torques(zeros if record.disturbance is None else record.disturbance for record in log.records)
         velocity = controller.velocity_feedforward * np.gradient(position, 1 / plant.loop.rate_hz, axis=0)
         # The torque that the controller's integral holds at the start; 0 without an integral.
         error = gains.kp * (position[0] - path[0]) + gains.kd * (velocity[0] - rate[0])

@@ -122,9 +122,9 @@ def _along_record(
     # A critically damped loop leaves a thousandth of an error at the start after one and a half of its periods.
     lead = min(max(0, math.floor(LONGEST_S / period_s) - 1), math.ceil(1.5 / tracking_hz / period_s))
     lead = lead if record.is_periodic else 0  # periods before the one that is compared
-    still = np.zeros(((lead + 1) * N, model.n_u))
+    zeros = np.zeros(((lead + 1) * N, model.n_u))
     path, rate, driving = (np.tile(signal, (lead + 1, 1)) for signal in (position, velocity, torque))
-    commands = Commands(path, rate, driving, still, still)
+    commands = Commands(path, rate, driving, zeros, zeros)
     moving, loop = np.isin(np.arange(model.n_u), motors), tracking_gains(plant, tracking_hz)
     trajectory = simulate_tracking(plant, commands, moving, loop, position[0], velocity[0])
     return _in_band(record, band_hz, delay_s, plant, trajectory)
