@@ -64,8 +64,8 @@ class ConfigurationSpectra:
         if n_m < K:
             X = self.net(np.zeros_like(self.U))[1][on]
             return np.asarray(np.sum(np.abs(X) ** 2, axis=(0, 2)) * K / (K - n_m) / np.maximum(power, 1e-300))
-        off = np.mean(np.abs(self.Phi[~on]) ** 2, axis=(0, 2))
-        return np.asarray(off / np.maximum(off + power / (on.sum() * K), 1e-300))
+        unexcited_power = np.mean(np.abs(self.Phi[~on]) ** 2, axis=(0, 2))
+        return np.asarray(unexcited_power / np.maximum(unexcited_power + power / (on.sum() * K), 1e-300))
 
     def net(self, friction: ComplexArray) -> tuple[ComplexArray, ComplexArray, BoolArray]:
         """Return e (F, n_m, K) and basis functions X (F, n_f, K) after subtraction of `friction` (F, n_m, K) from U.
@@ -201,7 +201,7 @@ class PeriodLines:
             if above[-1] < X.shape[-1]:
                 aliases += X[..., above] * (F / above) ** 2
             aliases += X[..., below].conj() * (F / below) ** 2
-        return np.asarray(X[..., 1 : F + 1]), aliases
+        return X[..., 1 : F + 1], aliases
 
 
 def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntArray | None) -> PeriodLines:
@@ -245,11 +245,9 @@ def unsuited(first: Record) -> str:
     """Return the reason why friction and gear effects are not identifiable from these records, else ""."""
     if not first.is_periodic:
         return "the records have no period; what is not linear is found from differences between periodic experiments"
-    missing = [place for place in first.inputs if place not in first.outputs]
-    names = ", ".join(missing)
-    return f"the angle of {names} is not among the outputs; log the motors' angles, of which all is a function" * bool(
-        missing
-    )
+    missing = ", ".join(place for place in first.inputs if place not in first.outputs)
+    text = f"the angle of {missing} is not among the outputs; log the motors' angles, of which all is a function"
+    return text if missing else ""
 
 
 def _periods(
