@@ -86,7 +86,7 @@ def named(names: Iterable[str], values: FloatArray) -> dict[str, float]:
 
 
 def frozen(array: Any, dtype: Any = np.float64) -> NDArray[Any]:
-    """A read-only copy of an array, unless it is read-only already: a copy like that, part of one, or from a file."""
+    """Return a read-only copy of an array, or the array itself if it is such a copy, part of one, or from a file."""
     if isinstance(array, LargeArray):
         return cast(NDArray[Any], array)
     if isinstance(array, np.ndarray) and not array.flags.writeable and array.dtype == dtype:
