@@ -15,7 +15,7 @@ from elastid.logs.files.log import Log
 from elastid.logs.files.text import TextLog
 from elastid.logs.headings import TIMES, in_brackets
 from elastid.logs.repair import MAX_WRONG_FRACTION
-from elastid.logs.repair.time_stamps import MAX_RATE_RATIO, MIN_GAP, even_grid
+from elastid.logs.repair.time_stamps import MAX_RATE_RATIO, MIN_GAP, even_grid, stamp_line
 
 # Samples that are read of a log, and those that it needs.
 MAX_SAMPLES, MIN_SAMPLES = 1 << 17, 100
@@ -76,15 +76,16 @@ def correct_stamps(t: FloatArray) -> tuple[FloatArray, IntArray]:
     """Interpolate wrong stamps (n,), and return their numbers, too; no stamps if too many are wrong."""
     from scipy.ndimage import median_filter
 
+    none, rows, half = np.zeros(0, np.int64), np.arange(len(t)), len(t) // 2
     if np.isnan(t).mean() > MAX_WRONG_FRACTION:
-        return t[:0], np.zeros(0, np.int64)
-    away = np.abs(t - median_filter(np.nan_to_num(t, nan=np.inf), 5, mode="nearest"))
-    is_wrong = ~(away <= _MAX_WRONG_DISTANCE * float(np.nanmedian(np.abs(np.diff(t)))))
-    none = np.zeros(0, np.int64)
+        return t[:0], none
+    step = float(np.nanmedian(t[half:] - t[: len(t) - half])) / half
+    away = np.abs(t - median_filter(np.nan_to_num(t, nan=np.inf), 5, mode="mirror"))
+    is_wrong = ~(away <= _MAX_WRONG_DISTANCE * max(abs(step), float(np.nanmedian(np.abs(np.diff(t))))))
     if is_wrong.mean() > MAX_WRONG_FRACTION:
         return (t, none) if np.isfinite(t).all() else (t[:0], none)
-    rows = np.arange(len(t))
-    return np.asarray(np.interp(rows, rows[~is_wrong], t[~is_wrong])), np.flatnonzero(is_wrong)
+    late = np.interp(rows, rows[~is_wrong], (t - step * rows)[~is_wrong])
+    return np.where(is_wrong, step * rows + late, t), np.flatnonzero(is_wrong)
 
 
 def time_units(t: FloatArray) -> dict[str, float]:
@@ -133,18 +134,19 @@ def common_step_ms(channels: Sequence[tuple[str, str, float]]) -> float:
 
 
 def rate_of(t: FloatArray) -> float:
-    """Return the rate of stamps (n,) on a uniform grid, else 1 / mean step without gaps."""
-    rises, grid = np.diff(t), even_grid(t)
+    """Return the rate of stamps (n,) of an even sampling, else 1 / mean step without gaps."""
+    if (line := stamp_line(t)) is not None:
+        return line.rate_hz
+    rises = np.diff(t)
     rises = rises[rises > 0]
-    # The mean step is correct for stamps that jitter or are rounded.
-    return 1 / float(np.mean(rises[rises < MIN_GAP * np.median(rises)])) if grid is None else grid[1]
+    return 1 / float(np.mean(rises[rises < MIN_GAP * np.median(rises)]))
 
 
 def common_span(spans: Mapping[str, tuple[float, float]], place: Path | str) -> tuple[float, float]:
     """Return first and last time in s at which all signals with the names and spans were logged; DataError without."""
     begin, end = max(first for first, _ in spans.values()), min(last for _, last in spans.values())
     if not begin < end:
-        text = ", ".join(f"{name} {first:.6g} to {last:.6g} s" for name, (first, last) in spans.items())
+        text = ", ".join(f"{name} {first:.3f} to {last:.3f} s" for name, (first, last) in spans.items())
         raise DataError("records/clock", f"signals have no time in common: {text}. Log them with one clock", place)
     return begin, end
 
@@ -168,7 +170,8 @@ def clock_of(log: Log) -> Clock:
         falls, rises = np.flatnonzero(steps <= 0), steps[steps > 0]
         falling = falling or (name if is_time(name) and is_clock(-t) else "")
         is_set_back = 0 < len(falls) <= MAX_WRONG_FRACTION * len(t) and is_clock(np.cumsum(rises))
-        is_named = is_time(name) and (np.all(steps > 0) or is_set_back)
+        is_late = len(t) > MIN_SAMPLES and bool(np.all(steps >= 0)) and stamp_line(t) is not None
+        is_named = is_time(name) and (np.all(steps > 0) or is_set_back or is_late)
         if len(t) > 2 and (is_named or (not is_time(name) and is_clock(t) and np.any(steps != 1))):
             rate, low, high = rate_of(t), 20.0, 200e3  # of logs of machines, in Hz
             units = time_units(t)
