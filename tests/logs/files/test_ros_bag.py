@@ -129,7 +129,7 @@ def _late(t: np.ndarray) -> np.ndarray:
         (T_Q, T_U),
         (_late(T_Q), _late(T_U)),
         (T_Q - 1.7e9 * (T_Q == 0), T_U),
-        (T_Q, T_U + 300 * (T_U > T_U[-2])),
+        (T_Q, T_U + 300 * (T_U[-2] < T_U)),
         (np.delete(T_Q, [50, 900, 901, 4000]), T_U),
         (T_Q, np.round(T_U, 2)),
     ],
