@@ -96,10 +96,10 @@ def describe_steps(time_s: FloatArray) -> str:
 
 
 def stamp_line(time_s: FloatArray) -> StampLine | None:
-    """Fit the line of stamps (n,) of an even sampling, of which samples may be lost; None without one."""
+    """Fit the line of rising stamps (n,) of an even sampling, of which samples may be lost; None without one."""
     t, lag = time_s - time_s[0], min(FIRST_STAMPS, len(time_s) // 2)  # a calendar's seconds leave no digits
     step_s = float(np.median(t[lag:] - t[: len(t) - lag])) / max(lag, 1)
-    if not step_s > 0:
+    if not step_s > 0 or np.any(np.diff(t) < 0):
         return None
     best = _line(t, np.arange(len(t)))
     if not best.is_exact:
