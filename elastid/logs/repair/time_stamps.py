@@ -81,11 +81,15 @@ class StampLine:
         return bool(np.ptp(self.delays_s) <= 2 * max(MAX_GRID_DEVIATION / self.rate_hz, MAX_ROUNDING * self.rounding_s))
 
     @property
+    def concentration(self) -> float:
+        """Length of the mean phase of the stamps."""
+        return float(np.abs(np.exp(2j * np.pi * self.rate_hz * self.delays_s).mean()))
+
+    @property
     def is_even(self) -> bool:
         """True if the sampling may be even: stamps jitter by less than a sample, or are late by whole samples."""
-        phases = np.exp(2j * np.pi * self.rate_hz * self.delays_s)
-        is_near = bool(np.ptp(self.delays_s) * self.rate_hz < 2)
-        return is_near or self.is_exact or bool(np.abs(phases.mean()) > MIN_CONCENTRATION)
+        is_near = float(np.ptp(self.delays_s)) * self.rate_hz < 2
+        return self.is_exact or is_near or self.concentration > MIN_CONCENTRATION
 
 
 def describe_steps(time_s: FloatArray) -> str:
@@ -101,11 +105,11 @@ def stamp_line(time_s: FloatArray) -> StampLine | None:
     step_s = float(np.median(t[lag:] - t[: len(t) - lag])) / max(lag, 1)
     if not step_s > 0 or np.any(np.diff(t) < 0):
         return None
-    best = _line(t, np.arange(len(t)))
-    if not best.is_exact:
-        lines = best, _line(t, _rows(t, _period(t, step_s)))
-        best = min(lines, key=lambda line: float(np.mean(np.abs(line.delays_s - np.median(line.delays_s)))))
-    return replace(best, start_s=best.start_s + float(time_s[0])) if best.is_even else None
+    line = _line(t, np.arange(len(t)))
+    if not line.is_exact:
+        other = _line(t, _rows(t, _period(t, step_s)))
+        line = other if other.concentration > max(line.concentration, MIN_CONCENTRATION) else line
+    return replace(line, start_s=line.start_s + float(time_s[0])) if line.is_even else None
 
 
 def even_grid(time_s: FloatArray) -> tuple[IntArray, float] | None:
@@ -165,7 +169,7 @@ def sampling_times(
     smoother.  has_clocks: rounded stamps delay the signals against other ones.  Rows in another order than their stamps
     are sorted.  DataError for missing and for many falling stamps.
     """
-    time_s, signals = rising(time_s, signals, log)
+    time_s, signals = rising(time_s, signals, log, has_clocks)
     line = stamp_line(time_s) if len(time_s) > 2 else None
     if line is None or not (line.is_exact or _is_smoother_on(line, time_s, signals)):
         return time_s, signals
@@ -218,9 +222,12 @@ def to_rate(
     return resampled_with_gaps(result, times, min(1.0, rate_hz / grid_hz), log)
 
 
-def rising(time_s: FloatArray, signals: FloatArray, log: Log) -> tuple[FloatArray, FloatArray]:
+def rising(
+    time_s: FloatArray, signals: FloatArray, log: Log, has_clocks: bool = False
+) -> tuple[FloatArray, FloatArray]:
     """Sort stamps (n,) and their signals (n, c).
 
+    A clock that was set back leaves a gap of unknown length; has_clocks: none, since other signals continue there.
     Raises DataError for missing stamps, and for more falling steps than of single faults.
     """
     if not np.isfinite(time_s).all():
@@ -249,11 +256,10 @@ def rising(time_s: FloatArray, signals: FloatArray, log: Log) -> tuple[FloatArra
             "rows sorted by time", len(falls), f"{len(falls)} rows were not in time order, the first at {place}; sorted"
         )
         return time_s[order], signals[order]
-    text = "as after a clock was set back; treated as a gap in which no message was lost"
-    log.report(SET_BACK, len(falls), f"the time falls at {place}, {text}")
-    rises, signals = np.diff(time_s, prepend=time_s[0]), np.copy(signals)
-    rises[falls + 1] = np.median(rises)
-    signals[np.minimum(falls[:, None] + np.arange(MAX_BRIDGED + 1), len(signals) - 1)] = np.nan
+    rises, step_s = np.diff(time_s, prepend=time_s[0]), float(np.median(steps))
+    rises[falls + 1] = step_s if has_clocks else (MAX_BRIDGED + 2) * step_s
+    gap = "no message is taken as lost there" if has_clocks else "treated as a gap"
+    log.report(SET_BACK, len(falls), f"the time falls at {place}, as after a clock was set back; {gap}")
     return time_s[0] + np.cumsum(rises), signals
 
 
