@@ -6,7 +6,7 @@ INTERRUPTED = 130  # as elastid.app.cli has it, which is not loaded yet
 
 
 def main() -> None:
-    """The command line, ended without a traceback however early, or late, it is interrupted."""
+    """Run the command line; an interruption, however early or late, ends it without a traceback."""
     try:
         _end_at_a_signal()
         from elastid.app.cli import main as command_line

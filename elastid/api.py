@@ -397,7 +397,7 @@ _NO_LOGS = ExperimentSpec(simulated=SimulatedSpec())
 
 
 def _section(data: Mapping[str, Any], kind: type[Section]) -> Section:
-    """A section of a study from plain data; StudyError with the key of each error."""
+    """Read a section of a study from plain data; StudyError with the key of each error."""
     value, problems = validate(dict(data), kind)
     _refuse(problems)
     section: Section = value
@@ -405,7 +405,7 @@ def _section(data: Mapping[str, Any], kind: type[Section]) -> Section:
 
 
 def _consistent(study: Study, folder: Path = Path()) -> Study:
-    """A study in SI whose sections fit together; StudyError else."""
+    """Return a study in SI whose sections fit together; StudyError otherwise."""
     study, problems = convert_to_si(study)
     _refuse([*check_study(study, folder), *problems])
     return study

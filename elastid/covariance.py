@@ -53,7 +53,7 @@ class Covariance(Kept):
         return "diagonal" if self.left is None else "kronecker"
 
     def full(self) -> ComplexArray:
-        """cov(vec G) (F, n_y n_u, n_y n_u), vec column-major: elements of one input side by side."""
+        """Return cov(vec G) (F, n_y n_u, n_y n_u), vec column-major: elements of one input side by side."""
         F, n_y, n_u = self.variance.shape
         if self.matrix is not None:
             return self.matrix
@@ -63,7 +63,7 @@ class Covariance(Kept):
         return (diagonal[:, :, None] * np.eye(n_u * n_y)).astype(np.complex128)
 
     def lines(self, keep: BoolArray) -> "Covariance":
-        """Covariance on some of its lines; keep (F,) is True where a line stays."""
+        """Select lines; keep (F,) is True for a line that stays."""
         parts = (self.left, self.right, self.matrix)
         left, right, matrix = (None if part is None else np.asarray(part)[keep] for part in parts)
         return replace(self, variance=self.variance[keep], left=left, right=right, matrix=matrix)
@@ -79,12 +79,12 @@ class Covariance(Kept):
         return next((part for part in (self.matrix, self.right) if part is not None), None)
 
     def elements(self, rows: Sequence[int], columns: Sequence[int]) -> "Covariance":
-        """Covariance of some outputs and inputs, by their indices."""
+        """Select outputs and inputs by their indices."""
         n_y = self.variance.shape[1]
         of_vec = [i + n_y * j for j in columns for i in rows]
 
-        def block(part: ComplexArray | None, kept: Sequence[int]) -> ComplexArray | None:
-            return None if part is None else np.asarray(part)[:, kept][:, :, kept]
+        def block(part: ComplexArray | None, indices: Sequence[int]) -> ComplexArray | None:
+            return None if part is None else np.asarray(part)[:, indices][:, :, indices]
 
         left, right = block(self.left, columns), block(self.right, rows)
         variance, matrix = self.variance[:, rows][:, :, columns], block(self.matrix, of_vec)
@@ -98,7 +98,7 @@ def kronecker(left: ComplexArray, right: ComplexArray) -> ComplexArray:
 
 
 def scaled(covariance: Covariance | None, power: FloatArray) -> Covariance | None:
-    """The covariance of a response times a gain with |gain|^2 = power (F, 1, 1)."""
+    """Scale the covariance by power (F, 1, 1) = |gain|^2, for a response times a gain."""
     if covariance is None:
         return None
     left, matrix = (None if part is None else part * power for part in (covariance.left, covariance.matrix))

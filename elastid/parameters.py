@@ -110,7 +110,7 @@ class Parameter:
         return self.name.partition("@")[0]
 
     def to_x(self, value: float) -> float:
-        """The solver's variable of an SI value."""
+        """Return the solver's variable of an SI value."""
         if not self.log:
             return value
         return math.log(value) if value > 0 else -math.inf
@@ -186,7 +186,7 @@ class Parameters:
         return self.parameters[index_of(name, [p.name for p in self.parameters], "parameter")]
 
     def index(self, name: str) -> int:
-        """The place of a name in theta; UnknownNameError lists the names there are."""
+        """Return the index of a name in theta; UnknownNameError lists the existing names."""
         return index_of(name, self.names, "parameter")
 
     @cached_property
@@ -210,7 +210,7 @@ class Parameters:
         return tuple(parameter.name for parameter in self.free)
 
     def dependent_names(self, configuration: str = "") -> tuple[str, ...]:
-        """Names of the free and tied parameters of theta that x moves in a configuration, in the order of theta."""
+        """List the free and tied parameters of theta that x changes in a configuration, in the order of theta."""
         moves = np.any(self._chain(configuration).dependence, axis=1)
         return tuple(name for name, is_moved in zip(self.names, moves, strict=True) if is_moved)
 
@@ -230,16 +230,16 @@ class Parameters:
         return frozen([p.to_x(p.lower) for p in self.free]), frozen([p.to_x(p.upper) for p in self.free])
 
     def expand(self, x: FloatArray, configuration: str = "") -> FloatArray:
-        """theta (n_theta,) in SI of a solver's vector x (n_x,), in a configuration: exponentials and ties applied."""
+        """Expand a solver's x (n_x,) to theta (n_theta,) in SI in a configuration; applies exponentials and ties."""
         return self._chain(configuration).theta(self.natural(x))
 
     def jacobian(self, x: FloatArray, configuration: str = "") -> FloatArray:
-        """d theta / d x (n_theta, n_x): theta_p itself for a logarithmic parameter, ties carried along."""
+        """Return d theta / d x (n_theta, n_x), ties included; theta_p itself for a logarithmic parameter."""
         natural = self.natural(x)
         return self._chain(configuration).slopes(natural) * np.where(self.is_log, natural, 1.0)
 
     def natural(self, x: FloatArray) -> FloatArray:
-        """The free parameters (..., n_x) in SI; infinite, not an error, where a solver tries an absurd step."""
+        """Return the free parameters (..., n_x) in SI; infinite, without an error, for an absurd step of a solver."""
         with np.errstate(over="ignore"):
             return np.where(self.is_log, np.exp(x), x)
 
@@ -255,7 +255,7 @@ class Parameters:
         return self._chains[local]
 
     def configuration_of_stand_in(self, configuration: str) -> str:
-        """The name of a configuration for which a parameter has a stand-in; empty for all others.
+        """Return the configuration for which a parameter is a stand-in; empty for all other parameters.
 
         Of a configuration that is measured at several amplitudes that of its posture, whose parameters are the same.
         """
@@ -270,14 +270,14 @@ class Parameters:
         return {}
 
     def with_values(self, values: Mapping[str, float]) -> "Parameters":
-        """Parameters starting from other SI values."""
+        """Replace the starting values by other SI values."""
         for name in values:
             self[name]
         rows = (replace(p, value=float(values[p.name])) if p.name in values else p for p in self.parameters)
         return Parameters(tuple(rows))
 
     def with_means(self, x: FloatArray) -> "Parameters":
-        """Parameters of configurations that were not fitted: stand-ins alone are their mean at x (n_x,).
+        """Return the parameters for configurations without data: each stand-in becomes its mean at x (n_x,).
 
         The mean is of the solver's variable: geometric for logarithmic parameters.
         """
@@ -293,14 +293,14 @@ class Parameters:
         return Parameters(tuple(with_mean(p) for p in self.parameters))
 
     def as_dict(self, x: FloatArray | None = None) -> dict[str, float]:
-        """Names to SI values, at the start or at x; ratios and stand-ins at the end."""
+        """Return SI values by name, at the start or at x; ratios and stand-ins come last."""
         x = self.x if x is None else x
         free = named(self.free_names, self.natural(x))
         outside = {p.name: free.get(p.name, p.value) for p in self.parameters if not p.is_of_model}
         return Named("parameter", self.numbers(x) | outside)
 
     def numbers(self, x: FloatArray, configuration: str = "") -> dict[str, float]:
-        """Names of the model's parameters to SI values in a configuration, the delay of torques included."""
+        """Return SI values of the model's parameters by name in a configuration, the delay of torques included."""
         return named(self.names, self.expand(x, configuration))
 
 
@@ -319,11 +319,11 @@ class _Chain:
         return np.asarray((self.gain != 0) | (self.by_gain != 0))
 
     def theta(self, z: FloatArray) -> FloatArray:
-        """theta (n_theta,) of z (n_x,)."""
+        """Return theta (n_theta,) of z (n_x,)."""
         return (self.constant + self.gain @ z) * (self.by_constant + self.by_gain @ z)
 
     def slopes(self, z: FloatArray) -> FloatArray:
-        """d theta / d z (n_theta, n_x)."""
+        """Return d theta / d z (n_theta, n_x)."""
         value, by = self.constant + self.gain @ z, self.by_constant + self.by_gain @ z
         return self.gain * by[:, None] + value[:, None] * self.by_gain
 

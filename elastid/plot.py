@@ -143,7 +143,7 @@ def __dir__() -> list[str]:
 
 
 def _on_dense_lines(model: FittedModel, measured: Response, band: bool) -> tuple[Response, np.ndarray | None]:
-    """Response of a model, and its standard deviation, on the measured lines and many between them."""
+    """Return the response of a model, and its standard deviation, on the measured lines and many between them."""
     low, high = measured.freq_hz[[0, -1]]
     lines = np.union1d(measured.freq_hz, np.geomspace(low, high, 1000))
     is_same_quantity = model.linear.quantity == measured.quantity

@@ -51,7 +51,7 @@ class Levels:
 
 @frozen_value
 class Quality:
-    """Quality of a response at its F lines; even and odd have lines of their own.
+    """Signal quality of a measured FRF at its F excited lines; even and odd distortion are at their detection lines.
 
     coherence (F, n_y, n_u) and multiple_coherence (F, n_y), of single periods.  singular_values (F, min(n_y, n_u)) of
     G, largest first.  input_singular_values (F, n_u) of the experiments' inputs, each input relative to its RMS: their
@@ -79,9 +79,9 @@ class Quality:
             return quotient(largest, smallest, np.inf)
 
     def lines(self, keep: BoolArray) -> "Quality":
-        """Quality on some of the response's lines; keep (F,) is True where a line stays."""
-        cut: dict[str, Any] = {name: part[keep] for name, part in vars(self).items() if isinstance(part, np.ndarray)}
-        return replace(self, **cut, excited=Levels(*(part[keep] for part in vars(self.excited).values())))
+        """Select lines; keep (F,) is True for a line that stays."""
+        arrays: dict[str, Any] = {name: part[keep] for name, part in vars(self).items() if isinstance(part, np.ndarray)}
+        return replace(self, **arrays, excited=Levels(*(part[keep] for part in vars(self.excited).values())))
 
 
 @frozen_value
@@ -106,7 +106,7 @@ class MotorMotion:
         return np.asarray(np.sqrt(np.einsum("kii->i", self.power).real))
 
     def grouped(self, most: int) -> "MotorMotion":
-        """Motion on at most so many lines: neighbours together, at the frequency of the same mean square velocity."""
+        """Group neighbouring lines to at most so many, each at the frequency of the same mean square velocity."""
         if len(self.freq_hz) <= most:
             return self
         starts = np.arange(most) * len(self.freq_hz) // most
@@ -281,7 +281,7 @@ class Response(Kept):
         return self.total if self.total is not None else self.noise
 
     def lines(self, keep: BoolArray) -> "Response":
-        """Response on some of its lines; keep (F,) is True where a line stays, ValueError for another size."""
+        """Select lines; keep (F,) is True for a line that stays. ValueError for another size."""
         if np.shape(keep) != (self.n_lines,):
             raise ValueError(f"keep has shape {np.shape(keep)}; the response has {self.n_lines} lines")
 
@@ -302,10 +302,10 @@ class Response(Kept):
         columns = [index_of(place, self.inputs, "input") for place in inputs]
 
         uncertainties = {"noise": self.noise, "total": self.total}
-        cut: dict[str, Any] = {n: part.elements(rows, columns) for n, part in uncertainties.items() if part is not None}
+        part: dict[str, Any] = {n: c.elements(rows, columns) for n, c in uncertainties.items() if c is not None}
         return replace(
             self,
-            **cut,
+            **part,
             G=self.G[:, rows][:, :, columns],
             inputs=inputs,
             outputs=outputs,
@@ -336,7 +336,7 @@ class Response(Kept):
         return self.quality.multiple_coherence
 
     def to_control(self) -> Any:
-        """The response as `control.FrequencyResponseData` over rad/s; covariances have no place in it."""
+        """Convert to `control.FrequencyResponseData` over rad/s, which has no covariance."""
         import control  # takes a second or two
 
         labels = control_labels(self.configuration.name, self.inputs, self.outputs)
@@ -344,7 +344,7 @@ class Response(Kept):
 
     @classmethod
     def from_control(cls, data: Any, configuration: Configuration, quantity: Motion = "acceleration") -> "Response":
-        """The response of `control.FrequencyResponseData`, whose labels name the places; its noise is unknown.
+        """Convert `control.FrequencyResponseData`, whose labels name the locations, to a response with unknown noise.
 
         Link side and SI, as every response.  A system becomes such data by `control.frd(system, omega)`; TypeError
         for the system itself.
@@ -356,7 +356,7 @@ class Response(Kept):
         return cls(omega / (2 * np.pi), G, tuple(data.input_labels), tuple(data.output_labels), quantity, configuration)
 
     def to_xarray(self) -> Any:
-        """An `xarray.Dataset` of G and the standard deviations that are known, over freq_hz, output and input.
+        """Convert to an `xarray.Dataset`: G and its known standard deviations over freq_hz, output and input.
 
         ElastidError where xarray is not installed.
         """
@@ -388,7 +388,7 @@ class Responses(tuple[Response, ...]):
 
 
 def in_quantity(response: Response, quantity: Motion) -> Response:
-    r"""Response in position, velocity or acceleration per torque, its covariance with it.
+    r"""Convert the response and its covariance to position, velocity or acceleration per torque.
 
     .. math:: G' = (j\omega)^k G, \qquad cov(vec\, G') = \omega^{2k} cov(vec\, G)
     """

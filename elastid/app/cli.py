@@ -38,7 +38,7 @@ from elastid.base.escape import printable
 
 
 def main() -> None:
-    """The program `elastid`."""
+    """Run the program `elastid`."""
     # A program that was started without them (`>&-`) has None here, which nothing below expects.
     sys.stdout = sys.stdout or StringIO()
     sys.stderr = sys.stderr or StringIO()
@@ -51,7 +51,7 @@ def main() -> None:
 
 
 def _in_ascii(error: Any) -> tuple[str, int]:
-    """The nearest letters of a terminal that has no others, for the first that it lacks (a handler of codecs)."""
+    """Replace the first character that a terminal lacks by similar ones (a handler of codecs)."""
     return _ASCII.get(error.object[error.start], "?"), error.start + 1
 
 
@@ -59,7 +59,7 @@ _ASCII = {"±": "+-", "–": "-", "─": "-", "°": "deg", "µ": "u", "²": "^2"
 
 
 def run_command(arguments: Sequence[str]) -> int:
-    """A command, and its exit code however it ends (`elastid.app.cli`)."""
+    """Run a command and return its exit code, however it ends (`elastid.app.cli`)."""
     try:
         with libraries_off_terminal(), insisting() as pressed:
             cli.main(list(arguments), prog_name="elastid", standalone_mode=False)
@@ -83,18 +83,18 @@ class InGroups(click.Group):
     """A group whose help lists the commands by purpose, each with its first sentence in full."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Names in the order of the help."""
+        """List the commands in the order of the help."""
         return [name for names in _GROUPS.values() for name in names]
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Names and first sentences, wrapped and not cut."""
+        """Write names and first sentences, wrapped and uncut."""
         for group, names in _GROUPS.items():
             helps = [(name, (self.commands[name].help or "").split("\n\n")[0]) for name in names]
             with formatter.section(group):
                 formatter.write_dl([(name, " ".join(text.split())) for name, text in helps])
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        """The command; a stage that is taken for one is named as an argument of `run`."""
+        """Return the command; refuse a stage that is given as a command, with the right command."""
         if name in NAMES:
             ctx.fail(f"{name} is a stage: elastid run STUDY {name}")
         return super().get_command(ctx, name)
@@ -437,7 +437,7 @@ def one_blas_thread() -> None:
 
 
 def explained(error: Exception, arguments: Sequence[str] = ()) -> int:
-    """The exit code of an error that has a message for the user; any other is a bug and raised again."""
+    """Print an error that has a message for the user and return its exit code; raise any other error again."""
     match error:
         case ElastidError():
             return _report_end(f"{error} [{error.code}]", error.exit_code)

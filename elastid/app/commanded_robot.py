@@ -15,7 +15,7 @@ from elastid.study.robots import yaml_text
 
 
 def rigid_numbers(result: FrictionResult) -> dict[tuple[str, str], float]:
-    """Numbers of a friction study that are no friction, by joint and term."""
+    """Return the numbers of a friction study that are no friction, by joint and term."""
     return {
         (joint.joint, path): number.value
         for joint in result.joints
@@ -26,12 +26,12 @@ def rigid_numbers(result: FrictionResult) -> dict[tuple[str, str], float]:
 
 
 def command_delay(result: FrictionResult) -> float | None:
-    """Delay of the commands in s that a friction study has found; None without one."""
+    """Return the identified delay of the commands in s; None for a friction study without one."""
     return next((value for (_, path), value in rigid_numbers(result).items() if path == DELAY), None)
 
 
 def with_armatures(robot: Robot, result: FrictionResult) -> Robot:
-    """A study's robot with the law of friction of each joint, and the armatures that the study has found as rotors."""
+    """Return the study's robot with identified friction models, and identified armatures as rotor inertias."""
     values = rigid_numbers(result)
 
     def with_armature(joint: Joint) -> Joint:
@@ -44,7 +44,7 @@ def with_armatures(robot: Robot, result: FrictionResult) -> Robot:
 
 
 def commanded_robot(robot: Robot, result: FrictionResult) -> Robot:
-    """The robot with all numbers of a friction study.
+    """Return the robot with all numbers of a friction study.
 
     If a study by commands has found the inertia of each joint as a whole, bodies on the base have the inertia and the
     gravity of the study; the bodies of other robots are replaced by pendulums about y.
@@ -108,7 +108,7 @@ def _stands_on_base(robot: Robot, result: FrictionResult) -> bool:
 
 
 def _across(robot: Robot, body: Body) -> tuple[FloatArray, float]:
-    """Gravity (3,) across the axis of a body's joint at angle 0, as a direction and a size in m/s^2."""
+    """Return gravity (3,) across the axis of a body's joint at angle 0, as a direction and a size in m/s^2."""
     axis, down = unit_axis(body.joints[0].axis), body.placement.rotation.T @ np.asarray(robot.gravity)
     down = down - (down @ axis) * axis
     g = float(np.linalg.norm(down))
@@ -116,14 +116,14 @@ def _across(robot: Robot, body: Body) -> tuple[FloatArray, float]:
 
 
 def _with_pendulums(robot: Robot, values: Mapping[tuple[str, str], float]) -> Robot:
-    r"""The robot with the identified inertia and gravity of each body on the base, half of the inertia in the rotor.
+    r"""Add identified inertia and gravity of each body on the base, half of the inertia in the rotor.
 
     With e1 along gravity across the axis a at q = 0, e2 = a x e1 and c = (H e1 + G e2) / (m g) the torque is
     G cos q + H sin q.
     """
 
     def with_numbers(body: Body) -> Body:
-        """Body with the identified J, G and H of its joint."""
+        """Return a body with the identified J, G and H of its joint."""
         (joint,) = body.joints
         J, G, H = (values.get((joint.name, path), 0.0) for path in ("inertia", "gravity.cos", "gravity.sin"))
         assert joint.motor is not None

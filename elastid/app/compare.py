@@ -48,7 +48,7 @@ _Fits: TypeAlias = dict[Elastic, tuple[ComparedVariant, Sequence[Refit]]]
 
 
 def compare(run: Run, studies: Sequence[LoadedStudy] = ()) -> Comparison:
-    """compare.json, and the report again where there is one; the ranking.
+    """Rank models, and write compare.json and, if the run has one, the report again. Returns the ranking.
 
     studies: further ones whose robots, formulations and parameters are fitted to the responses of `run`, under its
     weights and criterion.  StudyError where there are no current responses, or but one model.
@@ -96,7 +96,7 @@ def variants(loaded: LoadedStudy, studies: Sequence[LoadedStudy] = ()) -> Iterat
 
 
 def comparison_table(comparison: Comparison) -> list[list[str]]:
-    """Headings, then a line for each model, the best first."""
+    """Return headings, then a row for each model, the best first."""
     left_out = any(math.isfinite(row.mean_misfit) for row in comparison.rows)
     rows = [["model", "note", "parameters", "QAIC above best", "residuals / noise"]]
     rows[0] += ["left out: error / sigma", "magnitude dB", "phase deg", "misfit above best"] if left_out else []
@@ -112,7 +112,7 @@ def comparison_table(comparison: Comparison) -> list[list[str]]:
 
 
 def _default(study: Study) -> tuple[VariantSpec, ...]:
-    """Parts left out, and other equations of loops, of a study that is compared with no other."""
+    """Yield variants without single parts, and with other equations of loops, for a study without other models."""
     robot = study.as_robot()
     riding = any(joint.motor is not None and joint.motor.on for joint in robot.driven)
     coupling = [VariantSpec("without motor coupling", motor_coupling=False)] if riding else []
@@ -122,7 +122,7 @@ def _default(study: Study) -> tuple[VariantSpec, ...]:
 
 
 def _loop_variants(study: Study) -> tuple[VariantSpec, ...]:
-    """The approximations in use for a robot with loops, as far as they leave anything out, and the exact equations."""
+    """Yield approximations for a robot with loops that omit something, and the exact equations."""
     robot, model = study.as_robot(), study.model
     if not robot.loops:
         return ()
@@ -160,13 +160,13 @@ def variant(loaded: LoadedStudy, spec: VariantSpec) -> ComparedVariant:
 
 
 def _weighed_as(study: Study, varied: Study) -> FitSpec:
-    """The fit of another study with the criterion, weights and band of the own one, so that their costs compare."""
+    """Return the fit of another study with criterion, weights and band of this study, for comparable costs."""
     fit = study.seeded_fit
     return replace(varied.fit, criterion=fit.criterion, weights=fit.weights, band_hz=fit.band_hz, seed=fit.seed)
 
 
 def refitted(run: Run, models: Sequence[ComparedVariant], responses: Responses) -> list[list[Refit]]:
-    """The fits of each model, to all responses and without each fold; those not there yet by several processes."""
+    """Fit each model to all responses and without each fold; missing fits run in several processes."""
     parts = ((), *divide(responses.names, run.study.compare.folds))
     tasks = [(variant, part) for variant in models for part in parts]
     finished = Checkpoint(path_below(run.folder, PARTIAL), run.stamps["estimate"].code)
@@ -181,7 +181,7 @@ def refitted(run: Run, models: Sequence[ComparedVariant], responses: Responses) 
 
 
 def search_elasticity(run: Run) -> None:
-    """compare.json with every trial and the models tried, and the report again where there is one.
+    """Search for elastic elements; write compare.json with all trials and models and, if it exists, the report again.
 
     StudyError where there are no current responses, those of one configuration only, or nothing to search among.
     """
@@ -217,7 +217,7 @@ def search_elasticity(run: Run) -> None:
 
 
 def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
-    """Coordinates that can be elastic or rigid, label to name, and the labels that start elastic: the gears."""
+    """Return coordinates that can be elastic or rigid, label to name, and the labels that start elastic: the gears."""
     robot, unknown = loaded.study.as_robot(), unseen(loaded.study.as_robot(), loaded.study.model.variant)
     coordinates = [spring for spring in elastic_coordinates(robot) if f"k_{spring.name}" not in unknown]
     if not coordinates:
@@ -234,17 +234,17 @@ def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
 def _fit_variant(
     run: Run, coordinates: Mapping[str, str], start: Elastic, models: Sequence[Elastic], responses: Responses
 ) -> _Fits:
-    made: dict[Elastic, ComparedVariant] = {}
+    variants: dict[Elastic, ComparedVariant] = {}
     cannot: _Fits = {}
     for model in models:
         name = run.study.name if len(model) == len(coordinates) else f"{', '.join(model) or 'nothing'} elastic"
         rigid = tuple(coordinate for label, coordinate in coordinates.items() if label not in model)
         try:
-            made[model] = variant(run.loaded, VariantSpec(name, rigid=rigid))
+            variants[model] = variant(run.loaded, VariantSpec(name, rigid=rigid))
         except StudyError as error:
             if model in (start, tuple(coordinates)):
                 raise StudyError("compare/variants", f"{name}: {error}", "search") from None
             first = ComparedVariant(name, run.study.as_robot(), run.study.fit, run.study.model)
             cannot[model] = first, 2 * [Refit("failed", str(error), 0, math.inf, 0, {})]
-    fits = refitted(run, list(made.values()), responses)
-    return dict(zip(made, zip(made.values(), fits, strict=True), strict=True)) | cannot
+    fits = refitted(run, list(variants.values()), responses)
+    return dict(zip(variants, zip(variants.values(), fits, strict=True), strict=True)) | cannot

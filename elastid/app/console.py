@@ -39,7 +39,7 @@ class Console:
 
     @contextmanager
     def logging_to(self, folder: Path) -> Iterator[None]:
-        """Append to run.log in the folder, Python's own warnings included."""
+        """Append to run.log in the folder, warnings of Python included."""
         folder.mkdir(parents=True, exist_ok=True)
         handler = _LogFile(folder / LOG_NAME, encoding="utf-8", errors="backslashreplace")
         handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(message)s"))
@@ -79,16 +79,16 @@ class Console:
             print(f"warning: {printable(text)}", file=sys.stderr, flush=True)
 
     def notes(self, notes: Iterable[Note], on_page: bool = False) -> None:
-        """Notes on data, plan or result, the same from many places as one line; on_page: the page shows them, too."""
+        """Print notes on data, plan or result, equal notes as one; on_page: the report page contains them, too."""
         for group in grouped(notes):
             (self.warn if group.first.severity == "warning" else self.detail if on_page else self.say)(str(group))
 
     def log(self, text: str) -> None:
-        """How the work ended, for the log alone; the command prints it on the terminal."""
+        """Log how the work ended; only the log has it, since the command prints it on the terminal."""
         self._log.error(text)
 
     def table(self, rows: Sequence[Sequence[str]]) -> None:
-        """Headings and rows in columns, numbers to the right; in the log alone while stages of a whole run report."""
+        """Print headings and rows in columns, numbers to the right; only into the log during a whole run."""
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         for row in rows:
             cells = [c.ljust(w) if i < 2 else c.rjust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True))]
@@ -99,7 +99,7 @@ class Console:
 
     @contextmanager
     def progress(self, title: str) -> Iterator[Progress]:
-        """A bar with the time left on a terminal, now and then a line elsewhere."""
+        """Show a bar with the remaining time on a terminal, and a message from time to time elsewhere."""
         if self.verbosity < 0:
             yield silent
         elif sys.stderr.isatty():
@@ -116,18 +116,18 @@ class _LogFile(logging.FileHandler):
     """
 
     def format(self, record: logging.LogRecord) -> str:
-        """The line as a terminal can show it."""
+        """Format a message for this terminal."""
         return printable(super().format(record))
 
     def _open(self) -> TextIOWrapper:
-        """ElastidError where it is a link."""
+        """Open the log; ElastidError for a link."""
         return open(self.baseFilename, "a", encoding="utf-8", errors=self.errors, opener=unlinked)
 
     def handleError(self, record: logging.LogRecord) -> None:
-        """Nothing: the work goes on."""
+        """Ignore an error of the log, so that the work continues."""
 
     def close(self) -> None:
-        """The display ends without lines that do not fit: an error of theirs would hide the one that ended the work."""
+        """Close the display without messages that do not fit; their error would hide the first error."""
         with suppress(OSError):
             super().close()
 
@@ -174,7 +174,7 @@ def _lines(title: str) -> Progress:
 
 
 def result_table(display: Display, rows: "Sequence[ParameterRow | FrictionNumber]") -> list[list[str]]:
-    """Headings and lines of a result, a line for each of the rows; the truth where the rig is simulated."""
+    """Return headings and rows of a result; true values are included if the rig is simulated."""
     simulated = any(row.truth is not None for row in rows)
     return [
         [*display.headings, *["true"] * simulated],
@@ -188,7 +188,7 @@ def _deviation(std: float, value: float) -> str:
 
 
 def forecast_table(forecast: "Forecast") -> list[list[str]]:
-    """Headings, then a line for each parameter: predicted std, parts of it by noise and by the file, correlation."""
+    """Return headings, then a row for each parameter: predicted std, contributions of noise and prior, correlation."""
     columns = {**forecast.std_contributions, "expected std": forecast.std}
     rows = [["parameter", "unit", "nominal", *columns, "most correlated with"]]
     for i, name in enumerate(forecast.parameters):

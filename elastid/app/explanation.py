@@ -22,8 +22,8 @@ def explain_name(name: str, study: Path | None = None, folder: Path | None = Non
     fit, gears, friction = (Path(folder or "") / f"{stage}.h5" for stage in ("fit", "gears", "friction"))
     result = read_fit(fit) if folder is not None and not friction.is_file() else None
     robot = result.robot if result is not None else None if study is None else load(study).study.robot
-    named = [e.meaning for e in SHEET if re.fullmatch(rf"{e.prefix}([\d.]+_)?(?<=[_m])\w+", name)]  # e2_1 has an order
-    rows = [explain_parameter(name, robot) or "".join(f"{capital(meaning)}. Link side." for meaning in named)]
+    texts = [e.meaning for e in SHEET if re.fullmatch(rf"{e.prefix}([\d.]+_)?(?<=[_m])\w+", name)]  # e2_1 has an order
+    rows = [explain_parameter(name, robot) or "".join(f"{capital(meaning)}. Link side." for meaning in texts)]
     if result is not None and name in result.values:
         verdict = dict(zip(result, result.verdicts, strict=False)).get(name, "nuisance parameter")
         fixed = f"fixed at {result.values[name]:g}"

@@ -232,7 +232,7 @@ class _Friction(_Results):
 
 
 def _gains(study: Study) -> tuple[tuple[float, float], ...]:
-    """kp and kd of each joint, link side, by the controller of a study; none if its gains are not stated."""
+    """Return kp and kd of each joint, link side, of a study's controller; none if its gains are not stated."""
     simulated, recorded = study.experiment.simulated, study.experiment.recorded
     controller = recorded.controller if recorded else simulated.controller.gains if simulated else None
     if controller is None:
@@ -242,7 +242,7 @@ def _gains(study: Study) -> tuple[tuple[float, float], ...]:
 
 
 def gears_of(run: Run) -> GearResult | None:
-    """The effects of gears, where the study asks for them and they could be looked for."""
+    """Read the gear effects if the study asks for them and they were estimated; else None."""
     if "gears" not in run.stages:
         return None
     run.require_result("gears")

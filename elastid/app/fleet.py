@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import date
 from functools import partial
 from importlib.util import find_spec
+from itertools import starmap
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -41,7 +42,7 @@ Row: TypeAlias = dict[str, Any]
 
 
 def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
-    """All members, then fleet.parquet (fleet.csv without pyarrow), fleet.html and run.log; the path of the page.
+    """Run all members, then write fleet.parquet (fleet.csv without pyarrow), fleet.html and run.log; returns the page.
 
     Raises StudyError where the study of a member is wrong, and when all is written FitError where members failed,
     MisfitError where some are misfits.
@@ -71,15 +72,15 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
 
 
 def _check(fleet: Fleet, folder: Path) -> None:
-    """Wrong overrides, and a folder that cannot be written, are reported before hours of work; StudyError."""
-    wrong = []
+    """Refuse wrong overrides, and a folder that is not writable, before hours of work; StudyError."""
+    members_by_error: dict[str, list[Member]] = {}
     for member in fleet.members:
         try:
             load(fleet.study, member.overrides)
         except StudyError as error:
-            wrong.append(f"{member.label}: {error}")
-    if wrong:
-        raise StudyError("study/invalid", first_of(wrong))
+            members_by_error.setdefault(str(error), []).append(member)
+    if members_by_error:
+        raise StudyError("study/invalid", first_of([*starmap(_by_member, members_by_error.items())]))
     try:
         path_below(folder, MEMBERS).mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -87,6 +88,12 @@ def _check(fleet: Fleet, folder: Path) -> None:
         raise ElastidError("files/folder", f"not writable ({reason}). Give another folder with --run", folder) from None
     for member in fleet.members:
         path_below(folder, MEMBERS, member.name)
+
+
+def _by_member(error: str, members: Sequence[Member]) -> str:
+    """Return an error with the first member that has it and the number of the others."""
+    others = f" and {len(members) - 1} more" if members[1:] else ""
+    return f"{members[0].label}{others}: {error}"
 
 
 def _raise_for(name: str, outcomes: Sequence[Outcome]) -> None:
@@ -107,7 +114,7 @@ def _reasons(outcomes: Sequence[Outcome]) -> list[str]:
 
 
 def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[Outcome, ...]:
-    """How each member ended; those whose worker died are tried again after the others."""
+    """Run all members; those whose worker died are tried again after the others."""
     work = partial(_identified, fleet.study, folder)
     outcomes: dict[str, Outcome] = {}
     for attempt in range(2):
@@ -124,7 +131,7 @@ def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[
 
 
 def _identified(study: Path, folder: Path, member: Member) -> Outcome:
-    """The stages of a member's study that are not current, in its own folder, and how it ended."""
+    """Run the stages of a member's study that are not current, in its own folder."""
     run = Run(load(study, member.overrides), folder / MEMBERS / member.name, 1, Console(-2))
     try:
         run_all(run)
@@ -156,7 +163,7 @@ def rows_of(folder: Path, member: Member) -> Iterator[Row]:
 
 
 def _numbers_of(number: Mapping[str, Any]) -> Row:
-    """Row of a number; where none was seen of a gear 0, with the std of which its bound is the one-sided 95 %."""
+    """Return the row of a number; an effect that is not significant is 0, with the std of its one-sided 95 % bound."""
     if number["value"] is None:
         bound = number["bound95"]
         std = bound / ONE_SIDED_95
@@ -179,7 +186,7 @@ def _values(rows: Sequence[Row]) -> tuple[FleetValue, ...]:
 
 
 def _write_table(folder: Path, rows: Sequence[Row]) -> Path:
-    """fleet.parquet, a row each parameter of each member; fleet.csv where no reader of Parquet is installed."""
+    """Write fleet.parquet, a row per parameter and member; fleet.csv if no reader of Parquet is installed."""
     if find_spec("pyarrow") is None:
         path = folder / "fleet.csv"
         write_rows(path, [rows[0].keys(), *(row.values() for row in rows)])

@@ -78,50 +78,50 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     if guess is None and (pairs := guess_commands(signals, clock.rate_hz or 1.0)):
         period = _period(np.stack([x for g, x in signals if g.key in {r.key for _, r in pairs}], axis=1))
         return _command_files(logs, folder, pairs, clock, robot, text, period)
-    read = _Logs([(path,) for path in logs], form, text, clock, signals, shapes)
+    source = _Logs([(path,) for path in logs], form, text, clock, signals, shapes)
     if guess is None:
         measurements, of_pair = in_two_files(logs, form)
         guess = guess_log(of_pair, clock.rate_hz or 1.0)
         if guess is None:
             code, text = _without_pair([signal for signal, _ in signals], shapes)
             raise DataError(code, "; ".join(filter(None, (text, *wrong[:1]))), first)
-        read = replace(read, measurements=measurements, signals=of_pair, shapes={})
+        source = replace(source, measurements=measurements, signals=of_pair, shapes={})
     guess = replace(guess, is_motion=guess.is_motion and clock.rate_hz is not None)  # without it there is no speed
     guess = guess if robot is None and not guess.is_motion else guess.with_separate_motions()
     frame = ""
     if robot is not None and guess.is_hit and not robot.driven[0].slides:
         frame = robot.frames[-1].name if robot.frames else "tool"
         robot = None
-    positions = {} if guess.is_motion and robot is None else positions_of(read.measurements, form, guess.motions)
+    positions = {} if guess.is_motion and robot is None else positions_of(source.measurements, form, guess.motions)
     guess = guess if robot is None else in_order_of(robot, guess, positions)
-    unused = list(_unused(guess, [signal for signal, _ in read.signals], read.shapes, clock))
+    unused = list(_unused(guess, [signal for signal, _ in source.signals], source.shapes, clock))
     unused += [f"# Torque sensors are not used: {one_line(guess.sensor_doubt)}"] if guess.sensor_doubt else []
     unused += [f"# First cell without a number: {one_line(cell.partition('. ')[0])}" for cell in wrong]
     if guess.is_motion:
-        _columns([measurement[0] for measurement in read.measurements], form, guess, False)
-        paths = [relative_paths(measurement, folder) for measurement in read.measurements]
+        _columns([measurement[0] for measurement in source.measurements], form, guess, False)
+        paths = [relative_paths(measurement, folder) for measurement in source.measurements]
         content = [*head_lines("friction", first), *_study(guess, robot, clock), text, *_files(paths), *unused]
         inertias = [(joint.slides, joint.relation.inertia) for joint in guess.joints]
         return {"study.yml": joined(content), "robot.yml": joined(_robot(inertias, "the torque"))}
-    lines = _torque_study_lines(read, folder, guess, robot, frame, positions)
+    lines = _torque_study_lines(source, folder, guess, robot, frame, positions)
     return {"study.yml": joined([*head_lines("responses" if robot is None else "elasticity", first), *lines, *unused])}
 
 
 def _torque_study_lines(
-    read: _Logs, folder: Path, guess: LogGuess, robot: Robot | None, frame: str, positions: Positions
+    source: _Logs, folder: Path, guess: LogGuess, robot: Robot | None, frame: str, positions: Positions
 ) -> Iterator[str]:
     """Yield the lines of a study of responses to torques or forces, from the key `experiment` on."""
-    driving, logs = {joint.torque.key for joint in guess.joints}, [files[0] for files in read.measurements]
-    period = _period(np.stack([x for g, x in read.signals if g.key in driving], axis=1))
+    driving, logs = {joint.torque.key for joint in guess.joints}, [files[0] for files in source.measurements]
+    period = _period(np.stack([x for g, x in source.signals if g.key in driving], axis=1))
     runs = runs_by_name(logs)
     names, configurations = _configurations(len(logs), guess.motions, robot, positions, [run[0] for run in runs])
     is_structure = robot is None and not frame and len(guess.joints) == 1 and not runs
-    hits = hit_runs(logs, read.form, guess) if guess.is_hit and is_structure and len(logs) > 1 else []
+    hits = hit_runs(logs, source.form, guess) if guess.is_hit and is_structure and len(logs) > 1 else []
     yield from _study(
-        guess, robot, read.clock, configurations, period, frame, _columns(logs, read.form, guess, bool(hits))
+        guess, robot, source.clock, configurations, period, frame, _columns(logs, source.form, guess, bool(hits))
     )
-    yield read.text
-    paths = [relative_paths(measurement, folder) for measurement in read.measurements]
+    yield source.text
+    paths = [relative_paths(measurement, folder) for measurement in source.measurements]
     yield from _files(paths, names, hits or [Run({}, *run[1:]) for run in runs])
     if hits and not is_universal_file(logs[0]):
         yield "# modal: {geometry: {points: {p1: [0, 0, 0]}, motion: {p1: [p1, z]}}} # to animate the shapes"
@@ -134,7 +134,7 @@ def _torque_study_lines(
 
 
 def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[int, ...]]) -> tuple[str, str]:
-    """Code and message about a log without an input and its motion."""
+    """Return code and message about a log without an input and its motion."""
     longest = max(map(max, shapes.values()), default=0)
     if 0 < longest <= MIN_SAMPLES:
         text = f"its number of samples is {longest}; more than {MIN_SAMPLES} are needed. Export the whole measurement"
@@ -147,7 +147,7 @@ def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[in
             f"its signals differ in their numbers of samples ({lengths_text}). Export them with one clock",
         )
     counts = Counter((signal.name, signal.quantity or "unknown") for signal in signals)
-    named = ", ".join(f"{n} {each[0]} ({each[1]})" for each, n in counts.most_common(8)) or "none"
+    varying = ", ".join(f"{n} {each[0]} ({each[1]})" for each, n in counts.most_common(8)) or "none"
     if any(re.match("psd", signal.name.lower()) for signal in signals):
         reason = "power spectra have no phase and no input. Give --from the time histories of force and accelerations"
     elif any(re.search(r"putData\{\d", signal.name) for signal in signals):
@@ -162,11 +162,11 @@ def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[in
             "no input and output recognised: neither a torque (force) with a motion, nor a command for each position. "
             "Name channels tau_1, q_1, cmd_1, ..., or list the second file under `also` in experiment.recorded.files"
         )
-    return "records/channels", f"{reason}. Varying channels: {named}"
+    return "records/channels", f"{reason}. Varying channels: {varying}"
 
 
 def _columns(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess, may_differ: bool) -> dict[str, int]:
-    """Column of each signal by its heading in the first log if the headings of the logs differ, which only some may.
+    """Return the column of each signal of the first log if the headings of the logs differ, which only some may.
 
     Raises DataError for a log without one of the channels.
     """
@@ -181,7 +181,7 @@ def _columns(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess, may_di
 
 
 def _controller(path: Path, n_u: int) -> FloatArray | None:
-    """Gains kp and kd (2, n_u) of a log; None unless both are there and positive."""
+    """Return gains kp and kd (2, n_u) of a log; None unless both exist and are positive."""
     with opened_log(path, guess_format(path)) as log:
         gains = [values for name in GAINS if (values := gains_in(log, name, n_u)) is not None]
     is_known = len(gains) == len(GAINS) and bool(np.all((np.array(gains) > 0) & np.isfinite(gains)))
@@ -199,10 +199,10 @@ def _unlike(
         return f"its commands and positions are other channels than in {first}"
     if not abs(rate_hz / (clock.rate_hz or math.nan) - 1) < _SAME_RATE:
         return f"its rate is {rate_hz:.6g} Hz, but {clock.rate_hz:.6g} Hz in {first}; a study has one rate"
-    other = _controller(path, len(pairs))
-    if gains is None or other is None or np.array_equal(gains, other):
+    other_gains = _controller(path, len(pairs))
+    if gains is None or other_gains is None or np.array_equal(gains, other_gains):
         return ""
-    numbers = ["; ".join(", ".join(f"{x:.6g}" for x in row) for row in each) for each in (other, gains)]
+    numbers = ["; ".join(", ".join(f"{x:.6g}" for x in row) for row in each) for each in (other_gains, gains)]
     return f"kp; kd are {numbers[0]}, but {numbers[1]} in {first}; a study has one controller"
 
 
@@ -215,7 +215,7 @@ def _command_files(
     text: str,
     period: Sequence[str],
 ) -> dict[str, str]:
-    """Files of a study of logs with commands and positions (pairs of channels) and without torques.
+    """Draft the files of a study of logs with commands and positions (pairs of channels) and without torques.
 
     A study of elasticity if the robot has elastic gears and the commands a period, else of friction.
     """
@@ -271,14 +271,14 @@ def _unused(
     guess: LogGuess, signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[int, ...]], clock: Clock
 ) -> Iterator[str]:
     """Yield a comment for each reason why columns of a log are not used."""
-    used = {channel.key for joint in guess.joints for channel in (joint.torque, joint.motion)}
-    used |= set() if guess.is_motion else {channel.key for channel in guess.further}
+    used_keys = {channel.key for joint in guess.joints for channel in (joint.torque, joint.motion)}
+    used_keys |= set() if guess.is_motion else {channel.key for channel in guess.further}
     sensors = [joint.sensor for joint in guess.joints if joint.sensor]
-    used |= {channel.key for channel in (*guess.references, *sensors)}
-    named, reasons = {clock.name, *(signal.name for signal in signals)}, dict[str, list[str]]()
-    if unused_names := [one_line(name) for name in shapes if name not in named]:
+    used_keys |= {channel.key for channel in (*guess.references, *sensors)}
+    known_names, reasons = {clock.name, *(signal.name for signal in signals)}, dict[str, list[str]]()
+    if unused_names := [one_line(name) for name in shapes if name not in known_names]:
         reasons["times, or no numbers that change"] = unused_names
-    for signal in [signal for signal in signals if signal.key not in used]:
+    for signal in [signal for signal in signals if signal.key not in used_keys]:
         name = f"{signal.name} column {signal.column}".removesuffix(" column None")
         reasons.setdefault(f"{signal.quantity or 'unknown quantity'}: {signal.why}", []).append(one_line(name))
     yield from (f"# Not used ({one_line(reason)}): {', '.join(names)}" for reason, names in reasons.items())
@@ -287,7 +287,7 @@ def _unused(
 def _configurations(
     n: int, motions: Sequence[ChannelGuess], robot: Robot | None, positions: Positions, by_name: list[str]
 ) -> tuple[list[str], list[str]]:
-    """The configuration of each of n logs, by_name (n) or by motions of joints first, and their lines in a study."""
+    """Return the configuration of each of n logs, by names or by motions of joints, and their rows in a study."""
     nothing = np.zeros((n, 4))  # of motions without a position
     moments = np.array([motion.to_si * positions.get(motion.key, nothing) for motion in motions])
     means, scatter = moments[:, :, 2].T, np.abs(moments[:, :, 3]).max(axis=0)
@@ -316,7 +316,7 @@ def _study(
     frame: str = "",
     columns: Mapping[str, int] = MappingProxyType({}),
 ) -> Iterator[str]:
-    """The study file up to its channels. frame: where a hammer hits.  columns: numbers of channels by their names."""
+    """Yield the study file up to its channels. frame: where a hammer hits.  columns: channel numbers by name."""
     names = robot.driven_names if robot is not None else []
     if guess.is_motion and robot is None:
         names = [str(i + 1) for i in range(len(guess.joints))]
@@ -344,9 +344,9 @@ def _study(
         drives = (("u", joint.torque) for joint in guess.joints)
         for role, channel in (*drives, *(("y", motion) for motion in (*motions.values(), *guess.further))):
             number = columns.get(channel.name)
-            named = channel if number is None else replace(channel, name="", column=number)
+            spec = channel if number is None else replace(channel, name="", column=number)
             place = hit_place(guess) if role == "u" and not frame and len(guess.joints) == 1 else _place(channel, frame)
-            yield channel_line(role, place, named)
+            yield channel_line(role, place, spec)
         return
     for name, joint in zip(names, guess.joints, strict=True):
         yield channel_line("u", f"motor {name}", joint.torque, "force" if joint.slides else "torque")
@@ -385,7 +385,7 @@ def _period(drives: FloatArray) -> list[str]:
 
 
 def _files(paths: Sequence[Sequence[str]], states: Sequence[str] = (), runs: Sequence[Run] = ()) -> Iterator[str]:
-    """Lines of the measurements, with paths, configurations (states, none in a study of friction) and known runs."""
+    """Yield rows of the measurements, with paths, configurations (none in a friction study) and known runs."""
     why = " # guessed: each of an excitation of its own; one realisation for further periods of the same"
     why = " # guessed by the names of the files" if runs else why
     if any(run.at for run in runs):
@@ -402,7 +402,7 @@ def _files(paths: Sequence[Sequence[str]], states: Sequence[str] = (), runs: Seq
 
 
 def _robot(joints: Iterable[tuple[bool, float]], source: str) -> Iterator[str]:
-    """Lines of a robot of single joints: whether each slides, and its inertia, by the source."""
+    """Yield rows of a robot of single joints: whether each slides, and its inertia, by the source."""
     yield "# Each joint is alone on the base; give geometry, ratios and inertias."
     yield "name: robot of the logs"
     yield "gravity: [0, 0, -9.81] # guessed: it acts on joints about y; about z it does not"

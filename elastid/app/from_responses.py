@@ -48,7 +48,7 @@ class _Table:
 
 
 def texts_from_universal(paths: Sequence[Path], folder: Path) -> dict[str, str]:
-    """The study of universal files, by name."""
+    """Draft the study of universal files; returns texts by file name."""
     outputs, inputs = uff_places(paths[0])
     names = ["bench"] if len(paths) == 1 else [f"bench_{i}" for i in range(1, len(paths) + 1)]
     states = ", ".join(f"{name}: []" for name in names)
@@ -66,7 +66,7 @@ def texts_from_universal(paths: Sequence[Path], folder: Path) -> dict[str, str]:
 
 
 def texts_from_responses(paths: Sequence[Path], folder: Path, robot: Robot | None) -> dict[str, str]:
-    """The study of frequency responses, by name; empty for a file without responses.
+    """Draft the study of frequency responses; returns texts by file name, none for a file without responses.
 
     Raises DataError if the robot has another number of motors than the response has inputs.
     """
@@ -100,7 +100,7 @@ def texts_from_responses(paths: Sequence[Path], folder: Path, robot: Robot | Non
 
 
 def _channels(table: _Table, drives: Sequence[str]) -> Iterator[str]:
-    """Inputs and outputs, at the motors of a robot or at places named as in the file."""
+    """Return inputs and outputs, at the motors of a robot or at locations named as in the file."""
     for i, guess in enumerate(table.inputs):
         place = f"motor {drives[i]}" if drives else guess.name or f"input {i + 1}"
         quantity = guess.quantity or ("torque" if drives else "force")
@@ -117,7 +117,7 @@ def _channels(table: _Table, drives: Sequence[str]) -> Iterator[str]:
 
 
 def _array_table(path: Path, arrays: Mapping[str, StoredArray]) -> _Table | None:
-    """The structs of a file that are like the first one, else its first complex array with frequencies."""
+    """Return the structs of a file that resemble the first one, else its first complex array with frequencies."""
     names = structs_in(arrays)
     if names:
         first = struct_table(path, arrays, names[0])
@@ -146,7 +146,7 @@ def _array_table(path: Path, arrays: Mapping[str, StoredArray]) -> _Table | None
 
 
 def _named(names: Sequence[str], n: int, arrays: Mapping[str, StoredArray], units: str) -> tuple[ChannelGuess, ...]:
-    """Channels by the names and units (cells of an array) that the file states, else by their numbers."""
+    """Return channels with the names and units (cells of an array) in the file, else with their numbers."""
     guesses = []
     for i in range(n):
         cell = next((arrays[key] for key in (f"{units}{{{i + 1}}}", units) if key in arrays), None)
@@ -156,7 +156,7 @@ def _named(names: Sequence[str], n: int, arrays: Mapping[str, StoredArray], unit
 
 
 def _text_table(log: TextLog) -> _Table | None:
-    """Columns in pairs, re_1_1 and im_1_1 or mag_1_1 and phase_1_1 by output and input; one pair needs no numbers."""
+    """Pair columns re_1_1 and im_1_1, or mag_1_1 and phase_1_1, by output and input; one pair needs no numbers."""
     frequency = next((name for name in log.headings if _FREQUENCY.fullmatch(name)), "")
     for words in _PAIRS if frequency else ():
         patterns = [rf"(?<![a-z])({'|'.join(side)})(?![a-z])" for side in words]
@@ -182,7 +182,7 @@ def _text_table(log: TextLog) -> _Table | None:
 
 
 def _polar(labels: Sequence[str], magnitude: FloatArray, phase: FloatArray) -> dict[str, str]:
-    """Names and units of magnitude and phase: dB if any is negative, degrees if any is beyond pi."""
+    """Return names and units of magnitude and phase: dB if any is negative, degrees if any is beyond pi."""
     return {
         **dict(zip(("magnitude", "phase"), map(quoted, labels), strict=True)),
         "magnitude_unit": "dB" if magnitude.min() < 0 else quoted("1"),
@@ -198,6 +198,6 @@ def _table(
     inputs: tuple[ChannelGuess, ...],
     responses: tuple[str, ...] = ("",),
 ) -> _Table:
-    """The table at its positive frequencies."""
+    """Return the table at its positive frequencies."""
     is_used = (freq > 0) & np.isfinite(G).all(axis=(1, 2))
     return _Table(freq[is_used], G[is_used], keys, outputs, inputs, responses)

@@ -26,7 +26,7 @@ MOTOR_SIDE = "Numbers of friction are on the side of the motor"
 
 
 def with_identified_friction(robot: Robot, result: "FrictionResult") -> Robot:
-    """A study's robot with the law of friction of each joint and the ranges in which it was measured.
+    """Return the study's robot with the friction model of each joint and its measured ranges.
 
     Bristles and elements that the study did not measure stay as the robot's file has them.
     """
@@ -74,7 +74,7 @@ def robot_of_fit(
 
 
 def with_findings(robot: Robot, friction: CompensatedFriction | None, gears: GearResult | None = None) -> Robot:
-    """A fitted robot with everything that was found in its records, and no other dry friction.
+    """Return a fitted robot with everything identified from its records, and without other dry friction.
 
     The friction of the robot model is in the fitted viscous coefficients if it was not compensated in the responses.
     """

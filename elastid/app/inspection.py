@@ -49,19 +49,19 @@ def _signal_row(
 
 
 def _text_rows(log: TextLog) -> list[tuple[str, ...]]:
-    named = log.named_columns()
-    signals: list[Iterator[FloatArray]] = [(log.columns([k])[:, 0] for k in (i,)) for i in range(len(named))]
+    columns = log.named_columns()
+    signals: list[Iterator[FloatArray]] = [(log.columns([k])[:, 0] for k in (i,)) for i in range(len(columns))]
     if log.is_large:
-        signals = [iter(x) for x in _blocks(log, len(named))]
+        signals = [iter(x) for x in _blocks(log, len(columns))]
     elif not log.sample_ms:
         with suppress(DataError):  # which its column then shows
-            signals = [iter([column]) for column in log.columns(range(len(named))).T]
-    units = log.units or [""] * len(named)
-    return [_signal_row(*row, unit, x) for row, unit, x in zip(named, units, signals, strict=True)]
+            signals = [iter([column]) for column in log.columns(range(len(columns))).T]
+    units = log.units or [""] * len(columns)
+    return [_signal_row(*row, unit, x) for row, unit, x in zip(columns, units, signals, strict=True)]
 
 
 def _blocks(log: TextLog, n_columns: int) -> list[list[FloatArray]]:
-    """Values of each column of a large text in blocks of lines that are evenly spread over it."""
+    """Return values of each column of a large text in blocks of rows that are evenly spread over it."""
     n = len(log.number_lines) - log.first
     starts = np.unique(np.linspace(0, max(0, n - BLOCK_LINES), _BLOCKS).astype(int)).tolist()
     columns: list[list[FloatArray]] = [[] for _ in range(n_columns)]
@@ -72,7 +72,7 @@ def _blocks(log: TextLog, n_columns: int) -> list[list[FloatArray]]:
 
 
 def _rise(start: NDArray[Any]) -> str:
-    """The rate of a signal that rises as a time or a counter does; empty for any other."""
+    """Describe the rate of a signal that rises like a time or a counter; empty for any other."""
     t = np.squeeze(start)
     if t.ndim != 1 or t.dtype.kind == "b" or not is_clock(time_s := np.asarray(t - t[:1], dtype=np.float64)):
         return ""
@@ -90,7 +90,7 @@ _OBJECTS = (
 
 
 def described(path: Path) -> str:
-    """A page of plain text; StudyError where the file is not there, DataError where it cannot be read."""
+    """Describe a file in plain text; StudyError for a missing file, DataError for an unreadable one."""
     if not path.exists():
         raise StudyError("files/missing", "no such file", path)
     if not is_log(path):

@@ -27,7 +27,7 @@ Positions: TypeAlias = Mapping[ChannelKey, FloatArray]
 
 
 def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess:
-    """The guess with its joints in the order of the robot's driven ones; DataError where they are not as many.
+    """Order the joints of a guess as the driven joints of the robot; DataError if their numbers differ.
 
     Units and sides of the gears that no name states are those of the first reading within all limits of the robot.
     """
@@ -56,7 +56,7 @@ def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess
 
 
 def _at(joint: Joint, guess: JointGuess) -> JointGuess:
-    """The guess at a joint of the robot, in units of a translation where that slides."""
+    """Return the guess at a joint of the robot, in units of a translation if the joint slides."""
     motion = guess.motion
     if joint.slides and dimension_and_size(motion.unit)[0].startswith("rad"):
         motion = replace(motion, unit=of_translation(dimension_and_size(motion.unit)[0]))
@@ -66,7 +66,7 @@ def _at(joint: Joint, guess: JointGuess) -> JointGuess:
 
 
 def _read_as(robot: Robot, joints: Sequence[JointGuess], unit: str, on_motor: bool) -> tuple[JointGuess, ...]:
-    """The joints with one unit for all positions that state none, and all signals on one side of the gears.
+    """Read joints with one unit for all positions without a unit, and all signals on one side of the gears.
 
     Torques are motor-side if at the link one of them would be too small for the inertia of its rotor.
     """
@@ -92,7 +92,7 @@ def _is_in_limits(positions: Positions, joint: Joint, guess: JointGuess) -> bool
 
 
 def positions_of(logs: Sequence[Sequence[Path]], form: TextFormatSpec, motions: Sequence[ChannelGuess]) -> Positions:
-    """Extent, mean and standard deviation of each position among motions in each measurement, of one log or several."""
+    """Return extent, mean and standard deviation of each position signal in each measurement of one or several logs."""
     positions = [motion for motion in motions if motion.quantity == "position"]
     moments = np.zeros((len(logs), 4, len(positions)))
     for i, paths in enumerate(logs):

@@ -71,9 +71,9 @@ def live_study(run: Run, goals: Sequence[str], simulate: bool, robot_time: float
         run.console.say(f"live: {words}")
     finished = replace(run, loaded=load(study))
     run_all(finished)
-    used = session.goal.reached(read_fit(finished.path("fit")))
-    if not is_reached or max(used.values()) > 1:
-        raise FitError("live/goal", f"{session.worst(used) if is_reached else words}", "the goal is not reached")
+    ratios = session.goal.reached(read_fit(finished.path("fit")))
+    if not is_reached or max(ratios.values()) > 1:
+        raise FitError("live/goal", f"{session.worst(ratios) if is_reached else words}", "the goal is not reached")
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class Session:
 
     @classmethod
     def of(cls, run: Run, goals: Sequence[str], simulate: bool, robot_time: float | None = None) -> "Session":
-        """The session of a study; StudyError for one that has no plan, and for a goal that names no parameter."""
+        """Begin the session of a study; StudyError for a study without a plan or a goal that names no parameter."""
         study, robot = run.study, run.study.as_robot()
         require_one_robot_in_any_posture(study)
         assert study.excitation is not None
@@ -122,21 +122,21 @@ class Session:
         )
 
     def work(self) -> tuple[list[Plan], bool, str]:
-        """The plans that were carried out, True where the goal is reached, and how it ended."""
+        """Run experiments until the goal is reached. Returns the plans, True if it was reached, and how it ended."""
         self.path.mkdir(parents=True, exist_ok=True)
         remove_leftovers(self.path)
         plans: list[Plan] = []
         result: Result | None = None
         while True:
             if result is not None:
-                used, spent_s = self.goal.reached(result), sum(plan.robot_time_s for plan in plans)
-                progress = f"{sum(ratio <= 1 for ratio in used.values())} of {len(used)} reached, {self.worst(used)}"
+                ratios, spent_s = self.goal.reached(result), sum(plan.robot_time_s for plan in plans)
+                progress = f"{sum(r <= 1 for r in ratios.values())} of {len(ratios)} reached, {self.worst(ratios)}"
                 self.run.console.say(f"live: after x{len(plans)}, {spent_s:.4g} s: {progress}")
                 if result.status not in TRUSTED:
                     step, before = len(plans), "" if len(plans) == 1 else "contradict the earlier logs, or "
                     words = f"the logs of x{step} {before}have a significant model error: {result.message}. Replace"
                     return plans, False, f"{words} them in live/logs, or remove live/x{step}* and live/*/x{step}-*"
-                if max(used.values()) <= 1:
+                if max(ratios.values()) <= 1:
                     whole_s = planned_time_s(self.run)
                     time_used = f"{spent_s:.4g} s of robot time, {100 * spent_s / whole_s:.0f} % of the"
                     words = f"goal reached after {len(plans)} experiments and {time_used} {whole_s:.4g} s"
@@ -162,7 +162,7 @@ class Session:
         return replace(self.problem, robot=estimated_robot(result), fitted_values=values)
 
     def _design(self, plans: Sequence[Plan]) -> DesignSpec:
-        """Candidates, and the distortion that the logs so far show, which longer experiments do not lower."""
+        """Return candidates, and the distortion in the logs so far, which longer experiments do not lower."""
         design = self.problem.design
         assert design is not None
         if not plans:
@@ -173,7 +173,7 @@ class Session:
         return replace(design, distortion=math.sqrt(np.mean(ratios)) if ratios else design.distortion)
 
     def _planned(self, plans: Sequence[Plan], result: Result | None) -> Plan | str:
-        """The next plan, as it was written or now; a sentence where no further one leads to the goal."""
+        """Return the next plan, read or new, or the reason why no further plan leads to the goal."""
         step = len(plans) + 1
         path, problem = self.plan(step), self._at(result)
         if path.is_file():
@@ -219,7 +219,7 @@ class Session:
         return int(np.random.SeedSequence([self.problem.seed, step]).generate_state(1)[0])
 
     def _robots(self, result: Result | None, step: int) -> tuple[Robot, ...]:
-        """Robots at the ends of the interval of a fit, or of a data sheet, on which the limits are kept as well."""
+        """Return robots at the ends of the intervals of a fit or a data sheet, for which the limits hold as well."""
         if result is not None:
             return draw_robots(replace(result, covariance=4 * result.covariance), DRAWS, self._seed(step)).robots
         springs = {p.name: p.value for p in self.problem.parameters.free if p.name.startswith("k")}
@@ -227,7 +227,7 @@ class Session:
         return tuple(map(self.problem.robot.with_parameters, ends))
 
     def _refusal(self, proposal: NextExperiment, plans: Sequence[Plan], result: Result | None) -> str:
-        """Why no further experiment leads to the goal; empty where one may."""
+        """Return the reason why no further experiment leads to the goal; empty if one may."""
         spent = sum(plan.robot_time_s for plan in plans)
         if math.isinf(proposal.option.more_s):
             name, ratio = proposal.option.floor
@@ -266,7 +266,7 @@ class Session:
             self._wait(run)
 
     def _check(self, plan: Plan, records: Path, problem: DesignProblem) -> None:
-        """DataError for a record that contradicts its plan."""
+        """Refuse a record that contradicts its plan; DataError."""
         coulomb = coulomb_torques(problem.robot)
         with self._execution(f"rehearsal of {plan.configurations[0].name}") as execution:
             rehearsals = execution.ordered(problem.rig(plan).rehearse, plan.experiments)
@@ -287,7 +287,7 @@ class Session:
             time.sleep(POLL_S)
 
     def _size(self, run: Experiment) -> int:
-        """Bytes of the log of a run; -1 until it is there."""
+        """Return the size of a run's log in bytes; -1 without a log."""
         path = self.log(run)
         return -1 if path is None else sum(part.stat().st_size for part in (path, *path.rglob("*")))
 
@@ -301,18 +301,18 @@ class Session:
                 carry_out(run, name)
         return read_fit(run.path("fit"))
 
-    def worst(self, used: Mapping[str, float]) -> str:
-        """The parameter that uses most of the goal, in words."""
-        name = max(used, key=lambda joint: used[joint])
+    def worst(self, ratios: Mapping[str, float]) -> str:
+        """Describe the parameter that is furthest from the goal."""
+        name = max(ratios, key=lambda joint: ratios[joint])
         goal = 100 * self.goal.widths[name]
-        return f"{name} identified to ±{number(used[name] * goal, 2)} % (goal {goal:.3g} %)"
+        return f"{name} identified to ±{number(ratios[name] * goal, 2)} % (goal {goal:.3g} %)"
 
     def plan(self, step: int) -> Path:
-        """The plan of an experiment, from 1; without its suffix the folder of the results up to this one."""
+        """Return the path of the plan of an experiment, from 1; its stem is the folder of the results so far."""
         return self.path / f"x{step}.h5"
 
     def log(self, run: Experiment) -> Path | None:
-        """The log of a run; None until it is there. DataError where there are several."""
+        """Return the log of a run, None if it is missing; DataError for several."""
         logs = [path for path in sorted((self.path / "logs").glob(f"{run.name}.*")) if is_log(path)]
         if len(logs) > 1:
             names = ", ".join(path.name for path in logs)
@@ -337,7 +337,7 @@ class Session:
         return FileSpec(f"logs/{log.name}", run.configuration.name, run.realisation, run.experiment, samples=samples)
 
     def write_study(self, plans: Sequence[Plan]) -> Path:
-        """study.yml and robot.yml of the measured periods of all logs of some plans, which are there."""
+        """Write study.yml and robot.yml of the measured periods of all logs that exist for some plans."""
         data, first = study_data(self.run.loaded.path, self.run.loaded.overrides), plans[0]
         files = tuple(self._file(plan, run) for plan in plans for run in plan.experiments)
         period = float(first.period_samples)
@@ -352,7 +352,7 @@ class Session:
 
 
 def planned_time_s(run: Run) -> float:
-    """Robot time of the plan that the study itself asks for."""
+    """Return the robot time in s of the plan that the study itself requests."""
     study = run.study
     assert study.excitation is not None
     n_u, experiment, design = len(study.as_robot().driven), study.experiment, study.design
@@ -363,7 +363,7 @@ def planned_time_s(run: Run) -> float:
 
 
 def write_simulated_log(folder: Path, rig: SimulatedRig, run: Experiment) -> None:
-    """The log of a run on a simulated rig, as a controller would leave it."""
+    """Write the log of a run on a simulated rig as a robot controller would."""
     inputs, outputs = rig.plan.inputs, rig.outputs
     names = [*(f"r {at}" for at in inputs), *(f"u {at}" for at in inputs), *(f"y {at}" for at in outputs)]
     signals = dict(zip(names, np.hstack(rig.log(run)).T, strict=True))
@@ -371,7 +371,7 @@ def write_simulated_log(folder: Path, rig: SimulatedRig, run: Experiment) -> Non
 
 
 def require_one_robot_in_any_posture(study: Study) -> None:
-    """StudyError for a study without a plan, or whose sections name configurations, which live chooses itself."""
+    """Refuse a study without a plan, or one whose sections name configurations, which `live` chooses; StudyError."""
     simulated, motors = study.experiment.as_simulated(), study.as_robot().motor_locations
     per_group = [name for name, parameter in study.fit.parameters.items() if parameter.per is not None]
     unsupported: dict[str, Any] = {

@@ -38,14 +38,14 @@ class Run:
 
 
 def runs_by_name(logs: Sequence[Path]) -> list[tuple[str, int, int]]:
-    """Configuration, realisation and experiment of logs with names such as p1-r0-e2; none if one has another name."""
+    """Return configuration, realisation and experiment of logs named such as p1-r0-e2; none if another name occurs."""
     names = [re.fullmatch(r"(.+?)[-_ ]r(\d+)[-_ ]e(\d+)", path.stem) for path in logs]
     runs = [(name[1], int(name[2]), int(name[3])) for name in names if name]
     return runs if len(set(runs)) == len(logs) else []
 
 
 def in_two_files(logs: Sequence[Path], form: TextFormatSpec) -> tuple[list[tuple[Path, ...]], Signals]:
-    """Measurements of two files each, inputs first, and the signals of the first one; none for other logs.
+    """Return measurements of two files each, inputs first, and the signals of the first one; none for other logs.
 
     Files are of two kinds by their headings, or by names such as 1_torque.csv.
     """
@@ -71,7 +71,7 @@ def in_two_files(logs: Sequence[Path], form: TextFormatSpec) -> tuple[list[tuple
 
 
 def hit_runs(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> list[Run]:
-    """Runs of logs whose hammer or sensors move between them; none if they do not.
+    """Return runs of logs whose hammer or sensors move between them; none if nothing moves.
 
     Locations are by headings that differ, by names such as point2_acc3, else by the responses.  guess: of a structure
     with one input.
@@ -88,19 +88,19 @@ def hit_runs(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> lis
 
 
 def headings_of(path: Path, form: TextFormatSpec) -> tuple[str, ...]:
-    """Names of all signals of a log."""
+    """List the names of all signals of a log."""
     with opened_log(path, form) as log:
         return tuple(log.shapes())
 
 
 def hit_place(guess: LogGuess) -> str:
-    """Location of the input, whose name no output has."""
+    """Return the location of the input, with a name that no output has."""
     place = guess.joints[0].torque.place
     return "hammer" if place in {motion.place for motion in guess.motions} else place
 
 
 def _by_headings(first: Sequence[str], row: Sequence[str], guess: LogGuess) -> dict[str, str]:
-    """Locations by the headings of a log, if they differ from the headings of the channels."""
+    """Return locations by the headings of a log, if they differ from the headings of the channels."""
     drive = guess.joints[0].torque
     of_channels = {drive.name: hit_place(guess)} | {motion.name: motion.place for motion in guess.motions}
     names = {place: guess_by_name(row[first.index(name)], None).place for name, place in of_channels.items()}
@@ -108,7 +108,7 @@ def _by_headings(first: Sequence[str], row: Sequence[str], guess: LogGuess) -> d
 
 
 def _by_names(logs: Sequence[Path], guess: LogGuess) -> list[dict[str, str]]:
-    """Locations by the names of the logs, empty if these name none."""
+    """Return locations by the names of the logs, empty for names without locations."""
     words = [re.findall(r"([a-z]*)[-_ .]?(\d+)([xyz]?)(?![a-z])", path.stem.lower()) for path in logs]
     is_alike = len({tuple(word for word, *_ in row) for row in words}) == 1
     moves = [column for column in zip(*words, strict=True) if len(set(column)) > 1] if is_alike else []
@@ -140,7 +140,7 @@ def _points_by_response(logs: Sequence[Path], form: TextFormatSpec, guess: LogGu
 
 
 def _response(force: FloatArray, motions: FloatArray) -> ComplexArray:
-    """Responses (F, n_y) from a force (n,) to motions (n, n_y), averaged over lines; NaN if not excited."""
+    """Return responses (F, n_y) from a force (n,) to motions (n, n_y), averaged over lines; NaN if not excited."""
     U, Y = np.fft.rfft(force - force.mean()), np.fft.rfft(motions - motions.mean(axis=0), axis=0)
     window = np.ones(_SMOOTHED_LINES)
     power = np.convolve(np.abs(U) ** 2, window, "same")
@@ -150,7 +150,7 @@ def _response(force: FloatArray, motions: FloatArray) -> ComplexArray:
 
 
 def _difference(G: ComplexArray, H: ComplexArray) -> float:
-    """Power of the difference of two responses relative to their power; 1 for other frequencies."""
+    """Return the power of the difference of two responses relative to their power; 1 for other frequencies."""
     if G.shape != H.shape:
         return 1.0
     is_excited = np.isfinite(G + H)

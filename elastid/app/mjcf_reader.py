@@ -24,7 +24,7 @@ KINDS = ("free", "ball", "slide", "hinge")  # of joints, by MuJoCo's numbers
 
 
 def robot_of(model: Any, name: str) -> Robot:
-    """The robot of a compiled model, in MuJoCo's units, angles in rad; ValueError for a ball joint, a free one inside.
+    """Convert a compiled model to a robot, angles in rad; ValueError for a ball joint, or a free joint inside.
 
     Bodies that stand on the base, and the trunk of a robot that floats, are frames of the base.
     """
@@ -56,7 +56,7 @@ def robot_of(model: Any, name: str) -> Robot:
 
 
 def _joint(model: Any, i: int) -> Joint:
-    """Driven by its actuator, or by a motor to come where the file has no actuator at all."""
+    """Convert a joint, driven by its actuator, or by a future motor if the file has no actuator at all."""
     name, kind = model.joint(i).name or f"joint {i}", KINDS[int(model.jnt_type[i])]
     if kind in ("free", "ball"):
         raise ValueError(f"joint {name} is of type {kind}; take hinges and slides, a base that stands still")
@@ -83,7 +83,7 @@ def _joint(model: Any, i: int) -> Joint:
 
 
 def gains_of(model: Any) -> dict[str, tuple[float, float]]:
-    """Position and velocity gains of the joints with position servos, on the link side."""
+    """Return link-side position and velocity gains of the joints with position servos."""
     gains = {}
     for i in range(model.njnt):
         gears = _gears(model, i)
@@ -115,7 +115,7 @@ def _strength(model: Any, a: int) -> float:
 
 
 def _rotation(quaternion: Any) -> Any:
-    """R (3, 3) of w, x, y, z."""
+    """Return R (3, 3) of w, x, y, z."""
     return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
 
 
@@ -128,8 +128,8 @@ def _without_looks(spec: Any) -> None:
         adds_none = geom.parent.name == "world" or geom.parent.explicitinertial or geom.mass == 0
         if geom.meshname and adds_none and not is_always_by_geometry:
             spec.delete(geom)
-    used = {geom.meshname for geom in spec.geoms}
-    unused = (mesh for mesh in spec.meshes if mesh.name not in used)
+    mesh_names = {geom.meshname for geom in spec.geoms}
+    unused = (mesh for mesh in spec.meshes if mesh.name not in mesh_names)
     for asset in (*spec.skins, *spec.materials, *spec.textures, *unused):
         spec.delete(asset)
 

@@ -70,18 +70,18 @@ class Used:
 
 
 def use_fit(run: Run, name: str, work: Callable[[Result], Used]) -> None:
-    """All results of a command `name` on the study's fit; StudyError without a current one."""
+    """Run a command `name` on the study's fit and write its results; StudyError without a current fit."""
     result = current_fit(run)
     with logged_in(run.folder, run.jobs, run.console):
-        used, made_by = work(result), run.stamps["fit"].shown["made by"]
-        for file, write in used.files.items():
+        results, made_by = work(result), run.stamps["fit"].shown["made by"]
+        for file, write in results.files.items():
             write(run.folder / file)
-        write_page_of_answer(used.answer, used.figure, run.folder / f"{name}.html", made_by, used.data)
-        names = (*used.files, f"{name}.html", f"{name}.png")
+        write_page_of_answer(results.answer, results.figure, run.folder / f"{name}.html", made_by, results.data)
+        names = (*results.files, f"{name}.html", f"{name}.png")
         keep_checksums(run.folder, names)
-        for table in used.answer.tables:
+        for table in results.answer.tables:
             run.console.detail(table.text)
-        for sentence in (*used.answer.sentences, ", ".join(str(run.folder / name) for name in names)):
+        for sentence in (*results.answer.sentences, ", ".join(str(run.folder / name) for name in names)):
             run.console.say(f"{name}: {sentence}")
         warn_of_distrust(run, name, result)
 
@@ -128,7 +128,7 @@ def tune_study(
     run: Run, path: Path, duration: float | None, fastest: bool, error_mm: float, frame: str | None,
     rate_hz: float | None, bandwidth_hz: float, samples: int
 ) -> None:  # fmt: skip
-    """References of the motors along a move of the fitted robot."""
+    """Optimise motor references for a move of the fitted robot."""
     if duration is not None and fastest:
         raise StudyError("options/invalid", "--time and --fastest are exclusive. Give one of them")
 
@@ -154,7 +154,7 @@ def tune_study(
 def _given(
     run: Run, result: Result, frame: str | None, draws: int, asked: tuple[float | None, float, float]
 ) -> MoveRobots:
-    """The robots of a study with the requested frame.  asked: rate and bandwidth in Hz, error in m."""
+    """Return the robots of a study with the requested frame. asked: rate and bandwidth in Hz, error in m."""
     study, (rate_hz, bandwidth_hz, error_m) = run.study, asked
     family = result.family(posture.PredictionPorts(frame=frame))
     friction = read_friction(run.path("estimate")) if run.path("estimate").exists() else None
@@ -177,7 +177,7 @@ def _given(
 
 
 def write_table(path: Path, tuned: TunedMove) -> None:
-    """tune.csv: a row for each sample, link side, SI."""
+    """Write tune.csv: a row for each sample, link side, SI."""
     parts = ("position", "velocity", "torque")
     heads = ["t", *(f"{part} {joint}" for joint in tuned.joints for part in parts), "x", "y", "z", "planned error"]
     columns = [getattr(tuned, part)[:, i] for i in range(len(tuned.joints)) for part in parts]
@@ -186,7 +186,7 @@ def write_table(path: Path, tuned: TunedMove) -> None:
 
 
 def loops_study(run: Run, rate_hz: float | None, delay: int | None, samples: int) -> None:
-    """Sensitivity of today's joint controllers and gains of the fitted robot; FitError where no gains keep the limit.
+    """Analyse today's joint controllers and design gains of the fitted robot; FitError if no gains keep the limit.
 
     rate_hz, delay: None for those of the study.
     """
@@ -196,7 +196,7 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, samples: int
         raise StudyError("options/invalid", "the study has no rate of the controller. Give --rate", run.loaded.path)
 
     def work(result: Result) -> Used:
-        """Loops of the fitted robot, with their files."""
+        """Analyse and design the loops of the fitted robot; returns them with their files."""
         family = PostureFamily.of(result, [linear.configuration for linear in result.linear], hz)
         asked_delay = (0 if today is None else today.delay_samples) if delay is None else delay
         loops = design_loops(run.study.name, result, family, asked_delay, samples, run.study.seed, today, study_hz)
@@ -221,7 +221,7 @@ def _todays(study: Study) -> tuple[float | None, ControllerSpec | None]:
 
 
 def loops_section(loops: Loops) -> str:
-    """The designed controller as the section of a study."""
+    """Return the designed controller as a section of a study."""
     head = (
         f"Gains for {loops.name} by `elastid loops`, at {loops.rate_hz:g} Hz, link side, SI: the section",
         "experiment.simulated.controller of a study whose excitation.rate_hz is that rate.",
@@ -234,7 +234,7 @@ _OF_ONE_LOG = ("samples", "also", "speed", "temperature", "load")
 
 
 def on_logs(study: Path, logs: Sequence[Path], options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options of the command line under which a study has these logs in place of its own, and another run folder.
+    """Return command-line options by which a study reads these logs instead of its own, in another run folder.
 
     A log has the other keys (configuration, realisation ...) of the file that it stands in for, the last of the first.
     """
@@ -263,7 +263,7 @@ def on_logs(study: Path, logs: Sequence[Path], options: Mapping[str, Any]) -> di
 
 
 def predict(run: Run, source: Path) -> None:
-    """prediction.json and prediction.png: the logs of a study judged by the numbers of `source`.
+    """Judge the parameters of `source` on the logs of a study: prediction.json and prediction.png.
 
     source: a friction.h5 or fit.h5, or the folder that holds it.  Stages that read the logs are run where they are out
     of date.  StudyError for a study of the other kind, and where nothing can be predicted.

@@ -26,7 +26,7 @@ class Finite(click.FloatRange):
     """A finite number in a range, which nan is in of itself."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The number; click's error for nan and inf."""
+        """Return the number; raise the usage error of click for nan and inf."""
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number.", param, ctx)
@@ -39,7 +39,7 @@ RATE = Finite(min=0, max=1e5, min_open=True)
 
 
 def numbers_of(ctx: click.Context, param: click.Parameter, text: str | None) -> tuple[float, ...]:
-    """Finite numbers of at least 0, separated by commas; none without the option."""
+    """Parse finite numbers of at least 0, separated by commas; none without the option."""
     return tuple(Finite(min=0).convert(word, param, ctx) for word in (text or "").split(",") if word.strip())
 
 
@@ -47,7 +47,7 @@ class Folder(click.Path):
     """A path that is not empty, which would be the working folder."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The path; click's error for an empty text."""
+        """Return the path; raise the usage error of click for an empty text."""
         if not str(value).strip():
             self.fail("an empty name", param, ctx)
         return super().convert(value, param, ctx)
@@ -80,7 +80,7 @@ _OPTIONS: dict[str, Decorator] = {
 
 
 def options_of(*names: str) -> Decorator:
-    """The options of the given names, each the same in every command that takes it."""
+    """Add the options of the given names, each the same in every command that has it."""
 
     return lambda command: reduce(lambda decorated, name: _OPTIONS[name](decorated), reversed(names), command)
 
@@ -104,7 +104,7 @@ def run_of(study: Path, options: dict[str, Any]) -> "Run":
 
 @contextmanager
 def insisting() -> Iterator[Event]:
-    """KeyboardInterrupt on Ctrl-C or SIGTERM, and again every half second until the work inside has ended.
+    """Raise KeyboardInterrupt on Ctrl-C or SIGTERM, and every half second until the work inside has ended.
 
     CasADi's wrappers swallow a KeyboardInterrupt that falls into them, or make an error of another kind of it. The
     event that is yielded is set once that happened: whatever error ends the work then, the user has ended it.
@@ -125,26 +125,26 @@ def insisting() -> Iterator[Event]:
 
     def show(unraisable: "sys.UnraisableHookArgs") -> None:
         if not pressed.is_set():
-            shown(unraisable)
+            hook(unraisable)
 
     if current_thread() is not main_thread():  # signals belong to the main thread
         yield pressed
         return
     # Python prints the traceback of a KeyboardInterrupt that falls into a destructor, and goes on; it comes again.
-    shown, sys.unraisablehook = sys.unraisablehook, show
+    hook, sys.unraisablehook = sys.unraisablehook, show
     before = {number: signal(number, interrupt) for number in (SIGINT, SIGTERM)}
     try:
         yield pressed
     finally:
         ended.set()
-        sys.unraisablehook = shown
+        sys.unraisablehook = hook
         for number, handler in before.items():
             signal(number, handler)
 
 
 @contextmanager
 def libraries_off_terminal() -> Iterator[None]:
-    """Warnings of Python and log records of libraries go to run.log where one is written, and else nowhere."""
+    """Send warnings of Python and log records of libraries to run.log only, or nowhere without one."""
     import logging
 
     nowhere = logging.NullHandler()  # without any handler Python prints the records

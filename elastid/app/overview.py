@@ -12,7 +12,7 @@ from elastid.study import Study
 
 
 def overview(study: Study) -> str:
-    """A page of plain text."""
+    """Summarise a study in plain text."""
     parts = [study.display.text]
     if study.robot is not None:
         parts.append(study.robot.display.text)
@@ -57,7 +57,7 @@ def _experiments(study: Study) -> Iterator[str]:
 
 
 def _questions(study: Study) -> Iterator[str]:
-    """Questions on channels: unknown units, and torque constants or all gains of exactly 1."""
+    """Yield questions on channels: unknown units, torque constants or all gains of exactly 1."""
     recorded = study.experiment.recorded
     channels = () if recorded is None else recorded.channels
     gains = None if recorded is None else recorded.controller

@@ -17,7 +17,7 @@ OF_LOOP = "; an error of k_d of the controller adds to it"
 
 
 def mixed_numbers(robot: Robot, is_simulated: bool, friction: CompensatedFriction | None) -> frozenset[str]:
-    """Names of viscous coefficients that contain dry friction, which looks viscous to a multisine.
+    """List the viscous coefficients that contain dry friction, since a multisine cannot distinguish both.
 
     A motor's own, and those of a joint that turns rigidly with its motor; where the rig is simulated only with dry
     friction in the robot model, and never of a motor with compensated friction.
@@ -44,7 +44,7 @@ def contents(
     parameters: Parameters,
     gears: GearResult | None = None,
 ) -> dict[str, str]:
-    """Parameter name to the friction in it, for motors' viscous coefficients and others that contain dry friction.
+    """Name the friction in each viscous coefficient of a motor, and in others that contain dry friction.
 
     In responses to references, viscous friction and an error of the controller's k_d are alike.
     """
@@ -77,6 +77,6 @@ def truth(
     if simulated is None:
         return None
     mixed = mixed_numbers(robot, True, friction)
-    named = (*robot.geometry, *(name for name in robot.channel_numbers if name in estimates))
-    numbers = {name: value for name, (value, _) in robot.parameters(named).items()} | {DELAY: 0.0}
+    names = (*robot.geometry, *(name for name in robot.channel_numbers if name in estimates))
+    numbers = {name: value for name, (value, _) in robot.parameters(names).items()} | {DELAY: 0.0}
     return {name: float(value) for name, value in (numbers | simulated.truth).items() if name not in mixed}

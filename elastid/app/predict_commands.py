@@ -79,7 +79,7 @@ class CommandSettings:
 
 
 def read_model(path: Path) -> Model:
-    """The robot of a run folder or fit.h5, a robot model of elastid, a URDF, or an MJCF file with its servos."""
+    """Read the robot of a run folder, fit.h5, robot.yml, URDF, or an MJCF file with its servos."""
     if path.is_dir() or path.suffix == ".h5":
         return _robot_of_result(path)
     if not path.is_file():
@@ -90,7 +90,7 @@ def read_model(path: Path) -> Model:
 
 
 def _robot_of_result(path: Path) -> Model:
-    """The fitted robot of a run folder, with the friction and effects of gears that were found in its records."""
+    """Return the fitted robot of a run folder, with friction and gear effects identified from its records."""
     folder = path if path.is_dir() else path.parent
     fit, frf, gears, law = (folder / f"{stage}.h5" for stage in ("fit", "frf", "gears", "friction"))
     if fit.is_file():
@@ -166,7 +166,7 @@ def _motion(model: Model, path: Path, settings: CommandSettings, console: Consol
 
 
 def _gains(model: Model, log: CommandLog, settings: CommandSettings, path: Path, console: Console) -> JointLoop:
-    """Gains of the options, else of the model's servos, else of the log; a warning if the last two differ."""
+    """Return gains of the options, else of the model's servos, else of the log; warn if the last two differ."""
     names = model.robot.driven_names
     gains = []
     servos = np.array([model.servos[name] for name in names]).T if set(names) <= model.servos.keys() else None
@@ -194,7 +194,7 @@ def _numbers(values: FloatArray) -> str:
 
 
 def _problems(joints: Sequence[JointError], tests: Sequence[Tested]) -> Iterator[str]:
-    """Sentences on the most likely wrong number, and on joints that a trivial predictor predicts as well."""
+    """Yield the most likely wrong number, and joints that a trivial predictor predicts as well."""
     doubts = [test for test in tests if test.is_in_doubt]
     if doubts:
         yield f"Most likely wrong: {_words(doubts[0])}. Correct it, and repeat the prediction."
@@ -205,7 +205,7 @@ def _problems(joints: Sequence[JointError], tests: Sequence[Tested]) -> Iterator
 
 
 def _words(test: Tested) -> str:
-    """A test as a clause: the number, its best value, and the error with it and as given."""
+    """Describe a test: the number, its best value, and the error with the best and with the stated value."""
     rms, as_given = number(test.rms, 3), number(test.rms_as_given, 3)
     error = f"rms error {rms} instead of {as_given} ({100 * test.removed:.3g} % removed)"
     match test.quantity:
@@ -223,7 +223,7 @@ def _words(test: Tested) -> str:
 
 
 def ratio_words(value: float) -> str:
-    """A ratio of sampling times: as fitted, and the typical ratio near it.
+    """Describe a ratio of sampling times: as fitted, and the typical ratio near it.
 
     >>> ratio_words(2.56), ratio_words(0.41), ratio_words(1.2), ratio_words(1.02)
     ('2.5 (fitted: 2.56)', '1/2.5 (fitted: 0.41)', '1.2', '1.02')

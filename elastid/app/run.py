@@ -88,17 +88,17 @@ class Work:
     has_gears: bool = False
 
     def unanswered(self, notes: Iterable[Note]) -> tuple[Note, ...]:
-        """Notes on a fit and its responses, without those that the stage gears of this study answers or repeats."""
+        """Return notes on a fit and its responses, without notes that the stage gears answers or repeats."""
         return tuple(note for note in notes if not (self.has_gears and note.code in ANSWERED))
 
     @contextmanager
     def execution(self, checkpoint: "Checkpoint | None" = None) -> Iterator[Execution]:
-        """Execution of the stage's work, its progress shown."""
+        """Return the execution of the stage's work, with progress on the console."""
         with self.console.progress(self.stage) as progress:
             yield Execution(self.jobs, progress, {} if checkpoint is None else checkpoint)
 
     def checkpoint(self) -> "Checkpoint":
-        """Finished parts of the interrupted stage, if values, code and input files are unchanged."""
+        """Return finished parts of the interrupted stage, if values, code and input files are unchanged."""
         from elastid.store.results import Checkpoint  # brings the solvers, which most stages do not need
 
         key = hash_of([self.stamp.inputs, self.stamp.code, [file_hash(path) for path in self.sources.values()]])
@@ -110,7 +110,7 @@ class Work:
 
 
 def text(content: str) -> Write:
-    """Writes a text that carries no stamp."""
+    """Return the writer of a text without a stamp."""
     return lambda path, stamp: write_text(path, content)
 
 
@@ -126,7 +126,7 @@ LIBRARIES = ("numpy", "scipy", "casadi")
 
 
 def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
-    """Stamp by stage that a result must carry to be the one that the study asks for."""
+    """Return the stamp by stage that a result must have to be current for this study."""
     code, results, hash_of_file = code_hash(), dict[str, Stamp](), cache(file_hash)
     for name, stage in stages_of_study(loaded.study).items():
         study, text = stage.sees(loaded.study), loaded.text if "text" in stage.keys.split() else ""
@@ -139,14 +139,14 @@ def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
 
 @cache
 def software() -> str:
-    """Versions of elastid, Python and the libraries that results depend on, and the platform."""
+    """Return the versions of elastid, Python and the libraries that results depend on, and the platform."""
     names = [f"elastid {__version__}", f"Python {platform.python_version()}"]
     names += [f"{name} {version(name)}" for name in LIBRARIES]
     return ", ".join([*names, kernels.description(), f"{platform.system()} {platform.machine()}"])
 
 
 def code_hash(root: Path | None = None) -> str:
-    """SHA-256 of every file of the package and of the versions of the libraries that it computes with.
+    """Return the SHA-256 of all files of the package and of the versions of its numerical libraries.
 
     root: folder of the package.  Only files that Python and editors leave in it do not count.
     """
@@ -161,7 +161,7 @@ def code_hash(root: Path | None = None) -> str:
 
 
 def hash_of(document: Any) -> str:
-    """SHA-256 of values as JSON. The order of keys counts: configurations are measured, and patterns win, in it."""
+    """Return the SHA-256 of values as JSON. The order of keys counts: configurations and patterns depend on it."""
     return hashlib.sha256(json.dumps(document, default=asdict).encode()).hexdigest()
 
 
@@ -190,7 +190,7 @@ class Run:
         return stages_of_study(self.study)
 
     def path(self, stage: str) -> Path:
-        """The file in which a stage leaves its result."""
+        """Return the file of a stage's result."""
         return self.folder / self.stages[stage].leaves[0]
 
     def say_files(self, names: Iterable[str]) -> None:
@@ -199,11 +199,11 @@ class Run:
         self.console.say(", ".join(str(path) for path in files if path.is_file() or any(path.glob("*"))))
 
     def partial(self, stage: str) -> Path:
-        """The folder in which a stage keeps its finished parts until its result is whole: it is resumed from there."""
+        """Return the folder of a stage's finished parts, from which a killed run resumes."""
         return path_below(self.folder, self.path(stage).with_suffix(".partial").name)
 
     def work(self, stage: str) -> Work:
-        """Files of a stage and ways of working on it; without the result of an earlier one that may be missing."""
+        """Return the files of a stage and its ways of working; optional results that are missing are omitted."""
         row, stamp = self.stages[stage], self.stamps[stage]
         there = {name: may_miss for name, may_miss in row.sources.items() if name in self.stages}
         return Work(
@@ -224,19 +224,19 @@ class Run:
 
     def is_current(self, stage: str) -> bool:
         """True if the result of a stage is there as it was written, made from the same inputs by the same code."""
-        wanted, path, row = self.stamps[stage], self.path(stage), self.stages[stage]
+        stamp_now, path, row = self.stamps[stage], self.path(stage), self.stages[stage]
         if not all(any(self.folder.glob(n)) for n in row.leaves) or changed_texts(self.folder, row.texts):
             return False
         if any(path.exists() and name not in self.stages for name, path in self.overwritten(stage).items()):
             return False
         if path.suffix == ".h5":
             stamp = read_stamp(path)
-            return stamp is not None and stamp.is_of(wanted) and has_checksum(path)
+            return stamp is not None and stamp.is_of(stamp_now) and has_checksum(path)
         text = path.read_text(encoding="utf-8", errors="replace")
-        return wanted.inputs in text and wanted.code in text
+        return stamp_now.inputs in text and stamp_now.code in text
 
     def overwritten(self, stage: str) -> dict[str, Path]:
-        """Results of later stages that leave a text of this one again, with theirs in it: gone with it."""
+        """Return results of later stages that rewrite a text of this stage; they are removed together with the text."""
         rows = stages_of(self.study.kind)
         return {
             name: self.folder / rows[name].leaves[0]
@@ -265,15 +265,15 @@ class Run:
 
     def require_result(self, name: str) -> None:
         """Raise StudyError with the command to run if the result of a stage is missing."""
-        path, wanted = self.path(name), self.stamps[name]
+        path, required = self.path(name), self.stamps[name]
         stamp = read_stamp(path)
         command = f"Run `elastid run {self.loaded.path} {name}` first, with the same options"
-        if stamp is None or stamp.inputs != wanted.inputs:
+        if stamp is None or stamp.inputs != required.inputs:
             raise StudyError(
                 "run/earlier-stage",
                 f"{path} is missing, damaged, or made from another study, other data or other options. {command}",
             )
-        why = "" if stamp.code == wanted.code else f"was made by other code or versions ({stamp.software})"
+        why = "" if stamp.code == required.code else f"was made by other code or versions ({stamp.software})"
         if doubt := why or ("" if has_checksum(path) else "has no checksum, so that damage is not detectable"):
             again = f"To make it again: `elastid run {self.loaded.path} {name}`"
             self.console.warn(f"{path} {doubt} and is used unchanged. {again}")
@@ -281,7 +281,7 @@ class Run:
 
 @contextmanager
 def logged_in(folder: Path, jobs: int, console: Console) -> Iterator[None]:
-    """run.log of a folder with date, command and versions, and how the work ended; ElastidError for a second writer."""
+    """Write run.log with date, command and versions, and how the work ended; ElastidError for a second writer."""
     with lock_folder(folder), console.logging_to(folder):
         command = shlex.join(["elastid", *sys.argv[1:]])
         console.detail(f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC: {command}, {jobs} processes")
@@ -297,7 +297,7 @@ def logged_in(folder: Path, jobs: int, console: Console) -> Iterator[None]:
 
 
 def run_all(run: Run, names: Sequence[str] = ()) -> None:
-    """All stages in order, but for those whose result is current, or those that are named, current or not.
+    """Run all stages in order except those whose result is current, or run the named stages in any case.
 
     FitError where the fit cannot be trusted; StudyError where a result that a named stage reads is missing or outdated.
     """
@@ -332,7 +332,7 @@ def run_all(run: Run, names: Sequence[str] = ()) -> None:
 
 
 def carry_out(run: Run, name: str) -> None:
-    """Hand a stage its values, write its files, and report; its error, if it failed, once all are written."""
+    """Run a stage with its inputs, write its files, report, and then raise the error of a stage that failed."""
     stage, names = run.stages[name], [*run.stages]
     first = names.index(name)
     outdated = [after for after in names[first:] if after == name or not run.is_current(after)]

@@ -72,7 +72,7 @@ def from_robot(path: Path) -> tuple[Robot, dict[str, str]]:
 
 
 def _with_guessed_drives(robot: Robot, postures: FloatArray, path: Path) -> tuple[FloatArray, Robot, tuple[str, ...]]:
-    """Inertia (n_u,) of the links of each drive, the robot with guessed gears and rotors, and comments on them."""
+    """Return inertia (n_u,) of the links of each drive, the robot with guessed gears and rotors, and comments."""
     urdf = [*read_elements(path).all("joint")] if path.suffix.lower() == ".urdf" else []
     # The links alone: rotors without inertia, and no joint that only a spring holds.
     links = with_joints(robot, lambda joint: replace(joint, motor=Motor(_NO_ROTOR)) if joint.motor else None)
@@ -100,7 +100,7 @@ def _with_guessed_drives(robot: Robot, postures: FloatArray, path: Path) -> tupl
 
 
 def read_urdf_model(path: Path) -> Robot:
-    """The robot of a URDF file as simulators use it: rigid drives without rotors, with its damping and friction."""
+    """Read the robot of a URDF file: rigid drives without rotors, with its damping and friction."""
     dry = {
         joint.name: dynamics.number("friction", "0")
         for joint in read_elements(path).all("joint")
@@ -115,7 +115,7 @@ def read_urdf_model(path: Path) -> Robot:
 
 
 def _links_of_urdf(path: Path, ratio: float = _RATIO) -> Robot:
-    """The links of a URDF; its motors, behind gears of a ratio where they turn, have no inertia yet."""
+    """Return the links of a URDF; motors of revolute joints get a gear ratio, and no inertia yet."""
     root = read_elements(path)
     kinds = {joint.name: joint.attributes.get("type") for joint in root.all("joint") if not joint.first("mimic")}
     moving = {name: 1.0 if kind == "prismatic" else ratio for name, kind in kinds.items() if kind != "fixed"}
@@ -139,7 +139,7 @@ def _with_drive(joint: Joint, of_links: float) -> Joint:
 
 
 def _gear(of_links: float) -> tuple[float, float]:
-    """Stiffness and damping, to two digits, of a gear that swings with the inertia of its links."""
+    """Guess stiffness and damping, to two digits, of a gear from the inertia of its links."""
     k = of_links * (2 * math.pi * _HELD_HZ) ** 2
     return float(f"{k:.2g}"), _damping(k)
 
@@ -186,12 +186,12 @@ def _study(robot: Robot, postures: FloatArray, gravity: float, inertia: FloatArr
 
 
 def read_mjcf(path: Path) -> Robot:
-    """The robot of an MJCF file (`read_mjcf_servos`)."""
+    """Read the robot of an MJCF file (`read_mjcf_servos`)."""
     return read_mjcf_servos(path)[0]
 
 
 def read_mjcf_servos(path: Path) -> tuple[Robot, dict[str, tuple[float, float]]]:
-    """The robot of an MJCF file, and kp and kd of its position servos by joint, link side.
+    """Read the robot of an MJCF file, and kp and kd of its position servos by joint, link side.
 
     A motor without an armature has no inertia yet.
 
@@ -224,7 +224,7 @@ TORQUE_CONSTANT = 0.17
 
 
 def new(folder: Path, template: str) -> Path:
-    """A new folder with a study, its robot, a small log where it is of logs, and the schema; returns the study's path.
+    """Write a new folder with a study, its robot, the schema and, for studies of logs, a small log; returns the study.
 
     Raises StudyError where the folder holds anything already.
     """
@@ -236,7 +236,7 @@ def new(folder: Path, template: str) -> Path:
 
 
 def new_from_logs(folder: Path, logs: Sequence[Path], more: Sequence[Path] = ()) -> Path:
-    """A new folder with a study of logs, of a robot model, or of both, guessed, with its robot; its path.
+    """Draft a study of logs, of a robot model, or of both, in a new folder with its robot; returns the study's path.
 
     more: those behind the last `--from`.  Raises StudyError where there is none such, or the folder holds anything
     already, and what `texts_from_logs` raises.
@@ -266,7 +266,7 @@ def _check_new(folder: Path) -> None:
 
 
 def demo(folder: Path) -> Path:
-    """The demo's study in its run folder, its robot in it, to copy and edit; existing files are kept.
+    """Write the demo's study, with its robot, into its run folder; existing files stay.
 
     Without a schema beside it, which takes longer to make than any stage.
     """
@@ -296,7 +296,7 @@ def _write(folder: Path, texts: Mapping[str, str]) -> Path:
 
 
 def write_shaken_masses(folder: Path) -> None:
-    """logs/bench_1.csv to bench_4.csv of three masses with two shakers: two realisations of two experiments."""
+    """Write logs/bench_1.csv to bench_4.csv of three masses with two shakers: two realisations of two experiments."""
     from elastid.experiment.simulated.plant import shake
 
     columns = ("force_1", "force_3", "acc_1", "acc_2", "acc_3")
@@ -306,7 +306,7 @@ def write_shaken_masses(folder: Path) -> None:
 
 
 def write_elastic_joint(folder: Path) -> None:
-    """logs/bench_1.csv and bench_2.csv of the template's robot with other numbers than its file has."""
+    """Write logs/bench_1.csv and bench_2.csv of the template's robot with numbers that differ from its file."""
     from elastid.api import read_robot, simulate
 
     rig = {"truth": dict(TRUTH), "outputs": ["motor 1", "joint 1"], "noise": {"torque_std": 1e-4, "angle_std": 2e-6}}

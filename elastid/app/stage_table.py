@@ -49,10 +49,10 @@ class Stage:
         return {name.removesuffix("?"): name.endswith("?") for name in self.after.split()}
 
     def sees(self, study: "Study") -> "Study":
-        """The study with the keys that the stage reads, all others at their defaults."""
-        named = study if "name" in self.keys.split() else replace(study, name="study")
-        seen: Study = _seen(named, ["name", "experiment", *self.keys.split()])
-        return seen
+        """Return the study with the keys that the stage reads, all others at their defaults."""
+        study_of_name = study if "name" in self.keys.split() else replace(study, name="study")
+        selection: Study = _seen(study_of_name, ["name", "experiment", *self.keys.split()])
+        return selection
 
 
 def _seen(section: Any, keys: Iterable[str]) -> Any:
@@ -71,7 +71,7 @@ def _seen(section: Any, keys: Iterable[str]) -> Any:
 
 
 def files_of(study: "Study") -> list[str]:
-    """The files that a study names, relative to its folder: logs and responses."""
+    """List the files that a study names, relative to its folder: logs and responses."""
     recorded = study.experiment.recorded
     names = [path for file in (() if recorded is None else recorded.files) for path in (file.path, *file.also)]
     of_tool = [tool.responses for tool in (study.tool, study.validation.tool) if tool is not None]
@@ -171,7 +171,7 @@ NAMES = tuple(dict.fromkeys(stage.name for stage in STAGES))
 
 
 def stages_of(kind: str) -> dict[str, Stage]:
-    """The stages of a kind of study by name, in order."""
+    """Return the stages of a kind of study by name, in order."""
     return {stage.name: stage for stage in STAGES if kind in stage.kinds}
 
 

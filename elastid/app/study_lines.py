@@ -13,7 +13,7 @@ DRIVE_UNIT = {"torque": "N*m", "force": "N", "current": "A", "voltage": "V"}
 
 
 def head_lines(kind: str, first: Path) -> Iterator[str]:
-    """Head of a study named by its kind, from the first of its files."""
+    """Return the head of a study named by its kind, from the first of its files."""
     yield "# yaml-language-server: $schema=study.schema.json"
     yield f"# Written by `elastid new --from` from {one_line(first.name)}. Check the lines marked `guessed`, then"
     yield "# `elastid check study.yml` and `elastid run study.yml`"
@@ -21,23 +21,23 @@ def head_lines(kind: str, first: Path) -> Iterator[str]:
 
 
 def joined(lines: Iterable[str]) -> str:
-    """Text of the lines that are not empty."""
+    """Join rows that are not empty."""
     return "\n".join(filter(None, lines)) + "\n"
 
 
 def relative_paths(paths: Sequence[Path], folder: Path) -> list[str]:
-    """Paths as seen from a folder."""
+    """Return paths relative to a folder."""
     return [Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix() for path in paths]
 
 
 def quoted(text: str) -> str:
-    """A text as YAML has it: plain, or in JSON's quotes, which are YAML's too."""
+    """Quote a text for YAML: plain if possible, else as in JSON."""
     is_plain = re.fullmatch(r"(?!(?i:null|true|false|yes|no|on|off)$)[A-Za-z]\w*([. ]\w+)*", text)
     return text if is_plain else json.dumps(text, ensure_ascii=False)
 
 
 def channel_line(role: str, place: str, guess: ChannelGuess, of_robot: str = "") -> str:
-    """A channel.  of_robot: torque or force, which a drive of a robot is taken for."""
+    """Return a channel. of_robot: torque or force is assigned to a drive of a robot."""
     quantity, scale, why = guess.quantity, guess.scale, guess.why
     unit = guess.unit or DRIVE_UNIT.get(quantity, "")
     keys: dict[str, object] = {
@@ -59,10 +59,10 @@ def channel_line(role: str, place: str, guess: ChannelGuess, of_robot: str = "")
 
 
 def file_line(path: str, **keys: object) -> str:
-    """A file with its keys."""
+    """Return a file with its keys."""
     return f"      - {mapping({'path': quoted(path), **keys})}"
 
 
 def mapping(keys: Mapping[str, object]) -> str:
-    """A mapping in one line, without empty keys."""
+    """Return a mapping in one row, without empty keys."""
     return f"{{{', '.join(f'{key}: {value}' for key, value in keys.items() if value is not None)}}}"

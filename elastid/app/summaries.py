@@ -35,7 +35,7 @@ Content: TypeAlias = dict[str, Any]
 
 
 def modes_of(fitted: FittedRobot) -> tuple[ModeRow, ...]:
-    """The modes of the fitted model with its motors free, configuration by configuration."""
+    """Return the modes of the fitted model with free motors, by configuration."""
     return tuple(_mode_row(fitted.model, model) for model in fitted.models)
 
 
@@ -57,12 +57,12 @@ def _mode_row(elastic: ElasticModel, model: FittedModel) -> ModeRow:
 
 
 def as_json(content: Mapping[str, Any]) -> Write:
-    """Writes a summary as JSON; null in place of numbers that are not finite."""
+    """Return the writer of a summary as JSON; numbers that are not finite are null."""
     return lambda path, stamp: write_json(path, content)
 
 
 def section(value: Any, names: str, **of_each: str) -> Content:
-    """Fields and properties of a value by name, or by `name=attribute` where a summary has another name for one.
+    """Return fields and properties of a value by name, or by `name=attribute` under another name.
 
     of_each: rows of each entry of a field.
     """
@@ -75,7 +75,7 @@ _AGAINST = "ratio ratio_std chi_square dof cause"
 
 
 def failure(name: str, starts: int, message: str) -> Content:
-    """summary.json of a fit that failed, by the name of its study: the same keys, no numbers."""
+    """Return summary.json of a failed fit, by the name of its study: the same keys, no numbers."""
     lists = (
         "correlations_above_0.9", "modification_indices", "assumed_rigid", "presliding", "modes", "frf_error",
         "warnings", "notes"
@@ -185,7 +185,7 @@ def friction_study_summary(
     log_comparison: LogComparison = NO_COMPARISON,
     left_out: LogComparison = NO_COMPARISON,
 ) -> Content:
-    """summary.json of a friction study: parameters with intervals and origin, those not identified, measured ranges.
+    """Return summary.json of a friction study: parameters with intervals and origin, and the measured ranges.
 
     log_comparison: torque fractions of the model's parts, and simulation errors along the logs.
     left_out: the same quantities for validation logs.  rigid_bodies: base parameters of joints that moved together.
@@ -240,7 +240,7 @@ def _rigid_body(body: "RigidBody") -> Content:
 
 
 def failed_friction(name: str, message: str) -> Content:
-    """summary.json of a friction study that failed: the same keys without the log comparison, no numbers."""
+    """Return summary.json of a failed friction study: the same keys without the log comparison, no numbers."""
     return _head(name, "failed", message) | {
         "parameters": {}, "not_identified": [], "motions": {}, "torque": [], "measured": {}, "rigid_bodies": [],
         "validation": None, "warnings": [], "notes": [],
@@ -255,7 +255,7 @@ def _head(name: str, status: str, message: str) -> Content:
 
 
 def listed(notes: Iterable[Note]) -> list[Content]:
-    """Notes as a summary lists them, the same from many places once."""
+    """List notes for a summary; equal notes of several places are one entry."""
     return [
         section(group.first, "code severity places=place text") | {"places": [place for place in group.places if place]}
         for group in grouped(notes)
@@ -263,7 +263,7 @@ def listed(notes: Iterable[Note]) -> list[Content]:
 
 
 def _log_comparison(log_comparison: LogComparison) -> Content:
-    """Torques part by part, over all and by octave, and errors of runs, without the signals."""
+    """Return torque contributions, over all and by octave, and errors of runs, without the signals."""
     signal, fractions = "signal=kind place error", "unexplained_fraction unexplained_without_friction"
     of_band = f"low_hz high_hz power {fractions}"
     return {
@@ -281,7 +281,7 @@ def _log_comparison(log_comparison: LogComparison) -> Content:
 
 
 def _shared(balance: TorqueBalance, value: TorqueBalance | BandBalance, names: str) -> Content:
-    """Fields of a balance or of a band of it, and the share of each part."""
+    """Return fields of a balance or of a band of it, and the fraction of each contribution."""
     return section(value, names) | {"fractions": dict(zip(balance.parts, value.fractions, strict=True))}
 
 

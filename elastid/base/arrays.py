@@ -38,7 +38,7 @@ _UNIT_OF_ENDING = {"hz": "Hz", "s": "s", "deg": "deg", "degc": "degC", "db": "dB
 def labelled(
     text: str = "", unit: str = "", axes: str = "", rows: bool = False, entry: str = "", **default: Any
 ) -> Any:
-    """A dataclass field with a label: `x: FloatArray = labelled("angle", "rad", "time_s inputs")`.
+    """Declare a dataclass field with a label: `x: FloatArray = labelled("angle", "rad", "time_s inputs")`.
 
     axes: names with a space between them.  default: as of `dataclasses.field`.
     """
@@ -46,7 +46,7 @@ def labelled(
 
 
 def unit_of_name(name: str) -> str:
-    """The unit that the ending of a name states.
+    """Return the unit in the ending of a name.
 
     >>> unit_of_name("rate_hz"), unit_of_name("message")
     ('Hz', '')
@@ -66,7 +66,7 @@ def laplace_variable(freq_hz: NDArray[np.floating[Any]]) -> ComplexArray:
 
 
 def quotient(a: FloatArray | float, b: FloatArray, otherwise: float = 0.0) -> FloatArray:
-    """a / b where b is positive, else a number."""
+    """Return a / b where b is positive, else a number."""
     out = np.full(np.broadcast_shapes(np.shape(a), b.shape), otherwise)
     return np.asarray(np.divide(a, b, out=out, where=b > 0))
 
@@ -81,12 +81,12 @@ def folded(x: Signals, N: int) -> Signals:
 
 
 def named(names: Iterable[str], values: FloatArray) -> dict[str, float]:
-    """Numbers (n,) by their names."""
+    """Return numbers (n,) by their names."""
     return dict(zip(names, values.tolist(), strict=True))
 
 
 def frozen(array: Any, dtype: Any = np.float64) -> NDArray[Any]:
-    """A read-only copy of an array, unless it is read-only already: a copy like that, or mapped from a file."""
+    """Return a read-only copy of an array, or the array itself if it is such a copy or mapped from a file."""
     if isinstance(array, LargeArray):
         return cast(NDArray[Any], array)
     is_frozen = isinstance(array, np.ndarray) and not array.flags.writeable and array.dtype == dtype
@@ -110,14 +110,14 @@ T = TypeVar("T")
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field, labelled))
 def frozen_value(cls: Any = None, /, *, eq: bool = True) -> Any:
-    """A frozen dataclass whose array fields are read-only copies of the given arrays, made before its `__post_init__`.
+    """Make a frozen dataclass whose array fields are read-only copies, made before its `__post_init__`.
 
     An array field is one annotated FloatArray, ComplexArray, BoolArray or IntArray, alone or with `| None`; the
     annotation gives the dtype.
     """
 
     def decorated(cls: type[T]) -> type[T]:
-        """The class, its arrays checked and frozen after every construction."""
+        """Return the class, with arrays checked and frozen after every construction."""
         names = {name: _DTYPES.get(str(text).removesuffix(" | None")) for name, text in cls.__annotations__.items()}
         arrays = {name: dtype for name, dtype in names.items() if dtype is not None}
         check: Callable[[T], None] | None = getattr(cls, "__post_init__", None)
@@ -140,7 +140,7 @@ def frozen_value(cls: Any = None, /, *, eq: bool = True) -> Any:
 MIN_LARGE_VALUES = 1 << 25
 PIECE_VALUES = 1 << 20
 # And those of so many bytes of a file that is this large in all.
-MIN_PART_BYTES, MIN_LARGE_FILE = 1 << 15, 1 << 30
+MIN_PART_BYTES, MIN_LARGE_FILE = 1 << 15, 1 << 26
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +178,7 @@ class LargeArray:
 
 
 def empty_in_file(shape: tuple[int, ...], dtype: Any = np.float64) -> FloatArray:
-    """An array to fill, in a temporary file that is gone with it (in the folder that TMPDIR names)."""
+    """Create an array to fill, in a temporary file that is deleted with it (in the folder that TMPDIR names)."""
     with tempfile.TemporaryFile() as file:
         return np.memmap(file, dtype=dtype, mode="w+", shape=shape)
 
@@ -192,7 +192,7 @@ def release(array: NDArray[Any] | LargeArray | None) -> None:
 
 
 def mean_of_rows(array: FloatArray | LargeArray, n: int) -> FloatArray:
-    """The mean (c,) of the first n rows."""
+    """Return the mean (c,) of the first n rows."""
     if not isinstance(array, LargeArray):
         return np.asarray(array[:n].mean(axis=0))
     step = max(1, PIECE_VALUES // array.shape[1])
@@ -210,7 +210,7 @@ class FileArray(np.memmap):
 
     @classmethod
     def at(cls, path: Path, offset: int, dtype: np.dtype[Any], shape: tuple[int, ...]) -> "FileArray":
-        """The array of a shape that begins so many bytes after the beginning of a file."""
+        """Return the array of a shape at an offset in bytes of a file."""
         content = path.stat()
         array = cls.within(_pages(path, content.st_ino, content.st_mtime_ns), offset, dtype, shape)
         array.place, array.folder = (path, offset), path.parent
@@ -218,7 +218,7 @@ class FileArray(np.memmap):
 
     @classmethod
     def within(cls, pages: mmap.mmap, offset: int, dtype: np.dtype[Any], shape: tuple[int, ...]) -> "FileArray":
-        """Array of the given shape at a byte offset of the mapped file."""
+        """Return the array of a shape at an offset in bytes of the mapped file."""
         array = np.ndarray.__new__(cls, shape, dtype, buffer=pages, offset=offset)
         array._mmap = pages  # type: ignore[attr-defined]
         return array
@@ -250,7 +250,7 @@ class _Room:
         self.pages, self.used = mmap.mmap(self.file.fileno(), size, access=mmap.ACCESS_READ), 0
 
     def add(self, values: NDArray[Any]) -> FileArray:
-        """A copy; OSError where the disk is full, which a write to mapped pages would not survive."""
+        """Add a copy; OSError on a full disk, which a write to mapped pages would not survive."""
         data, done = values.reshape(-1).view(np.uint8).data, 0
         while done < len(data):
             done += os.pwrite(self.file.fileno(), data[done:], self.used + done)
@@ -273,7 +273,7 @@ def stored_beside(source: NDArray[Any] | None, values: NDArray[Any]) -> NDArray[
 
 
 def stored_in(folder: Path, values: NDArray[Any]) -> NDArray[Any]:
-    """The numbers in a temporary file of a folder."""
+    """Move numbers into a temporary file of a folder."""
     if not hasattr(mmap, "MADV_DONTNEED"):
         return values
     values, key = np.ascontiguousarray(values), (os.getpid(), folder)
@@ -290,13 +290,13 @@ def stored_in(folder: Path, values: NDArray[Any]) -> NDArray[Any]:
 
 @lru_cache(maxsize=4)
 def _pages(path: Path, inode: int, mtime_ns: int) -> mmap.mmap:
-    """Identity of a file at this moment; a later replacement is a different file."""
+    """Map a file in its present version; a later replacement is a different file."""
     with path.open("rb") as file:
         return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
 
 def mapped(path: Path, dataset: Any) -> FloatArray | None:
-    """A large dataset of an HDF5 file in its place there; None of one that is small, or not stored in one piece."""
+    """Map a large contiguous dataset of an HDF5 file in its place; None for any other dataset."""
     offset, shape = dataset.id.get_offset(), dataset.shape
     is_part = dataset.nbytes >= MIN_PART_BYTES and path.stat().st_size >= MIN_LARGE_FILE
     if offset is None or not (is_part or dataset.size >= MIN_LARGE_VALUES):
@@ -308,7 +308,7 @@ def mapped(path: Path, dataset: Any) -> FloatArray | None:
 
 
 def _stored_rows(path: Path, offset: int, columns: int, first: int, last: int) -> NDArray[Any]:
-    """Rows of a table of single precision that starts at an offset of a file."""
+    """Read rows of a table of single precision that starts at an offset of a file."""
     values = np.fromfile(path, np.float32, (last - first) * columns, offset=offset + 4 * columns * first)
     return values.reshape(last - first, columns)
 
@@ -324,7 +324,7 @@ class ValueRange:
 
 
 def value_range(blocks: Iterable[NDArray[Any]]) -> ValueRange:
-    """Range of numbers in pieces, real or (their magnitude) complex.
+    """Return the range of numbers in pieces; magnitudes for complex numbers.
 
     >>> value_range([np.array([2.0, 1.0]), np.array([np.nan, 5.0])])
     ValueRange(first=2.0, low=1.0, high=5.0, missing=1)
@@ -347,7 +347,7 @@ def value_range(blocks: Iterable[NDArray[Any]]) -> ValueRange:
 
 
 def format_values(values: NDArray[Any]) -> str:
-    """An array in a line: all values where they are few, else their range.
+    """Format an array in one row: all values if they are few, else their range.
 
     >>> format_values(np.array([0, 1, 2]))
     '0, 1, 2'
@@ -366,7 +366,7 @@ def format_values(values: NDArray[Any]) -> str:
 
 
 def format_range(ends: ValueRange, is_complex: bool = False) -> str:
-    """A range in words."""
+    """Format a range."""
     if np.isnan(ends.low):
         return "no finite number"
     missing = f", {ends.missing} not finite" if ends.missing else ""

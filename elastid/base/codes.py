@@ -20,18 +20,18 @@ def _table(name: str) -> dict[str, Any]:
 
 @cache
 def codes() -> Mapping[str, Code]:
-    """Every code of an error or a note."""
+    """Return every code of an error or a note."""
     return {code: Code(*texts) for code, texts in _table("codes.toml").items()}
 
 
 @cache
 def renamed_names() -> Mapping[str, str]:
-    """Old public names -> new: `section.key`, `key=value`, words of the command line, codes."""
+    """Return old public names -> new: `section.key`, `key=value`, words of the command line, codes."""
     return _table("renamed.toml")
 
 
 def renamed(old: str) -> str:
-    """Answer to an old name, `renamed to NEW`; empty for any other.
+    """Answer an old name by `renamed to NEW`, any other by an empty text.
 
     >>> renamed("friction.passes"), renamed("friction.law")
     ('renamed to constant_velocity', '')
@@ -40,7 +40,7 @@ def renamed(old: str) -> str:
 
 
 def renamed_key(path: Sequence[str | int]) -> str:
-    """Answer to the old name of a key at a path of names and indices; empty for any other.
+    """Answer the old name of a key at a path of names and indices, any other by an empty text.
 
     >>> renamed_key(("experiment", "recorded", "files", 0, "level"))
     'renamed to amplitude'

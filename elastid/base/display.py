@@ -78,24 +78,24 @@ def _html(text: str) -> str:
 
 
 def columns(rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    """The lines of a table in columns of plain text, to the left."""
+    """Format the rows of a table in columns of plain text, to the left."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
 
 
 def as_text(value: Any) -> str:
-    """`__repr__` of a value with a `display`, for an interactive prompt."""
+    """Return `__repr__` of a value with a `display`, for an interactive prompt."""
     return str(value.display.text)
 
 
 def as_html(value: Any) -> str:
-    """HTML of a value, as a notebook displays it."""
+    """Return a value as HTML for a notebook."""
     return str(value.display.html)
 
 
 def degrees(posture: Sequence[float], sliding: Sequence[bool] = ()) -> str:
-    """Angles of a posture in degrees, positions of the joints that slide in m.
+    """Format angles of a posture in degrees, positions of sliding joints in m.
 
     >>> degrees([0.5235987755982988, -3.141592653589793]), degrees([0.25, 0.1], [True, False])
     ('30°, -180°', '0.25 m, 5.73°')
@@ -105,7 +105,7 @@ def degrees(posture: Sequence[float], sliding: Sequence[bool] = ()) -> str:
 
 
 def number(value: float | None, digits: int = 4) -> str:
-    """So many significant digits, without an exponent from 1e-4 to 1e8; a dash for None and NaN.
+    """Format so many significant digits, without an exponent from 1e-4 to 1e8; a dash for None and NaN.
 
     >>> number(301234.5), number(0.00012345, 2), number(float("nan")), number(3e-9)
     ('301200', '0.00012', '–', '3.000e-09')
@@ -123,7 +123,7 @@ def number(value: float | None, digits: int = 4) -> str:
 
 
 def digits(value: float, std: float) -> int:
-    """Significant digits of a value with a standard deviation: down to the second digit of std, but two to eight.
+    """Return the digits of a value with a standard deviation: down to the second digit of std, but two to eight.
 
     >>> digits(301234.5, 1234.0), digits(0.8, 0.1), digits(5.0, 80.0), digits(5.0, float("inf"))
     (4, 2, 2, 4)
@@ -134,7 +134,7 @@ def digits(value: float, std: float) -> int:
 
 
 def interval_of(ends: tuple[float, float], digits: int = 4) -> tuple[str, str]:
-    """Both ends of an interval; zero and infinity for a positive number that the data do not constrain.
+    """Format both ends of an interval; zero and infinity for an unidentifiable positive number.
 
     >>> interval_of((0.8, 1.2), 2), interval_of((1e-128, 1e142)), interval_of((-3.0, 2e9), 2)
     (('0.80', '1.2'), ('0', '∞'), ('-3.0', '2.0e+09'))
@@ -146,7 +146,7 @@ def interval_of(ends: tuple[float, float], digits: int = 4) -> tuple[str, str]:
 
 
 def percent(value: float | None, digits: int = 2) -> str:
-    """A share in percent; above 200 % a factor, which readers grasp sooner.
+    """Format a fraction in percent, above 200 % as a factor.
 
     >>> percent(0.9312, 3), percent(4.03), percent(None)
     ('93.1 %', '4.0 times', '–')
@@ -157,7 +157,7 @@ def percent(value: float | None, digits: int = 2) -> str:
 
 
 def capital(text: str) -> str:
-    """A sentence with a capital first letter, the rest as it is."""
+    """Capitalise the first letter of a sentence."""
     return text if "_" in text.partition(" ")[0] else text[:1].upper() + text[1:]  # k_1 is a name
 
 

@@ -101,7 +101,7 @@ def check_kind(value: object, kind: type | UnionType, name: str, remedy: str) ->
 
 
 def index_of(name: str, names: Sequence[str], noun: str) -> int:
-    """The place of a name; UnknownNameError that lists those there are.
+    """Return the index of a name; UnknownNameError lists the existing names.
 
     >>> index_of("k_2", ("k_1", "k_2"), "parameter")
     1
@@ -115,13 +115,13 @@ def index_of(name: str, names: Sequence[str], noun: str) -> int:
 
 
 def check_theta(theta: Sized, names: Sequence[str]) -> None:
-    """ValueError where numbers are not one for each parameter."""
+    """Raise ValueError unless theta has one value per parameter."""
     if len(theta) != len(names):
         raise ValueError(f"theta has {len(theta)} numbers for {len(names)} parameters: {', '.join(names)}")
 
 
 def did_you_mean(name: str, valid: Iterable[str], others: Iterable[str] = ()) -> str:
-    """The valid name nearest to an unknown one, or else all of them: the end of a message.
+    """Suggest the valid name nearest to an unknown one, or else list all: the end of a message.
 
     others: valid names that are too many to be listed.
 
@@ -136,7 +136,7 @@ def did_you_mean(name: str, valid: Iterable[str], others: Iterable[str] = ()) ->
 
 
 def installed(module: str, extra: str, place: object = "") -> Any:
-    """A module of an extra; StudyError with the command that installs it where it is not there."""
+    """Import a module of an extra; StudyError with the command that installs it."""
     try:
         return import_module(module)
     except ImportError:
@@ -181,12 +181,12 @@ class NoteGroup:
 
 
 def notes_of(values: Iterable[Any]) -> tuple[Note, ...]:
-    """Notes of several values, such as records or responses, in their order."""
+    """Collect the notes of several values, such as records or responses, in their order."""
     return tuple(note for value in values for note in value.notes)
 
 
 def grouped(notes: Iterable[Note]) -> tuple[NoteGroup, ...]:
-    """The notes without repetition, in the order of their first appearance, each kind of each text once.
+    """Group equal notes, in the order of their first appearance.
 
     >>> for group in grouped(Note("late-log", f"{t} samples late", f"log {i}") for i, t in enumerate((3, 4, 3, 5))):
     ...     print(group)

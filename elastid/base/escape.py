@@ -17,7 +17,7 @@ _NOT_IN_IDENTIFIER = re.compile(r"[\W_]+", re.ASCII)
 
 
 def printable(text: str) -> str:
-    r"""Text for a terminal, a log, a prompt: control characters and those that turn the writing are written out.
+    r"""Escape a text for a terminal, log or prompt: control characters and marks of writing direction.
 
     Tabs and line feeds stay.
 
@@ -30,7 +30,7 @@ def printable(text: str) -> str:
 
 
 def one_line(text: str) -> str:
-    r"""`printable`, its tabs and line feeds written out as well: a cell of a table, a line of a comment.
+    r"""Escape as `printable`, and tabs and line feeds as well: a cell of a table, a row of a comment.
 
     >>> one_line("1\nevil: 1")
     '1\\nevil: 1'
@@ -39,12 +39,12 @@ def one_line(text: str) -> str:
 
 
 def comment_lines(text: str) -> str:
-    """Lines of a comment of YAML that ends with its line, each behind `# `."""
+    """Return rows of a YAML comment, each behind `# `."""
     return "".join(f"# {one_line(line)}\n" for line in text.split("\n"))
 
 
 def c_comment(lines: Iterable[str]) -> str:
-    r"""A comment of C and C++ of several lines, which no text within can end or nest.
+    r"""Return a comment of C and C++ of several rows, which no text within can end or nest.
 
     >>> print(c_comment(["x*/ #error"]), end="")
     /* x* / #error
@@ -55,7 +55,7 @@ def c_comment(lines: Iterable[str]) -> str:
 
 
 def xml_comment(text: str) -> str:
-    """The inside of a comment of XML, which has no double hyphen and does not end in one.
+    """Return the inside of an XML comment, which has no double hyphen and does not end in a hyphen.
 
     >>> xml_comment("a---b")
     'a- - -b'
@@ -64,14 +64,14 @@ def xml_comment(text: str) -> str:
 
 
 def _separate_pairs(text: str, *pairs: str) -> str:
-    """The text with a blank inside each of these pairs of characters, also where they overlap."""
+    """Insert a blank into each of these pairs of characters, also if they overlap."""
     for pair in pairs:
         text = re.sub(f"{re.escape(pair[0])}(?={re.escape(pair[1])})", f"{pair[0]} ", text)
     return text
 
 
 def c_identifiers(joints: Iterable[str]) -> dict[str, str]:
-    """Identifier of C and of CasADi by joint, all different in more than case.
+    """Return an identifier of C and CasADi for each joint; no two differ in case alone.
 
     >>> c_identifiers(["axis - 1", "axis 1", "é"])
     {'axis - 1': 'joint_axis_1', 'axis 1': 'joint_axis_1_2', 'é': 'joint'}
@@ -84,7 +84,7 @@ def c_identifiers(joints: Iterable[str]) -> dict[str, str]:
 
 
 def unused(name: str, names: Iterable[str], separator: str = " ") -> str:
-    """The name, with a number behind it where another one differs from it at most in case."""
+    """Return the name, with a number behind it if another name differs from it at most in case."""
     folded = {name.casefold() for name in names}
     number = 1
     while (numbered := name if number == 1 else f"{name}{separator}{number}").casefold() in folded:
@@ -121,7 +121,7 @@ def csv_cell(value: Any) -> Any:
 
 
 def uff_text(text: str) -> str:
-    """A line of at most 80 characters of ASCII in a universal file, which cannot be the -1 that ends a data set.
+    """Return at most 80 ASCII characters for a universal file, never the -1 that ends a data set.
 
     >>> uff_text("    -1")
     '-1 .'
@@ -131,7 +131,7 @@ def uff_text(text: str) -> str:
 
 
 def docstring(text: str) -> str:
-    r"""A text inside a docstring of Python, which it cannot end; without the characters of str.format.
+    r"""Escape a text for a docstring of Python; without the characters of str.format.
 
     >>> print(docstring('say "x"'))
     say \"x\"
@@ -140,11 +140,11 @@ def docstring(text: str) -> str:
 
 
 def control_labels(name: str, inputs: Iterable[str], outputs: Iterable[str]) -> dict[str, Any]:
-    """Names of a system and of its signals as python-control takes them, which refuses dots."""
+    """Return names of a system and of its signals without dots, which python-control refuses."""
     inside, out = ([place.replace(".", "_") for place in places] for places in (inputs, outputs))
     return {"name": name.replace(".", "_"), "inputs": inside, "outputs": out}
 
 
 def embedded_json(content: Any) -> str:
-    """JSON for a script element of HTML, its `<` escaped so that no text can end the element."""
+    """Return JSON for a script element of HTML, its `<` escaped so that no text can end the element."""
     return json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")

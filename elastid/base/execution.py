@@ -38,7 +38,7 @@ _AT_REST: ContextVar[list[Worker] | None] = ContextVar("workers at rest", defaul
 
 @contextmanager
 def persistent_workers() -> Iterator[None]:
-    """Inside, workers that have ended one work rest until the next; all of them until the outermost ends."""
+    """Keep idle workers for further work inside; they end with the outermost block."""
     if _AT_REST.get() is not None:
         yield
         return
@@ -53,13 +53,13 @@ def persistent_workers() -> Iterator[None]:
 
 
 def silent(done: int, total: int) -> None:
-    """Progress that is not shown."""
+    """Ignore progress."""
 
 
 def surviving(
     function: Callable[[Item], Value], items: Sequence[Item], jobs: int, progress: Progress = silent
 ) -> Iterator[tuple[int, Value | None]]:
-    """`Execution.unordered`, always in other processes: a worker that dies costs the item that it was at: None.
+    """Work as `Execution.unordered`, always in other processes; if a worker dies, its item yields None.
 
     For long work: each worker is a pool of its own.
     """
@@ -75,7 +75,7 @@ def surviving(
 def _outcomes(
     function: Callable[[Item], Value], items: Sequence[tuple[int, Item]], jobs: int, at_home: bool = False
 ) -> Generator[tuple[int, Outcome], None, None]:
-    """Outcomes from the cluster of `on_dask`, or from processes of this machine, as they finish."""
+    """Yield outcomes from the cluster of `on_dask`, or from processes of this machine, as they finish."""
     address, new = SCHEDULER.get(), None
     if address:
         with client_of(address) as client:
@@ -110,11 +110,11 @@ class Execution:
         return self.jobs > 0 and (min(self.jobs, count) > 1 or bool(SCHEDULER.get()))
 
     def ordered(self, function: Callable[[Item], Value], items: Sequence[Item]) -> list[Value]:
-        """[function(item) for item in items]."""
+        """Return [function(item) for item in items]."""
         return [value for _, value in sorted(self.unordered(function, items))]
 
     def unordered(self, function: Callable[[Item], Value], items: Sequence[Item]) -> Iterator[tuple[int, Value]]:
-        """(index, function(item)) as they finish; in this process for one job or one item.
+        """Yield (index, function(item)) as they finish; in this process for one job or one item.
 
         function and items must pickle; the function goes to each worker once. The item of a worker that dies is done
         again. On KeyboardInterrupt the workers are ended at once; yielded results remain.
@@ -132,7 +132,7 @@ class Execution:
                 self.progress(done, len(items))
 
     def at_home(self, function: Callable[[Item], Value], items: Sequence[Item]) -> Iterator[Value]:
-        """function(item) of each item in turn, by the worker that has the items of its place from earlier work.
+        """Yield function(item) of each item in turn, computed by the worker that has the item from earlier work.
 
         Neighbours have the same one. The first error in turn is raised, once all others have ended.
         """
@@ -151,7 +151,7 @@ class Execution:
             yield waiting[index].result
 
     def resumed(self, function: Callable[[Item], Value], items: Sequence[Item], names: Sequence[str]) -> list[Value]:
-        """`ordered`, resumed: values in the checkpoint under the names are known, new ones are kept there."""
+        """Return `ordered`, with values that the checkpoint has under their names; adds new values to it."""
         results = {index: self.checkpoint[name] for index, name in enumerate(names) if name in self.checkpoint}
         todo, n_done = [index for index in range(len(items)) if index not in results], len(results)
 
@@ -172,7 +172,7 @@ MOST_DEATHS = 4
 def _by_workers(
     function: Callable[[Item], Value], items: Sequence[Item], jobs: int, at_home: bool = False
 ) -> Generator[tuple[int, Outcome], None, None]:
-    """Outcomes from workers; the item of a worker that dies is done again, by half as many."""
+    """Yield outcomes from workers; if a worker dies, half as many repeat its item."""
     remaining, deaths = dict(enumerate(items)), 0
     while remaining:
         with closing(_outcomes(function, list(remaining.items()), max(1, jobs >> deaths), at_home)) as results:
@@ -193,7 +193,7 @@ def _by_workers(
 
 
 def _refuse_unguarded() -> None:
-    """Raises ElastidError where the script that runs would begin again in every worker."""
+    """Raise ElastidError if the script that runs would begin again in every worker."""
     file = getattr(sys.modules["__main__"], "__file__", None)
     with suppress(OSError, UnicodeDecodeError):
         if file is not None and "__main__" not in Path(file).read_text(encoding="utf-8"):
@@ -206,7 +206,7 @@ def _refuse_unguarded() -> None:
 
 @contextmanager
 def on_dask(address: str) -> Iterator[None]:
-    """Inside, work goes to the Dask scheduler at `address` instead of processes; an empty address: to processes.
+    """Send work inside to the Dask scheduler at `address`; to processes for an empty address.
 
     Raises ElastidError where Dask is not installed or does not answer there.
     """
@@ -222,7 +222,7 @@ def on_dask(address: str) -> Iterator[None]:
 
 @contextmanager
 def client_of(address: str) -> Iterator[Any]:
-    """A Dask cluster; ElastidError where no scheduler answers, and where it gets no worker."""
+    """Connect to a Dask cluster; ElastidError without an answer of its scheduler or without a worker."""
     dask, failure = installed("distributed", "dask"), ""
     try:
         client = dask.Client(address, timeout=ANSWER_S, set_as_default=False)
@@ -242,7 +242,7 @@ def client_of(address: str) -> Iterator[Any]:
 
 
 def places_of(client: Any) -> list[str]:
-    """The address of the worker of each thread."""
+    """Return the address of the worker of each thread."""
     return [place for place, threads in sorted(client.nthreads().items()) for _ in range(threads)]
 
 
@@ -276,7 +276,7 @@ class Remote(Thread):
             self._asked(_forget)
 
     def _asked(self, function: Callable[..., Any], *given: Any) -> Any:
-        """The value there; LostError where the worker is gone, for which the scheduler would wait for ever."""
+        """Ask the worker for a value; LostError if it is gone, for which the scheduler would wait for ever."""
         self._task = self._client.submit(function, self._name, *given, pure=False, workers=[self._at])
         while True:
             try:
@@ -297,7 +297,7 @@ _SERVED = dict[str, Served]()
 
 
 def _answer(name: str, message: bytes) -> bytes | None:
-    """Answer of the worker of a name; LostError where it was another process."""
+    """Answer as the worker of a name; LostError if it was another process."""
     answer = _SERVED.setdefault(name, Served()).answer(message)
     return None if answer is None else bytes(answer)
 

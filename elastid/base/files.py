@@ -23,7 +23,7 @@ from elastid.base.errors import DataError, ElastidError, StudyError
 
 
 def path_below(run_folder: Path, *names: str) -> Path:
-    """The path of a file or folder below a run folder; ElastidError where a folder on the way or itself is a link."""
+    """Return the path of a file or folder below a run folder; ElastidError if it or a folder above it is a link."""
     path = run_folder
     for name in names:
         path = path / name
@@ -33,7 +33,7 @@ def path_below(run_folder: Path, *names: str) -> Path:
 
 
 def clear_folder(run_folder: Path, *names: str) -> Path:
-    """The path of a folder below a run folder, removed with its files; ElastidError for a link on the way."""
+    """Remove a folder below a run folder with its files and return its path; ElastidError for a link on the way."""
     path = path_below(run_folder, *names)
     shutil.rmtree(path, ignore_errors=True)
     return path
@@ -65,7 +65,7 @@ def _refusal(path: Path) -> ElastidError:
 
 @contextmanager
 def replacing(path: Path | str) -> Iterator[Path]:
-    """Another path to write to, synced and renamed: a file takes its name only when it is complete and on the disk."""
+    """Yield a temporary path to write to; it is synced and renamed when the file is complete."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     # Its own name, so that two programs that make the same file do not write into each other's.
@@ -99,13 +99,13 @@ def _rename(temporary: Path, path: Path) -> None:
 
 
 def write_atomically(path: Path, data: bytes) -> None:
-    """A new file, whole or absent."""
+    """Write a new file, whole or not at all."""
     with replacing(path) as temporary:
         temporary.write_bytes(data)
 
 
 def _flush_folder(folder: Path) -> None:
-    """Have the new name of a file on the disk, too, where the system can do that."""
+    """Flush the new name of a file to the disk, if the system supports it."""
     if hasattr(os, "O_DIRECTORY"):
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         try:
@@ -126,7 +126,7 @@ def check_self_contained(file: Any) -> None:
 
 
 def _members(path: str, group: Any, place: str, above: tuple[int, ...]) -> Iterator[str]:
-    """The place of each member below a group, once it was looked at; above: the groups that it lies in.
+    """Yield the place of each member below a group, before it is opened; above: the groups around it.
 
     group: h5py.h5g.GroupID, whose members are there in half the time of h5py.Group.
     """
@@ -184,7 +184,7 @@ def _address(group: Any) -> int:
 
 
 def from_template(template: str, /, **values: Any) -> str:
-    """The text of a file of the package, by its path in it, with its $names filled in."""
+    """Read a text file of the package, by its path in it, and fill in its $names."""
     from importlib.resources import files  # at the start of a command these take longer than all else here
     from string import Template
 
@@ -194,13 +194,17 @@ def from_template(template: str, /, **values: Any) -> str:
 def read_table(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
     """Read a CSV file: row number from 1 and cells by column name of each row; raise StudyError for other files.
 
-    Empty rows, and those that begin with #, are left out.
+    Empty rows, and those that begin with #, are left out. Cells may be separated by semicolons or tabs instead; their
+    numbers then may have a decimal comma.
     """
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise StudyError("files/table", f"it cannot be read as a table ({error})", f"{path}:1:1") from None
-    rows = [(n, [cell.strip() for cell in next(csv.reader([line]), [])]) for n, line in enumerate(lines, start=1)]
+    head = next((line for line in lines if line.strip(" ,;\t") and not line.startswith("#")), "")
+    separator = next((character for character in ";\t" if character in head and "," not in head), ",")
+    cells = (next(csv.reader([line], delimiter=separator), []) for line in lines)
+    rows = [(n, [_with_point(cell.strip(), separator) for cell in row]) for n, row in enumerate(cells, start=1)]
     rows = [(n, row) for n, row in rows if any(row) and not row[0].startswith("#")]
     if len(rows) < 2:
         raise StudyError("files/table", "a table has a row of names and at least one below it", f"{path}:1:1")
@@ -210,9 +214,13 @@ def read_table(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
         raise StudyError("files/table", f"{len(double)} columns have the name {double[0]}", f"{path}:{first}:1")
     for number, row in rest:
         if len(row) != len(heads):
-            text = f"{len(row)} cells, but line {first} has {len(heads)} comma-separated names"
+            text = f"{len(row)} cells separated by {separator!r}, but line {first} has {len(heads)} names"
             raise StudyError("files/table", text, f"{path}:{number}:1")
         yield number, dict(zip(heads, row, strict=True))
+
+
+def _with_point(cell: str, separator: str) -> str:
+    return cell.replace(",", ".") if separator != "," and re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", cell) else cell
 
 
 _HEAD = re.compile(r"(?:joint\s+)?(.*?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|\s+(deg|degrees?|rad|m|s))?")

@@ -39,15 +39,10 @@ def added_cross_products(A: Stacks, B: Stacks) -> ComplexArray:
 
 def added_error_products(Y: Stacks, G: ComplexArray, U: Stacks) -> ComplexArray:
     """Return sum over blocks of D D^H (F, n, n), D = Y - G U."""
-    F, n, m = G.shape
-    if not is_compiled():
-        D = [y - G @ u for y, u in zip(Y, U, strict=True)]
-        return added_cross_products(D, D)
-    total = np.empty((F, n, n), np.complex128)
-    call(
-        "sum_of_errors", F, n, m, len(Y), np.array([y.shape[2] for y in Y]), _memory(Y), _memory([G]), _memory(U), total
-    )
-    return total
+    if is_compiled():
+        return _sum_of_products(Y, U, 1, G)
+    D = [y - G @ u for y, u in zip(Y, U, strict=True)]
+    return added_cross_products(D, D)
 
 
 def inverse(A: ComplexArray) -> ComplexArray:
@@ -74,21 +69,15 @@ def singular_values(A: ComplexArray) -> FloatArray:
 
 def positive(A: ComplexArray) -> ComplexArray:
     """Return the nearest positive semidefinite matrix of each Hermitian A (F, n, n)."""
-    F, n, _ = A.shape
-    if not is_compiled():
-        value, vector = np.linalg.eigh(A)
-        return np.asarray((vector * np.maximum(value, 0.0)[:, None, :]) @ vector.mT.conj())
-    part = np.empty((F, n, n), np.complex128)
-    call("positive_part", F, n, _memory([A]), part)
-    return part
+    value, vector = np.linalg.eigh(A)
+    return np.asarray((vector * np.maximum(value, 0.0)[:, None, :]) @ vector.mT.conj())
 
 
-def _sum_of_products(A: Stacks, B: Stacks, sign: int) -> ComplexArray:
-    """Return sum over blocks of A B^H, or of A B^T where sign is -1."""
-    total = np.empty((*A[0].shape[:2], B[0].shape[1]), np.complex128)
-    call(
-        "sum_of_products", *total.shape, len(A), np.array([a.shape[2] for a in A]), _memory(A), _memory(B), sign, total
-    )
+def _sum_of_products(A: Stacks, B: Stacks, sign: int, G: ComplexArray | None = None) -> ComplexArray:
+    """Return sum over blocks of A B^H, or of A B^T where sign is -1; with G of D D^H, D = A - G B."""
+    k, (F, n, _), m = [a.shape[2] for a in A], A[0].shape, B[0].shape[1]
+    total, gain = np.empty((F, n, m if G is None else n), np.complex128), None if G is None else _memory([G])
+    call("sum_of_products", F, n, m, len(A), max(k), np.array(k), _memory(A), _memory(B), gain, sign, total)
     return total
 
 

@@ -41,7 +41,7 @@ class NameRule:
     is_optional: bool = False
 
     def check(self, name: str) -> str:
-        r"""The name; ValueError for a text that cannot be one.
+        r"""Return the name; ValueError for a text that is not a valid name.
 
         >>> NameRule().check("1\nevil: 1")
         Traceback (most recent call last):
@@ -53,7 +53,7 @@ class NameRule:
         return name
 
     def _problem(self, name: str) -> str:
-        """Why a text cannot be a name, blank at an end or not one line of printable characters; empty where it can."""
+        """Return the reason why a text is no name: a blank end or unprintable characters; empty for a valid name."""
         if not 0 < len(name) <= MAX_NAME_LENGTH:
             return f"has {len(name)} characters; give 1 to {MAX_NAME_LENGTH}"
         if not name.isprintable():
@@ -110,7 +110,7 @@ def _folded(name: str) -> str:
 
 
 def check_different(noun: str, names: Iterable[str]) -> None:
-    """ValueError for a name that is given twice, or that differs from another in case or in blanks alone.
+    """Raise ValueError for a name that is given twice, or differs from another in case or blanks alone.
 
     >>> check_different("joint", ["arm", "Arm"])
     Traceback (most recent call last):
@@ -137,7 +137,7 @@ def is_match(name: str, pattern: str) -> bool:
 
 
 def matching(pattern: str, names: Iterable[str]) -> tuple[str, ...]:
-    """The name equal to a text, or else the names for which it stands as a pattern.
+    """Return the name equal to a text, or else all names that match it as a pattern.
 
     >>> matching("k_[1]", ["k_1", "k_[1]"])
     ('k_[1]',)

@@ -39,7 +39,7 @@ class Key:
     filled: bool = False
 
     def checked(self, value: Any) -> Any:
-        """The value of the key; ValueError for a number out of the bounds and for names that are almost equal."""
+        """Return the value of the key; ValueError for a number out of bounds and for names that are almost equal."""
         if isinstance(value, dict):
             check_different("name", map(str, value))
         if self.filled and value == ():
@@ -80,7 +80,7 @@ def _numbers(value: Any) -> Iterator[float]:
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))
 def section(cls: type[T]) -> type[T]:
-    """A frozen dataclass whose fields are the keys that a study may give, each of the type of its annotation.
+    """Make a frozen dataclass whose fields are the keys of a section, with types checked by their annotations.
 
     In Python it accepts the values of a study, and an array for a tuple; ValueError names the first field
     that is wrong.

@@ -28,7 +28,7 @@ STD_OVER_MAD = 1.4826
 
 
 def small_sample_factors(dof: FloatArray | float) -> FloatArray:
-    """Ratio (n,) of the 95 % quantiles of Student's t and the normal distribution; dof (n,) or scalar, may be infinite.
+    """Return the ratio (n,) of 95 % quantiles, Student's t over normal; dof (n,) or scalar, possibly infinite.
 
     They widen standard deviations that are themselves estimated.
 
@@ -41,7 +41,7 @@ def small_sample_factors(dof: FloatArray | float) -> FloatArray:
 
 
 def chi_square_limit(dof: float, tail: float) -> float:
-    """The value that a chi-square variable of `dof` degrees of freedom exceeds with probability `tail`.
+    """Return the value that a chi-square variable of `dof` degrees of freedom exceeds with probability `tail`.
 
     >>> round(chi_square_limit(1, 0.05), 3)
     3.841
@@ -52,7 +52,7 @@ def chi_square_limit(dof: float, tail: float) -> float:
 
 
 def f_test(drop: float, added: int, residual: float, dof: float) -> float:
-    """The p-value of `added` further parameters that lower a sum of squares by `drop` to `residual` with `dof` left.
+    """Return p of `added` further parameters that lower a sum of squares by `drop` to `residual` with `dof` remaining.
 
     If the sum of squares increases, the p-value is 1.
 
@@ -67,7 +67,7 @@ def f_test(drop: float, added: int, residual: float, dof: float) -> float:
 
 
 def correlation_of(covariance: FloatArray) -> FloatArray:
-    """Correlations (n, n) of a covariance (n, n); NaN off the diagonal where a variance is infinite or zero."""
+    """Return the correlations (n, n) of a covariance (n, n); NaN off the diagonal for an infinite or zero variance."""
     std = np.sqrt(np.diag(covariance))
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = np.asarray(covariance / np.outer(std, std))
@@ -109,7 +109,7 @@ class Spread:
         return np.where(self.unknown | np.isnan(std), np.inf, std)
 
     def radii(self, probability: float = LEVEL) -> tuple[FloatArray, FloatArray]:
-        """Distances (F, n_y, n_u) from y (F, n_y, n_u) within which the truth is with probability `probability`.
+        """Return distances (F, n_y, n_u) from y (F, n_y, n_u) that include the true value with a probability.
 
         First at each line by itself, then at all lines of an element together.
         """
@@ -128,7 +128,7 @@ class Spread:
 
 
 def propagate(function: Callable[[FloatArray], Any], x: FloatArray, covariance: FloatArray) -> Spread:
-    """The spread of function(x) (...) by the covariance (n_x, n_x) of x (n_x,), infinite variances included."""
+    """Propagate the covariance (n_x, n_x) of x (n_x,), infinite variances included, to the std of function(x) (...)."""
     value = np.asarray(function(x))
     unreached = np.isinf(np.diag(covariance))
     axes = principal_axes(covariance)
@@ -175,7 +175,7 @@ MAX_COMBINATION_STD, MIN_MEMBER = 0.25, 0.25
 
 
 def identifiable_combinations(values: FloatArray, covariance: FloatArray, largest: int = 3) -> tuple[Combination, ...]:
-    r"""Combinations of up to `largest` of n correlated values, each from a small eigenvalue of their correlation.
+    r"""Return combinations of up to `largest` of n correlated values, one per small eigenvalue of the correlation.
 
     .. math:: c = x_i - C_{iJ} C_{JJ}^{-1} x_J, \qquad \mathrm{var}\, c = w^T C w
 
@@ -207,7 +207,7 @@ def identifiable_combinations(values: FloatArray, covariance: FloatArray, larges
 
 
 def runs(flags: BoolArray, least: int = 1) -> IntArray:
-    """First sample and end (k, 2) of the runs of set flags (n,) that have at least so many samples."""
+    """Return first sample and end (k, 2) of runs of at least so many set flags (n,)."""
     bounds = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]]))).reshape(-1, 2)
     return bounds[bounds[:, 1] - bounds[:, 0] >= least]
 
@@ -230,7 +230,7 @@ def mean_of_neighbours(values: Values, width: int = NEIGHBOURS) -> Values:
 
 
 def interpolated(places: FloatArray | IntArray, lines: FloatArray | IntArray, values: Values) -> Values:
-    """Values (K, ...) at `places` (K,) of those (F, ...) at lines (F,), linear between them, and beyond."""
+    """Interpolate values (F, ...) at lines (F,) linearly to `places` (K,); extrapolate beyond."""
     right = np.clip(np.searchsorted(lines, places), 1, len(lines) - 1)
     part = (places - lines[right - 1]) / np.maximum(lines[right] - lines[right - 1], 1e-300)
     part = part.reshape(-1, *(1,) * (values.ndim - 1))
@@ -238,7 +238,7 @@ def interpolated(places: FloatArray | IntArray, lines: FloatArray | IntArray, va
 
 
 def principal_axes(covariance: FloatArray) -> FloatArray:
-    """l_k (n, n_x): one standard deviation along each principal axis; zero for exact and unidentifiable parameters."""
+    """Return one std along each principal axis, l_k (n, n_x); zero for exact and unidentifiable parameters."""
     unreached = np.isinf(np.diag(covariance))
     values, vectors = np.linalg.eigh(np.where(unreached[:, None] | unreached, 0.0, covariance))
     is_moved = values > 1e-24 * values.max(initial=0.0)

@@ -64,7 +64,7 @@ _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)
 
 @cache
 def usual_spelling(unit: str) -> str:
-    """The name in the table of a unit that may be spelt otherwise.
+    """Return the spelling in the table of a unit.
 
     >>> usual_spelling("Nm")
     'N*m'
@@ -73,7 +73,7 @@ def usual_spelling(unit: str) -> str:
 
 
 def dimension_and_size(unit: str) -> tuple[str, float]:
-    """SI unit and factor to it of a unit, however spelt; empty and 1 for an unknown one.
+    """Return the SI unit of a unit and its factor, for any spelling; empty and 1 for an unknown unit.
 
     >>> dimension_and_size("mNm")
     ('N*m', 0.001)
@@ -82,12 +82,12 @@ def dimension_and_size(unit: str) -> tuple[str, float]:
 
 
 def units_of(dimension: str) -> list[str]:
-    """The names in the table that measure a dimension, named by its SI unit."""
+    """List the units in the table of a dimension, which its SI unit names."""
     return [name for name, (measures, _) in TABLE.items() if measures == dimension]
 
 
 def factor(unit: str, *dimensions: str) -> float:
-    """How many SI units one `unit` is; ValueError where it is unknown or measures something else.
+    """Return the number of SI units in one `unit`; ValueError for an unknown unit or another dimension.
 
     >>> factor("rpm", "rad/s") == 2 * math.pi / 60
     True
@@ -101,7 +101,7 @@ def factor(unit: str, *dimensions: str) -> float:
 
 
 def to_si(value: Any, *dimensions: str) -> float:
-    """A number (SI) or a text '2.5 kN*m/rad' as a float in SI; ValueError lists the units that fit.
+    """Convert a number (SI) or a text '2.5 kN*m/rad' to SI; ValueError lists the units that fit.
 
     Of several dimensions a text with a unit keeps its own.
 
@@ -141,7 +141,7 @@ class Measured(float):
 
 
 def of_translation(unit: str) -> str:
-    """The unit that a translation has where a rotation has `unit`.
+    """Return the unit of a translation that corresponds to a unit of a rotation.
 
     >>> of_translation("N*m*s/rad")
     'N*s/m'

@@ -186,7 +186,7 @@ def outcomes(
     new: Callable[[Connection, int], Any] | None = None,
     lasting: list[Worker] | None = None,
 ) -> Generator[tuple[int, Outcome], None, None]:
-    """(index, outcome of function(item)) as they finish, by `count` workers; a worker that dies is replaced.
+    """Yield (index, outcome of function(item)) as they finish, by `count` workers; replaces a worker that dies.
 
     The function goes to each worker once.  at_home: each item to the worker of its place, neighbours to the same one;
     else to the next that is free.  new: the process of a worker, not yet started, by its end of the pipe and its place.
@@ -215,7 +215,7 @@ def outcomes(
                 yield from replace(worker.pipe)
 
     def replace(pipe: Connection) -> Iterator[tuple[int, Outcome]]:
-        """The outcome of the item at which a worker died; another takes the next one."""
+        """Yield the outcome of a worker that died at an item; another worker takes the next item."""
         index, worker = busy.pop(pipe)
         end(worker)
         yield index, Outcome(died=True)
@@ -244,9 +244,9 @@ def outcomes(
 
 
 def load_for_workers(modules: Sequence[str]) -> None:
-    """Begin to load modules in the process of which workers are copies, so that none of them loads them again.
+    """Preload modules in the fork server, so that workers start with imported modules.
 
-    Once: where that process is there already, nothing changes. This process goes on meanwhile.
+    Returns at once. Has no effect if the fork server runs already.
     """
     if start_method() != "forkserver":
         return
@@ -264,12 +264,12 @@ def load_for_workers(modules: Sequence[str]) -> None:
 
 
 def start_method() -> str:
-    """How workers start: as copies of a process that has loaded their libraries, or from nothing, as on Windows."""
+    """Return how workers start: as copies of a process with loaded libraries, or from nothing, as on Windows."""
     return "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
 
 
 def _call(at_rest: list[Worker], function: list[Worker], place: int, new: Callable[..., Any]) -> Worker:
-    """A worker at rest that lives, or a new one; among those called, from its first moment."""
+    """Take an idle worker that lives, or start a new one; it is among the workers from its first moment."""
     for worker in [worker for worker in at_rest if worker.place == place]:
         at_rest.remove(worker)
         function.append(worker)
@@ -283,7 +283,7 @@ def _call(at_rest: list[Worker], function: list[Worker], place: int, new: Callab
 
 @contextmanager
 def _undisturbed() -> Iterator[None]:
-    """Ctrl-C acts behind the end: amid a start it would leave a worker that is never ended."""
+    """Postpone Ctrl-C until the end: during a start it would leave a worker that never ends."""
     if current_thread() is not main_thread():  # which Ctrl-C does not reach
         yield
         return
@@ -317,7 +317,7 @@ def _start(function: list[Worker], place: int, new: Callable[..., Any]) -> None:
 
 
 def end(worker: Worker) -> None:
-    """A worker ends at once."""
+    """End a worker at once."""
     worker.pipe.close()
     if worker.process.pid is not None:
         worker.process.terminate()
@@ -325,7 +325,7 @@ def end(worker: Worker) -> None:
 
 
 def dismiss(workers: Sequence[Worker]) -> None:
-    """Independently; wait for all."""
+    """Dismiss workers independently and wait for all."""
     for worker in workers:
         worker.pipe.close()
     for worker in workers:
@@ -359,7 +359,7 @@ class Served:
         self._function: Callable[[Any], Any] | None = None
 
     def answer(self, message: bytes) -> Any:
-        """The outcome of a message's item, packed; None to one that has nothing to do."""
+        """Return the packed outcome of a message's item; None for a worker without further work."""
         if message == REST:
             self._function = None
             return None
@@ -381,7 +381,7 @@ class Served:
 
 
 def _end_with_parent() -> None:
-    """A worker whose parent was killed would go on with its item."""
+    """End this worker if its parent was killed."""
     parent = parent_process()
     if parent is not None:
         parent.join()

@@ -34,7 +34,7 @@ class Candidates:
 
 
 def draw_candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float | FloatArray = 0.0) -> Candidates:
-    """The admissible candidates of a study; the same seed draws the same.
+    """Return the admissible candidates of a study; the same seed draws the same.
 
     swing: rad or m that each joint moves to either side, one number or (n_u,).  StudyError for a wrong number of angles
     or an unknown body, for a slide without limits, and where no candidate is left, with the reasons.
@@ -108,7 +108,7 @@ def _proposed(
 
 
 def obstacles(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> Iterator[tuple[str, BoolArray]]:
-    """Candidates (Q,) that reach the floor or a box with a point that moves or a link between two of them."""
+    """Yield candidates (Q,) that reach the floor or a box with a point that moves or a link between two of them."""
     if spec.floor is None and not spec.boxes:
         return
     points = _link_points(skeleton(robot, angles))
@@ -120,14 +120,14 @@ def obstacles(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> Iterator
 
 
 def upwards(robot: Robot) -> FloatArray:
-    """Unit vector against gravity; z without gravity."""
+    """Return unit vector against gravity; z without gravity."""
     gravity = np.array(robot.gravity)
     g = float(np.linalg.norm(gravity))
     return -gravity / g if g > 0 else np.array([0.0, 0.0, 1.0])
 
 
 def _link_points(skeleton: Skeleton) -> FloatArray:
-    """The points that move and points on the links between two that do (Q, n, 3)."""
+    """Return the points that move and points on the links between two that do (Q, n, 3)."""
     points = [skeleton.points[:, skeleton.moves]]
     for a, b in skeleton.links:
         if skeleton.moves[a] and skeleton.moves[b]:
@@ -138,17 +138,17 @@ def _link_points(skeleton: Skeleton) -> FloatArray:
 
 def choose_configurations(
     criterion: DesignCriterion, prospect: Prospect, count: int, elsewhere: FloatArray,
-    configurations: Sequence[Configuration], taken: Sequence[str], execution: Execution,
+    configurations: Sequence[Configuration], reserved: Sequence[str], execution: Execution,
 ) -> tuple[tuple[DesignedConfiguration, ...], str]:  # fmt: skip
-    """The best whole experiments, `count` in all, among candidate configurations, and a sentence on them.
+    """Select the best whole experiments, `count` in all, among candidate configurations, and a sentence on them.
 
-    elsewhere (n_x, n_x): information without them (given configurations, earlier measurements, priors).  taken: names
-    that other configurations have.  StudyError where no candidate informs any parameter.
+    elsewhere (n_x, n_x): information without them (given configurations, earlier measurements, priors).  reserved:
+    names that other configurations have.  StudyError where no candidate informs any parameter.
     """
     H, rows = informations(prospect, configurations, prospect.parameters.x, execution)
     visible_parameters, ground = visible(criterion, H, elsewhere, prospect.parameters)
     numbers, efficiency = best_experiments(H[None], count, visible_parameters, (elsewhere + ground)[None])
-    selection = _named([configurations[i] for i in rows], numbers, prospect.realisations, taken)
+    selection = _named([configurations[i] for i in rows], numbers, prospect.realisations, reserved)
     names = ", ".join(f"{c.configuration.name} ({c.realisations} realisations)" for c in selection)
     best = f"{100 * efficiency:.1f} % of the best possible allocation"
     return selection, f"chosen among {len(rows)} candidates: {names}; {best}"
@@ -157,7 +157,7 @@ def choose_configurations(
 def informations(
     prospect: Prospect, configurations: Sequence[Configuration], x: FloatArray, execution: Execution
 ) -> tuple[FloatArray, IntArray]:
-    """H (Q, n_x, n_x) at x (n_x,) of the configurations that have an equilibrium, and which these are.
+    """Return H (Q, n_x, n_x) at x (n_x,) of the configurations that have an equilibrium, and which these are.
 
     StudyError or DataError of the first where none has.
     """
@@ -171,7 +171,7 @@ def informations(
 
 
 def _information(prospect: Prospect, x: FloatArray, configuration: Configuration) -> FloatArray | None:
-    """H (n_x, n_x); None without an equilibrium."""
+    """Return information H (n_x, n_x); None without an equilibrium."""
     try:
         return prospect.information(configuration, x)
     except (StudyError, DataError):
@@ -181,7 +181,7 @@ def _information(prospect: Prospect, x: FloatArray, configuration: Configuration
 def visible(
     criterion: DesignCriterion, H: FloatArray, prior: FloatArray, parameters: Parameters
 ) -> tuple[DesignCriterion, FloatArray]:
-    """The criterion on the parameters that the candidates together inform, and information (n_x, n_x) for the rest."""
+    """Return criterion on parameters that the candidates together inform, and information (n_x, n_x) for the others."""
     pooled = H.mean(axis=0) + prior
     length = np.sqrt(np.maximum(np.diag(pooled), 0.0))
     length[length == 0] = 1.0
@@ -201,11 +201,11 @@ def visible(
 
 
 def _named(
-    configurations: Sequence[Configuration], numbers: IntArray, realisations: int, taken: Sequence[str]
+    configurations: Sequence[Configuration], numbers: IntArray, realisations: int, reserved: Sequence[str]
 ) -> tuple[DesignedConfiguration, ...]:
-    """Chosen configurations in the order of the candidates; unnamed ones are called c1, c2 ..."""
+    """Return chosen configurations in the order of the candidates; unnamed ones are called c1, c2 ..."""
     selection: list[DesignedConfiguration] = []
-    used = {*taken, *(c.name for c in configurations if not c.name.startswith("candidate"))}
+    used = {*reserved, *(c.name for c in configurations if not c.name.startswith("candidate"))}
     free = (name for name in (f"c{i}" for i in range(1, len(used) + len(configurations) + 2)) if name not in used)
     for configuration, number in zip(configurations, numbers.tolist(), strict=True):
         if number:

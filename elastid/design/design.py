@@ -28,7 +28,7 @@ from elastid.robot import Robot
 
 
 def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Note, ...]:
-    """A note for each motor whose Coulomb friction is more than a third of its rms torque (Nm, link side), at rest.
+    """Return a note for each motor with Coulomb friction above a third of its rms torque (Nm, link side), at rest.
 
     Under a carrier the joints slide with any multisine.
     """
@@ -51,7 +51,7 @@ def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Not
 
 
 def presliding(measurements: Sequence[Measurement], robot: Robot) -> tuple[Presliding, ...]:
-    """Presliding friction of each motor that is expected to reverse within 0.2 to 4 presliding distances.
+    """Return presliding friction of each motor that is expected to reverse within 0.2 to 4 presliding distances.
 
     The distance is F_c / sigma_0 of the friction model of the motor; the rate is E|w| over it.
     """
@@ -112,7 +112,7 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
 def _expected(
     problem: DesignProblem, measurements: Sequence[Measurement], friction: Sequence[Presliding]
 ) -> list[ExpectedResponse]:
-    """Responses with the tolerances of the robot's file and its gears, and with presliding friction."""
+    """Return responses with the tolerances of the robot's file and its gears, and with presliding friction."""
     robot, freq_hz = problem.robot, measurements[0][0].plan.freq_hz
     springs = {row.spring: (row.stiffness, row.rate) for row in friction}
     within = with_tolerances(problem.parameters, robot, problem.fit)
@@ -128,12 +128,12 @@ def _expected(
 
 
 def completed_problem(problem: DesignProblem) -> DesignProblem:
-    """Problem with defaults for open settings: torques, typical spectrum, damping by friction."""
+    """Return problem with defaults for open settings: torques, typical spectrum, damping by friction."""
     return with_friction_damping(with_typical_spectrum(with_torques(problem), problem.excitation.torque_rms))
 
 
 def with_friction_damping(problem: DesignProblem) -> DesignProblem:
-    """The problem of a robot whose viscous friction includes the damping by Coulomb friction under this excitation.
+    """Add the damping by Coulomb friction under this excitation to the viscous friction of the robot.
 
     Averaged over the configurations given and some candidates; repeated, since damping reduces the motion.
     """
@@ -154,7 +154,7 @@ def _equivalent_damping(problem: DesignProblem, probe: Plan, q: int, configurati
 
 
 def _with_damping(problem: DesignProblem, d: FloatArray) -> DesignProblem:
-    """Problem with d (n_u,) in Nms/rad more viscous friction in the motors, link side."""
+    """Return problem with d (n_u,) in Nms/rad more viscous friction in the motors, link side."""
     pairs = [(joint.name, joint.motor, more) for joint, more in zip(problem.robot.driven, d.tolist(), strict=True)]
     values = {f"fm_{name}": motor.viscous + more / motor.ratio**2 for name, motor, more in pairs if motor is not None}
     unknown = {name: value for name, value in values.items() if name not in dict(problem.fitted_values)}
@@ -191,7 +191,7 @@ def _choose(
 
 
 def _prospect(problem: DesignProblem) -> tuple[Prospect, FloatArray]:
-    """The prospect of a candidate, and the information (n_x, n_x) of the configurations given."""
+    """Return the prospect of a candidate, and the information (n_x, n_x) of the configurations given."""
     probe = problem.probe(problem.experiment)
     check_line_count(probe.freq_hz, problem.parameters)
     prior = problem.prior_information()

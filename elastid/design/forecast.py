@@ -79,7 +79,7 @@ class Forecast:
         return correlation_of(self.covariance)
 
     def strongest(self, name: str) -> tuple[str, float]:
-        """Most correlated parameter and the correlation; '' without one."""
+        """Return most correlated parameter and the correlation; '' without one."""
         row = self.parameters.index(name)
         strength = np.nan_to_num(np.abs(self.correlation[row]))
         strength[row] = 0.0
@@ -90,7 +90,7 @@ class Forecast:
 
 
 def forecast(expected: "Sequence[ExpectedResponse]", x: FloatArray, is_compensated: bool = False) -> Forecast:
-    """The forecast for parameters near x (n_x,) from the expected responses of a plan, all on the same lines.
+    """Return the forecast for parameters near x (n_x,) from the expected responses of a plan, all on the same lines.
 
     is_compensated: friction will be, of the torques.
     Raises StudyError where the plan has fewer lines than there are unknowns, or its responses drown in noise.
@@ -121,11 +121,8 @@ def forecast(expected: "Sequence[ExpectedResponse]", x: FloatArray, is_compensat
     a, p = uncertainty.averaging_fraction[:n], uncertainty.persistent_fraction[:n]
     fractions = np.nan_to_num([a, p, np.maximum(1 - a - p, 0.0)])
     values = names, units, nominal, log, covariance[:n, :n], configurations, freq_hz, fraction
-    return Forecast(
-        *values,
-        (*notes, *correlated(names, by_noise)),
-        variance_fractions=fractions if n < len(x) else np.zeros((0, 0)),
-    )
+    by_source = fractions if n < len(x) else np.zeros((0, 0))
+    return Forecast(*values, (*notes, *correlated(names, by_noise)), variance_fractions=by_source)
 
 
 def check_line_count(freq_hz: FloatArray, parameters: Parameters) -> None:
@@ -135,7 +132,7 @@ def check_line_count(freq_hz: FloatArray, parameters: Parameters) -> None:
 
 
 def _blind(R: FloatArray, parameters: Parameters, x: FloatArray) -> FloatArray:
-    """Directions (n_b, n) of relative changes that move the expected responses by less than their noise.
+    """Return directions (n_b, n) of relative changes that move the expected responses by less than their noise.
 
     They are of the n parameters of interest: nuisance parameters have priors, and move with each direction.
     """
@@ -149,13 +146,15 @@ def _blind(R: FloatArray, parameters: Parameters, x: FloatArray) -> FloatArray:
 
 
 def _undetermined(blind: FloatArray, names: Sequence[str]) -> list[Note]:
-    """A note for each undetermined direction (n_b, n)."""
+    """Return a note for each undetermined direction (n_b, n)."""
     notes = []
     for direction in blind:
         parts = [i for i in np.argsort(-np.abs(direction), kind="stable") if abs(direction[i]) > MIN_COMPONENT]
         terms = " ".join(f"{direction[i] * np.sign(direction[parts[0]]):+.2f} {names[i]}" for i in parts)
-        who = names[parts[0]] if len(parts) == 1 else f"the combination {terms} (relative changes)"
-        text = f"this plan does not identify {who}. Fix or tie one parameter, or measure an output that depends on it"
+        unknown = names[parts[0]] if len(parts) == 1 else f"the combination {terms} (relative changes)"
+        text = (
+            f"this plan does not identify {unknown}. Fix or tie one parameter, or measure an output that depends on it"
+        )
         notes.append(Note("fit/not-identifiable", text))
     return notes
 
@@ -213,5 +212,5 @@ class LimitUse:
 
 
 def unit_of(kind: int, slides: bool) -> str:
-    """SI unit of one of QUANTITIES, of a motor whose joint turns or slides."""
+    """Return SI unit of one of QUANTITIES, of a motor whose joint turns or slides."""
     return of_translation(UNITS[kind]) if slides else UNITS[kind]

@@ -64,12 +64,12 @@ class StribeckGuess:
         return tuple(replace(self, stribeck_velocity=factor * nu_s) for factor in (0.4, 1.0, 2.5))
 
     def torque(self, speed: float) -> float:
-        """F(v), Nm: friction torque at a speed."""
+        """Return the friction torque F(v), Nm, at a speed."""
         fall = math.exp(-float((speed / self.stribeck_velocity) ** self.exponent))
         return self.coulomb + (self.stiction - self.coulomb) * fall + self.viscous * speed
 
     def slope(self, speed: float) -> float:
-        """dF / dv, Nms/rad: negative where friction falls with speed."""
+        """Return the slope dF / dv, Nms/rad, negative where friction falls with speed."""
         x = float((speed / self.stribeck_velocity) ** self.exponent)
         return self.viscous - (self.stiction - self.coulomb) * self.exponent * x * math.exp(-x) / speed
 
@@ -77,7 +77,7 @@ class StribeckGuess:
 def optimal_speeds(
     guesses: Sequence[StribeckGuess], lowest: float, highest: float, count: int
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Speeds (n,), lowest first, passes (n,) at each, and their efficiency, (det M / det M*)^(1 / d).
+    """Return speeds (n,), lowest first, passes (n,) at each, and their efficiency, (det M / det M*)^(1 / d).
 
     `count` passes between two speeds that know all five numbers of a Stribeck curve best, over all guesses, where every
     level is known to the same torque.
@@ -90,7 +90,7 @@ def optimal_speeds(
 
 
 def _information(guess: StribeckGuess, speeds: FloatArray) -> FloatArray:
-    """J^T J (n, d, d) of one level at each speed, by the numbers relative to themselves."""
+    """Return J^T J (n, d, d) of one level at each speed, by the numbers relative to themselves."""
     zeros = np.zeros_like(speeds)
     conditions = Conditions(speeds, zeros, zeros, np.full_like(speeds, np.nan))
     linear = {"coulomb": guess.coulomb, "stiction": guess.stiction, "viscous": guess.viscous}
@@ -120,7 +120,7 @@ GEAR = CommonGear()
 
 
 def guess_friction(robot: Robot, joint: Joint, inertia: float) -> StribeckGuess:
-    """The friction of a driven joint, link side, as far as the file has it.
+    """Return the friction of a driven joint, link side, as far as the file has it.
 
     inertia: of the joint in kg m^2, link side, from which that of a joint without limits follows.  Stiction and
     Stribeck velocity that the file does not have are those of common gears.
@@ -153,12 +153,12 @@ class Axis:
     guess: StribeckGuess
 
     def peak_torque(self, speed: float) -> float:
-        """|u| that a pass at a speed takes at most: gravity, ramps, friction."""
+        """Return |u| that a pass at a speed takes at most: gravity, ramps, friction."""
         friction = max(self.guess.torque(speed), self.guess.stiction)
         return self.holding + self.inertia * self.limits.acceleration + friction
 
     def sticks_at(self, speed: float) -> bool:
-        """True if friction falls faster with speed than the loop brakes: k_d + dF/dv < 0."""
+        """Return True if friction falls faster with speed than the loop brakes: k_d + dF/dv < 0."""
         return self.damping + self.guess.slope(speed) <= 0
 
     @property
@@ -177,7 +177,7 @@ class Axis:
         return max([v for v in speeds if self.peak_torque(v) <= self.joint.limits.torque], default=0.0)
 
     def check_speeds(self, speeds: FloatArray) -> None:
-        """StudyError for the first speed that sticks and slips, or whose torque would be clipped."""
+        """Raise StudyError for the first speed that sticks and slips, or whose torque would be clipped."""
         place, unit, largest = self.limits.place, f"{self.limits.unit}/s", self.joint.limits.torque
         for speed in speeds.tolist():
             if self.sticks_at(speed) or self.peak_torque(speed) > largest:
@@ -193,7 +193,7 @@ class Axis:
 def axis_of(
     robot: Robot, joint: Joint, posture: Configuration, passes: ConstantVelocitySpec, controller: ControllerSpec
 ) -> Axis:
-    """A joint of the nominal robot in a posture; StudyError where the posture has no rest or gravity no room."""
+    """Return a joint of the nominal robot in a posture; StudyError where the posture has no rest or gravity no room."""
     index = robot.driven_names.index(joint.name)
     window = passes.window or default_window(joint)
     middle = _middle(robot, index, posture.name, tuple(posture.angles.tolist()), sum(window) / 2)
@@ -214,7 +214,7 @@ def axis_of(
 
 
 def default_window(joint: Joint) -> tuple[float, float]:
-    """The middle half of the joint's limits; without limits 1 rad or 0.25 m to either side of zero."""
+    """Return the middle half of the joint's limits; without limits 1 rad or 0.25 m to either side of zero."""
     low, high = joint.limits.angle
     if not (math.isfinite(low) and math.isfinite(high)):
         reach = 0.5 if joint.slides else 2.0
@@ -230,7 +230,7 @@ def _middle(robot: Robot, index: int, name: str, angles: tuple[float, ...], angl
 
 
 def _acceleration(joint: Joint, holding: float, inertia: float, guess: StribeckGuess) -> float:
-    """Acceleration of ramps: within the joint's limit, 0.4 s to full speed, 90 % of the torque left by gravity."""
+    """Return acceleration of ramps: within the joint's limit, 0.4 s to full speed, 90 % of torque beside gravity."""
     limits = joint.limits
     speed = limits.velocity if math.isfinite(limits.velocity) else 1.0
     limit = min(limits.acceleration, RAMP_PEAK * speed / 0.4)
@@ -257,7 +257,7 @@ def passes_of(
     design: JointPassDesign,
     seed: int,
 ) -> tuple[PlannedMotion, ...]:
-    """The passes under every load, in its posture, each set in an order of its own."""
+    """Plan the passes under every load, in its posture, each set in an order of its own."""
     every, joint = np.repeat(design.speed, design.passes.astype(int)).tolist(), design.joint
     return tuple(
         PlannedMotion(
@@ -272,7 +272,7 @@ def passes_of(
 def standstill_of(
     spec: FrictionSpec, axis: Axis, posture: Configuration, rng: np.random.Generator
 ) -> tuple[PlannedMotion, ...]:
-    """Growing loops and small multisines of the torque in the middle of the window."""
+    """Plan growing loops and small multisines of the torque in the middle of the window."""
     joint, law = axis.joint.name, axis.guess
     middle, motions = posture.with_angle(axis.index, sum(axis.limits.window) / 2), list[PlannedMotion]()
     if (loops := spec.presliding_loops) is not None:
@@ -286,10 +286,8 @@ def standstill_of(
         n = round(1.0 * spec.rate_hz)  # a period of 1 s
         for fraction in spec.presliding_test.torque:
             for draw in range(2):
-                period_torque = small_multisine(
-                    fraction * law.coulomb, spec.presliding_test.band_hz, n, spec.rate_hz, rng
-                )
-                name = f"j{joint}-rest-{fraction:g}-{draw}"
+                amplitude, name = fraction * law.coulomb, f"j{joint}-rest-{fraction:g}-{draw}"
+                period_torque = small_multisine(amplitude, spec.presliding_test.band_hz, n, spec.rate_hz, rng)
                 torque = np.tile(period_torque, 33)  # the first period is the transient
                 motions.append(PlannedMotion(name, joint, "presliding_test", middle, torque=torque, period_samples=n))
     return tuple(motions)
@@ -298,7 +296,7 @@ def standstill_of(
 def timed(
     motions: Iterable[PlannedMotion], limits: PassLimits, start_s: float, rate_hz: float
 ) -> tuple[tuple[PlannedMotion, ...], float]:
-    """The motions one after the other from start_s on, and the end of the last."""
+    """Return the motions one after the other from start_s on, and the end of the last."""
     started, clock = list[PlannedMotion](), start_s
     for motion in motions:
         started.append(replace(motion, start_s=clock))
@@ -312,7 +310,7 @@ def timed(
 def warm_up_of(
     spec: WarmUpSpec, axis: Axis, design: JointPassDesign, posture: Configuration, start_s: float
 ) -> tuple[PlannedWarmUp, tuple[PlannedMotion, ...], float]:
-    """Motion to and fro over the window, interrupted by groups of test passes; and its end."""
+    """Plan motion to and fro over the window, interrupted by groups of test passes; return its end, too."""
     joint, limits = axis.joint.name, axis.limits
     reach = planned_pass(spec.speed, 0, limits)
     warm_up = PlannedWarmUp(joint, posture, reach.start, reach.stop, spec.speed, start_s, spec.time)
@@ -320,11 +318,10 @@ def warm_up_of(
     places = sorted({round(place * (len(design.speed) - 1)) for place in (0.3, 0.65, 1.0)})
     tests = list[PlannedMotion]()
     for number in range(int(spec.time / spec.test_every) + 1):
+        passes = [planned_pass(design.speed[place], number, limits) for place in places]
         motions = (
-            PlannedMotion(
-                f"j{joint}-test-{test.name}", joint, "constant_velocity", posture, planned=test, is_warm_up=True
-            )
-            for test in (planned_pass(design.speed[place], number, limits) for place in places)
+            PlannedMotion(f"j{joint}-test-{p.name}", joint, "constant_velocity", posture, planned=p, is_warm_up=True)
+            for p in passes
         )
         tests += timed(motions, limits, start_s + number * spec.test_every, 1.0)[0]
     return warm_up, tuple(tests), start_s + spec.time
@@ -333,7 +330,7 @@ def warm_up_of(
 def design_friction(
     spec: FrictionSpec, joints: Sequence[Joint], experiment: ExperimentSpec, robot: Robot, seed: int
 ) -> FrictionPlan:
-    """The plan of a study of `joints`, one after the other.
+    """Plan a friction study of `joints`, one after the other.
 
     Raises StudyError that names joint, speed and numbers where limits, window or loop do not allow a pass.
     """
@@ -379,7 +376,7 @@ def _planned(
 
 
 def _posture(experiment: ExperimentSpec, robot: Robot, name: str | None) -> Configuration:
-    """A configuration by name, by default the first; without any, every joint at zero or the nearest that it may."""
+    """Return a configuration by name, by default the first; without any, every joint at zero or the nearest limit."""
     configurations = experiment.configurations
     if configurations:
         configuration = name or next(iter(configurations))
@@ -388,7 +385,7 @@ def _posture(experiment: ExperimentSpec, robot: Robot, name: str | None) -> Conf
 
 
 def _speeds(passes: ConstantVelocitySpec, axis: Axis) -> tuple[FloatArray, FloatArray, float]:
-    """Speeds, passes at each, and efficiency; StudyError for a range without room."""
+    """Return speeds, passes at each, and efficiency; StudyError for a range without room."""
     (lowest, highest), unit = passes.speeds or (axis.slowest, axis.fastest), axis.limits.unit
     is_optimal = passes.spacing == "optimal"
     if not 0 < lowest < highest / (4 if is_optimal else 1):

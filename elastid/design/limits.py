@@ -30,7 +30,7 @@ from elastid.record import Configuration
 
 
 def limits_of(rig: SimulatedRig, configuration: Configuration) -> FloatArray:
-    """Limits (8, n_u) in a configuration, in the order of QUANTITIES."""
+    """Return limits (8, n_u) in a configuration, in the order of QUANTITIES."""
     limits, carrier = [joint.limits for joint in rig.robot.driven], rig.simulated.carrier
     room = [min(x.angle[1] - q, q - x.angle[0]) for x, q in zip(limits, configuration.angles, strict=True)]
     v = np.full(len(limits), np.inf)
@@ -42,7 +42,7 @@ def limits_of(rig: SimulatedRig, configuration: Configuration) -> FloatArray:
 
 
 def expected_peaks(rig: SimulatedRig, factor: FloatArray, base: FloatArray, q: int) -> dict[str, FloatArray]:
-    """Peaks of all runs of the q-th configuration, from its base (8, n_u), by the linear response."""
+    """Return peaks of all runs of the q-th configuration, from its base (8, n_u), by the linear response."""
     plan, response, peaks = rig.plan, _response(rig, q), {}
     for run in plan.experiments:
         if run.configuration.name == plan.configurations[q].name:
@@ -52,13 +52,13 @@ def expected_peaks(rig: SimulatedRig, factor: FloatArray, base: FloatArray, q: i
 
 
 def _by_quantity(largest: FloatArray, like: FloatArray) -> FloatArray:
-    """Largest values (8, n_u) of signals (C, K, n_u) of `_response`; turning back is by the velocity."""
+    """Return largest values (8, n_u) of signals (C, K, n_u) of `_response`; turning back is by the velocity."""
     peak: FloatArray = largest.max(axis=0)
     return np.concatenate([peak[:4], peak[2:3], peak[4:], np.zeros((7 - len(peak), like.shape[1]))])
 
 
 def largest_peaks(plan: Plan, runs: Mapping[str, FloatArray]) -> FloatArray:
-    """Largest peaks (Q, 8, n_u) of the runs in each configuration."""
+    """Return largest peaks (Q, 8, n_u) of the runs in each configuration."""
     return np.array([
         np.max([runs[e.name] for e in plan.experiments if e.configuration.name == c.name], axis=0)
         for c in plan.configurations
@@ -66,7 +66,7 @@ def largest_peaks(plan: Plan, runs: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def peaks_of_movement(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
-    """Peaks (8, n_u) without multisine; StudyError where even so a motor is lost.
+    """Return peaks (8, n_u) without multisine; StudyError where even so a motor is lost.
 
     Of the rigid robot without friction where there is no limit.
     """
@@ -79,7 +79,7 @@ def peaks_of_movement(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
 
 
 def _rigid_peaks(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
-    """Peaks (8, n_u) of the movement of the rigid robot without friction."""
+    """Return peaks (8, n_u) of the movement of the rigid robot without friction."""
     torque, configuration = feed_forward_of(model_of(rig.robot)), experiment.configuration
     path = reference(rig.plan, rig.simulated.carrier, torque, configuration)
     motion = path.position - configuration.angles, path.velocity, path.acceleration
@@ -88,7 +88,7 @@ def _rigid_peaks(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
 
 
 def _reference_peaks(rig: SimulatedRig, configuration: Configuration, rows: FloatArray) -> FloatArray:
-    """Peaks (3, n_u) of position, velocity and acceleration of references (m, n_u); 0 without any."""
+    """Return peaks (3, n_u) of position, velocity and acceleration of references (m, n_u); 0 without any."""
     rate_hz, x = rig.plan.rate_hz / rig.plan.cycle_samples, rows - configuration.angles
     if rig.plan.inject == "velocity":
         x = np.cumsum(rows, axis=0) / rate_hz
@@ -98,17 +98,23 @@ def _reference_peaks(rig: SimulatedRig, configuration: Configuration, rows: Floa
 
 def expected_use(rig: SimulatedRig, margin: float) -> LimitUse:
     """Predict the use of the limits by linear responses about the movement of the rigid robot without friction."""
-    plan, first = rig.plan, {e.configuration.name: e for e in reversed(rig.plan.experiments)}
+    plan, (limit, experiments) = rig.plan, _limits_and_experiments(rig)
     names, factor = tuple(c.name for c in plan.configurations), np.ones((len(plan.configurations), len(plan.inputs)))
     runs: dict[str, FloatArray] = {}
-    for q, name in enumerate(names):
-        runs |= expected_peaks(rig, factor, _rigid_peaks(rig, first[name]), q)
-    limit = np.array([limits_of(rig, c) for c in plan.configurations])
+    for q, experiment in enumerate(experiments):
+        runs |= expected_peaks(rig, factor, _rigid_peaks(rig, experiment), q)
     return LimitUse(names, plan.inputs, largest_peaks(plan, runs), limit, factor, margin, (), plan.sliding)
 
 
+def _limits_and_experiments(rig: SimulatedRig) -> tuple[FloatArray, list[Experiment]]:
+    """Return limits (Q, 8, n_u), and the first experiment of each configuration."""
+    first = {e.configuration.name: e for e in reversed(rig.plan.experiments)}
+    limit = np.array([limits_of(rig, c) for c in rig.plan.configurations])
+    return limit, [first[c.name] for c in rig.plan.configurations]
+
+
 def peaks_of_run(rig: SimulatedRig, rehearsal: Rehearsal) -> FloatArray:
-    """Peaks (8, n_u) of a whole run."""
+    """Return peaks (8, n_u) of a whole run."""
     signals, carrier = rehearsal.signals, rig.simulated.carrier
     back = np.zeros(len(rig.plan.inputs))
     if carrier is not None and carrier.kind == "offset":
@@ -119,7 +125,7 @@ def peaks_of_run(rig: SimulatedRig, rehearsal: Rehearsal) -> FloatArray:
 
 
 def _peaks_of(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
-    """Largest peaks (8, n_u) of a run, if it has references also at the largest gains; 2 limits if a motor is lost."""
+    """Return largest peaks (8, n_u) of a run, for references also at the largest gains; 2 limits if a motor is lost."""
     rigs = [rig] if rig.plan.inject == "torque" else [rig, rig.with_gains(1 + GAIN_ERROR, 1 + GAIN_ERROR)]
     try:
         return np.asarray(np.max([peaks_of_run(each, each.rehearse(experiment)) for each in rigs], axis=0))
@@ -162,7 +168,7 @@ def within_limits(
 
 
 def power_costs(rig: SimulatedRig, excitation: MultisineSpec) -> FloatArray:
-    r"""Cost of powers in terms of the limits of each configuration: c (Q, n_o, F, n_u) with sum_kl c_okl P_kl <= 1.
+    r"""Return cost of powers by the limits of each configuration: c (Q, n_o, F, n_u) with sum_kl c_okl P_kl <= 1.
 
     .. math:: c_{okl} = \frac{|T_{okl}|^2}{2 E}\, \frac{\kappa^2}{room_o^2}, \qquad \kappa^2 = 2 \ln (2 F E M)
 
@@ -175,9 +181,9 @@ def power_costs(rig: SimulatedRig, excitation: MultisineSpec) -> FloatArray:
     room = (1 - excitation.margin) * limit - base
     _, M, E, F, n_u = plan.R.shape
     crest = 2 * np.log(2 * F * E * M)
-    given = np.zeros((0, F, n_u))
+    torque_cost = np.zeros((0, F, n_u))
     if excitation.torque_rms != "limits":
-        given = np.repeat(np.diag(1 / (2 * E * torque_rms(excitation, rig.robot) ** 2))[:, None, :], F, axis=1)
+        torque_cost = np.repeat(np.diag(1 / (2 * E * torque_rms(excitation, rig.robot) ** 2))[:, None, :], F, axis=1)
     costs = []
     for q, (torque, position, velocity, acceleration, turning_back, *of_reference) in enumerate(room):
         if excitation.torque_rms == "limits":
@@ -186,12 +192,12 @@ def power_costs(rig: SimulatedRig, excitation: MultisineSpec) -> FloatArray:
         least = np.array([torque, position, np.minimum(velocity, turning_back), acceleration, *of_reference])
         least, power = least[: power.shape[1]].ravel(), power.reshape(F, -1, n_u)
         motion = np.swapaxes(power, 0, 1) * (crest / (2 * E * least**2))[:, None, None]
-        costs.append(np.concatenate([given, motion]))
+        costs.append(np.concatenate([torque_cost, motion]))
     return np.array(costs)
 
 
 def _response(rig: SimulatedRig, q: int) -> ComplexArray:
-    """T (F, C, K, n_u, n_u) of the q-th configuration from planned torques to K signals with C pairs of gains.
+    """Return T (F, C, K, n_u, n_u) of the q-th configuration from planned torques to K signals with C pairs of gains.
 
     Torque, position, velocity and acceleration of the motors; position, velocity and acceleration of references.
     """
@@ -209,11 +215,9 @@ def _response(rig: SimulatedRig, q: int) -> ComplexArray:
 
 
 def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, FloatArray]:
-    """Limits and the peaks without multisine, both (Q, 8, n_u); StudyError where these leave no room."""
-    plan = rig.plan
-    limit = np.array([limits_of(rig, c) for c in plan.configurations])
-    first = {e.configuration.name: e for e in reversed(plan.experiments)}
-    base = np.array([peaks_of_movement(rig, first[c.name]) for c in plan.configurations])
+    """Return limits and the peaks without multisine, both (Q, 8, n_u); StudyError where these leave no room."""
+    plan, (limit, experiments) = rig.plan, _limits_and_experiments(rig)
+    base = np.array([peaks_of_movement(rig, experiment) for experiment in experiments])
     used = base / limit
     q, kind, i = np.unravel_index(np.argmax(used), used.shape)
     if used[q, kind, i] < 1 - margin:
@@ -229,7 +233,7 @@ def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, Floa
 
 
 def _filling(rig: SimulatedRig, q: int, room: FloatArray, is_shared: bool) -> FloatArray:
-    """Factors (n_u,) with which every motor fills its room (8, n_u), by linear prediction; StudyError where endless.
+    """Return factors (n_u,) by which every motor fills its room (8, n_u), by linear prediction; StudyError if endless.
 
     is_shared: powers have been divided between the motors; their peaks keep the proportion of their RMS.
     """
@@ -267,7 +271,7 @@ def _check_ends(plan: Plan, room: FloatArray) -> None:
 def _rehearse(
     rig: SimulatedRig, factor: FloatArray, base: FloatArray, allowed: FloatArray, is_free: bool, execution: Execution
 ) -> tuple[FloatArray, dict[str, FloatArray]]:
-    """Factors (Q, n_u) with which every run keeps inside `allowed` (Q, 8, n_u), and each run's peaks (8, n_u) there.
+    """Return factors (Q, n_u) by which every run keeps inside `allowed` (Q, 8, n_u), and its peaks (8, n_u) by run.
 
     base (Q, 8, n_u): peaks without multisine.  Runs far from all limits have expected peaks, the others rehearsed ones.
     """

@@ -48,14 +48,14 @@ class Goal:
     widths: Mapping[str, float]
 
     def used(self, parameters: Parameters, x: FloatArray, covariance: FloatArray) -> FloatArray:
-        """r (n_goals,) at x (n_x,) with a covariance (n_x, n_x) of x; at most 1 where the goal is reached."""
+        """Return r (n_goals,) at x (n_x,) with a covariance (n_x, n_x) of x; at most 1 where the goal is reached."""
         names, values = parameters.free_names, parameters.as_dict(x)
         std = np.sqrt(np.maximum(np.diag(covariance)[[names.index(name) for name in self.widths]], 0.0))
         size = [1.0 if parameters[name].log else max(abs(values[name]), 1e-300) for name in self.widths]
         return np.asarray(QUANTILE_95 * std / size / np.array([*self.widths.values()]))
 
     def reached(self, result: Result) -> dict[str, float]:
-        """Half-width of each interval of a fit relative to the value, divided by the requested one."""
+        """Return Half-width of each interval of a fit relative to the value, divided by the requested one."""
         used = {}
         for name, width in self.widths.items():
             low, high = result.interval(name)
@@ -65,7 +65,7 @@ class Goal:
 
 
 def read_goal(texts: Sequence[str], names: Sequence[str]) -> Goal:
-    """The goal of texts such as `k_*: 1 %` or `k_1: 0.5 %, d_*: 5 %`; the narrower of two that name one parameter.
+    """Read the goal of texts such as `k_*: 1 %` or `k_1: 0.5 %, d_*: 5 %`; the narrower of two for one parameter.
 
     names: of the parameters that the fit identifies.  StudyError for a text without a width, or of no parameter.
     """
@@ -103,7 +103,7 @@ class PriorEstimate:
 
     @classmethod
     def before(cls, problem: DesignProblem) -> "PriorEstimate":
-        """Knowledge before any data: starts, priors and tolerances of the study."""
+        """Return knowledge before any data: starts, priors and tolerances of the study."""
         parameters = with_tolerances(problem.parameters, problem.robot, problem.fit)
         return cls(parameters, parameters.x, np.asarray(np.linalg.inv(_prior_information(parameters))))
 
@@ -116,7 +116,7 @@ class PriorEstimate:
 
 
 def _prior_information(parameters: Parameters) -> FloatArray:
-    """Information (n_x, n_x) of the priors, with vague priors for all other parameters."""
+    """Return information (n_x, n_x) of the priors, with vague priors for all other parameters."""
     # Without a prior 1 of ln p, or the size of a linear parameter.
     stds = [p.prior.std if p.prior else 1.0 if p.log else abs(p.value) or 1.0 for p in parameters.free]
     return np.diag(1 / np.square(stds))
@@ -168,7 +168,7 @@ def next_experiment(
     execution: Execution,
     left_s: float = math.inf,
 ) -> NextExperiment:
-    """The experiment of the largest gain for each second, called `name`, its multisine drawn from phase_seed.
+    """Return the experiment of the largest gain for each second, called `name`, its multisine drawn from phase_seed.
 
     problem: at the values of the fit, with a section `design` whose candidates are those.  robots: within the interval
     of the fit, on each of which the limits are kept.  left_s: robot time that is left; a longer experiment is proposed
@@ -197,7 +197,7 @@ def next_experiment(
 def _ranked(
     problem: DesignProblem, candidates: Candidates, state: PriorEstimate, goal: Goal, execution: Execution
 ) -> list[Option]:
-    """Options, the best first: all candidates at the study's length, and the best of them at others."""
+    """Return options, the best first: all candidates at the study's length, and the best of them at others."""
     usual = problem.experiment.periods
 
     def at(periods: int, configurations: Sequence[Configuration]) -> list[Option]:
@@ -218,7 +218,7 @@ def _ranked(
 def _option(
     state: PriorEstimate, goal: Goal, H: FloatArray, configuration: Configuration, periods: int, time_s: float
 ) -> Option:
-    """An experiment of information H (n_x, n_x)."""
+    """Return an experiment of information H (n_x, n_x)."""
     M = state.information
 
     def used(repeats: int) -> FloatArray:

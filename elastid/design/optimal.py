@@ -40,11 +40,11 @@ class DesignCriterion:
     interest: FloatArray
 
     def value(self, M: FloatArray) -> FloatArray:
-        """phi (...) of information matrices M (S, ..., d, d), the mean over guesses; -inf where one is singular."""
+        """Return phi (...) of information matrices M (S, ..., d, d), mean over guesses; -inf where one is singular."""
         return np.asarray(self._criterion_of_covariance(self.interest.T @ self._solve(M)).mean(axis=0))
 
     def _solve(self, M: FloatArray) -> FloatArray:
-        """M^-1 K (..., d, s); a singular M gets huge variances."""
+        """Return M^-1 K (..., d, s); a singular M gets huge variances."""
         diagonal = np.einsum("...ii->...i", M)
         ridge = 1e-13 * np.maximum(diagonal, 1e-13 * diagonal.max(axis=-1, keepdims=True))
         K = self.interest
@@ -52,12 +52,12 @@ class DesignCriterion:
         return np.linalg.solve(regular, np.broadcast_to(K, (*M.shape[:-2], *K.shape)))
 
     def _criterion_of_covariance(self, C: FloatArray) -> FloatArray:
-        """-ln det(C) / s of (M^-1)_SS (..., s, s); a singular M may have no logarithm due to rounding."""
+        """Return -ln det(C) / s of (M^-1)_SS (..., s, s); a singular M may have no logarithm due to rounding."""
         sign, log = np.linalg.slogdet(C)
         return np.where((sign > 0) & np.isfinite(log), -log / C.shape[-1], -np.inf)
 
     def slope(self, M: FloatArray) -> tuple[float, FloatArray]:
-        """phi and its gradient X C^-1 X^T / s (S, d, d) at M (S, d, d), X = M^-1 K, C = K^T X."""
+        """Return the criterion phi and its gradient X C^-1 X^T / s (S, d, d) at M (S, d, d), X = M^-1 K, C = K^T X."""
         X = self._solve(M)
         C = self.interest.T @ X
         gradient = X @ np.linalg.solve(C, np.swapaxes(X, 1, 2)) / C.shape[-1]
@@ -65,7 +65,7 @@ class DesignCriterion:
 
 
 def optimal_weights(H: FloatArray, criterion: DesignCriterion, prior: FloatArray) -> "Powers":
-    """The shares (1, Q, 1) of candidates with information H (S, Q, d, d) per experiment.
+    """Return the shares (1, Q, 1) of candidates with information H (S, Q, d, d) per experiment.
 
     prior (S, d, d): earlier information, divided by the number of experiments to be shared.
     """
@@ -76,7 +76,7 @@ def optimal_weights(H: FloatArray, criterion: DesignCriterion, prior: FloatArray
 def best_experiments(
     H: FloatArray, count: int, criterion: DesignCriterion, prior: FloatArray
 ) -> tuple[IntArray, float]:
-    """Numbers (Q,) of whole experiments of each candidate, `count` in all, and efficiency against the best shares.
+    """Select whole experiments (Q,) of each candidate, `count` in all; return efficiency against the best shares, too.
 
     Drawn from the shares, then exchanged one by one: the best of several starts.  prior (S, d, d): earlier information.
     """
@@ -95,7 +95,7 @@ def best_experiments(
 def _exchanged(
     numbers: IntArray, H: FloatArray, prior: FloatArray, criterion: DesignCriterion
 ) -> tuple[IntArray, float]:
-    """Numbers (Q,) that no exchange of one experiment for another improves, and phi with them."""
+    """Return numbers (Q,) that no exchange of one experiment for another improves, and phi with them."""
     numbers = numbers.astype(np.int64)
     value = float(criterion.value(prior + np.tensordot(numbers, H, (0, 1))))
     improved = True
@@ -121,7 +121,7 @@ def _best_addition(rest: FloatArray, H: FloatArray, criterion: DesignCriterion, 
 
 
 def _gains(H: FloatArray, gradient: FloatArray) -> FloatArray:
-    """g (Q,): relative gain of phi by a small increase of each candidate's share."""
+    """Return g (Q,): relative gain of phi by a small increase of each candidate's share."""
     return np.asarray(np.maximum(np.einsum("sqij,sij->q", H, gradient, optimize=True), 0.0))
 
 
@@ -146,12 +146,12 @@ class PowerSource:
     used: BoolArray
 
     def information(self, P: FloatArray) -> FloatArray:
-        """H (n_x, n_x) at powers P (F, n_u), summed over the experiments of a realisation."""
+        """Return information H (n_x, n_x) at powers P (F, n_u), summed over the experiments of a realisation."""
         rows = as_real(self.J * np.sqrt(self._weight(P))).reshape(len(self.J), -1)
         return rows @ rows.T
 
     def gains(self, P: FloatArray, gradient: FloatArray) -> FloatArray:
-        """d Tr(gradient H) / d P (F, n_u), for a gradient (n_x, n_x) without negative eigenvalues."""
+        """Return d Tr(gradient H) / d P (F, n_u), for a gradient (n_x, n_x) without negative eigenvalues."""
         eigenvalues, V = np.linalg.eigh(gradient)
         rows = (V * np.sqrt(np.maximum(eigenvalues, 0.0))).T @ as_real(self.J).reshape(len(self.J), -1)
         squares = np.sum(rows**2, axis=0).reshape(*self.used.shape, 2).sum(axis=-1)
@@ -170,11 +170,11 @@ class CandidateInformation:
     H: FloatArray
 
     def information(self, P: FloatArray) -> FloatArray:
-        """H (n_x, n_x) of a mixture."""
+        """Return information H (n_x, n_x) of a mixture."""
         return np.tensordot(P[:, 0], self.H, 1)
 
     def gains(self, P: FloatArray, gradient: FloatArray) -> FloatArray:
-        """d Tr(gradient H) / d P (Q, 1), the same at all P."""
+        """Return d Tr(gradient H) / d P (Q, 1), the same at all P."""
         return np.maximum(np.tensordot(self.H, gradient, 2), 0.0)[:, None]
 
 
@@ -199,7 +199,7 @@ def best_powers(
     least: float,
     tolerance: float = MAX_GAP,
 ) -> Powers:
-    """Best powers of each group, whose configurations all have the same.
+    """Return best powers of each group, whose configurations all have the same.
 
     cost (K, n_o, F, n_u): c of each group; every input and line must have one.  prior (S, n_x, n_x): earlier
     information.  least: epsilon.
@@ -231,7 +231,7 @@ def best_powers(
 
 
 def even_powers(cost: FloatArray) -> FloatArray:
-    """P (K, F, n_u), the same at all lines of an input, with which every input goes as far as a limit allows."""
+    """Return P (K, F, n_u), the same at all lines of an input, with which every input goes as far as a limit allows."""
     per_input = cost.sum(axis=2)
     powers = 1 / per_input.max(axis=1)
     for _ in range(30):
@@ -244,12 +244,12 @@ def even_powers(cost: FloatArray) -> FloatArray:
 
 
 def _used(cost: FloatArray, P: FloatArray) -> FloatArray:
-    """Part (K, n_o) of each limit that is used."""
+    """Return part (K, n_o) of each limit that is used."""
     return np.asarray(np.einsum("kofl,kfl->ko", cost, P))
 
 
 def _information(groups: Groups, P: FloatArray, prior: FloatArray) -> FloatArray:
-    """M (S, n_x, n_x)."""
+    """Return information M (S, n_x, n_x) of all groups and the prior."""
     M = prior.copy()
     for group, powers in zip(groups, P, strict=True):
         for configuration in group:
@@ -258,7 +258,7 @@ def _information(groups: Groups, P: FloatArray, prior: FloatArray) -> FloatArray
 
 
 def _power_gains(groups: Groups, P: FloatArray, gradient: FloatArray) -> FloatArray:
-    """d phi / d P (K, F, n_u)."""
+    """Return d phi / d P (K, F, n_u)."""
     gains = []
     for group, powers in zip(groups, P, strict=True):
         pairs = [pair for configuration in group for pair in zip(configuration, gradient, strict=True)]

@@ -55,13 +55,13 @@ class ExpectedResponse:
     fit: FitSpec
 
     def information(self, x: FloatArray) -> FloatArray:
-        r"""H (n_x, n_x) = 2 Re sum_k J_k^H W_k J_k at x (n_x,), without priors, W as the fit weighs."""
+        r"""Return H (n_x, n_x) = 2 Re sum_k J_k^H W_k J_k at x (n_x,), without priors, W as the fit weighs."""
         fit = expected_fit([self])
         return fit.evaluate(x).hessian / 2 - np.diag(fit.prior_slopes**2)
 
 
 def expected_fit(expected: Sequence[ExpectedResponse]) -> ElasticFit:
-    """The fit of all expected responses together."""
+    """Return the fit of all expected responses together."""
     responses, models, weights = zip(*((part.response, part.model, part.weights) for part in expected), strict=True)
     return elastic_fit(responses, models, weights, expected[0].parameters, expected[0].fit.criterion)
 
@@ -69,7 +69,7 @@ def expected_fit(expected: Sequence[ExpectedResponse]) -> ElasticFit:
 def friction_linearisation(
     V: ComplexArray, lines: IntArray, period_samples: int, coulomb: FloatArray, carrier_velocity: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    r"""Damping d (n_u,) and E|s_k|^2 (F, n_u) by Coulomb friction under V (K, F, n_u) in K experiments, link side.
+    r"""Return damping d (n_u,), E|s_k|^2 (F, n_u) by Coulomb friction under V (K, F, n_u) of K experiments, link side.
 
     .. math:: \tau_c\, \mathrm{sign}(v_c + v) = d\, v + s, \qquad
               d = \frac{\mathrm{Re} \sum_k V_k^* T_k}{\sum_k |V_k|^2}
@@ -121,7 +121,7 @@ class Prospect:
         return Linearisation.of_robot(self.robot, self.model, self.parameters.names, self.presliding)
 
     def expected(self, configuration: Configuration, x: FloatArray) -> ExpectedResponse:
-        """The response of a robot with parameters x (n_x,) in a configuration, with weights as the fit has them.
+        """Return the response of a robot with parameters x (n_x,) in a configuration, with weights as the fit has them.
 
         StudyError where the configuration has no equilibrium.
         """
@@ -131,11 +131,11 @@ class Prospect:
         return ExpectedResponse(response, model, weigh(response, self.fit), self.parameters, self.fit)
 
     def information(self, configuration: Configuration, x: FloatArray) -> FloatArray:
-        """H (n_x, n_x) at x (n_x,)."""
+        """Return information H (n_x, n_x) at x (n_x,)."""
         return self.expected(configuration, x).information(x)
 
     def source(self, configuration: Configuration, x: FloatArray) -> PowerSource:
-        """Information by elements one by one, a function of the powers of R; friction scatters as under R.
+        """Return information by elements one by one, a function of the powers of R; friction scatters as under R.
 
         StudyError without noise.
         """
@@ -158,7 +158,7 @@ class Prospect:
         return PowerSource(J * np.where(used, expected.weights.sigma, 0.0), error, spread, fixed, used)
 
     def _local(self, configuration: Configuration, x: FloatArray) -> tuple[LinearModel, ComplexArray, ComplexArray]:
-        """The model, G (F, n_y, n_u), and the motion of the motors (F, n_u, n_u) in `quantity`."""
+        """Return the model, G (F, n_y, n_u), and the motion of the motors (F, n_u, n_u) in `quantity`."""
         theta = self.parameters.expand(x)
         motors = self.robot.motor_locations
         both = self.linearisation.at(configuration, theta[:-1], (*motors, *self.outputs), self.quantity)
@@ -167,7 +167,7 @@ class Prospect:
         return both.with_outputs(range(n_u, len(both.outputs))), G[:, n_u:], G[:, :n_u]
 
     def _covariance(self, G: ComplexArray, motion: ComplexArray, configuration: Configuration) -> Covariance:
-        """cov(vec G) of the mean over all realisations; motion (F, n_u, n_u): motor responses, in `quantity`."""
+        """Return cov(vec G) of the mean over all realisations; motion (F, n_u, n_u): motor responses, in `quantity`."""
         M = self.realisations
         distortion = (self.distortion * np.abs(G)) ** 2 / M
         sensitivity, U = self._torques(configuration, motion)
@@ -177,12 +177,12 @@ class Prospect:
         return Covariance(noise + distortion, math.inf, *() if self.distortion > 0 else (left, right))
 
     def equivalent_damping(self, configuration: Configuration, x: FloatArray) -> FloatArray:
-        """Nms/rad (n_u,), link side: by how much Coulomb friction raises the viscous friction that a fit finds."""
+        """Return increase (n_u,), Nms/rad, link side, of the viscous friction of a fit by Coulomb friction."""
         motion = self._local(configuration, x)[2]
         return self._friction(self._torques(configuration, motion)[1], motion)[0]
 
     def reversals(self, configuration: Configuration, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Mean distance between two reversals, mean speed and travel (n_u,) of each motor, rad and s, link side.
+        """Return mean distance between two reversals, mean speed and travel (n_u,) of each motor, rad and s, link side.
 
         The distance is infinite without reversals.
         """
@@ -194,13 +194,13 @@ class Prospect:
         return quotient(np.abs(v).sum(axis=(0, 1)) / rate_hz, reversals, math.inf), np.abs(v).mean(axis=(0, 1)), travel
 
     def _velocities(self, U: ComplexArray, motion: ComplexArray) -> ComplexArray:
-        """Velocities (M E, F, n_u) of the motors' shafts under U (M, E, F, n_u), rad/s, link side."""
+        """Return velocities (M E, F, n_u) of the motors' shafts under U (M, E, F, n_u), rad/s, link side."""
         s = laplace_variable(self.plan.freq_hz[:, None, None])
         V = ((self.robot.mixing @ motion / s ** (MOTION_ORDER[self.quantity] - 1)) @ U[..., None])[..., 0]
         return V.reshape(-1, *V.shape[2:])
 
     def _power(self, U: ComplexArray, sensitivity: ComplexArray) -> ComplexArray:
-        """U U^H (F, n_u, n_u) in a realisation, from U (M, E, F, n_u) and (I + F G_q)^-1 (F, n_u, n_u).
+        """Return U U^H (F, n_u, n_u) in a realisation, from U (M, E, F, n_u) and (I + F G_q)^-1 (F, n_u, n_u).
 
         Fewer experiments than inputs: a line and its neighbours have independent phases, and together the power
         S diag(|R|^2) S^H at each line, with |R|^2 the mean of n_u lines.
@@ -213,7 +213,7 @@ class Prospect:
         return np.asarray(np.einsum("fik,fk,fjk->fij", sensitivity, mean, sensitivity.conj()), dtype=np.complex128)
 
     def _torques(self, configuration: Configuration, motion: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """(I + F G_q)^-1 (F, n_u, n_u), and U (M, E, F, n_u): the injected torques less the controller's reaction.
+        """Return (I + F G_q)^-1 (F, n_u, n_u), and U (M, E, F, n_u): injected torques less the controller's reaction.
 
         If references are injected: I and R, the planned torques.
         """
@@ -228,7 +228,7 @@ class Prospect:
         return sensitivity, (sensitivity @ self.R[..., None])[..., 0]
 
     def _friction(self, U: ComplexArray, motion: ComplexArray) -> tuple[FloatArray, FloatArray]:
-        """d (n_u,) and the scattered power (F, n_u) of Coulomb friction, of the motors' shafts."""
+        """Return d (n_u,) and the scattered power (F, n_u) of Coulomb friction, of the motors' shafts."""
         coulomb, lines = coulomb_torques(self.robot), self.plan.lines
         if not coulomb.any():
             return np.zeros(len(coulomb)), np.zeros((len(lines), len(coulomb)))
@@ -237,7 +237,7 @@ class Prospect:
         return (d, scatter) if self.includes_friction else (0 * d, COMPENSATED_FRICTION * scatter)
 
     def _error(self, U: ComplexArray, G: ComplexArray, motion: ComplexArray) -> ComplexArray:
-        """C_V (F, n_y, n_y), of the mean over the periods, with the scatter of friction."""
+        """Return C_V (F, n_y, n_y), of the mean over the periods, with the scatter of friction."""
         noise, freq_hz, rate_hz = self.simulated.noise, self.plan.freq_hz, self.plan.rate_hz
         hold = np.sinc(freq_hz / rate_hz) ** 2
         power = sum(noise.variances(signal, freq_hz, rate_hz) for signal in ("torque", "disturbance"))
@@ -252,7 +252,7 @@ class Prospect:
         return np.asarray(per_sample * (4 / (self.plan.period_samples * self.plan.periods)) + scattered)
 
     def _output_variances(self) -> FloatArray:
-        """rad^2 or (m/s^2)^2 (F, n_y) of a sample, as if white: sensor noise, and the counts of a motor's encoder."""
+        """Return variances (F, n_y), rad^2 or (m/s^2)^2, of a sample, as if white: sensor noise and encoder counts."""
         noise = self.simulated.noise
         color = noise.variances("angle", self.plan.freq_hz, self.plan.rate_hz) - noise.angle_std**2
         is_angle = [logged_quantity(place) == "position" for place in self.outputs]
@@ -269,7 +269,7 @@ class Prospect:
 
 @lru_cache(maxsize=1024)
 def _gains(robot: Robot, formulation: ModelSpec, angles: tuple[float, ...], spec: ControllerSpec) -> JointLoop:
-    """Gains (n_u,) of the simulated joint controller in a configuration."""
+    """Return gains (n_u,) of the simulated joint controller in a configuration."""
     model = Linearisation.of_robot(robot, formulation).model
     return gains_of(model, rigid_posture(model, Configuration("", np.array(angles))), spec)
 

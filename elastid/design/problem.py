@@ -82,7 +82,7 @@ class DesignProblem:
         return DesignCriterion(interest(names, () if design is None else design.parameters))
 
     def candidates(self, design: DesignSpec) -> Candidates:
-        """The admissible configurations, with room for the carrier and the margin of the limits."""
+        """Return the admissible configurations, with room for the carrier and the margin of the limits."""
         carrier, excitation, experiment = self.simulated.carrier, self.excitation, self.experiment
         swing = np.zeros(len(self.robot.driven))
         if carrier is not None:
@@ -97,7 +97,7 @@ class DesignProblem:
         choices: Sequence[DesignedConfiguration] = (),
         spectra: dict[str, FloatArray] | None = None,
     ) -> Plan:
-        """A plan in which all configurations without a spectrum of their own have the typical one, if there is one."""
+        """Plan experiments; configurations without a spectrum of their own have the typical one, if there is one."""
         spectra_of = dict(spectra or {})
         if self.typical is not None:
             for name in (*experiment.configurations, *(choice.configuration.name for choice in choices)):
@@ -107,7 +107,7 @@ class DesignProblem:
         return make_plan(excitation, experiment, self.robot, self.seed, choices, spectra_of, loop)
 
     def rig(self, plan: Plan) -> SimulatedRig:
-        """Simulated rig with the nominal robot, for the simulation of a plan."""
+        """Return simulated rig with the nominal robot, for the simulation of a plan."""
         return SimulatedRig(self.robot, self.experiment.with_truth({}), plan, self.seed)
 
     def probe(self, experiment: ExperimentSpec, realisations: int = 4) -> Plan:
@@ -121,15 +121,13 @@ class DesignProblem:
         if self.design is None:
             return problem.plan(experiment)
         probes = self.candidates(self.design).configurations[:8]
-        return problem.plan(
-            experiment,
-            [DesignedConfiguration(replace(c, name=f"probe{i}"), realisations) for i, c in enumerate(probes)],
-        )
+        named = (replace(configuration, name=f"probe{i}") for i, configuration in enumerate(probes))
+        return problem.plan(experiment, [DesignedConfiguration(probe, realisations) for probe in named])
 
     def at_equilibria(
         self, probe: Plan, value: Callable[[int, Configuration], Value], names: Collection[str] = ()
     ) -> list[Value]:
-        """value(q, configuration) of each configuration of a probe that has an equilibrium.
+        """Return value(q, configuration) of each configuration of a probe that has an equilibrium.
 
         StudyError or DataError of a needed one (by its name), and of the last one where none has.
         """
@@ -147,7 +145,7 @@ class DesignProblem:
         return values
 
     def prospect(self, plan: Plan, q: int) -> Prospect:
-        """The measurement of configurations like the q-th of a plan; negative q count from the last."""
+        """Return the measurement of configurations like the q-th of a plan; negative q count from the last."""
         q %= len(plan.configurations)
         distortion = 0.0 if self.design is None else self.design.distortion
         part = plan.at(q, plan.realisations[q])
@@ -169,7 +167,7 @@ class DesignProblem:
         return self.friction == "none" or not is_visible or not set(self.robot.motor_locations) <= set(self.outputs)
 
     def fitted(self, plan: Plan) -> list[Measurement]:
-        """Prospect, in the realisations planned, of each configuration of a plan that the fit uses."""
+        """Return prospect, in the realisations planned, of each configuration of a plan that the fit uses."""
         return [
             (replace(self.prospect(plan, q), realisations=M), c)
             for q, (c, M) in enumerate(zip(plan.configurations, plan.realisations, strict=True))
@@ -177,12 +175,12 @@ class DesignProblem:
         ]
 
     def prior_information(self) -> FloatArray:
-        """Information (n_x, n_x) of priors."""
+        """Return information (n_x, n_x) of priors."""
         return np.diag(np.square([0.0 if p.prior is None else 1 / p.prior.std for p in self.parameters.free]))
 
 
 def with_torques(problem: DesignProblem) -> DesignProblem:
-    """The problem with the torques that a few postures bear, where the study leaves them to the limits."""
+    """Return the problem with the torques that a few postures bear, where the study leaves them to the limits."""
     excitation = problem.excitation
     if excitation.torque_rms != "limits":
         return problem
@@ -193,7 +191,7 @@ def with_torques(problem: DesignProblem) -> DesignProblem:
 
 
 def with_typical_spectrum(problem: DesignProblem, torque_rms: AskedTorque) -> DesignProblem:
-    """The problem with the spectrum of the most information about a few configurations, for `flat: information`.
+    """Return the problem with the spectrum of the most information about a few configurations, for `flat: information`.
 
     torque_rms: as the study has it, `limits` included.
     """
@@ -216,7 +214,7 @@ def best_spectra_of(
     choices: Sequence[DesignedConfiguration],
     torque_rms: AskedTorque,
 ) -> dict[str, FloatArray]:
-    """The best spectrum (F, n_u) of each configuration, the typical one of those that the fit does not see.
+    """Return the best spectrum (F, n_u) of each configuration, the typical one of those that the fit does not see.
 
     Empty without `flat: information`.
     """
@@ -234,7 +232,7 @@ def best_spectra_of(
 def _best(
     problem: DesignProblem, measurements: Sequence[Measurement], cost: FloatArray, together: bool = False
 ) -> FloatArray:
-    """Amplitudes (Q, F, n_u) in Nm of Q configurations, or (1, F, n_u) where all have the same.
+    """Return amplitudes (Q, F, n_u) in Nm of Q configurations, or (1, F, n_u) where all have the same.
 
     cost (Q, n_o, F, n_u): `limits.power_costs`.  StudyError where fewer experiments than inputs are run.
     """

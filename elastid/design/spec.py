@@ -91,7 +91,7 @@ class DesignSpec:
 
 
 def interest(names: Sequence[str], patterns: Sequence[str]) -> FloatArray:
-    """Columns (n, s) of the identity that select the parameters of names or patterns, by default all.
+    """Return columns (n, s) of the identity that select the parameters of names or patterns, by default all.
 
     StudyError for a pattern that matches none of the names.
     """
@@ -107,14 +107,14 @@ def identified_names(pattern: str, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def unit_time_s(excitation: MultisineSpec, experiment: ExperimentSpec, n_u: int, periods: int) -> float:
-    """Robot time of one configuration on a robot of n_u motors, at every amplitude, with its ramps and transients."""
+    """Return robot time of one configuration with n_u motors, at every amplitude, with its ramps and transients."""
     runs = len(excitation.amplitudes) * experiment.realisations * experiment.runs(n_u)
     at_ends = 2 * (experiment.ramp + experiment.hold)
     return runs * ((periods + experiment.transient_periods) * excitation.period + at_ends)
 
 
 def n_free_configurations(spec: DesignSpec, excitation: MultisineSpec, experiment: ExperimentSpec, n_u: int) -> int:
-    """The number of configurations that can be chosen in addition to those given."""
+    """Return the number of configurations that can be chosen in addition to those given."""
     if spec.robot_time is None:
         return spec.count or 0
     unit = unit_time_s(excitation, experiment, n_u, experiment.periods)

@@ -41,7 +41,7 @@ def combination_notes(result: Result) -> Iterator[Note]:
 
 
 def loop_note(result: Result, robot: Robot, loop: JointLoop) -> tuple[Note, ...]:
-    r"""The sum of velocity gain and viscous friction of each motor, on the link side, from responses to references.
+    r"""Report the sum of velocity gain and viscous friction of each motor, link side, for responses to references.
 
     With torque u = k_p (r - q) - k_d q' both act as (k_d + n^2 f_m) q', n the gear ratio: an error of the stated k_d is
     one of f_m. A free gain is included with its covariance.

@@ -138,7 +138,7 @@ class Assembly:
         return replace(fit.problem, evaluate=partial(self._relinearised, fit)) if self.is_local else fit.problem
 
     def _relinearised(self, first: ElasticFit, x: FloatArray) -> Evaluation:
-        """V, its gradient and 2 J^T J of the fit linearised at x; V is infinite, and no error, where no robot stands.
+        """Return V, its gradient and 2 J^T J, linearised at x; V is infinite if the robot has no equilibrium.
 
         Which elements count, and how much, stays as it is in the first fit.
         """
@@ -204,7 +204,7 @@ def _part(
 
 
 def _part_again(group: tuple[Response, Response, Weights, Part]) -> Part:
-    """The part of a response with the model, and the aliases of ZOH torques, of the part of another response."""
+    """Return the part of a response with the model, and the aliases of ZOH torques, of another response's part."""
     response, other, weights, part = group
     return part_with(part.columns, other.G - part.measured, response, weights, part.criterion)
 
@@ -255,8 +255,8 @@ def is_distorted_by_friction(response: Response) -> bool:
     noise, total = response.noise, response.total
     if noise is None or total is None or is_friction_compensated(response):
         return False
-    used = (noise.variance > 0) & np.isfinite(total.variance)
-    return bool(used.any()) and float(np.median(total.variance[used] / noise.variance[used])) > DISTORTED
+    is_valid = (noise.variance > 0) & np.isfinite(total.variance)
+    return bool(is_valid.any()) and float(np.median(total.variance[is_valid] / noise.variance[is_valid])) > DISTORTED
 
 
 def model_error_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> float:
@@ -350,7 +350,7 @@ def accelerated(before: tuple[FloatArray, FloatArray], now: tuple[FloatArray, Fl
 def _where_it_stands(
     assembly: Assembly, end: LocalOptimum, criterion: ResidualKind, error: StudyError
 ) -> RelinearisedOptimum:
-    """The nearest point halfway, and halfway again, to the start at which the robot stands; not converged.
+    """Halve the step to the start until the robot has an equilibrium; returns an optimum that is not converged.
 
     The diagnosis finds from there why the springs became so soft, for example by wrong postures. For a robot model with
     tolerances NoRestError is raised, and the fit is repeated with fixed numbers.
@@ -374,9 +374,9 @@ def robust_factors(fit: ElasticFit, weights: Sequence[Weights], x: FloatArray) -
     distances = []
     for part, weight in zip(fit.parts, weights, strict=True):
         e = difference(part.criterion, part.measured, part.kernel.response(part.theta(fit.parameters, x)))
-        used = part.gain > 0
-        gain = np.divide(part.gain, np.sqrt(weight.factor), out=np.zeros_like(part.gain), where=used)
-        distances.append(np.where(used, gain * np.abs(np.where(used, e, 0.0)), 0.0))
+        is_used = part.gain > 0
+        gain = np.divide(part.gain, np.sqrt(weight.factor), out=np.zeros_like(part.gain), where=is_used)
+        distances.append(np.where(is_used, gain * np.abs(np.where(is_used, e, 0.0)), 0.0))
     every = np.concatenate([z[part.gain > 0] for z, part in zip(distances, fit.parts, strict=True)])
     reach = OUTLIER_STDS * max(1.0, float(np.median(every)) / RAYLEIGH_MEDIAN)
     return tuple(np.minimum(1.0, reach / np.maximum(z, 1e-300)) for z in distances)

@@ -100,18 +100,18 @@ def ratio_std(N: FloatArray, h: FloatArray, names: list[str], variance: float) -
     among = np.exp(-0.5 * (np.log(np.divide.outer(RATIO_STD, RATIO_STD)) / ALIKE) ** 2)
     among /= among.sum(axis=0)
     for name in [name for name in dict.fromkeys(names) if names.count(name) > 1] * 3:
-        own = np.array(names) == name
-        power, V = np.linalg.eigh(N[np.ix_(own, own)])
+        is_own = np.array(names) == name
+        power, V = np.linalg.eigh(N[np.ix_(is_own, is_own)])
         is_seen = power > 1e-9 * max(power[-1], 1e-300)
         V, power = V[:, is_seen], power[is_seen]
-        across = V.T @ N[np.ix_(own, ~own)] * s[~own]
-        others = across @ across.T + c * np.diag(power)
-        square = c * np.diag(power) if math.isnan(variance) else np.outer(V.T @ h[own], V.T @ h[own])
-        C = others + RATIO_STD[:, None, None] ** 2 * np.diag(power**2)
+        across = V.T @ N[np.ix_(is_own, ~is_own)] * s[~is_own]
+        covariance_of_others = across @ across.T + c * np.diag(power)
+        square = c * np.diag(power) if math.isnan(variance) else np.outer(V.T @ h[is_own], V.T @ h[is_own])
+        C = covariance_of_others + RATIO_STD[:, None, None] ** 2 * np.diag(power**2)
         quadratic = np.trace(np.linalg.solve(C, np.broadcast_to(square, C.shape)), axis1=1, axis2=2)
         log_w = -0.5 * (np.linalg.slogdet(C)[1] + quadratic)
         likelihood[name] = np.exp(log_w - log_w.max())
         of_others = np.prod([among.T @ w for other, w in likelihood.items() if other != name], axis=0)
         w = likelihood[name] * (among @ (prior * of_others))
-        s[own] = np.sqrt(w @ RATIO_STD**2 / w.sum())
+        s[is_own] = np.sqrt(w @ RATIO_STD**2 / w.sum())
     return s

@@ -124,7 +124,7 @@ def identified(
 
 
 def _with_springs(evidence: Evidence, spec: FitSpec, ends: "_Ends", hypotheses: tuple[Hypothesis, ...]) -> Evidence:
-    """Evidence of the fit with the relaxing springs of motors, if V shows any and their fit ends at an optimum."""
+    """Add relaxing springs of motors to the fit if V shows any and the extended fit ends at an optimum."""
     (starts, n_converged), quiet = ends, evidence.execution
     try:
         if (extension := find_presliding(evidence)) is None:
@@ -263,7 +263,7 @@ def _check_robot(response: Response, robot: Robot) -> None:
 
 
 def check_effects(fit: ElasticFit, robot: Robot) -> None:
-    """FitError that names the free parameters without effect on the responses that count."""
+    """Raise FitError if free parameters have no effect on the responses; it names them."""
     information = np.diag(replace(fit, inertias=()).evaluate(fit.parameters.x).hessian) / 2 - fit.prior_slopes**2
     # A plausible change of x: a factor e, or the range of the bounds of a linear parameter.
     spans = [1.0 if p.log or not np.isfinite(p.upper - p.lower) else p.upper - p.lower for p in fit.parameters.free]
@@ -281,7 +281,7 @@ def check_effects(fit: ElasticFit, robot: Robot) -> None:
 
 
 def _from_all_starts(assembly: Assembly, fit: ElasticFit, spec: FitSpec, execution: Execution) -> "_Ends":
-    """Ends of all starts, best first, and how many reached the best; fit: at the start of the parameters."""
+    """Search from all starts; returns the ends, best first, and how many reached the best."""
     parameters, problems = fit.parameters, [assembly.search_problem(fit)]
     if spec.criterion == "complex":
         log = assembly.at(parameters.x, "log")
@@ -333,7 +333,7 @@ def free_nuisance_parameters(
 
 
 def _released(assembly: Assembly, begin: LocalOptimum) -> tuple[LocalOptimum, int]:
-    """The optimum near the end of a start, and its degrees of freedom.
+    """Return the optimum near the end of a start, and its degrees of freedom.
 
     Products such as m c^2 change little within tolerances: a round for each linearisation, not one at every x.
     """
@@ -371,7 +371,7 @@ def _with_model_error(
 
 
 def _with_agreements(estimate: _Estimate, assembly: Assembly, spec: FitSpec, ends: _Ends) -> _Estimate:
-    """The estimate with load tests and responses at the tool compared with the responses of the motors.
+    """Compare load tests and responses at the tool with the responses of the motors, and add this to the estimate.
 
     Contradicting data do not enter the estimate; its covariance includes the step to the estimate by all data.
     """

@@ -64,8 +64,8 @@ def _repeat(
     draw: np.random.SeedSequence,
 ) -> LocalOptimum:  # fmt: skip
     rng = np.random.default_rng(draw)
-    drawn = (source.draw(rng) for source in sources)
-    parts = tuple(replace(part, measured=G) for part, G in zip(fit.parts, drawn, strict=True))
+    samples = (source.draw(rng) for source in sources)
+    parts = tuple(replace(part, measured=G) for part, G in zip(fit.parts, samples, strict=True))
     pairs = zip(fit.parameters.free, x, strict=True)
     draws = {p.name: _off_file(p, float(xi), rng) for p, xi in pairs if p.is_nuisance}
     parameters = Parameters(tuple(draws.get(p.name, p) for p in fit.parameters)) if draws else fit.parameters
@@ -77,7 +77,7 @@ def _repeat(
 
 
 def _off_file(parameter: Parameter, x: float, rng: np.random.Generator) -> Parameter:
-    """A number of the robot's file as another file would have it, within its tolerance about the optimum."""
+    """Return another value of a number of the robot model, within its tolerance about the optimum."""
     if parameter.prior is None:
         return parameter
     mean = x + parameter.prior.std * float(rng.standard_normal())
@@ -103,17 +103,17 @@ class _Source:
 
 
 def _source(part: Part, weights: Weights, theta: FloatArray) -> _Source:
-    G, used = part.kernel.response(theta), part.gain > 0
+    G, is_used = part.kernel.response(theta), part.gain > 0
     C = weights.noise_covariance()
     F, n_y, n_u = G.shape
     if C is None:
-        root = np.where(used, weights.sigma, 0.0).reshape(F, -1)[:, :, None] * np.eye(n_y * n_u)
+        root = np.where(is_used, weights.sigma, 0.0).reshape(F, -1)[:, :, None] * np.eye(n_y * n_u)
     else:
         row_by_row = vec(np.arange(n_y * n_u).reshape(n_y, n_u)).argsort()
         C = C[:, row_by_row[:, None], row_by_row]
         values, vectors = np.linalg.eigh(C)
         root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]
-    return _Source(G, root.astype(complex), used)
+    return _Source(G, root.astype(complex), is_used)
 
 
 MAX_GROWTH = 3.0  # of the distance from the optimum, from one point to the next
@@ -137,7 +137,7 @@ def profile_likelihood(
 def _profile(
     problem: LeastSquares, x: FloatArray, least: float, A_inverse: FloatArray, variance: FloatArray, place: int
 ) -> tuple[float, float]:
-    """Both ends in x of the interval of one parameter, infinite where the data give no bound; least: V at x."""
+    """Return both ends in x of the interval of one parameter, infinite if unbounded by the data; least: V at x."""
     curvature = max(float(A_inverse[place, place]), 1e-300)
     variance_of_x = float(variance[place]) if 0 < variance[place] < math.inf else curvature
     tangent, threshold = A_inverse[:, place] / curvature, QUANTILE_95 * math.sqrt(variance_of_x / curvature)

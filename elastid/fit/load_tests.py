@@ -140,10 +140,10 @@ class ToolComparison:
 
 @dataclass(frozen=True)
 class Agreement:
-    """A second source over the motors' responses alone, and whether both can be of one robot.
+    """Consistency test between an independent data set (load tests or tool FRFs) and the fit of the motor FRFs.
 
-    ratio, ratio_std: of deflections or magnitudes, NaN where none are predicted.  chi_square: with the errors of both,
-    of `dof` real numbers.  cause: the likeliest one in words where they disagree by more than chance, else empty.
+    ratio, ratio_std: measured over predicted deflection or magnitude; NaN without a prediction.  chi_square: weighted
+    by the errors of both, with `dof` degrees of freedom.  cause: the likeliest cause of a significant difference.
     """
 
     ratio: float = math.nan
@@ -157,10 +157,10 @@ class Agreement:
         """True if both show different robots by more than chance."""
         return bool(self.cause)
 
-    def _compared(self, count: int, what: str) -> str:
+    def _compared(self, count: int, noun: str) -> str:
         if not self.dof:
-            return f"no line of the {what} counts: none is more than noise"
-        text = f"{count} {what}: {math.sqrt(self.chi_square / self.dof):.3g} times their std from the motors', rms"
+            return f"no line of the {noun} counts: none is more than noise"
+        text = f"{count} {noun}: {math.sqrt(self.chi_square / self.dof):.3g} times their std from the motors', rms"
         return f"{text}, {self.ratio:.4g} +- {self.ratio_std:.2g} times as large" if math.isfinite(self.ratio) else text
 
 

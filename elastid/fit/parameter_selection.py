@@ -106,7 +106,7 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = (), has_
 
 
 def _choose(spec: FitSpec, robot: Robot, configurations: Sequence[str], has_references: bool) -> Parameters:
-    """Parameters of `choose`; raise ValueError for an impossible set."""
+    """Choose parameters for `choose`; raise ValueError for an impossible set."""
     configurations = tuple(dict.fromkeys(map(posture_of, configurations)))
     late = {channel_name(DELAY, "r"): ParameterSpec()} if has_references else {}
     table = robot.parameters(named_on_demand(late | spec.parameters, robot)) | {DELAY: (0.0, "s")}
@@ -167,7 +167,7 @@ def _match(
 
 
 def _starred(key: str, name: str, rule: ParameterSpec, table: Collection[str]) -> ParameterSpec:
-    """Key for one name of a pattern; the * of its tie is the match of the key's *."""
+    """Return the key for one name of a pattern; the * of its tie is the match of the key's *."""
     if rule.tie is None or "*" not in rule.tie.to or rule.tie.to in table:
         return rule
     if key.count("*") != 1:
@@ -185,7 +185,7 @@ def _ratio(name: str, ratio: RatioSpec) -> Parameter:
 
 
 def _default(robot: Robot) -> dict[str, ParameterSpec]:
-    """Every stiffness, and every damping of a spring or rod and friction of a motor that is not zero."""
+    """Select every stiffness, and every nonzero damping of a spring or rod and friction of a motor."""
     springs: list[tuple[str, str, Spring | Rod | None]] = [("", joint.name, joint.spring) for joint in robot.joints]
     springs += [("m", joint.name, joint.motor.spring) for joint in robot.joints if joint.motor is not None]
     springs += [("", loop.name, loop.rod) for loop in robot.loops if loop.rod is not None and loop.rod.is_elastic]
@@ -254,7 +254,7 @@ def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Para
     of mass: an offset of an axis acts in second order.
     """
     unused = ("gain_u_",) if channel_name(DELAY, "r") in parameters.names else ("gain_kp_", "gain_kd_")
-    tolerances = {given.name: given for given in tolerances_of(robot) if not given.name.startswith(unused)}
+    tolerances = {prior.name: prior for prior in tolerances_of(robot) if not prior.name.startswith(unused)}
     by_name = {parameter.name: parameter for parameter in parameters}
     of_study = {p.stands_for for p in parameters if p.is_free or p.tie is not None}
     of_study |= {n for key, rule in spec.parameters.items() if rule.fixed for n in matching(key, parameters.names)}
@@ -262,20 +262,20 @@ def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Para
     factors: dict[str, Parameter] = {}
     for name, (value, unit) in robot.parameters((*parameters.names, *tolerances)).items():
         number = by_name.get(name, Parameter(name, value, unit, log=name.startswith(("l_", "gain_")), free=False))
-        given = tolerances.get(name)
-        if given is None or name in of_study or (number.value == 0 and given.kind not in ("center_of_mass", "angle")):
+        prior = tolerances.get(name)
+        if prior is None or name in of_study or (number.value == 0 and prior.kind not in ("center_of_mass", "angle")):
             numbers += [number] * (name in by_name)
-        elif given.factor:
-            factors[given.factor] = replace(_within(Parameter(given.factor, 1.0, log=True), given.std), ratio=True)
-            numbers.append(replace(number, tie=Tie(given.factor, number.value)))
+        elif prior.factor:
+            factors[prior.factor] = replace(_within(Parameter(prior.factor, 1.0, log=True), prior.std), ratio=True)
+            numbers.append(replace(number, tie=Tie(prior.factor, number.value)))
         else:
-            numbers.append(_within(number, given.std))
+            numbers.append(_within(number, prior.std))
     of_file = {number.name for number in numbers}
     return Parameters((*numbers, *(p for p in parameters if p.name not in of_file), *factors.values()))
 
 
 def _within(fixed: Parameter, std: float) -> Parameter:
-    """A fixed number freed within its tolerance, which is relative for a positive one."""
+    """Free a fixed number within its tolerance, which is relative for a positive number."""
     if not fixed.log:
         return replace(fixed, free=True, prior=Prior(fixed.value, std), is_nuisance=True)
     lower, upper = fixed.value / MAX_FACTOR, fixed.value * MAX_FACTOR

@@ -145,7 +145,7 @@ class Family:
             rotations = {name: frame_poses(model.robot_at(theta), q, name).rotation[0] for name in names}
 
         def row(place: str) -> FloatArray:
-            """Row (n,) of a place, as a sum of `places`."""
+            """Return the row (n,) of a location, as a sum of `places`."""
             weights = np.zeros(len(rows) + model.n_u)
             kind, name, axis = split_place(place)
             if kind in ("motor", "joint", "body") or self.request.axes == "own":
@@ -218,7 +218,7 @@ def _accelerometers(outputs: Sequence[str]) -> tuple[str, ...]:
 
 
 def _with_frames(robot: Robot, request: PredictionPorts) -> tuple[Robot, str]:
-    """The robot with a frame of the requested name, and one for each body that is used as a frame."""
+    """Add a frame of the requested name, and a frame for each body that is used as a frame."""
     frame = request.frame or default_frame(robot)
     if isinstance(frame, Frame):
         others = tuple(other for other in robot.frames if other.name != frame.name)

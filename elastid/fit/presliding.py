@@ -75,7 +75,7 @@ def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
 
 
 def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:
-    """Joints whose motors may have presliding friction."""
+    """List joints whose motors may have presliding friction."""
     places = set[str]()
     for response in assembly.responses:
         if any(map(is_load, response.inputs)) or response.controller is not None:
@@ -135,7 +135,7 @@ class _State:
         return max(self.cost / self.fit.problem.dof, 1.0)
 
     def predicted(self, joint: str) -> float:
-        """The drop of V by a linear step in the parameters and in springs of a motor, infinite where it is not seen."""
+        """Predict the decrease of V by a linear step in parameters and springs of a motor; infinite if undetermined."""
         if not self._sees(joint):
             return math.inf
         C, _, _, r = self._steps(joint)
@@ -159,12 +159,12 @@ class _State:
         ]
 
     def _steps(self, joint: str) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """dr/ds (n, N), linear steps in s (n,) with a sign in `signs`, their rates (n,), and r (N,)."""
+        """Return dr/ds (n, N), linear steps in s (n,) with a sign in `signs`, their rates (n,), and r (N,)."""
         of_springs, r = self._rows
         C = of_springs[joint]
         steps = -(C @ r) / np.maximum(np.sum(C**2, axis=1), 1e-300)
-        used = np.isin(np.sign(steps), self.signs)
-        return C[used], steps[used], _rates(self.base.responses)[used], r
+        is_allowed = np.isin(np.sign(steps), self.signs)
+        return C[is_allowed], steps[is_allowed], _rates(self.base.responses)[is_allowed], r
 
     def _sees(self, joint: str) -> bool:
         return all(f"motor {joint}" in part.kernel.model.outputs for part in self.fit.parts)
@@ -218,7 +218,7 @@ def _with_all(state: _State, joints: Sequence[str]) -> _State:
 
 
 def _thinned(assembly: Assembly, x: FloatArray) -> tuple[ElasticFit, float]:
-    """The fit linearised at x (n_x,) on some lines, and their fraction of all residuals."""
+    """Return the fit linearised at x (n_x,) on some lines, and their fraction of all residuals."""
     whole = assembly.at(x, assembly.spec.criterion)
     fit = replace(whole, parts=tuple(each_at_home(thinning(whole, RESIDUALS), whole.parts, assembly.home)), home=HERE)
     return fit, fit.n_residuals / max(whole.n_residuals, 1)
@@ -235,7 +235,7 @@ def _columns(evaluated: Evaluated, rates: FloatArray) -> Iterator[tuple[str, Flo
 
 
 def _torque_per_angle(responses: Sequence[Response], place: str) -> float:
-    """Median of a motor's torque over its angle, or over the motion that it moves most, N m/rad."""
+    """Return the median of a motor's torque over its angle, or over its largest motion, N m/rad."""
     ratios = []
     for G in (response for response in responses if place in response.inputs):
         motions = np.abs(G.G[:, :, G.inputs.index(place)])
@@ -245,7 +245,7 @@ def _torque_per_angle(responses: Sequence[Response], place: str) -> float:
 
 
 def _rates(responses: Sequence[Response]) -> FloatArray:
-    """Rates (n_a,) of the starts, 1/s."""
+    """Return the rates (n_a,) of the starts, 1/s."""
     low, high = rate_band(responses)
     return low * (high / low) ** np.array(STARTS)
 
@@ -289,7 +289,7 @@ def with_relaxing_springs(parameters: Parameters, springs: Springs, band: tuple[
 
 
 def _start(parameters: Parameters, before: Parameters, x: FloatArray) -> FloatArray:
-    """x (n_x,) of parameters: as in x of `before`, else their start."""
+    """Return x (n_x,) of parameters: as in x of `before`, else their start."""
     values = named(before.free_names, x)
     return np.array([values.get(p.name, p.to_x(p.value)) for p in parameters.free])
 
@@ -361,7 +361,7 @@ def _presliding(result: Result, spring: RelaxingSpring, assembly: Assembly) -> P
 
 
 def _between_reversals(response: Response, place: str) -> Iterator[float]:
-    """Mean time between two reversals of a motor in Gaussian motion, pi sigma_v / sigma_a, s (Rice, 1945)."""
+    """Return the mean time between two reversals in Gaussian motion, pi sigma_v / sigma_a, s (Rice, 1945)."""
     motion = response.motion
     if motion is not None and place in motion.motors:
         j, omega = motion.motors.index(place), 2 * np.pi * motion.freq_hz

@@ -359,7 +359,7 @@ class Result:
         return self._part(np.diag(self.covariance)[:n] + base)
 
     def _shared(self, fraction: FloatArray, without: float) -> FloatArray:
-        """Fraction of the variance (n_asked,), infinite for unidentifiable parameters. without: default fraction."""
+        """Return the fraction of the variance (n_asked,), infinite if unidentifiable. without: default fraction."""
         variance = np.diag(self.covariance)[: len(self.parameters.of_interest)]
         part = fraction[: len(variance)] if len(fraction) else np.full(len(variance), without)
         return np.where(np.isinf(variance), np.inf if without else 0.0, np.nan_to_num(variance, posinf=0.0) * part)
@@ -495,7 +495,7 @@ class Result:
         TypeError if a value is not a number, ValueError for a tied number or a value out of range.
         """
         x, free = self.x.copy(), self.parameters.free_names
-        others = np.array([name not in values for name in free])
+        is_free = np.array([name not in values for name in free])
         for name, value in values.items():
             p = self.parameters[name]
             if p.tie is not None:
@@ -508,9 +508,9 @@ class Result:
             self,
             parameters=self.parameters.with_values({name: v for name, v in values.items() if name not in free}),
             x=x,
-            covariance=np.where(others[:, None] & others, self.covariance, 0.0),
-            profile95=np.where(others[:, None], self.profile95, np.nan) if len(self.profile95) else self.profile95,
-            indices=tuple(replace(index, effects=np.where(others, index.effects, 0.0)) for index in self.indices),
+            covariance=np.where(is_free[:, None] & is_free, self.covariance, 0.0),
+            profile95=np.where(is_free[:, None], self.profile95, np.nan) if len(self.profile95) else self.profile95,
+            indices=tuple(replace(index, effects=np.where(is_free, index.effects, 0.0)) for index in self.indices),
             message=f"{self.message}; by hand: {', '.join(f'{name} = {value:.6g}' for name, value in values.items())}",
         )
 

@@ -153,7 +153,7 @@ def _sum_ratios(
 
 
 def _rows(J: ComplexArray) -> FloatArray:
-    """J (n_x, F, n_y, n_u) as real rows (2 N, n_x)."""
+    """Return J (n_x, F, n_y, n_u) as real rows (2 N, n_x)."""
     return as_real(J).reshape(len(J), -1).T
 
 
@@ -183,7 +183,7 @@ def correlation_length(autocovariances: Sequence[FloatArray], n_residuals: int) 
 
 
 def _whitening(part: Part, mixing: ComplexArray | None) -> ComplexArray:
-    """T (F, m, m), vec column-major: from errors of Ghat to whitened residuals."""
+    """Return T (F, m, m), vec column-major: from errors of Ghat to whitened residuals."""
     t = vec(part.error_gain)
     if mixing is None:
         return np.asarray(t[:, :, None] * np.eye(t.shape[1]))
@@ -261,7 +261,7 @@ def jackknife_variance(parts: Sequence[LineSums], half: FloatArray) -> FloatArra
 
 
 def _change_without(part: LineSums) -> FloatArray:
-    """The change of z (n_x,) without a configuration, in the directions that the others determine."""
+    """Return the change of z (n_x,) without a configuration, in directions that the others determine."""
     values, vectors = np.linalg.eigh(np.eye(len(part.pull)) - part.rows.T @ part.rows)
     is_reached = values > 1e-10  # the others are identified by this configuration alone
     return np.asarray(

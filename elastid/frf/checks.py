@@ -106,7 +106,7 @@ def separable_lines(data: MeanSpectra, groups: Sequence[Sequence[Record]], metho
 def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
     """Return flags (F,) of lines where every combination of the inputs stands out of the noise; DataError if none."""
     E = block.U.shape[2]
-    squares = np.vecdot(block.U, block.U).real / E
+    squares = squared_magnitude(block.U).sum(axis=2) / E
     power = np.mean(squares, axis=0)
     power = np.where(power > 0, power, 1.0)
     noise = smoothed_noise(np.mean(1 / block.periods) * block.input_noise, block.dof)
@@ -134,10 +134,9 @@ def _surely_separated(block: Block, least: FloatArray) -> BoolArray:
     sigma_n(A) >= 1 / |A^-1| in the norm of Frobenius; least (F, n_u): squares that count as 1.
     """
     try:
-        squares = np.vecdot(block.W.mT, block.W.mT).real
+        return np.asarray(np.einsum("feu,fu->f", squared_magnitude(block.W), least) * block.U.shape[2] < 1)
     except np.linalg.LinAlgError:
         return np.zeros(len(least), bool)
-    return np.asarray(block.U.shape[2] * np.sum(squares * least, axis=1) < 1)
 
 
 def repeated_phase_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]]) -> list[Note]:

@@ -31,7 +31,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, release
+from elastid.base.fourier import real_dft
 from elastid.base.matrices import positive, power
 from elastid.base.statistics import interpolated
 from elastid.frf.estimators import equation_error
@@ -197,10 +198,11 @@ def _velocities(records: Sequence[RecordSpectra], rows: Sequence[int], lines: In
     order = np.array([1 - MOTION_ORDER[first.quantities[row]] for row in rows])
     # Above four times the highest line an encoder's noise would decide the sign of the velocity.
     gain = np.where((k <= 4 * lines[-1])[:, None], omega[:, None] ** order, 0.0)
-    V = []
-    for spectrum in records:
-        total = sum(group[:, :, rows].sum(axis=0) for group in spectrum.dft_groups("y"))
-        V.append(total / spectrum.record.n_repeats * gain)
+    V, N = [], first.period_samples
+    for y, P in ((spectrum.record.y, spectrum.record.n_repeats) for spectrum in records):
+        mean = np.asarray(sum(y[p * N : (p + 1) * N] for p in range(P))) / P
+        V.append(real_dft(mean[None])[0][:, rows] * gain)
+        release(y)
     return np.array(V)
 
 

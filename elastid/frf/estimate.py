@@ -14,10 +14,10 @@ from functools import partial
 from itertools import chain
 
 import numpy as np
-from numpy.fft import rfft
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError, Note, StudyError, notes_of
+from elastid.base.fourier import real_dft
 from elastid.base.matrices import power, squared_magnitude
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.automatic import LIMITS as AUTOMATIC
@@ -43,7 +43,7 @@ from elastid.frf.estimators import (
     total_error,
 )
 from elastid.frf.experiment_blocks import MeanSpectra, gather_spectra
-from elastid.frf.lines import analysed_lines, spectra_of
+from elastid.frf.lines import analysed_lines
 from elastid.frf.local.response import local_response
 from elastid.frf.moved_sensors import by_outputs, stack_outputs
 from elastid.frf.quality import (
@@ -162,7 +162,7 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
     method = spec.method
     check_number_of_periods(groups, method)
     first = groups[0][0]
-    spectra = [spectra_of(group, spec, planned_lines) for group in groups]
+    spectra = [list(map(RecordSpectra, group)) for group in groups]
     lines = analysed_lines([record_spectra for group in spectra for record_spectra in group], spec, planned_lines)
     detection = detection_lines(lines, first.half_wave)
     everywhere = np.union1d(lines, detection)
@@ -302,7 +302,7 @@ def motor_motion(records: Sequence[Record], response: Response) -> MotorMotion |
     s = (2j * np.pi * first.rate_hz / N * np.arange(1, K)).astype(np.complex128)
     orders = [MOTION_ORDER[first.quantities[i]] for i in columns]
     over = np.stack([s**-order for order in orders], axis=1)
-    y = np.stack([_amplitudes(record, record.y, columns)[:K] for record in records])
+    y = np.stack([_amplitudes(record, record.y, columns, K) for record in records])
     q = y[:, 1:] * over
     excited = lines[lines < K] - 1
     power = np.sum(squared_magnitude(q), axis=(0, 2))
@@ -317,11 +317,12 @@ def motor_motion(records: Sequence[Record], response: Response) -> MotorMotion |
     return MotorMotion(motors, s.imag[moving] / (2 * np.pi), spectra, mean, feedback).grouped(_MOST_LINES)
 
 
-def _amplitudes(record: Record, signals: FloatArray, columns: list[int]) -> ComplexArray:
-    """Return complex amplitudes (N // 2, c) of some signals in the last period of a record that is used; twice at 0."""
+def _amplitudes(record: Record, signals: FloatArray, columns: list[int], K: int) -> ComplexArray:
+    """Return complex amplitudes (K, c) of some signals in the last period of a record that is used; twice at 0."""
     N, P = record.period_samples, record.n_periods
     last = max((p for p in range(P) if p not in record.discarded_periods), default=P - 1)
-    return rfft(signals[last * N : (last + 1) * N, columns], axis=0)[: N // 2] * (2 / N)
+    period: ComplexArray = real_dft(signals[last * N : (last + 1) * N][None], np.arange(K))[0]
+    return period[:, columns] * (2 / N)
 
 
 def _feedback(
@@ -334,10 +335,10 @@ def _feedback(
 ) -> FloatArray | None:
     """Return (3, n_m, n_m) from motor angles q (E, K, n_m) at s (K,); None if the angles do not explain the torques."""
     order = [records[0].inputs.index(motor) for motor in motors]
-    drive = np.stack([_amplitudes(record, record.u, order)[1 : len(s) + 1] for record in records])
+    drive = np.stack([_amplitudes(record, record.u, order, len(s) + 1)[1:] for record in records])
     injected = [record.r for record in records if record.r is not None and not record.r_is_reference]
     if len(injected) == len(records):
-        added = [_amplitudes(record, r, order)[1 : len(s) + 1] for r, record in zip(injected, records, strict=True)]
+        added = [_amplitudes(record, r, order, len(s) + 1)[1:] for r, record in zip(injected, records, strict=True)]
         drive = drive - np.stack(added)
         lines = np.flatnonzero(moving)
     else:

@@ -36,13 +36,12 @@ class FullSum:
         self.scale, self.dof = scale, 0
         self.S: ComplexArray = np.zeros((*scale.shape, scale.shape[1]), np.complex128)
 
-    def add(self, part: slice, z: ComplexArray) -> ComplexArray:
-        """Add the scatter of z (P, f, n) at some lines; return its mean (f, n)."""
+    def add(self, part: slice, z: ComplexArray, mean: ComplexArray) -> None:
+        """Add the scatter of z (P, f, n) at some lines; write its mean (f, n)."""
         z = np.ascontiguousarray(z)
-        mean = z.sum(axis=0) / len(z)
+        mean[:] = z.sum(axis=0) / len(z)
         V = np.moveaxis(z - mean, 0, 2)
         self.S[part] += V @ V.mT.conj()
-        return np.asarray(mean)
 
     def power(self) -> FloatArray:
         """Return sum (F, n) over periods of |Z - mean|^2."""
@@ -64,13 +63,11 @@ class PackedSum:
         self.scale, self.dof, (F, n) = np.asfortranarray(scale), 0, scale.shape
         self.S: FloatArray = np.zeros((-(-F // BATCH), n * (n + 1) // 2, 2, BATCH))
 
-    def add(self, part: slice, z: ComplexArray) -> ComplexArray:
-        """Return part added as by `FullSum.add`, from whole batches on."""
-        (P, f, n), mean = z.shape, np.empty((z.shape[2], z.shape[1]), np.complex128)
-        apart = [stride // z.itemsize for stride in z.strides]
-        # By its address: z may be a view.
-        call("add_scatter", P, f, n, z.ctypes.data, *apart, mean, self.S[part.start // BATCH :])
-        return mean.T
+    def add(self, part: slice, z: ComplexArray, mean: ComplexArray) -> None:
+        """Add as `FullSum.add` does, from whole batches on; lines of the mean are side by side."""
+        apart = [stride // z.itemsize for stride in (*z.strides, mean.strides[1])]
+        # By their addresses: they may be views.
+        call("add_scatter", *z.shape, z.ctypes.data, mean.ctypes.data, *apart, self.S[part.start // BATCH :])
 
     def power(self) -> FloatArray:
         """Return power as of `FullSum.power`."""
@@ -86,27 +83,28 @@ class PackedSum:
         return S
 
 
-def add_periods(sums: FullSum | PackedSum, groups: Iterable[PeriodSpectra]) -> ComplexArray:
+def add_periods(
+    sums: FullSum | PackedSum, groups: Iterable[PeriodSpectra], out: ComplexArray | None = None
+) -> ComplexArray:
     """Add the scatter of a record's periods, group by group; return their mean Z (F, n).
+
+    out: memory for it, in which lines are side by side.
 
     Scatters about the means of two groups add up with that of the means (Chan, Golub and LeVeque, 1979), which is
     the scatter of two periods, one on either side.
     """
-    F, n_channels = sums.scale.shape
-    mean, n = np.empty((n_channels, F), np.complex128).T, 0
+    mean, n = np.empty(sums.scale.shape, np.complex128, "F") if out is None else out, 0
     for spectra in groups:
         p = len(spectra.periods)
-        if not p:
-            continue
-        for first in range(0, F, sums.lines_at_once):
+        for first in range(0, len(mean) if p else 0, sums.lines_at_once):
             part = slice(first, first + sums.lines_at_once)
-            group_mean = sums.add(part, spectra.z[:, part])
+            group_mean = np.empty(mean[part].shape, np.complex128, "F") if n else mean[part]
+            sums.add(part, spectra.z[:, part], group_mean)
             if n:
                 apart = group_mean - mean[part]
                 side = np.sqrt(n * p / (n + p) / 2) * apart
-                sums.add(part, np.stack([side, -side]))
-                group_mean = mean[part] + p / (n + p) * apart
-            mean[part] = group_mean
+                sums.add(part, np.stack([side, -side]), group_mean)
+                mean[part] += p / (n + p) * apart
         n += p
     sums.dof += n - 1
     mean *= sums.scale
@@ -232,9 +230,9 @@ def gather_spectra(
     for group in realisations:
         Z, periods = np.empty((len(group), *sums.scale.shape[::-1]), np.complex128), np.zeros(len(group))
         for i, spectra in enumerate(group):
-            used, mean, every = _mean(spectra, lines, excited, spec, sums)
+            used, mean, every = _mean(spectra, lines, excited, spec, sums, Z[i].T)
             notes += used.notes
-            periods[i], Z[i] = len(used.periods), mean.T
+            periods[i] = len(used.periods)
             if every is not None and len(realisations) == 1:
                 scatter.append(every.z * every.scale - mean)
         R = [reference_spectrum(spectra, lines) for spectra in group] if with_reference else []
@@ -258,8 +256,9 @@ def _mean(
     excited: BoolArray,
     spec: EstimatorSpec,
     sums: FullSum | PackedSum,
+    mean: ComplexArray,
 ) -> tuple[PeriodSpectra, ComplexArray, PeriodSpectra | None]:
-    """Return a record's usable periods and their mean Z (F, n); add their scatter to the sums.
+    """Return a record's usable periods and their mean Z (F, n), in the given memory; add their scatter to the sums.
 
     Last they at all lines, where memory holds them.
     """
@@ -267,11 +266,11 @@ def _mean(
         every = period_spectra(spectra, lines, spec.quantity, sums.scale)
         used = trusted(every.on(excited), spec)
         every = every.only(np.searchsorted(every.periods, used.periods))
-        return used, add_periods(sums, [every]), every
+        return used, add_periods(sums, [every], mean), every
     # Few lines show the periods that can be trusted; then all lines are added up, some periods at a time.
     values = spectra.record.n_repeats * sums.scale.shape[1]
     step = -(-int(excited.sum()) // max(20, _MAX_COMPARED_VALUES // values))
     used = trusted(period_spectra(spectra, lines[excited][::step], spec.quantity), spec)
     groups = period_groups(spectra, lines, spec.quantity, sums.scale)
     used_groups = (group.only(np.flatnonzero(np.isin(group.periods, used.periods))) for group in groups)
-    return used, add_periods(sums, used_groups), None
+    return used, add_periods(sums, used_groups, mean), None

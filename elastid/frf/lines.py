@@ -1,7 +1,6 @@
 """DFT lines to analyse: planned lines, lines of a grid, or excited lines detected in recorded inputs."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -22,13 +21,6 @@ _MAX_CYCLE, _MAX_SEARCHED = 64, 20_000
 # Differences over their mean, above which a jump does not count for more. Fraction of the differences at one sample of
 # a cycle, and of cycles with steps above a fraction of the largest step.
 _LARGEST_STEP, _STEP_FRACTION, _MIN_MOVING_FRACTION, _MIN_STEP = 10.0, 0.95, 0.2, 1e-3
-
-
-def spectra_of(records: Sequence[Record], spec: EstimatorSpec, planned: IntArray | None) -> list[RecordSpectra]:
-    """Compute the spectra of each record, with its driver unless it is large; planned (F,): DFT bins of the plan."""
-    is_stated = spec.lines in ("full", "odd") or (spec.lines == "auto" and planned is not None)
-    every = [RecordSpectra(record) for record in records]
-    return [part if is_stated or part.is_large else replace(part, driver=part.dft(part.driver_role)) for part in every]
 
 
 def analysed_lines(spectra: Sequence[RecordSpectra], spec: EstimatorSpec, planned: IntArray | None) -> IntArray:

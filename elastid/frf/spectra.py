@@ -26,6 +26,7 @@ from elastid.base.arrays import (
     release,
 )
 from elastid.base.errors import DataError, Note
+from elastid.base.fourier import real_dft
 from elastid.excitation.grids import line_frequencies
 from elastid.record import MOTION_ORDER, Motion, Record
 
@@ -71,15 +72,12 @@ def undivided_logs(records: Sequence[Record]) -> list[Record]:
 
 @dataclass(frozen=True, eq=False)
 class RecordSpectra:
-    """The DFTs (P, N // 2 + 1, c) of the P repetitions of a record's signals, each computed once.
+    """The DFTs of the P repetitions of a record's signals, computed where they are asked for.
 
     A half period counts as a repetition of a half-wave record, of which only the odd lines have a meaning.
-    driver: DFT of the torque that excites (r; u where r was not recorded), kept where the excited lines are found in
-    it.  None where the lines are known: then memory holds the spectra of one record at a time.
     """
 
     record: Record
-    driver: ComplexArray | None = None
 
     @property
     def driver_role(self) -> Role:
@@ -91,70 +89,31 @@ class RecordSpectra:
         """True if the record is worked on in groups of periods."""
         return self.record.u.size + self.record.y.size >= MIN_LARGE_VALUES
 
-    def dft(self, role: Role) -> ComplexArray:
-        """Return DFT (P, N // 2 + 1, c) of each period of the c channels of a signal, in logged units."""
-        if role == self.driver_role and self.driver is not None:
-            return self.driver
-        return self._period_dft(role, 0, self.record.n_repeats)
-
-    def dft_groups(self, role: Role) -> Iterator[ComplexArray]:
-        """Yield DFT of some periods (p, N // 2 + 1, c) at a time."""
-        L, P = self.record.repeat_samples, self.record.n_repeats
-        at_once = max(1, PIECE_VALUES // (L * max(len(self.record.inputs), len(self.record.outputs))))
-        for first in range(0, P, at_once):
-            yield self._period_dft(role, first, min(P, first + at_once))
-            release(getattr(self.record, role))
-
-    def _period_dft(self, role: Role, first: int, last: int) -> ComplexArray:
-        record, L = self.record, self.record.repeat_samples
-        signals: FloatArray = getattr(record, role)
-        blocks = signals[first * L : last * L].reshape(last - first, L, -1)
-        if not record.half_wave:
-            return rfft(blocks, axis=1)
-        # The mean of all whole periods is no part of what changes sign; half a period would see it at every odd line.
-        blocks = blocks - mean_of_rows(signals, record.n_repeats // 2 * 2 * L)
-        halves: ComplexArray = rfft(blocks, n=2 * L, axis=1)
-        halves *= ((-1.0) ** np.arange(first, last))[:, None, None]
-        return halves
-
     def dft_at(self, roles: Sequence[Role], lines: IntArray) -> Iterator[ComplexArray]:
-        """Yield the DFT (p, F, c) of signals side by side at lines (F,): all periods, or some of a large record."""
-        if not self.is_large:
-            return iter([self._dft_at(roles, lines)])
-        groups = zip(*(self.dft_groups(role) for role in roles), strict=True)
-        return (np.concatenate([dft[:, _line_index(lines)] for dft in group], axis=2) for group in groups)
+        """Yield the DFT (p, F, c) of signals side by side at lines (F,): all periods, or some of a large record.
 
-    def _dft_at(self, roles: Sequence[Role], lines: IntArray) -> ComplexArray:
-        """Return the DFT (P, F, c) of all periods of some signals side by side, in memory one channel after the other.
-
-        Where most lines are wanted the spectra stay where the FFT writes them, with the others.
+        In logged units, in memory one channel after the other.
         """
-        index, n_spectrum = _line_index(lines), self.record.repeat_samples // 2 + 1
-        ends = np.cumsum([0, *(getattr(self.record, role).shape[1] for role in roles)])
-        keeps_all = isinstance(index, slice) and 2 * len(lines) > n_spectrum and not self.record.half_wave
-        # Spectra of two channels a power of two apart would share few places of the cache.
-        dft = np.empty((self.record.n_repeats, ends[-1], n_spectrum + 27 if keeps_all else len(lines)), np.complex128)
-        if keeps_all:
-            dft = dft[:, :, :n_spectrum]
-        for role, first, last in zip(roles, ends, ends[1:], strict=False):
-            self._put_dft_at(role, slice(None) if keeps_all else index, dft[:, first:last])
-        return dft.swapaxes(1, 2)[:, index] if keeps_all else dft.swapaxes(1, 2)
-
-    def _put_dft_at(self, role: Role, index: slice | IntArray, dft: ComplexArray) -> None:
-        """Write the DFT of all periods into dft (P, c, F); half periods share their mean.
-
-        Of some lines one array holds the whole spectrum of one period after the other and stays in the cache.
-        """
-        record, L = self.record, self.record.repeat_samples
-        if record.half_wave or (role == self.driver_role and self.driver is not None):
-            dft[:] = self.dft(role)[:, index].swapaxes(1, 2)
-            return
-        signals, is_whole = getattr(record, role), dft.shape[2] == L // 2 + 1
-        spectrum = np.empty((dft.shape[1], 0 if is_whole else L // 2 + 1), np.complex128)
-        for p, row in enumerate(dft):
-            rfft(signals[p * L : (p + 1) * L], axis=0, out=(row if is_whole else spectrum).T)
-            if not is_whole:
-                row[:] = spectrum[:, index]
+        L, P = self.record.repeat_samples, self.record.n_repeats
+        signals: list[FloatArray] = [getattr(self.record, role) for role in roles]
+        ends = np.cumsum([0, *(signal.shape[1] for signal in signals)])
+        at_once = max(1, PIECE_VALUES // (L * int(ends[-1]))) if self.is_large else P
+        for first in range(0, P, at_once):
+            periods = np.arange(first, min(P, first + at_once))
+            # Spectra of two channels a power of two apart would share few places of the cache.
+            dft = np.empty((len(periods), ends[-1], len(lines) + 27), np.complex128)[:, :, : len(lines)]
+            for signal, start, end in zip(signals, ends, ends[1:], strict=False):
+                blocks = signal[first * L : (first + len(periods)) * L].reshape(len(periods), L, -1)
+                if self.record.half_wave:
+                    # The mean of all whole periods is no part of what changes sign; half a period would see it.
+                    blocks = blocks - mean_of_rows(signal, P // 2 * 2 * L)
+                    halves = rfft(blocks, n=2 * L, axis=1)[:, lines].swapaxes(1, 2)
+                    dft[:, start:end] = halves * (-1.0) ** periods[:, None, None]
+                else:
+                    real_dft(blocks, lines, dft[:, start:end])
+                if self.is_large:
+                    release(signal)
+            yield dft.swapaxes(1, 2)
 
     def amplitudes(self, role: Role, lines: IntArray) -> ComplexArray:
         """Return complex amplitudes (P, F, c) of a signal at lines (F,)."""

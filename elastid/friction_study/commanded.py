@@ -25,7 +25,7 @@ from scipy.special import fdtri
 from elastid.base.arrays import BoolArray, FloatArray, folded, frozen_value, named
 from elastid.base.errors import DataError
 from elastid.base.statistics import small_sample_factors
-from elastid.friction_study.least_squares import cosine_count, long_run, state_widening
+from elastid.friction_study.least_squares import Estimate, cosine_count, long_run, state_widening
 from elastid.friction_study.static_model_fit import friction_of
 from elastid.robot import Friction, MeasuredRange
 from elastid.simulation.rigid_joints import NUMBERS, CommandedJoints
@@ -89,19 +89,16 @@ LEAST_VISCOUS = -2.0  # standard deviations of a viscous friction, which supplie
 
 
 @frozen_value
-class CommandedJoint:
-    """Numbers of one joint from commands alone, link side: names and values (n_x,), covariance (n_x, n_x).
+class CommandedJoint(Estimate):
+    """Estimate of one joint from commands alone, link side; the last of its names is the delay.
 
-    names: the last is the delay.  rms: of measured minus simulated positions.  is_first: of the joints that share the
+    rms: of measured minus simulated positions.  is_first: of the joints that share the
     delay.  travel: rms of the position about its mean.  speeds: lowest and highest, rad/s.  logs: their number.
     seconds: their duration.  carried: inertia of the robot model's rigid body at this joint, without which `inertia` is
     the armature; 0 if the joints are not coupled and `inertia` is all inertia.
     """
 
     joint: str
-    names: tuple[str, ...]
-    values: FloatArray
-    covariance: FloatArray
     rms: float
     is_first: bool = True
     travel: float = 0.0
@@ -109,9 +106,6 @@ class CommandedJoint:
     carried: float = 0.0
     logs: int = 1
     seconds: float = 0.0
-
-    def __getitem__(self, name: str) -> float:
-        return float(self.values[self.names.index(name)])
 
     @property
     def relative_error(self) -> float:
@@ -121,7 +115,7 @@ class CommandedJoint:
     @property
     def misfit(self) -> str:
         """Why positions or numbers refute the model; empty if they do not."""
-        stds = self["viscous"] / max(float(np.sqrt(self.covariance[1, 1])), 1e-300)
+        stds = self["viscous"] / max(self.std("viscous"), 1e-300)
         if stds < LEAST_VISCOUS:
             return (
                 f"viscous friction is {self['viscous']:.3g}, {stds:.2g} std; the limit is {LEAST_VISCOUS:g}. Check "
@@ -136,10 +130,9 @@ class CommandedJoint:
 
     def to_friction(self) -> tuple[Friction, float]:
         """Return friction law and viscous friction, N*m*s/rad, for a robot model; ValueError if that is negative."""
-        numbers = named(self.names, self.values)
-        if self["viscous"] < LEAST_VISCOUS * float(np.sqrt(self.covariance[1, 1])):
+        if self["viscous"] < LEAST_VISCOUS * self.std("viscous"):
             raise ValueError(f"viscous friction is {self['viscous']:.3g}, below 0: velocity_gain is too large")
-        return friction_of(numbers, 20.0, MeasuredRange(self.speeds, None, None))
+        return friction_of(named(self.names, self.values), 20.0, MeasuredRange(self.speeds, None, None))
 
 
 @dataclass(frozen=True)
@@ -370,7 +363,7 @@ def _fit(problem: _Problem, numbers: FloatArray, delay_s: float) -> dict[str, Co
     for joint, error in zip(problem.joints, rms.tolist(), strict=True):
         places = [i for i, (of, _) in enumerate(names) if of in (joint, "")]
         block, is_first = covariance[np.ix_(places, places)], joint == problem.joints[0]
-        fits[joint] = CommandedJoint(joint, tuple(names[i][1] for i in places), values[places], block, error, is_first)
+        fits[joint] = CommandedJoint(tuple(names[i][1] for i in places), values[places], block, joint, error, is_first)
     return fits
 
 
@@ -381,17 +374,16 @@ def _covariance(end: _Linearised, problem: _Problem, names: Sequence[tuple[str, 
     meat = sum(long_run(score, count) for score, count in zip(end.scores, counts, strict=True))
     dof = float(sum(counts))
     covariance = end.inverse @ meat @ end.inverse * small_sample_factors(dof) ** 2
-    variance, dofs, every = np.diag(covariance).copy(), np.full(len(covariance), dof), np.vstack(end.scores)
+    variance, dofs, scores = np.diag(covariance).copy(), np.full(len(covariance), dof), np.vstack(end.scores)
     wider = np.ones(len(covariance))
     for joint in problem.joints:
         places = [i for i, (of, _) in enumerate(names) if of == joint]
-        angle = np.concatenate(
-            [
-                q[:, log.joints.index(joint)] if joint in log.joints else np.zeros(len(q))
-                for log, q in zip(problem.logs, problem.measured, strict=True)
-            ]
-        )
-        wider[places] = state_widening(end.inverse, every, angle[:, None], variance, dofs)[places]
+        angles = [
+            q[:, log.joints.index(joint)] if joint in log.joints else np.zeros(len(q))
+            for log, q in zip(problem.logs, problem.measured, strict=True)
+        ]
+        state = np.concatenate(angles)[:, None]
+        wider[places] = state_widening(end.inverse, scores, state, variance, dofs)[places]
     if m > 1:
         d = np.array([score.sum(axis=0) for score in end.scores]) @ end.inverse
         ratio = m / (m - 1) * np.sum(d**2, axis=0) / np.maximum(variance, 1e-300)

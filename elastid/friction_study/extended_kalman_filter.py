@@ -94,9 +94,8 @@ class TrackedJoint:
         names = self.states
         x, u, g = ca.SX.sym("x", len(names)), ca.SX.sym("u"), ca.SX.sym("g")
         c = ca.SX.sym("c", len(self.consider_parameters))
-        factor = dict.fromkeys(TOLERANCES, ca.SX(1.0)) | {
-            name: 1 + c[i] for i, name in enumerate(self.consider_parameters)
-        }
+        factor = dict.fromkeys(TOLERANCES, ca.SX(1.0))
+        factor |= {name: 1 + c[i] for i, name in enumerate(self.consider_parameters)}
         state = dict(zip(names, ca.vertsplit(x), strict=True))
         n_q = 2 if self.stiffness > 0 else 1
         coulomb = ca.exp(state["Fc"]) if "Fc" in state else self.coulomb
@@ -259,15 +258,8 @@ def first_estimate(
     bend = joint.coulomb / joint.bristle_stiffness
     start = {"q_m": angle, "q_l": angle - (load / joint.stiffness if joint.stiffness > 0 else 0.0)}
     start |= dict.fromkeys(("v_m", "v_l"), velocity[0])
-    velocity_std = math.hypot(1e-2, velocity[1])
-    std = {
-        "q_m": bend,
-        "q_l": 2 * bend,
-        "v_m": velocity_std,
-        "v_l": velocity_std,
-        "z": bend / 2,
-        "w": 0.1 * joint.coulomb,
-    }
+    std = {"q_m": bend, "q_l": 2 * bend, "z": bend / 2, "w": 0.1 * joint.coulomb}
+    std |= dict.fromkeys(("v_m", "v_l"), math.hypot(1e-2, velocity[1]))
     for name in joint.followed:
         start[name] = 0.0 if name == "offset" else float(np.log(joint.coulomb if name == "Fc" else joint.viscous))
         std[name] = PRIOR[name] * (joint.coulomb if name == "offset" else 1.0)
@@ -310,13 +302,12 @@ class KalmanFilter:
                 P[friction_rows, : n_x - p] = 0.0
                 P[friction_rows, friction_rows] += np.diag(drift**2 * max(0.0, motion.start_s - time_s[start]))
             for begin in range(0, n, _BLOCK):
-                block = np.stack(
-                    [signal[begin : begin + _BLOCK] for signal in (motion.torque, motion.load, motion.angle)]
-                )
+                samples = slice(begin, begin + _BLOCK)
+                block = np.stack([motion.torque[samples], motion.load[samples], motion.angle[samples]])
                 here = slice(start + begin, start + begin + block.shape[1])
                 block = np.pad(block, ((0, 0), (0, _BLOCK - block.shape[1])), "edge")
-                every = evaluated(self._block, [x, P.T, *block, noise_rows], shapes)
-                states, spread, e, S = (output[: n - begin] for output in every)
+                outputs = evaluated(self._block, [x, P.T, *block, noise_rows], shapes)
+                states, spread, e, S = (output[: n - begin] for output in outputs)
                 variance = np.diagonal(spread, axis1=1, axis2=2)[:, friction_rows]
                 considered = np.sum(spread[:, n_x:, friction_rows] ** 2, axis=1)
                 numbers[:, here] = states[:, friction_rows], np.sqrt(variance), variance - considered

@@ -80,7 +80,8 @@ def track_friction(
     if duration_s <= settle_s + LAGS / rate_hz:
         raise DataError(
             "filter/record",
-            f"motions of {duration_s:.3g} s end before it settles ({settle_s:g} s): log longer, or give filter.settle",
+            f"the motions last {duration_s:.3g} s, less than the filter's settling time ({settle_s:g} s). Record "
+            "longer motions, or lower filter.settle",
             f"joint {name}",
         )
     # At most half a minute of the longest motion shows the noise.

@@ -36,7 +36,15 @@ from elastid.base.arrays import FloatArray, named
 from elastid.base.errors import DataError, Note
 from elastid.friction_study.constant_velocity import NEGATIVE
 from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, shift_between, solve
-from elastid.friction_study.motion_signals import Motion, MotionLog, MotionSignals, Plateau, both_bands, distinct_speeds
+from elastid.friction_study.motion_signals import (
+    NARROW_BAND,
+    Motion,
+    MotionLog,
+    MotionSignals,
+    Plateau,
+    both_bands,
+    distinct_speeds,
+)
 from elastid.friction_study.regressor import (
     ANGLE,
     MotionTerms,
@@ -60,12 +68,12 @@ from elastid.friction_study.static_model_fit import (
     ABSENT,
     LOWEST_SPEED,
     MIN_SPEEDS,
-    STRIBECK_NUMBERS,
     TEMPERATURE_STEP_K,
     UnidentifiedTerm,
     above_stribeck,
     extrapolates,
     friction_of,
+    identified_names,
 )
 from elastid.robot import Friction, MeasuredRange, Robot
 
@@ -81,7 +89,6 @@ COMPARED_PARAMETERS = ("inertia", "viscous", "coulomb")
 # Limits of the judgement of a motion (scripts/studies/results.csv).
 NOISE_ERROR = 0.1  # relative std of the expected shift between both bands, since position noise may not be white
 MAX_BIAS = 0.5  # expected bias by position noise over the std, above which the passband is halved
-NARROW_BAND = 0.25  # second band over the passband; a correct model has equal parameters in both
 MAX_SHIFT = 2.8  # shift of a parameter between both bands over its std, above which the model has an error
 SPRING_SHIFT = 0.5  # change of a parameter by a spring behind the motor over its std, above which it is a misfit
 MAX_ERROR = 0.05  # relative std with model errors, above which they are a misfit
@@ -131,8 +138,7 @@ class MotionFriction:
     @property
     def identified_names(self) -> tuple[str, ...]:
         """The numbers that are no extrapolations."""
-        unseen = STRIBECK_NUMBERS if any(part.term == "stribeck" for part in self.unidentified) else ()
-        return tuple(name for name in self.regression.names if not name.endswith(unseen))
+        return identified_names(self.regression.names, self.unidentified)
 
     def to_friction(self) -> tuple[Friction, float]:
         """Return the law and its viscous friction as in a robot model, without presliding."""
@@ -204,7 +210,7 @@ def _with_model_errors(fit: MotionFriction, motions: Sequence[Motion], widest_hz
     bands, texts = tuple[list[MotionLog], ...](), list[str]()
     halvings = round(math.log2(widest_hz / fit.passband_hz))
     for band_hz in (widest_hz / 2**k for k in range(halvings, -1, -1)):
-        if bands := both_bands([MotionLog({"": MotionSignals.of(motion, band_hz)}) for motion in motions], NARROW_BAND):
+        if bands := both_bands([MotionLog({"": MotionSignals.of(motion, band_hz)}) for motion in motions]):
             fit, text = _by_spring(fit, [log.first for log in bands[1]])
             texts.append(text)
     fit = assess_motion(fit, "", _noise_free_differences(bands, fit), widest_hz)
@@ -243,11 +249,9 @@ def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[No
         )
         yield Note("friction/position-dependent", text, place)
     if fit.terms.friction_only and not fit.motion.is_run_down:
-        v, s = (
-            np.concatenate([s.filtered(getattr(s, name))[s.used] for s in signals])
-            for name in ("velocity", "direction")
-        )
-        friction = float(np.linalg.norm(fit.regression["viscous"] * v + fit.regression["coulomb"] * s))
+        viscous, coulomb = fit.regression["viscous"], fit.regression["coulomb"]
+        v, s = (np.concatenate([s.filtered(getattr(s, x))[s.used] for s in signals]) for x in ("velocity", "direction"))
+        friction = float(np.linalg.norm(viscous * v + coulomb * s))
         ratio = float(np.sqrt(fit.regression.sum_of_squares)) / max(friction, 1e-300)
         dominates = ratio > 0.1  # of the torque of friction, above which residuals dominate the error of its numbers
         text = f"rms residual of the regression: {fit.regression.relative_error:.1%} of the torque, {ratio:.0%} of "
@@ -379,13 +383,12 @@ def regress_robot_motion(
         return [equations_of(log, terms, block, sliding) for log, block in zip(logs, rigid, strict=True)]
 
     terms, rate_hz = dict.fromkeys(joints, MotionTerms(friction_only=True)), logs[0].first.decimated_hz
-    every = solve(equations(terms), rate_hz)
-    terms = {
-        joint: replace(rule, by_direction=every.at(joint).chance("directions.viscous", 0) < FALSE_ALARM)
-        for joint, rule in terms.items()
-    }
+    full = solve(equations(terms), rate_hz)
+    for joint in joints:
+        chance = full.at(joint).chance("directions.viscous", 0)
+        terms[joint] = replace(terms[joint], by_direction=chance < FALSE_ALARM)
     least = solve(equations(terms), rate_hz)
-    shifts = band_differences(both_bands(logs, NARROW_BAND), lambda log: equations_of(log, terms, base.filtered(log)))
+    shifts = band_differences(both_bands(logs), lambda log: equations_of(log, terms, base.filtered(log)))
     names, units = zip(*column_names(robot, joints), strict=True)
     # Near reversals friction is not as the regression has it, but a rigid body that they contradict predicts none.
     shrunk, least_shrunk = (ridge_estimate(equations(terms, False), least, ridges) for ridges in (RIDGES, RIDGES[:1]))

@@ -18,7 +18,7 @@ order of a state (angle, velocity) make a covariance of the same kind; where it 
 chance, it counts.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -28,7 +28,7 @@ from scipy.fft import dct
 from scipy.optimize import least_squares
 from scipy.special import fdtri, stdtr
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.statistics import f_test, small_sample_factors
 
 # Chance that a term is taken into a law that does not have it, or a scatter for larger than chance makes it.
@@ -97,9 +97,9 @@ def inverse_normal(J: FloatArray) -> FloatArray:
     size = np.linalg.norm(J, axis=0)
     size[size < 1e-100] = 1.0  # the square of such a column underflows
     _, s, Vt = np.linalg.svd(J / size, full_matrices=False)
-    reached = s > 1e-12 * s.max()
-    inverse = (Vt[reached].T / s[reached] ** 2) @ Vt[reached]
-    reach = np.sum(Vt[~reached] ** 2, axis=0) > 1e-6
+    is_identified = s > 1e-12 * s.max()
+    inverse = (Vt[is_identified].T / s[is_identified] ** 2) @ Vt[is_identified]
+    reach = np.sum(Vt[~is_identified] ** 2, axis=0) > 1e-6
     inverse[reach, reach] = np.inf
     return np.asarray(inverse / np.outer(size, size))
 
@@ -124,29 +124,40 @@ class Equations:
     names: tuple[tuple[str, str], ...] = ()
 
 
-@dataclass(frozen=True)
-class Regression:
-    """Numbers by name, their covariance, norm of residual over torque; independent: residuals that correlation leaves.
-
-    dof (n_x,): of their variances.  widening: of the most widened std by errors of the model that repeat with a state.
-    """
+@frozen_value
+class Estimate:
+    """Parameters of a joint: names and values (n_x,) with their covariance (n_x, n_x)."""
 
     names: tuple[str, ...]
     values: FloatArray
     covariance: FloatArray
-    relative_error: float
-    sum_of_squares: float
-    independent: float
-    dof: FloatArray
-    widening: float
 
     def __getitem__(self, name: str) -> float:
         return float(self.values[self.names.index(name)])
 
     def std(self, name: str) -> float:
-        """Return the std of a number."""
-        i = self.names.index(name)
-        return float(np.sqrt(self.covariance[i, i]))
+        """Return the standard deviation of a parameter."""
+        return self.combination({name: 1.0})[1]
+
+    def combination(self, weights: Mapping[str, float]) -> tuple[float, float]:
+        """Return the weighted sum of parameters, and its standard deviation."""
+        places, a = [self.names.index(name) for name in weights], np.array([*weights.values()])
+        return float(a @ self.values[places]), float(np.sqrt(a @ self.covariance[np.ix_(places, places)] @ a))
+
+
+@dataclass(frozen=True)
+class Regression(Estimate):
+    """An estimate by regression; relative_error: norm of its residual over the norm of the torque.
+
+    independent: residuals that correlation leaves.  dof (n_x,): of the variances.  widening: of the most widened std by
+    errors of the model that repeat with a state.
+    """
+
+    relative_error: float
+    sum_of_squares: float
+    independent: float
+    dof: FloatArray
+    widening: float
 
     def widened(self, change: FloatArray) -> "Regression":
         """Return regression with a possible change of its numbers (n_x,) in the covariance."""
@@ -192,8 +203,8 @@ class Solution:
 
 def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     """Return parameters common to all logs; rate_hz of the samples."""
-    every = [[getattr(log, name) for log in logs] for name in ("X", "R", "y", "states")]
-    X, R, y, states = (parts[0] if len(parts) == 1 else np.concatenate(parts) for parts in every)
+    stacks = [[getattr(log, name) for log in logs] for name in ("X", "R", "y", "states")]
+    X, R, y, states = (parts[0] if len(parts) == 1 else np.concatenate(parts) for parts in stacks)
     (n, m), n_x = y.shape, X.shape[2]
     weight, used = np.ones(m), np.any(X, axis=2).sum(axis=0)
     for _ in range(5 if m > 1 else 1):  # weights, then the solution
@@ -320,6 +331,6 @@ def _basis(R: FloatArray) -> tuple[FloatArray, FloatArray]:
         return np.zeros((len(R), 0)), np.zeros((R.shape[1], 0))
     size = np.where(size > 0, size, np.inf)
     _, s, Vt = np.linalg.svd(_triangle(R) / size, full_matrices=False)
-    kept = s > RANK_TOLERANCE * s[0]
-    inverse = (Vt[kept] / s[kept, None] / size).T
+    is_significant = s > RANK_TOLERANCE * s[0]
+    inverse = (Vt[is_significant] / s[is_significant, None] / size).T
     return R @ inverse, inverse

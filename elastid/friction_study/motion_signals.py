@@ -35,7 +35,7 @@ SMOOTHED_HZ = 60.0
 def smoothed(record: FrictionRecord, hz: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return low-pass filtered position, velocity, logged velocity if available, and acceleration (n,)."""
     smooth = butter(2, min(hz, 0.45 * record.rate_hz), fs=record.rate_hz, output="sos")
-    position = np.asarray(sosfiltfilt(smooth, record.position))
+    position = sosfiltfilt(smooth, record.position)
     velocity = np.gradient(position, 1 / record.rate_hz) if record.velocity is None else record.velocity
     return position, velocity, np.gradient(sosfiltfilt(smooth, velocity), 1 / record.rate_hz)
 
@@ -266,7 +266,7 @@ class MotionSignals:
         acting = motion.position
         if motion.torque_delay_s:
             acting = spline_derivative(spline_filter1d(acting, 5), 0, motion.torque_delay_s * rate)
-        position = np.asarray(sosfiltfilt(smooth, acting))
+        position = sosfiltfilt(smooth, acting)
         # Central differences would take 43 % of an acceleration at a fifth of the rate.
         spline, logged = spline_filter1d(position, 5), spline_filter1d(acting, 5)
         derivatives = np.stack([spline_derivative(logged, order) * rate**order for order in (1, 2)])
@@ -276,9 +276,9 @@ class MotionSignals:
         velocity = np.stack([spline_derivative(spline, 1, i / finer) * rate for i in range(finer)], axis=1).ravel()
         direction = resample_poly(np.sign(velocity), 1, finer, padtype="line")
         taps = b_spline_taps(rate, passband_hz)
-        kept = slice(spoilt, len(position) - spoilt, max(1, int(rate / (4 * passband_hz))))
+        inner = slice(spoilt, len(position) - spoilt, max(1, int(rate / (4 * passband_hz))))
         acceleration = spline_derivative(spline, 2) * rate**2
-        return cls(motion, position, velocity[::finer], acceleration, derivatives, direction, taps, kept, passband_hz)
+        return cls(motion, position, velocity[::finer], acceleration, derivatives, direction, taps, inner, passband_hz)
 
     @cached_property
     def inertial_acceleration(self) -> FloatArray:
@@ -299,11 +299,11 @@ class MotionSignals:
 
     def filtered(self, column: FloatArray) -> FloatArray:
         """Return a side of the equation (n, ...) behind the filter, at the decimated samples, away from the ends."""
-        kept, h = self.decimation, len(self.taps) // 2
-        before = h + -2 * h % kept.step  # a whole number of steps before the end of the taps
-        sums = upfirdn(self.taps, column[kept.start - before : kept.stop + h], 1, kept.step, axis=0)
-        first = (before + h) // kept.step
-        return np.asarray(sums[first : first + len(range(kept.start, kept.stop, kept.step))])
+        samples, h = self.decimation, len(self.taps) // 2
+        before = h + -2 * h % samples.step  # a whole number of steps before the end of the taps
+        sums = upfirdn(self.taps, column[samples.start - before : samples.stop + h], 1, samples.step, axis=0)
+        first = (before + h) // samples.step
+        return np.asarray(sums[first : first + len(range(samples.start, samples.stop, samples.step))])
 
     def pieces(self) -> Iterator[tuple["MotionSignals", slice]]:
         """Yield overlapping parts that divide the decimated samples between them, and the samples of each part."""
@@ -417,22 +417,24 @@ class MotionLog:
         return next(iter(self.signals.values()))
 
 
-def both_bands(logs: Sequence[MotionLog], narrow: float) -> tuple[list[MotionLog], ...]:
+# Second band over the passband; a correct model has equal parameters in both.
+NARROW_BAND = 0.25
+
+
+def both_bands(logs: Sequence[MotionLog]) -> tuple[list[MotionLog], ...]:
     """Return signals of the whole and of a narrow band at the same samples; none for short logs or many reversals."""
     bands = list[MotionLog](), list[MotionLog]()
     for log in logs:
+        motions = {joint: axis.motion for joint, axis in log.signals.items()}
         try:
-            slow = {
-                joint: MotionSignals.of(axis.motion, narrow * axis.passband_hz) for joint, axis in log.signals.items()
-            }
+            slow = MotionLog.of(motions, log.resting, NARROW_BAND * log.first.passband_hz)
         except DataError:
             return ()
-        if any(signal.used.all() for signal in slow.values()):
+        if any(axis.used.all() for axis in slow.signals.values()):
             return ()
-        kept = next(iter(slow.values())).decimation
-        same = slice(kept.start, kept.stop, log.first.decimation.step)
-        for band, signals in zip(bands, (log.signals, slow), strict=True):
-            band.append(
-                replace(log, signals={joint: replace(axis, decimation=same) for joint, axis in signals.items()})
-            )
+        inner = slow.first.decimation
+        samples = slice(inner.start, inner.stop, log.first.decimation.step)
+        for band, part in zip(bands, (log, slow), strict=True):
+            signals = {joint: replace(axis, decimation=samples) for joint, axis in part.signals.items()}
+            band.append(replace(part, signals=signals))
     return bands

@@ -170,16 +170,16 @@ def _heat(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
     degc = [axis.motion.temperature for axis in signals if axis.motion.temperature is not None]
     if len(degc) < len(signals):
         return terms
-    every = np.concatenate(degc)
-    low, high = float(every.min()), float(every.max())
-    terms = replace(terms, reference=float(every.mean()), measured=(low, high))
-    if np.ptp(every) < TEMPERATURE_STEP_K:
+    temperatures = np.concatenate(degc)
+    low, high = float(temperatures.min()), float(temperatures.max())
+    terms = replace(terms, reference=float(temperatures.mean()), measured=(low, high))
+    if np.ptp(temperatures) < TEMPERATURE_STEP_K:
         return terms
     alone = [regress(signals, replace(terms, heat=(name,))).chance(name, 0) for name in HEAT]
     if min(alone) * len(HEAT) > FALSE_ALARM:
         return terms
     # Two temperatures identify no decay; held at one that was not measured, it makes f at the mean temperature wrong.
-    between = np.mean(np.abs(every - (low + high) / 2) < (high - low) / 6)
+    between = np.mean(np.abs(temperatures - (low + high) / 2) < (high - low) / 6)
     # Three temperatures at least have 5 % of the time in the middle third of all.
     terms = replace(terms, heat=HEAT, is_decay_free=bool(between > 0.05))
     return terms.at(regress(signals, terms))
@@ -192,9 +192,9 @@ def _stribeck_velocity(signals: Sequence[MotionSignals], terms: MotionTerms) -> 
     without, fit = regress(signals, terms), regress(signals, best, steps=0)
     drop = without.sum_of_squares - fit.sum_of_squares
     chance = f_test(drop, 2, fit.sum_of_squares, max(1.0, without.independent - len(fit.names)))
-    change = np.array([float(name == "stiction") - float(name == "coulomb") for name in fit.names])
-    values, variance = np.array([change @ fit.values]), np.array([[change @ fit.covariance @ change]])
+    value, std = fit.combination({"stiction": 1.0, "coulomb": -1.0})
     # Few moments at low speed have few degrees of freedom; that they are no chance is the other test's to show.
+    values, variance = np.array([value]), np.array([[std**2]])
     excess = replace(fit, names=("excess",), values=values, covariance=variance, dof=fit.dof.max(keepdims=True))
     if max(chance, excess.chance("excess", 1)) * len(_VELOCITIES) > FALSE_ALARM:
         return 0.0
@@ -205,13 +205,12 @@ def _best_velocity(signals: Sequence[MotionSignals], terms: MotionTerms, velocit
     """Return the Stribeck velocity (of m candidates) that best explains the residual of a regression without one."""
     logs = [axis_equations(log, terms) for log in signals]
     X, y = (np.concatenate([getattr(log, name)[:, 0] for log in logs]) for name in ("X", "y"))
-    filtered = [
-        np.stack([axis.filtered(axis.direction * np.exp(-((axis.velocity / v) ** 2))) for v in velocities], axis=1)
-        * axis.used[:, None]
+    stribeck = [
+        [axis.filtered(axis.direction * np.exp(-((axis.velocity / v) ** 2))) * axis.used for v in velocities]
         for axis in signals
     ]
     Q = np.linalg.qr(X / np.maximum(np.linalg.norm(X, axis=0), 1e-300))[0]
-    residual, new = (side - Q @ (Q.T @ side) for side in (y, np.concatenate(filtered)))
+    residual, new = (side - Q @ (Q.T @ side) for side in (y, np.concatenate(stribeck, axis=1).T))
     return float(velocities[np.argmax((residual @ new) ** 2 / np.maximum(np.sum(new**2, axis=0), 1e-300))])
 
 
@@ -267,17 +266,16 @@ def equations_of(
 
     sliding: of samples that are clear of reversals alone.
     """
-    columns = [columns_of(axis, terms[joint], about) for joint, axis in log.signals.items()]
-    names = [(i, joint, name) for i, joint in enumerate(log.signals) for name in columns[i]]
+    columns = {joint: columns_of(axis, terms[joint], about) for joint, axis in log.signals.items()}
+    names = tuple((joint, name) for joint in columns for name in columns[joint])
     used = np.stack([axis.used | (not sliding) for axis in log.signals.values()], axis=1)
     X = np.zeros((*used.shape, len(names)))
-    for k, (i, _, name) in enumerate(names):
-        X[:, i, k] = columns[i][name]
+    for k, (joint, name) in enumerate(names):
+        X[:, [*columns].index(joint), k] = columns[joint][name]
     R = np.zeros((*used.shape, 0)) if rigid is None else rigid
     y = np.stack([axis.filtered(axis.motion.torque) for axis in log.signals.values()], axis=1)
     states = [axis.filtered(state) for axis in log.signals.values() for state in (axis.position, axis.velocity)]
-    numbers = tuple((joint, name) for _, joint, name in names)
-    return Equations(X * used[:, :, None], R * used[:, :, None], y * used, np.stack(states, axis=1), numbers)
+    return Equations(X * used[:, :, None], R * used[:, :, None], y * used, np.stack(states, axis=1), names)
 
 
 def columns_of(signals: MotionSignals, terms: MotionTerms, about: Regression | None = None) -> dict[str, FloatArray]:

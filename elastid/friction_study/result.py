@@ -15,7 +15,6 @@ from typing import Literal, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
 from elastid.base.display import Display, as_html, as_text, digits, interval_of, number
 from elastid.base.errors import DataError, FitError, Note, index_of
 from elastid.base.statistics import QUANTILE_95
@@ -24,6 +23,7 @@ from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.friction_study.commanded import DELAY, CommandedJoint
 from elastid.friction_study.constant_velocity import FrictionCurve
 from elastid.friction_study.inverse_dynamics_regression import MotionFriction
+from elastid.friction_study.least_squares import Estimate
 from elastid.friction_study.presliding import (
     Elements,
     PreslidingFit,
@@ -80,17 +80,13 @@ class SlidingFriction:
 
 
 @dataclass(frozen=True)
-class JointFriction:
+class JointFriction(SlidingFriction):
     """Friction of one joint, link side; None if it was not measured or is not identifiable.
 
     friction, viscous: the law as a whole, with the ranges in which it was measured.
     numbers: the table.  unidentified: parts without numbers, with reasons.
     """
 
-    joint: str
-    slides: bool
-    constant_velocity: FrictionCurve | None = None
-    motion: MotionFriction | None = None
     static: StaticLaw | None = None
     presliding: Elements | None = None
     presliding_test: PreslidingFit | None = None
@@ -99,8 +95,6 @@ class JointFriction:
     viscous: float | None = None
     numbers: tuple[FrictionNumber, ...] = ()
     unidentified: tuple[UnidentifiedTerm, ...] = ()
-    notes: tuple[Note, ...] = ()
-    commanded: CommandedJoint | None = None
 
     @property
     def shared(self) -> Mapping[str, tuple[float, float]]:
@@ -124,20 +118,20 @@ class JointFriction:
 
     @property
     def is_unrelated(self) -> bool:
-        """True if most torque of the motion is unexplained, and no parameter of the joint is significant (3 std).
+        """True if most torque of the motion is unexplained, and no friction parameter is significant (3 std).
 
-        Negative inertia and friction are not significant: chance gives either sign.
+        Negative friction is not significant: chance gives either sign.
         """
         if self.motion is None or self.motion.regression.relative_error**2 < 0.5:
             return False
-        rows = [row for row in self.numbers if row.symbol not in ("o", "g", "T", "T_d")]
-        return not any((abs(row.value) if row.symbol in ("G", "H") else row.value) > 3 * row.std for row in rows)
+        rigid = [term.symbol for term in RIGID_TERMS.values()]
+        return not any(row.value > 3 * row.std for row in self.numbers if row.symbol not in rigid)
 
     @property
     def missing(self) -> tuple[UnidentifiedTerm, ...]:
         """Parts of a law of friction that these data cannot identify: stiction, or friction at all."""
         if self.is_unrelated:
-            why = "no parameter is significant, most torque is unexplained. Check joint and time of torque and motion"
+            why = "no friction parameter is significant, most torque is unexplained. Check joint and time of the torque"
             return (UnidentifiedTerm("friction", why),)
         if self.friction is None and not self.has_one_speed:
             slid = any(part is not None for part in (self.static, self.motion, self.commanded))
@@ -206,18 +200,16 @@ RIGID_TERMS = {
 
 def law_numbers(joint: str, law: StaticLaw, truth: Truth) -> Iterator[FrictionNumber]:
     """Yield numbers of the static law, and of each direction where they differ."""
-    curve, values = law.curve, np.array([law.values[name] for name in law.names])
-    unit = motion_unit("velocity", curve.slides)
+    curve, unit = law.curve, motion_unit("velocity", law.curve.slides)
     learnt = f"{curve.n_conditions} friction torques from {curve.speed.min():.3g} to {curve.speed.max():.3g} {unit}"
     at, terms = f"friction torque at {curve.speed.mean():.3g} {unit}", dict(TERMS)
     if law.has_one_speed:
-        by_heat = f"{at}: change with temperature"
+        by_heat, meaning = "temperature.coulomb", f"{at}: change with temperature"
         terms["coulomb"] = replace(TERMS["coulomb"], prefix="tau", symbol="tau_f", meaning=at)
-        terms["temperature.coulomb"] = replace(
-            TERMS["temperature.coulomb"], prefix="tauT", symbol="tau_T", meaning=by_heat
-        )
-    names, arguments = tuple(law.intervals), (law.names, values, law.covariance, truth, law.quantile_95)
-    yield from _table(joint, curve.slides, learnt, names, *arguments, terms)
+        terms[by_heat] = replace(TERMS[by_heat], prefix="tauT", symbol="tau_T", meaning=meaning)
+    yield from _table(
+        joint, curve.slides, learnt, law.identified_names, law.estimate, truth=truth, reach=law.quantile_95, terms=terms
+    )
 
 
 def thermal_numbers(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterator[FrictionNumber]:
@@ -240,9 +232,7 @@ def _table(
     slides: bool,
     learnt: str,
     identified: Sequence[str],
-    names: Sequence[str],
-    values: FloatArray,
-    covariance: FloatArray,
+    estimate: Estimate,
     truth: Truth,
     reach: float = QUANTILE_95,
     terms: Mapping[str, FrictionTerm] = TERMS,
@@ -252,14 +242,14 @@ def _table(
     The latter are mean and half difference, summed and subtracted.
     """
     terms = {**terms, **RIGID_TERMS}
-    rows = [(terms[name], "", "", [i]) for i, name in enumerate(names) if name in terms and name in identified]
+    names = estimate.names
+    rows = [(terms[name], "", "", {name: 1.0}) for name in names if name in terms and name in identified]
     for name in ("coulomb", "viscous"):
-        if name in identified and f"directions.{name}" in names:
-            pair = [names.index(name), names.index(f"directions.{name}")]
-            rows += [(terms[name], mark, word, pair) for mark, word in (("+", " forwards"), ("-", " backwards"))]
-    for term, mark, word, places in rows:
-        a = np.array([1.0, -1.0 if mark == "-" else 1.0])[: len(places)]
-        value, std = float(a @ values[places]), float(np.sqrt(a @ covariance[np.ix_(places, places)] @ a))
+        if name in identified and (half := f"directions.{name}") in names:
+            rows += [(terms[name], "+", " forwards", {name: 1.0, half: 1.0})]
+            rows += [(terms[name], "-", " backwards", {name: 1.0, half: -1.0})]
+    for term, mark, word, weights in rows:
+        value, std = estimate.combination(weights)
         unit = "kg" if slides and term.path in ("inertia", "armature") else term.unit_at(slides)
         name = channel_name("gain", "u", f"motor {joint}") if term.path == "gain" else f"{term.name(joint)}{mark}"
         yield FrictionNumber(
@@ -299,13 +289,13 @@ def identify_friction(
 ) -> FrictionResult:
     """Identify friction of all joints; truth: the simulated robot.  FitError if a required part is not identifiable."""
     joints = tuple(_joint(robot, part, measured, spec, truth) for part in sliding)
-    status: Status = "partly" if any(joint.missing for joint in joints) else "identified"
-    if misfits := [f"joint {joint.joint}: {joint.misfit}" for joint in joints if joint.misfit]:
-        status = "misfit"
+    misfits = [f"joint {joint.joint}: {joint.misfit}" for joint in joints if joint.misfit]
     parts = ((j.friction, j.presliding, j.presliding_test, j.thermal, j.has_one_speed) for j in joints)
     if not any(map(any, parts)) or all(joint.is_unrelated for joint in joints):
-        status, misfits = "failed", [f"joint {j.joint}: {term.reason}" for j in joints for term in j.missing]
-    numbers = () if status == "failed" else (f"joint {joint.joint}: {_first_numbers(joint)}" for joint in joints)
+        reasons = [f"joint {joint.joint}: {term.reason}" for joint in joints for term in joint.missing]
+        return FrictionResult(joints, measured.notes, "failed", "; ".join(reasons))
+    status: Status = "misfit" if misfits else "partly" if any(joint.missing for joint in joints) else "identified"
+    numbers = [f"joint {joint.joint}: {_first_numbers(joint)}" for joint in joints]
     return FrictionResult(joints, measured.notes, status, "; ".join([*misfits, *numbers]))
 
 
@@ -335,9 +325,9 @@ def _joint(
     if presliding is None and at_rest is None:  # logs that were recorded for it, and give no number
         unidentified += tuple(UnidentifiedTerm("presliding", note.text) for note in notes if note.code in PRESLIDING)
     return JointFriction(
-        name, sliding.slides, sliding.constant_velocity, sliding.motion, static, presliding, at_rest,
-        None if warmed is None else warmed[0], friction, viscous, tuple(numbers.values()), unidentified,
-        (*notes, *refused), sliding.commanded
+        **vars(sliding) | {"notes": (*notes, *refused)}, static=static, presliding=presliding, presliding_test=at_rest,
+        thermal=None if warmed is None else warmed[0], friction=friction, viscous=viscous,
+        numbers=tuple(numbers.values()), unidentified=unidentified,
     )  # fmt: skip
 
 
@@ -393,19 +383,18 @@ def _numbers(
     if sliding.motion is not None:
         motion, fit = sliding.motion, sliding.motion.regression
         learnt = f"the motion, {len(motion.plateaus)} plateaus, up to {motion.passband_hz:g} Hz"
-        identified = (
-            motion.identified_names if static is None else ("inertia", "offset", "gain", "gravity.cos", "gravity.sin")
-        )
-        yield from table(learnt, identified, fit.names, fit.values, fit.covariance)
+        rigid = "inertia", "offset", "gain", "gravity.cos", "gravity.sin"
+        identified = motion.identified_names if static is None else rigid
+        yield from table(learnt, identified, fit)
     if sliding.commanded is not None:
         joint = sliding.commanded
         learnt, names = f"commands, {joint.seconds:.3g} s", joint.names
         names = ("armature", *names[1:]) if joint.carried else names
-        identified = names if joint.is_first else names[:-1]
-        yield from table(learnt, identified, names, joint.values, joint.covariance)
+        yield from table(learnt, names if joint.is_first else names[:-1], replace(joint, names=names))
     if at_rest is not None:
         learnt, names = f"responses at rest, {at_rest.amplitudes} amplitudes", ("lugre.stiffness", "lugre.damping")
-        yield from table(learnt, names, names, np.array([at_rest.sigma_0, at_rest.sigma_1]), at_rest.covariance)
+        estimate = Estimate(names, np.array([at_rest.sigma_0, at_rest.sigma_1]), at_rest.covariance)
+        yield from table(learnt, names, estimate)
 
 
 def _heat(joint: str, measured: FrictionRecords) -> tuple[ThermalModel, WarmUp] | None:

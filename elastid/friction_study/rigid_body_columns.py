@@ -128,14 +128,14 @@ def _coupled(robot: Robot) -> list[int]:
 
 def base_columns_of(robot: Robot, joints: tuple[str, ...], logs: Sequence[MotionLog]) -> tuple[IntArray, FloatArray]:
     """Return indices (n_b,) of columns that span all, and all columns as combinations (n_b, n_c) of these."""
-    every = RigidColumns(robot, joints, joints)
-    sample = np.vstack([columns for log in logs for columns in every.sampled(log)])
+    all_columns = RigidColumns(robot, joints, joints)
+    sample = np.vstack([columns for log in logs for columns in all_columns.sampled(log)])
     size = _sizes(sample)
     _, R, order = qr(sample / size, mode="economic", pivoting=True)
     diagonal = np.abs(np.diag(R))
     chosen = np.sort(order[: int(np.sum(diagonal > RANK_TOLERANCE * diagonal[0]))]).astype(np.int64)
     regrouped = np.linalg.lstsq(sample[:, chosen] / size[chosen], sample, rcond=None)[0] / size[chosen, None]
-    return chosen, np.asarray(regrouped)
+    return chosen, regrouped
 
 
 def _sizes(sample: FloatArray) -> FloatArray:
@@ -203,14 +203,14 @@ def ridge_estimate(logs: Sequence[Equations], solution: Solution, ridges: Sequen
     weight = 1 / np.maximum(np.sqrt(solution.sum_of_squares), 1e-300)
     R = np.concatenate([weight[:, None] * log.R for log in logs])
     target = np.concatenate([weight * (log.y - log.X @ solution.beta) for log in logs])
-    size, n_b, every = np.maximum(np.linalg.norm(R, axis=(0, 1)), 1e-300), R.shape[2], np.arange(len(R))
+    size, n_b, all_rows = np.maximum(np.linalg.norm(R, axis=(0, 1)), 1e-300), R.shape[2], np.arange(len(R))
 
     def numbers(rows: IntArray, ridge: float) -> FloatArray:
         flat = np.concatenate([(R[rows] / size).reshape(-1, n_b), ridge * np.eye(n_b)])
         return np.asarray(np.linalg.lstsq(flat, np.append(target[rows], np.zeros(n_b)), rcond=RANK_TOLERANCE)[0] / size)
 
     def error(ridge: float) -> float:
-        folds = np.array_split(every, 5)
-        return float(sum(np.sum((target[f] - R[f] @ numbers(np.setdiff1d(every, f), ridge)) ** 2) for f in folds))
+        folds = np.array_split(all_rows, 5)
+        return float(sum(np.sum((target[f] - R[f] @ numbers(np.setdiff1d(all_rows, f), ridge)) ** 2) for f in folds))
 
-    return numbers(every, ridges[0] if len(ridges) == 1 else min(ridges, key=error))
+    return numbers(all_rows, ridges[0] if len(ridges) == 1 else min(ridges, key=error))

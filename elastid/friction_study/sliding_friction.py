@@ -15,6 +15,7 @@ friction, nor an error of the inertia from a factor of all friction.
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -143,18 +144,18 @@ def _commanded_joints(robot: Robot, measured: FrictionRecords) -> dict[str, Comm
     commanded_logs = [commanded_log(robot, log) for log in logs]
     carried = {j: c for log in commanded_logs for j, c in zip(log.joints, log.coupled_inertia.tolist(), strict=True)}
     return {
-        joint: replace(_with_motion(fit, measured.of(joint, "commands")), carried=carried[joint])
+        joint: _with_motion(fit, measured.of(joint, "commands"), carried[joint])
         for joint, fit in fit_commanded(commanded_logs).items()
     }
 
 
-def _with_motion(fit: CommandedJoint, records: Sequence[FrictionRecord]) -> CommandedJoint:
-    """Return the numbers with the motion that identified them."""
+def _with_motion(fit: CommandedJoint, records: Sequence[FrictionRecord], carried: float) -> CommandedJoint:
+    """Return the numbers with the motion that identified them, and the inertia that the joint carries."""
     position = np.concatenate([record.position - record.position.mean() for record in records])
     speed = np.concatenate([np.abs(np.gradient(record.position, 1 / record.rate_hz)) for record in records])
     low, high = np.quantile(speed, [0.05, 0.99]).tolist()
-    seconds = sum(record.duration_s for record in records)
-    return replace(fit, travel=float(np.std(position)), speeds=(low, high), logs=len(records), seconds=seconds)
+    travel, seconds = float(np.std(position)), sum(record.duration_s for record in records)
+    return replace(fit, travel=travel, speeds=(low, high), carried=carried, logs=len(records), seconds=seconds)
 
 
 def commanded_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> CommandedLog:
@@ -188,9 +189,9 @@ def rigid_loads(robot: Robot, records: Sequence[FrictionRecord], position: Float
     places = [robot.driven_indices[robot.driven_names.index(record.joint)] for record in records]
     (n, m), rate_hz = position.shape, records[0].rate_hz
     q, v, a = smoothed_motion(position, rate_hz)[0]
-    whole = np.zeros((3, len(robot.joints), n))
-    whole[0, list(robot.driven_indices)] = (robot.mixing @ records[0].angles(len(robot.driven)))[:, None]
-    for signals, values in zip(whole, (q, v, a), strict=True):
+    states = np.zeros((3, len(robot.joints), n))
+    states[0, list(robot.driven_indices)] = (robot.mixing @ records[0].angles(len(robot.driven)))[:, None]
+    for signals, values in zip(states, (q, v, a), strict=True):
         signals[places] = values.T
     dynamics, theta = inverse_dynamics(robot), np.array([value for value, _ in robot.parameters().values()])
 
@@ -198,17 +199,17 @@ def rigid_loads(robot: Robot, records: Sequence[FrictionRecord], position: Float
         return np.asarray(dynamics(q, v, a, np.tile(theta[:, None], q.shape[1])).full())[places]
 
     # Columns of the mass matrix at some instants.
-    sample, unit = whole[0][:, :: max(1, n // 20)], np.zeros((len(robot.joints), 1))
-    still, columns = np.zeros_like(sample), []
+    sample, unit = states[0][:, :: max(1, n // 20)], np.zeros((len(robot.joints), 1))
+    zeros, columns = np.zeros_like(sample), []
     for place in places:
         unit[:], unit[place] = 0.0, 1.0
-        columns.append(torque(sample, still, still + unit) - torque(sample, still, still))
+        columns.append(torque(sample, zeros, zeros + unit) - torque(sample, zeros, zeros))
     M = np.array(columns)  # (m, m, k)
     diagonal = np.mean(M[range(m), range(m)], axis=1)
     coupling = np.max(np.abs(M), axis=2) * ~np.eye(m, dtype=bool)
     if not np.any(coupling > 1e-9 * np.sqrt(np.outer(diagonal, diagonal))):
         return np.zeros_like(position), np.zeros(m)
-    return torque(*whole).T - a * diagonal, diagonal
+    return torque(*states).T - a * diagonal, diagonal
 
 
 def simulated_commands(
@@ -246,9 +247,8 @@ def _joint_friction(robot: Robot, joint: Joint, measured: FrictionRecords, motio
         # The passes of joints that moved together are free of the rigid body.
         is_free = not planned and motion.friction is not None and motion.friction.rigid_body is not None
         against = not is_free and turns_against_gravity(robot, joint, records[0].configuration)
-        curve = estimate_friction_curve(
-            [part for record in records for part in passes_of(record)], against, _turn(joint)
-        )
+        passes = [part for record in records for part in passes_of(record)]
+        curve = estimate_friction_curve(passes, against, _turn(joint))
         notes += curve.notes
     elif not (motion.friction or joint.name in warmed or any(r.purpose in STILL for r in logged)):
         raise DataError(
@@ -272,10 +272,9 @@ def _coasting(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> 
         rigid, slides = torques_in_file(with_point_mass(robot, record.payload), log)[joint.name], log.first.slides
         # What it does at rest is no sliding, however long.
         n = len(slides) - int(np.argmax(slides[::-1])) + round(6.0 / PASSBAND_HZ * record.rate_hz)
-        whole, torque = log.first.motion, record.torque - rigid
-        motions.append(
-            replace(whole, position=whole.position[:n], torque=torque[:n], temperature=None, is_run_down=True)
-        )
+        motion, torque = log.first.motion, record.torque - rigid
+        position = motion.position[:n]
+        motions.append(replace(motion, position=position, torque=torque[:n], temperature=None, is_run_down=True))
     text = (
         "its run-downs give friction relative to the inertia of the robot's file: 1 % of it is 1 % of friction, and an "
         "offset of the torque is part of Coulomb friction unless they go both ways: no interval has that in it"
@@ -318,9 +317,8 @@ def motion_logs(measured: FrictionRecords, purpose: Purpose = "motion") -> list[
 def _single_joint_motion(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> JointMotion:
     records, notes = sorted(records, key=lambda record: record.payload), list[Note]()
     against, code = turns_against_gravity(robot, joint, records[0].configuration), "friction/no-record"
-    passes = _sufficient_runs(
-        [part for record in records for part in attempt(notes, code, detect_passes, record, against) or ()]
-    )
+    detected = (attempt(notes, code, detect_passes, record, against) or () for record in records)
+    passes = _sufficient_runs([*chain.from_iterable(detected)])
     friction = attempt(notes, code, _regress, robot, joint, records, against)
     if friction is None and not passes:
         raise DataError(code, str(notes[0]))
@@ -375,8 +373,8 @@ def _sufficient_runs(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, 
 def motion_log(robot: Robot, log: Mapping[str, FrictionRecord], passband_hz: float) -> MotionLog:
     """Return the signals of a log, and the angles of the joints that rest in it."""
     first = next(iter(log.values()))
-    every = zip(robot.driven_names, (robot.mixing @ first.angles(len(robot.driven))).tolist(), strict=True)
-    resting = {joint: angle for joint, angle in every if joint not in log}
+    angles = zip(robot.driven_names, (robot.mixing @ first.angles(len(robot.driven))).tolist(), strict=True)
+    resting = {joint: angle for joint, angle in angles if joint not in log}
     return MotionLog.of({joint: _motion(record, False) for joint, record in log.items()}, resting, passband_hz)
 
 

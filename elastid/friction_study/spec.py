@@ -159,11 +159,8 @@ class FrictionSpec:
     @property
     def designed_passes(self) -> ConstantVelocitySpec:
         """Constant-velocity runs of a design, by default with default keys."""
-        return (
-            self.constant_velocity
-            if isinstance(self.constant_velocity, ConstantVelocitySpec)
-            else ConstantVelocitySpec()
-        )
+        runs = self.constant_velocity
+        return runs if isinstance(runs, ConstantVelocitySpec) else ConstantVelocitySpec()
 
 
 # Numbers that a filter may follow: Coulomb friction, viscous friction, of each direction, and slow torque errors.

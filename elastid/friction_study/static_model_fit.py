@@ -7,7 +7,7 @@ The law through levels, by variable projection: its linear numbers are eliminate
 (Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973.) W = 1 / std of each level.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import product
 
@@ -18,7 +18,7 @@ from elastid.base.arrays import FloatArray, named
 from elastid.base.errors import FitError
 from elastid.friction.static import FALLING, Conditions, columns, slopes
 from elastid.friction_study.constant_velocity import MAX_RELATIVE_STD, FrictionCurve
-from elastid.friction_study.least_squares import FALSE_ALARM, inverse_normal, minimise, terms_p_value
+from elastid.friction_study.least_squares import FALSE_ALARM, Estimate, inverse_normal, minimise, terms_p_value
 from elastid.friction_study.spec import LawSpec, Part
 from elastid.robot.friction import (
     EXPONENT_RANGE,
@@ -68,10 +68,9 @@ class StaticLaw:
     def of(curve: FrictionCurve, spec: LawSpec) -> "StaticLaw":
         """Fit the law with its identifiable parts; the others get reasons, FitError if one of these is `yes`."""
         # Of speeds that are nearly one Coulomb friction alone is the whole of their torque.
-        names = (
-            ("coulomb", "viscous") if np.ptp(curve.speed) > SAME_SPEED_TOLERANCE * curve.speed.max() else ("coulomb",)
-        )
-        fit, parts = fit_curve(curve, Terms(names, (), {})), _candidate_terms(curve)
+        has_slope = np.ptp(curve.speed) > SAME_SPEED_TOLERANCE * curve.speed.max()
+        terms = Terms(("coulomb", "viscous") if has_slope else ("coulomb",), (), {})
+        fit, parts = fit_curve(curve, terms), _candidate_terms(curve)
         reasons, extrapolated, waiting = dict[str, str](), dict[str, str](), list(parts)
         # A part may show only after a later one: what was refused by its numbers is tried once more.
         for _ in range(2):
@@ -87,14 +86,15 @@ class StaticLaw:
                 if reason:
                     reasons[part.name] = extrapolated[part.name] = reason
         # Of a part that is there, a further number that does not show is no refusal.
-        taken = {part.name for part in parts if part not in waiting}
-        shown = {name: reason for name, reason in reasons.items() if name not in taken or not reason.startswith(ABSENT)}
-        for name, reason in shown.items():
+        for name in {part.name for part in parts if part not in waiting}:
+            if reasons.get(name, "").startswith(ABSENT):
+                del reasons[name]
+        for name, reason in reasons.items():
             if getattr(spec, name) == "yes":
                 text = f"law.{name} cannot be identified: {reason}"
                 raise FitError("friction/law", text, f"friction of {curve.place}")
         fit = _add_curve_uncertainty(curve, fit, parts[0], spec)
-        return replace(fit, unidentified=tuple(UnidentifiedTerm(name, reason) for name, reason in shown.items()))
+        return replace(fit, unidentified=tuple(UnidentifiedTerm(name, reason) for name, reason in reasons.items()))
 
     @property
     def quantile_95(self) -> float:
@@ -106,12 +106,15 @@ class StaticLaw:
         """Names of the numbers in the order of the covariance."""
         return (*self.terms.linear, *self.terms.searched)
 
+    @property
+    def estimate(self) -> Estimate:
+        """Its parameters with their covariance."""
+        return Estimate(self.names, np.array([self.values[name] for name in self.names]), self.covariance)
+
     def value_and_std(self, name: str) -> tuple[float, float]:
         """Return a number, of stiction its excess over Coulomb friction, and its std."""
-        places = [i for i, key in enumerate(self.names) if key in (name, FALLING.get(name))]
-        a = np.array([1.0 if self.names[i] == name else -1.0 for i in places])
-        value = float(a @ [self.values[self.names[i]] for i in places])
-        return value, float(np.sqrt(a @ self.covariance[np.ix_(places, places)] @ a))
+        parts = [key for key in self.names if key in (name, FALLING.get(name))]
+        return self.estimate.combination({key: 1.0 if key == name else -1.0 for key in parts})
 
     def torque(self, conditions: Conditions) -> FloatArray:
         """Return s tau_f (n,) at conditions."""
@@ -124,15 +127,9 @@ class StaticLaw:
         return np.asarray(np.sqrt(np.einsum("ni,ij,nj->n", J, self.covariance, J)))
 
     @property
-    def intervals(self) -> dict[str, tuple[float, float, float, float]]:
-        """Value, std and ends of the 95 % interval by name; without numbers that are extrapolated."""
-        reach, stds = self.quantile_95, np.sqrt(np.diag(self.covariance)).tolist()
-        unseen = STRIBECK_NUMBERS if any(part.term == "stribeck" for part in self.unidentified) else ()
-        return {
-            name: (x := self.values[name], std, x - reach * std, x + reach * std)
-            for name, std in zip(self.names, stds, strict=True)
-            if not name.endswith(unseen)
-        }
+    def identified_names(self) -> tuple[str, ...]:
+        """Names of the numbers that are no extrapolations."""
+        return identified_names(self.names, self.unidentified)
 
     @property
     def measured(self) -> MeasuredRange:
@@ -281,6 +278,12 @@ class UnidentifiedTerm:
     reason: str
 
 
+def identified_names(names: Iterable[str], unidentified: Iterable[UnidentifiedTerm]) -> tuple[str, ...]:
+    """Return the names without Stribeck numbers if the Stribeck effect is an extrapolation."""
+    is_extrapolated = any(part.term == "stribeck" for part in unidentified)
+    return tuple(name for name in names if not (is_extrapolated and name.endswith(STRIBECK_NUMBERS)))
+
+
 @dataclass(frozen=True)
 class _Term:
     """Numbers that come together, if the terms have `after`, and the reason why the conditions cannot identify them.
@@ -380,11 +383,9 @@ def _widest(fit: StaticLaw, names: list[str]) -> str | None:
 
 
 def _candidate_terms(curve: FrictionCurve) -> tuple[_Term, ...]:
-    speeds, temperatures, loads = (
-        _distinct(np.log(curve.speed), 0.05),
-        _distinct(curve.measured_temperatures, TEMPERATURE_STEP_K),
-        _distinct(curve.load / max(float(curve.load.max()), 1e-300), 0.05),
-    )
+    speeds = _distinct(np.log(curve.speed), 0.05)
+    temperatures = _distinct(curve.measured_temperatures, TEMPERATURE_STEP_K)
+    loads = _distinct(curve.load / max(float(curve.load.max()), 1e-300), 0.05)
 
     def shortage(count: int, needed: int, what: str, advice: str) -> str:
         return "" if count >= needed else f"{needed} {what} are needed, and these levels have {count}; {advice}"

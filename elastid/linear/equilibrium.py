@@ -45,7 +45,7 @@ class OperatingPoint:
 
 
 def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configuration) -> OperatingPoint:
-    """Statics by Newton's method with the exact stiffness, from the posture that a rigid robot would have.
+    """Solve statics by Newton's method with the exact stiffness, from the posture of a rigid robot.
 
     theta (n_theta,): model.parameters, SI.  configuration.angles (n_u,): the motors' angles, link side (or m).
     StudyError for a wrong number of angles, a joint that finds no rest, tips over under gravity or moves no inertia.
@@ -58,7 +58,7 @@ def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configura
 
 @lru_cache(maxsize=64)
 def _rest(model: ElasticModel, numbers: bytes, angles: bytes, name: str, has_payload: bool) -> OperatingPoint:
-    """`equilibrium` by values that have a hash: theta and angles as bytes."""
+    """Solve `equilibrium` for values that have a hash: theta and angles as bytes."""
     theta, configuration = np.frombuffer(numbers), Configuration(name, np.frombuffer(angles), has_payload)
     free, theta = free_coordinates(model), model.carried(theta, configuration.has_payload)
     q = rigid_posture(model, configuration, theta)
@@ -100,7 +100,7 @@ class _Balance:
 
 
 def _balance(model: ElasticModel, theta: FloatArray, q: FloatArray, free: IntArray) -> _Balance:
-    """Balance at q (n_q,), with the multipliers of least torque on the free coordinates; of many, the smallest."""
+    """Return the balance at q (n_q,), with the multipliers of least torque on free coordinates, the smallest ones."""
     gravity = model.potential_gradient(q, theta).full()[:, 0]
     if not model.n_c:
         none = np.zeros(0)
@@ -117,7 +117,7 @@ def free_coordinates(model: ElasticModel) -> IntArray:
 
 
 def _downhill(K: FloatArray, torque: FloatArray, rounding: float) -> FloatArray:
-    """Newton's step where K is positive definite, else a step of descent.
+    """Return Newton's step for a positive definite K, else a step of descent.
 
     A joint with neither spring nor gravity has no stiffness and stays where it is; one whose spring is inside its gap
     has none either, but a torque beyond rounding.
@@ -133,7 +133,7 @@ def _downhill(K: FloatArray, torque: FloatArray, rounding: float) -> FloatArray:
 def _shortened(
     model: ElasticModel, theta: FloatArray, q: FloatArray, step: FloatArray, slope: float, free: IntArray
 ) -> tuple[FloatArray, _Balance]:
-    """q and balance after the step, halved until V along it is not nearly as steep uphill at its end.
+    """Return q and balance after the step, halved until V along it is not nearly as steep uphill at its end.
 
     slope: of V along the step, where it begins.
     """
@@ -175,7 +175,7 @@ def _faults(
     balance: _Balance,
     load: float,
 ) -> Iterator[str]:
-    """Reasons why q (n_q,) is no equilibrium. rigid (n_q,): undeflected. load: largest gravity load."""
+    """List reasons why q (n_q,) is no equilibrium. rigid (n_q,): undeflected. load: largest gravity load."""
     slides, names, K = model.robot.slides, model.coordinates, balance.K
     soft = "under gravity; raise the stiffness of its springs, or let a joint without spring hang down"
     if (gap := np.abs(balance.phi).max(initial=0.0)) > ROUNDING_GAP:

@@ -316,7 +316,7 @@ class FittedModel:
         return np.tensordot(self.estimated.axes, self._response_slopes(freq_hz), axes=1)
 
     def _response_slopes(self, freq_hz: FloatArray) -> ComplexArray:
-        """dG/dx (n_x, F, n_y, n_u); ValueError for a frequency that is not positive."""
+        """Return dG/dx (n_x, F, n_y, n_u); ValueError for a frequency that is not positive."""
         rows = self.estimated.dependent
         kernel = Kernel(self.linear, checked_frequencies(freq_hz), tuple(self.estimated.names[row] for row in rows))
         return np.tensordot(self.estimated.slopes[rows].T, Columns(kernel).evaluate(self.theta)[1], axes=1)

@@ -393,7 +393,7 @@ def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
 def _behind_a_lag(
     A: FloatArray, B: FloatArray, C: FloatArray, D: FloatArray, coefficients: tuple[float, ...], T: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """System with each input filtered by 1 / P(s T), P = 1 + p_1 x + p_2 x^2 ..., and states w = [u_1, T u_1', ...]."""
+    """Filter each input by 1 / P(s T), P = 1 + p_1 x + p_2 x^2 ..., with states w = [u_1, T u_1', ...]."""
     n, order, n_u = len(A), len(coefficients), B.shape[1]
     shift = np.eye(order, k=1)
     shift[-1] = -np.array([1.0, *coefficients[:-1]]) / coefficients[-1]

@@ -110,7 +110,7 @@ def differentiate_point(
 def _reading(
     model: ElasticModel, q: FloatArray, theta: FloatArray, outputs: tuple[str, ...], dq: FloatArray
 ) -> dict[str, FloatArray]:
-    """Slopes of C and T (n_theta, n_y, n_q) of the outputs; none of motors and joints."""
+    """Return slopes of C and T (n_theta, n_y, n_q) of the outputs; none for motors and joints."""
     if all(place.startswith(("motor ", "joint ")) for place in outputs):
         return {}
     C_q, C_theta, T_q, T_theta = (part.full() for part in _readout_slopes(model, outputs)(q, theta))
@@ -122,7 +122,7 @@ def _reading(
 
 @lru_cache(maxsize=8)
 def _readout_slopes(model: ElasticModel, outputs: tuple[str, ...]) -> ca.Function:
-    """(q, theta) -> d vec C / dq_f, d vec C / d theta, and of T."""
+    """Build (q, theta) -> d vec C / dq_f, d vec C / d theta, and of T."""
     (q, theta), free = model.symbols("q", "theta"), free_coordinates(model)
     parts = [ca.vec(ca.densify(part)) for part in model.readout(q, theta, outputs)]
     slopes = [s for part in parts for s in (ca.jacobian(part, q)[:, free.tolist()], ca.jacobian(part, theta))]
@@ -282,7 +282,7 @@ def _slopes(
     model: ElasticModel, matrices: Mapping[str, FloatArray], of_theta: Mapping[str, FloatArray], Z: FloatArray,
     dZ: FloatArray | None, names: Collection[str],
 ) -> dict[str, Slope]:  # fmt: skip
-    """Slopes of Z^T (M, D, K) Z, of C Z and T Z by name of those parameters that enter.
+    """Return slopes of Z^T (M, D, K) Z, of C Z and T Z by name of the parameters that enter.
 
     matrices: M, D, K (n_q, n_q) and C, T (n_y, n_q) in all coordinates; of_theta, dZ (n_theta, ...): derivatives.
     """

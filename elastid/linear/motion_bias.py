@@ -73,7 +73,7 @@ def estimate_motion_bias(
         inputs = [model.inputs.index(place) for place in linear.controller.motors]
 
     def of_motion(lines_hz: FloatArray, most: int) -> ComplexArray:
-        """dG (F, n_y, n_u) at lines_hz (F,) of a motion of at most so many lines."""
+        """Return dG (F, n_y, n_u) at lines_hz (F,) for a motion of at most so many lines."""
         omega = 2 * np.pi * lines_hz
         bias = _MotionBias.of(expansion, motion, measured, at, mean, most)
         nodes = omega[np.unique(np.linspace(0, len(omega) - 1, most).astype(np.int64))]
@@ -121,7 +121,7 @@ class _Expansion:
         return self._in_front_of_x(self.J[: self.n], omega)
 
     def _in_front_of_x(self, J: FloatArray, omega: Any) -> ComplexArray:
-        """J z (..., n_r, n) of rows J (n_r, n_z), z of the unknowns x at frequencies."""
+        """Return J z (..., n_r, n) of rows J (n_r, n_z), z of the unknowns x at frequencies."""
         n, n_q, s = self.n, self.n_q, 1j * np.asarray(omega)[..., None, None]
         of_x = J[:, :n] + 0 * s
         of_x[..., :n_q] += s * J[:, n : n + n_q] + s**2 * J[:, n + n_q :]
@@ -167,7 +167,7 @@ class _MotionBias:
     def of(
         cls, expansion: _Expansion, motion: MotorMotion, measured: IntArray, at: list[int], mean: FloatArray, most: int
     ) -> "_MotionBias":
-        """measured (n_m,): indices of the model's motors in the motion signals. most: most lines of the motion."""
+        """Expand the motion on at most `most` lines. measured (n_m,): indices of the model's motors in it."""
         few = motion.grouped(most)
         sums, centres = few.power[:, at][:, :, at], 2 * np.pi * few.freq_hz
         W = _amplitudes(expansion, centres, sums, measured) / np.sqrt(2)  # of each sign of the frequency
@@ -224,7 +224,7 @@ class _MotionBias:
         return parts.reshape(4, -1)
 
     def _inverse(self, omega: FloatArray, rows: IntArray) -> ComplexArray:
-        """Inverse from torques on some of the unknowns to e_2 (2 K, n, n_r)."""
+        """Return the inverse from torques on some of the unknowns to e_2 (2 K, n, n_r)."""
         e, rest = self.expansion, np.abs(omega) < 1e-6 * np.abs(self.omega).max()
         if self.feedback is None:
             return e.locked_inverse(omega)[:, :, rows]
@@ -237,7 +237,7 @@ class _MotionBias:
 
 
 def _amplitudes(expansion: _Expansion, omega: FloatArray, power: ComplexArray, measured: IntArray) -> ComplexArray:
-    """W (K, m, n_z) of motors' angles of mean square `power` (K, m, m), of all z; the other motors stand still."""
+    """Return W (K, m, n_z) of motors' angles of mean square `power` (K, m, m), of all z; other motors stand still."""
     values, vectors = np.linalg.eigh(power)
     X, s = expansion.X(omega), 1j * omega[:, None, None]
     per_angle = X @ np.linalg.inv(expansion.B.T @ X)[:, :, measured]
@@ -259,7 +259,7 @@ def _mean(
 
 
 def _mean_slope(expansion: _Expansion, covariance: FloatArray) -> FloatArray:
-    """E[R'(z_0 + e)] - R' (n + n_y, n_z) of Gaussian e: second differences along its principal axes."""
+    """Return E[R'(z_0 + e)] - R' (n + n_y, n_z), e Gaussian: second differences along its principal axes."""
     values, vectors = np.linalg.eigh(covariance)
     significant = values > 1e-18 * values[-1]
     e = (vectors[:, significant] * np.sqrt(values[significant])).T
@@ -267,14 +267,14 @@ def _mean_slope(expansion: _Expansion, covariance: FloatArray) -> FloatArray:
 
 
 def _shift_slope(expansion: _Expansion, covariance: FloatArray, shift: FloatArray) -> FloatArray:
-    """R''[mean of e_2] (n + n_y, n_z). shift (n_u,): mean shift of the motors."""
+    """Return R''[mean of e_2] (n + n_y, n_z). shift (n_u,): mean shift of the motors."""
     n, x = expansion.n, expansion.B @ shift
     torque = np.einsum("arb,ab->r", expansion.curvature[:, :n], covariance) / 2 + expansion.L(0.0).real @ x
     return np.tensordot(x - expansion.locked_inverse(0.0).real @ torque, expansion.curvature[:n], axes=1)
 
 
 def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Expansion:
-    """R of a model about its equilibrium in the configuration of `linear`, with its outputs and controlled motors."""
+    """Expand R of a model about its equilibrium in a configuration, with its outputs and controlled motors."""
     point = equilibrium(model, theta[:-1], linear.configuration)
     numbers = model.carried(theta[:-1], linear.configuration.has_payload)
     outputs = linear.outputs if linear.controller is None else (*linear.outputs, *linear.controller.motors)
@@ -308,7 +308,7 @@ def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Exp
 
 @lru_cache(maxsize=8)
 def _jacobian_of(model: ElasticModel, outputs: tuple[str, ...]) -> ca.Function:
-    """(z, theta) -> slope (n_q + n_c + n_y, 3 n_q + n_c) of M q'' + f + Phi^T lambda, phi and the outputs."""
+    """Build (z, theta) -> slope (n_q + n_c + n_y, 3 n_q + n_c) of M q'' + f + Phi^T lambda, phi and the outputs."""
     q, v, a, lambda_, theta = model.symbols("q", "v", "a", "lambda", "theta")
     forces = model.mass(q, theta) @ a + model.force(q, v, theta) + model.constraint_jacobian(q, theta).T @ lambda_
     rates = model.readout(q, theta, outputs)[0] @ v
@@ -327,7 +327,7 @@ def is_point(place: str) -> bool:
 
 
 def _acceleration(model: ElasticModel, place: str, q: ca.SX, v: ca.SX, a: ca.SX, theta: ca.SX) -> ca.SX:
-    """Acceleration of a point along its turning axis, v' + omega x v in the axes of the frame; less gravity."""
+    """Return the acceleration of a point along its turning axis, v' + omega x v in the frame's axes; less gravity."""
     kind, name, axis = split_place(place)
     f, i = [frame.name for frame in model.robot.frames].index(name), "xyz".index(axis)
     J = model.frame_velocity(q, theta)[6 * f : 6 * f + 6, :]

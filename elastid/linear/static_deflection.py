@@ -92,7 +92,7 @@ class LoadedRobot:
         )
 
     def deflections(self, theta: Sequence[FloatArray]) -> tuple[list[FloatArray], list[FloatArray]]:
-        """Readings (n,) of each load and their slopes (n, n_p) to the parameters; theta (n_theta,) of each.
+        """Return readings (n,) of each load and their slopes (n, n_p) to the parameters, at theta (n_theta,) of each.
 
         LinAlgError where the robot finds no rest.
         """
@@ -111,7 +111,7 @@ class LoadedRobot:
         return readings, of_theta
 
     def _rest(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """z (2 L, n_z) at rest and the slopes (2 L, n_z, n_z) of its forces; theta (2 L, n_theta)."""
+        """Solve z (2 L, n_z) at rest; returns z and slopes (2 L, n_z, n_z) of its forces; theta (2 L, n_theta)."""
         z = self.z.copy()
         r, K = self._at(self.statics, z, theta)
         for _ in range(MAX_STEPS):
@@ -137,7 +137,7 @@ class LoadedRobot:
         return evaluate_rows(function, z, self.locked, theta, self.wrench)
 
     def _solve(self, K: FloatArray, right: FloatArray) -> FloatArray:
-        """K^-1 right; for redundant constraints, with the smallest multipliers."""
+        """Return K^-1 right; for redundant constraints, with the smallest multipliers."""
         if not self.model.n_c:
             return np.asarray(np.linalg.solve(K, right), dtype=float)
         return np.linalg.pinv(K, rcond=1e-12, hermitian=False) @ right
@@ -160,7 +160,7 @@ _for_rows = lru_cache(maxsize=16)(ca.Function.map)
 
 
 def _size(r: FloatArray, K: FloatArray) -> FloatArray:
-    """Remaining forces (L,), each over the stiffness of its row: about a deflection."""
+    """Return remaining forces (L,), each over the stiffness of its row: about a deflection."""
     return np.asarray(np.abs(r[:, :, 0] / np.maximum(np.abs(K).max(axis=2), 1e-300)).max(axis=1, initial=0.0))
 
 
@@ -168,7 +168,7 @@ def _size(r: FloatArray, K: FloatArray) -> FloatArray:
 def _functions(
     model: ElasticModel, frames: tuple[str, ...], dependent: tuple[int, ...]
 ) -> tuple[ca.Function, ca.Function]:
-    """`LoadedRobot.statics` and `LoadedRobot.slopes`."""
+    """Build `LoadedRobot.statics` and `LoadedRobot.slopes`."""
     free = free_coordinates(model).tolist()
     z, locked = ca.SX.sym("z", len(free) + model.n_c), ca.SX.sym("held", model.n_q)
     (theta,), wrench = model.symbols("theta"), ca.SX.sym("wrench", 6 * len(frames))

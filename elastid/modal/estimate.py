@@ -220,16 +220,16 @@ def usable(response: Response, band_hz: tuple[float, float] | None) -> Response:
     keep = response.freq_hz > 0
     if band_hz is not None:
         keep &= (response.freq_hz >= band_hz[0]) & (response.freq_hz <= band_hz[1])
-    used = keep & _reached(response)
-    if np.sum(used) < LIMITS.lines:
+    mask = keep & _reached(response)
+    if np.sum(mask) < LIMITS.lines:
         where = "" if band_hz is None else f" from {band_hz[0]:g} to {band_hz[1]:g} Hz"
         raise DataError(
             "modal/lines",
-            f"{int(np.sum(used))} lines{where} are excited and "
+            f"{int(np.sum(mask))} lines{where} are excited and "
             f"coherent; modes need {LIMITS.lines}. Use a wider band, or a longer period or record",
             f"configuration {response.configuration.name}",
         )
-    return response.lines(used)
+    return response.lines(mask)
 
 
 def _refuse_overload(response: Response) -> None:
@@ -302,12 +302,12 @@ def _fitted(
 
 def _nearest(candidates: ComplexArray, poles_hz: FloatArray, data: ModalData) -> ComplexArray:
     """Return the candidates nearest to natural frequencies, each once; beyond 2 % a pole of 1 % damping."""
-    chosen = []
+    nearest = []
     for f in poles_hz:
         size = 2 * np.pi * f / data.basis.scale
         gap = np.abs(np.abs(candidates) - size) / size
-        chosen.append(candidates[np.argmin(gap)] if len(gap) > 0 and gap.min() < 0.02 else size * complex(-0.01, 1.0))
-    return np.unique(np.array(chosen, complex))
+        nearest.append(candidates[np.argmin(gap)] if len(gap) > 0 and gap.min() < 0.02 else size * complex(-0.01, 1.0))
+    return np.unique(np.array(nearest, complex))
 
 
 def _modes(

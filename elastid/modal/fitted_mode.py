@@ -188,8 +188,8 @@ class Influences:
         """Return covariance (p, p) of p real numbers by their influence (p, F, C) on weighted complex errors."""
         power = np.sum(np.abs(influence) ** 2, axis=(0, 2))
         # Lines that matter; most of a pole's influence is within its half widths.
-        used = np.flatnonzero(power > 1e-4 * power.max())
-        low, high = int(used[0]), int(used[-1]) + 1
+        significant = np.flatnonzero(power > 1e-4 * power.max())
+        low, high = int(significant[0]), int(significant[-1]) + 1
         half = self._half
         scale = np.sqrt(self.fit.data.variance / self._free[:, None]) * self._phase.conj()
         scaled = influence[:, low:high] * scale[low:high]
@@ -213,10 +213,10 @@ class Influences:
         products = np.fft.ifft(np.sum(np.abs(spectrum) ** 2, axis=(0, 2)))[: influence.shape[1]]
         rho = self._autocorrelation[: influence.shape[1] - 1]
         lags, products = np.arange(1, len(rho) + 1), products[1 : len(rho) + 1] / products[0].real
-        seen = 1 + 2 * float(np.sum((products * rho).real))
+        factor = 1 + 2 * float(np.sum((products * rho).real))
         stated = 1 + 2 * float(np.maximum(1 - lags / self.correlated_lines, 0.0) @ products.real)
         # A fit takes the correlation of errors of local methods out of the residuals.
-        return max(seen, stated if self._shared_error_lines > 1 else 1.0, 1.0)
+        return max(factor, stated if self._shared_error_lines > 1 else 1.0, 1.0)
 
     @cached_property
     def _autocorrelation(self) -> ComplexArray:
@@ -245,8 +245,8 @@ class Influences:
     @cached_property
     def _free(self) -> FloatArray:
         """Fraction (F,) of the noise that a fit leaves in the residuals near a line; correlated lines lose more."""
-        taken = np.sum(np.abs(complex_columns(self.fit.Q)) ** 2, axis=1) / 2 + self._pole_leverage()
-        mean = uniform_filter1d(self._shared_error_lines * taken, 2 * self._half + 1, mode="reflect")
+        leverage = np.sum(np.abs(complex_columns(self.fit.Q)) ** 2, axis=1) / 2 + self._pole_leverage()
+        mean = uniform_filter1d(self._shared_error_lines * leverage, 2 * self._half + 1, mode="reflect")
         return np.asarray(np.maximum(1 - mean, LEAST_FREE))
 
     @cached_property

@@ -189,16 +189,16 @@ class ModalFit:
     def Q(self) -> FloatArray:
         """Orthonormal columns (2 F, p)."""
         Q, R, _ = self.factors
-        kept = np.abs(np.diag(R)) > 1e-10
-        return Q if kept.all() else Q[:, kept]
+        is_independent = np.abs(np.diag(R)) > 1e-10
+        return Q if is_independent.all() else Q[:, is_independent]
 
     @cached_property
     def coefficients(self) -> FloatArray:
         """(p, C): two for each pole, then the residuals."""
         Q, R, norms = self.factors
-        kept = np.abs(np.diag(R)) > 1e-10
+        is_independent = np.abs(np.diag(R)) > 1e-10
         inside = Q.T @ self.data.y
-        if kept.all():
+        if is_independent.all():
             return np.linalg.solve(R, inside) / norms[:, None]
         return np.linalg.lstsq(R, inside, rcond=1e-12)[0] / norms[:, None]
 
@@ -258,10 +258,10 @@ class ModalFit:
             while True:
                 step = np.linalg.solve(information + damping * np.diag(pole_information), gradient)
                 # A pole moves by its own half width at most, stays stable, and its frequency positive.
-                moved = step.view(complex)
-                moved = moved / max(1.0, float(np.abs(moved / fit.poles.real).max()))
-                real = fit.poles.real * np.exp(moved.real / fit.poles.real)
-                trial = ModalFit(fit.data, real + 1j * np.abs(fit.poles.imag + moved.imag))
+                change = step.view(complex)
+                change = change / max(1.0, float(np.abs(change / fit.poles.real).max()))
+                real = fit.poles.real * np.exp(change.real / fit.poles.real)
+                trial = ModalFit(fit.data, real + 1j * np.abs(fit.poles.imag + change.imag))
                 if trial.cost <= fit.cost:
                     damping = max(damping / 3, 1e-10)
                     break

@@ -143,16 +143,16 @@ def clusters(orders: tuple[tuple[int, ComplexArray], ...]) -> ComplexArray:
     members: list[list[complex]] = []
     for _, poles in reversed(orders):
         last = np.array([cluster[-1] for cluster in members]) if members else np.empty(0, complex)
-        taken = np.zeros(len(last), bool)
+        is_member = np.zeros(len(last), bool)
         for pole in poles[np.argsort(poles.imag)]:
-            gap = np.abs(last - pole) / np.maximum(-pole.real, -last.real) + 10 * taken
+            gap = np.abs(last - pole) / np.maximum(-pole.real, -last.real) + 10 * is_member
             if len(last) and gap.min() < LIMITS.distance:
                 members[int(np.argmin(gap))].append(complex(pole))
-                taken[int(np.argmin(gap))] = True
+                is_member[int(np.argmin(gap))] = True
             else:
                 members.append([complex(pole)])
-    kept = [cluster for cluster in members if len(cluster) >= LIMITS.runs]
-    return np.array([np.median(np.real(group)) + 1j * np.median(np.imag(group)) for group in kept], complex)
+    large = [cluster for cluster in members if len(cluster) >= LIMITS.runs]
+    return np.array([np.median(np.real(group)) + 1j * np.median(np.imag(group)) for group in large], complex)
 
 
 def p_value(drops: FloatArray, noise_levels: FloatArray, lines: FloatArray, trials: float) -> FloatArray:
@@ -269,16 +269,16 @@ def pursue_poles(fit: ModalFit, candidates: ComplexArray, correlated_lines: floa
         if not good.any():
             break
         candidates, drop = candidates[good], drop[good].sum(axis=1)
-        taken: list[complex] = []
+        neighbours: list[complex] = []
         gap = LIMITS.batch_half_widths
         for pole in candidates[np.argsort(-drop)]:
             # Weak ones next to strong ones may be errors of these, and wait until they are refined.
-            if all(abs(pole.imag - near.imag) > gap * max(-pole.real, -near.real) for near in taken):
-                taken.append(pole)
-            if len(taken) >= max(1, len(drop) // 4):
+            if all(abs(pole.imag - near.imag) > gap * max(-pole.real, -near.real) for near in neighbours):
+                neighbours.append(pole)
+            if len(neighbours) >= max(1, len(drop) // 4):
                 break
-        candidates = np.array([pole for pole in candidates if pole not in taken], complex)
-        fit = ModalFit(fit.data, np.concatenate([fit.poles, np.array(taken)])).refined(6, 1e-1)
+        candidates = np.array([pole for pole in candidates if pole not in neighbours], complex)
+        fit = ModalFit(fit.data, np.concatenate([fit.poles, np.array(neighbours)])).refined(6, 1e-1)
     return fit.refined()
 
 

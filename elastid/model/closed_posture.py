@@ -42,12 +42,12 @@ class Mechanism:
     driven: IntArray
 
     def rows(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """phi (Q, n_g) and Phi (Q, n_g, n_l) at q (Q, n_l)."""
+        """Return phi (Q, n_g) and Phi (Q, n_g, n_l) at q (Q, n_l)."""
         rows, Phi, _ = (part.full() for part in self.function.map(len(q))(q.T))
         return np.array(rows.T), np.asarray(Phi.reshape(len(Phi), len(q), -1).transpose(1, 0, 2))
 
     def lever(self, q: FloatArray) -> float:
-        """The longest way (m) that an end goes per radian of a passive joint, at q (n_l,)."""
+        """Return the longest displacement (m) of a rod's end per radian of a passive joint, at q (n_l,)."""
         _, _, gaps = self.function(q)
         length = np.sqrt((np.array(gaps.full()[:, self.passive]).reshape(-1, 3, len(self.passive)) ** 2).sum(axis=1))
         return float(length.max(initial=0.0))
@@ -55,7 +55,7 @@ class Mechanism:
 
 @lru_cache(maxsize=8)
 def mechanism(robot: Robot) -> Mechanism:
-    """Built once in a process for each robot."""
+    """Build the mechanism, once in a process for each robot."""
     q = ca.SX.sym("q", len(robot.joints))
     loops = closures(robot, q)
     rows, gaps = ca.vertcat(*(loop.rows for loop in loops)), ca.vertcat(*(loop.gap for loop in loops))
@@ -65,7 +65,7 @@ def mechanism(robot: Robot) -> Mechanism:
 
 
 def assembled(robot: Robot, angles: FloatArray) -> FloatArray:
-    """Joints (n_l,) at the driven joints' angles (n_u,): passive joints from the loop closure, elastic joints at 0.
+    """Solve joints (n_l,) at the driven joints' angles (n_u,): passive joints by loop closure, elastic joints at 0.
 
     StudyError where the loops do not close there, leave a joint undetermined, lock a motor or are about to fold over.
     """
@@ -81,7 +81,7 @@ def assembled(robot: Robot, angles: FloatArray) -> FloatArray:
 
 
 def followed(robot: Robot, angles: FloatArray, near: FloatArray | None = None) -> FloatArray:
-    """The joints (Q, n_l) at the driven joints' angles (Q, n_u), followed from the start; some may stay open.
+    """Solve joints (Q, n_l) at the driven joints' angles (Q, n_u), along a path from the start; some may stay open.
 
     near (n_u,): angles amid the others, through which all of them are reached, so that the way there is followed once.
     """
@@ -100,7 +100,7 @@ def followed(robot: Robot, angles: FloatArray, near: FloatArray | None = None) -
 
 
 def open_loops(robot: Robot, angles: FloatArray) -> float:
-    """The largest gap (m) of loops at the driven joints' angles (Q, n_u), 0 where all close."""
+    """Return the largest gap (m) of loops at the driven joints' angles (Q, n_u), 0 if all close."""
     if not robot.loops:
         return 0.0
     gap = float(np.abs(mechanism(robot).rows(followed(robot, angles, angles[0]))[0]).max(initial=0.0))
@@ -123,7 +123,7 @@ def are_closed(robot: Robot, q: FloatArray) -> BoolArray:
 
 
 def _continue_posture(parts: Mechanism, q: FloatArray, angles: FloatArray) -> FloatArray:
-    """Postures at the driven joints' angles (Q, n_u), from one posture q (1, n_l)."""
+    """Solve postures at the driven joints' angles (Q, n_u), from one posture q (1, n_l)."""
     steps = max(1, int(np.ceil(np.abs(angles - q[0, parts.driven]).max(initial=0.0) / PATH_STEP)))
     q = np.repeat(q, len(angles), axis=0)
     way = (angles - q[:, parts.driven]) / steps
@@ -136,7 +136,7 @@ def _continue_posture(parts: Mechanism, q: FloatArray, angles: FloatArray) -> Fl
 
 
 def rates(robot: Robot, q: FloatArray) -> FloatArray:
-    """T (Q, n_l, n_u) with q' = T q_a' at joints q (Q, n_l) where no spring gives and no rod stretches."""
+    """Return T (Q, n_l, n_u) with q' = T q_a' at joints q (Q, n_l), without deflection of springs and rods."""
     T = np.zeros((len(q), len(robot.joints), len(robot.driven)))
     T[:, robot.driven_indices, range(len(robot.driven))] = 1.0
     if robot.loops:
@@ -155,7 +155,7 @@ def _correction(parts: Mechanism, q: FloatArray) -> FloatArray:
 
 
 def _why_open(parts: Mechanism, angles: FloatArray) -> str:
-    """The loop that stays open and its gap, at the posture wanted or at the start already, or the joints it locks."""
+    """Name the loop that stays open and its gap, at the requested posture or already at the start, or locked joints."""
     robot = parts.robot
     (start,) = followed(robot, np.array([[joint.start for joint in robot.driven]]))
     (end,) = followed(robot, angles[None])
@@ -175,7 +175,7 @@ def _why_open(parts: Mechanism, angles: FloatArray) -> str:
 
 
 def _check_locked(parts: Mechanism, q: FloatArray) -> None:
-    """StudyError for driven joints that no motion of the passive ones follows."""
+    """Refuse driven joints that no motion of the passive joints follows; StudyError."""
     _, Phi = parts.rows(q[None])
     is_moving = np.abs(Phi[0] @ rates(parts.robot, q[None])[0]).max(axis=0) > 1e-6 * max(np.abs(Phi).max(), 1e-300)
     if locked := ", ".join(joint.name for joint, is_left in zip(parts.robot.driven, is_moving, strict=True) if is_left):
@@ -197,7 +197,7 @@ def _widest(parts: Mechanism, q: FloatArray) -> tuple[str, str]:
 
 
 def _check_posture(parts: Mechanism, q: FloatArray) -> None:
-    """Every passive joint follows the driven ones, and not by a lever that has folded up."""
+    """Check that every passive joint follows the driven joints, and not by a folded lever."""
     _, Phi = parts.rows(q[None])
     _check_locked(parts, q)
     n_p = len(parts.passive)

@@ -64,7 +64,7 @@ from elastid.robot.gears import Gearbox
 
 
 def input_matrix(robot: Robot) -> FloatArray:
-    """B (n_q, n_u): a link-side motor torque acts on its motor's coordinate alone, the joint's where the gear is rigid.
+    """Return B (n_q, n_u): a link-side torque acts on its motor's coordinate, or the joint's for a rigid gear.
 
     eta B^T (n_u, n_q): how fast each rotor turns in its housing per rate of the coordinates, motor side.
     """
@@ -76,7 +76,7 @@ def input_matrix(robot: Robot) -> FloatArray:
 
 
 def drivetrain(robot: Robot, theta: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """M, D, K (n_q, n_q), the quadratic forms of T_m, R and V_s, with rotors that have no carrier.
+    """Return M, D, K (n_q, n_q), the quadratic forms of T_m, R and V_s, with rotors that have no carrier.
 
     theta maps every name of robot.parameters() to its symbol.
     """
@@ -109,14 +109,14 @@ def drivetrain(robot: Robot, theta: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX, 
 
 
 def gear_deflections(robot: Robot) -> FloatArray:
-    """delta = q_m - q_a of each driven joint as rows (n_u, n_q); zero rows for rigid gears."""
+    """Return delta = q_m - q_a of each driven joint as rows (n_u, n_q); zero rows for rigid gears."""
     rows = input_matrix(robot).T
     rows[range(len(rows)), robot.driven_indices] -= 1.0
     return rows
 
 
 def spring_deflections(robot: Robot) -> dict[str, FloatArray]:
-    """z (n_q,), by name k_..., of springs in elastic gears: they are deflected by z q. None for springs in series."""
+    """Return z (n_q,), by name k_..., with deflection z q of springs in elastic gears; None for springs in series."""
     delta = gear_deflections(robot)
     rows: dict[str, FloatArray] = {}
     for box in robot.gearboxes:
@@ -126,7 +126,7 @@ def spring_deflections(robot: Robot) -> dict[str, FloatArray]:
 
 
 def series_stiffness(box: Gearbox, theta: Mapping[str, ca.SX]) -> ca.SX:
-    """K_a (n_g, n_g) of a gearbox, compliances added, on the deflections that its springs allow."""
+    """Return K_a (n_g, n_g) of a gearbox, compliances added, on the deflections that its springs allow."""
     U = ca.sparsify(ca.DM(box.range))
     X = U.T @ ca.DM(box.X)
     compliance = sum((1 / theta[name] * X[:, s] @ X[:, s].T for s, name in enumerate(box.springs)), start=ca.SX(0))
@@ -134,7 +134,7 @@ def series_stiffness(box: Gearbox, theta: Mapping[str, ca.SX]) -> ca.SX:
 
 
 def deflections(robot: Robot, q: ca.SX) -> dict[str, ca.SX]:
-    """The deflection of each joint's spring, by joint: q_m - q_a of an elastic gear, q_na of an elastic joint.
+    """Return the deflection of each joint's spring, by joint: q_m - q_a of an elastic gear, q_na of an elastic joint.
 
     A spring before coupled gears is deflected by a combination of all their q_m - q_a; one in series
     with the spring of a motor's shaft has no deflection of its own.
@@ -148,20 +148,20 @@ def deflections(robot: Robot, q: ca.SX) -> dict[str, ca.SX]:
 
 
 def on_the_flanks(parameters: Sequence[str], theta: FloatArray) -> FloatArray:
-    """theta (n_theta,) with every gap closed, k_i = k: the stiffness that motion meets once it crosses a gap."""
+    """Return theta (n_theta,) with every gap closed, k_i = k: the stiffness for motion that crosses a gap."""
     values = dict(zip(parameters, theta, strict=True))
     return np.array([values[f"k_{name[3:]}"] if name.startswith("ki_") else value for name, value in values.items()])
 
 
 def tangents(deflection: Mapping[str, ca.SX], theta: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
-    """d tau / d Delta of each joint's spring at its deflection, by joint: the stiffness that small motion meets."""
+    """Return d tau / d Delta of each joint's spring at its deflection, by joint: the stiffness for small motion."""
     x = ca.SX.sym("x")
     stiffness = {name: theta[f"k_{name}"] + ca.gradient(_beyond_linear(name, x, theta)[1], x) for name in deflection}
     return {name: ca.substitute(k, x, deflection[name]) for name, k in stiffness.items()}
 
 
 def spring_torque(joint: str, x: ca.SX, theta: Mapping[str, Any]) -> ca.SX:
-    """n(x), a scalar, of the spring of a joint at a deflection x; theta: numbers or symbols by name."""
+    """Return n(x), a scalar, of the spring of a joint at a deflection x; theta: numbers or symbols by name."""
     torque: ca.SX = theta[f"k_{joint}"] * x + _beyond_linear(joint, x, theta)[1]
     return torque
 
@@ -182,12 +182,12 @@ def _beyond_linear(joint: str, x: ca.SX, theta: Mapping[str, Any]) -> tuple[ca.S
 
 
 def _root(x: ca.SX, e: ca.SX) -> ca.SX:
-    """sqrt(x^2 + e^2), the smooth |x|."""
+    """Return sqrt(x^2 + e^2), the smooth |x|."""
     return ca.sqrt(x**2 + e**2)
 
 
 def _arch(x: ca.SX, e: ca.SX) -> ca.SX:
-    """F, the integral of `_root` from 0."""
+    """Return F, the integral of `_root` from 0."""
     return (x * _root(x, e) + e**2 * ca.asinh(x / e)) / 2
 
 
@@ -201,7 +201,7 @@ class Strain:
 
 
 def joint_springs(robot: Robot, q: ca.SX, theta: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX, tuple[Strain, ...]]:
-    """The springs of gears, motor shafts and elastic joints at q (n_q,); theta maps the robot's names to symbols.
+    """Return springs of gears, motor shafts and elastic joints at q (n_q,); theta maps the robot's names to symbols.
 
     V, a scalar, and dV/dq (n_q, 1) beyond the linear springs, and the strain of every spring.
     """
@@ -230,7 +230,7 @@ def joint_springs(robot: Robot, q: ca.SX, theta: Mapping[str, ca.SX]) -> tuple[c
 def rotors(
     robot: Robot, theta: Mapping[str, ca.SX], q: ca.SX, v: ca.SX, angular_velocity: ca.SX
 ) -> tuple[ca.SX, ca.SX]:
-    """M (n_q, n_q) and Coriolis and centrifugal forces c (n_q,) of all rotors that have a carrier.
+    """Return M (n_q, n_q) and Coriolis and centrifugal forces c (n_q,) of all rotors that have a carrier.
 
     q, v (n_q,): coordinates and rates.  angular_velocity (3 n_bodies, n_q): J v of the bodies in their own axes.
     """
@@ -254,7 +254,7 @@ def rotors(
 
 
 def _coriolis(Y: ca.SX, J: ca.SX, q: ca.SX, v: ca.SX) -> ca.SX:
-    """c (n_q,), by differentiating the scalar rates w = Y v along the motion and to q, the momenta p = J w held."""
+    """Derive c (n_q,) from the scalar rates w = Y v along the motion and to q, with fixed momenta p = J w."""
     w, p = Y @ v, ca.SX.sym("p", J.size1())
     bias = ca.jtimes(Y.T @ p, q, v) - ca.gradient(ca.dot(p, w), q)
     return Y.T @ (J * ca.jtimes(w, q, v)) + ca.substitute(bias, p, J * w)

@@ -95,7 +95,7 @@ class ElasticModel:
         return len(self.inputs)
 
     def symbols(self, *names: str) -> list[ca.SX]:
-        """Symbols, one for each coordinate: `lambda` one for each constraint row, `theta` for each parameter."""
+        """Create symbols, one for each coordinate; `lambda` has one per constraint row, `theta` one per parameter."""
         sizes = {"lambda": self.n_c, "theta": len(self.parameters)}
         return [ca.SX.sym(name, sizes.get(name, self.n_q)) for name in names]
 
@@ -115,12 +115,12 @@ class ElasticModel:
         return tuple(name for name in self.parameters if self.robot.payload and name in self.robot.payload.numbers)
 
     def carried(self, theta: FloatArray, carries: bool) -> FloatArray:
-        """theta (n_theta,), with zero mass and inertia of the payload unless the robot carries it."""
+        """Return theta (n_theta,), with zero mass and inertia of the payload in configurations without it."""
         absent = () if carries else [self.parameters.index(name) for name in self.of_payload]
         return np.where(np.isin(np.arange(len(theta)), absent), 0.0, theta)
 
     def robot_at(self, theta: FloatArray) -> Robot:
-        """The robot with the geometry of theta (n_theta,); StudyError where no robot has it."""
+        """Return the robot with the geometry of theta (n_theta,); StudyError if no robot has it."""
         return _robot_at(self, np.asarray(theta, dtype=float).tobytes()) if self.geometry else self.robot
 
     @property
@@ -136,17 +136,17 @@ class ElasticModel:
         return (*bodies, *(("frame", frame.name, axis) for frame in self.robot.frames for axis in FRAME_AXES))
 
     def index(self, location: str) -> int:
-        """The coordinate of `motor <name>` or `joint <name>`; a rigidly driven joint's motor turns with the joint."""
+        """Return the coordinate of `motor <name>` or `joint <name>`; the motor of a rigid gear turns with its joint."""
         if location not in self.coordinates and location in self.inputs:
             return self.coordinates.index(location.replace("motor ", "joint ", 1))
         return self.coordinates.index(location)
 
     def output_jacobian(self, q: FloatArray, locations: Sequence[str]) -> FloatArray:
-        """C (n_y, n_q) of `readout` at q (n_q,), with the robot's own numbers."""
+        """Return C (n_y, n_q) of `readout` at q (n_q,), with the robot's own numbers."""
         return np.ascontiguousarray(self.readout(q, self.theta, locations)[0].full())
 
     def readout(self, q: Any, theta: Any, locations: Sequence[str]) -> tuple[Any, Any]:
-        r"""C and T (n_y, n_q) of places with the rates C v, at q (n_q,): DM, or SX of symbols.
+        r"""Return C and T (n_y, n_q) of locations with the rates C v, at q (n_q,): DM, or SX for symbols.
 
         `motor <name>`, `joint <name>`.  `body <name> <axis>`: absolute angular velocity about an axis fixed in it.
         `frame <name> x`, `accelerometer <name> x`: velocity of the frame's origin along its axis; `frame <name> rx`:

@@ -47,7 +47,7 @@ from elastid.robot import Loop, Robot
 
 
 def serial(robot: Robot, geometry: Collection[str] = ()) -> ElasticModel:
-    """The ElasticModel of a tree of bodies: coordinates of all joints, then of the motors of flexible joints.
+    """Build the ElasticModel of a tree of bodies: coordinates of all joints, then of the motors of flexible joints.
 
     geometry: names of robot.geometry that are parameters, too.
     """
@@ -55,7 +55,7 @@ def serial(robot: Robot, geometry: Collection[str] = ()) -> ElasticModel:
 
 
 def constrained(robot: Robot, geometry: Collection[str] = ()) -> ElasticModel:
-    """ElasticModel with one constraint row per rod and the rows of each pin and point, including redundant rows."""
+    """Build the ElasticModel with a constraint row per rod and the rows of each pin and point, also redundant ones."""
     tree = open_chain(robot, geometry)
     loops = closures(robot, tree.q[: len(robot.joints)], by_name(tree))
     equations, rows = stretching(with_rod_inertia(robot, tree, loops), loops)
@@ -63,7 +63,7 @@ def constrained(robot: Robot, geometry: Collection[str] = ()) -> ElasticModel:
 
 
 def minimal(robot: Robot, spec: ModelSpec, geometry: Collection[str] = ()) -> ElasticModel:
-    """The ElasticModel with the independent coordinates of `spec`; StudyError where a variant does not fit."""
+    """Build the ElasticModel in independent coordinates of `spec`; StudyError for a variant that does not fit."""
     equations = open_chain(robot, geometry)
     moving = [name for name in robot.geometry if name in equations.parameters]
     if spec.variant == "constant_stiffness" and moving:
@@ -92,7 +92,7 @@ EXACT = ModelSpec()
 
 
 def formulate(robot: Robot, spec: ModelSpec = EXACT, geometry: Collection[str] = ()) -> ElasticModel:
-    """The ElasticModel of a robot in the formulation of `spec`; StudyError where the two do not fit.
+    """Build the ElasticModel of a robot in the formulation of `spec`; StudyError if they do not fit.
 
     geometry: names of robot.geometry that are parameters of the model besides robot.parameters(); others do not count.
     """
@@ -109,13 +109,13 @@ STIFF = ("rigid_loop", "constant_stiffness", "series_stiffness")
 
 
 def elastic_joints_within(robot: Robot) -> tuple[int, ...]:
-    """The elastic joints that are not driven and which a loop goes through."""
+    """List the elastic joints without drive inside a loop."""
     joints = robot.joints
     return tuple(i for i in robot.joints_in_loops if joints[i].spring is not None and joints[i].motor is None)
 
 
 def unseen(robot: Robot, variant: Variant) -> tuple[str, ...]:
-    """The parameters without an effect of their own in a variant.
+    """List the parameters without an effect of their own in a variant.
 
     Those of rods and elastic joints inside stiff loops; where gear and rod are condensed into one constant, it is the
     gear's.
@@ -133,7 +133,7 @@ def unseen(robot: Robot, variant: Variant) -> tuple[str, ...]:
 
 
 def unbent(robot: Robot, q: ca.SX) -> ca.SX:
-    """The joints (n_l,) as loops see them that do not see elastic joints.
+    """Return the joints (n_l,) for loops that ignore elastic joints.
 
     An elastic joint is straight; the bodies behind the loop's next passive joint keep their direction, as in a
     parallelogram: about parallel axes the passive joint has turned back by as much.
@@ -151,7 +151,7 @@ def unbent(robot: Robot, q: ca.SX) -> ca.SX:
 
 
 def _axes(robot: Robot) -> list[FloatArray]:
-    """The axes (3,) of all joints in the base frame, all at 0."""
+    """Return the axes (3,) of all joints in the base frame, all at 0."""
     R: list[FloatArray] = []
     axes = []
     for frame in tree(robot).frames:
@@ -161,7 +161,7 @@ def _axes(robot: Robot) -> list[FloatArray]:
 
 
 def series_stiffness(robot: Robot, equations: Equations, stretched: Sequence[Closure], constant: bool) -> Equations:
-    """Gear springs of levers in series with the elastic rods of loops. constant: as in the start posture."""
+    """Add gear springs of levers in series with the elastic rods of loops. constant: as in the start posture."""
     theta = by_name(equations)
     for closure in stretched:
         lever = _lever(robot, closure.loop)
@@ -188,7 +188,7 @@ def series_stiffness(robot: Robot, equations: Equations, stretched: Sequence[Clo
 
 
 def _lever(robot: Robot, loop: Loop) -> int:
-    """The elastically driven joint that turns an end of a loop, its first end if both are turned so."""
+    """Return the elastically driven joint that turns an end of a loop, its first end if both are turned so."""
     for branch in robot.branches[robot.loops.index(loop)]:
         for i in branch:
             if robot.joints[i].is_flexible:
@@ -219,7 +219,7 @@ class ElasticJoint:
 
 
 def locked_joint(robot: Robot, joint: str, angles: FloatArray) -> ElasticJoint | None:
-    """Inertias of motor and link, link side, with the gear spring; None if the model has no such form.
+    """Return inertias of motor and link, link side, and the gear spring; None if the model has no such form.
 
     angles (n_u,): posture in which the other joints are locked, with stiff springs, as in undriven joints.
     Without the form: a stiff joint, one in a loop, of coupled gears, or with a spring that is not linear.

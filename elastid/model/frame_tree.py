@@ -44,7 +44,7 @@ class BodyFrame:
     zero: Any = 0.0
 
     def angle(self, q: Any) -> Any:
-        """Angle of the turn at the position q of the joint; q itself, to the last bit, where the zero is right."""
+        """Return the angle of the turn at the position q of the joint; exactly q for a zero offset of 0."""
         return q if isinstance(self.zero, float) and self.zero == 0 else q + self.zero
 
 
@@ -57,7 +57,7 @@ class Attachment:
     p: Point
 
     def placed(self, rotation: FloatArray, xyz: Point) -> "Attachment":
-        """The seat at xyz (3,) and with a rotation (3, 3) in these axes."""
+        """Return the seat at xyz (3,) and with a rotation (3, 3) in these axes."""
         is_number = isinstance(self.p, np.ndarray) and isinstance(xyz, np.ndarray)
         p = _clean(self.p + self.R @ xyz) if is_number else ca.SX(self.p) + ca.DM(self.R) @ xyz
         return Attachment(self.frame, _clean(self.R @ rotation), p)
@@ -76,7 +76,7 @@ class Tree:
 
 
 def tree(robot: Robot, theta: Mapping[str, ca.SX] = NUMBERS) -> Tree:
-    """The frames of a robot's joints, with placements and oblique axes as constants.
+    """Build the frames of a robot's joints, with placements and oblique axes as constants.
 
     theta: names to symbols; coordinates among them are these symbols, all others numbers.
     """
@@ -98,7 +98,7 @@ def tree(robot: Robot, theta: Mapping[str, ca.SX] = NUMBERS) -> Tree:
 
 
 def located(name: str, xyz: Sequence[float], theta: Mapping[str, ca.SX]) -> Point:
-    """Point of the description: numbers, or symbols for the coordinates name_x, ... that theta contains."""
+    """Return a point as numbers, or as symbols for the coordinates name_x, ... that theta contains."""
     names = [f"{name}_{axis}" for axis in "xyz"]
     if not any(name in theta for name in names):
         return np.array(xyz, dtype=float)
@@ -106,7 +106,7 @@ def located(name: str, xyz: Sequence[float], theta: Mapping[str, ca.SX]) -> Poin
 
 
 def _aligned(joint: Joint) -> tuple[int, FloatArray]:
-    """The coordinate axis of the motion, and the constant rotation that carries it onto the joint's axis."""
+    """Return the coordinate axis of the motion, and the constant rotation from it to the joint's axis."""
     direction = unit_axis(joint.axis)
     largest = int(np.argmax(np.abs(direction)))
     if direction[largest] == 1.0:
@@ -117,7 +117,7 @@ def _aligned(joint: Joint) -> tuple[int, FloatArray]:
 
 
 def _clean(array: FloatArray) -> FloatArray:
-    """Rounding residue of sines and cosines set to 0 and +-1, so that CasADi leaves the products out."""
+    """Set rounding residues of sines and cosines to 0 and +-1, so that CasADi omits the products."""
     nearest = np.round(array)
     return np.where(np.abs(array - nearest) < 4 * np.finfo(float).eps, nearest, array)
 
@@ -140,18 +140,18 @@ class Turn:
     origin: ca.SX
 
     def forth(self, v: ca.SX) -> ca.SX:
-        """Vectors v (3, n) of the turned frame in the axes before the turn."""
+        """Rotate vectors v (3, n) of the turned frame into the axes before the turn."""
         i, j = PLANES[self.k]
         w = ca.SX(v)
         w[i, :], w[j, :] = self.c * v[i, :] - self.s * v[j, :], self.s * v[i, :] + self.c * v[j, :]
         return w
 
     def back(self, v: ca.SX) -> ca.SX:
-        """Vectors v (3, n) of the frame before the turn in the turned axes."""
+        """Rotate vectors v (3, n) of the frame before the turn into the turned axes."""
         return replace(self, s=-self.s).forth(v)
 
     def tensor(self, T: ca.SX) -> ca.SX:
-        """The symmetric tensor T (3, 3) of the turned frame in the axes before the turn, in 9 products."""
+        """Rotate the symmetric tensor T (3, 3) of the turned frame into the axes before the turn, in 9 products."""
         (i, j), k, c, s = PLANES[self.k], self.k, self.c, self.s
         u = s * (T[i, i] - T[j, j]) + c * (2 * T[i, j])
         W = ca.SX(T)
@@ -163,7 +163,7 @@ class Turn:
 
 
 def turns(layout: Tree, q: ca.SX) -> tuple[Turn, ...]:
-    """The turn of each joint at q (n,); shared by all terms, so that sine and cosine are taken once."""
+    """Return the turn of each joint at q (n,); shared by all terms, so that sine and cosine are computed once."""
     return tuple(
         Turn(frame.axis, ca.SX(1), ca.SX(0), ca.SX(frame.p) + ca.DM(frame.R[:, frame.axis]) * q[i])
         if frame.slides
@@ -173,7 +173,7 @@ def turns(layout: Tree, q: ca.SX) -> tuple[Turn, ...]:
 
 
 def seat(robot: Robot, layout: Tree, body: str) -> Attachment:
-    """The seat of a body in the tree of frames; `base` for the base itself. KeyError for an unknown body."""
+    """Return the seat of a body in the tree of frames; `base` for the base itself. KeyError for an unknown body."""
     seats = {BASE: ON_BASE}
     seats |= {part.name: place for part, place in zip(robot.all_bodies, layout.attachments, strict=True)}
     if body not in seats:
@@ -184,7 +184,7 @@ def seat(robot: Robot, layout: Tree, body: str) -> Attachment:
 def ends_of(
     robot: Robot, layout: Tree, part: Loop | Compensator, letter: str, theta: Mapping[str, ca.SX]
 ) -> tuple[tuple[Attachment, Point], ...]:
-    """Body and location of both ends of a loop or a compensator. letter: prefix of the coordinate names."""
+    """Return body and location of both ends of a loop or a compensator. letter: prefix of the coordinate names."""
     return tuple(
         (seat(robot, layout, end.body), located(f"{letter}{i}_{part.name}", end.point, theta))
         for i, end in enumerate(part.ends, start=1)
@@ -192,14 +192,14 @@ def ends_of(
 
 
 def rotation(layout: Tree, joint_turns: Sequence[Turn], seat: Attachment) -> ca.SX:
-    """R (3, 3) from the axes of a body to the base axes."""
+    """Return R (3, 3) from the axes of a body to the base axes."""
     return ca.horzcat(*(direction(layout, joint_turns, seat, axis) for axis in np.eye(3)))
 
 
 def position(
     layout: Tree, joint_turns: Sequence[Turn], seat: Attachment, point: Point = (0.0, 0.0, 0.0), seen_from: int = -1
 ) -> ca.SX:
-    """A point (3,) of a body, given in the body's axes, in the axes of the frame `seen_from` (-1: the base), m.
+    """Return a point (3,) of a body, in the body's axes, in the axes of the frame `seen_from` (-1: the base), m.
 
     seat: of the body.  joint_turns: of `turns(layout, q)`.  seen_from: the body's frame or one that carries it.
     """
@@ -214,13 +214,13 @@ def position(
 def direction(
     layout: Tree, joint_turns: Sequence[Turn], seat: Attachment, vector: FloatArray, seen_from: int = -1
 ) -> ca.SX:
-    """A direction (3,) of a body in the axes of the frame `seen_from`, as of `position`."""
+    """Return a direction (3,) of a body in the axes of the frame `seen_from`, as for `position`."""
     tip, foot = (position(layout, joint_turns, seat, point, seen_from) for point in (vector.tolist(), (0.0, 0.0, 0.0)))
     return tip - foot
 
 
 def last_common(layout: Tree, first: int, second: int) -> int:
-    """The last frame that carries both frames, itself included; -1 where only the base does."""
+    """Return the last frame that carries both frames, itself included; -1 if only the base does."""
     below = set(carriers(layout, first))
     return next((frame for frame in carriers(layout, second) if frame in below), -1)
 
@@ -228,13 +228,13 @@ def last_common(layout: Tree, first: int, second: int) -> int:
 def between(
     layout: Tree, joint_turns: Sequence[Turn], first: tuple[Attachment, Point], second: tuple[Attachment, Point]
 ) -> ca.SX:
-    """The vector (3,) from one body's point to another's, in the axes of the last frame that carries both, m."""
+    """Return the vector (3,) between points of two bodies, in the axes of the last frame that carries both, m."""
     frame = last_common(layout, first[0].frame, second[0].frame)
     return position(layout, joint_turns, *second, frame) - position(layout, joint_turns, *first, frame)
 
 
 def carriers(layout: Tree, frame: int) -> list[int]:
-    """The frame and all that carry it, the base left out."""
+    """List the frame and all frames that carry it, without the base."""
     frames = []
     while frame >= 0:
         frames.append(frame)

@@ -41,7 +41,7 @@ NO_POINTS: Mapping[str, Sequence[Sequence[float]]] = {}
 
 
 def knots(robot: Robot, layout: Tree, further: Mapping[str, Sequence[Sequence[float]]] = NO_POINTS) -> list[Knot]:
-    """The base first, then body by body, then the frames.  further: body name to points in the body's own axes."""
+    """List the base, then all points of each body, then the frames. further: body name to points in its own axes."""
     points = [Knot("base", BASE, -1, np.zeros(3), -1)]
     origin = {BASE: 0}
     points += _points(ON_BASE, BASE, 0, further)
@@ -90,14 +90,14 @@ class Poses:
 
 
 def frame_poses(robot: Robot, q: FloatArray, frame: str) -> Poses:
-    """Forward kinematics of a named frame or body at positions q (Q, n_l) of all joints; StudyError without such."""
+    """Compute poses of a named frame or body at positions q (Q, n_l) of all joints; StudyError for an unknown name."""
     _, seat, R, p = _seated(robot, q, frame)
     rotation = R[seat.frame] if seat.frame >= 0 else np.broadcast_to(np.eye(3), (len(q), 3, 3))
     return Poses(placed(R, p, seat.frame, seat.p, len(q)), rotation @ seat.R)
 
 
 def frame_jacobians(robot: Robot, q: FloatArray, frame: str) -> FloatArray:
-    """Geometric Jacobian J (Q, 6, n_l) of a named frame or body at q (Q, n_l), as in the equation above.
+    """Compute the geometric Jacobian J (Q, 6, n_l) of a named frame or body at q (Q, n_l), as in the equation above.
 
     Rows: velocity of the frame's origin, then angular velocity, both in the axes of the base.
     """
@@ -122,7 +122,7 @@ def _seated(robot: Robot, q: FloatArray, name: str) -> tuple[Tree, Attachment, l
 def point_jacobians(
     layout: Tree, R: list[FloatArray], p: list[FloatArray], carrier: int, point: FloatArray
 ) -> FloatArray:
-    """J (Q, 6, n_l) of a point (Q, 3) to each joint below the frame that carries it (-1: the base)."""
+    """Compute J (Q, 6, n_l) of a point (Q, 3) for each joint below the frame that carries it (-1: the base)."""
     J = np.zeros((len(point), 6, len(layout.frames)))
     for i in carriers(layout, carrier):
         axis = R[i][:, :, layout.frames[i].axis]
@@ -134,7 +134,7 @@ def point_jacobians(
 
 
 def skeleton(robot: Robot, angles: FloatArray) -> Skeleton:
-    """The skeleton at the driven joints' angles (Q, n_u): base, joints, centres of mass, frames."""
+    """Build the skeleton at the driven joints' angles (Q, n_u): base, joints, centres of mass, frames."""
     layout = tree(robot)
     R, p = frames(layout, followed(robot, angles))
     points = knots(robot, layout)
@@ -153,7 +153,7 @@ def _moves(layout: Tree, knot: Knot) -> bool:
 
 
 def frames(layout: Tree, q: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Rotation (Q, 3, 3) and origin (Q, 3) of each joint's frame in the base frame."""
+    """Compute rotation (Q, 3, 3) and origin (Q, 3) of each joint's frame in the base frame."""
     R: list[FloatArray] = []
     p: list[FloatArray] = []
     base = np.broadcast_to(np.eye(3), (len(q), 3, 3)), np.zeros((len(q), 3))
@@ -176,7 +176,7 @@ def _turn(k: int, angle: FloatArray) -> FloatArray:
 
 
 def placed(R: list[FloatArray], p: list[FloatArray], frame: int, local: FloatArray, count: int) -> FloatArray:
-    """A point (3,) in a frame's axes (-1: the base's) in the base frame (Q, 3), Q = count postures."""
+    """Transform a point (3,) in a frame's axes (-1: the base's) to the base frame (Q, 3), Q = count postures."""
     if frame < 0:
         return np.tile(local, (count, 1))
     return p[frame] + R[frame] @ local
@@ -200,7 +200,7 @@ class StickFigure:
 
 
 def stick_figure(robot: Robot, q: FloatArray) -> StickFigure:
-    """The sticks at positions q (n_l,) of all joints."""
+    """Build the stick figure at positions q (n_l,) of all joints."""
     layout = tree(robot)
     anchors, ends = _anchors(robot)
     # Centres of mass only where nothing else shows how far a body reaches.
@@ -223,7 +223,7 @@ def stick_figure(robot: Robot, q: FloatArray) -> StickFigure:
 
 
 def _anchors(robot: Robot) -> tuple[dict[str, list[Sequence[float]]], list[tuple[tuple[str, int], ...]]]:
-    """Points of bodies at the ends of loops and compensators; per connection, body and point index of both ends."""
+    """Return points at the ends of loops and compensators, and per connection body and point index of both ends."""
     anchors: dict[str, list[Sequence[float]]] = {}
     pairs = []
     for ends in (*(loop.ends for loop in robot.loops), *(compensator.ends for compensator in robot.compensators)):

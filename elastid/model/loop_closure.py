@@ -61,14 +61,14 @@ class Closure:
 
 
 def closures(robot: Robot, q: ca.SX, theta: Mapping[str, ca.SX] = NUMBERS) -> tuple[Closure, ...]:
-    """The loops of a robot at joint coordinates q (n_l,); theta: names to symbols, as of `tree`."""
+    """Return the loops of a robot at joint coordinates q (n_l,); theta: names to symbols, as for `tree`."""
     layout = tree(robot, theta)
     joint_turns = turns(layout, q)
     return tuple(_closure(robot, layout, joint_turns, loop, theta) for loop in robot.loops)
 
 
 def rod_row(closure: Closure, length: ca.SX | float) -> ca.SX:
-    """(|gap|^2 - length^2) / (2 L), L the length at rest in the robot's description."""
+    """Return (|gap|^2 - length^2) / (2 L), L the length at rest in the robot's description."""
     assert closure.loop.rod is not None
     return (ca.sumsqr(closure.gap) - length**2) / (2 * closure.loop.rod.length)
 
@@ -90,7 +90,7 @@ def _closure(
 def _pin_rows(
     layout: Tree, joint_turns: tuple[Turn, ...], seats: tuple[Attachment, Attachment], pin: Pin, gap: ca.SX
 ) -> ca.SX:
-    """Displacements across the axis; where the pin is spatial, that along it and the two tilts as well."""
+    """Return displacements across the axis; for a spatial pin also along the axis, and the two tilts."""
     along = unit_axis(pin.axis)
     across = np.cross(np.eye(3)[int(np.argmin(np.abs(along)))], along)
     across /= np.linalg.norm(across)
@@ -106,7 +106,7 @@ def _pin_rows(
 
 
 def with_rod_inertia(robot: Robot, equations: Equations, loops: Sequence[Closure], lumped: bool = False) -> Equations:
-    """The equations with mass and weight of all rods; lumped: a point mass at each end, (1 - a) m and a m."""
+    """Add mass and weight of all rods to the equations; lumped: a point mass at each end, (1 - a) m and a m."""
     theta, gravity = by_name(equations), ca.DM(robot.gravity)
     for closure in loops:
         rod, name = closure.loop.rod, closure.loop.name
@@ -126,7 +126,7 @@ def with_rod_inertia(robot: Robot, equations: Equations, loops: Sequence[Closure
 
 
 def _with_mass(equations: Equations, mass: ca.SX, point: ca.SX) -> Equations:
-    """T = mass |p'|^2 / 2 more: J^T m J to the mass matrix, J^T m (dJ/dt) v to the forces."""
+    """Add T = mass |p'|^2 / 2: J^T m J to the mass matrix, J^T m (dJ/dt) v to the forces."""
     J = ca.jacobian(point, equations.q)
     return replace(
         equations,
@@ -136,12 +136,12 @@ def _with_mass(equations: Equations, mass: ca.SX, point: ca.SX) -> Equations:
 
 
 def elastic(loops: Sequence[Closure]) -> list[Closure]:
-    """Closures with an elastic rod."""
+    """Select closures with an elastic rod."""
     return [closure for closure in loops if closure.loop.rod is not None and closure.loop.rod.is_elastic]
 
 
 def cut(equations: Equations, stretched: Sequence[Closure]) -> Equations:
-    """The elastic rods of loops as springs and dampers between their end points."""
+    """Return the elastic rods of loops as springs and dampers between their end points."""
     theta = by_name(equations)
     for closure in stretched:
         name = closure.loop.name
@@ -153,7 +153,7 @@ def cut(equations: Equations, stretched: Sequence[Closure]) -> Equations:
 
 
 def stretching(equations: Equations, loops: Sequence[Closure]) -> tuple[Equations, list[ca.SX]]:
-    """Elastic rods with a coordinate `rod <name>` each; and the rows that close all loops, stretched as they are."""
+    """Add a coordinate `rod <name>` for each elastic rod; returns the rows that close all loops with stretched rods."""
     with_rod = elastic(loops)
     n = len(equations.coordinates)
     equations = with_coordinates(equations, [f"rod {closure.loop.name}" for closure in with_rod])
@@ -186,7 +186,7 @@ class Partition:
     independent: IntArray
 
     def basis(self, Phi: FloatArray) -> FloatArray:
-        """Z (n_q, n_q - n_r) of Phi (n_c, n_q): the unit matrix for the independent coordinates."""
+        """Return Z (n_q, n_q - n_r) of Phi (n_c, n_q): the unit matrix for the independent coordinates."""
         Z = np.zeros((Phi.shape[1], len(self.independent)))
         Z[self.independent, range(len(self.independent))] = 1.0
         rows = Phi[self.rows]
@@ -195,7 +195,7 @@ class Partition:
 
 
 def partition(model: ElasticModel, Phi: FloatArray) -> Partition:
-    """Pivots of Phi (n_c, n_q) with complete pivoting, the loops' own coordinates before those that motors drive.
+    """Choose pivots of Phi (n_c, n_q) by complete pivoting, coordinates of loops before coordinates of motors.
 
     Raises StudyError where the coordinates that a minimal formulation asks for are not independent.
     """
@@ -232,7 +232,7 @@ def partition(model: ElasticModel, Phi: FloatArray) -> Partition:
 
 
 def _tier(model: ElasticModel, coordinate: str) -> int:
-    """0: elongations of rods and joints that nothing holds; then elastic joints, geared joints, motors."""
+    """Rank coordinates: 0 for elongations and free joints; then elastic joints, geared joints, motors."""
     kind, _, name = coordinate.partition(" ")
     if kind == "rod":
         return 0
@@ -245,14 +245,14 @@ def _tier(model: ElasticModel, coordinate: str) -> int:
 
 
 def motions(model: ElasticModel, Phi: FloatArray) -> FloatArray:
-    """Z (n_q, n): columns span the null space of Phi (n_c, n_q); orthonormal, or of the independent coordinates."""
+    """Return Z (n_q, n) that spans the null space of Phi (n_c, n_q): orthonormal, or of the independent coordinates."""
     if model.independent is not None and (Phi.size or model.independent):
         return partition(model, Phi).basis(Phi)
     return null_space(Phi)
 
 
 def null_space(Phi: FloatArray) -> FloatArray:
-    """Z (n_q, n), orthonormal columns, of Phi (n_c, n_q); the unit matrix where there is no constraint."""
+    """Return Z (n_q, n), orthonormal columns, of Phi (n_c, n_q); the unit matrix without constraints."""
     if not Phi.size:
         return np.eye(Phi.shape[1])
     _, s, Vt = np.linalg.svd(Phi)

@@ -63,7 +63,7 @@ class Equations:
 
 
 def open_chain(robot: Robot, geometry: Collection[str] = ()) -> Equations:
-    """The equations of the tree of bodies: all joints, then the motors of flexible joints.
+    """Build the equations of the tree of bodies: all joints, then the motors of flexible joints.
 
     Constraints are those of rigid gears that are coupled with elastic ones alone.  geometry: names of robot.geometry
     that are symbols in them; other names have no effect.
@@ -97,12 +97,12 @@ def open_chain(robot: Robot, geometry: Collection[str] = ()) -> Equations:
 
 
 def by_name(equations: Equations) -> dict[str, ca.SX]:
-    """The symbol of each parameter."""
+    """Return the symbol of each parameter by name."""
     return dict(zip(equations.parameters, ca.vertsplit(equations.theta), strict=True))
 
 
 def with_coordinates(equations: Equations, names: Sequence[str]) -> Equations:
-    """Equations with further coordinates at the end, which nothing moves or holds yet."""
+    """Append coordinates without inertia and stiffness to the equations."""
     more = len(names)
     if not more:
         return equations
@@ -120,20 +120,20 @@ def with_coordinates(equations: Equations, names: Sequence[str]) -> Equations:
 
 
 def with_strains(equations: Equations, *strains: Strain) -> Equations:
-    """Equations with the strains of further springs, which replace the previous strains of the same springs."""
+    """Add strains of further springs, which replace previous strains of the same springs."""
     by_spring = {strain.spring: strain for strain in (*equations.strains, *strains)}
     return replace(equations, strains=tuple(by_spring.values()))
 
 
 def with_energies(equations: Equations, V: ca.SX, D: ca.SX) -> Equations:
-    """Equations with a further potential V(q) and dissipation v^T D(q) v / 2."""
+    """Add a further potential V(q) and dissipation v^T D(q) v / 2."""
     return replace(
         equations, V=equations.V + V, D=equations.D + D, f=equations.f + ca.gradient(V, equations.q) + D @ equations.v
     )
 
 
 def elastic_model(robot: Robot, equations: Equations, independent: tuple[str, ...] | None = None) -> ElasticModel:
-    """The named functions of the contract; the stiffness is the exact Hessian of V + lambda^T phi."""
+    """Build the named functions of the contract; the stiffness is the exact Hessian of V + lambda^T phi."""
     table = robot.parameters(equations.parameters)
     q, V, n_b = equations.q, equations.V, 3 * len(robot.all_bodies)
     lambda_ = ca.SX.sym("lambda", equations.phi.size1())
@@ -171,7 +171,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(7)
 def compensators(
     robot: Robot, layout: Tree, joint_turns: tuple[Turn, ...], q: ca.SX, theta: Mapping[str, ca.SX]
 ) -> tuple[ca.SX, ca.SX]:
-    """V, a scalar, and dV/dq (n_q, 1) of all compensators; the joints that `joint_turns` turns are among q."""
+    """Return V, a scalar, and dV/dq (n_q, 1) of all compensators; joints turned by `joint_turns` are among q."""
     V, gradient = ca.SX(0), ca.SX(q.size1(), 1)
     for compensator in robot.compensators:
         square = ca.sumsqr(between(layout, joint_turns, *ends_of(robot, layout, compensator, "pc", theta)))

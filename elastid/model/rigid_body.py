@@ -39,7 +39,7 @@ UNIT = tuple(ca.DM(axis) for axis in np.eye(3))
 
 
 def inertias(robot: Robot, layout: Tree, theta: Mapping[str, ca.SX]) -> tuple[BodyInertia, ...]:
-    """The inertia that each frame carries, summed over its bodies, as symbols of theta; not that fixed to the base."""
+    """Sum the inertia of the bodies on each frame, as symbols of theta, without bodies fixed to the base."""
     carried = [NOTHING] * len(layout.frames)
     for body, seat in zip(robot.all_bodies, layout.attachments, strict=True):
         if seat.frame < 0:
@@ -62,7 +62,7 @@ def _tensor(numbers: ca.SX) -> ca.SX:
 def composites(
     layout: Tree, carried: tuple[BodyInertia, ...], joint_turns: tuple[Turn, ...]
 ) -> tuple[BodyInertia, ...]:
-    """Inertia moved by each joint, in its own frame; last, the inertia of the robot about the origin of the base."""
+    """Return the inertia moved by each joint, in its own frame, and the robot's about the origin of the base."""
     total = [*carried, NOTHING]
     for i in reversed(range(len(layout.frames))):
         body, frame, p = total[i], layout.frames[i], joint_turns[i].origin
@@ -76,7 +76,7 @@ def composites(
 
 
 def mass_matrix(layout: Tree, composite: tuple[BodyInertia, ...], joint_turns: tuple[Turn, ...]) -> ca.SX:
-    """M (n, n), symmetric: row i is the momentum that joint i makes at a rate of 1, on every joint below it."""
+    """Return M (n, n), symmetric: row i is the momentum of joint i at a rate of 1, on every joint below it."""
     n = len(layout.frames)
     M, below = ca.SX(n, n), [list[tuple[list[int], ca.SX, ca.SX]]() for _ in layout.frames]
     for i, frame in reversed([*enumerate(layout.frames)]):
@@ -93,7 +93,7 @@ def mass_matrix(layout: Tree, composite: tuple[BodyInertia, ...], joint_turns: t
 
 
 def _force_on_parent(moment: ca.SX, force: ca.SX, frame: BodyFrame, turn: Turn) -> tuple[ca.SX, ca.SX]:
-    """Moments about the origin and forces (3, n) of a frame, in its parent's axes and about the parent's origin."""
+    """Return moments about the origin and forces (3, n) of a frame, in its parent's axes and about its origin."""
     R = ca.DM(frame.R)
     force = R @ turn.forth(force)
     return R @ turn.forth(moment) + ca.skew(turn.origin) @ force, force
@@ -107,7 +107,7 @@ def bias(
     gravity: FloatArray,
     acceleration: ca.SX | None = None,
 ) -> ca.SX:
-    """c + g (n,): the joint torques that hold the velocities v (n,) against Coriolis, centrifugal and gravity forces.
+    """Return c + g (n,): joint torques that balance Coriolis, centrifugal and gravity forces at velocities v (n,).
 
     With an acceleration v' (n,), the inverse dynamics M v' + c + g.
     Newton-Euler, the base accelerated by -gravity. U = [alpha x] + [omega x]^2 gives the acceleration
@@ -142,7 +142,7 @@ def bias(
 
 
 def sensor_kinematics(robot: Robot, layout: Tree, joint_turns: tuple[Turn, ...]) -> tuple[ca.SX, ca.SX]:
-    """J (3 n_bodies + 6 n_f, n) and gravity (3 n_f,) in axes fixed to bodies and named frames.
+    """Return J (3 n_bodies + 6 n_f, n) and gravity (3 n_f,) in axes fixed to bodies and named frames.
 
     J v stacks the absolute angular velocity of each body, then velocity of the origin and angular velocity of each
     named frame, each in its own axes.
@@ -169,7 +169,7 @@ def sensor_kinematics(robot: Robot, layout: Tree, joint_turns: tuple[Turn, ...])
 
 
 def inverse_dynamics(robot: Robot) -> ca.Function:
-    """tau(q, v, a, theta) (n_l,) that the joints bear, by Newton-Euler; theta in the order of robot.parameters().
+    """Return tau(q, v, a, theta) (n_l,) by Newton-Euler; theta in the order of robot.parameters().
 
     Nm of a rotation, N of a translation, in the order of robot.joints. For coupled motors q, v and a are
     of the shaft divided by the motor's ratio, and tau multiplied by it: q = robot.mixing @ angles of the driven joints.
@@ -182,7 +182,7 @@ def inverse_dynamics(robot: Robot) -> ca.Function:
 
 
 def _at_shafts(robot: Robot, carried: Sequence[BodyInertia]) -> tuple[list[ca.SX], ca.SX]:
-    """Symbols q, v, a (n_l,) and torques (n_l,) for shafts of motors and for joints without a motor."""
+    """Return symbols q, v, a (n_l,) and torques (n_l,) for shafts of motors and for joints without a motor."""
     layout, state = tree(robot), [ca.SX.sym(name, len(robot.joints)) for name in "qva"]
     E = np.eye(len(robot.joints))
     E[np.ix_(robot.driven_indices, robot.driven_indices)] = robot.mixing
@@ -192,7 +192,7 @@ def _at_shafts(robot: Robot, carried: Sequence[BodyInertia]) -> tuple[list[ca.SX
 
 
 def regressor(robot: Robot) -> ca.Function:
-    r"""Y(q, v, a) (n_l, 10 n_l) of the inverse dynamics, which are linear in the numbers of the bodies.
+    r"""Return Y(q, v, a) (n_l, 10 n_l) of the inverse dynamics, which are linear in the numbers of the bodies.
 
     .. math:: \tau = Y(q, v, a)\, \pi, \qquad
               \pi = (m, m c_x, m c_y, m c_z, I_{xx}, I_{yy}, I_{zz}, I_{xy}, I_{xz}, I_{yz})

@@ -94,11 +94,9 @@ def _unexplained(
     rms = np.sqrt(np.mean([np.var(record.u, axis=0) for record in records], axis=0))
     levels = [friction.coulomb_friction(place)[0] for place in response.inputs]
     stuck = [place for place, F_c, most in zip(response.inputs, levels, rms / 3, strict=True) if F_c > most]
-    cure = (
-        f"raise excitation.torque_rms: friction stops {' and '.join(stuck)} at this amplitude"
-        if stuck
-        else "add `gears: {}` to the study"
-    )
+    cure = "add `gears: {}` to the study"
+    if stuck:
+        cure = f"raise excitation.torque_rms: friction stops {' and '.join(stuck)} at this amplitude"
     text = (
         f"nonlinear distortion is {np.sqrt(ratio):.0f} times the noise, and motor friction does not explain "
         "it. Damping may be biased, and stiffness applies to this amplitude only. Check that channels, units, time and "
@@ -155,10 +153,8 @@ def _coefficient_errors(
     coupling = np.eye(n_u) if E is None else E
     data = gather_configuration([to_shafts(record, E) for record in records], friction.shapes, spec, planned_lines)
     motor_of = np.array([places.index(shape.place) for shape in friction.shapes])
-    on = data.excited
-    pseudo = np.linalg.pinv(
-        (data.U - compensation_torque(friction.coulomb_torque, data.Phi, motor_of, n_u))[on]
-    ) @ np.linalg.inv(coupling.T)
+    on, net = data.excited, data.U - compensation_torque(friction.coulomb_torque, data.Phi, motor_of, n_u)
+    pseudo = np.linalg.pinv(net[on]) @ np.linalg.inv(coupling.T)
     lines = np.rint(response.freq_hz / data.freq_hz[0] * data.lines[0]).astype(np.int64)
     factors = [_factors(friction.covariance * np.outer(motor_of == j, motor_of == j)) for j in range(n_u)]
     errors = np.zeros((1 + max(L.shape[1] for L in factors), n_u, *response.G.shape), complex)
@@ -215,11 +211,11 @@ def to_shafts(record: Record, E: FloatArray | None) -> Record:
         return record
     columns = [record.outputs.index(place) for place in record.inputs if place in record.outputs]
     if len(columns) < len(record.inputs) or len({record.quantities[i] for i in columns}) > 1:
-        rest = [i for i in range(len(record.outputs)) if i not in columns]
-        outputs = tuple(record.outputs[i] for i in rest)
-        quantities = tuple(record.quantities[i] for i in rest)
-        sampled = tuple(record.sampled[i] for i in rest) if record.sampled else ()
-        return replace(record, y=record.y[:, rest], outputs=outputs, quantities=quantities, sampled=sampled)
+        others = [i for i in range(len(record.outputs)) if i not in columns]
+        outputs = tuple(record.outputs[i] for i in others)
+        quantities = tuple(record.quantities[i] for i in others)
+        sampled = tuple(record.sampled[i] for i in others) if record.sampled else ()
+        return replace(record, y=record.y[:, others], outputs=outputs, quantities=quantities, sampled=sampled)
     return _turned(record, columns, np.asarray(np.linalg.inv(E)), E.T)
 
 

@@ -92,9 +92,8 @@ class CompensatedFriction:
 
     def motion(self, record: Record, place: str) -> Motion:
         """Return the motion of a motor under its friction."""
-        return motion_with_friction(
-            record, place, self.compensated_basis(place), float(self.accelerance[self.places.index(place)])
-        )
+        accelerance = float(self.accelerance[self.places.index(place)])
+        return motion_with_friction(record, place, self.compensated_basis(place), accelerance)
 
     def _curve(self, place: str, values: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
         rows = np.stack(values, axis=1) * np.array([shape.place == place for shape in self.shapes])
@@ -126,13 +125,11 @@ def friction_rows(friction: CompensatedFriction, springs: Mapping[str, float] = 
 
     springs: stiffness of the presliding friction that a fit has found at motors.
     """
-    rows, compensated = [], friction.compensated_motors()
-    for place, unit, kept in zip(
-        friction.places, friction.place_units, friction.residual_power_ratio.tolist(), strict=True
-    ):
+    rows, compensated, ratios = [], friction.compensated_motors(), friction.residual_power_ratio.tolist()
+    for place, unit, ratio in zip(friction.places, friction.place_units, ratios, strict=True):
         F_c, std = friction.coulomb_friction(place)
         if springs.get(place, 0.0) > 0 and friction.swings:
             std = math.hypot(std, UNSEEN * springs[place] * friction.swing(place))
         interval = (max(F_c - QUANTILE_95 * std, 0.0), F_c + QUANTILE_95 * std)
-        rows.append(FrictionRow(place, unit, kept, *((F_c, std, interval) if place in compensated else ())))
+        rows.append(FrictionRow(place, unit, ratio, *((F_c, std, interval) if place in compensated else ())))
     return tuple(rows)

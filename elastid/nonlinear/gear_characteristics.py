@@ -104,10 +104,8 @@ def identify_gears(
         for joint, peak in zip(data.joints, peaks, strict=True)
         if joint in elastic
     )
-    notes = (
-        *coarse_encoders(data.lines, drives),
-        *rigid_gears([joint for joint in data.joints if joint not in elastic]),
-    )
+    rigid = [joint for joint in data.joints if joint not in elastic]
+    notes = (*coarse_encoders(data.lines, drives), *rigid_gears(rigid))
     nothing_acts = [SmoothedMotion.start(grid, drive, 0) for grid, drive in zip(lines, drives, strict=True)]
     before = unexplained_fraction(linear, drives, nothing_acts, np.zeros(0))
     after = unexplained_fraction(data, chosen.drives, chosen.estimates, chosen.magnitudes)
@@ -253,9 +251,9 @@ class JointEffects:
         k, k_row = self.parameter("k")
         return value / k, (row - value / k * k_row) / k
 
-    def number(self, what: SheetNumber, value: float, row: FloatArray, **further: float) -> GearNumber:
+    def number(self, entry: SheetNumber, value: float, row: FloatArray, **further: float) -> GearNumber:
         """Return a characteristic with its standard deviation."""
-        return _named_number(what, self.joint, value=value, std=self.std(row), **further)
+        return _named_number(entry, self.joint, value=value, std=self.std(row), **further)
 
     def std(self, row: FloatArray) -> float:
         """Return the standard deviation of a value by its row."""
@@ -289,15 +287,13 @@ def sheet_of(gear: JointEffects, result: Result, bounds: Mapping[Group, float]) 
     numbers = [*_springs(gear, result, reach), *_torque_numbers(gear, reach), *_periodic(gear)]
     names = {number.name for number in numbers}
     numbers += [row for row in _unseen(gear, bounds, reach) if row.name not in names]
-    numbers = [
-        replace(row, rated_fraction=(row.value if row.is_significant else row.bound) / rated)
-        if row.kind == "torque" and math.isfinite(rated) else row
-        for row in numbers
-    ]  # fmt: skip
-    way = reach * np.linspace(-1, 1, 200)
-    delta = np.concatenate([way, -way])
+    for i, row in enumerate(numbers):
+        if row.kind == "torque" and math.isfinite(rated):
+            numbers[i] = replace(row, rated_fraction=(row.value if row.is_significant else row.bound) / rated)
+    flank = reach * np.linspace(-1, 1, 200)
+    delta = np.concatenate([flank, -flank])
     tau, rows = gear.torque(delta, hysteresis=True)
-    slope = np.maximum(np.gradient(gear.torque(way, hysteresis=False)[0], way), 1e-300)
+    slope = np.maximum(np.gradient(gear.torque(flank, hysteresis=False)[0], flank), 1e-300)
     std = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, gear.estimate.covariance, rows), 0.0))
     ordered = sorted(numbers, key=lambda row: _ORDER.index(row.name.partition("_")[0].rstrip("0123456789.")))
     # Within a gap a torque says nothing of the torsion.
@@ -309,12 +305,12 @@ def sheet_of(gear: JointEffects, result: Result, bounds: Mapping[Group, float]) 
 _ORDER = ("k", "K", "h", "d", "lost", "H", "Hw", "e", "Fc", "Fb", "Fcl", "r")
 
 
-def _named_number(what: SheetNumber, joint: str, order: float = 0.0, **further: float) -> GearNumber:
+def _named_number(entry: SheetNumber, joint: str, order: float = 0.0, **further: float) -> GearNumber:
     if not order:
-        return GearNumber(f"{what.prefix}{joint}", what.meaning, what.kind, what.unit, **further)
+        return GearNumber(f"{entry.prefix}{joint}", entry.meaning, entry.kind, entry.unit, **further)
     times = {1.0: "once a motor turn", 2.0: "twice a motor turn"}.get(order, f"{order:g} times a motor turn")
-    name, meaning = f"{what.prefix}{order:g}_{joint}", f"{what.meaning}, {times}"
-    return GearNumber(name, meaning, what.kind, what.unit, order=order, **further)
+    name, meaning = f"{entry.prefix}{order:g}_{joint}", f"{entry.meaning}, {times}"
+    return GearNumber(name, meaning, entry.kind, entry.unit, order=order, **further)
 
 
 def _springs(gear: JointEffects, result: Result, reach: float) -> list[GearNumber]:
@@ -353,25 +349,25 @@ def _torque_numbers(gear: JointEffects, reach: float) -> list[GearNumber]:
     path = reach * np.concatenate([np.linspace(-1, 1, 201), np.linspace(1, -1, 201)])
     weights: dict[SheetNumber, dict[int, float]] = {}
     for i, effect, _ in gear.effects:
-        what, weight = effect.row.number, 1.0
-        if what == HYSTERESIS:
+        entry, weight = effect.row.number, 1.0
+        if entry == HYSTERESIS:
             phi = implicit_law(effect, path)[0]
             weight = float(phi[100] - phi[301]) / 2
-        elif what == LOST_MOTION:
+        elif entry == LOST_MOTION:
             weight = 2 * effect.scale
-        if what in (HYSTERESIS, LOST_MOTION) or (effect.place != "gear" and not effect.order):
-            weights.setdefault(what, {})[i] = weight
-    for what, at in weights.items():
+        if entry in (HYSTERESIS, LOST_MOTION) or (effect.place != "gear" and not effect.order):
+            weights.setdefault(entry, {})[i] = weight
+    for entry, at in weights.items():
         value, row = gear.magnitudes(at)
-        if what == LOST_MOTION:
+        if entry == LOST_MOTION:
             end_effects = [
                 2 * f * gear.estimate.scale_std[i] / gear.parameter("k")[0] for i, _, f in gear.effects if i in at
             ]
-            number = gear.number(what, *gear.over_k(value, row))
+            number = gear.number(entry, *gear.over_k(value, row))
             numbers.append(replace(number, std=math.hypot(number.std, *end_effects)))
         else:
-            numbers.append(gear.number(what, value, row))
-        if what == HYSTERESIS:
+            numbers.append(gear.number(entry, value, row))
+        if entry == HYSTERESIS:
             numbers.append(gear.number(WIDTH, *gear.over_k(2 * value, 2 * row)))
     return numbers
 
@@ -379,15 +375,15 @@ def _torque_numbers(gear: JointEffects, reach: float) -> list[GearNumber]:
 def _periodic(gear: JointEffects) -> list[GearNumber]:
     """Return amplitude and phase of a sin(n theta) + b cos(n theta) = A sin(n theta + phi)."""
     numbers = []
-    for what, order in dict.fromkeys((e.row.number, e.order) for _, e, _ in gear.effects if e.order):
-        parts = {e.kind.split()[1]: i for i, e, _ in gear.effects if (e.row.number, e.order) == (what, order)}
+    for entry, order in dict.fromkeys((e.row.number, e.order) for _, e, _ in gear.effects if e.order):
+        parts = {e.kind.split()[1]: i for i, e, _ in gear.effects if (e.row.number, e.order) == (entry, order)}
         (x, x_row), (y, y_row) = (
             gear.magnitudes({parts[part]: 1.0} if part in parts else {}) for part in ("sine", "cosine")
         )
         size = math.hypot(x, y)
         phase_std = gear.std((x * y_row - y * x_row) / size**2)
         row = (x * x_row + y * y_row) / size
-        numbers.append(gear.number(what, size, row, order=order, phase=math.atan2(y, x), phase_std=phase_std))
+        numbers.append(gear.number(entry, size, row, order=order, phase=math.atan2(y, x), phase_std=phase_std))
     return numbers
 
 
@@ -402,14 +398,14 @@ def _unseen(gear: JointEffects, bounds: Mapping[Group, float], reach: float) -> 
 
 
 def _bounded(effect: GearEffect, bound: float, k: float, reach: float) -> list[GearNumber]:
-    what, joint = effect.row.number, effect.joint
-    if what == LOST_MOTION:
+    entry, joint = effect.row.number, effect.joint
+    if entry == LOST_MOTION:
         # None of a gear that never crosses it.
-        return [_named_number(what, joint, bound=bound * 2 * effect.scale / k)] if bound <= k else []
-    if what == STIFFENING:
+        return [_named_number(entry, joint, bound=bound * 2 * effect.scale / k)] if bound <= k else []
+    if entry == STIFFENING:
         bound *= abs(float(implicit_law(effect, np.array([0.0, reach]))[0][1])) / (k * reach)
-    if what != HYSTERESIS:
-        return [_named_number(what, joint, effect.order, bound=bound)]
+    if entry != HYSTERESIS:
+        return [_named_number(entry, joint, effect.order, bound=bound)]
     # Within the records it does not reach its magnitude where it bends over more than they bend the gear.
     bound *= min(1.0, reach / effect.scale)
-    return [_named_number(what, joint, bound=bound), _named_number(WIDTH, joint, bound=2 * bound / k)]
+    return [_named_number(entry, joint, bound=bound), _named_number(WIDTH, joint, bound=2 * bound / k)]

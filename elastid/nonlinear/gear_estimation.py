@@ -171,11 +171,11 @@ def _scale_jacobian(
     effects: Sequence[GearEffect], magnitudes: FloatArray, scales: Sequence[Sequence[int]], n_x: int
 ) -> FloatArray:
     """Return T (n, n_x + n_f + n_s) from parameters, magnitudes, scale steps to parameters and all magnitudes."""
-    kept, edges = n_x + len(magnitudes), [(s, i) for s, group in enumerate(scales) for i in group]
-    T = np.zeros((kept + len(edges), kept + len(scales)))
-    T[:kept, :kept] = np.eye(kept)
+    size, edges = n_x + len(magnitudes), [(s, i) for s, group in enumerate(scales) for i in group]
+    T = np.zeros((size + len(edges), size + len(scales)))
+    T[:size, :size] = np.eye(size)
     for row, (s, i) in enumerate(edges):
-        T[kept + row, kept + s] = magnitudes[i] * effects[i].scale
+        T[size + row, size + s] = magnitudes[i] * effects[i].scale
     return T
 
 
@@ -189,9 +189,8 @@ def scale_priors(
     """
     priors = np.ones(len(scales))
     for s, group in enumerate(scales):
-        if np.all(
-            np.abs(magnitudes[group]) < MIN_SIGNIFICANCE * std[n_x:][group]
-        ):  # of next to nothing any scale will do
+        # Any scale fits an effect that is next to nothing.
+        if np.all(np.abs(magnitudes[group]) < MIN_SIGNIFICANCE * std[n_x:][group]):
             priors[s] = 1e12 * max(1.0, float(A[n_x + len(magnitudes) + s, n_x + len(magnitudes) + s]))
     return priors
 

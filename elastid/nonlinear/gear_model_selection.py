@@ -14,6 +14,7 @@ together, along the motion under the effects that were found. Of a sine with its
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import compress
 from typing import TypeAlias
 
 import numpy as np
@@ -124,10 +125,9 @@ def choose_effects(
     if not estimate.effects:
         return estimate
     bent = {f"k_{effect.joint}" for effect in estimate.effects if effect.kind not in ("friction", "behind")}
-    of_gears = np.array(
-        [STIFFNESS_ERROR_OF_EFFECTS * (p.log and p.stands_for in bent) for p in estimate.parameters.free]
-    )
-    unseen = np.concatenate([np.maximum(compensation_error(estimate.parameters), of_gears), _systematic_std(estimate)])
+    free, by_friction = estimate.parameters.free, compensation_error(estimate.parameters)
+    by_effects = STIFFNESS_ERROR_OF_EFFECTS * np.array([p.log and p.stands_for in bent for p in free])
+    unseen = np.concatenate([np.maximum(by_friction, by_effects), _systematic_std(estimate)])
     return replace(estimate, covariance=estimate.covariance + np.diag(unseen**2))
 
 
@@ -138,10 +138,8 @@ def _systematic_std(estimate: GearEstimate) -> FloatArray:
     Where friction turns between the samples its shape is known to SLIGHT of it, and what is left bends the gear as an
     error of transmission does: beside 32 Nm of friction 20 urad were found 1 to 2.7 urad too small on six seeds.
     """
-    drive, (kinds, joints) = (
-        estimate.drives[0],
-        np.array([(effect.kind, effect.joint) for effect in estimate.effects]).T,
-    )
+    drive = estimate.drives[0]
+    kinds, joints = np.array([(effect.kind, effect.joint) for effect in estimate.effects]).T
     friction = np.isin(kinds, ("friction", "behind")) * estimate.magnitudes
     bends = (joints[:, None] == joints) @ friction / drive.k[[drive.joints.index(joint) for joint in joints]]
     is_error = np.isin(kinds, ("error sine", "error cosine"))
@@ -149,9 +147,8 @@ def _systematic_std(estimate: GearEstimate) -> FloatArray:
 
 
 def _on_grid(estimate: GearEstimate, lines: Sequence[PeriodLines]) -> GearEstimate:
-    return replace(
-        estimate, estimates=tuple(motion.on(part) for motion, part in zip(estimate.estimates, lines, strict=True))
-    )
+    motions = tuple(motion.on(part) for motion, part in zip(estimate.estimates, lines, strict=True))
+    return replace(estimate, estimates=motions)
 
 
 def _converge(data: GearData, estimate: GearEstimate) -> GearEstimate:
@@ -173,7 +170,7 @@ def _best_law(data: GearData, estimate: GearEstimate, joint: str, family: tuple[
     springs = springs_of(estimate)
     if not springs:
         return estimate
-    kept = tuple(effect for effect in estimate.effects if effect not in springs)
+    others = tuple(effect for effect in estimate.effects if effect not in springs)
     deflection = _sizes(data, estimate, data.joints.index(joint))[1]
 
     def cost(magnitudes: GearEstimate) -> float:
@@ -182,13 +179,13 @@ def _best_law(data: GearData, estimate: GearEstimate, joint: str, family: tuple[
     tie = sum(lines.Y.size for lines in data.lines)
 
     def tried(before: GearEstimate, effects: tuple[GearEffect, ...]) -> GearEstimate:
-        return _prune(data, estimate_gear_parameters(data, before, effects, _ROUGH, kept, cost(estimate)))
+        return _prune(data, estimate_gear_parameters(data, before, effects, _ROUGH, others, cost(estimate)))
 
     trials = [estimate]
     for kind in family:
         if not any(effect.kind == kind or {effect.kind, kind} == {"range", "gap"} for effect in springs):
             start = KINDS[kind].scales[len(KINDS[kind].scales) // 2] * deflection
-            trials.append(tried(estimate, (*kept, GearEffect(kind, joint, start))))
+            trials.append(tried(estimate, (*others, GearEffect(kind, joint, start))))
     best = min(trials, key=cost)
     ranged = next((trial for trial in trials if [effect.kind for effect in springs_of(trial)] == ["range"]), best)
     if best.weighted_cost < ranged.weighted_cost < best.weighted_cost + tie:
@@ -210,11 +207,8 @@ def _as_gap_or_range(data: GearData, estimate: GearEstimate, joint: str) -> Gear
     if len(springs) != 1 or estimate.effects[springs[0]].edge is None or f"k_{joint}" not in names:
         return estimate
     (i,), place = springs, names.index(f"k_{joint}")
-    effect, f, k = (
-        estimate.effects[i],
-        float(estimate.magnitudes[i]),
-        estimate.parameters.as_dict(estimate.x)[f"k_{joint}"],
-    )
+    effect, f = estimate.effects[i], float(estimate.magnitudes[i])
+    k = estimate.parameters.as_dict(estimate.x)[f"k_{joint}"]
     inner, outer = (k, k + f) if effect.kind == "range" else (k - f, k)
     kind: Kind = "gap" if outer > APART**2 * inner else "range"
     if kind == effect.kind or not inner > 0:
@@ -246,16 +240,17 @@ def _prune(data: GearData, estimate: GearEstimate) -> GearEstimate:
     size = estimate.magnitudes / np.maximum(estimate.std, 1e-300)
     power = sum(np.sum(np.abs(e.Phi) ** 2, axis=(0, 1, 2)) for e in estimate.estimates) * estimate.magnitudes**2
     families = [(*family_of(effect), effect.scale) for effect in estimate.effects]
-    seen, powers = dict.fromkeys(families, -np.inf), dict.fromkeys(families, 0.0)
+    sizes, powers = dict.fromkeys(families, -np.inf), dict.fromkeys(families, 0.0)
     for family, effect, z, P in zip(families, estimate.effects, size.tolist(), power.tolist(), strict=True):
-        seen[family] = max(seen[family], z if effect.row.brakes else abs(z))
+        sizes[family] = max(sizes[family], z if effect.row.brakes else abs(z))
         powers[family] += P
     largest = {joint: max(P for family, P in powers.items() if family[1] == joint) for _, joint, *_ in families}
-    keep = [seen[family] >= MIN_SIGNIFICANCE and powers[family] > SLIGHT**2 * largest[family[1]] for family in families]
+    keep = [
+        sizes[family] >= MIN_SIGNIFICANCE and powers[family] > SLIGHT**2 * largest[family[1]] for family in families
+    ]
     if all(keep):
         return estimate
-    effects = tuple(effect for effect, kept in zip(estimate.effects, keep, strict=True) if kept)
-    return estimate_gear_parameters(data, estimate, effects, tolerance=_ROUGH)
+    return estimate_gear_parameters(data, estimate, tuple(compress(estimate.effects, keep)), tolerance=_ROUGH)
 
 
 def _select_effects(data: GearData, estimate: GearEstimate, groups: Sequence[Group]) -> list[GearEffect]:
@@ -271,9 +266,8 @@ def _select_effects(data: GearData, estimate: GearEstimate, groups: Sequence[Gro
         return [[*chosen, i] for i, group in enumerate(groups) if not _conflicts(group[0], effects, alone=True)]
 
     def cost(chosen: list[int]) -> float:
-        return _cross_validated_cost(
-            sums, prior, np.concatenate([np.arange(ends[0]), *(np.arange(ends[i], ends[i + 1]) for i in chosen)])
-        )
+        members = (np.arange(ends[i], ends[i + 1]) for i in chosen)
+        return _cross_validated_cost(sums, prior, np.concatenate([np.arange(ends[0]), *members]))
 
     def pays(before: float, after: float, chosen: list[int]) -> bool:
         group = groups[chosen[-1]]

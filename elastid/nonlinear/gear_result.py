@@ -225,10 +225,10 @@ def with_terms_of(result: Result, robot: Robot) -> Result:
     for i, p in enumerate(result.parameters.free):
         if p.name in broken:
             x[i] = p.to_x(numbers[p.name][0])
-    kept = [p for p in result.parameters if p.name in numbers or not p.name.startswith(("k2_", "k2s_", "k3_"))]
-    names = [p.name for p in kept]
+    parameters = [p for p in result.parameters if p.name in numbers or not p.name.startswith(("k2_", "k2s_", "k3_"))]
+    names = [p.name for p in parameters]
     fixed = [Parameter(name, float(x), unit, free=False) for name, (x, unit) in numbers.items() if name not in names]
-    return replace(result, x=x, parameters=Parameters((*kept, *fixed)))
+    return replace(result, x=x, parameters=Parameters((*parameters, *fixed)))
 
 
 def _spring(spring: Spring, joint: str, gears: GearResult) -> Spring:

@@ -59,7 +59,7 @@ class SmoothedMotion:
         """Return the estimate on a grid of more or fewer points."""
 
         def resampled(x: FloatArray) -> FloatArray:
-            return np.asarray(irfft(rfft(x), lines.points) * (lines.points / x.shape[-1])) if x.size else x
+            return irfft(rfft(x), lines.points) * (lines.points / x.shape[-1]) if x.size else x
 
         return replace(self, unknowns=tuple(map(resampled, self.unknowns)), loads=resampled(self.loads))
 
@@ -86,9 +86,9 @@ def smoothed_covariance(r: ComplexArray, lines: PeriodLines, drive: DriveLines) 
     """
     angle_covariance = drive.G * _sizes(lines) @ drive.G.conj().swapaxes(1, 2)
     passed = np.einsum("fii->f", angle_covariance).real
-    most = np.argsort(passed)[-max(1, len(passed) // 4) :]  # where torque shows most
-    power = np.mean(np.sum(np.abs(r[most]) ** 2, axis=1), axis=1) - lines.noise.sum()
-    c = max(float(np.median(power / passed[most])), 1e-300)
+    strongest = np.argsort(passed)[-max(1, len(passed) // 4) :]  # where torque shows most
+    power = np.mean(np.sum(np.abs(r[strongest]) ** 2, axis=1), axis=1) - lines.noise.sum()
+    c = max(float(np.median(power / passed[strongest])), 1e-300)
     factor = np.linalg.cholesky(c * angle_covariance + np.diag(lines.noise + 1e-6 * c * np.median(passed)))
     white = np.linalg.solve(factor, r)
     S = white @ white.conj().swapaxes(1, 2) / r.shape[2]
@@ -305,22 +305,22 @@ def newton(
     def error(x: FloatArray) -> tuple[float, FloatArray, FloatArray, FloatArray]:
         """Return RMS of the error, the error, slope of the law, and the force."""
         force, slope = law(x)
-        e = np.asarray((x - x_0 + linear(force)) / size)
+        e = (x - x_0 + linear(force)) / size
         return float(np.sqrt(np.mean(e**2))), e, slope, force
 
-    now = error(x)
-    if now[0] > 1 and (at_0 := error(x_0))[0] < now[0]:
-        x, now = x_0, at_0
+    state = error(x)
+    if state[0] > 1 and (at_0 := error(x_0))[0] < state[0]:
+        x, state = x_0, at_0
     for _ in range(_STEPS):
-        if now[0] < near:
+        if state[0] < near:
             break
-        step = _newton_step(linear, now[2], size, -now[1] * size, 3e-2)
+        step = _newton_step(linear, state[2], size, -state[1] * size, 3e-2)
         trials = ((x + step / 2**halving, error(x + step / 2**halving)) for halving in range(_HALVINGS + 1))
-        better = next((trial for trial in trials if trial[1][0] < now[0]), None)
+        better = next((trial for trial in trials if trial[1][0] < state[0]), None)
         if better is None:
             break
-        x, now = better
-    return x, now[3]
+        x, state = better
+    return x, state[3]
 
 
 def _newton_step(

@@ -186,7 +186,7 @@ class _FrictionFit:
             G = data.Y[on] @ np.linalg.pinv(data.U[on] - friction)
             s = laplace_variable(data.freq_hz[on, None])
             tops.append((np.diagonal(G, axis1=1, axis2=2) * np.exp(self.choice.delay_s * s) * s**order).real)
-        return np.asarray(np.maximum(np.median(np.concatenate(tops), axis=0), 0.0))
+        return np.maximum(np.median(np.concatenate(tops), axis=0), 0.0)
 
     def with_dependence(self) -> CompensatedFriction:
         """Return friction with the scatter of its coefficients over configurations, where it is more than chance's.

@@ -133,10 +133,10 @@ def drive_lines(
         np.array([numbers[f"{letter}_{joint}"] if f"k_{joint}" in springs else without for joint in driven])
         for letter, without in (("k", 1.0), ("d", 0.0))
     )
-    rest = equilibrium(linearisation.model, theta[: -1 if DELAY in model.parameters else None], lines.configuration)
+    point = equilibrium(linearisation.model, theta[: -1 if DELAY in model.parameters else None], lines.configuration)
     places = {place: row @ link_rows for place, row in rows.items()}
     chain = parameters.jacobian(x, name)[kernel.places]
-    joint_numbers = driven, ratios, places, k, d, k * (rows["gear"] @ rest.q)
+    joint_numbers = driven, ratios, places, k, d, k * (rows["gear"] @ point.q)
     return DriveLines(model, kernel, theta, H, C, model.B, G, images, command, sensor, *joint_numbers, chain)
 
 

@@ -11,7 +11,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, l
 from elastid.base.errors import DataError
 from elastid.base.statistics import interpolated, smallest_step
 from elastid.excitation.grids import line_frequencies
-from elastid.frf.lines import analysed_lines, spectra_of
+from elastid.frf.lines import analysed_lines
 from elastid.frf.period_selection import settled, trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra, RecordSpectra, period_spectra, single_logs
@@ -64,8 +64,8 @@ class ConfigurationSpectra:
         if n_m < K:
             X = self.net(np.zeros_like(self.U))[1][on]
             return np.asarray(np.sum(np.abs(X) ** 2, axis=(0, 2)) * K / (K - n_m) / np.maximum(power, 1e-300))
-        off = np.mean(np.abs(self.Phi[~on]) ** 2, axis=(0, 2))
-        return np.asarray(off / np.maximum(off + power / (on.sum() * K), 1e-300))
+        unexcited_power = np.mean(np.abs(self.Phi[~on]) ** 2, axis=(0, 2))
+        return np.asarray(unexcited_power / np.maximum(unexcited_power + power / (on.sum() * K), 1e-300))
 
     def net(self, friction: ComplexArray) -> tuple[ComplexArray, ComplexArray, BoolArray]:
         """Return e (F, n_m, K) and basis functions X (F, n_f, K) after subtraction of `friction` (F, n_m, K) from U.
@@ -101,7 +101,7 @@ def gather_configuration(
     """
     records = tuple(settled(log) for record in measured for log in single_logs(record))
     first = records[0]
-    spectra = spectra_of(records, spec, planned)
+    spectra = list(map(RecordSpectra, records))
     excited = analysed_lines(spectra, spec, planned)
     everywhere = np.arange(excited[0], excited[-1] + 1, 2 if first.half_wave else 1)
     lines = np.union1d(evenly_spaced(excited, 400), evenly_spaced(np.setdiff1d(everywhere, excited), 400))
@@ -201,7 +201,7 @@ class PeriodLines:
             if above[-1] < X.shape[-1]:
                 aliases += X[..., above] * (F / above) ** 2
             aliases += X[..., below].conj() * (F / below) ** 2
-        return np.asarray(X[..., 1 : F + 1]), aliases
+        return X[..., 1 : F + 1], aliases
 
 
 def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntArray | None) -> PeriodLines:
@@ -214,7 +214,7 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
     if reason := unsuited(first):
         raise DataError("gears/records", reason, f"configuration {first.configuration.name}")
     columns = [first.outputs.index(place) for place in first.inputs]
-    excited = analysed_lines(spectra_of(records, spec, planned), spec, planned)
+    excited = analysed_lines(list(map(RecordSpectra, records)), spec, planned)
     lines = np.arange(1, (first.period_samples + 1) // 2)
     is_excited = np.isin(lines, excited)
     whole = (RecordSpectra(replace(record, half_wave=False)) for record in records)
@@ -245,11 +245,9 @@ def unsuited(first: Record) -> str:
     """Return the reason why friction and gear effects are not identifiable from these records, else ""."""
     if not first.is_periodic:
         return "the records have no period; what is not linear is found from differences between periodic experiments"
-    missing = [place for place in first.inputs if place not in first.outputs]
-    names = ", ".join(missing)
-    return f"the angle of {names} is not among the outputs; log the motors' angles, of which all is a function" * bool(
-        missing
-    )
+    missing = ", ".join(place for place in first.inputs if place not in first.outputs)
+    text = f"the angle of {missing} is not among the outputs; log the motors' angles, of which all is a function"
+    return text if missing else ""
 
 
 def _periods(

@@ -122,9 +122,9 @@ def cross_validated_power(
     A: FloatArray, b: FloatArray, c: FloatArray, solved: Callable[[FloatArray, FloatArray], FloatArray]
 ) -> float:
     """Return the residual power of each fold of A (M, n, n), b (M, n), c (M,), solved for by all others."""
-    cost, whole, pull = 0.0, A.sum(axis=0), b.sum(axis=0)
+    cost, total, pull = 0.0, A.sum(axis=0), b.sum(axis=0)
     for m in range(len(A)):
-        f = solved(whole - A[m], pull - b[m])
+        f = solved(total - A[m], pull - b[m])
         cost += float(c[m] - 2 * b[m] @ f + f @ A[m] @ f)
     return cost
 
@@ -290,8 +290,8 @@ def identifiable_basis(data: Sequence[ConfigurationSpectra], motor_of: IntArray)
     function of a motor is Coulomb friction.
     """
     fraction = np.mean([configuration.nonlinear_fraction() for configuration in data], axis=0)
-    every = [np.flatnonzero(motor_of == i) for i in np.unique(motor_of)]
-    return [rows[fraction[rows] > MIN_NONLINEAR_FRACTION * fraction[rows[0]]] for rows in every]
+    members = [np.flatnonzero(motor_of == i) for i in np.unique(motor_of)]
+    return [rows[fraction[rows] > MIN_NONLINEAR_FRACTION * fraction[rows[0]]] for rows in members]
 
 
 # Speeds over which a sign turns, over the RMS speed.
@@ -381,9 +381,9 @@ def select_motor_basis(
         more = [i for i in candidates.tolist() if i not in chosen and may_join(shapes[i], others)]
         return firsts if not chosen else [[*chosen, i] for i in more]
 
-    total, every = power([]), candidates.tolist()
-    singles = [[i] for i in every if may_join(shapes[i], ())]
-    same = [[i, j] for i in every for j in every if shapes[i].element == shapes[j].element]
+    total, indices = power([]), candidates.tolist()
+    singles = [[i] for i in indices if may_join(shapes[i], ())]
+    same = [[i, j] for i in indices for j in indices if shapes[i].element == shapes[j].element]
     pairs = [[i, j] for i, j in same if shapes[j].is_damping and not shapes[i].is_damping]
     chosen, least = greedy(partial(larger, firsts=singles), power, pays)
     if pairs:
@@ -394,11 +394,12 @@ def select_motor_basis(
 
 def residual_power_ratios(equations: NormalEquations, motors: int, motor_of: IntArray) -> FloatArray:
     """Return the cross-validated residual power ratio (n_m,) of the basis functions of each motor."""
-    every = [np.flatnonzero(motor_of == motor) for motor in range(motors)]
-    powers = [
-        (residual_power(equations, i, rows), residual_power(equations, i, rows[:0])) for i, rows in enumerate(every)
-    ]
-    return np.array([power / total if total > 0 else 1.0 for power, total in powers])
+    ratios = np.ones(motors)
+    for motor in range(motors):
+        rows = np.flatnonzero(motor_of == motor)
+        if (total := residual_power(equations, motor, rows[:0])) > 0:
+            ratios[motor] = residual_power(equations, motor, rows) / total
+    return ratios
 
 
 def refined(choice: Basis, coefficients: FloatArray, places: Sequence[str], velocity_noise: FloatArray) -> Basis:

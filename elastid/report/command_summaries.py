@@ -12,7 +12,7 @@ from elastid.use.tune import TunedMove
 
 
 def answer_of_map(workspace: WorkspaceMap) -> Answer:
-    """Softness of the robot: where, by which springs, and the softest postures."""
+    """Describe the softness of the robot: where, by which springs, and the softest postures."""
     m = workspace.sample
     C, order = m["softest_compliance"], m.softest
     soft, stiff = int(order[0]), int(order[-1])
@@ -74,12 +74,12 @@ def _text(value: float, unit: str) -> str:
 
 
 def answer_of_move(tuned: TunedMove) -> Answer:
-    """The time of a move, its exactness against rigid feedforward, its use of the motors' limits."""
+    """Describe a move: its time, its accuracy against rigid feedforward, its use of the motors' limits."""
     rigid, last, has_samples = tuned.outcomes[0], tuned.outcomes[-1], bool(tuned.samples)
-    used = np.array([np.abs(getattr(tuned, kind)).max(axis=0) for kind in KINDS]) / tuned.limits
-    kind, i = np.unravel_index(int(np.argmax(used)), used.shape)
-    most = f"{list(KINDS)[kind]} of motor {tuned.joints[i]} uses {percent(used[kind, i], 3)} of its limit"
-    sentence = f"Yes. Largest use: {most}." if used.any() else "No limit is given."
+    fractions = np.array([np.abs(getattr(tuned, kind)).max(axis=0) for kind in KINDS]) / tuned.limits
+    kind, i = np.unravel_index(int(np.argmax(fractions)), fractions.shape)
+    most = f"{list(KINDS)[kind]} of motor {tuned.joints[i]} uses {percent(fractions[kind, i], 3)} of its limit"
+    sentence = f"Yes. Largest use: {most}." if fractions.any() else "No limit is given."
     exact = (
         f"{tuned.duration:.4g} s: largest path error of {tuned.frame} {number(1e3 * last.largest, 3)} mm on the "
         f"{tuned.judge} (rigid feedforward: {number(1e3 * rigid.largest, 3)} mm); residual vibration "

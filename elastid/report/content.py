@@ -149,7 +149,7 @@ MAX_VALUES = 330_000
 def model_lines(
     freq_hz: FloatArray, resonances_hz: Sequence[float], zeta: Sequence[float], most: int = MAX_VALUES
 ) -> FloatArray:
-    """The measured lines freq_hz (F,), lines between them, and more about each resonance within the band, rising.
+    """Return rising frequencies: the measured lines freq_hz (F,), lines between them, and more near each resonance.
 
     Of more than `most` lines, those that were not measured are thinned.
     """
@@ -166,7 +166,7 @@ def model_lines(
 
 
 def dense_models(fitted: FittedRobot) -> tuple[tuple[Response, FloatArray], ...]:
-    """Model of each measured configuration on `model_lines`, and its standard deviation (L, n_y, n_u)."""
+    """Evaluate the model of each measured configuration on `model_lines`, with standard deviations (L, n_y, n_u)."""
     models = []
     most = MAX_VALUES // max(sum(G.G[0].size for G in fitted.measured), 1)
     for model, measured in zip(fitted.models, fitted.measured, strict=True):
@@ -220,7 +220,7 @@ class ParameterRow:
 def parameter_rows(
     result: Result, truth: Mapping[str, float] | None, contents: Mapping[str, str] | None = None
 ) -> tuple[ParameterRow, ...]:
-    """One row for each parameter of interest, in the order of x; truth and contents may name some only."""
+    """Return a row per parameter of interest, in the order of x; `truth` and `contents` may name only some."""
     truths, estimates, stds = truth or {}, result.values, result.std
     std_x, bases = result.std_of_x, result.base_remarks
     rows = []
@@ -241,7 +241,7 @@ def parameter_rows(
 
 
 def gear_table(gears: GearResult, numbers: Sequence[GearNumber] | None = None) -> list[list[str]]:
-    """Headings, then a line for each number of all gears, or of those given, in makers' units.
+    """Return headings, then a row for each number of all gears, or of the given gears, in makers' units.
 
     Its interval, or the bound below which it lies; share of the joint's rated torque; number of the fit without
     effects, where there are any.
@@ -270,7 +270,7 @@ def _cells(row: GearNumber) -> list[str]:
 
 
 def seen_words(sheet: GearSheet) -> str:
-    """Stiffness and the effects of a gear that were seen, in few words."""
+    """Summarise stiffness and significant effects of a gear."""
     words = []
     for row in sheet.numbers:
         if row.is_significant and row.name[0] in "kHeFr" and not row.name.startswith("H_"):
@@ -281,7 +281,7 @@ def seen_words(sheet: GearSheet) -> str:
 
 
 def gear_line(gears: GearResult) -> str:
-    """The findings in a sentence; or why nothing was looked for."""
+    """Summarise the gear effects in a sentence, or the reason for their absence."""
     if gears.refused:
         return f"effects not estimated: {gears.refused}"
     nonlinear = [row.name for row in gears.numbers if row.is_significant and not math.isfinite(row.linear)]

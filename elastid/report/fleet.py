@@ -37,7 +37,7 @@ class Outcome:
 
 
 def answer_of_fleet(title: str, findings: Sequence[Finding], outcomes: Sequence[Outcome], rate: float) -> Answer:
-    """Three questions as on every page, findings, and every study; rate: false discovery rate."""
+    """Answer three questions as on every page, with findings and every study; rate: false discovery rate."""
     n_robots, failed = len({run.robot for run in outcomes}), [run for run in outcomes if run.failed]
     robots = f"{n_robots} robot{'s' if n_robots > 1 else ''}"
     good = f"{robots}, {len(outcomes) - len(failed)} of {len(outcomes)} measurements identified."
@@ -81,10 +81,10 @@ def answer_of_fleet(title: str, findings: Sequence[Finding], outcomes: Sequence[
 def drawings_of_fleet(
     values: Sequence[FleetValue], units: Mapping[str, str], findings: Sequence[Finding]
 ) -> Iterator[Drawing]:
-    """A figure of each parameter over robots and dates."""
+    """List a figure of each parameter over robots and dates."""
     for count, name in enumerate(dict.fromkeys(value.parameter for value in values), start=1):
-        marked = {finding.robot for finding in findings if finding.parameter == name}
+        robots = {finding.robot for finding in findings if finding.parameter == name}
         of_name = [value for value in values if value.parameter == name]
         caption = f"{name} of every robot and date with its 95 % interval."
-        draw = partial(fleet_parameter, name, units[name], of_name, marked)
+        draw = partial(fleet_parameter, name, units[name], of_name, robots)
         yield Drawing(f"fleet-{count:03d}", "parameters", caption, draw)

@@ -146,7 +146,7 @@ class FrictionContent:
 
 
 def answer(joint: JointFriction) -> str:
-    """The identified numbers of a joint in one sentence."""
+    """Summarise the identified numbers of a joint in one sentence."""
     symbols = {identified.symbol for identified in joint.numbers}
     parts = [s for symbol in ANSWERED for s in ((f"{symbol}+", f"{symbol}-") if f"{symbol}+" in symbols else (symbol,))]
     first = [identified for symbol in parts for identified in joint.numbers if identified.symbol == symbol]
@@ -157,7 +157,7 @@ def answer(joint: JointFriction) -> str:
 
 
 def refusals(result: FrictionResult) -> tuple[Refusal, ...]:
-    """Parts of the law without numbers, the joints with the same reason together."""
+    """List parts of the friction model without numbers; joints with the same reason are joined."""
     joints: dict[tuple[str, str], tuple[str, ...]] = {}
     for joint in result.joints:
         for part in joint.unidentified:
@@ -167,7 +167,7 @@ def refusals(result: FrictionResult) -> tuple[Refusal, ...]:
 
 
 def _not_identified(result: FrictionResult) -> str:
-    """Parts that are not identifiable, with their joints if these are not all; empty without such parts."""
+    """List parts that are not identifiable, with their joints unless all are meant; empty without such parts."""
     joints: dict[str, tuple[str, ...]] = {}
     for refusal in refusals(result):
         if not refusal.reason.startswith((NOT_ASKED, ABSENT)):
@@ -185,7 +185,7 @@ def part_words(part: UnidentifiedTerm) -> str:
 
 
 def with_interval(identified: FrictionNumber) -> str:
-    """Value and half of its 95 % interval with the unit: `9.71 ± 0.02 N*m`."""
+    """Format value and half-width of its 95 % interval with the unit: `9.71 ± 0.02 N*m`."""
     value, half = identified.value, (identified.high - identified.low) / 2
     return f"{number(value, digits(value, half))} ± {number(half, 2)} {identified.unit}".rstrip()
 
@@ -195,7 +195,7 @@ NUMBER_HEADINGS = ("number", "symbol", "value", "std", "95 % interval", "unit", 
 
 
 def number_cells(identified: FrictionNumber) -> tuple[str, ...]:
-    """One identified number as texts under NUMBER_HEADINGS."""
+    """Format one identified number under NUMBER_HEADINGS."""
     places = digits(identified.value, identified.std)
     ends = " … ".join(interval_of((identified.low, identified.high), places))
     cells = number(identified.value, places), number(identified.std, 2), ends

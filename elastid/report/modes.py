@@ -42,7 +42,7 @@ class ModeDrawing:
     hanging: bool = False
 
     def views(self, mode: int) -> tuple[tuple[int, int], ...]:
-        """Axes to the right and upwards of the view that shows most of a mode; and of the next, unless it is planar."""
+        """Choose axes (right, up) of the view that shows most of a mode, and of a second view unless it is planar."""
         across = ((self.up + 1) % 3, (self.up + 2) % 3)
         planes = [(across[0], self.up), (across[1], self.up), across]
         distance, extent = np.abs(self.moved[:, :, mode]), np.ptp(self.points, axis=0) ** 2
@@ -81,7 +81,7 @@ def mode_drawing(figure: StickFigure, shapes: ComplexArray, gravity: Sequence[fl
 
 
 def measured_modes_row(modes: Modes, geometry: GeometrySpec | None) -> ModeRow:
-    """The modes of a measured response, whose coordinates are its outputs."""
+    """Return the modes of a measured response, whose coordinates are its outputs."""
     columns = modes.configuration, modes.freq_hz, modes.zeta, modes.freq_std, modes.zeta_std
     drawing = None if geometry is None or not modes.n_modes else measured_drawing(modes, geometry)
     return ModeRow(*columns, coordinates=modes.places, shapes=modes.place_shapes[0], drawing=drawing)
@@ -168,7 +168,7 @@ class ModeRow:
 
 
 def shares_in_words(names: Sequence[str], fractions: FloatArray) -> str:
-    """The largest shares (n_e,) of a mode's energy, as in '62 % gear 2, 25 % bending b2'.
+    """Format the largest energy fractions (n_e,) of a mode, such as '62 % gear 2, 25 % bending b2'.
 
     >>> shares_in_words(["gear 1", "gear 2", "weight"], np.array([0.104, 0.956, -0.06]))
     '96 % gear 2, 10 % gear 1, -6 % weight'
@@ -181,7 +181,7 @@ def _largest(magnitude: FloatArray, least: float) -> list[int]:
 
 
 def spring_names(robot: Robot) -> dict[str, str]:
-    """The name that an engineer gives the spring of each stiffness k_<joint>, km_<joint> or k_<rod>."""
+    """Name the spring of each stiffness k_<joint>, km_<joint> or k_<rod> for an engineer."""
     names = {}
     for body in robot.bodies:
         for joint in body.joints:
@@ -193,12 +193,12 @@ def spring_names(robot: Robot) -> dict[str, str]:
 
 
 def load_name(robot: Robot) -> str:
-    """The name of the stores of energy other than springs."""
+    """Name the stores of energy other than springs."""
     return "weight and compensators" if robot.compensators else "weight"
 
 
 def _kind(body: Body, joint: Joint) -> str:
-    """Bending or torsion where the spring of a joint without motor lies in a link along or across its axis."""
+    """Return bending or torsion if the spring of a passive joint lies in a link, across or along its axis."""
     along = body.placement.rotation.T @ np.array(body.placement.xyz)
     length = float(np.linalg.norm(along))
     if joint.slides or length == 0 or any(joint_.motor is not None for joint_ in body.joints):

@@ -72,7 +72,7 @@ class Strip:
 
 
 def half_width(row: ParameterRow) -> float:
-    """Half of the 95 % interval over the estimate; infinite where the data do not reach."""
+    """Return half of the 95 % interval over the estimate; infinite for an unidentifiable parameter."""
     low, high = row.interval
     return (high - low) / 2 / abs(row.estimate) if row.estimate and math.isfinite(high - low) else math.inf
 
@@ -88,17 +88,17 @@ def springs_and_dampers(rows: Sequence[ParameterRow]) -> list[ParameterRow]:
 
 
 def widest(rows: Sequence[ParameterRow]) -> ParameterRow | None:
-    """The number with the widest interval among springs and dampers; None without numbers."""
+    """Return the number with the widest interval among springs and dampers; None without numbers."""
     return max(springs_and_dampers(rows), key=half_width, default=None)
 
 
 def verdict_sentence(result: Result, rows: Sequence[ParameterRow], agreements: Sequence[FrfError] = ()) -> str:
-    """Verdict of the fit on the estimates, its message if it did not converge; then their accuracy."""
+    """State the verdict of the fit, its message if it did not converge, and the accuracy of the estimates."""
     return ". ".join(map(capital, filter(None, (_status_clause(result, agreements), accuracy(result, rows)))))
 
 
 def accuracy(result: Result, rows: Sequence[ParameterRow]) -> str:
-    """Half-widths of the intervals, if they mean anything, and the number of true values inside."""
+    """State half-widths of meaningful intervals, and the number of true values inside."""
     with_truth = [row for row in rows if row.truth is not None]
     inside = sum(row.interval[0] <= row.truth <= row.interval[1] for row in with_truth if row.truth is not None)
     count = f"All {inside}" if inside == len(with_truth) else f"{inside} of {len(with_truth)}"
@@ -115,7 +115,7 @@ MOTION_LEFT = 0.01  # of the position signal, which effects of the gears may lea
 
 
 def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResult | None = None) -> str:
-    """One sentence on the quality of the estimates, consistent with status, verdicts, causes and intervals."""
+    """State the quality of the estimates, consistent with status, verdicts, causes and intervals."""
     most = widest(rows)
     if result.status != "converged":
         if result.meaning == CONTRADICTED:
@@ -126,20 +126,20 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
     if most is None:
         return "No parameter was identified."
     poor = [row for row in rows if row.verdict.startswith((BIASED, UNCERTAIN))]
-    named = _with_verdicts(poor)
+    with_verdicts = _with_verdicts(poor)
     if result.exceeds_noise:
         error = (
             f"assumed model error of {percent(result.model_error)} of each FRF"
             if result.is_within_declared
             else "model error"
         )
-        return f"With caution{named and f': {named}'}. The intervals include the {error}."
+        return f"With caution{with_verdicts and f': {with_verdicts}'}. The intervals include the {error}."
     if result.cause[0]:
         return f"With caution: {result.cause[0]}."
     if gears is not None and not gears.refused and gears.after > MOTION_LEFT:
         return f"With caution: gears and springs leave {percent(gears.after)} of the position signal unexplained."
     if poor:
-        return f"{'No' if len(poor) == len(rows) else 'Not all of them'}: {named}."
+        return f"{'No' if len(poor) == len(rows) else 'Not all of them'}: {with_verdicts}."
     if half_width(most) > WIDTH_CLASSES[-1]:
         return f"Not all of them: the interval of {most.name} is wider than ±{percent(WIDTH_CLASSES[-1])}."
     mixed = ", ".join(row.name for row in rows if row.has_coulomb)
@@ -167,7 +167,7 @@ def _with_verdicts(rows: Sequence[ParameterRow]) -> str:
 
 
 def _noise_and_error(result: Result, agreements: Sequence[FrfError]) -> str:
-    """`noise`, and the assumed model error if the residuals of the fitted configurations exceed the noise alone."""
+    """Return the noise, and the model error if the residuals of fitted configurations exceed the noise alone."""
     exceeds = noise_p([agreement for agreement in agreements if not agreement.is_validation]) < FALSE_ALARM
     if not (exceeds or result.is_within_declared):
         return "noise"
@@ -175,7 +175,7 @@ def _noise_and_error(result: Result, agreements: Sequence[FrfError]) -> str:
 
 
 def residual_sentence(result: Result, agreements: Sequence[FrfError]) -> str:
-    """The residual test and the first cause of a model error, in sentences."""
+    """State the result of the residual test and the first cause of a model error."""
     if not result.noise_is_known:
         return "Unknown: without a measured noise no residual test is possible."
     test = f" {capital(result.residual_test)}."
@@ -220,13 +220,13 @@ def _width_clause(rows: Sequence[ParameterRow], kind: str) -> str:
         if within >= max(len(rows) / 2, 1):
             count = f"all {within}" if within == len(rows) else f"{within} of {len(rows)}"
             is_few, names = within == len(rows) <= 2, " and ".join(row.name for row in rows)
-            named = f"the parameter{'s' * (len(rows) > 1)} {names}" if is_few else f"{count} {kind}"
-            return f"{named} {'has an interval' if len(rows) == 1 else 'have intervals'} of ±{percent(limit)} or less"
+            subject = f"the parameter{'s' * (len(rows) > 1)} {names}" if is_few else f"{count} {kind}"
+            return f"{subject} {'has an interval' if len(rows) == 1 else 'have intervals'} of ±{percent(limit)} or less"
     return ""
 
 
 def strip(agreements: Sequence[FrfError]) -> Strip:
-    """Residual over noise of every element in every configuration; errors in dB where no noise is known."""
+    """Return residual over noise of every element in every configuration; errors in dB if the noise is unknown."""
     has_noise = any(np.isfinite(agreement.rms_sigma).any() for agreement in agreements)
     rows = []
     for q, agreement in enumerate(agreements):
@@ -240,7 +240,7 @@ def strip(agreements: Sequence[FrfError]) -> Strip:
 
 
 def _titles(agreements: Sequence[FrfError]) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
-    """`kind`, `outputs` and `inputs` of a `Strip`."""
+    """Return `kind`, `outputs` and `inputs` of a `Strip`."""
     sides = {(tuple(agreement.outputs), tuple(agreement.inputs)) for agreement in agreements}
     if len(sides) != 1:
         return "", (), ()
@@ -253,7 +253,7 @@ def _titles(agreements: Sequence[FrfError]) -> tuple[str, tuple[str, ...], tuple
 
 
 def summary_line(content: ReportContent) -> str:
-    """Configurations, experiments and the robot's time."""
+    """State the number of configurations and experiments, and the robot's time."""
     n = len(content.frf)
     parts = [f"{n} configuration{'s' if n != 1 else ''}"]
     if content.plan is not None:
@@ -284,7 +284,7 @@ OPEN_GEARS = Action(
 
 
 def next_steps(result: Result, rows: Sequence[ParameterRow]) -> tuple[Action, ...]:
-    """The most useful first: the remedy of the first cause, the action of the status, a narrower interval.
+    """List the next steps: remedy of the first cause, action of the status, then a narrower interval.
 
     More experiments do not narrow an interval that includes a model error.
     """
@@ -334,7 +334,7 @@ TOLERANCES = {
 
 
 def _action_of_tolerance(result: Result, poor: ParameterRow) -> Action | None:
-    """The measurement of the numbers whose tolerances are most of a variance, if any are: of it C_xn C_nn^-1 C_nx."""
+    """Advise to measure the numbers whose tolerances contribute most of a variance, C_xn C_nn^-1 C_nx."""
     C, names = result.covariance, result.parameters.free_names
     i, n, fractions = names.index(poor.name), len(result.parameters.of_interest), {}
     for beginning in TOLERANCES:
@@ -350,9 +350,9 @@ def _action_of_tolerance(result: Result, poor: ParameterRow) -> Action | None:
     return _narrower(sentence, poor, reason, math.sqrt(max(1 - fractions[most], 0.0)))
 
 
-def _narrower(what: str, poor: ParameterRow, reason: str, factor: float) -> Action | None:
+def _narrower(measure: str, poor: ParameterRow, reason: str, factor: float) -> Action | None:
     before, after = percent(half_width(poor)), percent(factor * half_width(poor))
-    return None if before == after else Action(what, f"{reason} from ±{before} to ±{after}.")
+    return None if before == after else Action(measure, f"{reason} from ±{before} to ±{after}.")
 
 
 def _action_of_experiments(result: Result, poor: ParameterRow) -> Action | None:
@@ -372,7 +372,7 @@ MODES_SHOWN = 3
 
 
 def questions_of_responses(content: ResponsesContent) -> Questions:
-    """The three questions of the page of responses without a robot, each with its sentences."""
+    """Answer the three questions of the page of responses without a robot."""
     warnings = sum(note.first.severity == "warning" for note in content.notes)
     stds = [float(np.nanmedian(modes.relative_std)) for modes in content.modes if np.isfinite(modes.relative_std).any()]
     good = [f"Noise is {percent(max(stds))} of the response at a line." if stds else "The noise is unknown."]

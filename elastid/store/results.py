@@ -61,7 +61,7 @@ read_loops: "Callable[[Path | str], Loops]" = reader("loops", "loops", "elastid.
 
 
 def read_gears(path: Path | str | None) -> GearResult | None:
-    """Effects in gears.h5; None without such a file."""
+    """Read the effects in gears.h5; None without such a file."""
     return None if path is None else read_part(path, GEARS, "gears", GearResult)
 
 
@@ -81,14 +81,14 @@ class Numbers:
 
     @classmethod
     def of(cls, result: Result) -> "Numbers":
-        """Numbers that were asked for."""
-        asked = result.parameters.of_interest
+        """Select the requested numbers."""
+        focus = result.parameters.of_interest
         parts = (*result.std_contributions.values(),) or (dict.fromkeys(result.std, math.nan),) * 3
         rows = [
             (result.values[p.name], result.std[p.name], *(part[p.name] for part in parts), *result.interval(p.name))
-            for p in asked
+            for p in focus
         ]  # fmt: skip
-        return cls(tuple(p.name for p in asked), tuple(p.unit for p in asked), *np.array(rows).reshape(-1, 7).T)
+        return cls(tuple(p.name for p in focus), tuple(p.unit for p in focus), *np.array(rows).reshape(-1, 7).T)
 
 
 def write_fit(
@@ -98,7 +98,7 @@ def write_fit(
     modelled: tuple[Response, ...] | None = None,
     figures: Mapping[str, tuple[Any, Any]] = MappingProxyType({}),
 ) -> None:
-    """fit.h5: parameters, estimate with covariance, every start, modification indices, linear models; a table.
+    """Write fit.h5: parameters, estimate with covariance, every start, modification indices, linear models; a table.
 
     modelled: responses of the fitted model at the lines of each measured one.  figures: values and types of the page.
     """
@@ -132,7 +132,7 @@ def write_comparison(path: Path, comparison: "Comparison", stamp: Stamp) -> None
 
 
 def read_comparison(path: Path, stamp: Stamp) -> "Comparison | None":
-    """Comparison in compare.json; None without one, or for other frequency responses."""
+    """Read the comparison in compare.json; None without one, or for other frequency responses."""
     try:
         content = json.loads(path.read_bytes())
         if (content["schema"], content["responses"]) != (SCHEMA, stamp.inputs):

@@ -178,7 +178,7 @@ def _line(source: YamlSource, problem: Problem) -> tuple[Place, str]:
     value = value_at(source.data, problem.path)
     place = source.place(problem.path, of_value=not problem.at_key and value is not None)
     is_said = problem.at_key or (isinstance(value, str) and value in problem.message)
-    shown = "" if is_said or isinstance(value, dict | list) or value is None else f" (got {value!r:.60})"
+    value_text = "" if is_said or isinstance(value, dict | list) or value is None else f" (got {value!r:.60})"
     steps = (f"[{step}]" if isinstance(step, int) else f".{step}" for step in problem.path[place.skipped_keys :])
     keys = one_line("".join(steps).lstrip("."))
-    return place, printable(f"{place}: {keys}{': ' if keys else ''}{problem.message}{shown}")
+    return place, printable(f"{place}: {keys}{': ' if keys else ''}{problem.message}{value_text}")

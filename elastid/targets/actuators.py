@@ -74,7 +74,7 @@ class Actuators:
     intervals: Intervals
 
     def interval_text(self, row: Actuator, *quantities: str) -> str:
-        """Intervals of quantities of a joint in a line; empty without any."""
+        """Return intervals of quantities of a joint in a line; empty without any."""
         parts = []
         for quantity in quantities:
             if ends := self.intervals.get((row.joint, quantity)):
@@ -109,7 +109,7 @@ def _actuator(robot: Robot, joint: Joint, kp: float | None, kd: float | None, de
 
 
 def _parts_without_snippet(joint: Joint, law: Friction | None) -> Iterator[str]:
-    """Parts of the model of a joint that no snippet has."""
+    """Return parts of the model of a joint that no snippet has."""
     parts = {
         "quadratic friction": "quadratic", "friction by direction": "directions", "load-dependent friction": "load",
         "temperature dependence of the friction": "temperature", "presliding (LuGre)": "lugre",
@@ -127,7 +127,7 @@ def _parts_without_snippet(joint: Joint, law: Friction | None) -> Iterator[str]:
 
 
 def fit_intervals(model: FittedRobot, friction: CompensatedFriction | None) -> Intervals:
-    """Intervals of the numbers of a fit and of its Coulomb friction, on the link side."""
+    """Return intervals of the numbers of a fit and of its Coulomb friction, on the link side."""
     fitted = {number.name: number for number in known_numbers(model) if math.isfinite(number.std)}
     places = {row.place: row.interval for row in (friction_rows(friction) if friction else ()) if row.interval}
     intervals: dict[tuple[str, str], tuple[float, float]] = {}
@@ -147,7 +147,7 @@ def fit_intervals(model: FittedRobot, friction: CompensatedFriction | None) -> I
 
 
 def with_total_inertias(actuators: Actuators, result: FrictionResult) -> Actuators:
-    """The same numbers, with the total inertia (with links), gravity and offset of each joint listed as lost."""
+    """Return the same numbers, with the total inertia (with links), gravity and offset of each joint listed as lost."""
 
     def row_of(row: Actuator) -> Actuator:
         values = {n.name: n.value for joint in result.joints if joint.joint == row.joint for n in joint.numbers}
@@ -164,12 +164,12 @@ def with_total_inertias(actuators: Actuators, result: FrictionResult) -> Actuato
 
 
 def friction_intervals(result: FrictionResult) -> Intervals:
-    """Intervals of the numbers of a friction study; none of a number that differs by direction.
+    """Return intervals of the numbers of a friction study; none of a number that differs by direction.
 
     All joints share the delay, which is among the numbers of the first.
     """
-    every = {**TERMS, "armature": RIGID_TERMS["armature"], "delay": RIGID_TERMS[DELAY]}
-    terms = {quantity: every[quantity] for quantity in UNITS if quantity in every}
+    all_terms = {**TERMS, "armature": RIGID_TERMS["armature"], "delay": RIGID_TERMS[DELAY]}
+    terms = {quantity: all_terms[quantity] for quantity in UNITS if quantity in all_terms}
     intervals = {
         (joint.joint, quantity): (number.low, number.high)
         for joint in result.joints
@@ -208,7 +208,7 @@ def _add_comment(parent: ET.Element, *texts: str) -> None:
 
 
 def _mjcf(actuators: Actuators) -> str:
-    """Default classes, one per joint and one per elastic gear, for <include>."""
+    """Return default classes, one per joint and one per elastic gear, for <include>."""
     root = ET.Element("mujoco", model=actuators.name)
     defaults = ET.SubElement(root, "default")
     for row in actuators.rows:
@@ -230,7 +230,7 @@ def _mjcf(actuators: Actuators) -> str:
 
 
 def _isaac_lab(actuators: Actuators) -> str:
-    """A module with one actuator configuration per joint."""
+    """Return a module with one actuator configuration per joint."""
     lines = []
     for row in actuators.rows:
         words = actuators.interval_text(row, "armature", "coulomb", "stiction", "viscous", "kp", "kd", "delay")
@@ -279,7 +279,7 @@ def _sdf(actuators: Actuators) -> str:
 
 
 def _drake(actuators: Actuators) -> str:
-    """Joints and transmissions of a URDF with Drake's tags."""
+    """Return joints and transmissions of a URDF with Drake's tags."""
     root = ET.Element("robot", {"name": actuators.name, "xmlns:drake": "http://drake.mit.edu"})
     for row in actuators.rows:
         _add_comment(root, actuators.interval_text(row, "armature", "viscous", "kp", "kd"))
@@ -296,7 +296,7 @@ def _drake(actuators: Actuators) -> str:
 
 
 def _ros2(actuators: Actuators) -> str:
-    """Gains of a trajectory controller with effort commands, and limits of joints."""
+    """Return gains of a trajectory controller with effort commands, and limits of joints."""
     gains, limits = list[str](), list[str]()
     for row in actuators.rows:
         name, words = one_line(row.joint).replace("'", "''"), actuators.interval_text(row, "kp", "kd")
@@ -323,7 +323,7 @@ def _readme(actuators: Actuators) -> str:
 
 
 def _table(actuators: Actuators) -> Iterator[str]:
-    """A line for each number of each joint."""
+    """Return a table row for each number of each joint."""
     for row in actuators.rows:
         for quantity, units in UNITS.items():
             value, ends = getattr(row, quantity), actuators.intervals.get((row.joint, quantity))

@@ -23,7 +23,7 @@ from elastid.targets.target import Target
 
 
 def functions(model: FittedRobot) -> tuple[ca.Function, ...]:
-    """mass(q) -> M, force(q, v) -> f, damping(q) -> D, stiffness(q) -> K, input_matrix() -> B, at the fitted numbers.
+    """Return mass(q) -> M, force(q, v) -> f, damping(q) -> D, stiffness(q) -> K, input_matrix() -> B, as fitted.
 
     damping and stiffness are the Hessians of dissipation and potential: the linear model at an equilibrium q. Where
     loops are closed by constraints, also constraint(q) -> phi and constraint_jacobian(q) -> Phi, and stiffness(q,
@@ -63,7 +63,7 @@ def _equilibria(model: FittedRobot) -> ca.Function:
 
 
 def write_casadi(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
-    """mass.casadi, force.casadi and so on, a file for each function, for casadi.Function.load; and coordinates.txt."""
+    """Write mass.casadi, force.casadi and so on, one file a function, for casadi.Function.load; and coordinates.txt."""
     built = {folder / f"{function.name()}.casadi": function for function in functions(model)}
     for path, function in built.items():
         with replacing(path) as temporary:
@@ -72,7 +72,7 @@ def write_casadi(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
 
 
 def write_c(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
-    """robot.c and robot.h: the same functions as `int robot_mass(const double** arg, double** res, ...)`.
+    """Write robot.c and robot.h: the same functions as `int robot_mass(const double** arg, double** res, ...)`.
 
     Matrices are dense, column by column. Compile with `cc -O2 -shared -fPIC robot.c -lm`. The head of robot.h has
     arguments, results, coordinates and units.
@@ -90,7 +90,7 @@ def write_c(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
 
 
 def c_sources(name: str, functions: Iterable[ca.Function]) -> dict[str, str]:
-    """The texts of <name>.c and <name>.h with these functions."""
+    """Return the texts of <name>.c and <name>.h with these functions."""
     generator = ca.CodeGenerator(f"{name}.c", {"with_header": True})
     for function in functions:
         generator.add(function)
@@ -100,7 +100,7 @@ def c_sources(name: str, functions: Iterable[ca.Function]) -> dict[str, str]:
 
 
 def dense(name: str, expression: list[ca.SX], results: Iterable[ca.SX]) -> ca.Function:
-    """A function whose results have no structural zeros."""
+    """Return a function whose results have no structural zeros."""
     return ca.Function(name, expression, [ca.densify(result) for result in results], {"cse": True})
 
 
@@ -133,7 +133,7 @@ def _equation(model: FittedRobot) -> str:
 
 
 def _coordinates(folder: Path, model: FittedRobot) -> Path:
-    """coordinates.txt: the names of the entries of q and u, and the intervals of the numbers inside."""
+    """Return coordinates.txt: the names of the entries of q and u, and the intervals of the numbers inside."""
     path, lines = folder / "coordinates.txt", [f"{_equation(model)}, link side, SI"]
     for letter, names in (("q", model.model.coordinates), ("u", model.model.inputs)):
         lines += [f"{letter}[{i}]  {name}" for i, name in enumerate(names)]

@@ -18,7 +18,7 @@ from elastid.targets.target import Target
 def write_responses_control(
     folder: Path, name: str, responses: Sequence[Response], modes: Sequence[Modes] = ()
 ) -> tuple[Path, ...]:
-    """responses.npz and load_responses.py; arrays <configuration>/freq_hz, G (F, n_y, n_u), std, inputs, outputs.
+    """Write responses.npz and load_responses.py; arrays <configuration>/freq_hz, G (F, n_y, n_u), std, inputs, outputs.
 
     Of a response with modes also A, B, C, D of the modal model, num (n_y, n_u, m) and den (m,), its error, numbers
     (n, 2) of frequency in Hz and damping, and their covariance (2 n, 2 n).
@@ -53,7 +53,7 @@ def _write(data: Path, arrays: dict[str, np.ndarray], loader: Path, name: str, f
 
 
 def write_control(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
-    """model.npz and load_model.py; arrays <configuration>/A, B, C, D, angles (rad), delay (s), freq_hz, G, std.
+    """Write model.npz and load_model.py; arrays <configuration>/A, B, C, D, angles (rad), delay (s), freq_hz, G, std.
 
     parameters, units (p,) and known (p, 6) of each, SI: value, std, the ends of the 95 % interval, and the parts of std
     by noise and by the tolerances of the robot's file.  free (m,), covariance (m, m): of the free parameters, SI.

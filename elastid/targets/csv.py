@@ -22,7 +22,7 @@ from elastid.targets.target import Target
 
 
 def write_modes_csv(path: Path, modes: Sequence[Modes]) -> Path:
-    """One row for each mode of each response; frequencies in Hz, or in units of an unknown sampling rate.
+    """Write one row for each mode of each response; frequencies in Hz, or in units of an unknown sampling rate.
 
     Shapes, the largest entry 1, as re_<place>, im_<place> and std_<place>; empty where another response has it.
     """
@@ -48,7 +48,7 @@ def _measured_modes(modes: Sequence[Modes]) -> Iterable[Sequence[Any]]:
 
 
 def write_csv(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
-    """parameters.csv, modes.csv, <configuration>-fitted.csv and <configuration>-measured.csv, numbers in full."""
+    """Write parameters.csv, modes.csv, <configuration>-fitted.csv and <configuration>-measured.csv, numbers in full."""
     paths = [write_rows(folder / "parameters.csv", _parameters(model)), write_rows(folder / "modes.csv", _modes(model))]
     for plant, G in zip(model.models, model.measured, strict=True):
         fitted, std = plant.response(G.freq_hz, sampled=True).G, plant.response_std(G.freq_hz)
@@ -60,19 +60,16 @@ def write_csv(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
 def write_responses_csv(
     folder: Path, name: str, responses: Sequence[Response], modes: Sequence[Modes] = ()
 ) -> tuple[Path, ...]:
-    """<configuration>-measured.csv for each response, and modes.csv."""
+    """Write <configuration>-measured.csv for each response, and modes.csv."""
     return (*(_measured(folder, G) for G in responses), write_modes_csv(folder / "modes.csv", modes))
 
 
 def write_friction_csv(folder: Path, friction_result: FrictionResult) -> tuple[Path, ...]:
-    """parameters.csv of friction, and base_parameters.csv of each rigid body.
+    """Write parameters.csv of friction, and base_parameters.csv of each rigid body.
 
     Its columns after the numbers: how much of each other number of the regressor a base parameter contains.
     """
-    rows = [
-        (number.name, number.unit, number.value, number.std, number.low, number.high)
-        for number in friction_result.numbers
-    ]
+    rows = [(n.name, n.unit, n.value, n.std, n.low, n.high) for n in friction_result.numbers]
     head = "parameter", "unit", "value", "std"
     paths = [write_rows(folder / "parameters.csv", [(*head, "lower_95", "upper_95"), *rows])]
     for i, body in enumerate(friction_result.rigid_bodies, start=1):

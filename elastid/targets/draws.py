@@ -32,11 +32,9 @@ def write_draws(folder: Path, draws: DrawnRobots, name: str, warn: Callable[[str
         (robots / f"robot_{number}.yml").write_text(f"{head}{number}\n{text_of(robot, 1)}\n", encoding="utf-8")
     start = draws.robots[0]  # the posture in which rods are drawn; the engine closes the loops of the others
     try:
-        rods = (
-            rod_poses(start, assembled(start, np.array([joint.start for joint in start.driven])))
-            if start.loops
-            else NO_RODS
-        )
+        rods = NO_RODS
+        if start.loops:
+            rods = rod_poses(start, assembled(start, np.array([joint.start for joint in start.driven])))
         first = mjcf(start, rods)
     except StudyError as refused:
         warn(f"export: no MJCF of the samples: {refused}")

@@ -89,14 +89,14 @@ class Subject:
 
     @classmethod
     def fitted(cls, model: FittedRobot) -> "Subject":
-        """A fitted robot, in the configurations that were measured."""
+        """Return a fitted robot, in the configurations that were measured."""
         postures = tuple(linear.configuration for linear in model.linear)
         intervals = {number.name: number.interval_text for number in known_numbers(model)}
         return cls(model.name or model.robot.name, model.model, postures, intervals)
 
     @classmethod
     def moving(cls, robot: Robot, tuned: TunedMove) -> "Subject":
-        """A robot at the start of a move, in the loops that the move was judged in."""
+        """Return a robot at the start of a move, in the loops that the move was judged in."""
         model, start = formulate(robot), Configuration("start of the move", tuned.position[0])
         gains = tune(model, equilibrium(model, model.theta, start).q, tuned.bandwidth_hz, DAMPING_RATIO)
         return cls(tuned.name, model, (start,), {}, tuned, gains.kp, gains.kd)
@@ -105,7 +105,7 @@ class Subject:
 def layout(
     subject: Subject, contacts: Contacts, points: tuple[OperatingPoint, ...], rate_hz: float, step_s: float
 ) -> Layout:
-    """The variables of a robot that starts at rest in the first of its configurations."""
+    """Return the variables of a robot that starts at rest in the first of its configurations."""
     equations, moves = subject.model, subject.move is not None
     motors, joints = equations.inputs, [joint.name for joint in equations.robot.joints]
     position = equations.B.T @ points[0].q * (not moves)
@@ -151,7 +151,7 @@ def _of(
 
 
 def framed(robot: Robot) -> Robot:
-    """Robot with a frame `tool`, added if it is missing."""
+    """Return robot with a frame `tool`, added if it is missing."""
     return robot if robot.frames else with_frames(robot, (TOOL,))
 
 
@@ -195,7 +195,7 @@ def description(
     version: int, sources: Sequence[str], name: str, token: str, layout: Layout, configurations: tuple[str, ...],
     step_s: float,
 ) -> str:  # fmt: skip
-    """modelDescription.xml of FMI 2.0 or 3.0."""
+    """Return modelDescription.xml of FMI 2.0 or 3.0."""
     is_2, state = version == 2, "FMUstate" if version == 2 else "FMUState"
     head = {
         "fmiVersion": f"{version}.0", "modelName": name, "guid" if is_2 else "instantiationToken": token,
@@ -216,7 +216,7 @@ def description(
 
 
 def _describe_2(variables: ET.Element, structure: ET.Element, layout: Layout, names: tuple[str, ...]) -> None:
-    """Variables with their types below them, and unknowns by their places from 1 on."""
+    """Return variables with their types below them, and unknowns by their places from 1 on."""
     for reference, variable in enumerate(layout.variables):
         scalar = ET.SubElement(variables, "ScalarVariable", _attributes(variable, reference))
         ET.SubElement(scalar, "Real", _start_of(variable))
@@ -241,7 +241,7 @@ def _describe_3(variables: ET.Element, structure: ET.Element, layout: Layout, na
 
 
 def build_description(sources: Sequence[str]) -> str:
-    """sources/buildDescription.xml of FMI 3.0."""
+    """Return sources/buildDescription.xml of FMI 3.0."""
     root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
     build = ET.SubElement(root, "BuildConfiguration", modelIdentifier=IDENTIFIER)
     files = ET.SubElement(build, "SourceFileSet", language="C99")
@@ -262,7 +262,7 @@ def _configuration(reference: int, names: tuple[str, ...]) -> dict[str, str]:
 
 
 def _start_of(variable: Variable) -> dict[str, str]:
-    """Inputs and parameters have a start; outputs are computed."""
+    """Return inputs and parameters have a start; outputs are computed."""
     return {"start": repr(variable.start)} if variable.causality in ("input", "parameter") else {}
 
 
@@ -272,7 +272,7 @@ def _text(root: ET.Element) -> str:
 
 
 def equations(model: ElasticModel, contacts: Contacts) -> tuple[ca.Function, ...]:
-    """acceleration, bristles, readings and, with loops, closing; dense.
+    """Return acceleration, bristles, readings and, with loops, closing; dense.
 
     acceleration(q, v, z, u, force, theta, friction) -> q''.  bristles(z, v, friction, step) -> z after a step at
     constant v.  readings(q, v) -> angles and speeds of the motors, angles of the joints, origins of the frames.
@@ -298,7 +298,7 @@ def equations(model: ElasticModel, contacts: Contacts) -> tuple[ca.Function, ...
 
 
 def origins(model: ElasticModel, q: ca.SX) -> ca.SX:
-    """Origins (3 n_f,) of all frames at q (n_q,), in the axes of the base, m."""
+    """Return origins (3 n_f,) of all frames at q (n_q,), in the axes of the base, m."""
     layout = tree(framed(model.robot))
     joint_turns = turns(layout, q[: len(model.robot.joints)])
     return ca.vertcat(*(position(layout, joint_turns, seat) for seat in layout.named))
@@ -310,17 +310,17 @@ _SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": 
 
 
 def write_fmu(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
-    """robot_fmi2.fmu and robot_fmi3.fmu; StudyError where a configuration has no rest."""
+    """Write robot_fmi2.fmu and robot_fmi3.fmu; StudyError where a configuration has no rest."""
     return write_units(folder, Subject.fitted(model), IDENTIFIER)
 
 
 def write_move_fmu(folder: Path, robot: Robot, tuned: TunedMove) -> tuple[Path, ...]:
-    """robot_with_move_fmi2.fmu and ..._fmi3.fmu: a robot whose controller has a tuned move inside, from time 0 on."""
+    """Write robot_with_move_fmi2.fmu and ..._fmi3.fmu: a robot with a tuned move in its controller, from time 0 on."""
     return write_units(folder, Subject.moving(robot, tuned), "robot_with_move")
 
 
 def write_units(folder: Path, subject: Subject, stem: str) -> tuple[Path, ...]:
-    """<stem>_fmi2.fmu and <stem>_fmi3.fmu of a robot; StudyError where a posture of its start has no rest."""
+    """Write <stem>_fmi2.fmu and <stem>_fmi3.fmu of a robot; StudyError where a posture of its start has no rest."""
     sources, described = unit_sources(subject)
     compiler = next((tool for name in COMPILERS if (tool := shutil.which(name))), None)
     paths = tuple(folder / f"{stem}_fmi{version}.fmu" for version in (2, 3))
@@ -340,7 +340,7 @@ def write_units(folder: Path, subject: Subject, stem: str) -> tuple[Path, ...]:
 
 
 def unit_sources(subject: Subject) -> tuple[dict[str, str], dict[int, str]]:
-    """The text of all sources by name, and the descriptions of both versions."""
+    """Return the text of all sources by name, and the descriptions of both versions."""
     equations_of, move = subject.model, subject.move
     sliding = contacts(equations_of, frictions(equations_of.robot))
     points = tuple(equilibrium(equations_of, equations_of.theta, posture) for posture in subject.postures)
@@ -363,7 +363,7 @@ def unit_sources(subject: Subject) -> tuple[dict[str, str], dict[int, str]]:
 
 
 def compiled(compiler: str, sources: Mapping[str, str], names: Sequence[str]) -> bytes:
-    """The library for this system; StudyError with the compiler's words where it fails."""
+    """Return the library for this system; StudyError with the compiler's words where it fails."""
     with tempfile.TemporaryDirectory() as temporary:
         for name, text in sources.items():
             (Path(temporary) / name).write_text(text, encoding="utf-8", newline="\n")

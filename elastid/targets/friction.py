@@ -32,7 +32,7 @@ from elastid.use.trajectory_optimisation import SLIDING
 
 
 def write_observers(folder: Path, observers: Mapping[str, TrackedFriction]) -> tuple[Path, ...]:
-    """observer.c and observer.h: <joint>_start and <joint>_follow of each joint by its name."""
+    """Write observer.c and observer.h: <joint>_start and <joint>_follow of each joint by its name."""
     identifiers = c_identifiers(observers)
     steps = {name: _step(identifiers[name], observer) for name, observer in observers.items()}
     equations = c_sources("equations", steps.values())["equations.c"]
@@ -44,7 +44,7 @@ def write_observers(folder: Path, observers: Mapping[str, TrackedFriction]) -> t
 
 
 def _step(name: str, observer: TrackedFriction) -> ca.Function:
-    """(x, P, u, g, y) -> (x, P, innovation, variance) with the noise's numbers."""
+    """Return (x, P, u, g, y) -> (x, P, innovation, variance) with the noise's numbers."""
     step = filter_step(observer.filtered, observer.rate_hz)
     x, P, u, g, y = step.sx_in()[:5]
     results = step(x, P, u, g, y, observer.noise.vector(observer.filtered, observer.rate_hz))
@@ -81,11 +81,12 @@ void {name}_follow(double x[{n}], double P[{size}], double torque, double load, 
 
 def _header(observers: Mapping[str, TrackedFriction], identifiers: Mapping[str, str]) -> str:
     lines = [
-        "Filters that follow friction, link side, SI. <joint>_start once, at rest; <joint>_follow every sample:",
-        "torque and load (gravity) since the previous sample, present motor angle. innovation: measured minus",
-        "predicted angle, variance: its variance; both may be NULL. The states Fc and f are logarithms; 95 % band:",
-        "x[i] +- 1.96 sqrt(P[i * n + i]), n states. It includes the errors of fixed numbers: P ends with the n",
-        *("cross covariances of each of them, over its std.", "", "States:", ""),
+        "Extended Kalman filters of joint friction, link side, SI. Call <joint>_start once at rest, then",
+        "<joint>_follow every sample. torque, load: motor torque and gravity torque since the previous sample.",
+        "angle: present motor angle. innovation: measured minus predicted angle. variance: variance of the",
+        "innovation. Both may be NULL. The states Fc and f are logarithms. 95 % band of state i, with n states:",
+        "x[i] +- 1.96 sqrt(P[i * n + i]). The band includes the errors of the fixed numbers. For each of these,",
+        *("P ends with n cross covariances of the states, divided by its standard deviation.", "", "States:", ""),
     ]
     declared = []
     for name, observer in observers.items():
@@ -117,7 +118,7 @@ def _starts(joint: TrackedJoint) -> str:
 
 
 def compensation(robot: Robot) -> ca.Function:
-    """v (n_u,) -> u_f (n_u,): motor torque in addition to the frictionless robot."""
+    """Return v (n_u,) -> u_f (n_u,): motor torque in addition to the frictionless robot."""
     v = ca.SX.sym("v", len(robot.driven))
     laws = {law.place: law for law in frictions(robot)}
     torques = []

@@ -27,7 +27,7 @@ HEADING = b"MATLAB 5.0 MAT-file, written by elastid".ljust(116)
 
 
 def write_matlab(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
-    """model.mat (version 5), struct arrays `model`, `measured`, `fitted`, `parameters` and `tool`, and load_model.m.
+    """Write model.mat (version 5) with struct arrays `model`, `measured`, `fitted`, `parameters`, `tool`; load_model.m.
 
     measured and fitted have the fields of an idfrd: ResponseData (n_y, n_u, F), Frequency, FrequencyUnit,
     CovarianceData; that of fitted is due to the parameters. tool has A, B, C, D (.., .., Q) from forces and torques at
@@ -46,7 +46,7 @@ def write_matlab(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
 
 
 def write_responses_matlab(folder: Path, name: str, responses: Sequence[Response]) -> tuple[Path, ...]:
-    """responses.mat (version 5) with the struct array `measured`, as in model.mat, and load_responses.m."""
+    """Write responses.mat (version 5) with the struct array `measured`, as in model.mat, and load_responses.m."""
     data, script = folder / "responses.mat", folder / "load_responses.m"
     return _write(data, {"measured": list(map(_measured, responses))}, script, name, responses[0])
 
@@ -63,7 +63,7 @@ def _write(data: Path, content: dict[str, list[Fields]], script: Path, name: str
 
 
 def write_mat(path: Path, content: Mapping[str, Any]) -> None:
-    """A MAT-file of version 5, the same bytes at any time."""
+    """Write a MAT-file of version 5, the same bytes at any time."""
     buffer = io.BytesIO()
     savemat(buffer, content, do_compression=True)
     write_atomically(path, HEADING + buffer.getvalue()[len(HEADING) :])
@@ -86,7 +86,7 @@ def _system(system: Any) -> Fields:
 
 
 def _tool(model: FittedRobot) -> Fields:
-    """The robot at a frame with its motors locked, in all postures; the names alone of one that cannot bend."""
+    """Return the robot at a frame with its motors locked, in all postures; the names alone of one that cannot bend."""
     configurations = [linear.configuration for linear in model.linear]
     named: Fields = {"configurations": np.array([posture.name for posture in configurations], dtype=object)}
     frame = default_frame(model.robot)
@@ -106,7 +106,7 @@ def _tool(model: FittedRobot) -> Fields:
 
 
 def _response(G: Any, measured: Response, variance: FloatArray | None) -> Fields:
-    """The fields of an idfrd; CovarianceData (n_y, n_u, F, 2, 2): each real component carries half of the variance."""
+    """Return fields of an idfrd; CovarianceData (n_y, n_u, F, 2, 2): half of the variance in each real component."""
     half = None if variance is None else np.moveaxis(variance, 0, 2) / 2
     return {
         "configuration": measured.configuration.name,

@@ -17,7 +17,7 @@ from elastid.use.tune import TunedMove
 
 
 def write_move_c(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
-    """move.c and move.h: `move_at(t, q, v, u)`, which returns 1 from the last sample on."""
+    """Write move.c and move.h: `move_at(t, q, v, u)`, which returns 1 from the last sample on."""
     texts = move_sources(tuned)
     for name, text in texts.items():
         write_text(folder / name, text)
@@ -25,7 +25,7 @@ def write_move_c(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
 
 
 def move_sources(tuned: TunedMove) -> dict[str, str]:
-    """The text of move.c and move.h."""
+    """Return the text of move.c and move.h."""
     n, m, step = len(tuned.time_s), len(tuned.joints), float(np.diff(tuned.time_s).mean())
     motors = enumerate(zip(tuned.joints, tuned.units, strict=True))
     comment = c_comment([
@@ -48,13 +48,13 @@ def move_sources(tuned: TunedMove) -> dict[str, str]:
 
 
 def write_move_ros2(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
-    """A trajectory_msgs/msg/JointTrajectory in YAML, effort the torque, as `ros2 topic pub` takes it."""
+    """Write a trajectory_msgs/msg/JointTrajectory in YAML, effort the torque, as `ros2 topic pub` takes it."""
     motion = {"positions": tuned.position, "velocities": tuned.velocity, "accelerations": tuned.acceleration}
     return (write_trajectory(folder / "trajectory.yaml", tuned.joints, tuned.time_s, **motion, effort=tuned.torque),)
 
 
 def write_move_matlab(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
-    """move.mat (version 5) with time, position, velocity, acceleration, torque, joints, and load_move.m."""
+    """Write move.mat (version 5) with time, position, velocity, acceleration, torque, joints, and load_move.m."""
     content = {name: getattr(tuned, name) for name in ("position", "velocity", "acceleration", "torque")}
     content |= {"time": (tuned.time_s - tuned.time_s[0])[:, None], "path": tuned.target}
     data, script = folder / "move.mat", folder / "load_move.m"
@@ -64,5 +64,5 @@ def write_move_matlab(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
 
 
 def write_move(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
-    """The move for C, ROS 2 and MATLAB; `export.fmu` has it in a robot."""
+    """Write the move for C, ROS 2 and MATLAB; `export.fmu` has it in a robot."""
     return (*write_move_c(folder, tuned), *write_move_ros2(folder, tuned), *write_move_matlab(folder, tuned))

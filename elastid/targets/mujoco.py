@@ -80,7 +80,7 @@ def write_mujoco(folder: Path, linear_model: FittedRobot, geared: Robot | None =
 
 
 def mjcf(robot: Robot, rods: "Mapping[str, RodPose]" = NO_RODS) -> ET.Element:
-    """The robot without keyframes; StudyError where MJCF cannot represent it.  rods: the poses they are drawn in."""
+    """Return the robot without keyframes; StudyError if MJCF cannot represent it.  rods: their drawn poses."""
     _check(robot)
     root = ET.Element("mujoco", model=robot.name)
     ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", balanceinertia="false")
@@ -151,10 +151,9 @@ def _inertial(element: ET.Element, body: Body) -> None:
 def _hinges(element: ET.Element, joint: Joint) -> None:
     axis = {"axis": in_full(unit_axis(joint.axis)), "type": "slide" if joint.slides else "hinge"}
     axis |= {"pos": in_full(joint.point)} if any(joint.point) else {}
-    motor = joint.motor
-    armature, friction = (
-        (0.0, 0.0) if motor is None else (motor.ratio**2 * motor.inertia, motor.ratio**2 * motor.viscous)
-    )
+    armature = friction = 0.0
+    if (motor := joint.motor) is not None:
+        armature, friction = motor.ratio**2 * motor.inertia, motor.ratio**2 * motor.viscous
     if joint.spring is None:
         _hinge(element, _driven(joint), axis, armature=armature, damping=friction + joint.viscous)
     elif joint.motor is None:
@@ -174,7 +173,7 @@ def _driven(joint: Joint) -> str:
 
 
 def _tendon(root: ET.Element, joint: Joint) -> ET.Element:
-    """The sum of motor angle and twist of a flexible joint, made where it is not there."""
+    """Return the sum of motor angle and twist of a flexible joint, made where it is not there."""
     tendons = _tendon_list(root)
     fixed = next((tendon for tendon in tendons if tendon.get("name") == f"joint {joint.name}"), None)
     if fixed is None:
@@ -194,7 +193,7 @@ def _named_joints(root: ET.Element) -> dict[str | None, ET.Element]:
 
 
 def _add_lost_motion(root: ET.Element, robot: Robot) -> None:
-    """Tendons over the springs with backlash, slack within the gap; the hinges keep the inner stiffness."""
+    """Add tendons over the springs with backlash, slack within the gap; the hinges keep the inner stiffness."""
     hinges = _named_joints(root)
     for joint in robot.joints:
         spring = joint.spring
@@ -232,12 +231,12 @@ def _intervals(root: ET.Element, model: FittedRobot) -> None:
 def _keyframes(
     root: ET.Element, model: FittedRobot, points: Sequence[OperatingPoint], start: "Mapping[str, RodPose]"
 ) -> None:
-    """Rest in every configuration, the joints in the order of the file, which is the engine's."""
+    """Add rest in every configuration, the joints in the order of the file, which is the engine's."""
     keys = ET.SubElement(root, "keyframe")
     joints = [element.get("name", "") for element in root.findall("worldbody//joint")]
     for point in points:
-        now = rod_poses(model.robot, point.q[: len(model.robot.joints)])
-        positions = _positions(model, point) | rod_positions(start, now, model.robot)
+        rods = rod_poses(model.robot, point.q[: len(model.robot.joints)])
+        positions = _positions(model, point) | rod_positions(start, rods, model.robot)
         q = [value for joint in joints for value in positions[joint]]
         ET.SubElement(keys, "key", name=point.configuration.name, qpos=in_full(q), ctrl=in_full(point.u))
 
@@ -264,12 +263,12 @@ class RodPose:
 
 
 def rod_poses(robot: Robot, q: FloatArray) -> dict[str, RodPose]:
-    """Poses of rods by loop, with the joints at q (n_l,)."""
+    """Return poses of rods by loop, with the joints at q (n_l,)."""
     return {loop.name: _rod_pose(robot, loop, loop.rod, q) for loop in robot.loops if loop.rod is not None}
 
 
 def add_loops(root: ET.Element, elements: Elements, robot: Robot, start: Mapping[str, RodPose]) -> None:
-    """Rods below their first bodies, sites at the ends, and the constraints.  start: poses in which rods are drawn."""
+    """Add rods below their first bodies, sites at the ends, and constraints.  start: poses in which rods are drawn."""
     if not robot.loops:
         return
     equality = ET.SubElement(root, "equality")
@@ -283,17 +282,17 @@ def add_loops(root: ET.Element, elements: Elements, robot: Robot, start: Mapping
                 _connect(equality, f"{loop.name} {i}", f"{loop.name} end 1{i}", f"{loop.name} end 2{i}")
 
 
-def rod_positions(start: Mapping[str, RodPose], now: Mapping[str, RodPose], robot: Robot) -> Positions:
-    """Positions of the joints of all rods by name: a quaternion from the drawn pose, and slides."""
+def rod_positions(start: Mapping[str, RodPose], rods: Mapping[str, RodPose], robot: Robot) -> Positions:
+    """Return positions of the joints of all rods by name: a quaternion from the drawn pose, and slides."""
     positions: Positions = {}
     for loop in robot.loops:
         if loop.rod is None:
             continue
         rotation = _turn(_ALONG, start[loop.name].direction)
-        turn = rotation.T @ _turn(start[loop.name].direction, now[loop.name].direction) @ rotation
+        turn = rotation.T @ _turn(start[loop.name].direction, rods[loop.name].direction) @ rotation
         positions[f"turn {loop.name}"] = quaternion(turn).tolist()
         if loop.rod.is_elastic:
-            s = now[loop.name].elongation
+            s = rods[loop.name].elongation
             positions |= {f"stretch {loop.name}": [s], f"part {loop.name}": [_part(loop.rod) * s]}
     return positions
 
@@ -324,7 +323,7 @@ def _add_rod(equality: ET.Element, elements: Elements, loop: Loop, rod: Rod, dir
 
 
 def add_rod_springs(root: ET.Element, elements: Elements, robot: Robot) -> None:
-    """The springs of elastic rods as tendons between their two bodies.
+    """Add the springs of elastic rods as tendons between their two bodies.
 
     A spring in the rod's own slide would act on its massless end, and time steps do not take such a spring implicitly.
     """
@@ -340,19 +339,19 @@ def add_rod_springs(root: ET.Element, elements: Elements, robot: Robot) -> None:
 
 
 def _part(rod: Rod) -> float:
-    """f: relative location of the moving part of a rod's mass, 0 to 1; 1 without mass."""
+    """Return f: relative location of the moving part of a rod's mass, 0 to 1; 1 without mass."""
     return rod.center + rod.inertia / (rod.mass * rod.center * rod.length**2) if rod.mass * rod.center > 0 else 1.0
 
 
 def _point_mass(body: ET.Element, mass: float, x: float) -> None:
-    """A mass at a distance along the rod; the engine refuses none at all."""
+    """Return a mass at a distance along the rod; the engine refuses none at all."""
     # The massless end of a rod and its spin: time steps need more of them (kg, kg m^2) than the response.
     least, inertia = max(mass, 1e-3), in_full([1e-4] * 3)
     ET.SubElement(body, "inertial", pos=in_full((x, 0.0, 0.0)), mass=repr(float(least)), diaginertia=inertia)
 
 
 def _closed_points(loop: Loop) -> list[tuple[FloatArray, FloatArray]]:
-    """Shifts at both ends of the points that a loop without a rod joins: one, or two along the axis of a pin."""
+    """Return shifts at both ends of the points that a loop without a rod joins: one, or two along the axis of a pin."""
     points = [(np.zeros(3), np.zeros(3))]
     if loop.pin is not None and not loop.pin.planar:
         axes = loop.pin.axis, loop.pin.axis if loop.pin.other_axis is None else loop.pin.other_axis
@@ -378,7 +377,7 @@ def _rod_pose(robot: Robot, loop: Loop, rod: Rod, q: FloatArray) -> RodPose:
 
 
 def _frame(robot: Robot, q: FloatArray, body: str) -> tuple[FloatArray, FloatArray]:
-    """Rotation (3, 3) and origin (3,) of a body, the base included, with the joints at q."""
+    """Return rotation (3, 3) and origin (3,) of a body, the base included, with the joints at q."""
     if body == BASE:
         return np.eye(3), np.zeros(3)
     poses = frame_poses(robot, q[None], body)
@@ -386,12 +385,12 @@ def _frame(robot: Robot, q: FloatArray, body: str) -> tuple[FloatArray, FloatArr
 
 
 def _turn(first: FloatArray, second: FloatArray) -> FloatArray:
-    """The smallest rotation (3, 3) that takes one direction to another."""
+    """Return the smallest rotation (3, 3) that takes one direction to another."""
     return np.asarray(Rotation.align_vectors([second], [first])[0].as_matrix())
 
 
 def quaternion(R: FloatArray) -> FloatArray:
-    """(w, x, y, z) (4,) of a rotation matrix (3, 3), with w >= 0."""
+    """Return (w, x, y, z) (4,) of a rotation matrix (3, 3), with w >= 0."""
     return np.asarray(Rotation.from_matrix(R).as_quat(canonical=True)[[3, 0, 1, 2]])
 
 

@@ -12,12 +12,12 @@ FIXED = "fixed, not identified"
 
 
 def in_full(values: Iterable[float], separator: str = " ") -> str:
-    """Numbers as they are read back, one behind the other."""
+    """Return numbers as they are read back, one behind the other."""
     return separator.join(repr(float(value)) for value in values)
 
 
 def c_row(values: Iterable[float]) -> str:
-    """Numbers as the initial value of an array in C."""
+    """Return numbers as the initial value of an array in C."""
     return "{" + in_full(values, ", ") + "}"
 
 
@@ -50,17 +50,17 @@ class KnownNumber:
 
 
 def known_numbers(model: FittedRobot) -> tuple[KnownNumber, ...]:
-    """Numbers of every parameter of a fitted model, in the order of the fit."""
+    """Return numbers of every parameter of a fitted model, in the order of the fit."""
     return tuple(_known_number(model.result, parameter) for parameter in model.parameters)
 
 
 def interval_lines(model: FittedRobot) -> tuple[str, ...]:
-    """`lines_of` a fitted model."""
+    """Return `lines_of` a fitted model."""
     return lines_of(model.result, model.measured[0].configuration.name)
 
 
 def lines_of(result: Result, configuration: str) -> tuple[str, ...]:
-    """Header of an exported file: status of the fit, then a row per free parameter."""
+    """Return header of an exported file: status of the fit, then a row per free parameter."""
     every = [_known_number(result, parameter) for parameter in parameters_of(result, configuration)]
     numbers = [number for number in every if number.interval_text != FIXED]
     status = result.status.replace("_", " ")

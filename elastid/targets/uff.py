@@ -43,7 +43,7 @@ def write_uff(
     modes: Sequence[Modes] = (),
     geometry: GeometrySpec | None = None,
 ) -> tuple[Path, ...]:
-    """<configuration>.uff for each response, with its modes where given, and nodes.csv; StudyError without pyuff.
+    """Write <configuration>.uff for each response, with its modes where given, and nodes.csv; StudyError without pyuff.
 
     geometry: points and lines of the structure, which each file gets.
     """
@@ -69,7 +69,7 @@ def write_uff(
 
 
 def numbered(places: Iterable[str]) -> Nodes:
-    """Node and direction (0 none, 1 to 3 along x, y, z, 4 to 6 about them) of each place, all different."""
+    """Return node and direction (0 none, 1 to 3 along x, y, z, 4 to 6 about them) of each place, all different."""
     names = list(dict.fromkeys(places))
     matches = {name: re.fullmatch(r"(?:.*\D)?(\d{1,9})(r?[xyz])", name) for name in names}
     nodes = {name: (int(m[1]), _DIRECTIONS.index(m[2])) for name, m in matches.items() if m}
@@ -85,7 +85,7 @@ def numbered(places: Iterable[str]) -> Nodes:
 
 
 def _located(places: Sequence[str], geometry: GeometrySpec | None) -> tuple[Nodes, dict[str, int]]:
-    """Node and direction of each place, negative against an axis, and the node of each point of the geometry."""
+    """Return node and direction of each place, negative against an axis, and the node of each point of the geometry."""
     if geometry is None:
         return numbered(places), {}
 
@@ -146,7 +146,7 @@ def _sets(name: str, response: Response, nodes: Nodes) -> Iterable[dict[str, Any
 
 
 def _mode_sets(name: str, modes: Modes, nodes: Nodes) -> Iterable[dict[str, Any]]:
-    """Mode shapes along x, y and z of the nodes, without rotations and outputs without a direction."""
+    """Return mode shapes along x, y and z of the nodes, without rotations and outputs without a direction."""
     translating = [(i, *nodes[place]) for i, place in enumerate(modes.places) if 1 <= abs(nodes[place][1]) <= 3]
     numbers = sorted({node for _, node, _ in translating})
     for r in range(modes.n_modes if numbers else 0):

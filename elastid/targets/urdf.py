@@ -23,7 +23,7 @@ from elastid.targets.target import Target
 
 
 def write_urdf(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
-    """robot.urdf; StudyError where the robot has loops, since a URDF is a tree."""
+    """Write robot.urdf; StudyError where the robot has loops, since a URDF is a tree."""
     root = urdf(model.robot)
     ET.indent(root)
     path = folder / "robot.urdf"
@@ -34,7 +34,7 @@ def write_urdf(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
 
 
 def urdf(robot: Robot) -> ET.Element:
-    """The rigid robot; StudyError where it has loops."""
+    """Return the rigid robot; StudyError where it has loops."""
     if robot.loops:
         raise StudyError(
             "export/not-representable",
@@ -56,7 +56,7 @@ def urdf(robot: Robot) -> ET.Element:
 
 
 def _body(root: ET.Element, robot: Robot, body: Body, parent: str, pose: FloatArray) -> tuple[str, FloatArray]:
-    """The joints that lead to a body and its link; each further joint has an empty link before it.
+    """Return the joints that lead to a body and its link; each further joint has an empty link before it.
 
     pose: of the parent body in the parent's link.  Returns the link and the body's pose in it.
     """
@@ -80,7 +80,7 @@ def _body(root: ET.Element, robot: Robot, body: Body, parent: str, pose: FloatAr
 
 
 def _link_name(root: ET.Element, robot: Robot, name: str) -> str:
-    """A name for a link that is no body, unlike all others: a body and a frame may share one, two links may not."""
+    """Return a unique name for a link that is no body: a body and a frame may share a name, two links may not."""
     bodies = [BASE, *(body.name for body in robot.all_bodies)]
     return unused(name, [*bodies, *(link.get("name", "") for link in root.iter("link"))])
 

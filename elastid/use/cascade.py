@@ -50,12 +50,12 @@ class Cascade:
         return np.concatenate([*[np.arange(len(self.velocity_gain))] * 3, np.repeat(np.array(self.axes, int), 3)])
 
     def at(self, x: FloatArray) -> "Cascade":
-        """Cascade with other numbers, of logarithms x (n_x,)."""
+        """Return cascade with other numbers, of logarithms x (n_x,)."""
         p, v, corner, rest = np.split(np.exp(x), np.cumsum([len(self.velocity_gain)] * 3))
         return replace(self, position_gain=p, velocity_gain=v, low_pass_hz=corner, notches=rest.reshape(-1, 3))
 
     def bounds(self, reach: float, rate_hz: float) -> tuple[FloatArray, FloatArray]:
-        """Bounds (n_x,) of x, within `reach` of its own and with filters that can be."""
+        """Return bounds (n_x,) of x, within `reach` of its own and with filters that can be."""
         x, n = self.vector, len(self.velocity_gain)
         low, high = x - reach, x + reach
         high[2 * n : 3 * n] = np.minimum(high[2 * n : 3 * n], np.log(CORNER * rate_hz))
@@ -65,7 +65,7 @@ class Cascade:
         return np.minimum(low, x), np.maximum(high, x)
 
     def slower(self, position: float, velocity: float) -> "Cascade":
-        """Cascade with position and velocity gains of all axes times factors; filters stay."""
+        """Return cascade with position and velocity gains of all axes times factors; filters stay."""
         return replace(self, position_gain=position * self.position_gain, velocity_gain=velocity * self.velocity_gain)
 
     @property
@@ -74,18 +74,18 @@ class Cascade:
         return JointLoop(self.position_gain * self.velocity_gain, self.velocity_gain, self.position_gain)
 
     def filters(self, rate_hz: float) -> Filters:
-        """Notches, low pass and delay."""
+        """Return notches, low pass and delay."""
         sections = [[low_pass(corner, rate_hz)] for corner in self.low_pass_hz]
         for axis, row in zip(self.axes, self.notches, strict=True):
             sections[axis].insert(-1, notch(row[0], row[1], row[2], rate_hz))
         return Filters(tuple(sections), self.delay)
 
     def response(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
-        """F (..., n_u) at freq_hz (...)."""
+        """Return F (..., n_u) at freq_hz (...)."""
         return self.gains.response(freq_hz, rate_hz) * self.filters(rate_hz).response(freq_hz, rate_hz)
 
     def log_slopes(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
-        r"""d ln F_i / dx (..., n_x), i the axis of each of x; axes answer independently.
+        r"""Return d ln F_i / dx (..., n_x), i the axis of each of x; axes answer independently.
 
         .. math:: L = \frac{1}{s^2 + \sqrt 2 s + 1}, \quad N = \frac{s^2 + d w s + 1}{s^2 + w s + 1}, \quad
                   s = \frac{1 - z^{-1}}{1 + z^{-1}} \Big/ \tan\frac{\omega}{2 f_s}
@@ -94,12 +94,12 @@ class Cascade:
         centre, width, depth = self.notches.T
 
         def scaled_s(of_filter_hz: FloatArray) -> tuple[ComplexArray, FloatArray]:
-            """s (..., n), and d ln s / d ln omega (n,)."""
+            """Return s (..., n), and d ln s / d ln omega (n,)."""
             omega = 2 * np.pi * of_filter_hz / rate_hz
             return backward / (2 - backward) / np.tan(omega / 2), -omega / np.sin(omega)
 
         def slope(s: ComplexArray, w: FloatArray | float) -> ComplexArray:
-            """d ln (s^2 + w s + 1) / d ln s."""
+            """Return d ln (s^2 + w s + 1) / d ln s."""
             return (2 * s**2 + w * s) / (s**2 + w * s + 1)
 
         integral = self.position_gain / rate_hz * (1 - backward) / backward
@@ -112,15 +112,15 @@ class Cascade:
         return np.concatenate([of_position, np.ones_like(of_position), of_corner, of_notches], axis=-1)
 
     def on(self, scene: Scene) -> Closed:
-        """The loops that it closes."""
+        """Return the loops that it closes."""
         return scene.closed(self.gains, self.filters(scene.plants.rate_hz))
 
     def reached(self, scene: Scene) -> float:
-        """Mean over the axes of the logarithm of the bandwidth, the smallest of all plants."""
+        """Return mean over the axes of the logarithm of the bandwidth, the smallest of all plants."""
         return float(np.log(self.on(scene).bandwidth_hz.min(axis=0)).mean())
 
     def to_spec(self, joints: Sequence[str]) -> ControllerSpec:
-        """Controller as a study has it, to six digits."""
+        """Return controller as a study has it, to six digits."""
 
         def rounded(values: FloatArray) -> tuple[float, ...]:
             return tuple(float(f"{value:.6g}") for value in values)

@@ -61,16 +61,13 @@ class Plants:
 
     def with_states(self, states: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return A, B, C of P(z), zero-padded to `states` states, since delays differ between robots."""
-        more = (0, states - self.A.shape[-1])
-        none = (0, 0)
-        return (
-            np.pad(self.A, (none, more, more)),
-            np.pad(self.B, (none, more, none)),
-            np.pad(self.C, (none, none, more)),
-        )
+        more, none = (0, states - self.A.shape[-1]), (0, 0)
+        widths = (none, more, more), (none, more, none), (none, none, more)
+        A, B, C = (np.pad(*part) for part in zip((self.A, self.B, self.C), widths, strict=True))
+        return A, B, C
 
     def response(self, freq_hz: FloatArray) -> ComplexArray:
-        """P (N, F, n_u, n_u), angle over torque, at freq_hz (N, F)."""
+        """Return P (N, F, n_u, n_u), angle over torque, at freq_hz (N, F)."""
         unit, responses = np.eye(self.A.shape[-1]), []
         for A, B, C, lines_hz in zip(self.A, self.B, self.C, freq_hz, strict=True):  # all at once take gigabytes
             z = np.exp(2j * np.pi * lines_hz / self.rate_hz)[:, None, None]
@@ -80,9 +77,9 @@ class Plants:
 
 @dataclass(frozen=True)
 class PlantMode:
-    """A mode of the robot with motors that are free: freq_hz, and the spring with the most strain energy.
+    """Mode of the robot with free motors: natural frequency, and the spring with the largest strain energy.
 
-    motor_amplitudes (n_u,): by which it moves each motor, over that of the mode that moves it most.
+    motor_amplitudes (n_u,): modal participation of each motor, normalised by its largest one over all modes.
     """
 
     freq_hz: float
@@ -101,7 +98,7 @@ class PostureFamily:
 
     @classmethod
     def of(cls, result: Result, postures: Sequence[Configuration], rate_hz: float) -> "PostureFamily":
-        """StudyError where a posture has no rest."""
+        """Raise StudyError where a posture has no rest."""
         motors = result.known_robot.motor_locations
         family = result.family(PredictionPorts(inputs=motors, outputs=motors, motors="free"))
         chain, e, models, inertia = torque_elements(family.robot.chain), family.estimated, [], []
@@ -129,7 +126,7 @@ class PostureFamily:
         return self._plants(self.family.estimated.x)
 
     def draws(self, result: Result, count: int, seed: int) -> Plants:
-        """count times Q plants of robots drawn from the fit (`draw_robots`), the postures of each robot in a row."""
+        """Draw count times Q plants of robots from the fit (`draw_robots`), the postures of each robot in a row."""
         pieces = [self._plants(x) for x in draw_robots(result, count, seed).x]
         states = max(piece.A.shape[-1] for piece in pieces)
         A, B, C = (np.concatenate(part) for part in zip(*(piece.with_states(states) for piece in pieces), strict=True))
@@ -145,16 +142,13 @@ class PostureFamily:
         modal = modes(linear, theta)
         point = equilibrium(self.family.model, self.family.theta, linear.configuration)
         energy = strain_energy(self.family.model, self.family.theta, point, shapes_of_all(linear, modal.shapes))
-        energy_of, M = np.nan_to_num(energy.fraction), linear.matrices(theta)[0]
-        parts = (
-            np.abs(linear.B.T @ modal.shapes) ** 2 / np.einsum("im,ij,jm->m", modal.shapes.conj(), M, modal.shapes).real
-        )
+        M, shapes = linear.matrices(theta)[0], modal.shapes
+        parts = np.abs(linear.B.T @ shapes) ** 2 / np.einsum("im,ij,jm->m", shapes.conj(), M, shapes).real
         parts = parts / np.maximum(parts.max(axis=1, initial=0.0), 1e-300)[:, None]
+        springs = [energy.springs[i] for i in np.nan_to_num(energy.fraction).argmax(axis=0)]
         # A pendulum under gravity has less than half of its strain energy in springs.
         return tuple(
-            PlantMode(
-                float(modal.freq_hz[m]), energy.springs[int(energy_of[:, m].argmax())], tuple(parts[:, m].tolist())
-            )
+            PlantMode(float(modal.freq_hz[m]), springs[m], tuple(parts[:, m].tolist()))
             for m in np.flatnonzero(energy.load <= 0.5).tolist()
         )
 
@@ -180,12 +174,12 @@ def _sampled(linear: LinearModel, theta: FloatArray, rate_hz: float) -> tuple[Fl
 
 
 def _with_input_states(
-    A: FloatArray, before: FloatArray, now: FloatArray, C: FloatArray
+    A: FloatArray, B_before: FloatArray, B_now: FloatArray, C: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """x_(k+1) = A x_k + before u_(k-1) + now u_k as a state space of x and u_(k-1)."""
-    n, n_u = before.shape
-    wide = np.block([[A, before], [np.zeros((n_u, n + n_u))]])
-    return wide, np.vstack([now, np.eye(n_u)]), np.hstack([C, np.zeros((len(C), n_u))])
+    """Return x_(k+1) = A x_k + before u_(k-1) + now u_k as a state space of x and u_(k-1)."""
+    n, n_u = B_before.shape
+    wide = np.block([[A, B_before], [np.zeros((n_u, n + n_u))]])
+    return wide, np.vstack([B_now, np.eye(n_u)]), np.hstack([C, np.zeros((len(C), n_u))])
 
 
 LIMIT_DB = 6.0  # of M_S
@@ -194,7 +188,7 @@ STABLE = 1 - 1e-9  # |z| of a pole, which rounding of an integrator at 1 stays o
 
 
 def grid(plants: Plants, lines: int, per_mode: int) -> FloatArray:
-    """freq_hz (N, F): logarithmic up to half the rate, and denser about each mode of a plant."""
+    """Return freq_hz (N, F): logarithmic up to half the rate, and denser about each mode of a plant."""
     poles = np.linalg.eigvals(plants.A)
     with np.errstate(divide="ignore", invalid="ignore"):
         s = np.log(poles.astype(complex)) * plants.rate_hz
@@ -224,12 +218,12 @@ class Scene:
     @classmethod
     @lru_cache(maxsize=4)  # of the estimate, coarse and fine, and of draws
     def of(cls, plants: Plants, lines: int = 220, per_mode: int = 13) -> "Scene":
-        """Scene on a grid with so many lines."""
+        """Return scene on a grid with so many lines."""
         freq_hz = grid(plants, lines, per_mode)
         return cls(plants, freq_hz, plants.response(freq_hz))
 
     def closed(self, gains: JointLoop, filters: Filters | None) -> "Closed":
-        """The loops of gains (n_u,) or (N, n_u)."""
+        """Return the loops of gains (n_u,) or (N, n_u)."""
         return Closed(self, gains, filters)
 
 
@@ -242,7 +236,7 @@ class Closed:
     filters: Filters | None
 
     def _controller(self, has_damping: bool) -> ComplexArray:
-        """F or F_r (N, F, n_u)."""
+        """Return F or F_r (N, F, n_u)."""
         freq_hz, rate_hz = self.scene.freq_hz, self.scene.plants.rate_hz
         stack = self.gains.gain_derivatives(lambda part: np.atleast_2d(part)[:, None])
         H = 1.0 if self.filters is None else self.filters.response(freq_hz, rate_hz)
@@ -282,13 +276,13 @@ class Closed:
 
 
 def scaled(S: ComplexArray, inertia: FloatArray) -> ComplexArray:
-    """J^-1/2 S J^1/2 of S (N, F, n_u, n_u) with inertia (N, n_u)."""
+    """Return J^-1/2 S J^1/2 of S (N, F, n_u, n_u) with inertia (N, n_u)."""
     root = np.sqrt(inertia)[:, None]
     return S / root[..., :, None] * root[..., None, :]
 
 
 def bandwidths(E: ComplexArray, freq_hz: FloatArray) -> FloatArray:
-    """Hz (N, n_u) where |E| of E (N, F, n_u) first rises to -3 dB; the ends of the grid where it lies beyond."""
+    """Return Hz (N, n_u) where |E| of E (N, F, n_u) first rises to -3 dB; the ends of the grid where it lies beyond."""
     size = np.abs(E)
     above = size >= THRESHOLD
     last = np.where(above.any(axis=1), above.argmax(axis=1), size.shape[1] - 1)
@@ -302,7 +296,7 @@ def bandwidths(E: ComplexArray, freq_hz: FloatArray) -> FloatArray:
 
 
 def closed_loop_poles(plants: Plants, gains: JointLoop, filters: Filters | None) -> ComplexArray:
-    """z (N, n) of the loops; gains that differ from plant to plant are (N, n_u)."""
+    """Return z (N, n) of the loops; gains that differ from plant to plant are (N, n_u)."""
     N, _, n_u = plants.B.shape
     T, unit, none = 1 / plants.rate_hz, np.eye(n_u), np.zeros((n_u, n_u))
     kp, kd, ki = (np.broadcast_to(part, (N, n_u))[:, :, None] * unit for part in (gains.kp, gains.kd, gains.ki))
@@ -320,6 +314,6 @@ def closed_loop_poles(plants: Plants, gains: JointLoop, filters: Filters | None)
 
 
 def _blocks(rows: list[list[FloatArray]]) -> FloatArray:
-    """Block matrices (N, m, n) of blocks (N, ., .) or (., .)."""
+    """Return block matrices (N, m, n) of blocks (N, ., .) or (., .)."""
     N = np.broadcast_shapes(*((1, *block.shape)[-3:-2] for row in rows for block in row))
     return np.block([[np.broadcast_to(block, (*N, *block.shape[-2:])) for block in row] for row in rows])

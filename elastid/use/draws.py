@@ -27,7 +27,7 @@ class DrawnRobots:
 
 
 def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = "") -> DrawnRobots:
-    """`count` robots from the normal distribution of x (`Result.covariance_of_prediction`), within its bounds.
+    """Return `count` robots from the normal distribution of x (`Result.covariance_of_prediction`), within its bounds.
 
     configuration: whose parameters count, where configurations have their own.  FitError where nearly no draw is a
     physical robot.
@@ -42,12 +42,11 @@ def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = 
         moved_by_doubts = sum((size * doubt.effects for size, doubt in zip(sizes, result.doubts, strict=True)), 0.0 * x)
         x = np.clip(x + moved_by_doubts, *result.parameters.x_bounds)
         numbers = result.parameters.numbers(x, configuration)
-        moved = [numbers[name] for name in names]
+        row = [numbers[name] for name in names]
         numbers.pop(DELAY, None)
         for size, doubt in zip(sizes, result.doubts, strict=True):
-            numbers |= {
-                name: doubt.with_error(name, numbers[name], float(size)) for name in doubt.members if name in numbers
-            }
+            members = [name for name in doubt.members if name in numbers]
+            numbers |= {name: doubt.with_error(name, numbers[name], float(size)) for name in members}
         try:
             robots.append(exact.with_parameters(numbers))
         except ValueError:
@@ -60,7 +59,7 @@ def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = 
                     "inertias a prior, or fix them",
                 ) from None
         else:
-            values.append(moved)
+            values.append(row)
             samples.append(np.append(x - moved_by_doubts, sizes))
     fixed = [p.name for p, v in zip(result.parameters.free, np.diag(covariance), strict=True) if np.isinf(v)]
     return DrawnRobots(names, np.array(samples), np.array(values), tuple(robots), tuple(fixed))

@@ -37,7 +37,7 @@ def _keeps(scene: Scene, cascade: Cascade, limit_db: float) -> bool:
 
 
 def slowed(cascade: Cascade, is_accepted: Callable[[Cascade], bool], slowest: int = _SLOWEST) -> Cascade | None:
-    """First slower copy of a controller that satisfies its limit, within a quarter of a step; None if no copy does."""
+    """Return the first slower copy of a controller within its limit, to a quarter of a step; None if no copy is."""
     for step in range(slowest):
         for factor in (0.0, 1.0):  # of the slowing that the velocity loops take part in
 
@@ -50,7 +50,7 @@ def slowed(cascade: Cascade, is_accepted: Callable[[Cascade], bool], slowest: in
 
 
 def rules(plants: Plants, first_mode_hz: float, delay: int) -> Iterator[Cascade]:
-    """Velocity bandwidths from 2 to 1/30 of the first mode, or of the limit by delay and sampling; gains by inertia."""
+    """Yield velocity bandwidths, 2 to 1/30 of the first mode or the limit by delay and sampling; gains by inertia."""
     top = 2 * np.pi * min(first_mode_hz, plants.rate_hz / (8 * (1 + delay)))
     inertia = np.exp(np.log(plants.inertia).mean(axis=0))
     corner = np.full(len(inertia), 0.3 * plants.rate_hz)
@@ -60,7 +60,7 @@ def rules(plants: Plants, first_mode_hz: float, delay: int) -> Iterator[Cascade]
 
 
 def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIMIT_DB) -> Iterator[Cascade]:
-    """Better and better controllers that keep the limit on all plants; FitError where no gain does."""
+    """Yield better and better controllers within the limit on all plants; FitError where no gain does."""
     feasible = [cascade for cascade in rules(scene.plants, first_mode_hz, delay) if _keeps(scene, cascade, limit_db)]
     best = max(feasible, key=lambda cascade: cascade.reached(scene), default=None)
     if best is None:
@@ -75,15 +75,15 @@ def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIM
     for _ in range(MAX_NOTCHES * len(best.velocity_gain)):
         candidates = [searched(scene, cascade, limit_db, rounds=2) for cascade in _with_notch(scene, best)]
         start = max(filter(None, candidates), key=lambda cascade: cascade.reached(scene), default=best)
-        gained = searched(scene, start, limit_db) or best
-        if gained.reached(scene) < best.reached(scene) + 0.02:  # a notch is kept for 2 % of bandwidth
+        candidate = searched(scene, start, limit_db) or best
+        if candidate.reached(scene) < best.reached(scene) + 0.02:  # a notch is kept for 2 % of bandwidth
             return
-        best = gained
+        best = candidate
         yield best
 
 
 def _with_notch(scene: Scene, best: Cascade) -> Iterator[Cascade]:
-    """Cascades with a shallow notch more for one axis, below and above the peak that it has most part in."""
+    """Yield cascades with a shallow notch more for one axis, below and above the peak that it has most part in."""
     left, size, right = np.linalg.svd(scaled(best.on(scene).S, scene.plants.inertia))
     parts = np.abs(left[..., 0] * right[..., 0, :]) * size[..., :1]
     for axis in range(len(best.velocity_gain)):
@@ -96,13 +96,13 @@ def _with_notch(scene: Scene, best: Cascade) -> Iterator[Cascade]:
 
 
 def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUNDS) -> Cascade | None:
-    """The best that rounds of sequential quadratic programming find; None for a start that no slowing helps."""
+    """Search by rounds of sequential quadratic programming; None for a start that no slowing helps."""
 
     def is_accepted(cascade: Cascade) -> bool:
         return _keeps(scene, cascade, limit_db)
 
     @lru_cache(maxsize=2)
-    def known(x: bytes) -> tuple[FloatArray, FloatArray]:
+    def margin_at(x: bytes) -> tuple[FloatArray, FloatArray]:
         return sensitivity_margin(scene, start.at(np.frombuffer(x)), limit_db)
 
     n = len(start.velocity_gain)
@@ -116,29 +116,28 @@ def searched(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUND
             lambda x: (-uphill @ x, -uphill), best.vector, jac=True, method="SLSQP",
             bounds=list(zip(low, high, strict=True)), options={"maxiter": _STEPS, "ftol": 1e-5},
             constraints={
-                "type": "ineq", "fun": lambda x: known(x.tobytes())[0], "jac": lambda x: known(x.tobytes())[1],
+                "type": "ineq", "fun": lambda x: margin_at(x.tobytes())[0], "jac": lambda x: margin_at(x.tobytes())[1],
             },
         )  # fmt: skip
-        trial = (
-            slowed(best.at(np.clip(optimum.x, low, high)), is_accepted, 20) if np.isfinite(optimum.x).all() else None
-        )
-        gained = (trial or best).reached(scene) - best.reached(scene)
-        best = trial if trial and gained > 0 else best
-        reach /= 3 if gained < 0.005 else 1
+        x = np.clip(optimum.x, low, high)
+        trial = slowed(best.at(x), is_accepted, 20) if np.isfinite(x).all() else None
+        gain = (trial or best).reached(scene) - best.reached(scene)
+        best = trial if trial and gain > 0 else best
+        reach /= 3 if gain < 0.005 else 1
         if reach < 0.05:
             break
     return best
 
 
 def sensitivity_margin(scene: Scene, form: Cascade, limit_db: float) -> tuple[FloatArray, FloatArray]:
-    """Limit less M_S, dB (n,), of each part of the band of each plant, and its slopes (n, n_x) to the logarithms x."""
+    """Return limit less M_S, dB (n,), of each part of the band of each plant, and slopes (n, n_x) to logarithms x."""
     freq_hz, rate_hz, root = scene.freq_hz, scene.plants.rate_hz, np.sqrt(scene.plants.inertia)
     closed = form.on(scene)
     S, sizes = closed.S, closed.size
     parts = np.array_split(np.arange(sizes.shape[1]), _BANDS)
     lines = np.array([part[size[part].argmax()] for size in sizes for part in parts])
     rows = np.repeat(np.arange(len(sizes)), _BANDS)
-    left_db = limit_db - 0.02 - 20 * np.log10(sizes[rows, lines])
+    margin_db = limit_db - 0.02 - 20 * np.log10(sizes[rows, lines])
     # d sigma = -Re u^H S dF P S v in scaled coordinates.
     at, scale, owners = S[rows, lines], root[rows], form.owners
     left, sigma, right = np.linalg.svd(at / scale[:, :, None] * scale[:, None, :])
@@ -147,12 +146,12 @@ def sensitivity_margin(scene: Scene, form: Cascade, limit_db: float) -> tuple[Fl
     through = before * form.response(freq_hz[rows, lines], rate_hz) * after
     slopes = -(through[:, owners] * form.log_slopes(freq_hz[rows, lines], rate_hz)).real / sigma[:, :1]
     if not closed.stable.all():  # a step too far counts as farther than any limit
-        left_db = left_db - 60
-    return left_db, -20 / np.log(10) * slopes
+        margin_db = margin_db - 60
+    return margin_db, -20 / np.log(10) * slopes
 
 
 def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: int) -> Cascade:
-    """The design that keeps the limit on the estimate and on 95 % of D draws.
+    """Design a controller that keeps the limit on the estimate and on 95 % of D draws.
 
     draws: D times as many plants as the estimate has, or none.  FitError where no gains do.
     """
@@ -161,7 +160,7 @@ def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: 
     scene_of_draws = None if draws is None else Scene.of(draws, lines=120, per_mode=9)
 
     def excess(cascade: Cascade) -> float:
-        """dB by which the peak of the estimate, or the 95 % quantile of the draws, is above the limit."""
+        """Return dB by which the peak of the estimate, or the 95 % quantile of the draws, is above the limit."""
         peaks = [float(cascade.on(fine).peaks_db.max())]
         if scene_of_draws is not None:
             of_draws = cascade.on(scene_of_draws).peaks_db.reshape(-1, Q).max(axis=1)
@@ -176,9 +175,7 @@ def robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: 
             break
         limit_db -= min(above + 0.01, 1.5)
     # Slowing may cost one of them half its bandwidth, and another nothing.
-    safe = [
-        result for start in candidates if (result := slowed(start, lambda cascade: excess(cascade) <= 0)) is not None
-    ]
+    safe = [*filter(None, (slowed(start, lambda cascade: excess(cascade) <= 0) for start in candidates))]
     if not safe:
         raise FitError("use/gains", "no gains keep the sensitivity below 6 dB for 95 % of the posterior samples")
     return max(safe, key=lambda cascade: cascade.reached(scene))

@@ -147,7 +147,7 @@ class LockedEquations:
         return LockedPostures(A[0], A[1], A[2], J, slopes[:, :n_t], J_slopes, *of_springs, poses.position)
 
     def _linearised(self, angles: FloatArray, q: FloatArray) -> tuple[FloatArray, ...]:
-        """The fields of `LockedPostures`, but the position, in one posture of a robot with loops."""
+        """Return the fields of `LockedPostures`, but the position, in one posture of a robot with loops."""
         family, linear = self.family, self.family.at(self._configuration(angles)).linear
         slopes = [linear.slopes.get(family.estimated.names[row], Slope()) for row in self.dependent]
 

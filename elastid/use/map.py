@@ -57,13 +57,11 @@ class Cut:
     force: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
-        directions = [each for each in (self.normal, self.force) if each is not None]
-        if not (np.all(np.isfinite([self.load, *directions])) and all(map(np.any, directions))) or (
-            self.force and not self.normal
-        ):
-            raise ValueError(
-                "load, normal and force must be finite; normal and force must not be 0; force requires normal"
-            )
+        directions = [direction for direction in (self.normal, self.force) if direction is not None]
+        is_finite = np.all(np.isfinite([self.load, *directions]))
+        if not is_finite or not all(map(np.any, directions)) or (self.force and not self.normal):
+            text = "load, normal and force must be finite; normal and force must not be 0; force requires normal"
+            raise ValueError(text)
         if not self.cutting_coefficient > 0:
             raise ValueError(f"cutting coefficient {self.cutting_coefficient:g} N/m^2; it must be positive")
 
@@ -112,7 +110,7 @@ def answers(
     H = at.J[:, None] @ X
 
     def std(line: int, a: ComplexArray | FloatArray, b: ComplexArray | FloatArray) -> FloatArray:
-        """Standard deviations (Q,) of Re a^T G b of directions a, b (Q, 3)."""
+        """Return standard deviations (Q,) of Re a^T G b of directions a, b (Q, 3)."""
         pair = ((X[:, line] @ each[:, :, None]).mT for each in (a, b))
         slopes = at.response_slopes(s[:, line, None], a, b, *pair)[:, 0]
         return np.asarray(np.linalg.norm(slopes.real @ shifts.T, axis=1))
@@ -160,7 +158,7 @@ def answers(
 def _extremes(
     at: LockedPostures, freq_hz: FloatArray, zeta: FloatArray, lines_hz: FloatArray, cut: Cut
 ) -> tuple[FloatArray, FloatArray]:
-    """Lines (Q,) of the largest response and of the most negative real part.  freq_hz, zeta (Q, n): NaN beyond."""
+    """Return lines (Q,) of the largest response and the most negative real part.  freq_hz, zeta (Q, n): NaN beyond."""
     zeta = np.clip(zeta, 0.0, 1.0)
     # Where each mode peaks, and where its real part is most negative.
     extremes = [np.sqrt(np.maximum(1 - 2 * zeta**2, 1e-4)), np.sqrt(1 + 2 * zeta)]
@@ -178,7 +176,7 @@ def _extremes(
 
 
 def largest_gain(G: ComplexArray) -> FloatArray:
-    """Largest singular value (...) of matrices (..., n, n)."""
+    """Return largest singular value (...) of matrices (..., n, n)."""
     return singular_values(G.reshape(-1, *G.shape[-2:]))[:, 0].reshape(G.shape[:-2])
 
 
@@ -205,7 +203,7 @@ class Quantity:
         """Ends (Q,) of the 95 % intervals."""
         with np.errstate(over="ignore", invalid="ignore"):
             reach = np.exp(QUANTILE_95 * self.relative_std)
-            return np.asarray(self.value / reach), np.asarray(self.value * reach)
+            return self.value / reach, (self.value * reach)
 
 
 @frozen_value
@@ -240,7 +238,7 @@ class WorkspaceMap:
     sliding: tuple[bool, ...] = ()
 
     def __getitem__(self, name: str) -> Quantity:
-        """A quantity by its name."""
+        """Return a quantity by its name."""
         return {quantity.name: quantity for quantity in self.quantities}[name]
 
     def __len__(self) -> int:
@@ -251,8 +249,8 @@ class WorkspaceMap:
 
         def column(of: Any, name: str) -> Any:
             values, pieces = getattr(of, name), []
-            for some in np.array_split(rows, 1 + len(rows) // 200):  # a system maps 64 KB about each row of a file
-                pieces.append(values[some])
+            for piece in np.array_split(rows, 1 + len(rows) // 200):  # a system maps 64 KB about each row of a file
+                pieces.append(values[piece])
                 release(values)
             return np.concatenate(pieces)
 
@@ -282,11 +280,9 @@ class WorkspaceMap:
     @property
     def limiting_springs(self) -> tuple[str, ...]:
         """The spring with the largest part in the softest direction of each posture."""
-        return (
-            tuple(self.springs[i] for i in np.argmax(self.compliance_fraction, axis=1))
-            if self.springs
-            else ("",) * len(self)
-        )
+        if not self.springs:
+            return ("",) * len(self)
+        return tuple(self.springs[i] for i in np.argmax(self.compliance_fraction, axis=1))
 
 
 def map_workspace(
@@ -300,7 +296,7 @@ def map_workspace(
     is_path: bool = False,
     execution: Execution = HERE,
 ) -> WorkspaceMap:
-    """The map of postures (Q, n_u) of a fitted robot; StudyError where none of them has an equilibrium.
+    """Map postures (Q, n_u) of a fitted robot; StudyError where none of them has an equilibrium.
 
     fitted: or its family in the axes of the base, built before.  frame: by default `tool`, else the last one.
     lines_hz (F,): by default LINES of them over the modes.  Maps of many postures are in temporary files.
@@ -346,16 +342,16 @@ def map_workspace(
 
 
 def _in_parts(function: Callable[[FloatArray], Any], angles: FloatArray) -> tuple[BoolArray, dict[str, FloatArray]]:
-    """`answers` of so many postures at a time as a cache takes."""
+    """Return `answers` of so many postures at a time as a cache takes."""
     rests, parts = zip(*(function(angles[first : first + 50]) for first in range(0, len(angles), 50)), strict=True)
     names = max(parts, key=len)
     return np.concatenate(rests), {key: np.concatenate([part[key] for part in parts if part]) for key in names}
 
 
 def default_lines(equations: LockedEquations, angles: FloatArray) -> FloatArray:
-    """LINES lines (F,) from half the first natural frequency of some postures to twice their sixth, or last."""
-    some = angles[:: max(1, len(angles) // 20)][:20]
-    q, rests = equations.rest(some)
-    at = equations.at(some[rests], q[rests]) if rests.any() else None
+    """Return LINES lines (F,) from half the first natural frequency of some postures to twice their sixth, or last."""
+    sample = angles[:: max(1, len(angles) // 20)][:20]
+    q, rests = equations.rest(sample)
+    at = equations.at(sample[rests], q[rests]) if rests.any() else None
     freq_hz = np.array([2.0, 50.0]) if at is None else np.abs(oscillations(at.M, at.D, at.K)[0][:, :6]) / (2 * np.pi)
     return np.geomspace(np.nanmin(freq_hz) / 2, 2 * np.nanmax(freq_hz), LINES)

@@ -34,7 +34,7 @@ class MotionLimits:
 
     @classmethod
     def of(cls, robot: Robot) -> "MotionLimits":
-        """Limits of the driven joints."""
+        """Return limits of the driven joints."""
         limits = [joint.limits for joint in robot.driven]
         angle = np.array([limit.angle for limit in limits], float)
         return cls(angle, *(np.array([getattr(limit, kind) for limit in limits], float) for kind in KINDS))
@@ -47,7 +47,7 @@ class MotionLimits:
         return (low + high) / 2, np.where(finite, (high - low) / 2, np.inf)
 
     def narrowed(self, parts: dict[str, FloatArray]) -> "MotionLimits":
-        """Limits with a part (n_u,) of each kind that is named."""
+        """Return limits with a part (n_u,) of each kind that is named."""
         return replace(self, **{kind: getattr(self, kind) * part for kind, part in parts.items()})
 
 
@@ -71,14 +71,14 @@ class References:
         return float((len(self.time_s) - 1) / (self.time_s[-1] - self.time_s[0]))
 
     def use(self, limits: MotionLimits) -> dict[str, FloatArray]:
-        """Used fraction (N, n_u) of each limit, 0 without a limit."""
+        """Return used fraction (N, n_u) of each limit, 0 without a limit."""
         used = {kind: np.abs(getattr(self, kind)) / getattr(limits, kind) for kind in KINDS}
         middle, reach = limits.range
         return {"angle": np.abs(self.position - middle) / reach, **used}
 
 
 def evaluate_spline(spline: BSpline, t: FloatArray, order: int) -> FloatArray:
-    """A spline (N, n), or its derivative of an order, at t (N,); at rest before its start and after its end."""
+    """Return a spline (N, n), or its derivative of an order, at t (N,); at rest before its start and after its end."""
     low, high = spline.t[[0, -1]]
     values = np.asarray(spline(np.clip(t, low, high), order))
     if order:
@@ -103,7 +103,7 @@ class Move:
     duration: float
 
     def at(self, t: FloatArray, order: int = 0) -> FloatArray:
-        """Angles (N, n_u) at times (N,), or their derivatives of an order, in rad (m) and s."""
+        """Return angles (N, n_u) at times (N,), or their derivatives of an order, in rad (m) and s."""
         return evaluate_spline(self.spline, t / self.duration, order) / self.duration**order
 
     @property
@@ -117,7 +117,7 @@ class Move:
 
 
 def read_move(path: Path, robot: Robot, frame: str, duration: float | None = None) -> Move:
-    """A CSV file of joint angles or poses (`read_path`), with a column `t` in s or, without times, in `duration` s.
+    """Read a CSV file of joint angles or poses (`read_path`) with a column `t` in s, or else in `duration` s.
 
     duration: 0 for one that is still to be found, None for that of the file.
 
@@ -168,7 +168,7 @@ def _times(table: Table) -> FloatArray | None:
 
 
 def _path_parameters(points: FloatArray, times: FloatArray | None) -> FloatArray:
-    """Shares (Q,) of the duration at which a path is at its points (Q, n); of their distance without times."""
+    """Return shares (Q,) of the duration at which a path is at its points (Q, n); of their distance without times."""
     if times is None:
         steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
         times = np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1e-9 * max(steps.sum(), 1e-9)))])
@@ -176,16 +176,16 @@ def _path_parameters(points: FloatArray, times: FloatArray | None) -> FloatArray
 
 
 def _through(path_parameters: FloatArray, points: FloatArray, is_timed: bool) -> BSpline:
-    """The spline of the time's share from rest to rest, through points (Q, n) at shares (Q,) of time or of the way."""
+    """Return the spline of the time's share, rest to rest, through points (Q, n) at shares (Q,) of time or path."""
     if is_timed:
         return _rest_to_rest_spline(path_parameters, points)
-    way = make_interp_spline(path_parameters, points, k=min(3, len(points) - 1))
+    path = make_interp_spline(path_parameters, points, k=min(3, len(points) - 1))
     s = np.linspace(0.0, 1.0, _SAMPLES + 1)
-    return _rest_to_rest_spline(s, way(np.clip(np.polynomial.polynomial.polyval(s, _TIMING), 0.0, 1.0)))
+    return _rest_to_rest_spline(s, path(np.clip(np.polynomial.polynomial.polyval(s, _TIMING), 0.0, 1.0)))
 
 
 def _rest_to_rest_spline(s: FloatArray, points: FloatArray) -> BSpline:
-    """The spline of degree 5 through points (Q, n) at s (Q,), at its ends without velocity and acceleration."""
+    """Return the spline of degree 5 through points (Q, n) at s (Q,), at its ends without velocity and acceleration."""
     still = np.zeros(points.shape[1])
     return make_interp_spline(s, points, k=5, bc_type=([(1, still), (2, still)], [(1, still), (2, still)]))
 
@@ -216,7 +216,7 @@ def _through_poses(table: Table, robot: Robot, frame: str, times: FloatArray | N
 
 
 def _check_limits(table: Table, angles: FloatArray, robot: Robot) -> None:
-    """DataError for the first row (of a table of joints) or angle (of poses) beyond the limits of a driven joint."""
+    """Raise DataError for the first row (of joint angles) or angle (of poses) beyond the limits of a driven joint."""
     for row, i in np.argwhere(beyond_limits(robot, angles)).tolist():
         line = table.lines[row] if len(angles) == len(table.lines) else table.lines[-1]
         joint = robot.driven[i]
@@ -228,5 +228,5 @@ def _check_limits(table: Table, angles: FloatArray, robot: Robot) -> None:
 
 
 def point_to_point(start: FloatArray, end: FloatArray, duration: float) -> Move:
-    """The move of the joints from angles (n_u,) to others."""
+    """Return the move of the joints from angles (n_u,) to others."""
     return Move(_through(np.array([0.0, 1.0]), np.stack([start, end]), False), duration)

@@ -26,20 +26,20 @@ _POSITION, _ROTATION = dict.fromkeys(("x", "y", "z"), "m"), dict.fromkeys(("rx",
 
 
 def limits_of(robot: Robot) -> FloatArray:
-    """Lower and upper angle (n_u, 2) of the driven joints; a full turn, or 0 for those that slide, without limits."""
-    whole = [(0.0, 0.0) if joint.slides else (-np.pi, np.pi) for joint in robot.driven]
+    """Return lower and upper angle (n_u, 2) of driven joints; without limits a full turn, 0 for sliding joints."""
+    full_range = [(0.0, 0.0) if joint.slides else (-np.pi, np.pi) for joint in robot.driven]
     limits = np.array([joint.limits.angle for joint in robot.driven], float)
-    return np.where(np.isfinite(limits), limits, np.array(whole))
+    return np.where(np.isfinite(limits), limits, np.array(full_range))
 
 
 def beyond_limits(robot: Robot, angles: FloatArray) -> BoolArray:
-    """True (Q, n_u) of angles beyond the limits of their joints, where these have some."""
+    """Return True (Q, n_u) for angles beyond the limits of their joints, where these have some."""
     low, high = np.array([joint.limits.angle for joint in robot.driven], float).T
     return np.asarray((angles < low - 1e-9) | (angles > high + 1e-9))
 
 
 def random_postures(robot: Robot, count: int, seed: int = 0) -> FloatArray:
-    """Angles (count, n_u), uniform within the limits, of postures in which the loops close; many are in a file."""
+    """Draw angles (count, n_u), uniform within the limits, of postures in which loops close; many are in a file."""
     (low, high), rng, n = limits_of(robot).T, np.random.default_rng(seed), 0
     tries, piece = count * (5 if robot.loops else 1), 10_000
     angles = (np.empty if count <= piece else empty_in_file)((count, len(low)))
@@ -58,12 +58,12 @@ def random_postures(robot: Robot, count: int, seed: int = 0) -> FloatArray:
 
 
 def _seeds(robot: Robot, seed: int) -> FloatArray:
-    """Postures among which each pose finds its start; fewer of a linkage, which take longer."""
+    """Return postures among which each pose finds its start; fewer of a linkage, which take longer."""
     return random_postures(robot, 200 if robot.loops else 2000, seed)
 
 
 def grid_postures(robot: Robot, frame: str, points: int = 12, seed: int = 0) -> FloatArray:
-    """Angles (Q, n_u) that bring a frame onto a cubic grid over its workspace, `points` along the longest side."""
+    """Return angles (Q, n_u) of a frame on a cubic grid over its workspace, `points` along the longest side."""
     reached = frame_poses(robot, followed(robot, _seeds(robot, seed)), frame).position
     low, high = reached.min(axis=0), reached.max(axis=0)
     spacing = max(float((high - low).max()) / max(points - 1, 1), _REACHED)
@@ -82,7 +82,7 @@ def grid_postures(robot: Robot, frame: str, points: int = 12, seed: int = 0) -> 
 def inverse_kinematics(
     robot: Robot, frame: str, position: FloatArray, rotation: FloatArray | None = None, seed: int = 0
 ) -> tuple[FloatArray, BoolArray]:
-    """Angles (Q, n_u) within the limits that bring a frame to positions (Q, 3), and rotations (Q, 3, 3) if given.
+    """Find angles (Q, n_u) within the limits that bring a frame to positions (Q, 3) and optional rotations (Q, 3, 3).
 
     Second value (Q,): whether it is reached.
     """
@@ -104,7 +104,7 @@ def inverse_kinematics(
 def follow_path(
     robot: Robot, frame: str, position: FloatArray, rotation: FloatArray | None, seed: int = 0
 ) -> tuple[FloatArray, BoolArray]:
-    """Postures (n, n_u) and flags (n,) if reached, for positions (n, 3), m; each search starts at the last pose."""
+    """Find postures (n, n_u) and flags (n,) if reached for positions (n, 3), m; each search starts at the last pose."""
     angles, reached = inverse_kinematics(robot, frame, position, rotation, seed)
     for i in range(1, len(position)):
         if not reached[i - 1]:
@@ -119,7 +119,7 @@ def follow_path(
 def _descend(
     robot: Robot, frame: str, position: FloatArray, rotation: FloatArray | None, q: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Angles (Q, n_u), and how far (Q,) they are from the poses, m or rad."""
+    """Return angles (Q, n_u), and how far (Q,) they are from the poses, m or rad."""
     distance, (low, high) = np.full(len(q), np.inf), limits_of(robot).T
     for _ in range(60):
         joints = followed(robot, q)
@@ -159,13 +159,13 @@ class Table:
         return tuple(name_and_unit(head)[0] for head in self.heads)
 
     def angles(self, robot: Robot) -> FloatArray | None:
-        """Angles (Q, n_u) of the driven joints in rad, or m; None if the table lacks one."""
+        """Return angles (Q, n_u) of the driven joints in rad, or m; None if the table lacks one."""
         if not set(robot.driven_names) <= set(self.names):
             return None
         return self.in_si({joint.name: "m" if joint.slides else "rad" for joint in robot.driven})
 
     def poses(self, robot: Robot) -> tuple[FloatArray, FloatArray | None]:
-        """Positions (Q, 3) and rotations (Q, 3, 3), None without them; DataError where there are no poses either."""
+        """Return positions (Q, 3) and rotations (Q, 3, 3) or None; DataError where there are no poses either."""
         turns = _ROTATION.keys() & {*self.names}
         if not _POSITION.keys() <= {*self.names} or (turns and turns != _ROTATION.keys()):
             joints = robot.driven_names
@@ -179,7 +179,7 @@ class Table:
         return self.in_si(_POSITION), Rotation.from_rotvec(self.in_si(_ROTATION)).as_matrix() if turns else None
 
     def in_si(self, dimensions: dict[str, str]) -> FloatArray:
-        """Columns (Q, n) of the names in `dimensions` in SI units; DataError for a unit that measures another."""
+        """Return columns (Q, n) of the names in `dimensions` in SI units; DataError for a unit of another dimension."""
         columns = [self.names.index(name) for name in dimensions]
         units = [name_and_unit(self.heads[column])[1] for column in columns]
         try:
@@ -190,7 +190,7 @@ class Table:
 
 
 def read_path(path: Path, robot: Robot, frame: str) -> tuple[FloatArray, tuple[str, ...]]:
-    """A CSV file with a column for each driven joint, in rad (or deg: `1 deg`), or with poses of the frame.
+    """Read a CSV file with a column for each driven joint, in rad (or deg: `1 deg`), or with poses of the frame.
 
     Poses: columns x, y, z in m, and rx, ry, rz, the rotation vector in rad, where the orientation counts.
     Angles (Q, n_u), and sentences on rows out of reach, which are left out, and beyond the limits of the joints, which
@@ -206,8 +206,8 @@ def read_path(path: Path, robot: Robot, frame: str) -> tuple[FloatArray, tuple[s
     if not reached.any():
         raise DataError(
             "use/unreachable",
-            f"no pose is within reach of frame {frame} and the limits of the joints; x, y, z are in m from the "
-            "robot's base",
+            f"no pose is within reach of frame {frame} and the limits of the joints. x, y, z count from the robot's "
+            "base, in m unless the heading has another unit. Correct them or the limits",
             path,
         )
     words = "are out of reach of the frame within the limits of the joints, and left out"
@@ -215,14 +215,14 @@ def read_path(path: Path, robot: Robot, frame: str) -> tuple[FloatArray, tuple[s
 
 
 def _remark(where: BoolArray, words: str) -> tuple[str, ...]:
-    """Sentence on rows (Q,), counted from 1; empty without rows."""
+    """Return sentence on rows (Q,), counted from 1; empty without rows."""
     rows = [str(row + 1) for row in np.flatnonzero(where)]
     more = ", ..." * (len(rows) > 5)
     return (f"{len(rows)} of the path's postures (row {', '.join(rows[:5])}{more}) {words}",) if rows else ()
 
 
 def read_numbers(path: Path) -> Table:
-    """Numbers of a CSV file; raise DataError with the row of a cell without a number."""
+    """Read the numbers of a CSV file; raise DataError with the row of a cell without a number."""
     values, lines, heads = [], [], tuple[str, ...]()
     for line, cells in read_table(path):
         try:

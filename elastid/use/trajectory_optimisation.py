@@ -61,7 +61,7 @@ class CommandedRobot:
 
     @classmethod
     def of(cls, robot: Robot, frame: str, posture: FloatArray, spec: ModelSpec = EXACT) -> "CommandedRobot":
-        """Robot in the formulation of `spec`, of loops of elastic rods in the minimal one; posture (n_u,): amid all."""
+        """Build it in the formulation of `spec`, loops of elastic rods in the minimal one; posture (n_u,): amid all."""
         model = formulate(robot, spec)
         if model.n_c:
             minimal = formulate(robot, ModelSpec("minimal"))
@@ -85,7 +85,7 @@ class CommandedRobot:
         return ca.Function("balance", [q, v, a, lambda_], results, {"cse": True})
 
     def friction(self, v: ca.SX, of_motors: bool = False) -> ca.SX:
-        """P tau_f (n_q,) of steady sliding, by all friction models or the motors' only."""
+        """Return P tau_f (n_q,) of steady sliding, by all friction models or the motors' only."""
         laws = [law for law in frictions(self.robot) if law.place in self.model.inputs or not of_motors]
         total = ca.SX(self.model.n_q, 1)
         for law, column in zip(laws, contacts(self.model, laws).P.T, strict=True):
@@ -108,7 +108,7 @@ class CommandedRobot:
         return ca.Function("tool", [q, p, ca.vec(R)], results, {"cse": True})
 
     def torque(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-        """Torques u (N, n_u) for a motion (N, n_q); forces in loops by least squares."""
+        """Return torques u (N, n_u) for a motion (N, n_q); forces in loops by least squares."""
         m, n, n_r = self.model, len(q), len(self.rows)
         force, _, Phi = (part.full() for part in self.balance.map(n)(q.T, v.T, a.T, np.zeros((n_r, n))))
         carried = -Phi.reshape(n_r, n, m.n_q).transpose(1, 2, 0)
@@ -116,17 +116,17 @@ class CommandedRobot:
         return np.asarray((np.linalg.pinv(columns) @ force.T[:, :, None])[:, : m.n_u, 0])
 
     def poses(self, q: FloatArray, robot: Robot | None = None) -> Poses:
-        """Poses of the frame at q (N, n_q), of this robot or of another of its kind."""
+        """Return poses of the frame at q (N, n_q), of this robot or of another of its kind."""
         return frame_poses(robot or self.robot, q[:, : len(self.robot.joints)], self.frame)
 
     def rigid(self, move: Move, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """q, v, a (N, n_q) of the robot without deflection along a move at times (N,)."""
+        """Return q, v, a (N, n_q) of the robot without deflection along a move at times (N,)."""
         angles, rate, curvature = (move.at(t, order) for order in range(3))
         q = rigid_path(self.model, self.rigid_posture(angles[0]), angles[0], angles)
         return q, *rigid_rates(self.model, q, rate, curvature)[1:]
 
     def rest(self, angles: FloatArray) -> FloatArray:
-        """q (n_q,) at rest under gravity with the tool where it is without deflection at angles (n_u,).
+        """Return q (n_q,) at rest under gravity with the tool where it is without deflection at angles (n_u,).
 
         StudyError where the robot finds no rest there.
         """
@@ -149,7 +149,7 @@ class CommandedRobot:
         )
 
     def rigid_posture(self, angles: FloatArray) -> FloatArray:
-        """q (n_q,) without deflection at angles (n_u,)."""
+        """Return q (n_q,) without deflection at angles (n_u,)."""
         return rigid_posture(self.model, Configuration("move", angles))
 
 
@@ -182,7 +182,7 @@ def plan(
     commanded: CommandedRobot, move: Move, limits: MotionLimits, margin_s: float, tool_m: float = TOOL_M,
     iterations: int = 150, knots_per_s: float = 100.0,
 ) -> Planned:  # fmt: skip
-    """The best motion within the limits from margin_s before a move to margin_s after it; tool_m: e_0.
+    """Plan the best motion within the limits from margin_s before a move to margin_s after it; tool_m: e_0.
 
     KeyboardInterrupt where it was interrupted; StudyError where an end finds no rest.
     """
@@ -237,7 +237,7 @@ class _CollocationProblem:
         self._build()
 
     def _guess(self, move: Move) -> FloatArray:
-        """Coefficients (count, n_q) of the rigid robot's motion, deflected as at rest at both ends."""
+        """Return coefficients (count, n_q) of the rigid robot's motion, deflected as at rest at both ends."""
         fine = np.linspace(self.knots[0], self.knots[-1], 2 * (self.n + 1) + 1)
         rigid, fraction = self.commanded.rigid(move, fine)[0], np.clip(fine / move.duration, 0, 1)[:, None]
         deflected = (1 - fraction) * (self.ends[0] - rigid[0]) + fraction * (self.ends[1] - rigid[-1])
@@ -252,9 +252,9 @@ class _CollocationProblem:
         C_x, U_x, L_x = ca.vertsplit(x, np.cumsum([0, *sizes]).tolist())
         C, U, L = ca.reshape(C_x, n_q, n), ca.reshape(U_x, n_u, n), ca.reshape(L_x, n_c, n)
         first, last = (ca.repmat(ca.DM(end), 1, _N_END_COEFFICIENTS) for end in self.ends)
-        whole = ca.horzcat(first, C, last)
-        self.coefficients = ca.Function("coefficients", [x], [whole])
-        Q, V, A, jerk = (whole @ ca.DM(basis).T for basis in self.bases)
+        coefficients = ca.horzcat(first, C, last)
+        self.coefficients = ca.Function("coefficients", [x], [coefficients])
+        Q, V, A, jerk = (coefficients @ ca.DM(basis).T for basis in self.bases)
         B = ca.DM(self.commanded.model.B) @ ca.diag(ca.DM(self.u_0))
         force, phi, _ = self.commanded.balance.map(n)(Q, V, A, L * self.force_0)
         dynamics = (force - B @ U) / self.force_0
@@ -266,13 +266,13 @@ class _CollocationProblem:
         end_inputs = [ca.DM(u / self.u_0) for u in self.holding]
         rate = ca.diff(ca.horzcat(end_inputs[0], U, end_inputs[1]), 1, 1) * (_RATE_S / np.sqrt(self.step))
         # Sixth differences of coefficients: small of any smooth motion, large of one from knot to knot.
-        ripple = ca.diff(whole, 6, 1) * (np.sqrt(self.step) / _RIPPLE)
+        ripple = ca.diff(coefficients, 6, 1) * (np.sqrt(self.step) / _RIPPLE)
         residual = ca.vertcat(tool, ca.vec(rate), ca.vec(ripple))
         self.nlp = {"x": x, "f": ca.sumsqr(residual), "g": g}
         lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", g.size1())
         slopes = ca.jacobian(residual, x)
-        few = ca.diag(ca.DM([0.0] * (sizes[0] + sizes[1]) + [1e-8] * sizes[2]))
-        H = 2 * lam_f * slopes.T @ slopes + lam_f * ca.sparsify(few)  # Gauss and Newton's
+        regularisation = ca.diag(ca.DM([0.0] * (sizes[0] + sizes[1]) + [1e-8] * sizes[2]))
+        H = 2 * lam_f * slopes.T @ slopes + lam_f * ca.sparsify(regularisation)  # Gauss and Newton's
         arguments = [x, ca.MX(0, 1), lam_f, lam_g]
         names = ["x", "p", "lam_f", "lam_g"], ["triu_hess_gamma_x_x"]
         self.hessian = ca.Function("nlp_hess_l", arguments, [ca.triu(H)], *names)
@@ -283,7 +283,7 @@ class _CollocationProblem:
         self.lower = -self.upper
 
     def _bounded(self, *motions: ca.MX) -> list[ca.MX]:
-        """Position to jerk of the motors with a finite limit, about its middle, over its reach."""
+        """Return position to jerk of the motors with a finite limit, about its middle, over its reach."""
         limits, bounded = self.limits, []
         rows = [self.commanded.model.index(name) for name in self.commanded.model.inputs]
         middle, reach = limits.range
@@ -296,7 +296,7 @@ class _CollocationProblem:
 
 
 def margin_of(commanded: CommandedRobot, move: Move) -> float:
-    """Half a period, s, of the slowest mode with the motors held at both ends, 0.02 to 0.3 s."""
+    """Return half a period, s, of the slowest mode with the motors held at both ends, 0.02 to 0.3 s."""
     m, halves = commanded.model, [0.0]
     for angles in move.ends:
         linear = linearise(m, Configuration("end", angles), m.theta, m.inputs, "position")
@@ -306,7 +306,7 @@ def margin_of(commanded: CommandedRobot, move: Move) -> float:
 
 
 def best_plan(commanded: CommandedRobot, move: Move, limits: MotionLimits, margin_s: float) -> Planned:
-    """The plan by Gauss-Newton; where limits hold the tool off its path, with a wider e_0.
+    """Plan by Gauss-Newton; where limits hold the tool off its path, with a wider e_0.
 
     Of a tool far from its path the square outweighs the torque's rate, which would leave torques that chatter.
     """
@@ -320,7 +320,7 @@ def best_plan(commanded: CommandedRobot, move: Move, limits: MotionLimits, margi
 
 
 def planned_error(commanded: CommandedRobot, move: Move, planned: Planned) -> FloatArray:
-    """Distance (N,) of the tool from its path at the knots, m."""
+    """Return distance (N,) of the tool from its path at the knots, m."""
     t = np.unique(planned.q.t)
     target = commanded.poses(commanded.rigid(move, t)[0]).position
     return np.asarray(np.linalg.norm(commanded.poses(planned.q(t)).position - target, axis=1))
@@ -329,7 +329,7 @@ def planned_error(commanded: CommandedRobot, move: Move, planned: Planned) -> Fl
 def shortest(
     commanded: CommandedRobot, move: Move, limits: MotionLimits, margin_s: float, error_m: float
 ) -> Move | None:
-    """Time-optimal move with a tool path error of at most error_m; None if the search fails."""
+    """Find the time-optimal move with a tool path error of at most error_m; None if the search fails."""
 
     def can(duration: float) -> bool:
         if duration > LONGEST_S:
@@ -356,20 +356,20 @@ def shortest(
 
 
 def first_duration(commanded: CommandedRobot, move: Move, limits: MotionLimits) -> float:
-    """A duration, s, in which the rigid robot keeps the limits; 0 for a robot without any."""
+    """Return a duration, s, in which the rigid robot keeps the limits; 0 for a robot without any."""
     t = np.linspace(0, 1, 201)
     unit = move.in_time(1.0)
     bounds = enumerate((limits.velocity, limits.acceleration, limits.jerk), start=1)
     times = [float((np.abs(unit.at(t, order)) / bound).max() ** (1 / order)) for order, bound in bounds]
-    way, a, start = unit.at(t) - unit.ends[0], unit.at(t, 2), commanded.rigid_posture(unit.ends[0])
-    slow, quick = (feed_forward(commanded.model, start, way, 0 * way, x) for x in (0 * a, a))
+    path, a, start = unit.at(t) - unit.ends[0], unit.at(t, 2), commanded.rigid_posture(unit.ends[0])
+    slow, quick = (feed_forward(commanded.model, start, path, 0 * path, x) for x in (0 * a, a))
     room = np.maximum(limits.torque - np.abs(slow), 0.05 * limits.torque)
     times.append(float(np.sqrt((np.abs(quick - slow) / room).max())))
     return 1.1 * max(times)
 
 
 def sampled(commanded: CommandedRobot, planned: Planned, rate_hz: float, until_s: float) -> References:
-    """A plan at even times up to until_s after its end, at rest there."""
+    """Sample a plan at even times up to until_s after its end, at rest there."""
     low, high = planned.q.t[0], planned.q.t[-1]
     n = int(np.ceil((high + until_s - low) * rate_hz))
     time_s = low + np.arange(n + 1) / rate_hz
@@ -385,7 +385,7 @@ def sampled(commanded: CommandedRobot, planned: Planned, rate_hz: float, until_s
 
 
 def coulomb_torque_along(robot: Robot, model: ElasticModel, velocity: FloatArray, rate_hz: float) -> FloatArray:
-    """Dry friction (N, n_u) of the motors along their velocities (N, n_u), link side, from rest, bristles included.
+    """Return dry friction (N, n_u) of motors along velocities (N, n_u), link side, from rest, bristles included.
 
     Friction behind the spring of a gear is not included: the joint moves differently from its motor.
     """
@@ -401,7 +401,7 @@ def coulomb_torque_along(robot: Robot, model: ElasticModel, velocity: FloatArray
 
 
 def rigid_references(robot: Robot, commanded: CommandedRobot, move: Move, time_s: FloatArray) -> References:
-    """The rigid robot's feedforward along a move at even times (n,), s: inverse dynamics and friction of motors."""
+    """Return the rigid robot's feedforward along a move at even times (n,), s: inverse dynamics and motor friction."""
     rate_hz = float(1 / np.diff(time_s).mean())
     model = commanded.model
     q0 = commanded.rigid_posture(move.ends[0])

@@ -74,7 +74,7 @@ class TwinLoop:
         cls, commanded: CommandedRobot, robot: Robot, start: FloatArray, rate_hz: float, bandwidth_hz: float,
         samples: int = 0, *, clips: bool = False,
     ) -> "TwinLoop":  # fmt: skip
-        """Loop of a robot with the gains of the commanded one, at rest in a posture `start` (n_u,).
+        """Return loop of a robot with the gains of the commanded one, at rest in a posture `start` (n_u,).
 
         samples: about how many will be simulated.  clips: torques at their limits.  StudyError for poles that are too
         fast.
@@ -86,7 +86,7 @@ class TwinLoop:
         return cls(commanded, robot, plant, gains)
 
     def follow(self, references: References, robot: Robot | None = None) -> tuple[FloatArray, FloatArray]:
-        """q (N, n_q), torque of the drives (N, n_u) of this robot, or another of its kind, from rest.
+        """Return q (N, n_q), torque of the drives (N, n_u) of this robot, or another of its kind, from rest.
 
         DataError where a motor is lost, StudyError where it finds no rest at the start.
         """
@@ -111,7 +111,7 @@ class TwinLoop:
         return motion.q, motion.u
 
     def outcome(self, name: str, references: References, target: FloatArray, end_s: float) -> Outcome:
-        """The error from target (N, 3) of a move that ends at end_s."""
+        """Return the error from target (N, 3) of a move that ends at end_s."""
         q, _ = self.follow(references)
         at = self.commanded.poses(q, self.robot).position - target
         error, after = np.linalg.norm(at, axis=1), references.time_s > end_s
@@ -152,7 +152,7 @@ class TunedMove(References):
     advice: str = ""
 
     def __getitem__(self, name: str) -> Outcome:
-        """An outcome by its name."""
+        """Return an outcome by its name."""
         return {outcome.name: outcome for outcome in self.outcomes}[name]
 
 
@@ -174,26 +174,26 @@ class MoveRobots:
     error_m: float
 
 
-def tune_move(given: MoveRobots, move: Move, name: str, progress: Progress = silent) -> TunedMove:
-    """The references of a move and its outcomes; a move without a duration takes the shortest time.
+def tune_move(robots: MoveRobots, move: Move, name: str, progress: Progress = silent) -> TunedMove:
+    """Tune the references of a move, with its outcomes; a move without a duration takes the shortest time.
 
     DataError where no motion keeps the limits, or none is as exact as it should be in any time.
     """
-    commanded = CommandedRobot.of(given.identified, given.frame, move.ends[0])
-    task = _MoveTask(given, commanded, move, MotionLimits.of(given.identified), margin_of(commanded, move))
+    commanded = CommandedRobot.of(robots.identified, robots.frame, move.ends[0])
+    task = _MoveTask(robots, commanded, move, MotionLimits.of(robots.identified), margin_of(commanded, move))
     if not move.duration:
         if not first_duration(commanded, move, task.limits):
             raise DataError(
                 "use/move",
-                f"robot {given.identified.name} has no limits of velocity, acceleration or torque, so that no time is "
+                f"robot {robots.identified.name} has no limits of velocity, acceleration or torque, so that no time is "
                 "the shortest; give its joints limits, or a duration",
             )
-        spared = task.limits.narrowed({kind: np.full(len(task.limits.torque), _SPARE**2) for kind in KINDS})
-        fastest = shortest(commanded, move, spared, task.margin_s, given.error_m)
+        limits = task.limits.narrowed({kind: np.full(len(task.limits.torque), _SPARE**2) for kind in KINDS})
+        fastest = shortest(commanded, move, limits, task.margin_s, robots.error_m)
         if fastest is None:
             raise DataError(
                 "use/move",
-                f"the tool stays within {1e3 * given.error_m:g} mm of its path in no time; raise --error, or move the "
+                f"the tool stays within {1e3 * robots.error_m:g} mm of its path in no time; raise --error, or move the "
                 "path away from limits and singular postures",
             )
         task = replace(task, move=fastest)
@@ -211,7 +211,7 @@ class _MoveTask:
     margin_s: float
 
     def tuned(self, name: str, progress: Progress) -> TunedMove:
-        """The best move with its outcomes."""
+        """Tune the move, with its outcomes."""
         robots, limits, joints = self.robots, self.limits, self.commanded.robot.driven
         planned, r, errors, most = self._within_limits(progress)
         target = self._path(r.time_s)
@@ -235,11 +235,11 @@ class _MoveTask:
         )  # fmt: skip
 
     def _path(self, time_s: FloatArray, robot: Robot | None = None) -> FloatArray:
-        """Path (N, 3) of the frame on the commanded robot, or on another one that is rigid."""
+        """Return path (N, 3) of the frame on the commanded robot, or on another one that is rigid."""
         return self.commanded.poses(self.commanded.rigid(self.move, time_s)[0], robot).position
 
     def _within_limits(self, progress: Progress) -> tuple[Planned, References, FloatArray, FloatArray]:
-        """A plan that keeps the limits, errors (D, N) of draws with its references, and their largest torque (n_u,).
+        """Find a plan within the limits, errors (D, N) of draws with its references, and their largest torque (n_u,).
 
         Bounds are narrowed where samples between knots, or draws with their feedback, go beyond them.
         """
@@ -264,9 +264,8 @@ class _MoveTask:
             errors, most = [], np.abs(references.torque).max(axis=0)
             for i, robot in enumerate(robots.draws):
                 q, torque = loop.follow(references, robot)
-                errors.append(
-                    np.linalg.norm(commanded.poses(q, robot).position - self._path(references.time_s, robot), axis=1)
-                )
+                path = self._path(references.time_s, robot)
+                errors.append(np.linalg.norm(commanded.poses(q, robot).position - path, axis=1))
                 most = np.maximum(most, np.abs(torque).max(axis=0))
                 velocity = np.abs(np.diff(q @ commanded.model.B, axis=0)).max(axis=0) * robots.rate_hz
                 used["velocity"] = np.maximum(used["velocity"], velocity / limits.velocity)
@@ -274,9 +273,8 @@ class _MoveTask:
             used["torque"] = np.maximum(used["torque"], most / limits.torque)
             if all(np.all(part <= 1.0) for part in used.values()):
                 return planned, references, np.array(errors), most
-            narrowed = narrowed.narrowed(
-                {kind: np.where(part > 1, _SPARE / np.maximum(part, 1.0), 1.0) for kind, part in used.items()}
-            )
+            factors = {kind: np.where(part > 1, _SPARE / np.maximum(part, 1.0), 1.0) for kind, part in used.items()}
+            narrowed = narrowed.narrowed(factors)
         kind = max(used, key=lambda key: float(used[key].max()))
         joint = commanded.robot.driven[int(np.argmax(used[kind]))].name
         raise DataError(
@@ -287,7 +285,7 @@ class _MoveTask:
         )
 
     def _outcomes(self, references: References, target: FloatArray, drawn: FloatArray) -> tuple[Outcome, ...]:
-        """Rigid feedforward, catalogue and identified stiffness on the robot to judge by, this with 95 % of draws."""
+        """Simulate rigid feedforward, catalogue and identified stiffness on the robot `judge`, the last with draws."""
         robots, move = self.robots, self.move
         start, hz, samples = move.ends[0], (robots.rate_hz, robots.bandwidth_hz), 3 * len(references.time_s)
         judge = TwinLoop.of(self.commanded, robots.judge, start, *hz, samples, clips=True)

@@ -147,22 +147,22 @@ def search(coordinates: Sequence[str], fit: Fit, start: Elastic = ()) -> Iterato
     """
     visited = [start]
     while True:
-        now = visited[-1]
-        others = [name for name in coordinates if name not in now]
-        stiffer = {gone: tuple(name for name in now if name != gone) for gone in now}
+        current = visited[-1]
+        others = [name for name in coordinates if name not in current]
+        stiffer = {gone: tuple(name for name in current if name != gone) for gone in current}
         # A freed coordinate rigid, one more free, all free, one of the start rigid.
         for candidates in (
             [model for gone, model in stiffer.items() if gone not in start],
-            [tuple(name for name in coordinates if name in now or name == free) for free in others],
+            [tuple(name for name in coordinates if name in current or name == free) for free in others],
             [tuple(coordinates)] if len(others) > 1 else [],
             [model for gone, model in stiffer.items() if gone in start],
         ):
             new = [model for model in candidates if model not in visited]
-            rows = fit([now, *new])
-            chosen, before = _best_step(rows, now, new), rows[now].mean_misfit
+            rows = fit([current, *new])
+            chosen, before = _best_step(rows, current, new), rows[current].mean_misfit
             for model in new:
-                changed = tuple(name for name in coordinates if (name in model) != (name in now))
-                becomes: Literal["free", "rigid"] = "free" if len(model) > len(now) else "rigid"
+                changed = tuple(name for name in coordinates if (name in model) != (name in current))
+                becomes: Literal["free", "rigid"] = "free" if len(model) > len(current) else "rigid"
                 yield Trial(len(visited), becomes, changed, model, before, rows[model].mean_misfit, model == chosen)
             if chosen is not None:
                 visited.append(chosen)
@@ -198,14 +198,16 @@ def is_justified(rigid: ComparedModel, free: ComparedModel) -> bool:
     return gain > standard_error and free.criterion < rigid.criterion
 
 
-def _best_step(rows: Mapping[Elastic, ComparedModel], now: Elastic, candidates: Sequence[Elastic]) -> Elastic | None:
-    """Return the model that predicts best of those tried whose step is justified; None without any."""
-    good = [
-        model
-        for model in candidates
-        if (is_justified(rows[now], rows[model]) if len(model) > len(now) else not is_justified(rows[model], rows[now]))
-    ]
-    return min(good, key=lambda model: (rows[model].mean_misfit, rows[model].criterion), default=None)
+def _best_step(rows: Mapping[Elastic, ComparedModel], start: Elastic, candidates: Sequence[Elastic]) -> Elastic | None:
+    """Return the model that predicts best of those tried whose step from `start` is justified; None without any."""
+
+    def is_step(model: Elastic) -> bool:
+        if len(model) > len(start):
+            return is_justified(rows[start], rows[model])
+        return not is_justified(rows[model], rows[start])
+
+    steps = filter(is_step, candidates)
+    return min(steps, key=lambda model: (rows[model].mean_misfit, rows[model].criterion), default=None)
 
 
 @dataclass(frozen=True)
@@ -224,9 +226,9 @@ def refit(responses: Sequence[Response], task: tuple[ComparedVariant, Sequence[s
     fitted = [response for response in responses if response.configuration.name not in left_out]
     out = [response for response in responses if response.configuration.name in left_out]
     weights, names = variant.fit.weights, [response.configuration.name for response in fitted]
-    of_these = [(factor, tuple(name for name in factor.configurations if name in names)) for factor in weights.factors]
-    kept = [(factor, part) for factor, part in of_these if part or not factor.configurations]
-    factors = tuple(replace(factor, configurations=part) for factor, part in kept)
+    pairs = [(factor, tuple(name for name in factor.configurations if name in names)) for factor in weights.factors]
+    remaining = [(factor, part) for factor, part in pairs if part or not factor.configurations]
+    factors = tuple(replace(factor, configurations=part) for factor, part in remaining)
     spec = replace(variant.fit, weights=replace(weights, factors=factors))
     try:
         result = fit_parameters(fitted, variant.robot, spec, model=variant.model)
@@ -275,21 +277,21 @@ def restrict(spec: FitSpec, variant: Robot, robot: Robot) -> FitSpec:
 def fix(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
     """Return a study's fit with these parameters fixed at their starts, for a model without them."""
     free = [parameter.name for parameter in choose(spec, robot).free]
-    still = {
+    constants = {
         name: replace(spec.parameters.get(name, ParameterSpec()), fixed=True, tie=None, prior=None, per=None)
         for name in names
         if name in free
     }
-    return replace(spec, parameters={**(spec.parameters or dict.fromkeys(free, ParameterSpec())), **still})
+    return replace(spec, parameters={**(spec.parameters or dict.fromkeys(free, ParameterSpec())), **constants})
 
 
 def _score(measured: Response, modelled: Response, spec: FitSpec) -> Fold:
     weights = weigh(measured, spec)
     used = weights.used
     error = np.abs(measured.G - modelled.G)[used] / weights.sigma[used]
-    off = agreement(measured, modelled, is_validation=True)
+    errors = agreement(measured, modelled, is_validation=True)
     misfit = float(np.mean(error**2)) if error.size else math.nan
-    return Fold(off.configuration, misfit, off.overall_rms_log_db, off.overall_phase_rms_deg)
+    return Fold(errors.configuration, misfit, errors.overall_rms_log_db, errors.overall_phase_rms_deg)
 
 
 def _compared(name: str, refits: Sequence[Refit], criterion: float, configurations: Sequence[str]) -> ComparedModel:

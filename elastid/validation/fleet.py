@@ -133,9 +133,9 @@ class _Parameter:
         spread = np.var([s.mean for s in self.series], ddof=1) - np.mean([s.variance_of_mean for s in self.series])
         return float((len(self.series) - 1) * spread), len(self.series) - 1.0
 
-    def between_dates(self, own: _Series | None = None) -> _Excess:
+    def between_dates(self, series: _Series | None = None) -> _Excess:
         """Return excess of the dates; not of the two of a robot's own, of which the change is judged."""
-        return _total_excess(s.excess for s in self.series if s is not own or len(s.day) > 2)
+        return _total_excess(s.excess for s in self.series if s is not series or len(s.day) > 2)
 
 
 def find_changes(values: Sequence[FleetValue], false_discovery_rate: float) -> tuple[Finding, ...]:
@@ -218,11 +218,11 @@ def _total_excess(parts: Iterable[_Excess]) -> _Excess:
     return sum(sums), sum(dofs)
 
 
-def _moderated(own: _Excess, kind_excess: Iterable[_Excess]) -> tuple[float, float]:
+def _moderated(excess: _Excess, kind_excess: Iterable[_Excess]) -> tuple[float, float]:
     """Return variance and dof of its own scatter and of its kind's, which counts `MAX_SHARED_DOF` at most."""
     total, dof = _total_excess(kind_excess)
     worth = min(1.0, MAX_SHARED_DOF / dof) if dof else 0.0
-    total, dof = _total_excess([own, (worth * total, worth * dof)])
+    total, dof = _total_excess([excess, (worth * total, worth * dof)])
     return (max(total / dof, 0.0) if dof else 0.0), dof
 
 
@@ -237,7 +237,7 @@ def _letters(name: str) -> str:
     return letters[0] if letters[0] in "er" and letters[1:].replace(".", "").isdigit() else letters
 
 
-def _finding(kind: Kind, robot: str, parameter: _Parameter, off: float, std: float, dof: float) -> Finding:
-    z, change = off / std, math.expm1(off) if parameter.is_relative else off
+def _finding(kind: Kind, robot: str, parameter: _Parameter, difference: float, std: float, dof: float) -> Finding:
+    z, change = difference / std, math.expm1(difference) if parameter.is_relative else difference
     p = float(2 * stdtr(dof or math.inf, -abs(z)))
     return Finding(kind, robot, parameter.name, change, parameter.is_relative, z, p)

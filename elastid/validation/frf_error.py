@@ -230,7 +230,7 @@ def agreement(
     Ghat, G = measured.G, modelled.G
     noise = smooth_noise(measured)
     sigma = sigma_of(measured, noise)
-    judged = above_2sigma(measured, sigma)
+    is_judged = above_2sigma(measured, sigma)
     has_noise = sigma > 0
     e = np.divide(Ghat - G, sigma, out=np.zeros_like(Ghat), where=has_noise)
     # |G| counts as sigma at least, so that an element that the model decouples is finite.
@@ -242,9 +242,9 @@ def agreement(
         is_validation,
         measured.outputs,
         measured.inputs,
-        judged.sum(axis=0),
-        np.sqrt(_mean((20 * np.log10(np.maximum(np.abs(Ghat), tiny) / reference)) ** 2, judged)),
-        np.sqrt(_mean(np.degrees(np.angle(Ghat * G.conj())) ** 2, judged)),
+        is_judged.sum(axis=0),
+        np.sqrt(_mean((20 * np.log10(np.maximum(np.abs(Ghat), tiny) / reference)) ** 2, is_judged)),
+        np.sqrt(_mean(np.degrees(np.angle(Ghat * G.conj())) ** 2, is_judged)),
         np.sqrt(_mean(np.abs(e) ** 2, has_noise) / _expected_power(noise, sigma)),
         ratio,
         ratio_dof,
@@ -267,9 +267,9 @@ def _tests(
     if noise is None or not np.any(noise.variance > 0):
         return math.nan, 0.0, math.nan
     whiten = whitening(noise)
-    z, shift_dof = np.asarray((whiten @ vec(E)[:, :, None])[:, :, 0]), 0.0
+    z, shift_dof = (whiten @ vec(E)[:, :, None])[:, :, 0], 0.0
     if shifting := [x.reshape(-1, *E.shape) for x in (shifts, measured.bias) if x is not None]:
-        z, shift_dof = without_shifts(z, np.asarray((whiten @ vec(np.concatenate(shifting))[..., None])[..., 0]))
+        z, shift_dof = without_shifts(z, (whiten @ vec(np.concatenate(shifting))[..., None])[..., 0])
     return *power_over_noise(z, whiten, noise, shift_dof), white_by_chance(z)
 
 
@@ -281,8 +281,8 @@ def _mean(values: FloatArray | BoolArray, where: BoolArray) -> FloatArray:
 
 def _verdict(agreements: Sequence[FrfError]) -> str:
     fitted, left_out = ([a for a in agreements if a.is_validation is is_out] for is_out in (False, True))
-    judged = left_out or fitted
-    (db, deg), (ratio, dof), p, white = _over(judged), power_ratio(judged), noise_p(judged), are_white(judged)
+    rows = left_out or fitted
+    (db, deg), (ratio, dof), p, white = _over(rows), power_ratio(rows), noise_p(rows), are_white(rows)
     if math.isnan(db):
         return "Validation not possible: no line of the measured FRFs is above 2 sigma."
     is_less = exceeds_by_chance(1 / max(ratio, 1e-300), dof) < FALSE_ALARM

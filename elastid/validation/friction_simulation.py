@@ -116,9 +116,8 @@ class _Log:
         n, posture = round(LONGEST_S * records[0].rate_hz), records[0].angles(len(names))
         signals = tuple(MotionSignals.of(fit.motion, fit.passband_hz) for fit in regressions)
         moving_motors = tuple(names.index(record.joint) for record in records)
-        return cls(
-            min(len(records[0].position), n), posture, robot.mixing, moving_motors, regressions, records, signals
-        )
+        n = min(len(records[0].position), n)
+        return cls(n, posture, robot.mixing, moving_motors, regressions, records, signals)
 
     def joint_values(self, columns: Iterable[FloatArray], others: FloatArray | float = 0.0) -> FloatArray:
         """Return motions (n, n_u) of all joints from the moving motors. others: values of the other joints."""
@@ -209,9 +208,8 @@ def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> It
     """Yield signals of a plant under reference, torque and gains; joints that rest have the same in all."""
     q, moving_motors = plant.point.q, np.isin(np.arange(len(log.posture)), log.moving_motors)
     smooth, path = formulate(without_friction(plant.model.robot)), log.position
-    rate, curvature = (
-        log.joint_values(getattr(part, name) for part in log.signals) for name in ("velocity", "acceleration")
-    )
+    rate = log.joint_values(signals.velocity for signals in log.signals)
+    curvature = log.joint_values(signals.acceleration for signals in log.signals)
     torque = log.torques(record.torque for record in log.records)
     demand = feed_forward(smooth, q, path - path[0], rate, curvature)
     rigid = log.torques(map(_rigid_torque, log.regressions, log.signals, log.records))
@@ -223,9 +221,8 @@ def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> It
         position, velocity = path, np.diff(path, axis=0, prepend=path[:1]) * plant.loop.rate_hz
     else:
         gains, still = gains_of(plant.model, q, controller.spec), np.zeros(log.n)
-        position = log.joint_values(
-            (record.reference for record in log.records if record.reference is not None), log.posture
-        )
+        references = (record.reference for record in log.records if record.reference is not None)
+        position = log.joint_values(references, log.posture)
         load = log.torques(still if record.disturbance is None else record.disturbance for record in log.records)
         velocity = controller.velocity_feedforward * np.gradient(position, 1 / plant.loop.rate_hz, axis=0)
         # The torque that the controller's integral holds at the start; 0 without an integral.
@@ -240,11 +237,9 @@ def _in_passband(log: _Log, model: ElasticModel, trajectory: Trajectory) -> Iter
     """Yield motion and torque of each joint that moves, and of its link where it was logged, in the passband."""
     reading, u = trajectory.reading @ log.E.T, trajectory.u @ np.linalg.inv(log.E)
     for i, record, signals in zip(log.moving_motors, log.records, log.signals, strict=True):
-        # Of a log that is not simulated to its end, without the rest.
-        kept = replace(
-            signals,
-            decimation=slice(signals.decimation.start, min(signals.decimation.stop, log.n), signals.decimation.step),
-        )
+        # The simulation may end before its log.
+        samples = signals.decimation
+        simulated = replace(signals, decimation=slice(samples.start, min(samples.stop, log.n), samples.step))
         motor, link = f"motor {record.joint}", f"joint {record.joint}"
         turning, driving = motion_unit("position", record.slides), drive_unit(record.slides)
         rows: tuple[tuple[SignalKind, str, str, FloatArray | None, FloatArray], ...] = (
@@ -252,9 +247,9 @@ def _in_passband(log: _Log, model: ElasticModel, trajectory: Trajectory) -> Iter
             (TORQUE, motor, driving, record.torque, u[:, i]),
             (LINK, link, turning, record.link_position, trajectory.q[:, model.index(link)]),
         )
-        for kind, place, unit, y, y_twin in rows:
+        for kind, place, unit, y, y_model in rows:
             if y is not None:
-                yield ComparedSignal(kind, place, unit, kept.filtered(y[: log.n]), kept.filtered(y_twin[: log.n]))
+                yield ComparedSignal(kind, place, unit, *(simulated.filtered(x[: log.n]) for x in (y, y_model)))
 
 
 def predict_logs(
@@ -265,16 +260,16 @@ def predict_logs(
     execution: Execution,
 ) -> LogComparison:
     """Return the logs of motions by the numbers of `joints`; robot: with their friction, for the simulations."""
-    by_name, judged = {joint.joint: joint for joint in joints}, list[JointFriction]()
+    by_name, predicted = {joint.joint: joint for joint in joints}, list[JointFriction]()
     reasons = dict[str, list[str]]()
     for log in motion_logs(measured):
         for name, record in log.items():
             try:
-                judged.append(_along(robot, by_name.get(name), record, log))
+                predicted.append(_along(robot, by_name.get(name), record, log))
             except DataError as error:
                 reasons.setdefault(name, []).append(f"{record.name}: {error}")
     missing = {name: "; ".join(texts) for name, texts in reasons.items()}
-    findings = compare_friction_logs(robot, judged, measured, controller, execution)
+    findings = compare_friction_logs(robot, predicted, measured, controller, execution)
     by_commands = _commanded_runs(robot, joints, motion_logs(measured, "commands"))
     return replace(findings, runs=(*findings.runs, *by_commands), missing=missing)
 

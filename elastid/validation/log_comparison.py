@@ -64,16 +64,14 @@ class TorqueBalance:
     @property
     def worst(self) -> BandBalance:
         """Octave with the largest residual fraction among octaves with power."""
-        return max(
-            (band for band in self.bands if band.power >= MIN_POWER_SHARE), key=lambda band: band.unexplained_fraction
-        )
+        bands = [band for band in self.bands if band.power >= MIN_POWER_SHARE]
+        return max(bands, key=lambda band: band.unexplained_fraction)
 
     @property
     def sentence(self) -> str:
         """Shares of the parts in a sentence."""
-        fractions = ", ".join(
-            f"{part} {fraction:.1%}" for part, fraction in zip(self.parts, self.fractions, strict=True)
-        )
+        pairs = zip(self.parts, self.fractions, strict=True)
+        fractions = ", ".join(f"{part} {fraction:.1%}" for part, fraction in pairs)
         worst, unit = self.worst, "Hz" if self.has_rate else "of the sampling rate"
         return (
             f"{self.place}, {self.log}: contributions to the mean-square torque: {fractions}. Unexplained: "
@@ -139,9 +137,9 @@ class LogSimulation:
         errors = {kind: [100 * signal.error for signal in self.of(kind)] for kind in (MOTION, TORQUE, LINK)}
         loop = errors.pop(TORQUE) if aid else []
         parts = [f"{kind} at most {max(values):.3g} %" for kind, values in errors.items() if values]
-        of_loop = (
-            f" The torque of the position loop is at most {max(loop):.3g} % of the logged torque (rms)." if loop else ""
-        )
+        of_loop = ""
+        if loop:
+            of_loop = f" The torque of the position loop is at most {max(loop):.3g} % of the logged torque (rms)."
         return (
             f"Simulation of {self.seconds:.3g} s of record {self.log} {driven}{aid}. Rms errors in percent "
             f"of the rms signal: {', '.join(parts)}.{of_loop}"

@@ -95,9 +95,9 @@ def _compare_modes(response: Response, modelled: Response, linear: LinearModel) 
     from elastid.modal.modes import mac
 
     (modes,), model_modes = estimate_all_modes((response,), ModalSpec()), modes_of_model(linear, linear.theta_ref)
-    agreement = (
-        mac(modes.shapes, linear.C @ model_modes.shapes) if len(model_modes.freq_hz) else np.empty((modes.n_modes, 0))
-    )
+    agreement = np.empty((modes.n_modes, 0))
+    if len(model_modes.freq_hz):
+        agreement = mac(modes.shapes, linear.C @ model_modes.shapes)
     partner = _partners(modes, model_modes.freq_hz, model_modes.zeta, agreement)
     missed = np.array([_is_missed(modes, r, response, modelled) for r in range(modes.n_modes)], dtype=bool)
     # Without a partner, -1, the NaN behind the last mode.

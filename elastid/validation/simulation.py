@@ -48,14 +48,14 @@ def simulate_log(
     robot: Robot,
     start: Configuration,
     spec: SimulatedSpec,
-    moved: Callable[[Plant], Iterable[ComparedSignal]],
+    signals_of: Callable[[Plant], Iterable[ComparedSignal]],
 ) -> LogSimulation:
     """Return the run of a robot along a log, or why it is lost; empty: without its signals, at the rate of the samples.
 
-    spec: equations and controller of its plant.  moved: the signals of that, without limits, at rest at the start.
+    spec: equations and controller of its plant.  signals_of: the signals of that plant without limits, from rest.
     """
     try:
-        return replace(empty, signals=tuple(moved(true_plant(robot, spec, empty.rate_hz, start, is_free=True))))
+        return replace(empty, signals=tuple(signals_of(true_plant(robot, spec, empty.rate_hz, start, is_free=True))))
     except (DataError, StudyError) as error:
         return replace(empty, lost=str(error))
 
@@ -93,8 +93,8 @@ def simulate_record(
         record = replace(record, u=record.u[:n], y=record.y[:n], r=None, period_samples=n)
     tracking_hz = 0.2 * band_hz[0]
     empty = LogSimulation(record.name, "torque", tracking_hz, record.period_samples / record.rate_hz, record.rate_hz)
-    moved = partial(_along_record, record, tracking_hz, band_hz, delay_s)
-    return (simulate_log(empty, robot, record.configuration, SimulatedSpec(model=spec), moved),)
+    signals_of = partial(_along_record, record, tracking_hz, band_hz, delay_s)
+    return (simulate_log(empty, robot, record.configuration, SimulatedSpec(model=spec), signals_of),)
 
 
 def _along_record(
@@ -103,9 +103,8 @@ def _along_record(
     """Yield signals of a plant under the torque of the last period of a record, over and over, held on its motion."""
     model, angles, chain = plant.model, record.configuration.angles, plant.model.robot.chain
     N, motors = record.period_samples, [model.inputs.index(place) for place in record.inputs]
-    last = last_counted(
-        record.n_periods, {index // (2 if record.half_wave else 1) for index in record.discarded_periods}
-    )
+    half_waves = 2 if record.half_wave else 1
+    last = last_counted(record.n_periods, {index // half_waves for index in record.discarded_periods})
     period = slice(last * N, (last + 1) * N)
     position = np.tile(angles, (N, 1))
     for i, place in zip(motors, record.inputs, strict=True):
@@ -127,17 +126,16 @@ def _along_record(
     path, rate, driving = (np.tile(signal, (lead + 1, 1)) for signal in (position, velocity, torque))
     commands = Commands(path, rate, driving, still, still)
     moving, loop = np.isin(np.arange(model.n_u), motors), tracking_gains(plant, tracking_hz)
-    return _in_band(
-        record, band_hz, delay_s, plant, simulate_tracking(plant, commands, moving, loop, position[0], velocity[0])
-    )
+    trajectory = simulate_tracking(plant, commands, moving, loop, position[0], velocity[0])
+    return _in_band(record, band_hz, delay_s, plant, trajectory)
 
 
-def _logged(record: Record, plant: Plant, moved: Trajectory) -> Record:
+def _logged(record: Record, plant: Plant, trajectory: Trajectory) -> Record:
     N, model, chain = record.period_samples, plant.model, plant.model.robot.chain
-    y = sense(moved.q, moved.reading, model, plant.point.q, record.outputs, record.rate_hz, N)
+    y = sense(trajectory.q, trajectory.reading, model, plant.point.q, record.outputs, record.rate_hz, N)
     y = logged(filter_motions(model.robot, y, record.rate_hz), record.rate_hz, chain.at("y", record.outputs))
     motors = [model.inputs.index(place) for place in record.inputs]
-    u = logged(moved.u[:, motors], record.rate_hz, chain.at("u", record.inputs))
+    u = logged(trajectory.u[:, motors], record.rate_hz, chain.at("u", record.inputs))
     return replace(
         record, u=u[-N:], y=y[-N:], r=None, discarded_periods=(), hold="zero-order", hold_samples=(),
         quantities=tuple(logged_quantity(place) for place in record.outputs), sampled=(True,) * len(record.outputs)
@@ -155,7 +153,7 @@ def equivalent_zoh_input(record: Record, u: FloatArray) -> FloatArray:
 
 
 def _in_band(
-    record: Record, band_hz: tuple[float, float], delay_s: float, plant: Plant, moved: Trajectory
+    record: Record, band_hz: tuple[float, float], delay_s: float, plant: Plant, trajectory: Trajectory
 ) -> Iterator[ComparedSignal]:
     """Yield torques and motions of the last period, at the lines within the band."""
     N = record.period_samples
@@ -169,6 +167,6 @@ def _in_band(
     kinds: list[SignalKind] = [TORQUE] * len(record.inputs)
     kinds += [MOTION if place in record.inputs else LINK for place in record.outputs]
     units = *record.units_of_inputs, *(motion_unit("position", place in record.sliding) for place in record.outputs)
-    measured, simulated = in_time(record, 1.0).T, in_time(_logged(record, plant, moved), late).T
+    measured, simulated = in_time(record, 1.0).T, in_time(_logged(record, plant, trajectory), late).T
     rows = zip(kinds, (*record.inputs, *record.outputs), units, measured, simulated, strict=True)
     yield from starmap(ComparedSignal, rows)

@@ -144,7 +144,9 @@ def test_a_fleet_says_what_is_wrong_with_it(tiny: Path, capsys: pytest.CaptureFi
     """File and line: a date that is none, a missing study, two sources of members, a key that no study has."""
     path = tiny.parent / "fleet.yml"
     member = "members: [{robot: a, date: 2026-13-01}]"
-    (tiny.parent / "wrong.csv").write_text("robot,date,seed\na,2026-01-01,1\nb,2026-01-01,x\nc,2026-01-01,y\n")
+    (tiny.parent / "wrong.csv").write_text(
+        "robot,date,seed\na,2026-01-01,1\nb,2026-01-01,x\nc,2026-01-01,y\nd,2026-01-01,x\n"
+    )
     for text, words in (
         (f"name: f\nstudy: study.yml\n{member}\n", "year-month-day"),
         ("name: f\nstudy: study.yml\nmembers: [{robot: a, date: 2026-01-01, set: {nothing: 1}}]\n", "nothing"),
@@ -155,6 +157,7 @@ def test_a_fleet_says_what_is_wrong_with_it(tiny: Path, capsys: pytest.CaptureFi
         assert run_command(["fleet", str(path)]) == 2, text
         said = capsys.readouterr().err
         assert words in said, said
+    assert said.count("study.yml:") + said.count("--set") <= 2, "b and d have the same error"
 
 
 def test_a_fleet_follows_what_was_found_at_the_gears(tmp_path: Path) -> None:

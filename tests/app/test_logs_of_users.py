@@ -10,14 +10,13 @@ import h5py
 import numpy as np
 import pytest
 from plants.drafts import drafted, save
+from plants.friction_study import friction_study
 from plants.refusals import refused
 
 from elastid.app.from_log import texts_from_logs
 from elastid.base.errors import notes_of
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import TextFormatSpec
-from elastid.friction_study.result import identify_friction
-from elastid.friction_study.sliding_friction import identify_sliding_friction
 from elastid.logs.files.formats import opened_log, read_channels
 from elastid.logs.friction_logs import read_friction_logs
 
@@ -193,9 +192,7 @@ def test_one_fault_of_a_log_changes_no_number(fault: str, tmp_path: Path) -> Non
     study = drafted(tmp_path, tmp_path / "log.csv")
     robot = study.as_robot()
     measured = read_friction_logs(robot, study.experiment, tmp_path / "new", robot.driven_names, {})
-    result = identify_friction(
-        robot, identify_sliding_friction(robot, robot.driven, measured), measured, study.as_friction()
-    )
+    result = friction_study(robot, measured, study.as_friction())
     numbers = {row.name: row.value for row in result.numbers}
     assert numbers["J_m1"] == pytest.approx(0.05, rel=0.01)
     assert numbers["f_m1"] == pytest.approx(0.08, rel=0.01)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from plants.two_mass import circular
 
-from elastid.base import kernels, matrices
+from elastid.base import fourier, kernels, matrices
+from elastid.base.fourier import real_dft
 from elastid.friction import stop_operator
 from elastid.linear.response.kernel import Elimination
 
@@ -45,7 +46,7 @@ def results(level: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, np.ndarray
             "products": matrices.added_cross_products([A], [A]),
             "inverse": matrices.inverse(B),
             "singular values": matrices.singular_values(A),
-            "positive part": matrices.positive(B + B.mT.conj()),
+            "transforms": real_dft(rng.normal(size=(3, 2 * 8 * 7 * 5 * 3 * 2, 5))),
             "responses": Elimination.of(np.ones((6, 6), bool)).products(M, D, K, np.linspace(0.1, 9.0, 37), *sides),
             "bristle": stop_operator.bristle(stop_operator.Path.of(velocity.ravel()), 0.2),
         }
@@ -80,13 +81,22 @@ def test_edges_are_those_of_numpy(F: int, monkeypatch: pytest.MonkeyPatch) -> No
         lambda: matrices.inverse(A + 3 * np.eye(3)),
         lambda: matrices.singular_values(zero),
         lambda: matrices.singular_values(A),
-        lambda: matrices.positive(zero),
     ]
     for call in calls:
         in_c = call()
         with monkeypatch.context() as patched:
             patched.setattr(matrices, "is_compiled", lambda: False)
             np.testing.assert_allclose(in_c, call(), rtol=0, atol=1e-13)
+
+
+@needs_kernels
+@pytest.mark.parametrize("N", [2, 4, 26, 30, 45, 64, 34, 1000])
+def test_transforms_are_those_of_numpy(N: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of channels of a view, at chosen lines up to the last; lengths of small factors and others."""
+    x, lines = np.random.default_rng(N).normal(size=(3, N, 7))[:, :, 1:6], np.array([0, N // 4, N // 2])
+    in_c = real_dft(x, lines)
+    monkeypatch.setattr(fourier, "is_compiled", lambda: False)
+    np.testing.assert_allclose(in_c, real_dft(x, lines), rtol=0, atol=1e-14 * N)
 
 
 @pytest.mark.usefixtures("_forgotten")

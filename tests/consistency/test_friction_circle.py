@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants.dry_friction import COULOMB, RATIO, measured, measured_robot, robot
+from plants.friction_study import friction_study
 
 from elastid.design.friction import design_friction
 from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
@@ -15,8 +16,7 @@ from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.friction_record import FrictionRecords
-from elastid.friction_study.result import FrictionResult, identify_friction
-from elastid.friction_study.sliding_friction import identify_sliding_friction
+from elastid.friction_study.result import FrictionResult
 from elastid.friction_study.spec import ConstantVelocitySpec, FrictionSpec, LawSpec
 from elastid.nonlinear.compensate_friction import compensate_friction
 from elastid.nonlinear.compensated_friction import CompensatedFriction
@@ -44,7 +44,7 @@ def passes() -> FrictionResult:
     plan = design_friction(spec, machine.driven, experiment, machine, 3)
     bench = SimulatedFrictionRig(machine, experiment, plan, 1)
     records = FrictionRecords(tuple(bench.measure(motion) for motion in plan.motions))
-    return identify_friction(machine, identify_sliding_friction(machine, machine.driven, records), records, spec)
+    return friction_study(machine, records, spec)
 
 
 def number_of(result: FrictionResult, name: str) -> tuple[float, float]:

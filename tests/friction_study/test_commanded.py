@@ -16,20 +16,19 @@ from plants.commanded_joints import (
     references,
     two_joints,
 )
+from plants.friction_study import friction_study
 from plants.marks import slow
 
 from elastid.base.arrays import FloatArray
 from elastid.base.statistics import QUANTILE_95, identifiable_combinations
 from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.friction_study.commanded import DELAY, CommandedJoint, acting_gains
-from elastid.friction_study.result import FrictionResult, identify_friction
+from elastid.friction_study.result import FrictionResult
 from elastid.friction_study.sliding_friction import (
-    identify_sliding_friction,
     rigid_loads,
     simulated_commands,
     turns_against_gravity,
 )
-from elastid.friction_study.spec import FrictionSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.study import load_robot
@@ -60,7 +59,7 @@ def log(
 def found(robot: Robot, *logs: tuple[FrictionRecord, ...]) -> FrictionResult:
     """The result of a study of all joints."""
     measured = FrictionRecords(tuple(record for records in logs for record in records))
-    return identify_friction(robot, identify_sliding_friction(robot, robot.driven, measured), measured, FrictionSpec())
+    return friction_study(robot, measured)
 
 
 def commanded(result: FrictionResult) -> dict[str, CommandedJoint]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.friction_logs import COULOMB, INERTIA, RATE, RATIO, ROBOT, logs, sliding_torque, trapezoids, write_log
+from plants.friction_study import friction_study
 from plants.refusals import refused
 
 from elastid.base.statistics import QUANTILE_95
@@ -15,9 +16,8 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.friction_record import FrictionRecords
-from elastid.friction_study.result import FrictionResult, identify_friction
+from elastid.friction_study.result import FrictionResult
 from elastid.friction_study.sliding_friction import identify_sliding_friction
-from elastid.friction_study.spec import FrictionSpec
 from elastid.logs.friction_logs import read_friction_logs
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot
 from elastid.validation.friction_simulation import friction_balances
@@ -34,9 +34,7 @@ def identified(folder: Path, gain: float, loads: tuple[str, ...], seed: int = 0)
         write_log(folder / f"{i}.csv", Q, gain * (sliding_torque(Q, seed + i) + (carried if load == "full" else 0.0)))
     files = [FileSpec(f"{i}.csv", load=load) for i, load in enumerate(loads)]
     payloads = {"empty": 0.0, "full": PAYLOAD}
-    measured = read_friction_logs(ROBOT_WITH_TOOL, logs(*files), folder, ["1"], payloads)
-    levels = identify_sliding_friction(ROBOT_WITH_TOOL, ROBOT_WITH_TOOL.driven, measured)
-    return identify_friction(ROBOT_WITH_TOOL, levels, measured, FrictionSpec())
+    return friction_study(ROBOT_WITH_TOOL, read_friction_logs(ROBOT_WITH_TOOL, logs(*files), folder, ["1"], payloads))
 
 
 @pytest.mark.slow
@@ -69,13 +67,12 @@ def test_without_a_difference_no_gain_is_known(loads: tuple[str, ...], tmp_path:
     assert (joint.misfit, [part.term for part in joint.missing], result.status) == ("", ["stribeck"], "partly")
 
 
-def test_unrelated_torque_gives_status_failed(tmp_path: Path) -> None:
-    """Noise in place of the torque."""
-    write_log(tmp_path / "0.csv", Q, 20 * np.random.default_rng(3).standard_normal(len(Q)))
-    measured = read_friction_logs(ROBOT, logs(FileSpec("0.csv")), tmp_path, ["1"], {})
-    result = identify_friction(
-        ROBOT, identify_sliding_friction(ROBOT, ROBOT.driven, measured), measured, FrictionSpec()
-    )
+@pytest.mark.parametrize("inertia", [0.0, 0.3 * INERTIA])
+def test_unrelated_torque_gives_status_failed(inertia: float, tmp_path: Path) -> None:
+    """Noise in place of the torque of friction and gravity; a significant inertia is no friction."""
+    torque = inertia * np.gradient(np.gradient(Q, 1 / RATE), 1 / RATE)
+    write_log(tmp_path / "0.csv", Q, torque + 20 * np.random.default_rng(3).standard_normal(len(Q)))
+    result = friction_study(ROBOT, read_friction_logs(ROBOT, logs(FileSpec("0.csv")), tmp_path, ["1"], {}))
     assert result.status == "failed"
 
 
@@ -127,10 +124,8 @@ def identified_run_down(folder: Path, starts: tuple[float, ...], seed: int = 0, 
         angle = np.round((angle + 2e-5 * rng.standard_normal(len(angle))) * COUNTS / (2 * np.pi)) * 2 * np.pi / COUNTS
         rows = "\n".join(f"{drive},{x:.9g}" for x in angle)
         (folder / f"{i}.csv").write_text(f"torque,angle\n{rows}\n")
-    files = tuple(FileSpec(f"{i}.csv", purpose="coast_down") for i in range(len(starts)))
-    measured = read_spindle(folder, *files)
-    levels = identify_sliding_friction(SPINDLE, SPINDLE.driven, measured)
-    return identify_friction(SPINDLE, levels, measured, FrictionSpec())
+    files = (FileSpec(f"{i}.csv", purpose="coast_down") for i in range(len(starts)))
+    return friction_study(SPINDLE, read_spindle(folder, *files))
 
 
 @pytest.mark.slow

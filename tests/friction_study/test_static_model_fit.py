@@ -33,10 +33,9 @@ def test_the_whole_published_law_is_chosen_and_held_by_a_robot() -> None:
     """All twelve numbers; simulated from the robot's file at any speed, load and temperature inside the ranges."""
     levels = published_levels()
     law = StaticLaw.of(drawn(levels, 0), LawSpec())
-    assert len(law.intervals) == 12
+    assert len(law.identified_names) == 12
     assert set(reasons(law)) == {"directions", "quadratic"}
-    for value, _, low, high in law.intervals.values():
-        assert low < value < high
+    assert np.all(np.diag(law.covariance) > 0)
     friction, viscous = law.to_friction()
     law_of_joint = placed(friction, 1.0, viscous)
     for i in range(0, levels.n_conditions, 17):
@@ -77,7 +76,7 @@ def test_stiction_is_no_number_where_every_speed_is_above_a_third_of_the_stribec
         StaticLaw.of(drawn(published_levels(tuple(np.geomspace(low, 280, 12)), (0.0,), (60.0,), 0.002), 1), LawSpec())
         for low in (25, 2)
     )
-    assert set(fast.intervals) == {"coulomb", "viscous"}
+    assert set(fast.identified_names) == {"coulomb", "viscous"}
     assert "25" in reasons(fast)["stribeck"]
     assert slow.values["stribeck_velocity"] == pytest.approx(-24.81 + 0.98 * 60, rel=0.05)
 
@@ -120,9 +119,8 @@ def test_coulomb_friction_is_covered_where_no_speed_is_slow_enough_for_stiction(
         for error in (0.004, 0.02):
             levels = FrictionCurve("j", speeds, none, curve * (1 + error * noise), error * curve, none, none + np.nan)
             law = StaticLaw.of(levels, LawSpec())
-            assert "stiction" not in law.intervals
-            _, _, low, high = law.intervals["coulomb"]
-            held.append(low <= 10 <= high)
+            assert "stiction" not in law.identified_names
+            held.append(abs(law.values["coulomb"] - 10) <= law.quantile_95 * law.estimate.std("coulomb"))
             assert law.torque(levels.conditions) == pytest.approx(curve, rel=0.12 if error > 0.01 else 0.015)
     assert np.mean(held) >= 0.85
     columns = ("speed", "direction", "torque", "std", "load", "temperature")
@@ -135,8 +133,8 @@ def test_coulomb_friction_that_falls_with_heat_is_a_number_and_in_the_robots_fil
     torque = 10 - 0.05 * (warmth - 36) + 8 * speeds
     none, noise = np.zeros(32), np.random.default_rng(0).standard_normal(32)
     law = StaticLaw.of(FrictionCurve("j", speeds, none, torque + 0.03 * noise, none + 0.03, none, warmth), LawSpec())
-    value, _, low, high = law.intervals["temperature.coulomb"]
-    assert low < -0.05 < high < 0
+    value, reach = law.values["temperature.coulomb"], law.quantile_95 * law.estimate.std("temperature.coulomb")
+    assert value - reach < -0.05 < value + reach < 0
     file, viscous = law.to_friction()
     assert file.temperature.coulomb == value
     law_of_joint = placed(file, 1.0, viscous)

@@ -7,17 +7,26 @@ import numpy as np
 
 from elastid.base.errors import Note
 from elastid.experiment.plan.friction import FrictionPlan, JointPassDesign, PassLimits
+from elastid.friction_record import FrictionRecords
 from elastid.friction_study.constant_velocity import FrictionCurve
 from elastid.friction_study.inverse_dynamics_regression import MotionFriction, regress_motion
 from elastid.friction_study.motion_signals import Motion
 from elastid.friction_study.presliding import Elements, PreslidingFit
-from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
-from elastid.friction_study.spec import LawSpec
+from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction, identify_friction
+from elastid.friction_study.sliding_friction import identify_sliding_friction
+from elastid.friction_study.spec import FrictionSpec, LawSpec
 from elastid.friction_study.static_model_fit import StaticLaw, UnidentifiedTerm
 from elastid.friction_study.warm_up import ThermalModel
 from elastid.report.friction_content import FrictionContent
+from elastid.robot import Robot
 
 RATE, MASS = 250.0, 95.0
+
+
+def friction_study(robot: Robot, measured: FrictionRecords, spec: FrictionSpec | None = None) -> FrictionResult:
+    """The result of a study of all joints."""
+    sliding = identify_sliding_friction(robot, robot.driven, measured)
+    return identify_friction(robot, sliding, measured, spec or FrictionSpec())
 
 
 def levels() -> FrictionCurve:
@@ -49,10 +58,10 @@ def number(name: str, symbol: str, value: float, std: float, truth: float | None
 
 def friction_result() -> FrictionResult:
     elbow = JointFriction(
-        "elbow", False, levels(), None, StaticLaw.of(levels(), LawSpec(stribeck="no")),
-        Elements(np.array([300.0, 500.0]), np.array([1e-3, 3e-3]), 0.1),
-        PreslidingFit(1.0e4, 10.0, np.diag([100.0, 1.0]) ** 2, 2),
-        ThermalModel(np.array([2700.0]), np.ones(1), math.nan, np.full(2, 0.02), 20.0, 20),
+        "elbow", False, levels(), static=StaticLaw.of(levels(), LawSpec(stribeck="no")),
+        presliding=Elements(np.array([300.0, 500.0]), np.array([1e-3, 3e-3]), 0.1),
+        presliding_test=PreslidingFit(1.0e4, 10.0, np.diag([100.0, 1.0]) ** 2, 2),
+        thermal=ThermalModel(np.array([2700.0]), np.ones(1), math.nan, np.full(2, 0.02), 20.0, 20),
         numbers=(number("Fc_melbow", "F_c", 9.02, 0.03, 9.0), number("f_melbow", "f", 6.3, 0.1, 6.0)),
         unidentified=(
             UnidentifiedTerm("stribeck", "no speed below nu_s / 3"), UnidentifiedTerm("quadratic", "not asked for"),

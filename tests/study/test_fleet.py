@@ -20,7 +20,7 @@ def fleet(tmp_path) -> Path:
     ("table", "message"),
     [
         ("robot,day\na,2026-01-01\n", ("members.csv:1:1", "date")),
-        ("robot;date\nA;2026-01-01\n", ("members.csv:1:1", "robot")),
+        ("robot date\nA 2026-01-01\n", ("members.csv:1:1", "robot")),
         ("robot,date\nA,2026-01-01,4\n", "members.csv:2:1"),
         ("robot,date\na,2024-05-01\na,2024-05-01\n", "a on 2024-05-01"),
         ("robot,date\n", "members"),
@@ -35,7 +35,7 @@ def test_a_table_without_members_is_refused(fleet: Path, table: str, message: st
 
 def test_members_have_the_keys_of_their_row_and_of_all(fleet: Path) -> None:
     """In the order of robots and dates; {robot} and {date} stand for their own."""
-    (fleet.parent / "members.csv").write_text("robot,date,fit.starts\nb,2026-01-02,3\na,2026-01-03,\na,2026-01-01,4\n")
+    (fleet.parent / "members.csv").write_text("robot;date;fit.starts\nb;2026-01-02;3\na;2026-01-03;\na;2026-01-01;4\n")
     fleet.write_text(fleet.read_text() + 'table: members.csv\nset: {name: "of {robot} {date}", fit.starts: 2}\n')
     members = load_fleet(fleet).members
     assert [member.name for member in members] == ["a_2026-01-01", "a_2026-01-03", "b_2026-01-02"]

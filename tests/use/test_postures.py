@@ -32,11 +32,11 @@ def test_poses_that_some_posture_has_are_reached_within_the_limits(name: str) ->
 
 
 def test_a_path_of_angles_or_poses_is_read_in_its_units(tmp_path: Path) -> None:
-    """Degrees by the name of the column; a pose out of reach is numbered."""
+    """Degrees by the name of the column; semicolons, tabs and decimal commas; a pose out of reach is numbered."""
     path = tmp_path / "path.csv"
-    path.write_text("2 (deg),1,note\n90,0.5,0\n", encoding="utf-8")
+    path.write_text("2 (deg);1;note\n90;0,5;0\n", encoding="utf-8")
     np.testing.assert_allclose(read_path(path, robot(), "tool")[0], [[0.5, np.pi / 2]])
-    path.write_text("2 (mrad),1 (°)\n500,90\n", encoding="utf-8")
+    path.write_text("2 (mrad)\t1 (°)\n5,0e2\t90\n", encoding="utf-8")
     np.testing.assert_allclose(read_path(path, robot(), "tool")[0], [[np.pi / 2, 0.5]])
     path.write_text("x,y,z\n1.0,0,0\n9,0,0\n0.9,0,-0.2\n", encoding="utf-8")
     angles, (remark,) = read_path(path, robot(), "tool")
@@ -56,7 +56,7 @@ def test_a_path_of_angles_or_poses_is_read_in_its_units(tmp_path: Path) -> None:
         ("1,2\n0,up\n", ":2"),
         ("1,2\n0\n", ":2"),
         ("1,2\n0,nan\n", ":2"),
-        ("1;2\n0,5;1\n", ":2"),
+        ("1 2\n0.5 1\n", ":2"),
         ("x,y,z\n9,9,9\n", "frame tool"),
         ("1 (mm),2\n0,1\n", "mm"),
         ("1 (deg),1,2\n0,0,1\n", "name 1"),

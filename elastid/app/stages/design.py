@@ -23,7 +23,7 @@ from elastid.study import Study
 
 
 def design(study: Study, work: Work) -> Artefacts:
-    """plan.h5 with its forecast, and references/*.csv for a robot controller, within the robot's limits.
+    """Design the experiments: plan.h5 with its forecast, and references/*.csv within the robot's limits.
 
     <experiment>.csv: one period of torque to inject, with <configuration>-movement.csv of a whole run with its ramps;
     or the references of the whole run.
@@ -39,7 +39,7 @@ def design(study: Study, work: Work) -> Artefacts:
     plan, forecast, limit_use = designed.plan, designed.forecast, designed.limit_use
 
     def report(console: Console) -> None:
-        """Limits, robot time, choice of configurations and forecast."""
+        """Report limits, robot time, choice of configurations and forecast."""
         console.notes(limit_use.notes)
         length_s = plan.run_samples / plan.rate_hz
         console.say(
@@ -79,7 +79,7 @@ def design(study: Study, work: Work) -> Artefacts:
 
 
 def problem_of(study: Study) -> DesignProblem:
-    """The problem of a study; StudyError for one without an excitation."""
+    """Return the design problem of a study; StudyError for a study without an excitation."""
     if study.excitation is None:
         raise StudyError("study/stage", "this section is needed to design an experiment", "excitation")
     sections = study.excitation, study.experiment, study.fit, study.estimator.quantity, study.seed, study.design
@@ -90,7 +90,7 @@ def problem_of(study: Study) -> DesignProblem:
 
 
 def movement_of(plan: Plan, carrier: CarrierSpec | None, robot: Robot, configuration: Configuration) -> Reference:
-    """The movement in one configuration; a process builds the equations itself, since they do not pickle."""
+    """Plan the movement in one configuration; builds the equations itself, since they do not pickle."""
     return reference(plan, carrier, feed_forward_of(model_of(robot.carrying(configuration.has_payload))), configuration)
 
 

@@ -31,7 +31,7 @@ from elastid.study import Study
 
 
 def estimate(study: Study, work: Work) -> Artefacts:
-    """frf.h5 from records.h5; each process has one configuration in memory at a time."""
+    """Estimate frf.h5 from records.h5; each process has one configuration in memory at a time."""
     robot, estimator, records = study.robot, study.estimator, work.sources["measure"]
     lines = read_plan(work.sources["design"]).lines if "design" in work.sources else None
     names, friction, recorded = read_configurations(records), None, study.experiment.recorded
@@ -49,7 +49,7 @@ def estimate(study: Study, work: Work) -> Artefacts:
 
 
 def import_responses(study: Study, work: Work) -> Artefacts:
-    """frf.h5 from files of other programs, or of another run."""
+    """Import frf.h5 from files of other programs, or from another run."""
     responses = list(imported_responses(study, work.base))
     return _artefacts(responses, notes_of(responses))
 
@@ -63,7 +63,7 @@ def estimate_configuration(
     configuration: str,
     recorded: RecordedSpec | None = None,
 ) -> tuple[Response, set[Note]]:
-    """Response of one configuration and the notes of its records, which are gone before the next are read.
+    """Estimate the response of one configuration; returns it with the notes of its records.
 
     friction: compensated in the torque before.  robot: with the gears of the motors, or None.  recorded: logs, with
     the controller of their references if it is known.
@@ -125,12 +125,12 @@ def _artefacts(
 
 
 def listed(values: Mapping[str, object]) -> str:
-    """Names and values in a sentence."""
+    """Join names and values to a text."""
     return ", ".join(f"{name} {value}" for name, value in values.items())
 
 
 def imported_responses(study: Study, base: Path) -> Iterator[Response]:
-    """One response for each file of the experiment, in their order, in the estimator's quantity and band.
+    """Read one response per file of the experiment, in their order, in the estimator's quantity and band.
 
     Raises StudyError where channels or configuration and file do not fit, DataError where a file cannot be used.
     """
@@ -164,7 +164,7 @@ def imported_responses(study: Study, base: Path) -> Iterator[Response]:
 
 
 def tool_responses(tool: ToolSpec | None, study: Study, base: Path) -> list[Response]:
-    """The responses by forces at the tool, whatever rig measured the others."""
+    """Read the responses to forces at the tool, which may be measured beside any rig."""
     if tool is None:
         return []
     experiment = replace(study.experiment, simulated=None, recorded=None, responses=tool.responses)

@@ -48,7 +48,7 @@ TRUSTED = ("converged", "noise_unknown", "at_bound")
 
 
 def fit(study: Study, work: Work) -> Artefacts:
-    """fit.h5, summary.json and identified_robot.yml; without a result a summary with the reason, and FitError.
+    """Fit the elastic model: fit.h5, summary.json, identified_robot.yml; a failed fit leaves a summary and FitError.
 
     An interrupted fit leaves its finished starts in fit.partial, from where the next is resumed.
     """
@@ -112,7 +112,7 @@ def fit(study: Study, work: Work) -> Artefacts:
 def fitted_rows(
     study: Study, result: Result, friction: CompensatedFriction | None, gears: GearResult | None = None
 ) -> tuple[ParameterRow, ...]:
-    """A row for each parameter, with its truth where the rig is simulated."""
+    """Return a row for each parameter, with its true value if the rig is simulated."""
     robot, simulated = study.as_robot(), study.experiment.simulated
     true = truth(robot, simulated, study.fit.parameters, friction)
     return parameter_rows(result, true, contents(robot, simulated is not None, friction, result.parameters, gears))
@@ -191,12 +191,12 @@ STD_PARTS = {
 def _legend(
     robot: Robot, result: Result, rows: Sequence[ParameterRow], friction: CompensatedFriction | None
 ) -> Iterator[str]:
-    named = [(row.name, *row.name.partition("_")[::2]) for row in reversed(rows)]
+    symbols = [(row.name, *row.name.partition("_")[::2]) for row in reversed(rows)]
     groups = []
     for owner, has_motor, families in SYMBOLS:
         of_owner = {
             family: (name, place)
-            for name, family, place in named
+            for name, family, place in symbols
             if family in families and has_motor in (None, place.partition(SEPARATOR)[0] in robot.driven_names)
         }
         names = ", ".join(f"{of_owner[family][0]} ({families[family]})" for family in families if family in of_owner)

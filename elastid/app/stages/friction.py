@@ -35,7 +35,7 @@ from elastid.validation.friction_simulation import compare_friction_logs, predic
 
 
 def design_motions(study: Study, work: Work) -> Artefacts:
-    """plan.h5 of a friction study, and references/<motion>.csv for a robot controller, within the robot's limits."""
+    """Design a friction study: plan.h5, and references/<motion>.csv within the robot's limits."""
     plan = design_friction(study.as_friction(), study.friction_joints, study.experiment, study.as_robot(), study.seed)
 
     def report(console: Console) -> None:
@@ -67,7 +67,7 @@ def _write_motions(plan: FrictionPlan, folder: Path, stamp: Stamp) -> None:
 
 
 def simulate_motions(study: Study, work: Work) -> Artefacts:
-    """records.h5 of the simulated rig, which carries out the motions of a friction study, each in a process."""
+    """Simulate the motions of a friction study, each in a process: records.h5."""
     plan = stored.read_friction_plan(work.sources["design"])
     rig = SimulatedFrictionRig(study.as_robot(), study.experiment, plan, study.seed)
     write = stored.write_friction_records
@@ -78,7 +78,7 @@ def simulate_motions(study: Study, work: Work) -> Artefacts:
 
 
 def import_motions(study: Study, work: Work) -> Artefacts:
-    """records.h5 of the logs of a friction study."""
+    """Import the logs of a friction study: records.h5."""
     joints = [joint.name for joint in study.friction_joints]
     payloads = {load.name: load.payload for load in study.as_friction().loads}
     with work.execution() as execution:
@@ -91,7 +91,7 @@ def import_motions(study: Study, work: Work) -> Artefacts:
 
 
 def constant_velocity(study: Study, work: Work) -> Artefacts:
-    """constant_velocity.h5: friction torque by speed, load and temperature, and the regression of motions."""
+    """Estimate friction torque by speed, load and temperature, and the regression of motions: constant_velocity.h5."""
     measured, _ = stored.read_friction_records(work.sources["measure"]).divided(study.validation.configurations)
     joints = [joint for joint in study.friction_joints if joint.name in measured.joints]
     with work.execution() as execution:
@@ -110,10 +110,10 @@ def constant_velocity(study: Study, work: Work) -> Artefacts:
 
 
 def friction(study: Study, work: Work) -> Artefacts:
-    """friction.h5, summary.json, identified_robot.yml; without a result a summary with the reason, and FitError."""
+    """Fit friction: friction.h5, summary.json, identified_robot.yml; a failure leaves a summary and FitError."""
     name, robot, left_out = study.name, study.as_robot(), study.validation.configurations
     joint_fits = stored.read_constant_velocity(work.sources["constant_velocity"])
-    measured, others = stored.read_friction_records(work.sources["measure"]).divided(left_out)
+    measured, validation = stored.read_friction_records(work.sources["measure"]).divided(left_out)
     simulated, recorded = study.experiment.simulated, study.experiment.recorded
     truth = None if simulated is None else true_robot(robot, simulated.truth)
     try:
@@ -124,7 +124,7 @@ def friction(study: Study, work: Work) -> Artefacts:
     identified, controller = with_identified_friction(robot, result), None if recorded is None else recorded.controller
     with work.execution() as execution:
         log_comparison = compare_friction_logs(identified, result.joints, measured, controller, execution)
-        judged = predict_logs(identified, result.joints, others, controller, execution)
+        judged = predict_logs(identified, result.joints, validation, controller, execution)
     reported = notes_of(joint_fits)
 
     def report(console: Console) -> None:
@@ -146,7 +146,7 @@ def friction(study: Study, work: Work) -> Artefacts:
 
 
 def report_friction(study: Study, work: Work) -> Artefacts:
-    """The page and figures of a friction study."""
+    """Write the page and figures of a friction study."""
     content = _content(study.name, work.sources, work.stamp)
     drawings = friction_study_drawings(content.result, content.filters, content.log_comparison, content.left_out)
     return page_artefacts(partial(html_of_friction, content), drawings, study, work)

@@ -71,7 +71,7 @@ def gears(study: Study, work: Work) -> Artefacts:
 def on_straight_springs(
     robot: Robot, responses: Sequence[Response], result: Result, model: ModelSpec, spec: FitSpec, execution: Execution
 ) -> tuple[Result, Robot]:
-    """A fit and robot without the laws of springs of the robot's file, which are found from the records, too.
+    """Return a fit and robot without the model's spring characteristics, which the stage estimates anew.
 
     About rest within a gap of the file k would show in no response.  StudyError where a term of a law was fitted: its
     number would act twice.
@@ -102,7 +102,7 @@ def _summary(path: Path) -> dict[str, object]:
 def with_gear_section(
     content: Mapping[str, Any], result: Result, rows: Sequence[ParameterRow], gears: GearResult
 ) -> dict[str, Any]:
-    """The content of summary.json with the section `gears`, and the parameters found beside the effects.
+    """Add the section `gears` to summary.json, and the parameters that were estimated together with the effects.
 
     rows: of these; those of the linear fit stand in them as `linear`.  numbers: by name, SI and in makers' units; value
     is null of what was not seen, which lies below `bound95`.  refused: why nothing was looked for.

@@ -34,13 +34,13 @@ R = TypeVar("R", Record, FrictionRecord)
 
 
 def simulate(study: Study, work: Work) -> Artefacts:
-    """records.h5 of the simulated rig, which carries out the plan."""
+    """Simulate the plan: records.h5."""
     plan = read_plan(work.sources["design"])
     return _measure(SimulatedRig(study.as_robot(), study.experiment, plan, study.seed), work)
 
 
 def import_logs(study: Study, work: Work) -> Artefacts:
-    """records.h5 of the logs that the study names."""
+    """Import the logs that the study names: records.h5."""
     rig = RecordedRig(study.places, study.experiment, work.base)
     return _measure(rig, work, rig.is_large)
 
@@ -98,7 +98,7 @@ def _measure_part(
 
 
 def report_count(notes: Iterable[Note], count: int, console: Console) -> None:
-    """Notes and number of records."""
+    """Print notes and the number of records."""
     name = next((m for note in notes if (m := re.fullmatch(r"record ((.*)-r(\d+)-e(\d+))", note.place))), None)
     words = f". {name[1]}: configuration {name[2]}, realisation {name[3]}, experiment {name[4]}" if name else ""
     console.say(f"measure: {count} record{'s' * (count != 1)}{words}")

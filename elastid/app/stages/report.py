@@ -34,7 +34,7 @@ read_modes, read_dense = reader(FIT, "modes", MODES), reader(FIT, "dense", DENSE
 
 
 def report(study: Study, work: Work) -> Artefacts:
-    """The page and figures of an identified robot; compare.json is shown where it is of these responses."""
+    """Write the page and figures of an identified robot, with compare.json if it belongs to these responses."""
     files, robot, simulated = work.sources, study.as_robot(), study.experiment.simulated
     plan, estimates, validated = files.get("design"), files["estimate"], files["validate"]
     responses, result = read_responses(estimates), read_fit(files["fit"])
@@ -69,7 +69,7 @@ def page_artefacts(
     files: Mapping[str, Write] = MappingProxyType({}),
     lines: Sequence[str] = (),
 ) -> Artefacts:
-    """A page with the figures drawn for it, after other files; lines of the report before its path."""
+    """Return a page with its figures, to be written after other files; messages are printed before its path."""
     pages: list[Path] = []
 
     def write(path: Path, stamp: Stamp) -> None:
@@ -86,7 +86,7 @@ def page_artefacts(
 
 
 def report_responses(study: Study, work: Work) -> Artefacts:
-    """The page, figures, modes.csv and modes.h5 of responses without a robot."""
+    """Write page, figures, modes.csv and modes.h5 of responses without a robot."""
     # SciPy's linear algebra, which comes with the modes, takes long to load, and the page of a fit does without.
     from elastid.logs.responses.table import geometry_of_files
     from elastid.modal.estimate import estimate_all_modes

@@ -43,7 +43,7 @@ class Validated:
 
 
 def validate(study: Study, work: Work) -> Artefacts:
-    """validation.h5 and validation.json: prediction errors of the fitted model, on left-out configurations if any.
+    """Validate the fit: validation.h5 and validation.json with prediction errors, on validation configurations if any.
 
     Without records, which may not be kept, nothing is simulated.
     """
@@ -93,7 +93,7 @@ def validate(study: Study, work: Work) -> Artefacts:
 def judge(
     basis: Validated, left_out: Sequence[str], records: Path | None, console: Console, execution: Execution
 ) -> tuple[Validation, LogComparison]:
-    """Errors of the responses, of those left out with the interval of a prediction; and the robot in time.
+    """Compute errors of all responses, those for validation with the interval of a prediction, and of the simulation.
 
     That is its torques part by part, and its motion along a record; nothing without records, or torques in them.
     """
@@ -109,7 +109,7 @@ def judge(
 
 
 def _balances(basis: Validated, path: Path, console: Console, execution: Execution) -> tuple[TorqueBalance, ...]:
-    """The torque of each motor in the first record of every configuration of records.h5.
+    """Balance the torque of each motor in the first record of every configuration of records.h5.
 
     It is not divided into parts where the robot cannot be rigid, or a motor's motion was not measured.
     """
@@ -138,7 +138,7 @@ def _balanced(
 
 
 def _simulations(basis: Validated, path: Path) -> tuple[LogSimulation, ...]:
-    """A simulation along the first record of the first configuration that was left out, or else of the first of all."""
+    """Simulate along the first record of the first validation configuration, or else of the first configuration."""
     names = read_configurations(path)
     name_of_posture = next((name for name in basis.study.validation.configurations if name in names), names[0])
     result = with_gears(basis.fitted.result, basis.gears)

@@ -30,7 +30,7 @@ def is_compiled() -> bool:
 
 
 def description() -> str:
-    """The kernels in use and the processor level that they are compiled for, in words."""
+    """Describe the kernels in use and the processor level that they are compiled for."""
     return f"kernels in C for {_level()}" if is_compiled() else "kernels in NumPy"
 
 
@@ -46,7 +46,7 @@ def call(name: str, *arguments: int | npt.NDArray[Any] | None) -> None:
 
 
 def sources_hash() -> str:
-    """SHA-256 of the C files."""
+    """Return the SHA-256 of the C files."""
     digest = hashlib.sha256()
     for path in sorted(FOLDER.glob("*.[ch]")):
         digest.update(path.read_bytes())
@@ -71,7 +71,7 @@ def _library() -> ctypes.CDLL | None:
 
 @cache
 def _level() -> str:
-    """The widest level that the library has for this processor: portable, avx2 or avx512."""
+    """Return the widest level of the library for this processor: portable, avx2 or avx512."""
     library = _library()
     if library is None:
         raise RuntimeError(f"there is no library of kernels at {LIBRARY}; {_BUILD_AGAIN}")

@@ -32,6 +32,31 @@ static inline number load(const double *from, int64_t apart, int64_t used) {
     return found;
 }
 
+static inline number product(number a, number b) {
+    number c = {a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re};
+    return c;
+}
+
+static inline void less_product(number *x, number a, number b) {
+    x->re = x->re - a.re * b.re + a.im * b.im;
+    x->im = x->im - a.re * b.im - a.im * b.re;
+}
+
+static inline void store(number from, int64_t used, double *to) {
+    const double *re = (const double *)&from.re, *im = (const double *)&from.im;
+    for (int64_t q = 0; q < used; q++) {
+        to[2 * q] = re[q];
+        to[2 * q + 1] = im[q];
+    }
+}
+
+static inline number *zeros(int64_t many) {
+    number *found = allocate((size_t)(many ? many : 1) * sizeof(number));
+    if (found)
+        memset(found, 0, (size_t)many * sizeof(number));
+    return found;
+}
+
 /* sums_ab += sum_p left_ap conj(right_bp), rows of P numbers. */
 static inline void add_tile(int64_t P, const number *left, const number *right, number sums[TILE][TILE]) {
     for (int64_t p = 0; p < P; p++)

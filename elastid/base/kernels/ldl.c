@@ -1,23 +1,6 @@
 /* L D L^T of all lines, several side by side in a vector register; arithmetic and order as `linear/response/kernel.py` says. */
 
-#include "registers.h"
-
-#define LANES ((int64_t)(WIDTH / sizeof(double)))
-
-typedef double lanes __attribute__((vector_size(WIDTH)));
-typedef struct {
-    lanes re, im;
-} number;
-
-static inline void less_product(number *x, number a, number b) {
-    x->re = x->re - a.re * b.re + a.im * b.im;
-    x->im = x->im - a.re * b.im - a.im * b.re;
-}
-
-static inline number product(number a, number b) {
-    number c = {a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re};
-    return c;
-}
+#include "lanes.h"
 
 /* Z = K + j w D - w^2 M and X = B; later[i]: the columns behind the diagonal where row i is not zero. */
 static void assemble(int64_t n, int64_t m, const double *M, const double *D, const double *K, const double *B,
@@ -85,12 +68,7 @@ static void gather(int64_t n, int64_t m, int64_t n_d, const number *X, const dou
                 sum.re += Y[i * n_d + d] * X[i * m + j].re;
                 sum.im += Y[i * n_d + d] * X[i * m + j].im;
             }
-            double pairs[2 * LANES], *re = (double *)&sum.re, *im = (double *)&sum.im;
-            for (int64_t q = 0; q < LANES; q++) {
-                pairs[2 * q] = re[q];
-                pairs[2 * q + 1] = im[q];
-            }
-            memcpy(found, pairs, 2 * (size_t)used * sizeof(double));
+            store(sum, used, found);
         }
 }
 

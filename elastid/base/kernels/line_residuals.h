@@ -1,25 +1,21 @@
-/* Numbers of LANES lines side by side, real and imaginary parts apart; residuals, and columns pulled by them. */
+/* Residuals of lines side by side, and columns pulled by them: sums in double precision of `number`, which cost and
+   gradient are made of, moments of `real_number`. */
 
-#include "registers.h"
+#include "lanes.h"
 
 #ifndef REAL
 #define REAL double
 #endif
 #define BATCH 16
-#define LANES ((int64_t)(WIDTH / sizeof(REAL)))
-#define WIDE ((int64_t)(WIDTH / sizeof(double)))
-#define PARTS (LANES / WIDE)
+#define REAL_LANES ((int64_t)(WIDTH / sizeof(REAL)))
+#define PARTS (REAL_LANES / LANES)
 #define POWERS 5
 #define CACHE_LINE 64
 
-typedef REAL lanes __attribute__((vector_size(WIDTH)));
-typedef double wide __attribute__((vector_size(WIDTH)));
+typedef REAL real_lanes __attribute__((vector_size(WIDTH)));
 typedef struct {
-    lanes re, im;
-} number;
-typedef struct {
-    wide re, im;
-} precise; /* what cost and gradient are made of, whatever REAL is */
+    real_lanes re, im;
+} real_number;
 
 #define ADD_PRODUCT(x, a, b)                                                                                           \
     do {                                                                                                               \
@@ -44,76 +40,57 @@ static int64_t first_of_row(int64_t e, const sizes *of) {
 }
 
 /* `many` complex numbers of `used` lines from line f on; the lanes left over are zero. */
-static void load(const double *from, int64_t many, int64_t F, int64_t f, int64_t used, precise *to) {
-    for (int64_t t = 0; t < many; t++) {
-        const double *line = from + 2 * (t * F + f);
-        double re[WIDE] = {0}, im[WIDE] = {0};
-        __builtin_prefetch(line + 2 * WIDE); /* the next lines of this number */
-        __builtin_prefetch(line + 3 * WIDE);
-        if (used == WIDE)
-            for (int64_t q = 0; q < WIDE; q++) {
-                re[q] = line[2 * q];
-                im[q] = line[2 * q + 1];
-            }
-        else
-            for (int64_t q = 0; q < used; q++) {
-                re[q] = line[2 * q];
-                im[q] = line[2 * q + 1];
-            }
-        memcpy(&to[t].re, re, sizeof re);
-        memcpy(&to[t].im, im, sizeof im);
-    }
+static void load_all(const double *from, int64_t many, int64_t F, int64_t f, int64_t used, number *to) {
+    for (int64_t t = 0; t < many; t++)
+        to[t] = load(from + 2 * (t * F + f), 1, used);
 }
 
-static void store(const precise *from, int64_t many, int64_t F, int64_t f, int64_t used, double *to) {
+static void store_all(const number *from, int64_t many, int64_t F, int64_t f, int64_t used, double *to) {
     for (int64_t t = 0; t < many; t++)
-        for (int64_t q = 0; q < used; q++) {
-            to[2 * (t * F + f + q)] = from[t].re[q];
-            to[2 * (t * F + f + q) + 1] = from[t].im[q];
-        }
+        store(from[t], used, to + 2 * (t * F + f));
 }
 
 /* PARTS times `many` numbers side by side in as many lanes. */
-static void join(const precise *from, int64_t many, number *to) {
+static void join(const number *from, int64_t many, real_number *to) {
     for (int64_t t = 0; t < many; t++) {
         REAL *re = (REAL *)&to[t].re, *im = (REAL *)&to[t].im;
         for (int64_t p = 0; p < PARTS; p++) {
             const double *one = (const double *)&from[p * many + t].re, *two = (const double *)&from[p * many + t].im;
-            for (int64_t q = 0; q < WIDE; q++) {
-                re[p * WIDE + q] = (REAL)one[q];
-                im[p * WIDE + q] = (REAL)two[q];
+            for (int64_t q = 0; q < LANES; q++) {
+                re[p * LANES + q] = (REAL)one[q];
+                im[p * LANES + q] = (REAL)two[q];
             }
         }
     }
 }
 
 /* The lanes from `lane` on of R (n_r, 2, BATCH). */
-static void take(const double *R, int64_t n_r, int64_t lane, number *T) {
+static void take(const double *R, int64_t n_r, int64_t lane, real_number *T) {
     for (int64_t t = 0; t < n_r; t++) {
         REAL *re = (REAL *)&T[t].re, *im = (REAL *)&T[t].im;
-        for (int64_t q = 0; q < LANES; q++) {
+        for (int64_t q = 0; q < REAL_LANES; q++) {
             re[q] = (REAL)R[2 * BATCH * t + lane + q];
             im[q] = (REAL)R[2 * BATCH * t + BATCH + lane + q];
         }
     }
 }
 
-static inline precise element(const double *R, int64_t t, int64_t lane) {
-    precise found;
+static inline number element(const double *R, int64_t t, int64_t lane) {
+    number found;
     memcpy(&found.re, R + 2 * BATCH * t + lane, sizeof found.re);
     memcpy(&found.im, R + 2 * BATCH * t + BATCH + lane, sizeof found.im);
     return found;
 }
 
 /* q becomes r = q - R g, and back r^H R; without g: q is r.  Returns |r|^2 of each line. */
-static wide residual(const sizes *of, const double *R, int64_t lane, const precise *g, precise *q, precise *back) {
-    wide cost = {0};
-    memset(back, 0, (size_t)of->n_e * sizeof(precise));
+static lanes residual(const sizes *of, const double *R, int64_t lane, const number *g, number *q, number *back) {
+    lanes cost = {0};
+    memset(back, 0, (size_t)of->n_e * sizeof(number));
     for (int64_t e = 0; e < of->n_e; e++) {
         int64_t end = of->is_diagonal ? e + 1 : of->n_e, row = first_of_row(e, of) - e;
-        wide sums[4] = {0}; /* apart, so that none waits for another */
+        lanes sums[4] = {0}; /* apart, so that none waits for another */
         for (int64_t k = e; g && k < end; k++) {
-            precise one = element(R, row + k, lane);
+            number one = element(R, row + k, lane);
             sums[0] += one.re * g[k].re;
             sums[1] += one.im * g[k].im;
             sums[2] += one.re * g[k].im;
@@ -123,7 +100,7 @@ static wide residual(const sizes *of, const double *R, int64_t lane, const preci
         q[e].im -= sums[2] + sums[3];
         cost += q[e].re * q[e].re + q[e].im * q[e].im;
         for (int64_t k = e; k < end; k++) {
-            precise one = element(R, row + k, lane);
+            number one = element(R, row + k, lane);
             ADD_INNER(back[k], q[e], one);
         }
     }
@@ -131,7 +108,7 @@ static wide residual(const sizes *of, const double *R, int64_t lane, const preci
 }
 
 /* Adds s^p x to sums[p * apart], p = 0, 1, 2. */
-static inline void add_powers(precise x, wide omega, int64_t apart, precise *sums) {
+static inline void add_powers(number x, lanes omega, int64_t apart, number *sums) {
     sums[0].re += x.re;
     sums[0].im += x.im;
     sums[apart].re -= omega * x.im;
@@ -141,15 +118,15 @@ static inline void add_powers(precise x, wide omega, int64_t apart, precise *sum
 }
 
 /* Adds s^p times the sum of weight and column, elements of equal output together, to sums (3, n_b). */
-static void pull(const sizes *of, const precise *left, const precise *right, const precise *gain, const precise *whole,
-                 const precise *weight, wide omega, precise *sums) {
+static void pull(const sizes *of, const number *left, const number *right, const number *gain, const number *whole,
+                 const number *weight, lanes omega, number *sums) {
     int64_t n_1 = of->n_1, n_12 = n_1 + of->n_2, n_b = n_12 + of->n_3, n_e = of->n_e;
-    precise none = {{0}, {0}};
+    number none = {{0}, {0}};
     for (int64_t b = 0; b < n_1; b++) {
-        precise total = none, sum = none;
+        number total = none, sum = none;
         for (int64_t e = 0; e < n_e;) {
             int64_t i = of->outputs[e];
-            precise row = none;
+            number row = none;
             for (; e < n_e && of->outputs[e] == i; e++)
                 ADD_PRODUCT(row, weight[e], right[b * of->n_u + of->inputs[e]]);
             ADD_PRODUCT(sum, row, left[b * of->n_y + i]);
@@ -158,7 +135,7 @@ static void pull(const sizes *of, const precise *left, const precise *right, con
         add_powers(total, omega, n_b, sums + b);
     }
     for (int64_t b = n_12; b < n_b; b++) {
-        precise total = none;
+        number total = none;
         for (int64_t e = 0; e < n_e; e++)
             ADD_PRODUCT(total, weight[e], whole[(b - n_12) * n_e + e]);
         add_powers(total, omega, n_b, sums + b);
@@ -166,21 +143,21 @@ static void pull(const sizes *of, const precise *left, const precise *right, con
 }
 
 /* Adds s^p gain left^T weight right of the directions of the bases of a higher rank to sums (3, r, r). */
-static void pull_between(const sizes *of, const precise *left, const precise *right, const precise *gain,
-                         const precise *weight, wide omega, precise *sums) {
+static void pull_between(const sizes *of, const number *left, const number *right, const number *gain,
+                         const number *weight, lanes omega, number *sums) {
     int64_t r = of->n_v, n_e = of->n_e, n_y = of->n_y, n_u = of->n_u;
-    precise none = {{0}, {0}}, row[n_y];
+    number none = {{0}, {0}}, row[n_y];
     for (int64_t b = 0; b < r; b++) {
         memset(row, 0, sizeof row);
         for (int64_t e = 0; e < n_e; e++)
             ADD_PRODUCT(row[of->outputs[e]], weight[e], right[b * n_u + of->inputs[e]]);
         for (int64_t i = 0; i < n_y; i++) {
-            precise turned = none;
+            number turned = none;
             ADD_PRODUCT(turned, row[i], *gain);
             row[i] = turned;
         }
         for (int64_t a = 0; a < r; a++) {
-            precise sum = none;
+            number sum = none;
             for (int64_t i = 0; i < n_y; i++)
                 ADD_PRODUCT(sum, left[a * n_y + i], row[i]);
             add_powers(sum, omega, r * r, sums + a * r + b);

@@ -1,4 +1,4 @@
-/* Sums of products, inverses, singular values and positive parts of stacks (F, n, m) for `matrices.py`: LANES lines
+/* Sums of products, inverses and singular values of stacks (F, n, m) for `matrices.py`: LANES lines
    side by side, real and imaginary parts apart.  Each line is computed as if it were alone.
 
    Products are summed over columns from the first on, block by block.  Inverses: rows are eliminated from the first
@@ -88,67 +88,34 @@ static void mirror(int64_t n, number *C) {
     }
 }
 
-static number *zeros(int64_t many) {
-    number *found = allocate((size_t)(many ? many : 1) * sizeof(number));
-    if (found)
-        memset(found, 0, (size_t)many * sizeof(number));
-    return found;
-}
-
-static int64_t most(int64_t M, const int64_t *k) {
-    int64_t found = 0;
-    for (int64_t b = 0; b < M; b++)
-        found = k[b] > found ? k[b] : found;
-    return found;
-}
-
-/* C (F, n, m) = sum over M blocks of A B^H, A (F, n, k) and B (F, m, k), or of A B^T where sign is -1; k (M,). */
-KERNEL(sum_of_products)(int64_t F, int64_t n, int64_t m, int64_t M, const int64_t *k, const stack *A, const stack *B,
-                    int64_t sign, double *C) {
-    int64_t K = most(M, k), is_square = sign == 1 && n == m && !memcmp(A, B, (size_t)M * sizeof(stack));
-    number *left = zeros((n + m + 2 * TILE) * K + n * m);
+/* C (F, n, m) = sum over M blocks of A B^H, A (F, n, k) and B (F, m, k), or of A B^T where sign is -1; k (M,), at most K.
+   With G (F, n, m): C (F, n, n) = sum of D D^H, D = A - G B, B (F, m, k). */
+KERNEL(sum_of_products)(int64_t F, int64_t n, int64_t m, int64_t M, int64_t K, const int64_t *k, const stack *A,
+                    const stack *B, const stack *G, int64_t sign, double *C) {
+    int64_t is_square = G || (sign == 1 && n == m && !memcmp(A, B, (size_t)M * sizeof(stack))), w = G ? n : m;
+    number *left = zeros((n + TILE) * (K + m) + (m + K + TILE) * (K + m) + n * w);
     if (!left)
         return 1;
-    number *right = is_square ? left : left + (n + TILE) * K, *sum = left + (n + m + 2 * TILE) * K;
-    for (int64_t f = 0; f < F; f += LANES, C += 2 * n * m * LANES) {
+    number *gain = left + (n + TILE) * K, *right = gain + (n + TILE) * m, *sum = right + (m + K + TILE) * (K + m);
+    for (int64_t f = 0; f < F; f += LANES, C += 2 * n * w * LANES) {
         int64_t used = F - f < LANES ? F - f : LANES;
-        memset(sum, 0, (size_t)(n * m) * sizeof(number));
+        memset(sum, 0, (size_t)(n * w) * sizeof(number));
+        if (G)
+            take(n, m, *G, f, used, 1.0, m, gain);
         for (int64_t b = 0; b < M; b++) {
             take(n, k[b], A[b], f, used, 1.0, k[b], left);
-            if (!is_square)
+            if (G) {
+                take(k[b], m, transposed(B[b]), f, used, -1.0, m, right);
+                add_product(n, k[b], m, gain, right, -1.0, left);
+            } else if (!is_square)
                 take(m, k[b], B[b], f, used, (double)sign, k[b], right);
-            add_product(n, m, k[b], left, right, 1.0, sum);
+            add_product(n, w, k[b], left, is_square ? left : right, 1.0, sum);
         }
         if (is_square)
             mirror(n, sum);
-        put(n, m, sum, m, used, C);
+        put(n, w, sum, w, used, C);
     }
     release(left);
-    return 0;
-}
-
-/* C (F, n, n) = sum over M blocks of D D^H, D = Y - G U; Y (F, n, k), G (F, n, m), U (F, m, k), k (M,). */
-KERNEL(sum_of_errors)(int64_t F, int64_t n, int64_t m, int64_t M, const int64_t *k, const stack *Y, const stack *G,
-                  const stack *U, double *C) {
-    int64_t K = most(M, k);
-    number *D = zeros((n + TILE) * K + (K + TILE) * m + (n + TILE) * m + n * n);
-    if (!D)
-        return 1;
-    number *inputs = D + (n + TILE) * K, *gain = inputs + (K + TILE) * m, *sum = gain + (n + TILE) * m;
-    for (int64_t f = 0; f < F; f += LANES, C += 2 * n * n * LANES) {
-        int64_t used = F - f < LANES ? F - f : LANES;
-        memset(sum, 0, (size_t)(n * n) * sizeof(number));
-        take(n, m, *G, f, used, 1.0, m, gain);
-        for (int64_t b = 0; b < M; b++) {
-            take(n, k[b], Y[b], f, used, 1.0, k[b], D);
-            take(k[b], m, transposed(U[b]), f, used, -1.0, m, inputs);
-            add_product(n, k[b], m, gain, inputs, -1.0, D);
-            add_product(n, n, k[b], D, D, 1.0, sum);
-        }
-        mirror(n, sum);
-        put(n, n, sum, n, used, C);
-    }
-    release(D);
     return 0;
 }
 
@@ -164,16 +131,6 @@ static inline int any(flags which) {
 }
 
 static inline lanes power(number a) { return a.re * a.re + a.im * a.im; }
-
-static inline number times(number a, number b) {
-    number c = {a.re * b.re - a.im * b.im, a.re * b.im + a.im * b.re};
-    return c;
-}
-
-static inline void less_product(number *x, number a, number b) {
-    x->re = x->re - a.re * b.re + a.im * b.im;
-    x->im = x->im - a.re * b.im - a.im * b.re;
-}
 
 static void swap_rows(flags which, int64_t many, number *one, number *other) {
     for (int64_t j = 0; j < many; j++) {
@@ -212,7 +169,7 @@ static flags invert(int64_t n, number *Z) {
         singular |= size == 0.0;
         row[k] = one;
         for (int64_t i = k + 1; i < n; i++) {
-            share = times(Z[i * w + k], one);
+            share = product(Z[i * w + k], one);
             for (int64_t j = k + 1; j < w; j++)
                 less_product(&Z[i * w + j], share, row[j]);
         }
@@ -222,7 +179,7 @@ static flags invert(int64_t n, number *Z) {
             number x = Z[k * w + j];
             for (int64_t i = k + 1; i < n; i++)
                 less_product(&x, Z[k * w + i], Z[i * w + j]);
-            Z[k * w + j] = times(x, Z[k * w + k]);
+            Z[k * w + j] = product(x, Z[k * w + k]);
         }
     return singular;
 }
@@ -275,7 +232,7 @@ static flags turn(int64_t n, int64_t m, number *x, number *y) {
     lanes c = one / root(one + tangent * tangent), s = c * tangent;
     number phase = {chosen(turned, g.re / size, one), chosen(turned, -g.im / size, zero)};
     for (int64_t i = 0; i < n * m; i += m) {
-        number p = x[i], q = times(y[i], phase);
+        number p = x[i], q = product(y[i], phase);
         x[i].re = c * p.re - s * q.re;
         x[i].im = c * p.im - s * q.im;
         y[i].re = s * p.re + c * q.re;
@@ -309,13 +266,6 @@ static void turn_all(int64_t n, int64_t m, number *X) {
     }
 }
 
-static lanes length(int64_t n, int64_t m, const number *x) {
-    lanes sum = {0};
-    for (int64_t i = 0; i < n * m; i += m)
-        sum += power(x[i]);
-    return root(sum);
-}
-
 /* Lengths (F, m) of the orthogonal columns of A V, A (F, n, m), V unitary: where m <= n, A's singular values. */
 KERNEL(singular_values)(int64_t F, int64_t n, int64_t m, const stack *A, double *found) {
     number *X = zeros(n * m);
@@ -327,41 +277,13 @@ KERNEL(singular_values)(int64_t F, int64_t n, int64_t m, const stack *A, double 
         lanes size = scaled(n * m, X);
         turn_all(n, m, X);
         for (int64_t j = 0; j < m; j++) {
-            lanes value = size * length(n, m, X + j);
+            lanes value = {0};
+            for (int64_t i = 0; i < n; i++)
+                value += power(X[i * m + j]);
+            value = size * root(value);
             for (int64_t q = 0; q < used; q++)
                 found[(f + q) * m + j] = value[q];
         }
-    }
-    release(X);
-    return 0;
-}
-
-/* sum max(l, 0) v v^H (F, n, n) over eigenvalues l and vectors v of Hermitian A.  Those of A / |A| + 2, which is
-   positive definite, are its singular values l / |A| + 2 and vectors: b b^H = (l / |A| + 2)^2 v v^H with orthogonal
-   columns b. */
-KERNEL(positive_part)(int64_t F, int64_t n, const stack *A, double *found) {
-    number *X = zeros(n * (n + TILE) * 2 + n * n), *weighted = X + n * (n + TILE), *sum = weighted + n * (n + TILE);
-    if (!X)
-        return 1;
-    for (int64_t f = 0; f < F; f += LANES, found += 2 * n * n * LANES) {
-        int64_t used = F - f < LANES ? F - f : LANES;
-        take(n, n, *A, f, used, 1.0, n, X);
-        lanes size = scaled(n * n, X);
-        for (int64_t i = 0; i < n; i++)
-            X[i * n + i].re += 2.0;
-        turn_all(n, n, X);
-        for (int64_t j = 0; j < n; j++) {
-            lanes value = length(n, n, X + j), share = size * (value - 2.0) / (value * value);
-            share = chosen(value > 2.0, share, value * 0);
-            for (int64_t i = j; i < n * n; i += n) {
-                weighted[i].re = share * X[i].re;
-                weighted[i].im = share * X[i].im;
-            }
-        }
-        memset(sum, 0, (size_t)(n * n) * sizeof(number));
-        add_product(n, n, n, weighted, X, 1.0, sum);
-        mirror(n, sum);
-        put(n, n, sum, n, used, found);
     }
     release(X);
     return 0;

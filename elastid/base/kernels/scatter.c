@@ -4,13 +4,7 @@
 
 #define BATCH 8
 
-static void store(number from, int64_t used, double *to) {
-    const double *re = (const double *)&from.re, *im = (const double *)&from.im;
-    for (int64_t q = 0; q < used; q++) {
-        to[2 * q] = re[q];
-        to[2 * q + 1] = im[q];
-    }
-}
+typedef double loose __attribute__((vector_size(WIDTH), aligned(8))); /* in arrays of NumPy */
 
 /* Adds sum_p V_i conj(V_j), V (channels, P), to the pairs of S (n (n + 1) / 2, 2, BATCH) from a lane on. */
 static void add_products(int64_t P, int64_t n, const number *V, double *S) {
@@ -23,29 +17,22 @@ static void add_products(int64_t P, int64_t n, const number *V, double *S) {
                     int64_t row = i + a, column = j + b;
                     if (row <= column && column < n) {
                         double *pair = S + 2 * BATCH * (row * n - row * (row - 1) / 2 + column - row);
-                        lanes re, im;
                         __builtin_prefetch(pair + n * (n + 1) * BATCH, 1); /* of the next lines */
                         __builtin_prefetch(pair + n * (n + 1) * BATCH + BATCH, 1);
-                        memcpy(&re, pair, sizeof re);
-                        memcpy(&im, pair + BATCH, sizeof im);
-                        re += sums[a][b].re;
-                        im += sums[a][b].im;
-                        memcpy(pair, &re, sizeof re);
-                        memcpy(pair + BATCH, &im, sizeof im);
+                        *(loose *)pair += sums[a][b].re;
+                        *(loose *)(pair + BATCH) += sums[a][b].im;
                     }
                 }
         }
 }
 
-/* The mean (n, F) of z over P periods, and its scatter about it added to S; z in complex numbers apart as given. */
-KERNEL(add_scatter)(int64_t P, int64_t F, int64_t n, const double *z, int64_t periods_apart, int64_t lines_apart,
-                int64_t channels_apart, double *mean, double *S) {
+/* The mean of z over P periods, and its scatter about it added to S; distances in complex numbers. */
+KERNEL(add_scatter)(int64_t P, int64_t F, int64_t n, const double *z, double *mean, int64_t periods_apart,
+                int64_t lines_apart, int64_t channels_apart, int64_t means_apart, double *S) {
     int64_t n_pairs = n * (n + 1) / 2;
-    size_t needed = (size_t)((n + TILE) * P) * sizeof(number);
-    number *V = allocate(needed);
+    number *V = zeros((n + TILE) * P);
     if (!V)
         return 1;
-    memset(V, 0, needed);
     for (int64_t f = 0; f < F; f += LANES) {
         int64_t used = F - f < LANES ? F - f : LANES;
         for (int64_t c = 0; c < n; c++) {
@@ -58,7 +45,7 @@ KERNEL(add_scatter)(int64_t P, int64_t F, int64_t n, const double *z, int64_t pe
             }
             sum.re /= (double)P;
             sum.im /= (double)P;
-            store(sum, used, mean + 2 * (c * F + f));
+            store(sum, used, mean + 2 * (c * means_apart + f));
             for (int64_t p = 0; p < P; p++) {
                 v[p].re -= sum.re;
                 v[p].im -= sum.im;

@@ -61,7 +61,7 @@ def find_alternatives(indices: list[ModificationIndex], evidence: Evidence, scor
 
 
 def _judged(alternative: AlternativeModel, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:
-    """The index of a variant, and V of all lines at the best optimum that a few steps reach."""
+    """Return the index of a variant, and V of all lines at the best optimum that a few steps reach."""
     cost, x, parameters = math.inf, alternative.assembly.parameters.x, alternative.assembly.parameters
     is_of_interest = np.array([not p.is_nuisance for p in parameters.free])
     for start in (parameters.x, np.where(is_of_interest, evidence.optimum.end.x, parameters.x)):
@@ -83,7 +83,7 @@ def _alternatives(evidence: Evidence) -> Iterator[AlternativeModel]:
 
 
 def _with_robot(base: Assembly, robot: Robot, parameters: Parameters) -> Assembly:
-    """The assembly of another robot, or of other parameters."""
+    """Return the assembly of another robot, or of other parameters."""
     arguments = base.spec, parameters, base.model, (), base.weights
     return Assembly.of(base.responses, robot, *arguments, presliding=base.linearisation.presliding)
 
@@ -105,15 +105,15 @@ def _angles(evidence: Evidence) -> Iterator[AlternativeModel]:
         changes[f"angles of axes {first.name} and {second.name} exchanged in all configurations"] = np.eye(n)[order]
     angles = np.array([G.configuration.angles for G in assembly.responses])
     for name, change in changes.items():
-        stood = angles @ change.T
-        if not np.allclose(stood, angles):
-            pairs = zip(assembly.responses, stood, strict=True)
+        changed = angles @ change.T
+        if not np.allclose(changed, angles):
+            pairs = zip(assembly.responses, changed, strict=True)
             responses = (replace(G, configuration=replace(G.configuration, angles=row)) for G, row in pairs)
             yield AlternativeModel(name, "postures", replace(assembly, responses=tuple(responses)))
 
 
 def _encoders(evidence: Evidence) -> Iterator[AlternativeModel]:
-    """The study with encoders of an axis, or of all axes, on the other side of the elastic gear."""
+    """Yield studies with encoders of an axis, or of all axes, on the other side of the elastic gear."""
     assembly = evidence.assembly
     elastic = [joint.name for joint in assembly.linearisation.model.robot.driven if joint.is_flexible]
     for side, now, then in (("behind", "motor", "joint"), ("before", "joint", "motor")):
@@ -135,7 +135,7 @@ _Other: TypeAlias = tuple[str, str, Robot, Mapping[str, float]]
 
 
 def _motor_inertias(robot: Robot) -> Iterator[_Other]:
-    """The robot with an inertia of its file, of one motor or of all, that is referred to the link side of the gear."""
+    """Yield robots with the inertia of one motor or of all motors referred to the link side of the gear."""
     inertias = {name: value for name, (value, _) in robot.parameters().items() if name.startswith("Jm_") and value > 0}
     every = {name: value / robot.ratio(name.removeprefix("Jm_")) ** 2 for name, value in inertias.items()}
     groups = {f"inertia of motor {name.removeprefix('Jm_')}": {name: value} for name, value in every.items()}
@@ -198,7 +198,7 @@ def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
 
 
 def _centre(scores: Scores, body: str) -> FloatArray:
-    """The centre of mass (3,) of a body in the file, in its axes."""
+    """Return the centre of mass (3,) of a body in the robot model, in its axes."""
     value = {number.name: number.value for number in scores.test.numbers}
     return np.array([value.get(f"c_{body}_{axis}", 0.0) for axis in "xyz"])
 
@@ -206,7 +206,7 @@ def _centre(scores: Scores, body: str) -> FloatArray:
 def _carrying(
     evidence: Evidence, body: str, mass: float, place: FloatArray
 ) -> tuple[float, FloatArray, FloatArray] | None:
-    """V, mass (kg) and place (m) of a load (4,) in the axes of a body, and x (n_x,) of the fit with it from a start."""
+    """Fit mass (kg) and location (m) of a load (4,) on a body from a start; returns V, the load and x (n_x,)."""
     given = evidence.assembly
     inertia, names = mass * LIMITS.load_radius**2, tuple(f"c_payload_{axis}" for axis in "xyz")
     robot = replace(given.linearisation.model.robot, payload=Payload(mass, tuple(place.tolist()), inertia, body))

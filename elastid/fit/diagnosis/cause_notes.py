@@ -50,12 +50,12 @@ def fault(index: ModificationIndex, evidence: Evidence) -> str:
     of_tolerance = f"; its prior std in this fit is {tolerance}" if tolerance else ""
     name, change = index.most_moved(result.parameters.free_names)
     effect = f"changes {name} by {relative(math.log1p(max(change, 1e-9 - 1)))}" if abs(change) > LIMITS.effect else ""
-    named = f"{phrase(index, evidence)}{equivalents}{of_tolerance}"
+    cause = f"{phrase(index, evidence)}{equivalents}{of_tolerance}"
     if not evidence.is_unexplained:
-        return f"{REQUIRED} {named}{effect and f' ({effect})'}"
+        return f"{REQUIRED} {cause}{effect and f' ({effect})'}"
     certainty = "likely" if index.explained_fraction >= LIMITS.certain_fraction else "possible"
     facts = f"explains {_percent(index.explained_fraction)} of the residuals above the noise{effect and f', {effect}'}"
-    return f"{'further' if index.place > 1 else certainty} cause: {named}; {facts}"
+    return f"{'further' if index.place > 1 else certainty} cause: {cause}; {facts}"
 
 
 def phrase(index: ModificationIndex, evidence: Evidence) -> str:

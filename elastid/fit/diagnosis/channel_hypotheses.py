@@ -79,7 +79,7 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
 
 
 def _changes(changes: Changes, evaluated: Sequence[Evaluated], costs: FloatArray) -> Iterator[Misreading]:
-    """Readings of all configurations, and of each alone of those that fit worst."""
+    """Yield misreadings of all configurations, and of single configurations with the worst fit."""
     yield from changes(evaluated, costs)
     for i in np.argsort(-costs)[: LIMITS.followed] if len(costs) > 2 else ():
         part = evaluated[i].part
@@ -141,8 +141,8 @@ def _permuted(
     outputs: dict[str, str], inputs: dict[str, str], evaluated: Evaluated, values: ComplexArray
 ) -> ComplexArray:
     def places(names: Sequence[str], swapped: dict[str, str]) -> list[int]:
-        wanted = [swapped.get(name, name) for name in names]
-        return [names.index(name) if name in names else i for i, name in enumerate(wanted)]
+        order = [swapped.get(name, name) for name in names]
+        return [names.index(name) if name in names else i for i, name in enumerate(order)]
 
     model = evaluated.part.kernel.model
     rows, columns = places(model.outputs, outputs), places(model.inputs, inputs)
@@ -220,13 +220,13 @@ def _scaled(fit: ElasticFit, starts: Sequence[FloatArray]) -> Iterator[tuple[str
 
 
 def _scales(evaluated: Sequence[Evaluated]) -> tuple[dict[str, float], dict[str, float]]:
-    """ln c of outputs and inputs that make the measured elements as large as the model's, by the median of lines."""
+    """Return ln c of outputs and inputs that match measured and modelled magnitudes, by the median of lines."""
     outputs, inputs = _channels(evaluated)
     rows, values = [], []
     for e in evaluated:
-        model, used, G = e.part.kernel.model, e.part.gain > 0, np.abs(e.G)
+        model, is_used, G = e.part.kernel.model, e.part.gain > 0, np.abs(e.G)
         for (i, output), (j, input_) in product(enumerate(model.outputs), enumerate(model.inputs)):
-            lines = used[:, i, j] & (G[:, i, j] > 0) & (e.part.measured[:, i, j] != 0)
+            lines = is_used[:, i, j] & (G[:, i, j] > 0) & (e.part.measured[:, i, j] != 0)
             if lines.any():
                 row = np.zeros(len(outputs) + len(inputs))
                 row[outputs.index(output)] = row[len(outputs) + inputs.index(input_)] = 1.0

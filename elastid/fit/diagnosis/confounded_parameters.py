@@ -75,14 +75,14 @@ def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Not
     # Of two that do exactly the same, rounding does not choose.
     errors = sorted(undetectable_errors(result, scores), key=lambda error: -float(f"{error.error / error.per_std:.6g}"))
     worst = {error.number.family: error for error in reversed(errors) if error.error > MIN_SHIFT * error.per_std}
-    named = [error for error in errors if worst.get(error.number.family) is error][:3]
-    if not named:
+    largest = [error for error in errors if worst.get(error.number.family) is error][:3]
+    if not largest:
         return ()
     free = result.parameters.free_names
-    moves = ", ".join(f"{error.amount(error.per_std)} ({free[error.parameter]})" for error in named)
+    moves = ", ".join(f"{error.amount(error.per_std)} ({free[error.parameter]})" for error in largest)
     text = (
         "the intervals assume that the fixed values of the robot model are exact. Errors that change an estimate by "
-        f"one std: {moves}. The residuals do not show an error of {named[0].amount(named[0].error)}. State the "
+        f"one std: {moves}. The residuals do not show an error of {largest[0].amount(largest[0].error)}. State the "
         "tolerances of these values in robot.tolerances, so that the intervals include them"
     )
     return (Note(FIXED_VALUES, text, severity="information"),)

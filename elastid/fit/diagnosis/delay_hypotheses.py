@@ -95,8 +95,8 @@ def _delayed(
     if not role:
         return H * values
     # A torque that is logged late divides its column.
-    named = np.array([name == place for name in (model.outputs if role == "y" else model.driven)])
-    return np.where(named[:, None] if role == "y" else named, 1 / H if role == "u" else H, 1.0) * values
+    is_place = np.array([name == place for name in (model.outputs if role == "y" else model.driven)])
+    return np.where(is_place[:, None] if role == "y" else is_place, 1 / H if role == "u" else H, 1.0) * values
 
 
 def common_delay(fit: ElasticFit, x: FloatArray) -> float:

@@ -100,7 +100,7 @@ def _loads(assembly: Assembly) -> dict[str, dict[str, float]]:
 
 
 def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
-    """The robot with stiff springs in rigid gears and about the free axes of bodies outside loops; their parameters."""
+    """Add stiff springs to rigid gears and about free axes of bodies outside loops; returns robot and parameters."""
     springs = [joint.spring.stiffness for joint in robot.joints if joint.spring is not None]
     stiff = Spring(1e5 * max(springs, default=10.0))  # N*m/rad; a spring in N/m counts at a lever of 1 m
     within = {robot.joints[i].name for i in robot.joints_in_loops}

@@ -47,10 +47,10 @@ def find_load(test: ScoreTest, candidate: Candidate, variance: float, least: flo
         return None
     scale = np.sqrt(np.where(is_reached, np.diag(S), math.inf))
     power, turn = np.linalg.eigh(S / np.outer(scale, scale))
-    used = power > 1e-9 * power[-1]
-    root = np.sqrt(power[used])
-    L = (root * turn[:, used]).T * np.where(is_reached, scale, 0.0)
-    target = (turn[:, used].T @ (g / scale)) / root
+    is_significant = power > 1e-9 * power[-1]
+    root = np.sqrt(power[is_significant])
+    L = (root * turn[:, is_significant]).T * np.where(is_reached, scale, 0.0)
+    target = (turn[:, is_significant].T @ (g / scale)) / root
     if float(target @ target) < least:
         return None
     from scipy.optimize import least_squares  # slow to load, and seldom needed
@@ -74,13 +74,13 @@ def find_load(test: ScoreTest, candidate: Candidate, variance: float, least: flo
 
 
 def _moments(p: FloatArray) -> FloatArray:
-    """mu times 1, rho and its products in pairs (10,), of mu, rho (4,)."""
+    """Return mu times 1, rho and its products in pairs (10,), of mu, rho (4,)."""
     mu, x, y, z = p
     return np.asarray(mu * np.array([1.0, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z]))
 
 
 def _parameter_changes(numbers: list[FixedNumber]) -> FloatArray:
-    """delta (n_m, 10), relative where log, by the moments of a load."""
+    """Return delta (n_m, 10), relative if log, by the moments of a load."""
     mass = numbers[0].value
     J: dict[str, dict[int, float]] = {"m": {0: 1.0}} | {f"c{axis}": {1 + i: 1 / mass} for i, axis in enumerate("xyz")}
     J["I"] = {4: 1.0, 5: 1.0, 6: 1.0}  # of a single number, as in a plane
@@ -105,7 +105,7 @@ def steps_of(numbers: list[FixedNumber], p: FloatArray) -> FloatArray:
 
 
 def _key(name: str) -> str:
-    """m, cx, Ixy, I of m_fore, c_fore_x@c1, I_fore_xy, I_fore."""
+    """Return m, cx, Ixy, I of m_fore, c_fore_x@c1, I_fore_xy, I_fore."""
     parts = name.partition("@")[0].split("_")
     is_entry = len(parts) > 2 and parts[-1] in {"x", "y", "z", *(a + b for a in "xyz" for b in "xyz")}
     return parts[0] + parts[-1] if is_entry else parts[0]

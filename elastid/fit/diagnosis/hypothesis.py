@@ -164,10 +164,10 @@ class Evidence:
         fit, x = self.optimum.fit, self.optimum.end.x
         remaining, total = 0.0, 0.0
         for part in fit.parts:
-            weight, used = part.gain * np.abs(error_gain(part.criterion, part.measured)), part.gain > 0
+            weight, is_used = part.gain * np.abs(error_gain(part.criterion, part.measured)), part.gain > 0
             error = part.measured - part.kernel.response(part.theta(fit.parameters, x))
-            remaining += float(np.sum(np.abs(np.where(used, weight * error, 0.0)) ** 2))
-            total += float(np.sum(np.abs(np.where(used, weight * part.measured, 0.0)) ** 2))
+            remaining += float(np.sum(np.abs(np.where(is_used, weight * error, 0.0)) ** 2))
+            total += float(np.sum(np.abs(np.where(is_used, weight * part.measured, 0.0)) ** 2))
         return 1 - max(remaining - self.noise_cost, 0.0) / max(total - self.noise_cost, 1e-300)
 
     @property

@@ -91,14 +91,14 @@ def _models(evidence: Evidence, extended: ExtendedModel, responses: Sequence[Res
 
 
 def _minima(costs: FloatArray, depth: float) -> BoolArray:
-    """Flags where V (n_k,) by growing stiffness is below its neighbours and, by so much, a stiffer spring's."""
+    """Flag local minima of V (n_k,) over growing stiffness that are `depth` below V of every stiffer spring."""
     stiffer = np.maximum.accumulate(costs[::-1])[::-1]
     lower = costs <= np.concatenate([[math.inf], costs[:-1]])
     return lower & (costs <= np.append(costs[1:], -math.inf)) & (costs < stiffer - depth)
 
 
 def _stiffnesses(name: str, models: Sequence[LinearModel], fit: ElasticFit) -> FloatArray:
-    """k_i (n_k,), the last a step above the band."""
+    """Return k_i (n_k,), the last a step above the band."""
     place = int(np.argmax(np.diag(np.asarray(models[0].slopes[name].K))))  # of its coordinate
     inertia = float(np.mean([model.M[place, place] for model in models]))
     freq_hz = np.concatenate([part.kernel.freq_hz for part in fit.parts])
@@ -111,7 +111,7 @@ def _stiffnesses(name: str, models: Sequence[LinearModel], fit: ElasticFit) -> F
 def _with_spring(
     fit: ElasticFit, name: str, k: float, damping_ratio: float, models: Sequence[LinearModel], assembly: Assembly
 ) -> ElasticFit:
-    """The fit with a coordinate elastic: its stiffness is a further free parameter, all other new ones are fixed."""
+    """Return the fit with an elastic coordinate: its stiffness is free, other new parameters are fixed."""
     fitted, damping = {p.name: p for p in assembly.parameters}, f"d{name[1:]}"
     values = named(models[0].parameters, models[0].theta_ref)
     of_model = {key: Parameter(key, value, free=False) for key, value in values.items()}

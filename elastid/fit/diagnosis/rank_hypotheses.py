@@ -89,7 +89,7 @@ def score(evidence: Evidence) -> Scores:
 def _with_priors(
     A: FloatArray, b: FloatArray, evidence: Evidence, lines: float
 ) -> tuple[FloatArray, FloatArray, list[FixedNumber], float]:
-    """Return A and b with priors and static loads, the values beyond their tolerance, and V.
+    """Return a and b with priors and static loads, the values beyond their tolerance, and V.
 
     Such a number shifts the mean of its prior, whose residual is (x - mean - shift) / s.  lines: share of all.
     """
@@ -117,7 +117,7 @@ def _sums(
     extended: ExtendedModel, parameters: Parameters, x: FloatArray, columns: Sequence[Columns], names: Container[str],
     thin: Callable[[Part], Part], part: Part,
 ) -> _Sums | None:  # fmt: skip
-    """The sums of a configuration, some lines of which count; None of one that is not chosen."""
+    """Return the sums of a configuration over its chosen lines; None for a configuration that is not chosen."""
     if part.configuration not in names or not (part := thin(part)).n_residuals:
         return None
     # Residuals of the model of the fit: its rigid parts are slightly compliant in the extended model.
@@ -146,7 +146,7 @@ def _add_sums(sums: Iterable[_Sums], n_x: int) -> _Sums:
 def _fixed_numbers(
     names: Sequence[str], evidence: Evidence, extended: ExtendedModel, x: FloatArray
 ) -> tuple[list[FixedNumber], FloatArray]:
-    """The numbers by name, and dp / d ln p (n_h,) of the logarithmic ones."""
+    """Return the fixed numbers by name, and dp / d ln p (n_h,) of the logarithmic ones."""
     assembly, robot = evidence.assembly, extended.linearisation.model.robot
     theta = extended.theta(assembly.parameters, x, assembly.responses[0].configuration.name)
     values = named(extended.parameters, theta)
@@ -270,7 +270,7 @@ def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = LIMITS.r
     correlations = test.correlations(every)
 
     def index(i: int) -> ModificationIndex:
-        """The modification index of candidate i, with the candidates that it cannot be distinguished from."""
+        """Return the modification index of candidate i, with the candidates that are indistinguishable from it."""
         candidate, (step, _, occam), drop = every[i], steps[i], float(drops[i])
         members = [test.numbers[k] for k in candidate.places]
         is_equal = (drops > LIMITS.equal_drop * drops[i]) & (correlations[i] > LIMITS.equal_correlation)

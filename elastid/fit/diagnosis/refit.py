@@ -139,7 +139,7 @@ def predict(
 def _normal_equations(
     misreading: Misreading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray
 ) -> tuple[float, FloatArray, FloatArray]:
-    """V, J^T r (n_x,) and J^T J (n_x, n_x) of a reading, its priors about where it stands."""
+    """Return V, J^T r (n_x,) and J^T J (n_x, n_x) of a misreading, its priors centred on its present value."""
     V, b, A = 0.0, np.zeros(len(prior)), np.diag(prior**2)
     for i, measured in enumerate(evaluated):
         model = evaluated[misreading.order[i]] if misreading.order else measured

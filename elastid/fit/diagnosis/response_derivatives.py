@@ -121,6 +121,6 @@ def gear_couplings(response: ModelResponse) -> dict[str, ComplexArray]:
 
 
 def _between(turn: FloatArray, robot: Robot, places: tuple[str, ...]) -> FloatArray:
-    """The entries of a matrix over motors (n_u, n_u) between places, zero for other places."""
+    """Return entries of a matrix over motors (n_u, n_u) between locations, zero for other locations."""
     index = [robot.motor_locations.index(place) if place in robot.motor_locations else -1 for place in places]
     return np.array([[turn[i, j] if min(i, j) >= 0 else 0.0 for j in index] for i in index])

@@ -53,7 +53,7 @@ def find_rigid_parts(result: Result, scores: Scores, robot: Robot) -> tuple[Rigi
 
 
 def _tilting(scores: Scores, n: int) -> dict[str, tuple[FloatArray, float]]:
-    """dx / dc (n,) of elastic rotations of the base, and the compliance c that shows in residuals, by their names."""
+    """Return dx / dc (n,) of elastic rotations of the base, and the detectable compliance c, by their names."""
     test, errors = scores.test, dict[str, tuple[FloatArray, float]]()
     for place, number in enumerate(test.numbers):
         if number.name.startswith("base_"):

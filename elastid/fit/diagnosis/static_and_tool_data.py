@@ -79,7 +79,7 @@ class SecondSource:
         return end.cost, float(end.x[-1]), float(std)
 
     def _at(self, z: FloatArray) -> Evaluation:
-        """T and its derivatives at z (n,)."""
+        """Evaluate T and its derivatives at z (n,)."""
         n = self.root.shape[1]
         x, prior = self.x + self.root @ z[:n], np.where(np.arange(len(z)) < n, z, 0.0)
         cost, gradient, H = float(prior @ prior), prior, np.diag(np.where(np.arange(len(z)) < n, 1.0, 0.0))
@@ -112,7 +112,7 @@ def explains(now: SecondSource, T: float, least: float) -> bool:
 def _residuals(
     loads: StaticLoads, parameters: Parameters, x: FloatArray, root: FloatArray, factor: float | None
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Whitened residuals (n,) and their slopes."""
+    """Return whitened residuals (n,) and their slopes."""
     y, slopes = loads.predicted(parameters, x)
     J = slopes @ root
     if factor is not None:
@@ -141,7 +141,7 @@ def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
 def _tool_residuals(
     fit: ElasticFit, x: FloatArray, root: FloatArray, factor: float | None
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Whitened residuals (N,) of each response and their slopes (N, n)."""
+    """Return whitened residuals (N,) of each response and their slopes (N, n)."""
     for model in evaluate(fit, x):
         slopes = np.tensordot(root.T, model.free, axes=1)
         if factor is not None:
@@ -177,9 +177,9 @@ def _source(assembly: Assembly, alone: Result) -> tuple[ElasticFit, SecondSource
 
 
 def _compared(response: Response, part: Part, fit: ElasticFit, x: FloatArray) -> ToolComparison:
-    G, used = part.kernel.response(part.theta(fit.parameters, x)), part.gain > 0
-    ratio = np.abs(response.G[used]) / np.maximum(np.abs(G[used]), 1e-300)
-    rms = float(np.sqrt(np.mean((20 * np.log10(np.maximum(ratio, 1e-300))) ** 2))) if used.any() else np.nan
+    G, is_used = part.kernel.response(part.theta(fit.parameters, x)), part.gain > 0
+    ratio = np.abs(response.G[is_used]) / np.maximum(np.abs(G[is_used]), 1e-300)
+    rms = float(np.sqrt(np.mean((20 * np.log10(np.maximum(ratio, 1e-300))) ** 2))) if is_used.any() else np.nan
     return ToolComparison(response.configuration.name, response.motors, response.inputs, response.outputs, rms)
 
 

@@ -87,7 +87,7 @@ def with_status(evidence: Evidence) -> Result:
 
 
 def _verdicts(evidence: Evidence) -> tuple[str, ...]:
-    """Verdict on each parameter of interest: good, uncertain, dominated by the prior, at its bound, or biased."""
+    """Judge each parameter of interest: good, uncertain, dominated by the prior, at its bound, or biased."""
     result, n = evidence.result, len(evidence.result.parameters.of_interest)
     index = decisive_index(result, evidence.uncertainty, result.indices)
     by_index = np.zeros(n) if index is None else _in_deviations(index.effects, result)
@@ -112,7 +112,7 @@ def _verdicts(evidence: Evidence) -> tuple[str, ...]:
 
 
 def _in_deviations(effects: FloatArray, result: Result) -> FloatArray:
-    """Changes of the parameters of interest (n,), in standard deviations; 0 for those that are too small."""
+    """Return changes of the parameters of interest (n,) in standard deviations; 0 for insignificant changes."""
     n = len(result.parameters.of_interest)
     with np.errstate(divide="ignore", invalid="ignore"):
         deviations = np.nan_to_num(np.abs(effects[:n]) / result.std_of_x[:n])

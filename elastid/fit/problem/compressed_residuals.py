@@ -174,12 +174,12 @@ class CompressedResiduals(Kept):
             return np.log(self.measured)
 
     def _weighted(self, block: slice, e: ComplexArray) -> ComplexArray:
-        """gain e (F, n_y n_u) of some lines."""
+        """Return gain e (F, n_y n_u) of some lines."""
         gain = self.gain[block]
         return np.where(gain > 0, gain * np.where(gain > 0, e, 0.0), 0.0).reshape(len(e), -1)
 
     def _projected(self, Q: FloatArray, weighted: ComplexArray) -> ComplexArray:
-        """Q^H (F, n_e) of residuals (F, n_y n_u) whose elements count one by one."""
+        """Project residuals (F, n_y n_u), whose elements count one by one, to Q^H (F, n_e)."""
         first, second = self._places
         return Q[:, :, 0] * weighted[:, first] + Q[:, :, 1] * weighted[:, second]
 

@@ -53,7 +53,7 @@ class BodyInertia:
         return np.tensordot(parameters.expand(x, self.configuration)[list(self.places)], self.directions, axes=1)
 
     def roundness(self, parameters: Parameters, x: FloatArray) -> float:
-        """Smallest principal second moment over their sum: 1/3 of a ball, 0 of a plate, negative if impossible."""
+        """Return the smallest principal second moment over their sum: 1/3 of a ball, 0 of a plate, < 0: impossible."""
         values = np.linalg.eigvalsh(self.second_moment(parameters, x))
         return float(values[0] / max(values.sum(), 1e-300))
 
@@ -65,7 +65,7 @@ class BodyInertia:
 
 
 def moved_inertias(parameters: Parameters, robot: Robot) -> tuple[BodyInertia, ...]:
-    """The bodies with a tensor of which the fit moves at least one entry, once for each that configurations have."""
+    """Return the bodies with at least one free entry of the inertia tensor, once for each set of configurations."""
     inertias: list[BodyInertia] = []
     for body in robot.bodies:
         names = [f"I_{body.name}{suffix}" for suffix in body.inertia_entries if suffix]

@@ -56,19 +56,19 @@ ResidualKind: TypeAlias = Literal["complex", "log"]
 
 
 def difference(criterion: ResidualKind, measured: ComplexArray, G: ComplexArray) -> ComplexArray:
-    """e = Ghat - G, or ln(Ghat / G) with wrapped phase, (..., F, n_y, n_u); not finite, and unused, where one is 0."""
+    """Return e = Ghat - G, or ln(Ghat / G) with wrapped phase, (..., F, n_y, n_u); not finite, and unused, at zeros."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return measured - G if criterion == "complex" else np.log(measured / G)
 
 
 def error_gain(criterion: ResidualKind, G: ComplexArray) -> ComplexArray:
-    """s = -de/dG = 1, or 1 / G (F, n_y, n_u): to first order e = s (Ghat - G) at G = Ghat."""
+    """Return s = -de/dG = 1, or 1 / G (F, n_y, n_u): to first order e = s (Ghat - G) at G = Ghat."""
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.ones_like(G) if criterion == "complex" else 1.0 / G
 
 
 def as_real(values: ComplexArray) -> FloatArray:
-    """(..., N) complex as (..., 2 N) real, [Re, Im] side by side, without a copy where the memory is contiguous."""
+    """View (..., N) complex as (..., 2 N) real, [Re, Im] side by side; contiguous memory is not copied."""
     return np.ascontiguousarray(values).view(np.float64)
 
 

@@ -62,7 +62,7 @@ class NoiseShapes:
 
     @classmethod
     def of(cls, freq_hz: FloatArray, G: ComplexArray, quantity: Motion, weakness: FloatArray | None) -> "NoiseShapes":
-        """weakness (F,): the inverse of the excitation's power, where it is known."""
+        """Return (F,) the inverse of the excitation's power, if it is known."""
         f = np.maximum(freq_hz, freq_hz[freq_hz > 0].min()) / freq_hz.max()
         motion = np.stack([f ** (2 * MOTION_ORDER[quantity] - 2.0 * order) for order in range(MOTIONS)])
         gain = np.linalg.norm(G, axis=2)
@@ -90,7 +90,7 @@ def noise_model(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
 
 
 def _across_lines(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
-    """C of the levels of the other half of the lines."""
+    """Return C of the noise powers estimated from the other half of the lines."""
     lines = np.arange(len(S))
     C = np.empty(S.shape, np.complex128)
     for half in (lines % 2 == 0, lines % 2 == 1):
@@ -100,7 +100,7 @@ def _across_lines(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
 
 
 def _levels(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], ComplexArray]:
-    """The model with the levels that explain S best, as a function of other lines' shapes."""
+    """Fit the noise powers that explain S best, for the shapes of other lines."""
     F, n_y, n_u = shapes.G.shape
     variance = np.einsum("faa->a", S).real / F
     if not np.all(variance > 0):
@@ -124,7 +124,7 @@ def _levels(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], Com
 
 
 def _sum(a: FloatArray, b: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> ComplexArray:
-    """sum theta Q (F, n_y, n_y); a (p, n_y), b (q, n_u)."""
+    """Return sum theta Q (F, n_y, n_y); a (p, n_y), b (q, n_u)."""
     C = (g * (shapes.torque.T @ b)[:, None, :]) @ g.mT.conj()
     diagonal = np.arange(g.shape[1])
     C[:, diagonal, diagonal] += np.einsum("pfa,pa->fa", shapes.own, a)
@@ -132,7 +132,7 @@ def _sum(a: FloatArray, b: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> 
 
 
 def _powers(W: ComplexArray, w: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """sum_k w_k tr(Q W) of each W (m, F, n_y, n_y), of the noise on outputs (m, p, n_y) and torques (m, q, n_u)."""
+    """Return sum_k w_k tr(Q W) of W (m, F, n_y, n_y), for noise of outputs (m, p, n_y) and torques (m, q, n_u)."""
     motion = np.einsum("pfa,mfa->mpa", shapes.own, np.einsum("mfaa->mfa", W).real * w[:, None])
     return motion, (shapes.torque * w) @ np.einsum("fij,mfij->mfj", g.conj(), W @ g).real
 
@@ -267,7 +267,7 @@ def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float) -> tuple
 
 
 def _width(n: int, dof: float) -> int:
-    """Lines with 10 degrees of freedom for each of n correlated elements and 24 for their level, an odd number.
+    """Return an odd number of lines: 10 degrees of freedom per n correlated elements, 24 for their power.
 
     Inverse-variance weights from nu of them make the estimate's standard deviation sqrt((nu - 1) / (nu - 2)) too large,
     2 % for 24: a line of 30 for each element needs no neighbours.
@@ -276,7 +276,7 @@ def _width(n: int, dof: float) -> int:
 
 
 def _shrinkage(X: ComplexArray, width: int) -> float:
-    """rho; X (F, n, n): whitened, of mean diagonal 1."""
+    """Return rho; X (F, n, n): whitened, with mean diagonal 1."""
     n = X.shape[1]
     if width == 1 or n == 1:
         return 0.0
@@ -293,7 +293,7 @@ def _shrinkage(X: ComplexArray, width: int) -> float:
 def _self_influence(
     S: ComplexArray, smooth: ComplexArray, rho: float, width: int, dof: float
 ) -> tuple[FloatArray, FloatArray]:
-    """kappa (F,) of the whole and of the diagonal; both in proportion to how much of C~ the errors fill on average."""
+    """Return kappa (F,) of the whole and of the diagonal, scaled by the average fraction of C~ that errors fill."""
     F, n = S.shape[:2]
     shares = (1 + (1 - rho) * (n**2 - 1)) / (n * width), (1 + (1 - rho) * (n - 1)) / (n * width)
     together = np.einsum("faa->f", np.linalg.solve(smooth, S)).real / n
@@ -310,7 +310,7 @@ def without_gaps(variance: FloatArray) -> FloatArray:
 
 
 def _for_weights(variance: FloatArray, dof: float, width: int) -> FloatArray:
-    """c l (F, ...) of levels of `dof` degrees of freedom each; loud lines keep their own."""
+    """Return c l (F, ...) of noise powers with `dof` degrees of freedom each; loud lines keep their own power."""
     mean = np.exp(moving_mean(np.log(variance), width)) / math.exp(log_moment(1, dof, width))
     # A sample variance exceeds that factor over its mean once in a thousand lines.
     by_chance = chi_square_limit(2 * dof, 1e-3) / (2 * dof) if width > 1 else math.inf

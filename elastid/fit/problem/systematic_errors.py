@@ -45,7 +45,7 @@ def find_factors(responses: Sequence[Response]) -> tuple[Factor, ...]:
 def ratio_errors(
     part: Part, response: Response, theta: FloatArray, mixing: ComplexArray | None
 ) -> dict[str, ComplexArray]:
-    r"""Whitened errors (F, n_y, n_u) of a response by the ratio of each gear, by its input, of one standard deviation.
+    r"""Return whitened errors (F, n_y, n_u) of a response for one standard deviation of each gear ratio, by its input.
 
     .. math:: \delta G = \epsilon_j (e_j e_j^T G + G\, e_j e_j^T - 2\, G\, e_j\, s^{-o} (J_j s^2 + f_j s)\, e_j^T G)
 
@@ -150,7 +150,7 @@ def next_factors(fit: ElasticFit, responses: Sequence[Response], x: FloatArray, 
 def _sums(
     fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], pair: tuple[Part, Response]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """J^T J, J^T r and T (`with_factors`) of one configuration."""
+    """Return J^T J, J^T r and T (`with_factors`) of one configuration."""
     r, J, T = with_factors(fit, x, factors, *pair, pair[0].mixing)
     rows = as_real(J).reshape(len(J), -1)
     return rows @ rows.T, rows @ as_real(r).ravel(), T

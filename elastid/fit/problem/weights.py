@@ -175,7 +175,7 @@ def vec(array: BoolArray | FloatArray | ComplexArray) -> Any:
 
 
 def _factors(response: Response, factors: Sequence[FactorSpec]) -> FloatArray:
-    """Factors (F, n_y, n_u) of the study on the weights, each where all that it gives is true."""
+    """Return the study's factors (F, n_y, n_u) on the weights; a factor applies if all its conditions are true."""
     if not factors:
         return _ones(response.G.shape)
     product = np.ones(response.G.shape)
@@ -195,7 +195,7 @@ def _ones(shape: tuple[int, ...]) -> FloatArray:
 
 
 def _scale(noise: SmoothedNoise | None, floor: FloatArray, together: bool) -> FloatArray:
-    r"""(1 - \kappa s / \nu)^{-1/2} (F, n_y, n_u), s the fraction of noise in the variance of an element's weight.
+    r"""Return (1 - \kappa s / \nu)^{-1/2} (F, n_y, n_u), s: noise fraction of the variance of an element's weight.
 
     floor (F, n_y, n_u): its variance.  together: whether the elements of a line weigh together.
     """
@@ -213,7 +213,7 @@ def _within(freq_hz: FloatArray, band_hz: tuple[float, float]) -> BoolArray:
 
 
 def _no_more_than_noise(response: Response, variance: FloatArray, used: BoolArray) -> BoolArray:
-    """Elements (n_y, n_u) whose lines that count carry less signal than noise, mean |G|^2 / v < 2, or are all zero.
+    """Flag elements (n_y, n_u) with less signal than noise on their lines, mean |G|^2 / v < 2, or all zero.
 
     A weak element with a few lines above its noise stays: the weights know how much each line is worth.
     """

@@ -110,7 +110,7 @@ class _ScaledProblem:
         return [self.objective(arguments)[0], ca.DM(self.weight * self.scale * self.guarded(arguments[0]).gradient)]
 
     def hessian(self, arguments: Sequence[ca.DM]) -> "_Outputs":
-        """The upper triangle of the Hessian of the Lagrangian, Gauss-Newton's in z times the multiplier of V / N."""
+        """Return the upper triangle of the Lagrangian's Gauss-Newton Hessian in z times the multiplier of V / N."""
         weights, n = self.weight * np.outer(self.scale, self.scale), len(self.scale)
         hessian = float(arguments[2]) * weights * self.guarded(arguments[0]).hessian
         # The upper triangle column by column is the lower one row by row.

@@ -75,15 +75,15 @@ def trust_region(
     parameters = problem.parameters
     unit, fixed = _units(parameters, x0, beginning), np.zeros(len(x0), dtype=bool) if fixed is None else fixed
     x, now, radius, costs = x0, beginning, FIRST_RADIUS * np.sqrt(len(x0)), [beginning.cost]
-    for used in range(max_iterations + 1):
+    for iteration in range(max_iterations + 1):
         at_bounds = fixed | find_active_bounds(problem, x, now)
         if distance_to_optimum(now, problem.dof, at_bounds) < tolerance:
-            return Ending(x, now, "", used)
-        if used == max_iterations:
+            return Ending(x, now, "", iteration)
+        if iteration == max_iterations:
             break
         is_far = len(costs) > CREEPING_ITERATIONS and is_far_from_noise(now.cost, problem.dof)
         if is_far and costs[-1 - CREEPING_ITERATIONS] - now.cost < MIN_PROGRESS * now.cost:
-            return Ending(x, now, CREEPING, used)
+            return Ending(x, now, CREEPING, iteration)
         gradient, hessian = unit * now.gradient, np.outer(unit, unit) * now.hessian
         border = None if problem.border is None else np.outer(unit, unit) * problem.border(x)
         metric, step, predicted = np.eye(len(x)), np.zeros(len(x)), 0.0
@@ -96,7 +96,7 @@ def trust_region(
             predicted = -float(gradient @ step + 0.5 * step @ hessian @ step)
             radius *= 1.0 if predicted > ROUNDING * now.cost else SHRINK[0]
         if not predicted > ROUNDING * now.cost:
-            return Ending(x, now, "no further decrease", used)
+            return Ending(x, now, "no further decrease", iteration)
         x_new = _clipped(parameters, x, unit * step)
         new = problem.evaluate(x_new)
         gain_ratio = (now.cost - new.cost) / predicted if np.isfinite(new.cost) else -np.inf
@@ -109,10 +109,9 @@ def trust_region(
 
 
 def _units(parameters: Parameters, x: FloatArray, now: Evaluation) -> FloatArray:
-    """Changes (n_x,) of equal weight: a factor e; for a linear parameter its size, its own step, or its standard
-    deviation.
+    """Return changes (n_x,) of equal weight: a factor e, or a size of a linear parameter.
 
-    The largest of these three, and at most the width of its bounds.
+    The size is the largest of value, Newton step and standard deviation, and at most the width of the bounds.
     """
     curvature = np.diag(now.hessian)
     newton, deviation = quotient(np.abs(now.gradient), curvature), np.sqrt(quotient(2.0, curvature))
@@ -122,14 +121,14 @@ def _units(parameters: Parameters, x: FloatArray, now: Evaluation) -> FloatArray
 
 
 def _room(parameters: Parameters, x: FloatArray, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The least and the largest steps (n_x,) within the bounds, in units; `_clipped` takes them there."""
+    """Return the smallest and the largest steps (n_x,) within the bounds, in units; see `_clipped`."""
     lower, upper = parameters.x_bounds
     with np.errstate(over="ignore"):
         return (lower - x) / unit, np.where(parameters.is_log, np.expm1(upper - x), (upper - x) / unit)
 
 
 def _clipped(parameters: Parameters, x: FloatArray, step: FloatArray) -> FloatArray:
-    """x (n_x,) after a step: x + s, or x + ln(1 + s) for an increase of a logarithmic parameter."""
+    """Return x (n_x,) after a step: x + s, or x + ln(1 + s) for an increase of a logarithmic parameter."""
     up = parameters.is_log & (step > 0)
     return np.clip(x + np.where(up, np.log1p(np.where(up, step, 0.0)), step), *parameters.x_bounds)
 
@@ -142,7 +141,7 @@ def _bounded_step(
     at_bounds: BoolArray,
     radius: float,
 ) -> FloatArray:
-    """The step (n_x,) within radius and room of the variables that are not fixed."""
+    """Return the step (n_x,) within radius and bounds of the free variables."""
     step, free = np.zeros(len(gradient)), ~at_bounds
     while free.any():
         squared_radius = radius**2 - float(step[~free] @ metric[np.ix_(~free, ~free)] @ step[~free])
@@ -162,7 +161,7 @@ def _bounded_step(
 
 
 def _step_within(gradient: FloatArray, hessian: FloatArray, metric: FloatArray, radius: float) -> FloatArray:
-    """The step (n,) within the radius, bounds aside: lambda by Newton's method on 1 / |s|, from below."""
+    """Return the step (n,) within the radius, without bounds: lambda by Newton's method on 1 / |s|, from below."""
     values, vectors = eigh(hessian, metric)
     along = vectors.T @ gradient
     damping = max(0.0, -float(values[0])) + 1e-12 * max(float(values[-1]), 1e-300)
@@ -172,7 +171,7 @@ def _step_within(gradient: FloatArray, hessian: FloatArray, metric: FloatArray, 
 
 
 def _next_radius(radius: float, length: float, gain_ratio: float, predicted: float, slope: float) -> float:
-    """The radius after a step by which V fell by a fraction of the prediction; slope: of V along the step."""
+    """Return the radius after a step with a fraction of the predicted decrease of V; slope: of V along the step."""
     if gain_ratio < POOR_RATIO:
         if not np.isfinite(gain_ratio):
             return SHRINK[0] * length

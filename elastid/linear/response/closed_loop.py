@@ -24,7 +24,7 @@ GAINS = ("kp", "kd")  # as in gain_kp_motor_1
 
 
 def open_loops(model: LinearModel) -> tuple[LinearModel, LinearModel]:
-    """Models from the torques of the motors of `model.controller` to its outputs, and to the angles of its motors."""
+    """Return the models from motor torques of `model.controller` to its outputs, and to the angles of its motors."""
     loop = model.controller
     assert loop is not None  # of models whose inputs are references
     plain = replace(model.by_torques, channel_numbers=())

@@ -69,7 +69,7 @@ class Sensitivity:
         return columns
 
     def _matrix_columns(self, left: AnyComplex, right: AnyComplex, scale: FloatArray) -> AnyComplex:
-        """left (F, n_y, r) times each matrix S times right (F, n_u, r) of a line: (F, n_e, n_2)."""
+        """Return left (F, n_y, r) times each matrix S times right (F, n_u, r) of a line: (F, n_e, n_2)."""
         (F, n_u, r), n_2, real = right.shape, len(scale), right.real.dtype
         # Rows of S by their row first, so that the matrices of a line stand side by side in one product with left.
         S = (self.S * scale[:, None, None]).transpose(0, 2, 1, 3).reshape(2, r * n_2, r).astype(real)
@@ -82,7 +82,7 @@ class Sensitivity:
         return np.asarray(full.reshape(F, -1).take(place, axis=1).reshape(F, len(self.outputs), n_2))
 
     def pull(self, weight: ComplexArray) -> ComplexArray:
-        """sum over lines and elements of (j omega)^p weight U_b (3, n_b), p = 0, 1, 2, columns U; weight (F, n_e).
+        """Sum (j omega)^p weight U_b (3, n_b), p = 0, 1, 2, columns U, over lines and elements; weight (F, n_e).
 
         Of matrices S with an omega^2 of their own p = 0 alone.
         """
@@ -98,7 +98,7 @@ class Sensitivity:
         return np.concatenate([single, self.pulled_by(between), direct], axis=1)
 
     def pulled_by(self, between: ComplexArray) -> ComplexArray:
-        """The share of the matrices S in `pull` (3, n_2); between (3, r, r): of left^T weight right, as it has them."""
+        """Return the contribution of S to `pull` (3, n_2); between (3, r, r): of left^T weight right, in that form."""
         flat = between.reshape(3, between.shape[1] ** 2)
         fixed, inertial = self.S.reshape(*self.S.shape[:2], flat.shape[1])
         pulled = flat @ fixed.T
@@ -276,7 +276,7 @@ def _first_alike(E: FloatArray) -> tuple[FloatArray, IntArray]:
 
 
 def _span(matrices: FloatArray) -> FloatArray:
-    """Directions (n, r) that symmetric matrices (N, n, n) span: coordinates, or fewer by half that are a mixture."""
+    """Return directions (n, r) that symmetric matrices (N, n, n) span: coordinates, or half as many mixtures."""
     stacked = matrices.transpose(1, 0, 2).reshape(matrices.shape[1], -1)
     U, size, _ = np.linalg.svd(stacked, full_matrices=False)
     U, touched = U[:, size > EQUAL_TOLERANCE * size.max(initial=0.0)], np.flatnonzero(stacked.any(axis=1))

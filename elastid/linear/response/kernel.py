@@ -122,7 +122,7 @@ class Kernel(Kept):
                 yield slope * (G if inside is None else inside.change(inside.plain, inside.motors))
 
     def _channel_slope(self, name: str, number: float, s: ComplexArray) -> ComplexArray | FloatArray:
-        """d ln G / d theta_p (n_y, n_u) or (F, n_y, n_u) of a number of a channel, or of all channels of a role."""
+        """Return d ln G / d theta_p (n_y, n_u) or (F, n_y, n_u) of a number of a channel, or of all of a role."""
         kind = next(kind for kind in CHANNEL_NUMBERS if name.startswith(kind))
         rows, columns = (
             np.array([name in (channel_name(kind, role), channel_name(kind, role, place)) for place in places])
@@ -227,7 +227,7 @@ class Kernel(Kept):
         return (*rows, *(slope.B for slope in slopes if slope.B is not None))
 
     def _moved_columns(self, products: ComplexArray, s: ComplexArray) -> ComplexArray:
-        """(C + T / s^2) Z^-1 dB (n_m, F, n_y, n_u), of right sides with the columns of all dB (F, m, n_dB n_u)."""
+        """Return (C + T / s^2) Z^-1 dB (n_m, F, n_y, n_u), of right sides with columns of all dB (F, m, n_dB n_u)."""
         model, sides = self.model, self._sides
         moves = [model.slopes[name].B is not None for name in self.moved_outputs]
         added = np.zeros((len(moves), len(s), len(model.outputs), len(model.inputs)), complex)

@@ -73,7 +73,7 @@ def zoh_aliases(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> C
 
 @lru_cache(maxsize=32)
 def _image_sums(freq_hz: bytes, rate_hz: float, lowest: float, delay: float) -> ComplexArray:
-    """(2, F, J): all images, turned by the delay, by the real (0) and by the imaginary part (1) of each node.
+    """Return (2, F, J): all images, turned by the delay, by the real (0) and the imaginary part (1) of each node.
 
     lowest: the frequency of the lowest image over the rate. The same for all configurations on the same lines.
     """

@@ -133,7 +133,7 @@ def _end(reader: subprocess.Popen[bytes]) -> int:
 
 
 def serve() -> None:
-    """Answer requests in the process that reads, until the program ends."""
+    """Serve requests in the process that reads, until the program ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the program's, which ends this process
     limit = limit_memory()
     warnings.simplefilter("ignore")

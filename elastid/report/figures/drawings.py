@@ -43,7 +43,7 @@ class Drawing:
 
 
 def drawings(content: ReportContent) -> Iterator[Drawing]:
-    """The figures of a report, to be drawn."""
+    """List the figures of a report, to be drawn later."""
     rows = parameter_rows(content.result, content.truth, content.contents)
     if rows:
         caption = "Start, estimate and 95 % interval of every parameter."
@@ -98,7 +98,7 @@ def _configurations(content: ReportContent) -> Iterator[Drawing]:
 def response_drawing(
     file: str, measured: Response, modelled: Response | None, std: FloatArray | None = None
 ) -> Drawing:
-    """Magnitude and phase of a response and of a model, on its lines."""
+    """Draw magnitude and phase of a response and of a model, on its lines."""
     compared = "" if modelled is None else ", measured and modelled"
     caption = f"magnitude and phase of the frequency responses{compared}."
     draw = partial(fit.bode, measured, modelled, std)
@@ -106,7 +106,7 @@ def response_drawing(
 
 
 def drawings_of_responses(content: ResponsesContent) -> Iterator[Drawing]:
-    """The figures of measured responses without a model, to be drawn."""
+    """List the figures of measured responses without a model, to be drawn later."""
     yield from friction_drawings(content.friction)
     files = [f"frf-{file_name(response.configuration.name)}" for response in content.responses]
     for file, response, modes, model in zip(files, content.responses, content.modes, content.synthesised, strict=True):
@@ -132,7 +132,7 @@ def drawings_of_responses(content: ResponsesContent) -> Iterator[Drawing]:
 def of_configuration(
     configuration: str, name: str, caption: str, draw: Callable[[], Figure], on_page: bool = True
 ) -> Drawing:
-    """A figure of one configuration."""
+    """Draw a figure of one configuration."""
     return Drawing(name, f"{CONFIGURATION}{configuration}", f"{configuration}: {caption}", draw, on_page)
 
 
@@ -148,7 +148,7 @@ def friction_study_drawings(
     log_comparison: LogComparison = NO_COMPARISON,
     left_out: LogComparison = NO_COMPARISON,
 ) -> Iterator[Drawing]:
-    """The figures of all joints, and of logs that were left out, to be drawn."""
+    """List the figures of all joints and of validation logs, to be drawn later."""
     if left_out.balances:
         caption = "unexplained torque of the validation logs, relative to the rms torque, in each octave."
         yield Drawing("left-out", "left-out", caption, partial(fit.octaves_figure, left_out.balances))

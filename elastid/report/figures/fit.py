@@ -48,9 +48,9 @@ def forest(rows: Sequence[ParameterRow]) -> Figure:
     start = np.array([row.start for row in rows]) / reference
     bounds = np.array([row.bounds for row in rows]).T / reference
     ratios = values / reference[:, None]
-    shown = np.concatenate([start, ratios[:, 0], ratios[:, 3]])
-    shown = shown[np.isfinite(shown) & (shown > 0)]
-    low, high = min(0.5, *shown) / 1.15, max(2.0, *shown) * 1.15
+    finite = np.concatenate([start, ratios[:, 0], ratios[:, 3]])
+    finite = finite[np.isfinite(finite) & (finite > 0)]
+    low, high = min(0.5, *finite) / 1.15, max(2.0, *finite) * 1.15
     marks = [Curve(start, y, "start", style.START, True, looks={"mfc": "none", "mew": 1})]
     pairs = zip(bounds, (bounds > low) & (bounds < high), strict=True)
     marks += [Curve(end[rows], y[rows], "bound", style.WEAK, True, looks=_BAR) for end, rows in pairs if rows.any()]
@@ -87,7 +87,7 @@ _BAR = {"marker": "|", "ms": 10, "mew": 1.4}
 
 
 def _values(values: FloatArray, at_bound: BoolArray) -> list[Curve]:
-    """values (n, 4): estimate, ends of the interval, truth (NaN where unknown) of the row at 0, 1, 2 ..."""
+    """Draw values (n, 4) at rows 0, 1, 2 ...: estimate, ends of the interval, truth (NaN if unknown)."""
     y = np.arange(float(len(values)))
     between = np.column_stack([values[:, 1:3], np.full(len(y), np.nan)]).ravel()
     curves = [Curve(between, np.repeat(y, 3), "95 % interval")]
@@ -98,7 +98,7 @@ def _values(values: FloatArray, at_bound: BoolArray) -> list[Curve]:
 
 
 def identifiability(result: Result) -> Figure:
-    """Correlations of the estimates, numbers where |r| > 0.9."""
+    """Draw the correlations of the estimates, with numbers where |r| > 0.9."""
     n = len(result.parameters.of_interest)
     r, names = result.correlation[:n, :n], result.parameters.free_names[:n]
     cells = Cells(r, names, names, (-1.0, 1.0), lambda v: f"{v:.2f}" if 0.9 < abs(v) < 1 else "", "RdBu_r")
@@ -106,7 +106,7 @@ def identifiability(result: Result) -> Figure:
 
 
 def information(forecast: Forecast) -> Figure:
-    """Fractions of the expected information in percent, by configuration and octave."""
+    """Draw fractions of the expected information in percent, by configuration and octave."""
     names, f = forecast.configurations, forecast.freq_hz
     octave = np.floor(np.log2(f / f[0]) + 1e-9).astype(int)
     by_octave, edges = np.zeros((len(names), octave[-1] + 1)), f[0] * 2.0 ** np.arange(octave[-1] + 1)
@@ -120,7 +120,7 @@ def information(forecast: Forecast) -> Figure:
 
 
 def limit_use(use: LimitUse) -> Figure:
-    """Peaks in % of their limits: configurations (rows) by motors (columns), a panel for each quantity limited."""
+    """Draw peaks in % of their limits: configurations (rows) by motors (columns), a panel for each limited quantity."""
     kinds = np.flatnonzero(np.isfinite(use.limit).any(axis=(0, 2)))
     motors = [name.removeprefix("motor ") for name in use.inputs]
     percent = 100 * np.where(np.isfinite(use.limit), use.used, np.nan)
@@ -172,7 +172,7 @@ def configuration_title(measured: Response, left_out: bool) -> str:
 
 
 def bode(measured: Response, modelled: Response | None, std: FloatArray | None) -> Figure:
-    """A pair of panels for each element, inputs across, outputs down; points are grey below 2 sigma.
+    """Draw a pair of panels per element, inputs across, outputs down; points below 2 sigma are grey.
 
     modelled: with the inputs and outputs of `measured`, on any lines.  std (F, n_y, n_u): of it, a band of 2 std.
     """
@@ -207,7 +207,7 @@ def _measured(measured: Response, above: BoolArray, G: ComplexArray) -> tuple[li
 
 
 def _modelled(model: Response, i: int, j: int, std: FloatArray | None) -> tuple[list[Curve], list[Curve]]:
-    """Magnitude with its band, not below a thousandth of it, and phase, which breaks where it wraps."""
+    """Draw magnitude with its band, above a thousandth of it, and phase, which breaks at a wrap."""
     G, f = model.G[:, i, j], model.freq_hz
     size, phase, band = np.abs(G), np.degrees(np.angle(G)), None
     if std is not None:
@@ -220,7 +220,7 @@ def _modelled(model: Response, i: int, j: int, std: FloatArray | None) -> tuple[
 
 
 def quality_figure(response: Response, quality: Quality, title: str) -> Figure:
-    """RMS amplitudes in dB of every output, then the unexplained part of all, and singular values of G and inputs.
+    """Draw rms amplitudes of every output in dB, then unexplained parts, and singular values of G and of the inputs.
 
     Levels of an experiment's mean over periods, on excited lines, and of nonlinearities of even and odd order; the
     power of the noise is subtracted from that of the detection lines.
@@ -258,7 +258,7 @@ def _levels(f: FloatArray, quality: Quality, i: int) -> list[Curve]:
 
 
 def stabilisation_diagram(modes: Modes, title: str) -> Figure:
-    """Poles by frequency and order, lines at the modes; below them the singular values of the response."""
+    """Draw poles by frequency and order, with lines at the modes, above the singular values of the response."""
     diagram, stable = modes.diagram, "stable in frequency (1 %) and damping (5 %)"
     poles = [
         Curve(diagram.freq_hz[rows], diagram.order[rows], text, ink, True)
@@ -289,7 +289,7 @@ TORQUE_CAPTION = (
 
 
 def torque_balance_figure(balance: TorqueBalance) -> Figure:
-    """Torque measured and modelled; its parts; the share left by octave."""
+    """Draw measured and modelled torque, its contributions, and the unexplained fraction by octave."""
     part = slice(None, None, max(1, len(balance.measured) // MOST_SAMPLES))
     t = (np.arange(len(balance.measured)) / balance.rate_hz)[part]
     modelled = balance.measured - balance.residual
@@ -319,7 +319,7 @@ def torque_balance_figure(balance: TorqueBalance) -> Figure:
 
 
 def octaves_figure(balances: Sequence[TorqueBalance]) -> Figure:
-    """Rms of the torque left over its own rms, by axis and octave."""
+    """Draw the unexplained rms torque over the measured rms torque, by axis and octave."""
     edges = sorted({band.high_hz for balance in balances for band in balance.bands})
     in_hz = all(balance.has_rate for balance in balances)
     label = f"octave below {'Hz' if in_hz else 'sampling rates'}"
@@ -341,12 +341,12 @@ def command_errors_figure(joints: Sequence[JointError]) -> Figure:
     return style.matrix("Error of the positions from commands alone", [[panel]])
 
 
-def fleet_parameter(name: str, unit: str, values: Sequence[FleetValue], marked: Collection[str]) -> Figure:
-    """One column a robot, its dates from left to right; marked: robots with a finding."""
+def fleet_parameter(name: str, unit: str, values: Sequence[FleetValue], conspicuous: Collection[str]) -> Figure:
+    """Draw one column per robot, its dates from left to right; robots with a finding are marked."""
     robots, days = list(dict.fromkeys(value.robot for value in values)), sorted({value.day for value in values})
     width, curves = 0.6 / max(1, len(days)), []
     for is_marked in (False, True):
-        if points := [value for value in values if (value.robot in marked) == is_marked]:
+        if points := [value for value in values if (value.robot in conspicuous) == is_marked]:
             x = np.array([robots.index(v.robot) + width * (days.index(v.day) - (len(days) - 1) / 2) for v in points])
             y, std = np.array([(value.value, value.std) for value in points]).T
             text = "differs or drifts" if is_marked else "robot, dates from left to right"

@@ -45,14 +45,14 @@ class Condition:
 
     @classmethod
     def typical(cls, curve: FrictionCurve) -> Condition:
-        """The lowest load, and of the temperatures there the middle one."""
+        """Return the lowest load and its middle temperature."""
         load = float(curve.load.min())
         degc = curve.temperature[curve.load <= load + SAME_LOAD * curve.load.max()]
         degc = np.sort(degc[np.isfinite(degc)])
         return cls(load, float(degc[len(degc) // 2]) if len(degc) else float("nan"))
 
     def at(self, speed: FloatArray, direction: float) -> Conditions:
-        """Every speed (n,) in one direction."""
+        """Return every speed (n,) in one direction."""
         return Conditions(speed, *(np.full_like(speed, value) for value in (direction, self.load, self.temperature)))
 
     def includes(self, law: StaticLaw) -> BoolArray:
@@ -65,7 +65,7 @@ class Condition:
         return rows
 
     def text(self, law: StaticLaw) -> str:
-        """Words on the conditions that the law depends on."""
+        """Describe the conditions that the friction model depends on."""
         load, heat = f"a load of {self.load:.3g} {units(law.curve.slides)[1]}", f"{self.temperature:.3g} °C"
         words = [text for kind, text in (("load", load), ("temperature", heat)) if depends_on(law, kind)]
         return f"at {' and '.join(words)}" if words else ""
@@ -99,12 +99,12 @@ def friction_curve(law: StaticLaw) -> Figure:
 
 
 def quantity(slides: bool) -> str:
-    """Quantity as axes name it."""
+    """Return the axis label of a quantity."""
     return "force" if slides else "torque"
 
 
 def units(slides: bool) -> tuple[str, str]:
-    """Units of speed and torque, as people write them."""
+    """Return the units of speed and torque for axis labels."""
     return ("m/s", "N") if slides else ("rad/s", "N·m")
 
 
@@ -114,7 +114,7 @@ def depends_on(law: StaticLaw, part: str) -> bool:
 
 
 def residuals(law: StaticLaw) -> FloatArray:
-    """(level - law) / std (n,)."""
+    """Return the residuals (measured torque - model) / std (n,)."""
     return (law.curve.torque - law.torque(law.curve.conditions)) / law.curve.std
 
 
@@ -147,7 +147,7 @@ def _law(law: StaticLaw, condition: Condition, direction: float) -> Iterator[Cur
 
 
 def friction_taken_out(friction: CompensatedFriction, robot: Robot | None = None) -> Figure:
-    """Torque of each motor after a reversal, or over velocity, with its 95 % interval; torque not explained.
+    """Draw the friction of each motor after a reversal or over velocity, with 95 % interval, and unexplained torque.
 
     The latter as its amplitude by configuration, with friction and without. A motor without compensated friction
     has no curve.  robot: whose file may have a static law of the motor, from passes; its F_c is drawn too.
@@ -164,7 +164,7 @@ def friction_taken_out(friction: CompensatedFriction, robot: Robot | None = None
 
 
 def curve_of(friction: CompensatedFriction, place: str) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
-    """x (n,), torque and its std of a motor; True where x is a distance from a reversal, in rad (m) on the link side.
+    """Return x (n,), torque and std of a motor, and True if x is a distance from a reversal, link side, rad (m).
 
     Without a bristle, friction is a function of velocity, and x is that, in rad/s (m/s).
     """

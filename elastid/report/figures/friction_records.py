@@ -30,7 +30,7 @@ NAMES = {
 
 
 def friction_motion(friction: MotionFriction) -> Figure:
-    """Torque less inertia and gravity over velocity, and the regression with its 95 % band; torque over time.
+    """Draw friction (torque - inertia - gravity) over velocity, the regression's 95 % band, and torque over time.
 
     Dotted lines: speeds that the motion dwells at.
     """
@@ -61,7 +61,7 @@ def friction_motion(friction: MotionFriction) -> Figure:
 
 
 def sliding(numbers: Regression, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Friction (n,) at velocities other than 0, both directions' numbers included, and its std."""
+    """Evaluate friction (n,) and its std at nonzero velocities; includes numbers of both directions."""
     columns = {"coulomb": np.sign(v), "viscous": v}
     if "stiction" in numbers.names:
         fall = np.exp(-((v / numbers["stribeck_velocity"]) ** 2))
@@ -69,13 +69,13 @@ def sliding(numbers: Regression, v: FloatArray) -> tuple[FloatArray, FloatArray]
     columns |= {"directions.coulomb": np.ones_like(v), "directions.viscous": np.abs(v)}
     names = [name for name in columns if name in numbers.names]
     A = np.stack([columns[name] for name in names], axis=1)
-    chosen = [numbers.names.index(name) for name in names]
-    covariance = numbers.covariance[np.ix_(chosen, chosen)]
-    return A @ numbers.values[chosen], np.sqrt(np.einsum("ni,ij,nj->n", A, covariance, A))
+    indices = [numbers.names.index(name) for name in names]
+    covariance = numbers.covariance[np.ix_(indices, indices)]
+    return A @ numbers.values[indices], np.sqrt(np.einsum("ni,ij,nj->n", A, covariance, A))
 
 
 def _over_velocity(motion: MotionFriction, velocity: FloatArray, friction: FloatArray) -> Iterator[Curve]:
-    """velocity, friction (n,): measured, the latter without the torque of all else."""
+    """Return velocity and measured friction (n,): the torque less all other contributions."""
     step = max(1, len(velocity) // MOST_SAMPLES)
     yield Curve(velocity[::step], friction[::step], dots=True)
     ends = [float(friction.min()), float(friction.max())]
@@ -89,7 +89,7 @@ def _over_velocity(motion: MotionFriction, velocity: FloatArray, friction: Float
 
 
 def friction_filter(followed: TrackedFriction) -> Figure:
-    """Followed numbers, NIS with its band, and autocorrelation of the innovations."""
+    """Draw tracked numbers, NIS with its band, and the autocorrelation of the innovations."""
     time, rows = followed.time_s, []
     for i, name in enumerate(followed.names):
         y, band = followed.values[:, i], (followed.low[:, i], followed.high[:, i])

@@ -42,7 +42,7 @@ MAX_NUMBERED_CELLS, MIN_DARK = 400, 0.6
 
 @contextmanager
 def own_style() -> Iterator[None]:
-    """Matplotlib's own defaults for the figures that are drawn or saved inside, whatever a matplotlibrc says."""
+    """Use Matplotlib's defaults for figures that are drawn or saved inside, despite any matplotlibrc."""
     with rc_context():
         rcdefaults()
         yield
@@ -53,7 +53,7 @@ class ShownFigure(Figure):
 
     @own_style()
     def savefig(self, fname: Any, *, transparent: bool | None = None, **options: Any) -> None:
-        """Figure saved as matplotlib does, in the style of all figures."""
+        """Save the figure as matplotlib does, in the style of all figures."""
         super().savefig(fname, transparent=transparent, **options)
 
     def _repr_png_(self) -> bytes:
@@ -63,17 +63,17 @@ class ShownFigure(Figure):
 
 
 def plain(text: str) -> str:
-    """A text with its dollar signs as they are, not as the start of a formula."""
+    """Escape dollar signs, which otherwise begin a formula."""
     return text.replace("$", r"\$")
 
 
 def plain_label(text: str) -> str:
-    """A label in a legend, which leaves out those that begin with an underscore."""
+    """Escape a label of a legend, which otherwise omits labels with a leading underscore."""
     return f" {plain(text)}" if text.startswith("_") else plain(text)
 
 
 def pretty_unit(unit: str) -> str:
-    """A unit as people write it.
+    """Format a unit for people.
 
     >>> pretty_unit("(rad/s^2)/(N*m)")
     '(rad/s²)/(N·m)'
@@ -82,17 +82,17 @@ def pretty_unit(unit: str) -> str:
 
 
 def frequency_label(has_rate: bool) -> str:
-    """Axis label; without a sampling rate, frequencies are in units of it."""
+    """Return the frequency axis label; without a sampling rate, frequencies are in units of it."""
     return "frequency in Hz" if has_rate else "frequency / sampling rate"
 
 
 def frequency_unit(has_rate: bool) -> str:
-    """The unit behind the number of a natural frequency in a figure or on paper."""
+    """Return the unit behind the number of a natural frequency in a figure or on paper."""
     return "Hz" if has_rate else "× the rate"
 
 
 def in_db(values: ComplexArray | FloatArray) -> FloatArray:
-    """20 log10 |values|, NaN for zero so that it is not drawn."""
+    """Return 20 log10 |values|; NaN for zero, so that it is not drawn."""
     magnitude = np.abs(values)
     return 20 * np.log10(np.where(magnitude > 0, magnitude, np.nan))
 
@@ -111,7 +111,7 @@ class Curve:
     looks: Mapping[str, Any] = field(default_factory=dict)
 
     def draw(self, axes: Axes) -> None:
-        """Bars at dots, else a band."""
+        """Draw bars at dots, else a band."""
         looks = (DOTS | {"ms": 3.0} if self.dots else {"lw": 1.0}) | {"color": self.color, **self.looks}
         if self.band is not None and self.dots:
             y = np.asarray(self.y)
@@ -125,7 +125,7 @@ class Curve:
 
 
 def about(y: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Both ends of the 95 % interval of values with these standard deviations."""
+    """Return both ends of the 95 % interval of values with these standard deviations."""
     return y - QUANTILE_95 * std, y + QUANTILE_95 * std
 
 
@@ -141,7 +141,7 @@ class Cells:
     colors: str = "Blues"
 
     def draw(self, axes: Axes) -> None:
-        """Cells from light to dark, grey where NaN, each with its number where they are few."""
+        """Draw cells from light to dark, grey for NaN, with numbers if they are few."""
         axes.set_facecolor(SHADE)
         low, high = self.ends
         axes.imshow(self.values, cmap=self.colors, vmin=low, vmax=high, interpolation="nearest", aspect="auto")
@@ -182,7 +182,7 @@ class Panel:
         return 1.8 if self.cells is None else 0.4 + 0.3 * len(self.cells.values)
 
     def draw(self, axes: Axes) -> None:
-        """All of it."""
+        """Draw all panels."""
         for curve in self.curves:
             curve.draw(axes)
         for mark in self.marks:
@@ -216,7 +216,7 @@ def matrix(
     left: float = 0.0,
     **options: Any,
 ) -> Figure:
-    """Panels in rows and columns under a title and one legend, each label once.
+    """Arrange panels in rows and columns under a title and one legend with each label once.
 
     heights: of the rows in inches, by their panels where none are given.  width: of the figure.  left: room for labels,
     by the names of rows where it is 0.  options: of Figure.subplots, such as sharex.
@@ -261,12 +261,12 @@ def matrix(
 
 
 def in_columns(*panels: Sequence[Panel | None]) -> list[list[Panel | None]]:
-    """Panels row by row, three across; a row of the first ones, the same of the next below it, and so on."""
+    """Arrange panels row by row, three across."""
     return [list(row[i : i + 3]) for i in range(0, len(panels[0]), 3) for row in panels]
 
 
 def label(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:
-    """Labels of the axes and the title of the panel, those that are not empty."""
+    """Set nonempty labels of the axes and the title of the panel."""
     for text, write in ((x, axes.set_xlabel), (y, axes.set_ylabel), (title, axes.set_title)):
         if text:
             write(plain(text), fontsize=NORMAL)
@@ -278,7 +278,7 @@ def set_names(axis: Axis, names: Sequence[str], **options: Any) -> None:
 
 
 def set_plain_ticks(axis: Axis, ticks: Sequence[float]) -> None:
-    """Plain numbers at the ticks and none elsewhere, on any scale."""
+    """Set plain numbers at the ticks and none elsewhere, on any scale."""
     axis.set_major_locator(FixedLocator(ticks))
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.set_minor_locator(NullLocator())

@@ -17,7 +17,7 @@ SHOWN = {"m/N": ("µm/N", 1e6), "m": ("mm", 1e3), "Hz": ("Hz", 1.0)}
 
 
 def loops_figure(loops: Loops) -> Figure:
-    """Largest sensitivity of the loops in all postures."""
+    """Draw the largest sensitivity of the loops in all postures."""
     curves = [
         Curve(freq_hz, row, state.name, color)
         for state, color in zip(loops.states, (style.START, style.FITTED)[-len(loops.states) :], strict=True)
@@ -31,7 +31,7 @@ def loops_figure(loops: Loops) -> Figure:
 
 
 def workspace_figure(workspace: WorkspaceMap, quantity: str = "softest_compliance") -> Figure:
-    """Positions of the frame, each coloured by the quantity there; the softest posture is marked."""
+    """Draw positions of the frame, coloured by a quantity; the softest posture is marked."""
     workspace = workspace.sample
     values, (x, y, z), soft = workspace[quantity], workspace.position.T, int(workspace.softest[0])
     unit, factor = SHOWN[values.unit]
@@ -58,7 +58,7 @@ def workspace_figure(workspace: WorkspaceMap, quantity: str = "softest_complianc
 
 
 def move_figure(tuned: TunedMove) -> Figure:
-    """Errors over time in mm, on a logarithmic scale, and below them the torque of each motor over its limit."""
+    """Draw errors over time in mm, logarithmic, above the torque of each motor over its limit."""
     t, errors, torques = tuned.time_s, [], []
     for outcome, color in zip(tuned.outcomes, (style.WEAK, style.START, style.FITTED), strict=True):
         band = None if outcome.low is None or outcome.high is None else (_in_mm(outcome.low), _in_mm(outcome.high))
@@ -78,5 +78,5 @@ def move_figure(tuned: TunedMove) -> Figure:
 
 
 def _in_mm(error: FloatArray) -> FloatArray:
-    """Error in mm, not below a tenth of a micrometre: there a figure shows rounding."""
+    """Convert an error to mm, at least a tenth of a micrometre, since smaller values are rounding."""
     return np.maximum(1e3 * error, 1e-4)

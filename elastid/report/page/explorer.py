@@ -21,7 +21,7 @@ from elastid.validation.residual_tests import sigma_of
 
 
 def asset(*path: str) -> str:
-    """A file of this package as text, without indentation and lines that are comments, CSS without spaces."""
+    """Read a file of this package without indentation and comment rows; CSS also without spaces."""
     text = (files("elastid.report") / "page").joinpath(*path).read_text(encoding="utf-8")
     if path[-1].endswith(".css"):
         return re.sub(r"\s*([{};,])\s*|(?<=:) ", r"\1", text).strip()
@@ -30,7 +30,7 @@ def asset(*path: str) -> str:
 
 
 def script_policy(scripts: Iterable[str]) -> str:
-    """The hashes of the scripts, as script-src of a content security policy lists them."""
+    """Return the hashes of the scripts for script-src of a content security policy."""
     digests = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
     return " ".join(f"'sha256-{digest}'" for digest in digests)
 
@@ -40,7 +40,7 @@ def explorer(
     left_out: Sequence[str] = (),
     models: Sequence[tuple[Response, FloatArray | None]] = (),
 ) -> str:
-    """Data of the response of every configuration, measured and, where there is a model, modelled, as JSON.
+    """Return measured and, if there is a model, modelled responses of every configuration as JSON.
 
     models: of each configuration the model on lines of its own, among them the measured ones, and its standard
     deviation (L, n_y, n_u); else each model is drawn on the measured lines.
@@ -58,7 +58,7 @@ def explorer(
 
 
 def curve_scripts() -> tuple[str, ...]:
-    """Scripts of a page with curves: the plotting library and the page's own, in the order of their dependence."""
+    """Return scripts of a page with curves, the plotting library first."""
     return asset("uplot", "uPlot.iife.min.js"), *map(asset, ("curves.js", "explorer.js", "first_screen.js"))
 
 
@@ -119,13 +119,13 @@ def _response(
 
 
 def packed(values: FloatArray | ComplexArray) -> str:
-    """32-bit floats in their order, real before imaginary part, little end first, in base64."""
+    """Pack values as base64 of little-endian float32, real before imaginary part."""
     single = "<c8" if np.iscomplexobj(values) else "<f4"
     return base64.b64encode(np.ascontiguousarray(values, single).tobytes()).decode("ascii")
 
 
 def mode_viewer(rows: Sequence[ModeRow], has_rate: bool) -> str:
-    """Data of every mode of the rows of the page's table as JSON; empty where no row has a drawing."""
+    """Return every mode of the page's table as JSON; empty if no row has a drawing."""
     if all(row.drawing is None for row in rows):
         return ""
     colors = {"rest": style.WEAK, "ahead": style.MEASURED, "back": style.FITTED}
@@ -149,5 +149,5 @@ def _mode_row(row: ModeRow, unit: str) -> Mapping[str, Any] | None:
 
 
 def _whole(values: FloatArray, step: float) -> list[int]:
-    """(n, 3) in whole steps, point by point."""
+    """Pack (n, 3) in whole steps, point by point."""
     return np.round(values / step).astype(int).ravel().tolist()

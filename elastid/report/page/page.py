@@ -61,7 +61,7 @@ def joint_groups(robot: Robot) -> list[tuple[str, ...]]:
 
 
 def robot_sketch(robot: Robot, drawing: ModeDrawing, rows: Sequence[ParameterRow]) -> Markup:
-    """The robot at rest; a title on each joint says its numbers and their intervals."""
+    """Sketch the robot at rest; the title of each joint has its numbers and their intervals."""
     points = _projected(drawing)
     by_name = {row.name: row for row in rows}
     parts = [
@@ -102,7 +102,7 @@ def _joint(point: FloatArray, names: Sequence[str], rows: Mapping[str, Parameter
 
 
 def _projected(drawing: ModeDrawing) -> FloatArray:
-    """The points (n, 2) in pixels, seen obliquely, up being up."""
+    """Project points to pixels (n, 2), seen obliquely, up being up."""
     up = drawing.up
     right, depth = (up + 1) % 3, (up + 2) % 3
     p = drawing.points
@@ -118,7 +118,7 @@ MARKS = ("low", "high", "start", "truth")
 
 
 def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapping[str, Any]:
-    """Values for the status bar and the three columns; a sketch only where the robot has points that are drawn."""
+    """Return values of the status bar and the three columns; with a sketch only if the robot has points to draw."""
     drawing = next((row.drawing for row in content.modes if row.drawing is not None), None)
     sketched = content.robot if drawing is not None else None
     classes: list[int | None] = [run_summary.width_class(row) for row in rows]
@@ -143,7 +143,7 @@ def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapp
 
 
 def meanings(content: ReportContent) -> dict[str, str]:
-    """The name in words of each spring and damper of the robot, by symbol."""
+    """Describe each spring and damper of the robot, by symbol."""
     if content.robot is None:
         return {}
     springs = spring_names(content.robot)
@@ -157,7 +157,7 @@ def meanings(content: ReportContent) -> dict[str, str]:
 
 
 def row_axis(rows: Sequence[ParameterRow]) -> Mapping[str, Mapping[str, float | bool]]:
-    """Places in pixels on the common axis ln(p / estimate) of the interval's ends, the start and the truth.
+    """Place the interval's ends, the start and the true value in pixels on the common axis ln(p / estimate).
 
     Marks beyond the axis are at its end. A number whose estimate or start is not positive is drawn about its estimate,
     relative to its size.
@@ -213,7 +213,7 @@ def write_page(
     execution: Execution | None = None,
     name: str = "report.html",
 ) -> Path:
-    """The page of one content as folder/`name`, its path; page(figures): its HTML.  folder/figures/* are replaced.
+    """Write a page as folder/`name`, and replace folder/figures/*; page(figures): its HTML. Returns its path.
 
     Every file appears whole or not at all, the page last. The same content gives the same bytes, whatever `execution`.
     """
@@ -238,7 +238,7 @@ def _embed(figures: Path | None, drawing: Drawing) -> EmbeddedFigure:
 
 
 def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
-    """The page; every text from a study or a file is escaped."""
+    """Render the page; every text from a study or a file is escaped."""
     free = set(content.result.parameters.free_names)
     has_rate = all(measured.has_rate for measured, _ in content.frf)
     left_out = [agreement.configuration for agreement in content.validation.configurations if agreement.is_validation]
@@ -288,7 +288,7 @@ def _coded(sentence: str) -> Markup:
 
 
 def rendered(figure: Figure) -> bytes:
-    """The figure as the bytes of a PNG file; a letter that the font lacks is a box, without a warning."""
+    """Render a figure as PNG; a letter that the font lacks is a box, without a warning."""
     buffer = io.BytesIO()
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
@@ -303,7 +303,7 @@ def rendered(figure: Figure) -> bytes:
 
 
 def html_of_responses(content: ResponsesContent, figures: Collection[EmbeddedFigure]) -> str:
-    """The page; every text from a study or a file is escaped."""
+    """Render the page of responses; every text from a study or a file is escaped."""
     responses = explorer(list(zip(content.responses, content.synthesised, strict=True)))
     viewer = mode_viewer(content.mode_rows, content.has_rate)
     scripts = (*curve_scripts(), asset("mode_viewer.js")) if viewer else curve_scripts()

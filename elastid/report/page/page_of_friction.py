@@ -19,7 +19,7 @@ SHARED = {
 
 
 def html_of_friction(content: FrictionContent, figures: Collection[EmbeddedFigure]) -> str:
-    """The page; every text from a study or a file is escaped."""
+    """Render the page; every text from a study or a file is escaped."""
     result = content.result
     rows = [(identified, number_cells(identified)) for identified in result.numbers]
     return render(
@@ -29,7 +29,7 @@ def html_of_friction(content: FrictionContent, figures: Collection[EmbeddedFigur
 
 
 def shared_numbers(joint: JointFriction) -> tuple[tuple[str, str, str, str], ...]:
-    """The numbers that all passes of a joint share, except friction: name, value, std and unit."""
+    """Return numbers that all runs of a joint share, without friction: name, value, std and unit."""
     if joint.constant_velocity is None:
         return ()
     torque = "N" if joint.slides else "N*m"

@@ -19,7 +19,7 @@ from elastid.use.map import LISTED, WorkspaceMap
 
 
 def map_data(workspace: WorkspaceMap) -> str:
-    """Postures, quantities and curves as JSON, numbers as base64 of float32."""
+    """Return postures, quantities and curves as JSON, numbers as base64 of float32."""
     m = workspace.sample
     x, y, z = m.position.T
     quantities = []
@@ -45,7 +45,7 @@ def map_data(workspace: WorkspaceMap) -> str:
 def write_page_of_answer(
     answer: Answer, figure: Callable[[], Figure], path: Path, made_by: str, data: str = ""
 ) -> Path:
-    """The page of an answer with its figure, which is written beside it as PNG; its path.
+    """Write the page of an answer with its figure, which is written beside it as PNG. Returns its path.
 
     data: of a map, which is explored on the page in place of its figure.
     """
@@ -58,6 +58,6 @@ def write_page_of_answer(
 
 
 def html_of_answer(answer: Answer, made_by: str, figures: Collection[EmbeddedFigure], data: str = "") -> str:
-    """The page of an answer; several figures stand below its tables."""
+    """Render the page of an answer; several figures are below its tables."""
     scripts = (asset("map.js"),) if data else ()
     return render("answer.html.j2", answer, figures, scripts=scripts, made_by=made_by, map_data=data)
