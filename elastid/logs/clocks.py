@@ -165,11 +165,10 @@ def clock_of(log: Log) -> Clock:
             return Clock(rate_hz, "highest rate at which both a drive and a motion were logged")
     unnamed, falling = [name for name in shapes if not guess_by_name(name, None).quantity], ""
     for name in (*stamps, *filter(is_time, shapes), *unnamed):
-        t, wrong = stamps_of(log, name)
+        t, _ = stamps_of(log, name)
         steps = np.diff(t)
-        falls, rises = np.flatnonzero(steps <= 0), steps[steps > 0]
         falling = falling or (name if is_time(name) and is_clock(-t) else "")
-        is_set_back = 0 < len(falls) <= MAX_WRONG_FRACTION * len(t) and is_clock(np.cumsum(rises))
+        is_set_back = 0 < np.sum(steps <= 0) <= MAX_WRONG_FRACTION * len(t) and is_clock(np.cumsum(steps[steps > 0]))
         is_late = len(t) > MIN_SAMPLES and bool(np.all(steps >= 0)) and stamp_line(t) is not None
         is_named = is_time(name) and (np.all(steps > 0) or is_set_back or is_late)
         if len(t) > 2 and (is_named or (not is_time(name) and is_clock(t) and np.any(steps != 1))):
@@ -179,12 +178,7 @@ def clock_of(log: Log) -> Clock:
             grid = even_grid(t)
             rate_hz = rate / units[unit]
             is_even = grid is not None and len(grid[0]) > grid[0][-1]
-            why = f"steps of {name}, which seems to be in {unit}"
-            why += f"; the time does not rise after sample {falls[0]}" if len(falls) else ""
-            why += (
-                f"; {len(wrong)} wrong stamps were interpolated, the first at sample {wrong[0]}" if len(wrong) else ""
-            )
-            return Clock(float(f"{rate_hz:.6g}"), why, name, is_even)
+            return Clock(float(f"{rate_hz:.6g}"), f"steps of {name}, which seems to be in {unit}", name, is_even)
     for name, array in log.arrays.items():
         if array.rate_hz:
             return Clock(array.rate_hz, "stated by the file")
