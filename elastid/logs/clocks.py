@@ -1,6 +1,5 @@
 """Clock of a log: the channel of its times by name or by steps, with wrong stamps, unit and rate."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,13 +12,12 @@ from elastid.experiment.specs.channels import MOTIONS, ChannelSpec
 from elastid.logs.channel_names import DRIVES, guess_by_name
 from elastid.logs.files.log import Log
 from elastid.logs.files.text import TextLog
-from elastid.logs.headings import TIMES, in_brackets
+from elastid.logs.headings import is_time
 from elastid.logs.repair import MAX_WRONG_FRACTION
 from elastid.logs.repair.time_stamps import MAX_RATE_RATIO, MIN_GAP, even_grid, stamp_line
 
 # Samples that are read of a log, and those that it needs.
 MAX_SAMPLES, MIN_SAMPLES = 1 << 17, 100
-_IS_TIME = re.compile(r"(.*[./])?(t|time|zeit|timestamp|seconds)([^a-z./][^./]*)?", re.IGNORECASE)
 _RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
 _PERIODS = ("ts", "t_s", "sample_time", "sampletime")  # in s
 BACKWARDS = "runs backwards: it falls from sample to sample"
@@ -41,11 +39,6 @@ class Clock:
     why: str
     name: str = ""
     is_even: bool = True
-
-
-def is_time(name: str) -> bool:
-    """Return True for the name of a channel that is a time by its name, or by a unit in brackets."""
-    return _IS_TIME.fullmatch(name) is not None or any(TIMES.fullmatch(unit.strip()) for unit in in_brackets(name))
 
 
 def is_clock(x: FloatArray) -> bool:

@@ -149,7 +149,7 @@ def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Log]:
     with ExitStack() as stack:
         with guard():
             log = stack.enter_context(log_format.opened(path, text))
-        yield log.guarded(guard) if isinstance(log, ArrayLog) else log
+        yield log.with_times().guarded(guard) if isinstance(log, ArrayLog) else log
 
 
 def _format_of(path: Path) -> Format:
