@@ -129,8 +129,6 @@ def read_channels(
 
 def time_channels(path: Path, channels: Sequence[ChannelSpec], text: TextFormatSpec) -> list[str]:
     """Return the name of the time channel of each channel, empty if a format states none."""
-    if _format_of(path) == FORMATS[-1]:  # a text has none
-        return [""] * len(channels)
     with opened_log(path, text) as log:
         return [log.time_of(channel) for channel in channels]
 
@@ -149,6 +147,7 @@ def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Log]:
     with ExitStack() as stack:
         with guard():
             log = stack.enter_context(log_format.opened(path, text))
+        log = log.by_times() if isinstance(log, TextLog) else log
         yield log.with_times().guarded(guard) if isinstance(log, ArrayLog) else log
 
 

@@ -1,6 +1,7 @@
 """Text logs: CSV and its relatives, with or without headings, decimal points or commas, units rows and comments."""
 
 import re
+from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -24,9 +25,10 @@ from elastid.logs.files.cells import (
 )
 from elastid.logs.files.encodings import decoded, encoding_of, packing, raw_bytes, wide_encoding
 from elastid.logs.files.lines import LARGE_BYTES, FileLines
-from elastid.logs.files.log import Log, missing_channel
+from elastid.logs.files.log import ArrayLog, Log, StoredArray, missing_channel
 from elastid.logs.files.text_format import HEAD_BYTES, otherwise_written
 from elastid.logs.files.text_head import HEAD_LINES, find_data_start, find_headings, find_sample_times, find_units
+from elastid.logs.headings import is_time
 from elastid.logs.repair import MAX_WRONG_FRACTION
 
 _TIMES = re.compile(r"time \d+ \[ms\]")  # headings of these columns
@@ -49,6 +51,26 @@ class TextLog(Log):
     n_columns: int
     units: tuple[str, ...] = ()
     sample_ms: tuple[float, ...] = ()
+
+    def by_times(self) -> Log:
+        """Return columns of several times as arrays with these, the shorter ones of which end in empty cells."""
+        n, times = len(self.number_lines) - self.first, [i for i, name in enumerate(self.headings) if is_time(name)]
+
+        def is_empty(row: int, column: int) -> bool:
+            return not "".join(split_line(self.number_lines[self.first + row], self.format)[column : column + 1])
+
+        if len(times) < 2 or self.sample_ms or self.is_large or not any(is_empty(n - 1, i) for i in times):
+            return self
+        lengths = [bisect_left(range(n), True, key=partial(is_empty, column=i)) for i in range(self.n_columns)]
+        whole = {name: (m, i) for i, (name, m) in enumerate(zip(self.headings, lengths, strict=True))}
+        units = self.units or ("",) * self.n_columns
+
+        def read(m: int, i: int) -> FloatArray:
+            return replace(self, number_lines=self.number_lines[: self.first + m]).columns([i])[:, 0]
+
+        dtype = np.dtype(np.float64)
+        arrays = {name: StoredArray((m,), dtype, partial(read, m, i), units[i]) for name, (m, i) in whole.items()}
+        return ArrayLog(self.path, arrays)
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Return every column with its length, by heading or else by number."""

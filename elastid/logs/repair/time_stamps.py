@@ -274,8 +274,8 @@ def _is_smoother_on(line: StampLine, time_s: FloatArray, signals: FloatArray) ->
 
 def _report_gaps(count: int, gaps: IntArray, log: Log) -> None:
     if count:
-        text = f"{count} samples are missing in {gaps.size} gaps of its time, the first after {log.time_of(gaps[0])}"
-        log.report(GAPS, count, text)
+        text = f"{count} samples are missing in {gaps.size} gaps of the time of {', '.join(log.names)}"
+        log.report(GAPS, count, f"{text}, the first after {log.time_of(gaps[0])}")
 
 
 def _report_resampling(time_s: FloatArray, n: int, rate_hz: float, knot_hz: float, log: Log, error: str = "") -> None:
