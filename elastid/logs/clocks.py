@@ -102,15 +102,12 @@ def channel_rates(log: Log) -> list[tuple[str, str, float]]:
 
     For logs with several time channels: empty if one of them belongs to all drives and motions.
     """
-    if isinstance(log, TextLog):
-        units = log.units or [""] * log.n_columns
-        return list(zip(log.headings, units, log.sample_ms, strict=True)) if log.sample_ms else []
     signals = [(n, a) for n, a in log.arrays.items() if a.is_signal]
     rates = [(n, a.units, 1e3 / a.rate_hz) for n, a in signals if a.rate_hz]
     stamped = [(n, a) for n, a in signals if a.time and guess_by_name(n, None, a.units).quantity in (*MOTIONS, *DRIVES)]
     if times := {a.time: stamps_of(log, a.time)[0] for _, a in stamped}:
         steps_ms = {
-            name: float(f"{1e3 / rate_of(t):.3g}")
+            name: float(f"{1e3 / clock_rate(t)[1]:.3g}")
             for name, t in times.items()
             if len(t) > MIN_SAMPLES and np.ptp(t) > 0
         }
@@ -133,6 +130,13 @@ def rate_of(t: FloatArray) -> float:
     rises = np.diff(t)
     rises = rises[rises > 0]
     return 1 / float(np.mean(rises[rises < MIN_GAP * np.median(rises)]))
+
+
+def clock_rate(t: FloatArray) -> tuple[str, float]:
+    """Return the unit in which stamps (n,) have the rate of a log of a machine, and the rate in Hz."""
+    rate, low, high, units = rate_of(t), 20.0, 200e3, time_units(t)
+    unit = next((u for u, s in units.items() if low <= rate / s <= high), next(iter(units)))
+    return unit, rate / units[unit]
 
 
 def common_span(spans: Mapping[str, tuple[float, float]], place: Path | str) -> tuple[float, float]:
@@ -165,11 +169,7 @@ def clock_of(log: Log) -> Clock:
         is_late = len(t) > MIN_SAMPLES and bool(np.all(steps >= 0)) and stamp_line(t) is not None
         is_named = is_time(name) and (np.all(steps > 0) or is_set_back or is_late)
         if len(t) > 2 and (is_named or (not is_time(name) and is_clock(t) and np.any(steps != 1))):
-            rate, low, high = rate_of(t), 20.0, 200e3  # of logs of machines, in Hz
-            units = time_units(t)
-            unit = next((u for u, s in units.items() if low <= rate / s <= high), next(iter(units)))
-            grid = even_grid(t)
-            rate_hz = rate / units[unit]
+            (unit, rate_hz), grid = clock_rate(t), even_grid(t)
             is_even = grid is not None and len(grid[0]) > grid[0][-1]
             return Clock(float(f"{rate_hz:.6g}"), f"steps of {name}, which seems to be in {unit}", name, is_even)
     for name, array in log.arrays.items():

@@ -92,6 +92,11 @@ def is_log(path: Path) -> bool:
     return os.path.isfile(path) or (os.path.isdir(path) and any(row.recognises(path, b"") for row in formats))
 
 
+def is_text(path: Path) -> bool:
+    """Return True if a log is read as a text."""
+    return _format_of(path) == FORMATS[-1]
+
+
 def all_formats() -> tuple[Format, ...]:
     """Return formats, specialised packages first; raise StudyError for a format that cannot be imported."""
     return (*registered("elastid.readers", Format), *FORMATS)
