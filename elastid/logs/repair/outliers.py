@@ -8,12 +8,13 @@ for each e, in which a transient is smooth, and for each period (Davies and Gath
 step of the converter.  A spike is also five times as far from the parabola through its neighbours as three quarters of
 these, d is five times as large as there, and three times as large as at 90 % of the samples of most parts of the log:
 drift, transients, steps and bursts of oscillation are no spikes, nor are the pulses of a controller at the counts of an
-encoder.  A value that repeats the previous one exactly, or is exactly 0, is a lost message where the channel has more such
-values than steps make by chance, or where one e differs.  A sample is replaced only if its distance from the
+encoder.  A value that repeats the previous one exactly, or is exactly 0, is a lost message where the channel has more
+such values than steps make by chance, or where one e differs.  A sample is replaced only if its distance from the
 interpolation is more than four times the error of the interpolation beside it; lost messages below are replaced
 together if their median distance is not due to that error. Among values that steps repeat by chance lost messages are
-told as spikes only. Interpolated samples are references and are never judged. Spikes at one phase of two of three periods are told by their roughness: below the roughness of the signal equal
-ones outvote the third period, which a note counts.
+told as spikes only. Interpolated samples are references and are never judged. Spikes at one phase of two of three
+periods are told by their roughness: below the roughness of the signal equal ones outvote the third period, which a note
+counts.
 """
 
 from __future__ import annotations
