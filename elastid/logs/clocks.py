@@ -22,8 +22,7 @@ _RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
 _PERIODS = ("ts", "t_s", "sample_time", "sampletime")  # in s
 BACKWARDS = "runs backwards: it falls from sample to sample"
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-# Of a clock: steps that differ from their median by more are none, and the fraction of them that may.
-_MAX_STEP, _MAX_UNEVEN_FRACTION = 1.0, 0.02
+_MAX_UNEVEN_FRACTION = 0.02  # of the steps of a clock that may be gaps
 MAX_RATE_LOG = 0.26  # |log| of the ratio of two rates: stamps in ms, us or ns, and study
 _MAX_WRONG_DISTANCE = 5.0  # of a stamp from the median of its neighbours, in steps of the clock
 
@@ -46,8 +45,8 @@ def is_clock(x: FloatArray) -> bool:
     steps = np.diff(x)
     if len(x) < 20 or not np.isfinite(x).all() or not steps.min() > 0:
         return False
-    is_uneven = np.abs(steps / float(np.median(steps)) - 1) > _MAX_STEP
-    return even_grid(x) is not None or float(np.mean(is_uneven)) < _MAX_UNEVEN_FRACTION
+    gap_fraction = float(np.mean(steps > MIN_GAP * np.median(steps)))
+    return even_grid(x) is not None or gap_fraction < _MAX_UNEVEN_FRACTION
 
 
 def stamps_of(log: Log, name: str) -> tuple[FloatArray, IntArray]:

@@ -115,7 +115,7 @@ class ArrayLog:
         return ArrayLog(self.path, {name: guarded(array) for name, array in self.arrays.items()})
 
     def with_times(self) -> "ArrayLog":
-        """Return log with several times, each that of the signals of its length in its group, or else in the file."""
+        """Return log whose signals have the time of their length, in their group or else in the file, among several."""
         lengths = {name: array.shape[0] for name, array in self.arrays.items() if array.is_signal and is_time(name)}
 
         def timed(name: str, array: StoredArray) -> StoredArray:

@@ -50,7 +50,7 @@ class TextLog(Log):
     units: tuple[str, ...] = ()
 
     def by_times(self) -> Log:
-        """Return columns of several times as arrays with these, the shorter ones of which end in empty cells."""
+        """Return columns of several times, of which shorter ones end in empty cells, as arrays."""
         n, times = len(self.number_lines) - self.first, [i for i, name in enumerate(self.headings) if is_time(name)]
 
         def is_empty(row: int, column: int) -> bool:

@@ -235,12 +235,8 @@ def rising(
         raise log.error("records/clock", f"the time is missing at {place}. Exclude that part by samples")
     twice = np.flatnonzero(np.diff(time_s) == 0) + 1
     if len(twice) > 0 and np.array_equal(signals[twice], signals[twice - 1], equal_nan=True):
-        place = log.time_of(twice[0])
-        log.report(
-            "rows with the stamp of another",
-            len(twice),
-            f"{len(twice)} rows have the time of the row before, the first at {place}; discarded",
-        )
+        text = f"{len(twice)} rows have the time of the row before, the first at {log.time_of(twice[0])}; discarded"
+        log.report("rows with the stamp of another", len(twice), text)
         time_s, signals = np.delete(time_s, twice), np.delete(signals, twice, axis=0)
     falls = np.flatnonzero(np.diff(time_s) < 0)
     if not len(falls):
@@ -252,9 +248,8 @@ def rising(
     order = np.argsort(time_s, kind="stable")
     steps = np.diff(time_s[order])
     if steps.min() > np.median(steps) / 2:
-        log.report(
-            "rows sorted by time", len(falls), f"{len(falls)} rows were not in time order, the first at {place}; sorted"
-        )
+        text = f"{len(falls)} rows were not in time order, the first at {place}; sorted"
+        log.report("rows sorted by time", len(falls), text)
         return time_s[order], signals[order]
     rises, step_s = np.diff(time_s, prepend=time_s[0]), float(np.median(steps))
     rises[falls + 1] = step_s if has_clocks else (MAX_BRIDGED + 2) * step_s

@@ -118,6 +118,12 @@ def test_messages_that_all_come_twice_count_once(tmp_path: Path) -> None:
     np.testing.assert_allclose(gathered(tmp_path, (twice, _torque(twice)))["u"][:3500], _torque(t), atol=1e-6)
 
 
+def test_the_times_of_a_bag_start_at_its_first_right_stamp(tmp_path: Path) -> None:
+    """The first message of all is stamped five minutes early."""
+    write_topics(tmp_path / "bag", {"/state": (T_Q[:200] - 300 * (T_Q[:200] == 0), {"position": T_Q[:200]})})
+    np.testing.assert_allclose(_read(tmp_path / "bag", "state.time")[1:, 0], T_Q[:199], atol=2e-9)
+
+
 def _late(t: np.ndarray) -> np.ndarray:
     """Stamps of messages that are received five at a time."""
     return np.repeat(t[4::5], 5) + np.tile(2e-5 * np.arange(5), len(t) // 5)
@@ -128,7 +134,7 @@ def _late(t: np.ndarray) -> np.ndarray:
     [
         (T_Q, T_U),
         (_late(T_Q), _late(T_U)),
-        (T_Q - 1.7e9 * (T_Q == 0), T_U),
+        (T_Q - 300 * (T_Q == 0), T_U),
         (T_Q, T_U + 300 * (T_U[-2] < T_U)),
         (np.delete(T_Q, [50, 900, 901, 4000]), T_U),
         (T_Q, np.round(T_U, 2)),
