@@ -26,8 +26,7 @@ from elastid.logs.channel_guess import LogGuess, guess_commands, guess_log
 from elastid.logs.channel_names import ChannelGuess, guess_by_name
 from elastid.logs.clocks import MAX_SAMPLES, MIN_SAMPLES, Clock, clock_of
 from elastid.logs.command_log import gains_in
-from elastid.logs.files.formats import opened_log
-from elastid.logs.files.text import TextLog
+from elastid.logs.files.formats import is_text, opened_log
 from elastid.logs.files.text_format import described_format, guess_format
 from elastid.logs.files.universal import is_universal_file, time_histories
 from elastid.logs.log_signals import signals_of, wrong_cells
@@ -67,14 +66,13 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
         return texts_from_universal(logs, folder)
     form = guess_format(first)
     with opened_log(first, form) as log:
-        is_text = isinstance(log, TextLog)
         clock, signals, shapes = clock_of(log), signals_of(log, MAX_SAMPLES), log.shapes()
         wrong = wrong_cells(log, [signal.name for signal, _ in signals], MAX_SAMPLES)
     if texts := texts_from_responses(logs, folder, robot):
         return texts
     signals = [(g, x) for g, x in signals if g.name != clock.name]
     guess = guess_log(signals, clock.rate_hz or 1.0)
-    text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text else ""
+    text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text(first) else ""
     if guess is None and (pairs := guess_commands(signals, clock.rate_hz or 1.0)):
         period = _period(np.stack([x for g, x in signals if g.key in {r.key for _, r in pairs}], axis=1))
         return _command_files(logs, folder, pairs, clock, robot, text, period)

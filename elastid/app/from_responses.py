@@ -16,11 +16,11 @@ from elastid.base.errors import DataError
 from elastid.base.units import of_translation
 from elastid.experiment.specs.channels import QUANTITY_UNIT
 from elastid.logs.channel_names import ChannelGuess, guess_by_name
-from elastid.logs.clocks import is_time
 from elastid.logs.files.formats import opened_log
 from elastid.logs.files.log import StoredArray
 from elastid.logs.files.text import TextLog
 from elastid.logs.files.text_format import described_format, guess_format
+from elastid.logs.headings import is_time
 from elastid.logs.responses.table import complex_array, responses_in, struct_table, structs_in, uff_places
 from elastid.robot import Robot
 

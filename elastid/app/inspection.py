@@ -53,7 +53,7 @@ def _text_rows(log: TextLog) -> list[tuple[str, ...]]:
     signals: list[Iterator[FloatArray]] = [(log.columns([k])[:, 0] for k in (i,)) for i in range(len(columns))]
     if log.is_large:
         signals = [iter(x) for x in _blocks(log, len(columns))]
-    elif not log.sample_ms:
+    else:
         with suppress(DataError):  # which its column then shows
             signals = [iter([column]) for column in log.columns(range(len(columns))).T]
     units = log.units or [""] * len(columns)

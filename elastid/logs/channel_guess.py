@@ -19,6 +19,8 @@ from elastid.logs.motion_relations import (
     MAX_EFFICIENCY,
     MIN_CORRELATION,
     MIN_GAIN_OVER_STD,
+    REST_TRAVEL_M,
+    REST_TRAVEL_RAD,
     TorqueRelation,
     motion_relations,
     sensor_gain,
@@ -120,7 +122,8 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     torques = np.stack([values[joint.torque.key] for joint in joints])
     power = np.cumsum(np.abs(np.fft.rfft(torques - torques.mean(axis=1, keepdims=True))) ** 2, axis=1)
     half_hz = np.argmax(power >= power[:, -1:] / 2, axis=1) * rate_hz / torques.shape[1]
-    is_motion = bool(np.all(half_hz < _MOTION_HZ)) and quantity == "position"
+    moves = [travel(_in_si(j.motion, values)) > (REST_TRAVEL_M if j.slides else REST_TRAVEL_RAD) for j in joints]
+    is_motion = bool(np.all(half_hz[moves if any(moves) else slice(None)] < _MOTION_HZ)) and quantity == "position"
     return LogGuess(tuple(joints), tuple(outputs), is_motion, _references(guesses, joints))
 
 

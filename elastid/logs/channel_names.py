@@ -87,7 +87,7 @@ class ChannelGuess:
         """The name of a place in a study without a robot, without the unit behind it."""
         name = re.sub(r"(?<=\w)\s*[\[(][^\])]*[\])]\s*$", "", self.name) if self.unit else self.name
         name = re.sub(r"^(\d+r?[xyz]) \d+$", r"\1", name)  # another function of a node of a universal file
-        return " ".join(filter(None, (re.sub(r"[^\w]+", " ", name).strip(), str(self.column or ""))))
+        return " ".join(filter(None, (re.sub(r"[^\w]+", " ", name).strip(), str(self.column or "")))) or "signal"
 
 
 def _split(name: str) -> str:

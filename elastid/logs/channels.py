@@ -29,10 +29,10 @@ from elastid.logs.repair.clock_drift import (
     delay_by_torque,
 )
 from elastid.logs.repair.masks import samples_before_motion
-from elastid.logs.repair.missing import bridge_gaps, filled
+from elastid.logs.repair.missing import filled, resampled_with_gaps
 from elastid.logs.repair.periodicity import check_complete, period_samples, round_samples
 from elastid.logs.repair.resampling import PASSBAND, at_times
-from elastid.logs.repair.time_stamps import on_grid, rising
+from elastid.logs.repair.time_stamps import sampling_times, to_rate
 from elastid.logs.units_and_sides import check_values, link_side, without_placeholders
 from elastid.record import MOTION_ORDER, Motion
 
@@ -79,7 +79,21 @@ class _Experiment:
     def log(self, number: int, names: Sequence[str] = (), rate_hz: float | None = None) -> Log:
         """Return names of a file, counted from 1, in messages."""
         first = 0 if self.file.samples is None or number > 1 else self.file.samples[0]
-        return Log(str(self.paths[number - 1]), tuple(names), rate_hz, first, findings=self.findings)
+        scale = self.recorded.known_rate_hz / (rate_hz or self.recorded.known_rate_hz)
+        return Log(str(self.paths[number - 1]), tuple(names), rate_hz, first, scale=scale, findings=self.findings)
+
+    def range_at(self, rate_hz: float, n: int) -> slice:
+        """Return the range of samples of the study among n at a rate; DataError where it is not in them."""
+        scale = rate_hz / self.recorded.known_rate_hz
+        first, last = (round(sample * scale) for sample in self.file.samples or (0, n / scale))
+        if not 0 <= first < last <= n:
+            raise DataError(
+                "records/range",
+                f"samples [{first / scale:.0f}, {last / scale:.0f}] exceed the file; it has {n / scale:.0f} samples, "
+                "counted from 0, and last is exclusive. Correct samples",
+                self.paths[0],
+            )
+        return slice(first, last)
 
     def members(self) -> dict[_Key, list[int]]:
         """Return channels by file, rate and time channel: `time` of the study, or time stamps of each channel."""
@@ -113,7 +127,9 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     experiment = _Experiment(recorded, file, tuple(base / path for path in (file.path, *file.also)))
     members = experiment.members()
     keys = sorted(members, key=lambda key: (key[0], key[1] != rate_hz))
-    groups = _on_grids(experiment, {key: (members[key], _read(experiment, key, members[key])) for key in keys})
+    has_clocks = len({time for number, _, time in keys if number == 1}) > 1
+    parts = {key: (members[key], _read(experiment, key, members[key], has_clocks)) for key in keys}
+    groups = _on_grids(experiment, parts)
     columns = {i: column for group in groups for i, column in zip(group.members, group.signals.T, strict=True)}
     may_rest = ("u",) if file.purpose == "coast_down" else ()
     check_values(channels, [columns[i] for i in range(len(columns))], experiment.log(1), may_rest)
@@ -198,43 +214,50 @@ def _period_s(groups: Sequence[_Group], experiment: _Experiment) -> float | None
     return None if samples is None else samples / group.rate_hz
 
 
-def _read(experiment: _Experiment, key: _Key, members: Sequence[int]) -> FloatArray:
-    """Return values (n, c) of channels, and in the last column their time if they have one."""
+def _read(experiment: _Experiment, key: _Key, members: Sequence[int], has_clocks: bool) -> FloatArray:
+    """Return values (n, c) of channels, and in the last column their time if they have one.
+
+    has_clocks: the range of samples is that of the common clock of the first file.
+    """
     number, file_rate_hz, time = key
     recorded, file, path = experiment.recorded, experiment.file, experiment.paths[number - 1]
     channels = [recorded.channels[i] for i in members]
     channels += [ChannelSpec("y", "time", time, quantity="position")] if time else []
-    if number > 1 or file.samples is None:
+    if number > 1 or file.samples is None or has_clocks:
         return read_channels(path, channels, recorded.text)
     first, last = (round(sample * file_rate_hz / recorded.known_rate_hz) for sample in file.samples)
     values = read_channels(path, channels, recorded.text, slice(first, last))
     if not 0 <= first < last or len(values) < last - first:
-        n = len(read_channels(path, channels, recorded.text))
-        raise DataError(
-            "records/range",
-            f"samples [{first}, {last}] exceed the file; it has {n} samples, counted from 0, and last is "
-            "exclusive. Correct samples",
-            path,
-        )
+        experiment.range_at(file_rate_hz, len(read_channels(path, channels, recorded.text)))
     return values
 
 
 def _on_grids(experiment: _Experiment, parts: Mapping[_Key, tuple[list[int], FloatArray]]) -> list[_Group]:
     """Bring signals to their rates. If a file has several clocks, cut all signals to the start of the last one."""
-    groups, timed = [], dict[_Key, tuple[FloatArray, FloatArray]]()
-    logs = {key: experiment.log(key[0], (), key[1]) for key in parts}
+    groups, timed, file = [], dict[_Key, tuple[FloatArray, FloatArray]](), experiment.file
+    full_names = [channel.full_name for channel in experiment.recorded.channels]
+    clocks = {number: {name for k, _, name in parts if k == number} for number, *_ in parts}
+    logs = {
+        key: experiment.log(key[0], [full_names[i] for i in members], key[1]) for key, (members, _) in parts.items()
+    }
+    logs |= {key: replace(log, first=0, scale=1.0) for key, log in logs.items() if len(clocks[key[0]]) > 1}
     for key, (_, values) in parts.items():
         if key[2]:
-            timed[key] = rising(_stamps_s(values[:, -1], key[2], key[1], logs[key]), values[:, :-1], logs[key])
+            stamps_s = _stamps_s(values[:, -1], key[2], key[1], logs[key])
+            timed[key] = sampling_times(stamps_s, values[:, :-1], logs[key], len(clocks[key[0]]) > 1)
     for key, (members, values) in parts.items():
         (number, rate_hz, _), log, gridded, rows, first_s = key, logs[key], values, None, None
         if key in timed:
             time_s, gridded = timed[key]
             spans = {name: (float(t[0]), float(t[-1])) for (k, _, name), (t, _) in timed.items() if k == number}
             begin_s = common_span(spans, experiment.paths[number - 1])[0] if len(spans) > 1 else None
-            gridded = on_grid(time_s, gridded, rate_hz, log, begin_s)
+            gridded = to_rate(time_s, gridded, rate_hz, log, begin_s)
             first_s = float(time_s[0]) if begin_s is None else begin_s
-            rows = log.first + np.searchsorted(time_s - first_s, (np.arange(len(gridded)) - 0.5) / rate_hz)
+            if begin_s is None:
+                rows = log.first + np.searchsorted(time_s - first_s, (np.arange(len(gridded)) - 0.5) / rate_hz)
+            elif number == 1 and file.samples is not None:
+                first_s += file.samples[0] / experiment.recorded.known_rate_hz
+                gridded = gridded[experiment.range_at(rate_hz, len(gridded))]
         signals = without_placeholders(np.where(np.isfinite(gridded), gridded, np.nan))
         groups.append(_Group(number, rate_hz, tuple(members), signals, rows, first_s))
     return groups
@@ -255,18 +278,18 @@ def _at_rate(group: _Group, rate_hz: float, period_s: float | None, experiment: 
         return group
     names = [experiment.recorded.channels[i].full_name for i in group.members]
     ratio, signals, log = group.rate_hz / rate_hz, group.signals, experiment.log(group.file, names, group.rate_hz)
-    # Without a period each end is continued by the other one, moved so that there is no jump.
-    period = float(len(signals))
-    if period_s is not None:
-        period = period_samples_of_channel(period_s, group.rate_hz, experiment.recorded, experiment.file)
-    if not np.isfinite(signals).all():
-        signals = bridge_gaps(signals, log) if period_s is None else filled(signals, round(period), 1, log)
     times = np.arange(int(len(signals) / ratio), dtype=np.float64) * ratio
     text = (
         f"{', '.join(names)} resampled from {group.rate_hz:g} to {rate_hz:g} Hz, exact up to {PASSBAND * rate_hz:g} Hz"
     )
     log.report("channels brought to another rate", len(names), text)
-    return replace(group, rate_hz=rate_hz, signals=at_times(signals, times, period, 1 / ratio), rows=None)
+    if period_s is None:
+        signals = resampled_with_gaps(signals, times, 1 / ratio, log)
+    else:
+        period = period_samples_of_channel(period_s, group.rate_hz, experiment.recorded, experiment.file)
+        whole = signals if np.isfinite(signals).all() else filled(signals, round(period), 1, log)
+        signals = at_times(whole, times, period, 1 / ratio)
+    return replace(group, rate_hz=rate_hz, signals=signals, rows=None)
 
 
 def _align(groups: Sequence[_Group], period: float | None, experiment: _Experiment) -> list[_Group]:
@@ -282,7 +305,7 @@ def _align(groups: Sequence[_Group], period: float | None, experiment: _Experime
         if ratio != 1:
             for i, group in enumerate(members):
                 times = np.arange(int((len(group.signals) - 1) / ratio) + 1, dtype=np.float64) * ratio
-                whole = (period or float(len(group.signals))) * ratio
+                whole = None if period is None else period * ratio
                 members[i] = replace(group, signals=at_times(group.signals, times, whole))
             text = f"the clocks of {name} and {paths[0].name} differ by {1e6 * (ratio - 1):.1f} ppm: resampled to that"
             log.report("logs at one clock", 1, f"{text} of {paths[0].name}")
@@ -304,7 +327,7 @@ def _align(groups: Sequence[_Group], period: float | None, experiment: _Experime
             # A shift of whole samples needs no interpolation.
             signals = signals[np.round(inside).astype(int)]
         else:
-            signals = at_times(signals, inside, period or float(len(signals)))
+            signals = at_times(signals, inside, period)
         result.append(replace(group, signals=signals))
     return result
 

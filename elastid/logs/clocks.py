@@ -1,6 +1,5 @@
 """Clock of a log: the channel of its times by name or by steps, with wrong stamps, unit and rate."""
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,19 +12,17 @@ from elastid.experiment.specs.channels import MOTIONS, ChannelSpec
 from elastid.logs.channel_names import DRIVES, guess_by_name
 from elastid.logs.files.log import Log
 from elastid.logs.files.text import TextLog
-from elastid.logs.headings import TIMES, in_brackets
+from elastid.logs.headings import is_time
 from elastid.logs.repair import MAX_WRONG_FRACTION
-from elastid.logs.repair.time_stamps import MAX_RATE_RATIO, MIN_GAP, even_grid
+from elastid.logs.repair.time_stamps import MAX_RATE_RATIO, MIN_GAP, even_grid, stamp_line
 
 # Samples that are read of a log, and those that it needs.
 MAX_SAMPLES, MIN_SAMPLES = 1 << 17, 100
-_IS_TIME = re.compile(r"(.*[./])?(t|time|zeit|timestamp|seconds)([^a-z./][^./]*)?", re.IGNORECASE)
 _RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
 _PERIODS = ("ts", "t_s", "sample_time", "sampletime")  # in s
 BACKWARDS = "runs backwards: it falls from sample to sample"
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-# Of a clock: steps that differ from their median by more are none, and the fraction of them that may.
-_MAX_STEP, _MAX_UNEVEN_FRACTION = 1.0, 0.02
+_MAX_UNEVEN_FRACTION = 0.02  # of the steps of a clock that may be gaps
 MAX_RATE_LOG = 0.26  # |log| of the ratio of two rates: stamps in ms, us or ns, and study
 _MAX_WRONG_DISTANCE = 5.0  # of a stamp from the median of its neighbours, in steps of the clock
 
@@ -43,18 +40,13 @@ class Clock:
     is_even: bool = True
 
 
-def is_time(name: str) -> bool:
-    """Return True for the name of a channel that is a time by its name, or by a unit in brackets."""
-    return _IS_TIME.fullmatch(name) is not None or any(TIMES.fullmatch(unit.strip()) for unit in in_brackets(name))
-
-
 def is_clock(x: FloatArray) -> bool:
     """Return True for a signal (n,) that rises as time stamps do, by steps that are alike but for a few gaps."""
     steps = np.diff(x)
     if len(x) < 20 or not np.isfinite(x).all() or not steps.min() > 0:
         return False
-    is_uneven = np.abs(steps / float(np.median(steps)) - 1) > _MAX_STEP
-    return even_grid(x) is not None or float(np.mean(is_uneven)) < _MAX_UNEVEN_FRACTION
+    gap_fraction = float(np.mean(steps > MIN_GAP * np.median(steps)))
+    return even_grid(x) is not None or gap_fraction < _MAX_UNEVEN_FRACTION
 
 
 def stamps_of(log: Log, name: str) -> tuple[FloatArray, IntArray]:
@@ -76,15 +68,16 @@ def correct_stamps(t: FloatArray) -> tuple[FloatArray, IntArray]:
     """Interpolate wrong stamps (n,), and return their numbers, too; no stamps if too many are wrong."""
     from scipy.ndimage import median_filter
 
+    none, rows, half = np.zeros(0, np.int64), np.arange(len(t)), len(t) // 2
     if np.isnan(t).mean() > MAX_WRONG_FRACTION:
-        return t[:0], np.zeros(0, np.int64)
-    away = np.abs(t - median_filter(np.nan_to_num(t, nan=np.inf), 5, mode="nearest"))
-    is_wrong = ~(away <= _MAX_WRONG_DISTANCE * float(np.nanmedian(np.abs(np.diff(t)))))
-    none = np.zeros(0, np.int64)
+        return t[:0], none
+    step = float(np.nanmedian(t[half:] - t[: len(t) - half])) / half
+    away = np.abs(t - median_filter(np.nan_to_num(t, nan=np.inf), 5, mode="mirror"))
+    is_wrong = ~(away <= _MAX_WRONG_DISTANCE * max(abs(step), float(np.nanmedian(np.abs(np.diff(t))))))
     if is_wrong.mean() > MAX_WRONG_FRACTION:
         return (t, none) if np.isfinite(t).all() else (t[:0], none)
-    rows = np.arange(len(t))
-    return np.asarray(np.interp(rows, rows[~is_wrong], t[~is_wrong])), np.flatnonzero(is_wrong)
+    late = np.interp(rows, rows[~is_wrong], (t - step * rows)[~is_wrong])
+    return np.where(is_wrong, step * rows + late, t), np.flatnonzero(is_wrong)
 
 
 def time_units(t: FloatArray) -> dict[str, float]:
@@ -108,15 +101,12 @@ def channel_rates(log: Log) -> list[tuple[str, str, float]]:
 
     For logs with several time channels: empty if one of them belongs to all drives and motions.
     """
-    if isinstance(log, TextLog):
-        units = log.units or [""] * log.n_columns
-        return list(zip(log.headings, units, log.sample_ms, strict=True)) if log.sample_ms else []
     signals = [(n, a) for n, a in log.arrays.items() if a.is_signal]
     rates = [(n, a.units, 1e3 / a.rate_hz) for n, a in signals if a.rate_hz]
     stamped = [(n, a) for n, a in signals if a.time and guess_by_name(n, None, a.units).quantity in (*MOTIONS, *DRIVES)]
     if times := {a.time: stamps_of(log, a.time)[0] for _, a in stamped}:
         steps_ms = {
-            name: float(f"{1e3 / rate_of(t):.3g}")
+            name: float(f"{1e3 / clock_rate(t)[1]:.3g}")
             for name, t in times.items()
             if len(t) > MIN_SAMPLES and np.ptp(t) > 0
         }
@@ -133,18 +123,26 @@ def common_step_ms(channels: Sequence[tuple[str, str, float]]) -> float:
 
 
 def rate_of(t: FloatArray) -> float:
-    """Return the rate of stamps (n,) on a uniform grid, else 1 / mean step without gaps."""
-    rises, grid = np.diff(t), even_grid(t)
+    """Return the rate of stamps (n,) of an even sampling, else 1 / mean step without gaps."""
+    if (line := stamp_line(t)) is not None:
+        return line.rate_hz
+    rises = np.diff(t)
     rises = rises[rises > 0]
-    # The mean step is correct for stamps that jitter or are rounded.
-    return 1 / float(np.mean(rises[rises < MIN_GAP * np.median(rises)])) if grid is None else grid[1]
+    return 1 / float(np.mean(rises[rises < MIN_GAP * np.median(rises)]))
+
+
+def clock_rate(t: FloatArray) -> tuple[str, float]:
+    """Return the unit in which stamps (n,) have the rate of a log of a machine, and the rate in Hz."""
+    rate, low, high, units = rate_of(t), 20.0, 200e3, time_units(t)
+    unit = next((u for u, s in units.items() if low <= rate / s <= high), next(iter(units)))
+    return unit, rate / units[unit]
 
 
 def common_span(spans: Mapping[str, tuple[float, float]], place: Path | str) -> tuple[float, float]:
     """Return first and last time in s at which all signals with the names and spans were logged; DataError without."""
     begin, end = max(first for first, _ in spans.values()), min(last for _, last in spans.values())
     if not begin < end:
-        text = ", ".join(f"{name} {first:.6g} to {last:.6g} s" for name, (first, last) in spans.items())
+        text = ", ".join(f"{name} {first:.3f} to {last:.3f} s" for name, (first, last) in spans.items())
         raise DataError("records/clock", f"signals have no time in common: {text}. Log them with one clock", place)
     return begin, end
 
@@ -163,25 +161,16 @@ def clock_of(log: Log) -> Clock:
             return Clock(rate_hz, "highest rate at which both a drive and a motion were logged")
     unnamed, falling = [name for name in shapes if not guess_by_name(name, None).quantity], ""
     for name in (*stamps, *filter(is_time, shapes), *unnamed):
-        t, wrong = stamps_of(log, name)
+        t, _ = stamps_of(log, name)
         steps = np.diff(t)
-        falls, rises = np.flatnonzero(steps <= 0), steps[steps > 0]
         falling = falling or (name if is_time(name) and is_clock(-t) else "")
-        is_set_back = 0 < len(falls) <= MAX_WRONG_FRACTION * len(t) and is_clock(np.cumsum(rises))
-        is_named = is_time(name) and (np.all(steps > 0) or is_set_back)
+        is_set_back = 0 < np.sum(steps <= 0) <= MAX_WRONG_FRACTION * len(t) and is_clock(np.cumsum(steps[steps > 0]))
+        is_late = len(t) > MIN_SAMPLES and bool(np.all(steps >= 0)) and stamp_line(t) is not None
+        is_named = is_time(name) and (np.all(steps > 0) or is_set_back or is_late)
         if len(t) > 2 and (is_named or (not is_time(name) and is_clock(t) and np.any(steps != 1))):
-            rate, low, high = rate_of(t), 20.0, 200e3  # of logs of machines, in Hz
-            units = time_units(t)
-            unit = next((u for u, s in units.items() if low <= rate / s <= high), next(iter(units)))
-            grid = even_grid(t)
-            rate_hz = rate / units[unit]
+            (unit, rate_hz), grid = clock_rate(t), even_grid(t)
             is_even = grid is not None and len(grid[0]) > grid[0][-1]
-            why = f"steps of {name}, which seems to be in {unit}"
-            why += f"; the time does not rise after sample {falls[0]}" if len(falls) else ""
-            why += (
-                f"; {len(wrong)} wrong stamps were interpolated, the first at sample {wrong[0]}" if len(wrong) else ""
-            )
-            return Clock(float(f"{rate_hz:.6g}"), why, name, is_even)
+            return Clock(float(f"{rate_hz:.6g}"), f"steps of {name}, which seems to be in {unit}", name, is_even)
     for name, array in log.arrays.items():
         if array.rate_hz:
             return Clock(array.rate_hz, "stated by the file")

@@ -23,6 +23,7 @@ from elastid.friction_study.sliding_friction import STILL, turns_against_gravity
 from elastid.linear.equilibrium import equilibrium
 from elastid.logs.channels import GatheredChannels, gather_channels, report_unused_references
 from elastid.logs.files.formats import read_channels
+from elastid.logs.motion_relations import REST_TRAVEL_M, REST_TRAVEL_RAD
 from elastid.logs.repair import Findings, Log
 from elastid.logs.repair.interpolation import MAX_BRIDGED
 from elastid.logs.repair.masks import MAX_MISSING_FRACTION, step, without_dropouts, without_zero_rows
@@ -38,8 +39,6 @@ from elastid.robot.simplified import with_point_mass
 from elastid.simulation.controller import loop_of
 
 # Limits of motions and temperatures of joints (all of 12 clean logs are accepted).
-# Travel below which a joint is held by its controller, in m where it slides and in rad.
-REST_TRAVEL_M, REST_TRAVEL_RAD = 1e-3, 5e-3
 IMPOSSIBLE_DEGC = 150.0
 MIN_PART_S = 2.0  # of a log with gaps
 # Signals (n,) by role, place and quantity; torques and currents have an empty one.
@@ -116,7 +115,7 @@ class _LogReader:
         records = list[FrictionRecord]()
         for i, segment in enumerate(segments):
             name = f"{self.name} part {i + 1}" if i else self.name
-            offset_s = (segment.log.first - gathered.log.first) / gathered.rate_hz
+            offset_s = (segment.log.first - gathered.log.first) / recorded.known_rate_hz
             records += replace(self, name=name, start_s=self.start_s + offset_s, offset_s=offset_s)._segment_records(
                 segment
             )

@@ -16,6 +16,7 @@ _UNITS = sorted(
 _NO_UNIT = re.compile(
     r"(?!.*\d/\d)[\d_\s.,:;#+\-/]*|.*\b(joint|axis|achse|motor|link|actual|filtered)\b.*", re.IGNORECASE
 )
+_IS_TIME = re.compile(r"(.*[./])?(t|time|zeit|timestamp|seconds)([^a-z./][^./]*)?", re.IGNORECASE)
 TIMES = re.compile(r"s|sec(onds?)?|m?s|[mnuµμ]s|с|мс|秒|毫秒", re.IGNORECASE)
 _COUNTS = re.compile(r"inc|count|cnt|tick|pulse|puls|digit|lsb|step|raw|^c$|qc", re.IGNORECASE)
 
@@ -55,6 +56,11 @@ def in_brackets(name: str) -> list[str]:
     (['mNm'], ['s'])
     """
     return re.findall(r"[\[(（]([^\[\]()（）]+)[\])）]\s*$", name)
+
+
+def is_time(name: str) -> bool:
+    """Return True for the name of a channel that is a time by its name, or by a unit in brackets."""
+    return _IS_TIME.fullmatch(name) is not None or any(TIMES.fullmatch(unit.strip()) for unit in in_brackets(name))
 
 
 def unit_of_heading(name: str, stated: str = "") -> HeadingUnit:

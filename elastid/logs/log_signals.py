@@ -11,7 +11,15 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.experiment.specs.channels import MOTIONS, ChannelSpec
 from elastid.logs.channel_names import DRIVES, STANDARD_GRAVITY, ChannelGuess, guess_by_name
-from elastid.logs.clocks import MIN_SAMPLES, channel_rates, common_span, common_step_ms, stamps_of
+from elastid.logs.clocks import (
+    MIN_SAMPLES,
+    channel_rates,
+    clock_rate,
+    common_span,
+    common_step_ms,
+    stamps_of,
+    time_units,
+)
 from elastid.logs.files.log import ArrayLog, Log
 from elastid.logs.files.text import TextLog
 from elastid.logs.repair import Log as RepairLog
@@ -66,7 +74,7 @@ def _with_counts(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
 
 def wrong_cells(log: Log, names: Sequence[str], most: int) -> list[str]:
     """Return message on the first cell of a text without a number: first among the signals, then in other columns."""
-    if not isinstance(log, TextLog) or log.sample_ms:
+    if not isinstance(log, TextLog):
         return []
     groups = [[i for i, name in enumerate(name for name, _ in log.named_columns()) if name in names]]
     groups += [[*range(log.n_columns)]] if not groups[0] else []
@@ -104,7 +112,7 @@ def _resample_to_slowest(
                 x = log.values([spec], slice(0, int(most * slowest / ms)))
                 whole = bridged(without_lone(x, RepairLog("", ("",)))[:, 0])
                 stamps = log.time_of(spec)
-                t_ms = 1e3 * stamps_of(log, stamps)[0] if stamps else ms * np.arange(len(whole))
+                t_ms = _times_ms(log, stamps) if stamps else ms * np.arange(len(whole), dtype=np.float64)
                 result.append((replace(guess, rate_hz=rate_hz), t_ms[: len(whole)], whole[: len(t_ms)]))
     if not result:
         return []
@@ -113,6 +121,11 @@ def _resample_to_slowest(
     at = np.arange(1e3 * begin, 1e3 * end + slowest / 2, slowest)
     signals = [(guess, np.interp(at, t, x)) for guess, t, x in result]
     return _with_commands([(guess, x) for guess, x in signals if np.ptp(x) > 0])
+
+
+def _times_ms(log: Log, name: str) -> FloatArray:
+    t, _ = stamps_of(log, name)
+    return 1e3 * time_units(t)[clock_rate(t)[0]] * t
 
 
 def _heading(log: Log, name: str, column: int) -> tuple[str, str]:

@@ -113,8 +113,8 @@ class DenavitHartenberg:
         across = Placement((link.a, 0.0, 0.0), (link.alpha, 0.0, 0.0))
         along = Placement((0.0, 0.0, link.d))
         standard = self.convention == "standard"
-        placement = before if standard else _chain(before, across)
-        mounting = _chain(turn, along, across) if standard else _chain(turn, along)
+        placement = before if standard else before.then(across)
+        mounting = turn.then(along, across) if standard else turn.then(along)
         contents = (link.joint, *link.elastic), link.mass, link.center_of_mass, self._inertia(link)
         return Body(link.body_name, parent, placement, *contents, mounting)
 
@@ -124,10 +124,3 @@ class DenavitHartenberg:
         c = np.array(link.center_of_mass)
         about_origin = Body(link.body_name, inertia=link.inertia).inertia_matrix
         return six_numbers(about_origin - link.mass * (c @ c * np.eye(3) - np.outer(c, c)))
-
-
-def _chain(*placements: Placement) -> Placement:
-    R, p = np.eye(3), np.zeros(3)
-    for placement in placements:
-        R, p = R @ placement.rotation, p + R @ np.array(placement.xyz)
-    return Placement.of(R, p)

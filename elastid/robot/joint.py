@@ -22,17 +22,6 @@ from elastid.robot.gear_effects import Gear
 from elastid.robot.placement import Axis, Numbers, Vector3, below, coordinates, unit_axis
 from elastid.robot.spring import Spring
 
-# fmt: on
-
-
-# fmt: on
-
-
-# fmt: on
-
-
-# fmt: on
-
 
 @section
 class Motor:

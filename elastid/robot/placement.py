@@ -53,6 +53,13 @@ class Placement:
         x, y, z = (float(length) for length in translation)
         return cls((x, y, z), (float(roll), float(np.arctan2(-R[2, 0], cosine)), float(yaw)))
 
+    def then(self, *others: "Placement") -> "Placement":
+        """Return the placement of the last frame of a chain, each placed in the frame before it."""
+        R, p = self.rotation, np.array(self.xyz)
+        for other in others:
+            R, p = R @ other.rotation, p + R @ np.array(other.xyz)
+        return Placement.of(R, p)
+
     @property
     def rotation(self) -> FloatArray:
         """R (3, 3) = Rz(yaw) Ry(pitch) Rx(roll): the body's axes as columns in the parent's."""

@@ -14,7 +14,6 @@ from xml.parsers import expat
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.names import SEPARATOR, NameRule, OptionalName, check_different
 from elastid.base.section import Key, section
@@ -161,15 +160,6 @@ class UrdfRobot:
         return Robot(*described, gears=self.gears, tolerances=self.tolerances)
 
 
-@dataclass(frozen=True)
-class _Seat:
-    """A link as part of a body: rotation R (3, 3) and origin p (3,) in the body's frame."""
-
-    body: str
-    R: FloatArray
-    p: FloatArray
-
-
 class _Reader:
     """Links and joints of a file, walked from the base."""
 
@@ -207,20 +197,17 @@ class _Reader:
                 )
         bodies: list[Body] = []
         frames = [Frame(roots[0], BASE)]
-        waiting = [(joint, _Seat(BASE, np.eye(3), np.zeros(3))) for joint in self.below.get(roots[0], [])]
+        waiting = [(joint, BASE, Placement()) for joint in self.below.get(roots[0], [])]
         while waiting:
-            joint, seat = waiting.pop(0)
-            child = self._link_of(joint, "child")
-            origin = _origin(joint)
-            R, p = seat.R @ origin.rotation, seat.p + seat.R @ np.array(origin.xyz)
+            joint, body, placement = waiting.pop(0)
+            child, placement = self._link_of(joint, "child"), placement.then(_origin(joint))
             link = self.links[child]
-            if self._is_fixed(joint) and (seat.body == BASE or not _has_mass(link)):
-                frames.append(Frame(child, seat.body, Placement.of(R, p)))
-                below = _Seat(seat.body, R, p)
+            if self._is_fixed(joint) and (body == BASE or not _has_mass(link)):
+                frames.append(Frame(child, body, placement))
             else:
-                bodies.append(_body(link, seat.body, Placement.of(R, p), self._joints(joint)))
-                below = _Seat(child, np.eye(3), np.zeros(3))
-            waiting += [(joint_below, below) for joint_below in self.below.get(child, [])]
+                bodies.append(_body(link, body, placement, self._joints(joint)))
+                body, placement = child, Placement()
+            waiting += [(joint_below, body, placement) for joint_below in self.below.get(child, [])]
         reached = {body.name for body in bodies} | {frame.name for frame in frames}
         for name in self.links:
             if name not in reached:

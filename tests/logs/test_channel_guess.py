@@ -58,6 +58,16 @@ def test_torques_and_motions_are_paired_with_unit_and_sign() -> None:
     assert guess_log([(guess_by_name("tau_1", None), joints[0][3])], RATE) is None  # one signal is no log
 
 
+def test_a_joint_at_rest_is_beside_a_motion() -> None:
+    """Its torque is noise, and its position moves by counts of its encoder."""
+    q, *_, u = moved(0)
+    rest = np.random.default_rng(2).normal(size=(2, len(q)))
+    signals = {"tau_1": u, "q_1": q, "tau_2": rest[0], "q_2": 1e-5 * np.round(rest[1])}
+    assert guess_log([(guess_by_name(name, None), x) for name, x in signals.items()], RATE).is_motion
+    del signals["tau_1"], signals["q_1"]
+    assert not guess_log([(guess_by_name(name, None), x) for name, x in signals.items()], RATE).is_motion
+
+
 def test_stamps_are_a_clock_and_a_motion_is_none() -> None:
     rng = np.random.default_rng(0)
     assert is_clock(1000 + np.cumsum(rng.choice([0.01, 0.012], 3000)))

@@ -79,11 +79,8 @@ def sense_movement(
     """Compute the contribution (n, n_y) of a planned movement, offset (n, n_u), to the logged outputs."""
     start = model.B.T @ q0
     path = rigid_path(model, q0, start, start + offset)
-    y = (path - q0) @ model.output_jacobian(q0, outputs).T
-    for column, place in enumerate(outputs):
-        if is_point(place):
-            y[:, column] = point_acceleration(path, model, q0, place, rate_hz, period_samples)
-    return y
+    still, setup = np.broadcast_to(q0, path.shape), (model, q0, outputs, rate_hz, period_samples)
+    return sense(path, start + offset, *setup) - sense(still, still @ model.B, *setup)
 
 
 def point_acceleration(

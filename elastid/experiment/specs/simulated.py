@@ -166,13 +166,11 @@ class CarrierSpec:
 
     def velocities(self, n_u: int) -> FloatArray:
         """Return the velocities (n_u,) of the joints, rad/s or m/s; ValueError for a wrong number of them."""
-        values = np.atleast_1d(0.0 if self.velocity is None else self.velocity)
-        return np.broadcast_to(values, (n_u,)).astype(np.float64)
+        return np.broadcast_to(np.array(self.velocity or 0.0, np.float64), (n_u,))
 
     def amplitudes(self, n_u: int) -> FloatArray:
         """Return the amplitudes (n_u,), rad or m, 0 of a carrier that is no sine; ValueError for a wrong number."""
-        values = np.atleast_1d(0.0 if self.amplitude is None else self.amplitude)
-        return np.broadcast_to(values, (n_u,)).astype(np.float64)
+        return np.broadcast_to(np.array(self.amplitude or 0.0, np.float64), (n_u,))
 
 
 @section

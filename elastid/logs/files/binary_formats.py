@@ -1,7 +1,8 @@
 """Logs in formats of which libraries know the layout: HDF5, MATLAB, NumPy, Parquet, and TDMS."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -125,34 +126,19 @@ def _values(table: Any, name: str) -> NDArray[Any]:
 def open_tdms(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     """Open LabVIEW and DIAdem (TDMS), by npTDMS: channels with data, `group/channel`; time stamps in s from the first.
 
-    Waveforms whose start times differ are cut to the time that all of them have.
+    Waveforms whose start times differ have times of their own, `group/channel/time`.
     """
     nptdms = installed("nptdms", "tdms", path)
     with nptdms.TdmsFile.open(path) as file:
-        channels = [c for group in file.groups() for c in group.channels() if len(c) > 0]
-        common = _common_samples([(c.properties, len(c)) for c in channels])
-        yield ArrayLog(
-            path, {f"{c.group_name}/{c.name}": _channel(c, span) for c, span in zip(channels, common, strict=True)}
-        )
-
-
-def _common_samples(waveforms: Sequence[tuple[Mapping[str, Any], int]]) -> list[slice]:
-    """Return samples of each waveform, by its properties and length, from the latest start to the first end of all.
-
-    All samples of waveforms without a time, and if those with a time have no time in common.
-    """
-    steps = [float(properties.get("wf_increment", 0.0)) for properties, _ in waveforms]
-    starts = [
-        _start_s(properties) if step > 0 else None for (properties, _), step in zip(waveforms, steps, strict=True)
-    ]
-    timed = [(s, s + n * step) for (_, n), step, s in zip(waveforms, steps, starts, strict=True) if s is not None]
-    latest, end = max((s for s, _ in timed), default=0.0), min((e for _, e in timed), default=0.0)
-    spans = []
-    for (_, n), step, start in zip(waveforms, steps, starts, strict=True):
-        is_whole = start is None or end <= latest or len({s for s, _ in timed}) == 1
-        first = 0 if start is None or is_whole else round((latest - start) / step)
-        spans.append(slice(first, n if is_whole else min(n, first + round((end - latest) / step))))
-    return spans
+        channels = {f"{c.group_name}/{c.name}": c for group in file.groups() for c in group.channels() if len(c) > 0}
+        arrays = {name: _channel(c) for name, c in channels.items()}
+        starts = {n: s for n, c in channels.items() if arrays[n].rate_hz and (s := _start_s(c.properties)) is not None}
+        for name, start_s in starts.items() if len({*starts.values()}) > 1 else ():
+            rate_hz, n, first_s = arrays[name].rate_hz or 1.0, len(channels[name]), start_s - min(starts.values())
+            times = partial(np.linspace, first_s, first_s + n / rate_hz, n, False)
+            arrays[name] = replace(arrays[name], time=f"{name}/time")
+            arrays[f"{name}/time"] = StoredArray((n,), np.dtype(np.float64), times, "s")
+        yield ArrayLog(path, arrays)
 
 
 def _start_s(properties: Mapping[str, Any]) -> float | None:
@@ -168,18 +154,17 @@ def _start_s(properties: Mapping[str, Any]) -> float | None:
 _EPOCH = np.datetime64("2000-01-01T00:00:00", "us")
 
 
-def _channel(channel: Any, span: slice) -> StoredArray:
+def _channel(channel: Any) -> StoredArray:
     step = channel.properties.get("wf_increment", 0.0)
     is_time = channel.dtype.kind == "M"
     dtype = np.dtype(np.float64) if is_time else channel.dtype
     units = "s" if is_time else str(channel.properties.get("unit_string", ""))
-    rows = partial(_read_channel, channel, span)
-    return StoredArray((span.stop - span.start,), dtype, rows, units, 1 / step if step > 0 else None, rows=rows)
+    rows = partial(_read_channel, channel)
+    return StoredArray((len(channel),), dtype, rows, units, 1 / step if step > 0 else None, rows=rows)
 
 
-def _read_channel(channel: Any, whole: slice, span: slice = slice(None)) -> NDArray[Any]:
-    first, end, step = span.indices(whole.stop - whole.start)
-    values = np.asarray(channel[whole.start + first : whole.start + end : step])
+def _read_channel(channel: Any, span: slice = slice(None)) -> NDArray[Any]:
+    values = np.asarray(channel[span])
     return seconds(values, channel[0]) if values.dtype.kind == "M" else values
 
 

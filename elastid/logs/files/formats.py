@@ -92,6 +92,11 @@ def is_log(path: Path) -> bool:
     return os.path.isfile(path) or (os.path.isdir(path) and any(row.recognises(path, b"") for row in formats))
 
 
+def is_text(path: Path) -> bool:
+    """Return True if a log is read as a text."""
+    return _format_of(path) == FORMATS[-1]
+
+
 def all_formats() -> tuple[Format, ...]:
     """Return formats, specialised packages first; raise StudyError for a format that cannot be imported."""
     return (*registered("elastid.readers", Format), *FORMATS)
@@ -129,8 +134,6 @@ def read_channels(
 
 def time_channels(path: Path, channels: Sequence[ChannelSpec], text: TextFormatSpec) -> list[str]:
     """Return the name of the time channel of each channel, empty if a format states none."""
-    if _format_of(path) == FORMATS[-1]:  # a text has none
-        return [""] * len(channels)
     with opened_log(path, text) as log:
         return [log.time_of(channel) for channel in channels]
 
@@ -149,7 +152,8 @@ def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Log]:
     with ExitStack() as stack:
         with guard():
             log = stack.enter_context(log_format.opened(path, text))
-        yield log.guarded(guard) if isinstance(log, ArrayLog) else log
+        log = log.by_times() if isinstance(log, TextLog) else log
+        yield log.with_times().guarded(guard) if isinstance(log, ArrayLog) else log
 
 
 def _format_of(path: Path) -> Format:

@@ -7,6 +7,7 @@ are joined with dots (`rec.torque`), elements of struct arrays are `run(2).torqu
 
 import difflib
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.experiment.specs.channels import ChannelSpec
+from elastid.logs.headings import is_time
 
 # Values that are in memory at a time.
 _BLOCK_VALUES = 1 << 20
@@ -111,6 +113,18 @@ class ArrayLog:
             return replace(array, read=partial(read_guarded, array.read), rows=rows)
 
         return ArrayLog(self.path, {name: guarded(array) for name, array in self.arrays.items()})
+
+    def with_times(self) -> "ArrayLog":
+        """Return log whose signals have the time of their length, in their group or else in the file, among several."""
+        lengths = {name: array.shape[0] for name, array in self.arrays.items() if array.is_signal and is_time(name)}
+
+        def timed(name: str, array: StoredArray) -> StoredArray:
+            alike = [t for t, n in lengths.items() if array.is_signal and n == array.shape[0] and name not in lengths]
+            beside = [t for t in alike if re.split(r"[/.][^/.]*$", t)[0] == re.split(r"[/.][^/.]*$", name)[0]]
+            times = beside if len(beside) == 1 else alike
+            return replace(array, time=times[0]) if len(times) == 1 and not array.time else array
+
+        return replace(self, arrays={n: timed(n, a) for n, a in self.arrays.items()}) if len(lengths) > 1 else self
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Return every numeric signal with its shape."""

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from functools import cached_property, partial
+from itertools import islice
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -34,7 +35,7 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     typestore = types.get_typestore(types.Stores.ROS2_HUMBLE)
     with reading.AnyReader([path], default_typestore=typestore) as bag:
         topics = [_Topic(bag, name, each.connections, each.msgtype or "") for name, each in bag.topics.items()]
-        begin_ns = min((topic.first[0] for topic in topics if topic.first), default=0)
+        begin_ns = min((topic.begin_ns for topic in topics if topic.first), default=0)
         yield ArrayLog(path, dict(signal for topic in topics for signal in topic.arrays(begin_ns)))
 
 
@@ -45,18 +46,24 @@ class _Topic:
         self.is_known = kind in bag.typestore.fielddefs
 
     @cached_property
-    def first(self) -> tuple[int, Any] | None:
-        """Stamp in ns and first message; None if the topic has no messages or an unknown type."""
-        return next(self._messages(), None) if self.is_known else None
+    def first(self) -> list[tuple[int, Any]]:
+        """Stamps in ns and first three messages; empty if the topic has no messages or an unknown type."""
+        return [*islice(self._messages(), 3)] if self.is_known else []
+
+    @property
+    def begin_ns(self) -> int:
+        """First stamp, of those that are no more than a second off the median one."""
+        stamps = sorted(stamp for stamp, _ in self.first)
+        return next(stamp for stamp in stamps if stamp > stamps[len(stamps) // 2] - 10**9)
 
     def arrays(self, begin_ns: int) -> Iterator[tuple[str, StoredArray]]:
         """Name and array of each signal; times are from begin_ns on."""
-        if self.first is None:
+        if not self.first:
             return
         if self.is_joint_state:
             yield from self._joint_arrays(begin_ns)
             return
-        columns, time = _numbers(self.first[1]), f"{self.name}.time"
+        columns, time = _numbers(self.first[0][1]), f"{self.name}.time"
         n = sum(connection.msgcount for connection in self.connections)
         if columns:
             yield time, _stored((n,), lambda: _seconds(self._columns[0], begin_ns), "s")

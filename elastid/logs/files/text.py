@@ -1,6 +1,7 @@
 """Text logs: CSV and its relatives, with or without headings, decimal points or commas, units rows and comments."""
 
 import re
+from bisect import bisect_left
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -24,12 +25,12 @@ from elastid.logs.files.cells import (
 )
 from elastid.logs.files.encodings import decoded, encoding_of, packing, raw_bytes, wide_encoding
 from elastid.logs.files.lines import LARGE_BYTES, FileLines
-from elastid.logs.files.log import Log, missing_channel
+from elastid.logs.files.log import ArrayLog, Log, StoredArray, missing_channel
 from elastid.logs.files.text_format import HEAD_BYTES, otherwise_written
-from elastid.logs.files.text_head import HEAD_LINES, find_data_start, find_headings, find_sample_times, find_units
+from elastid.logs.files.text_head import HEAD_LINES, find_data_start, find_headings, find_units, is_scope
+from elastid.logs.headings import is_time
 from elastid.logs.repair import MAX_WRONG_FRACTION
 
-_TIMES = re.compile(r"time \d+ \[ms\]")  # headings of these columns
 BLOCK_LINES = 1 << 16  # of a large text that are in memory at a time
 
 
@@ -38,7 +39,6 @@ class TextLog(Log):
     """The lines of a text log, decimals as points, its headings or none; first: line (from 0) where the data start.
 
     units: of the columns, where a line below the headings states them; of those it does not state, empty texts.
-    sample_ms: sample time of each column, if these differ (TwinCAT Scope); a slower column ends in empty cells.
     """
 
     path: Path
@@ -48,7 +48,26 @@ class TextLog(Log):
     first: int
     n_columns: int
     units: tuple[str, ...] = ()
-    sample_ms: tuple[float, ...] = ()
+
+    def by_times(self) -> Log:
+        """Return columns of several times, of which shorter ones end in empty cells, as arrays."""
+        n, times = len(self.number_lines) - self.first, [i for i, name in enumerate(self.headings) if is_time(name)]
+
+        def is_empty(row: int, column: int) -> bool:
+            return not "".join(split_line(self.number_lines[self.first + row], self.format)[column : column + 1])
+
+        if len(times) < 2 or not any(is_empty(n - 1, i) for i in times):
+            return self
+        lengths = [bisect_left(range(n), True, key=partial(is_empty, column=i)) for i in range(self.n_columns)]
+        whole = {name: (m, i) for i, (name, m) in enumerate(zip(self.headings, lengths, strict=True))}
+        units = self.units or ("",) * self.n_columns
+
+        def read(m: int, i: int) -> FloatArray:
+            return replace(self, number_lines=_first_lines(self.number_lines, self.first + m)).columns([i])[:, 0]
+
+        dtype = np.dtype(np.float64)
+        arrays = {name: StoredArray((m,), dtype, partial(read, m, i), units[i]) for name, (m, i) in whole.items()}
+        return ArrayLog(self.path, arrays)
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Return every column with its length, by heading or else by number."""
@@ -57,34 +76,15 @@ class TextLog(Log):
     def named_columns(self) -> list[tuple[str, tuple[int, ...]]]:
         """Return columns by heading, which may occur twice."""
         names = self.headings or tuple(f"column {i + 1}" for i in range(self.n_columns))
-        return [(name, (self._length(i),)) for i, name in enumerate(names)]
+        return [(name, (len(self.number_lines) - self.first,)) for name in names]
 
     def numbers_of(self, heading: str) -> list[int]:
         """Return numbers from 1 of the columns with a heading."""
         return [i for i, (name, _) in enumerate(self.named_columns(), start=1) if name == heading]
 
-    def _length(self, column: int) -> int:
-        """Return samples of a column, all columns starting at the same time."""
-        n = len(self.number_lines) - self.first
-        return int((n - 1) * min(self.sample_ms) / self.sample_ms[column] + 1e-6) + 1 if self.sample_ms and n else n
-
-    def _start_ms(self, column: int) -> float:
-        """Return first stamp of the times that belong to a column."""
-        times = [i for i in range(column + 1) if _TIMES.fullmatch(self.headings[i])]
-        return float(split_line(self.number_lines[self.first], self.format)[times[-1]]) if times else 0.0
-
     def values(self, channels: Sequence[ChannelSpec], span: slice = slice(None)) -> FloatArray:
-        """Return values (n_samples, n_c) of channels; DataError for one that is missing, or of another rate."""
-        columns = [self._column(channel) for channel in channels]
-        if len({self._length(column) for column in columns}) > 1:
-            sample_times = ", ".join(f"{self.headings[i]} {self.sample_ms[i]:g} ms" for i in columns)
-            problem = f"the sample times differ: {sample_times}. Give each channel its rate_hz"
-            raise DataError("records/clock", problem, self.path)
-        if self.sample_ms and columns and (lead := self._start_ms(columns[0]) - self._start_ms(0)):
-            order = f"{abs(lead):g} ms {'after' if lead > 0 else 'before'}"
-            problem = f"{self.headings[columns[0]]} starts {order} {self.headings[0]}"
-            raise DataError("records/clock", f"{problem}. Export both with one sample time", self.path)
-        return self.columns(columns, span)
+        """Return values (n_samples, n_c) of channels; DataError for one that is missing."""
+        return self.columns([self._column(channel) for channel in channels], span)
 
     @property
     def is_large(self) -> bool:
@@ -97,7 +97,7 @@ class TextLog(Log):
         A cell that is no number is missing; DataError with the row of the first one if more than 1 % of the rows have
         such cells.
         """
-        selection, end = sorted(set(columns)), self.first + max(map(self._length, columns))
+        selection, end = sorted(set(columns)), len(self.number_lines)
         if self.is_large:
             rows = range(self.first, end)[span]
             blocks = [rows[i : i + BLOCK_LINES] for i in range(0, len(rows), BLOCK_LINES)]
@@ -233,11 +233,10 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
         )
     n_columns = len(split_line(numbers[first], text))
     headings = find_headings(lines[:first], text, n_columns)
-    units, sample_ms = find_units(lines[:first], text, headings), find_sample_times(lines[:first], text, n_columns)
-    if sample_ms and delimiter is None:  # an empty cell moves those behind it
+    if delimiter is None and is_scope(headings) and len(split_line(numbers[-1], text)) < n_columns:
         problem = "channels have different sample times, and blanks do not show empty cells. Export the log with tabs"
         raise DataError("records/text", problem, path)
-    yield TextLog(path, text, numbers, headings, first, n_columns, units, sample_ms)
+    yield TextLog(path, text, numbers, headings, first, n_columns, find_units(lines[:first], text, headings))
 
 
 def _without_end(numbers: Sequence[str], text: TextFormatSpec) -> Sequence[str]:
@@ -245,7 +244,11 @@ def _without_end(numbers: Sequence[str], text: TextFormatSpec) -> Sequence[str]:
     last = numbers[-HEAD_LINES:]
     filled = [i for i, line in enumerate(last, start=1) if any(map(is_number, split_line(line, text)))]
     n = len(numbers) - len(last) + filled[-1] if filled else len(numbers)
-    return replace(numbers, n=n) if isinstance(numbers, FileLines) else numbers[:n]
+    return _first_lines(numbers, n)
+
+
+def _first_lines(lines: Sequence[str], n: int) -> Sequence[str]:
+    return replace(lines, n=n) if isinstance(lines, FileLines) else lines[:n]
 
 
 _ARCHIVES = {b"PK\3\4": "a zip archive", b"\x28\xb5\x2f\xfd": "a file compressed by zstd", b"7z": "a 7z archive"}

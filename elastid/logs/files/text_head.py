@@ -50,13 +50,9 @@ def find_headings(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> 
     return tuple(f"time {i} [ms]" if time == _SAMPLE_TIME else name or f"column {i}" for i, (name, time) in pairs)
 
 
-def find_sample_times(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> tuple[float, ...]:
-    """Return sample times in ms of the columns of a TwinCAT Scope export, times before their channels; else none."""
-    rows = (fields for line in head if (fields := split_line(line, text)) and fields[0] == _SAMPLE_TIME)
-    fields = next((fields for fields in rows if len(fields) == n_columns), [])
-    following = [fields[i + 1] if field == _SAMPLE_TIME else field for i, field in enumerate(fields)]
-    times = tuple(float(number) if is_number(number := field.replace(",", ".")) else 0.0 for field in following)
-    return times if len(set(times)) > 1 and min(times) > 0 else ()
+def is_scope(headings: Sequence[str]) -> bool:
+    """Return True for the headings of a TwinCAT Scope export, a column of times before each channel."""
+    return "time 1 [ms]" in headings
 
 
 def find_units(head: Sequence[str], text: TextFormatSpec, headings: Sequence[str]) -> tuple[str, ...]:

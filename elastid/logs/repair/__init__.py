@@ -38,7 +38,7 @@ class Log:
     """Names of a log, its channels and its times in messages, and all findings in it.
 
     first: number in the file of the first sample.  rows (n,): numbers in the file of all samples, where its time leaves
-    some out; None where it does not.
+    some out; None where it does not.  scale: samples of the study's rate in a sample.
     """
 
     where: str
@@ -46,6 +46,7 @@ class Log:
     rate_hz: float | None = None
     first: int = 0
     rows: IntArray | None = None
+    scale: float = 1.0
     findings: Findings = field(default_factory=Findings)
 
     def note(self, code: str, text: str, severity: Severity = "warning") -> None:
@@ -64,18 +65,20 @@ class Log:
 
     def after(self, first: int) -> "Log":
         """Return the log from a sample on."""
-        return replace(self, first=self.first + first, rows=None if self.rows is None else self.rows[first:])
+        rows = None if self.rows is None else self.rows[first:]
+        return replace(self, first=self.first + round(first * self.scale), rows=rows)
 
     def number(self, sample: SupportsInt) -> int:
         """Return the number in the file of a sample, or of the end of all."""
         i = int(sample)
         if self.rows is None:
-            return self.first + i
+            return self.first + round(i * self.scale)
         return int(self.rows[i]) if i < len(self.rows) else int(self.rows[-1]) + 1 + i - len(self.rows)
 
     def time_of(self, sample: SupportsInt) -> str:
         """Return a sample by its number in the file and, where the rate is known, its time."""
-        instant = "" if self.rate_hz is None else f" ({(self.first + int(sample)) / self.rate_hz:.6g} s)"
+        seconds = 0.0 if self.rate_hz is None else (self.first / self.scale + int(sample)) / self.rate_hz
+        instant = "" if self.rate_hz is None else f" ({seconds:.6g} s)"
         return f"sample {self.number(sample)}{instant}"
 
 

@@ -96,29 +96,41 @@ def _missing_samples(good: BoolArray, log: Log, c: int) -> tuple[int, str]:
     return gaps.size, f"{text}, the first is {log.time_of(gaps[0])}"
 
 
+def bridge_short_gaps(signals: FloatArray, log: Log) -> FloatArray:
+    """Interpolate the gaps (NaN) of signals (n, c), without a period, that are short and not at the ends."""
+    result = np.copy(signals)
+    for c, x in enumerate(signals.T):
+        for at, gap in interpolations(x, len(x), 1):
+            if gap is not None and at.start > 1 and at.stop < len(x) - 1:
+                result[at, c] = gap.values
+        bridged_rows = np.isfinite(result[:, c]) & ~np.isfinite(x)
+        if bridged_rows.any():
+            count, text = _missing_samples(~bridged_rows, log, c)
+            log.report(INTERPOLATED, count, f"{text}: interpolated between their neighbours")
+    return result
+
+
 def bridge_gaps(signals: FloatArray, log: Log, max_fraction: float = MAX_WRONG_FRACTION) -> FloatArray:
     """Interpolate short gaps (NaN) of signals (n, c) without a period.
 
     Raises DataError for long gaps, or too many, with the longest range of the log that is complete.
     """
-    result = np.copy(signals)
-    for c in range(signals.shape[1]):
-        good = np.isfinite(signals[:, c])
-        if good.all():
-            continue
-        count, text = _missing_samples(good, log, c)
-        is_inside = good[[0, 1, -2, -1]].all()
-        is_short = np.ptp(runs(~good), axis=1).max() <= MAX_BRIDGED
-        if not (is_inside and is_short and count <= max_fraction * len(good)):
-            first, last = max(runs(np.asarray(np.isfinite(signals).all(axis=1))), key=np.ptp, default=(0, 0))
-            raise log.error(
-                "records/missing-samples",
-                f"{text}, and a record without a period cannot be interpolated. Use the longest range without gaps "
-                f"(samples: [{log.number(first)}, {log.number(last)}]), or measure again",
-            )
-        result[:, c], _ = _interpolate(signals[:, c], len(signals), 1, log, text)
-        log.report(INTERPOLATED, count, f"{text}: interpolated between their neighbours")
+    result, good = bridge_short_gaps(signals, log), np.isfinite(signals)
+    is_refused = ~np.isfinite(result).all(axis=0) | (np.mean(~good, axis=0) > max_fraction)
+    for c in np.flatnonzero(is_refused)[:1]:
+        _, text = _missing_samples(good[:, c], log, int(c))
+        first, last = max(runs(np.asarray(good.all(axis=1))), key=np.ptp, default=(0, 0))
+        raise log.error(
+            "records/missing-samples",
+            f"{text}, and a record without a period cannot be interpolated. Use the longest range without gaps "
+            f"(samples: [{log.number(first)}, {log.number(last)}]), or measure again",
+        )
     return result
+
+
+def resampled_with_gaps(signals: FloatArray, times: FloatArray, band: float, log: Log) -> FloatArray:
+    """Resample signals (n, c) without a period at times (m,) in samples; NaN near gaps that are not short."""
+    return _with_missing(at_times(_with_flags(bridge_short_gaps(signals, log)), times, None, band), signals.shape[1])
 
 
 def repair(

@@ -8,14 +8,13 @@ for each e, in which a transient is smooth, and for each period (Davies and Gath
 step of the converter.  A spike is also five times as far from the parabola through its neighbours as three quarters of
 these, d is five times as large as there, and three times as large as at 90 % of the samples of most parts of the log:
 drift, transients, steps and bursts of oscillation are no spikes, nor are the pulses of a controller at the counts of an
-encoder.  In a transient e has the signal of the other period, so that the sample must be a spike of its own period,
-too.  A value that repeats the previous one exactly, or is exactly 0, is a lost message where the channel has more such
-values than steps make by chance, or where one e differs.  A sample is replaced only if its distance from the
+encoder.  A value that repeats the previous one exactly, or is exactly 0, is a lost message where the channel has more
+such values than steps make by chance, or where one e differs.  A sample is replaced only if its distance from the
 interpolation is more than four times the error of the interpolation beside it; lost messages below are replaced
 together if their median distance is not due to that error. Among values that steps repeat by chance lost messages are
-told as spikes only. Interpolated samples are references and are never judged, nor is the only measured sample of a
-phase. Spikes at one phase of two of three periods are told by their roughness: below the roughness of the signal equal
-ones outvote the third period, which a note counts.
+told as spikes only. Interpolated samples are references and are never judged. Spikes at one phase of two of three
+periods are told by their roughness: below the roughness of the signal equal ones outvote the third period, which a note
+counts.
 """
 
 from __future__ import annotations
@@ -44,9 +43,6 @@ MIN_PERIODS = 3
 MAX_FRACTION = 0.02  # spikes of this part of a channel and more are no single ones
 # Samples: of the running median, of a spike at most, and of neighbours on each side.
 MEDIAN_WINDOW, MAX_RUN, NEIGHBOURS = 11, 3, 6
-# Where neighbours in a difference are as far from it as spikes, it shows a transient; there a spike of a smaller ratio
-# must be in the signal itself.
-MIN_RATIO_IN_TRANSIENT = 20.0
 # Samples of a change from period to period that stay below the size by which transients are told; of a pulse in them,
 # over the largest step that repeats.
 TRANSIENT_FRACTION, JUMP_MARGIN = 0.95, 1.2
@@ -136,7 +132,6 @@ def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
         to_nearest = np.min([_lone_distance(e) for e in _differences(full, L, sign)], axis=0)
         full, is_spike = _replace(full, is_lost, L, sign, to_nearest, are_lost=True)
     for _ in range(ROUNDS):
-        judged = _with_second_period(judged, L)
         # A sample that is off by no more than periods are from each other adds nothing to their scatter.
         least = period_noise(full, L, sign)
         in_all, in_any = np.ones(len(x), dtype=np.bool_), np.zeros(len(x), dtype=np.bool_)
@@ -182,14 +177,6 @@ def _replace(
         for at, values, _ in near:
             result[at], is_replaced[at] = values, True
     return result, is_replaced
-
-
-def _with_second_period(judged: BoolArray, L: int) -> BoolArray:
-    """Drop judged samples (P L,) with no other measured period at their phase, and samples beside them."""
-    from scipy.ndimage import maximum_filter
-
-    is_sole = maximum_filter(judged.reshape(-1, L).sum(axis=0) < 2, 2 * MAX_RUN + 1, mode="wrap")
-    return np.asarray((judged.reshape(-1, L) & ~is_sole).ravel())
 
 
 def _differences(x: FloatArray, L: int, sign: int) -> list[FloatArray]:
@@ -297,8 +284,7 @@ def _spikes(
     is_spike = np.zeros(len(e), dtype=np.bool_)
     if not short:
         return is_spike
-    straight, scale, d_x = np.copy(e), _scale(d), _lone_distance(x)
-    scale_x = _scale(d_x)
+    straight, scale = np.copy(e), _scale(d)
     for first, end in short:
         straight[first:end] = np.nan
     straight = bridged(straight)
@@ -307,12 +293,7 @@ def _spikes(
         if not judged[first:end].any() or first <= n or end >= len(e) - n:
             continue
         sides = np.r_[max(0, first - 2 * n) : first - 1, end + 1 : min(len(e), end + 1 + 2 * n)]
-        around, around_x = np.quantile(d[sides], quantile), np.quantile(d_x[sides], quantile)
-        # In a transient the difference shows the signal of the other period.
-        is_transient = around > MIN_SIGMAS * sigma[first]
-        is_in_signal = d_x[first:end].max() > max(MIN_RATIO * around_x, scale_x)
-        if is_transient and not is_in_signal and d[first:end].max() < MIN_RATIO_IN_TRANSIENT * around:
-            continue
+        around = np.quantile(d[sides], quantile)
         distance, scatter = _from_parabola(e, straight, first, end, quantile)
         is_lone = d[first:end].max() > max(MIN_RATIO * around, scale)
         if is_lone and distance > max(least[first], MIN_RATIO * scatter):

@@ -182,7 +182,7 @@ def _refine(rho: FloatArray, peak: int) -> tuple[float, float]:
     step = 0.02
     first, last = max(0, peak - 64), min(len(rho), peak + 65)
     times = np.arange(-1, 1 + step / 2, step) + (peak - first)
-    fine = at_times(rho[first:last, None], times, float(last - first))[:, 0]
+    fine = at_times(rho[first:last, None], times)[:, 0]
     i = int(np.clip(np.argmax(fine), 1, len(fine) - 2))
     bend, tilt = fine[i - 1] - 2 * fine[i] + fine[i + 1], fine[i - 1] - fine[i + 1]
     offset = float(np.clip(tilt / (2 * bend), -1, 1)) if bend < 0 else 0.0

@@ -16,8 +16,11 @@ HALF_WIDTH, _BETA, PASSBAND = 32, 9.0, 0.45
 _TIMES_AT_ONCE = 4096
 
 
-def at_times(signals: FloatArray, times: FloatArray, period: float, band: float = 1.0) -> FloatArray:
-    """Interpolate signals (n, c) at times (m,) in samples, periodic beyond the ends; band: b, < 1 for a lower rate."""
+def at_times(signals: FloatArray, times: FloatArray, period: float | None = None, band: float = 1.0) -> FloatArray:
+    """Interpolate signals (n, c) at times (m,) in samples, periodic beyond the ends; band: b, < 1 for a lower rate.
+
+    Without a period (None), the signals are point-symmetric to their first and last samples, which keeps the slope.
+    """
     reach = int(np.ceil(HALF_WIDTH / band))
     before = reach + max(0, int(np.ceil(-times.min())))
     padded = _extend(signals, period, before, reach + 1 + max(0, int(np.ceil(times.max())) - len(signals) + 1))
@@ -42,8 +45,10 @@ def kernel(t: FloatArray, band: float = 1.0) -> tuple[IntArray, FloatArray]:
     return nearest, weights / weights.sum(axis=1, keepdims=True)
 
 
-def _extend(x: FloatArray, period: float, before: int, after: int) -> FloatArray:
+def _extend(x: FloatArray, period: float | None, before: int, after: int) -> FloatArray:
     n = len(x)
+    if period is None:
+        return np.pad(x, ((before, after), (0, 0)), "reflect", reflect_type="odd")
     # Each end and its continuation, taken one period further inside.
     first = _values_at(x, np.arange(-before, 1.0) + period, period)
     last = _values_at(x, np.arange(n - 1.0, n + after) - period, period)

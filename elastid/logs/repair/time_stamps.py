@@ -1,6 +1,13 @@
 r"""Time stamps of a log: judged, and its samples brought from their instants to an even grid.
 
-The signal is the band-limited one that fits all samples in the sense of least squares,
+Stamps of an even sampling are on a line over the numbers of the samples, late by transport and queues,
+
+.. math:: s_k = s_0 + T n_k + d_k, \quad d_k \ge 0, \qquad n_{k+1} - n_k - 1 \text{ samples lost}
+
+with s_0 of the earliest stamps (Moon, Skelly and Towsley, INFOCOM 1999), and the period T at which the phases of the
+stamps are most alike, whatever was lost (Bartlett, J. R. Stat. Soc. B 25, 1963).
+
+The signal of another sampling is the band-limited one that fits all samples in the sense of least squares,
 
 .. math:: \min_x \sum_i w_i \Bigl(s(t_i) - \sum_j x_j \varphi(t_i / T_k - j)\Bigr)^2, \quad
     w_i = \tfrac12 (t_{i+1} - t_{i-1})
@@ -10,12 +17,15 @@ fewer than knots (Feichtinger, Groechenig and Strohmer, Numer. Math. 69, 1995); 
 LSMR solves for x (Fong and Saunders, SIAM J. Sci. Comput. 33, 2011).
 """
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.logs.repair import MAX_WRONG_FRACTION, Log
 from elastid.logs.repair.clock_drift import MAX_CLOCK_ERROR, MAX_GRID_DEVIATION
 from elastid.logs.repair.interpolation import MAX_BRIDGED
+from elastid.logs.repair.missing import resampled_with_gaps
 from elastid.logs.repair.resampling import HALF_WIDTH, PASSBAND, RESAMPLED, at_times, kernel
 
 JITTER = "time stamps with jitter"
@@ -30,6 +40,8 @@ MIN_RATE_FRACTION = 0.75
 SMOOTHER, JUDGED_FRACTION = 0.8, 0.9
 # Samples at rate_hz over those of the log, or the inverse: beyond, stamps are not in s, or jump.
 MAX_RATE_RATIO = 20.0
+# Length of the mean phase of evenly sampled stamps, 1 without jitter; stamps of the first estimate of the period.
+MIN_CONCENTRATION, FIRST_STAMPS = 0.25, 512
 
 
 GAPS, SET_BACK = "samples missing in time", "clock set back"
@@ -45,6 +57,41 @@ _DAMPING = 1e-3
 LAST = 20
 
 
+@dataclass(frozen=True)
+class StampLine:
+    """Line of stamps over the numbers rows (n,) of their samples: its start, and the delays (n,) of stamps, in s.
+
+    rounding_s: decimal step of the stamps, 0 with more than nine digits.
+    """
+
+    rows: IntArray
+    rate_hz: float
+    start_s: float
+    delays_s: FloatArray
+    rounding_s: float
+
+    @property
+    def times_s(self) -> FloatArray:
+        """Instants (n,) of the samples."""
+        return self.start_s + self.rows / self.rate_hz
+
+    @property
+    def is_exact(self) -> bool:
+        """True if no stamp is off the line by more than its rounding, or by a deviation that does no harm."""
+        return bool(np.ptp(self.delays_s) <= 2 * max(MAX_GRID_DEVIATION / self.rate_hz, MAX_ROUNDING * self.rounding_s))
+
+    @property
+    def concentration(self) -> float:
+        """Length of the mean phase of the stamps."""
+        return float(np.abs(np.exp(2j * np.pi * self.rate_hz * self.delays_s).mean()))
+
+    @property
+    def is_even(self) -> bool:
+        """True if the sampling may be even: stamps jitter by less than a sample, or are late by whole samples."""
+        is_near = float(np.ptp(self.delays_s)) * self.rate_hz < 2
+        return self.is_exact or is_near or self.concentration > MIN_CONCENTRATION
+
+
 def describe_steps(time_s: FloatArray) -> str:
     """Describe shortest, median and longest step between stamps (n,), and the mean rate."""
     shortest, median, longest = (f"{1e3 * f(np.diff(time_s)):.6g}" for f in (np.min, np.median, np.max))
@@ -52,23 +99,55 @@ def describe_steps(time_s: FloatArray) -> str:
     return f"steps of {shortest} to {longest} ms, median {median} ms, mean rate {mean_hz:.6g} Hz"
 
 
+def stamp_line(time_s: FloatArray) -> StampLine | None:
+    """Fit the line of rising stamps (n,) of an even sampling, of which samples may be lost; None without one."""
+    t, lag = time_s - time_s[0], min(FIRST_STAMPS, len(time_s) // 2)  # a calendar's seconds leave no digits
+    step_s = float(np.median(t[lag:] - t[: len(t) - lag])) / max(lag, 1)
+    if not step_s > 0 or np.any(np.diff(t) < 0):
+        return None
+    line = _line(t, np.arange(len(t)))
+    if not line.is_exact:
+        other = _line(t, _rows(t, _period(t, step_s)))
+        line = other if other.concentration > max(line.concentration, MIN_CONCENTRATION) else line
+    return replace(line, start_s=line.start_s + float(time_s[0])) if line.is_even else None
+
+
 def even_grid(time_s: FloatArray) -> tuple[IntArray, float] | None:
     """Find the row of each stamp and the rate in Hz of the uniform grid of stamps (n,); None without such a grid.
 
     Rounded stamps, such as 2 and 3 ms in turn at 400 Hz, lie on one.
     """
-    time_s = time_s - time_s[0]  # of a calendar's seconds a clock of some kHz would be lost in their rounding
-    steps, candidates = np.diff(time_s), [np.arange(len(time_s))]
-    median = float(np.median(steps))
-    if median > 0:
-        candidates.append(np.concatenate([[0], np.cumsum(np.maximum(np.round(steps / median), 1).astype(np.int64))]))
-    rounding = MAX_ROUNDING * _resolution(time_s)
-    for rows in candidates:
-        step, start = np.polyfit(rows.astype(np.float64), time_s, 1)
-        allowed = np.maximum(MAX_GRID_DEVIATION * step, rounding)
-        if step > 0 and np.all(np.abs(time_s - start - step * rows) <= allowed):
-            return rows, 1 / float(step)
-    return None
+    line = stamp_line(time_s)
+    return (line.rows, line.rate_hz) if line is not None and line.is_exact else None
+
+
+def _line(t: FloatArray, rows: IntArray) -> StampLine:
+    step, rounding_s = float(np.polyfit(rows.astype(np.float64), t, 1)[0]), _resolution(t)
+    late = t - step * rows
+    start = float(np.quantile(late, MAX_WRONG_FRACTION)) + min(rounding_s, float(np.ptp(late))) / 2
+    return StampLine(rows, 1 / step, start, late - start, rounding_s)
+
+
+def _period(t: FloatArray, step_s: float) -> float:
+    """Find the period at which the phases of stamps (n,) are most alike: at most their mean step, and near it."""
+    first = min(FIRST_STAMPS, len(t))
+    ratio = np.arange(0.95, 2.2, 0.25 / first)
+    alike = np.abs(np.exp(2j * np.pi * np.outer(ratio / step_s, t[:first])).mean(axis=1))
+    period_s = step_s / float(ratio[np.argmax(alike - 0.2 * np.abs(ratio - 1))])
+    for n in np.minimum(first * 2 ** np.arange(int(np.log2(len(t) / first)) + 2), len(t)).tolist():
+        halves = t[: n // 2], t[n // 2 : n]
+        before, after = (np.exp(2j * np.pi / period_s * half).mean() for half in halves)
+        turns = float(np.angle(after * before.conj())) / (2 * np.pi)
+        period_s *= 1 + turns * period_s / float(halves[1].mean() - halves[0].mean())
+    return period_s
+
+
+def _rows(t: FloatArray, period_s: float) -> IntArray:
+    """Number the samples of stamps (n,): a sample is lost where all later stamps are late by a period."""
+    k = np.arange(len(t))
+    phase = float(np.angle(np.exp(2j * np.pi / period_s * t).mean())) / (2 * np.pi)
+    lost = np.minimum.accumulate(np.round(t / period_s - phase - k)[::-1])[::-1]
+    return np.asarray(k + (lost - lost[0]), dtype=np.int64)
 
 
 def _resolution(time_s: FloatArray) -> float:
@@ -81,17 +160,40 @@ def _resolution(time_s: FloatArray) -> float:
     return 10.0 ** -int(np.argmax(is_whole)) if is_whole.any() else 0.0
 
 
-def on_grid(
+def sampling_times(
+    time_s: FloatArray, signals: FloatArray, log: Log, has_clocks: bool = False
+) -> tuple[FloatArray, FloatArray]:
+    """Return the instants (n,) of the samples of signals (n, c) by their stamps (n,), and the samples in their order.
+
+    Of an even sampling, on its line: exact stamps, and stamps with jitter or in bursts at which the signals are not
+    smoother.  has_clocks: rounded stamps delay the signals against other ones.  Rows in another order than their stamps
+    are sorted.  DataError for missing and for many falling stamps.
+    """
+    time_s, signals = rising(time_s, signals, log, has_clocks)
+    line = stamp_line(time_s) if len(time_s) > 2 else None
+    if line is None or not (line.is_exact or _is_smoother_on(line, time_s, signals)):
+        return time_s, signals
+    names, away_ms = ", ".join(log.names), 1e3 * float(np.ptp(line.delays_s))
+    if not line.is_exact:
+        text = f"time stamps of {names} jitter by up to {away_ms:.3g} ms on an even grid of {line.rate_hz:.6g} Hz"
+        text += "; the signals are smoother on the grid: the rows are taken as evenly sampled"
+        log.report(JITTER, len(time_s), text)
+    elif has_clocks and away_ms * line.rate_hz > 2e3 * MAX_GRID_DEVIATION:
+        text = f"time stamps of {names} are rounded: their delay to other clocks is known to +-{away_ms / 2:.2g} ms, "
+        text += "which biases inertia and viscous friction outside their intervals. Log stamps with more digits"
+        log.note("records/clock", text)
+    return line.times_s, signals
+
+
+def to_rate(
     time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log, begin_s: float | None = None
 ) -> FloatArray:
-    """Bring signals (n, c) to rate_hz from the first stamp on, with rows of NaN for gaps of the stamps (n,).
+    """Bring signals (n, c) at instants (n,) to rate_hz from the first one on, with rows of NaN for gaps.
 
     Samples on an even grid at rate_hz, within the tolerance of quartz clocks, are returned unchanged. begin_s: common
     start of all clocks of a file; the error of the grid must then stay small up to the last sample.
-    Rows in another order than their stamps are sorted.  A clock that was set back leaves a gap of unknown length.
-    Raises DataError where stamps are missing, where many fall, and where long steps leave too little of the band.
+    Raises DataError where the time does not increase, and where long steps leave too little of the band.
     """
-    time_s, signals = rising(time_s, signals, log)
     if len(time_s) < 3 or time_s[-1] == time_s[0]:
         raise log.error("records/clock", "its time does not increase. Name another channel as time, or omit time")
     begin, time_s = 0.0 if begin_s is None else begin_s - float(time_s[0]), time_s - time_s[0]
@@ -103,46 +205,38 @@ def on_grid(
             f"{rate_hz:g}. Give the time in s, correct rate_hz, or exclude a jump by samples",
         )
     grid = even_grid(time_s)
-    even = _logger_jitter(time_s, signals) if grid is None else None
-    if even is not None:
-        jitter_s, grid_hz = even
-        grid = np.arange(len(time_s)), grid_hz
-        text = (
-            f"time stamps jitter by up to {1e3 * jitter_s:.3g} ms around an even grid of {grid_hz:.6g} Hz; the signals "
-            "are smoother on the grid: the rows are taken as evenly sampled"
-        )
-        log.report(JITTER, len(time_s), text)
-    if grid is not None:
-        rows, grid_hz = grid
-        first = 0.0 if begin_s is None else (begin - float(np.mean(time_s - rows / grid_hz))) * grid_hz
-        is_whole = abs(first - round(first)) <= MAX_GRID_DEVIATION
-        allowed = MAX_CLOCK_ERROR if begin_s is None else MAX_GRID_DEVIATION / len(rows)
-        if abs(grid_hz / rate_hz - 1) <= allowed and is_whole:
-            count, result = int(rows[-1]) + 1 - len(signals), np.full((int(rows[-1]) + 1, signals.shape[1]), np.nan)
-            result[rows] = signals
-            _report_gaps(count, np.flatnonzero(np.diff(rows) > 1), log)
-            return result[round(first) :]
-        time_s, begin = rows / grid_hz, first / grid_hz
-    return _at_instants(time_s - begin, signals, rate_hz, log)
+    if grid is None:
+        return _at_instants(time_s - begin, signals, rate_hz, log)
+    rows, grid_hz = grid
+    _check_band(grid_hz, rate_hz, time_s, log)
+    first = 0.0 if begin_s is None else (begin - float(np.mean(time_s - rows / grid_hz))) * grid_hz
+    allowed = MAX_CLOCK_ERROR if begin_s is None else MAX_GRID_DEVIATION / len(rows)
+    count, result = int(rows[-1]) + 1 - len(signals), np.full((int(rows[-1]) + 1, signals.shape[1]), np.nan)
+    result[rows] = signals
+    _report_gaps(count, np.flatnonzero(np.diff(rows) > 1), log)
+    if abs(grid_hz / rate_hz - 1) <= allowed and abs(first - round(first)) <= MAX_GRID_DEVIATION:
+        return result[round(first) :]
+    _report_resampling(time_s, len(result), rate_hz, grid_hz, log)
+    n = int((len(result) - 1 - first) * rate_hz / grid_hz + 1e-6) + 1
+    times = first + np.arange(n, dtype=np.float64) * (grid_hz / rate_hz)
+    return resampled_with_gaps(result, times, min(1.0, rate_hz / grid_hz), log)
 
 
-def rising(time_s: FloatArray, signals: FloatArray, log: Log) -> tuple[FloatArray, FloatArray]:
+def rising(
+    time_s: FloatArray, signals: FloatArray, log: Log, has_clocks: bool = False
+) -> tuple[FloatArray, FloatArray]:
     """Sort stamps (n,) and their signals (n, c).
 
+    A clock that was set back leaves a gap of unknown length; has_clocks: none, since other signals continue there.
     Raises DataError for missing stamps, and for more falling steps than of single faults.
     """
     if not np.isfinite(time_s).all():
         place = log.time_of(np.flatnonzero(~np.isfinite(time_s))[0])
         raise log.error("records/clock", f"the time is missing at {place}. Exclude that part by samples")
     twice = np.flatnonzero(np.diff(time_s) == 0) + 1
-    is_copy = len(twice) > 0 and np.array_equal(signals[twice], signals[twice - 1], equal_nan=True)
-    if is_copy or (0 < len(twice) <= max(1.0, MAX_WRONG_FRACTION * len(time_s)) and even_grid(time_s) is None):
-        place = log.time_of(twice[0])
-        log.report(
-            "rows with the stamp of another",
-            len(twice),
-            f"{len(twice)} rows have the time of the row before, the first at {place}; discarded",
-        )
+    if len(twice) > 0 and np.array_equal(signals[twice], signals[twice - 1], equal_nan=True):
+        text = f"{len(twice)} rows have the time of the row before, the first at {log.time_of(twice[0])}; discarded"
+        log.report("rows with the stamp of another", len(twice), text)
         time_s, signals = np.delete(time_s, twice), np.delete(signals, twice, axis=0)
     falls = np.flatnonzero(np.diff(time_s) < 0)
     if not len(falls):
@@ -154,45 +248,51 @@ def rising(time_s: FloatArray, signals: FloatArray, log: Log) -> tuple[FloatArra
     order = np.argsort(time_s, kind="stable")
     steps = np.diff(time_s[order])
     if steps.min() > np.median(steps) / 2:
-        log.report(
-            "rows sorted by time", len(falls), f"{len(falls)} rows were not in time order, the first at {place}; sorted"
-        )
+        text = f"{len(falls)} rows were not in time order, the first at {place}; sorted"
+        log.report("rows sorted by time", len(falls), text)
         return time_s[order], signals[order]
-    gap_s = (MAX_BRIDGED + 2) * float(np.median(np.diff(time_s)))
-    log.report(SET_BACK, len(falls), f"the time falls at {place}, as after a clock was set back; treated as a gap")
-    rises = np.diff(time_s, prepend=time_s[0])
-    rises[falls + 1] = gap_s
+    rises, step_s = np.diff(time_s, prepend=time_s[0]), float(np.median(steps))
+    rises[falls + 1] = step_s if has_clocks else (MAX_BRIDGED + 2) * step_s
+    gap = "no message is taken as lost there" if has_clocks else "treated as a gap"
+    log.report(SET_BACK, len(falls), f"the time falls at {place}, as after a clock was set back; {gap}")
     return time_s[0] + np.cumsum(rises), signals
 
 
-def _logger_jitter(time_s: FloatArray, signals: FloatArray) -> tuple[float, float] | None:
-    """Return the largest distance in s of stamps (n,) from an even grid, and its rate in Hz.
-
-    None for distances of a sample and more, as at gaps, and for signals (n, c) that are clearly smoother at their
-    stamps: their sampling was uneven.
-    """
-    rows = np.arange(len(time_s), dtype=np.float64)
-    step, start = np.polyfit(rows, time_s, 1)
-    jitter_s = float(np.abs(time_s - start - step * rows).max())
-    if not jitter_s < step:
-        return None
+def _is_smoother_on(line: StampLine, time_s: FloatArray, signals: FloatArray) -> bool:
+    """Return False for signals (n, c) that are clearly smoother at their stamps (n,): their sampling was uneven."""
     some = slice(0, _KNOTS // 4)  # each channel takes seconds
-    knot_hz = JUDGED_FRACTION / step
-    at_stamps, on_rows = (_fit(t[some], signals[some], t[:1], knot_hz)[1] for t in (time_s, step * rows))
+    rows_s, knot_hz = line.times_s[some], JUDGED_FRACTION * line.rate_hz
+    at_stamps, on_rows = (_fit(t - t[0], signals[some], np.zeros(1), knot_hz)[1] for t in (time_s[some], rows_s))
     # By all channels: a torque with more than the band in it is as rough at both.
-    ratio = np.exp(np.mean(np.log(np.maximum(at_stamps, 1e-12) / np.maximum(on_rows, 1e-12))))
-    return (jitter_s, 1 / float(step)) if ratio > SMOOTHER else None
+    return bool(np.exp(np.mean(np.log(np.maximum(at_stamps, 1e-12) / np.maximum(on_rows, 1e-12)))) > SMOOTHER)
 
 
 def _report_gaps(count: int, gaps: IntArray, log: Log) -> None:
     if count:
-        text = f"{count} samples are missing in {gaps.size} gaps of its time, the first after {log.time_of(gaps[0])}"
-        log.report(GAPS, count, text)
+        text = f"{count} samples are missing in {gaps.size} gaps of the time of {', '.join(log.names)}"
+        log.report(GAPS, count, f"{text}, the first after {log.time_of(gaps[0])}")
+
+
+def _report_resampling(time_s: FloatArray, n: int, rate_hz: float, knot_hz: float, log: Log, error: str = "") -> None:
+    text = f"the time of {', '.join(log.names)} has {describe_steps(time_s)}; resampled to {rate_hz:g} Hz, exact up to"
+    log.report(RESAMPLED, n, f"{text} {PASSBAND * min(knot_hz, rate_hz):.3g} Hz{error}")
+
+
+def _check_band(knot_hz: float, rate_hz: float, time_s: FloatArray, log: Log) -> None:
+    """Raise DataError for stamps (n,) whose knots leave too little of the band of rate_hz."""
+    if knot_hz < MIN_RATE_FRACTION * rate_hz:
+        unit = 10.0 ** (np.floor(np.log10(knot_hz)) - 1)
+        advised_hz = np.floor(knot_hz / unit + 1e-9) * unit
+        raise log.error(
+            "records/clock",
+            f"its time has {describe_steps(time_s)}, sufficient up to {PASSBAND * knot_hz:.3g} Hz; rate_hz "
+            f"{rate_hz:g} needs {PASSBAND * rate_hz:.3g} Hz. Set rate_hz: {advised_hz:g}",
+        )
 
 
 def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> FloatArray:
-    """Resample signals from instants (n,) in s, the first of which is 0."""
-    steps_s, steps = np.diff(time_s), describe_steps(time_s)
+    """Resample signals from instants (n,) in s to a grid from 0 on."""
+    steps_s = np.diff(time_s)
     if not np.median(steps_s) > 0:
         text = f"{int((steps_s <= 0).sum())} of {len(time_s)} rows are not after the previous row"
         raise log.error("records/clock", f"{text}. Log each sample once")
@@ -200,24 +300,13 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
     knot_steps = np.delete(steps_s, gaps)
     row = min(8, len(knot_steps))  # steps, whose mean no knots are closer than
     knot_hz = 1 / float(np.convolve(knot_steps, np.full(row, 1 / row), mode="valid").max())
-    if knot_hz < MIN_RATE_FRACTION * rate_hz:
-        unit = 10.0 ** (np.floor(np.log10(knot_hz)) - 1)
-        advised_hz = np.floor(knot_hz / unit + 1e-9) * unit
-        raise log.error(
-            "records/clock",
-            f"its time has {steps}, sufficient up to {PASSBAND * knot_hz:.3g} Hz; rate_hz {rate_hz:g} needs "
-            f"{PASSBAND * rate_hz:.3g} Hz. Set rate_hz: {advised_hz:g}",
-        )
-    knot_hz = min(knot_hz, rate_hz)  # a lower rate than that of the stamps holds the lower band alone
+    _check_band(knot_hz, rate_hz, time_s, log)
     grid_s = np.arange(int(time_s[-1] * rate_hz + 1e-6) + 1) / rate_hz
-    result, ratio = _fit(time_s, signals, grid_s, knot_hz)
+    result, ratio = _fit(time_s, signals, grid_s, min(knot_hz, rate_hz))
     in_gaps = np.isin(np.searchsorted(time_s, grid_s, side="right") - 1, gaps)
     result[in_gaps] = np.nan
-    text = (
-        f"its time has {steps}; resampled to {rate_hz:g} Hz, exact up to {PASSBAND * knot_hz:.3g} Hz. "
-        f"Residual/signal rms = {ratio.max(initial=0.0):.2g} (noise, or faster motion)"
-    )
-    log.report(RESAMPLED, len(result), text)
+    error = f". Residual/signal rms = {ratio.max(initial=0.0):.2g} (noise, or faster motion)"
+    _report_resampling(time_s, len(result), rate_hz, knot_hz, log, error)
     _report_gaps(int(in_gaps.sum()), gaps, log)
     return result
 
@@ -241,8 +330,8 @@ def _fit(time_s: FloatArray, signals: FloatArray, grid_s: FloatArray, knot_hz: f
             if not valid.any():
                 continue
             knots = _knots(t[valid], s[valid], low, high)
-            result[rows, i] = at_times(knots[:, None], grid[rows] - low, len(knots))[:, 0]
-            residual = s[inside] - at_times(knots[:, None], t[inside] - low, len(knots))[:, 0]
+            result[rows, i] = at_times(knots[:, None], grid[rows] - low)[:, 0]
+            residual = s[inside] - at_times(knots[:, None], t[inside] - low)[:, 0]
             squares[i] += float(np.nansum(residual**2))
     has_samples = np.isfinite(signals).any(axis=0)
     size = np.maximum(np.nanstd(signals[:, has_samples], axis=0), 1e-300)

@@ -17,10 +17,11 @@ from elastid.experiment.specs.experiment import ToolSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
 from elastid.logs.channel_doubts import channel_doubts
 from elastid.logs.channels import driver_columns, gather_channels
-from elastid.logs.clocks import BACKWARDS, MAX_SAMPLES, is_clock, is_time, stamp_size, stamps_of, time_units
+from elastid.logs.clocks import BACKWARDS, MAX_SAMPLES, is_clock, stamp_size, stamps_of, time_units
 from elastid.logs.files.formats import is_log, opened_log
 from elastid.logs.files.log import Log as OpenLog
 from elastid.logs.files.text_format import WRITTEN_OTHERWISE
+from elastid.logs.headings import is_time
 from elastid.logs.repair import Log
 from elastid.logs.repair.periodicity import check_complete, check_repeat, grid_samples
 from elastid.logs.units_and_sides import channel_refusals, without_placeholders

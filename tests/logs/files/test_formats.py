@@ -19,9 +19,10 @@ from plants.ros_bag import LogArrays, write_bag
 from scipy.io import savemat
 
 from elastid.base import entry_points
-from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.channels import ChannelSpec, Structure
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.logs import TextFormatSpec
+from elastid.experiment.specs.logs import FileSpec, RecordedSpec, TextFormatSpec
+from elastid.logs.channels import gather_channels
 from elastid.logs.files import binary_formats, reader_process, ros_bag
 from elastid.logs.files.formats import Format, contents, opened_log, read_channels
 from elastid.logs.files.log import ArrayLog, StoredArray
@@ -335,6 +336,14 @@ def test_missing_matlab_channel_is_named_with_existing_ones(
         measured(tmp_path, study_of("log.mat", (u, y)))
 
 
+def gathered(path: Path, names: tuple[str, str]) -> np.ndarray:
+    """Torque and position of a file, each of its own clock, at 500 Hz."""
+    u = ChannelSpec("u", "motor 1", names[0])
+    y = ChannelSpec("y", "motor 1", names[1], quantity="position", unit="rad")
+    recorded = RecordedSpec(500.0, (u, y), (FileSpec(path.name),))
+    return gather_channels(recorded, recorded.files[0], path.parent, Structure.from_channels((u, y))).signals
+
+
 def test_waveforms_of_tdms_begin_at_the_latest_start(tmp_path: Path) -> None:
     """Of two channels at 500 Hz the second begins 20 samples later, and both have 200."""
     from nptdms import ChannelObject, TdmsWriter
@@ -347,11 +356,19 @@ def test_waveforms_of_tdms_begin_at_the_latest_start(tmp_path: Path) -> None:
             for name, values, begin in channels
         ]
         writer.write_segment(objects)
-    with binary_formats.open_tdms(tmp_path / "log.tdms", TextFormatSpec()) as log:
-        names = [ChannelSpec("y", "any", f"g/{name}", quantity="position") for name in "ab"]
-        values = log.values(names, slice(None))
-    assert np.array_equal(values[:, 0], x[20:200])
-    assert np.array_equal(values[:, 1], x[20:200])
+    signals = gathered(tmp_path / "log.tdms", ("g/a", "g/b"))
+    np.testing.assert_array_equal(signals, np.stack([x[20:200]] * 2, axis=1))
+
+
+@pytest.mark.parametrize("names", ["a/time a/u b/time b/y", "t_u u t_y y"])
+def test_signals_of_several_lengths_have_the_time_beside_them(names: str, tmp_path: Path) -> None:
+    """In the group of the signal, or of its length in the file; the position starts 20 samples later."""
+    x, (t_u, u, t_y, y) = np.arange(220.0), names.split()
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        file[t_u], file[u] = x[:200] / 500, x[:200]
+        file[t_y], file[y] = x[20:] / 500 if "/" in names else x[20:210] / 500, x[20 : 220 if "/" in names else 210]
+    signals = gathered(tmp_path / "log.h5", (u, y))
+    np.testing.assert_array_equal(signals, np.stack([x[20:200]] * 2, axis=1))
 
 
 def test_time_histories_of_a_universal_file_are_a_log(tmp_path: Path) -> None:

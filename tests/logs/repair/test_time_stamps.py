@@ -12,9 +12,18 @@ from plants.refusals import refused
 from plants.waves import CLEAN, DRIFT, LOG, N, P, outcome, wave
 
 from elastid.base.arrays import FloatArray
-from elastid.logs.repair import Findings
+from elastid.logs.repair import Findings, Log
 from elastid.logs.repair.clock_drift import delay, resampled
-from elastid.logs.repair.time_stamps import GAPS, JITTER, SET_BACK, describe_steps, even_grid, on_grid
+from elastid.logs.repair.time_stamps import (
+    GAPS,
+    JITTER,
+    SET_BACK,
+    describe_steps,
+    even_grid,
+    sampling_times,
+    stamp_line,
+    to_rate,
+)
 
 RNG = np.random.default_rng(5)
 
@@ -25,6 +34,10 @@ def waves(t: FloatArray, highest_hz: float) -> FloatArray:
     freq_hz, phase = rng.uniform(0.1, highest_hz, (2, 20)), rng.uniform(0, 2 * np.pi, (2, 20))
     sines = [np.cos(2 * np.pi * np.outer(t, f) + p).sum(axis=1) for f, p in zip(freq_hz, phase, strict=True)]
     return np.stack(sines, axis=1) + np.outer(t, [0.0, 2.0])
+
+
+def on_grid(t: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> FloatArray:
+    return to_rate(*sampling_times(t, signals, log), rate_hz, log)
 
 
 def test_gaps_in_even_times_become_missing_samples() -> None:
@@ -118,7 +131,26 @@ def test_rounded_stamps_lie_on_an_even_grid(stamps: Callable[[FloatArray], Float
         assert grid[1] == pytest.approx(rate_hz, rel=1e-6)
 
 
-def test_insufficient_times_are_refused_with_remedy() -> None:
+@pytest.mark.parametrize("lateness", ["bursts", "queue", "rounding"])
+def test_lost_messages_are_counted_among_late_ones(lateness: str) -> None:
+    """Of 20 000 at 501.3 Hz, 1 % of which are lost; stamps are late by up to five periods."""
+    rng, T = np.random.default_rng(8), 1 / 501.3
+    rows = np.delete(np.arange(20_000), rng.choice(np.arange(1, 19_900), 200, replace=False))
+    due = T * rows
+    late = {
+        "bursts": due[np.minimum(np.arange(len(due)) // 5 * 5 + 4, len(due) - 1)] + 1e-5 * (np.arange(len(due)) % 5),
+        "queue": np.maximum.accumulate(due + 0.25 * T * rng.exponential(size=len(due))),
+        "rounding": np.floor(1e4 * due) / 1e4,
+    }[lateness]
+    line = stamp_line(1.7e9 + late)
+    assert line.rate_hz == pytest.approx(501.3, rel=1e-6)
+    is_late = np.abs(line.rows - rows) > 0
+    assert is_late.mean() <= (0.04 if lateness == "bursts" else 0.002)
+    assert line.rows[-1] == rows[-1]
+    assert np.abs(line.times_s - 1.7e9 - due)[~is_late].max() < 0.05 * T
+
+
+def test_times_that_hold_too_little_are_refused_with_what_to_state() -> None:
     """A rate that the stamps do not have, another unit, a clock that jumps by a year, falls, is missing or stands."""
     t = np.cumsum(np.random.default_rng(4).choice([0.010, 0.012], 2000))
     with refused("records/clock", place="log.csv", holds=("37.5 Hz", "90 Hz", "rate_hz 200", "rate_hz: 83")):
