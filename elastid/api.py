@@ -373,7 +373,7 @@ def save(path: Path | str, value: Result | Sequence[Response] | Iterable[Record]
     if isinstance(value, Result):
         write_fit(path, value)
         return
-    parts: tuple[Any, ...] = tuple(value) if isinstance(value, Iterable) else ()
+    parts = tuple(value) if isinstance(value, Iterable) else ()
     if parts and all(isinstance(part, Response) for part in parts):
         write_responses(path, parts)
     elif parts and all(isinstance(part, Record) for part in parts):

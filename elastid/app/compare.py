@@ -128,7 +128,7 @@ def _loop_variants(study: Study) -> tuple[VariantSpec, ...]:
         return ()
     rods = [loop.rod for loop in robot.loops if loop.rod is not None]
     stretches, bends = any(rod.is_elastic for rod in rods), bool(elastic_joints_within(robot))
-    reasons: dict[ModelVariant, bool] = {
+    reasons = {
         "rigid_loop": stretches or bends,
         "constant_stiffness": stretches and not named_geometry(study.fit.parameters, robot),
         "series_stiffness": stretches,

@@ -126,7 +126,7 @@ class Session:
         self.path.mkdir(parents=True, exist_ok=True)
         remove_leftovers(self.path)
         plans: list[Plan] = []
-        result: Result | None = None
+        result = None
         while True:
             if result is not None:
                 ratios, spent_s = self.goal.reached(result), sum(plan.robot_time_s for plan in plans)
@@ -374,7 +374,7 @@ def require_one_robot_in_any_posture(study: Study) -> None:
     """Refuse a study without a plan, or one whose sections name configurations, which `live` chooses; StudyError."""
     simulated, motors = study.experiment.as_simulated(), study.as_robot().motor_locations
     per_group = [name for name, parameter in study.fit.parameters.items() if parameter.per is not None]
-    unsupported: dict[str, Any] = {
+    unsupported = {
         "friction": study.friction,
         "experiment.simulated.outputs": {*motors} - {*(simulated.outputs or motors)},
         "experiment.simulated.carrier": simulated.carrier is not None and simulated.carrier.kind == "offset",

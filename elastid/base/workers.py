@@ -195,7 +195,7 @@ def outcomes(
     """
     ends = [len(items) * place // count for place in range(count + 1)] if at_home else [0, len(items)]
     waiting = [deque(items[first:last]) for first, last in pairwise(ends)]
-    at_rest: list[Worker] = [] if lasting is None else lasting
+    at_rest = [] if lasting is None else lasting
     workers: list[Worker] = []
     busy: dict[Connection, tuple[int, Worker]] = {}
 

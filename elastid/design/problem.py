@@ -132,7 +132,7 @@ class DesignProblem:
         StudyError or DataError of a needed one (by its name), and of the last one where none has.
         """
         values: list[Value] = []
-        error_of_last: StudyError | DataError | None = None
+        error_of_last = None
         for q, configuration in enumerate(probe.configurations):
             try:
                 values.append(value(q, configuration))

@@ -320,7 +320,7 @@ def free_nuisance_parameters(
         assembly.responses, robot, assembly.spec, parameters, assembly.model, loads, assembly.weights
     )
     begins = [ends[0], replace(ends[0], x=parameters.x, x_start=parameters.x, iterations=0), *ends[1:]]
-    best: LocalOptimum | None = None
+    best = None
     for begin in begins[:ATTEMPTS]:
         try:
             end, dof = _released(nuisance, begin)

@@ -363,7 +363,7 @@ def _covariances(
     # Rounding makes the residual of exact data negative.
     S_V = S_V + np.eye(data.n_y) * np.maximum(-np.linalg.eigvalsh(S_V)[:, :1, None], 0.0)
     C_V = S_V * (data.K_e / data.K / dof)
-    inverse: ComplexArray = np.asarray(np.linalg.inv(data.uu), dtype=np.complex128)
+    inverse = np.asarray(np.linalg.inv(data.uu), dtype=np.complex128)
     left = inverse.mT * (data.K / data.K_e)
     beta = _leakage(G, power(C_V)[:, :, None] * power(left)[:, None, :], segments)
     scaled = beta / np.sqrt(G.shape[2] * power(left))[:, None, :]

@@ -117,7 +117,7 @@ def frictions(robot: Robot) -> tuple[PlacedLaw, ...]:
             laws.append(PlacedLaw(f"joint {joint.name}", _law(joint.friction, 1.0), joint.friction, 1.0, joint.slides))
         for element in () if joint.gear is None else joint.gear.hysteresis:
             stiffness = element.torque / element.deflection
-            spring: Law = Stop(stiffness) if element.edge == "sharp" else Bristle(stiffness)
+            spring = Stop(stiffness) if element.edge == "sharp" else Bristle(stiffness)
             laws.append(PlacedLaw(f"gear {joint.name}", spring, Friction(element.torque), 1.0, joint.slides))
     return tuple(laws)
 

@@ -234,7 +234,7 @@ class Joint:
         """Numbers of the spring, of friction across the joint (f_), of the motor."""
         spring = below("spring", self.spring.numbers(self.name)) if self.spring is not None else {}
         motor = below("motor", self.motor.numbers(self.name)) if self.motor is not None else {}
-        across: Numbers = spring | {f"f_{self.name}": ("N*m*s/rad", ("viscous",))}
+        across = spring | {f"f_{self.name}": ("N*m*s/rad", ("viscous",))}
         if self.slides:
             across = {name: (of_translation(unit), path) for name, (unit, path) in across.items()}
         return across | motor
@@ -244,7 +244,7 @@ class Joint:
         """Point pj_ on the axis of a rotation, and zero offset zero_ of a driven joint."""
         if self.slides:
             return {}
-        zero: Numbers = {f"zero_{self.name}": ("rad", ("zero",))} if self.motor is not None else {}
+        zero = {f"zero_{self.name}": ("rad", ("zero",))} if self.motor is not None else {}
         return coordinates(f"pj_{self.name}", ("point",)) | zero
 
     @property

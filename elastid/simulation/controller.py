@@ -100,7 +100,7 @@ def rigid_motion(model: ElasticModel, q: FloatArray) -> FloatArray:
     q (n_q,) or (n, n_q).  Motor and joint move together, passive joints as their loops require.
     """
     n_l = len(model.robot.joints)
-    T: FloatArray = np.array(np.broadcast_to(model.B, (*q.shape[:-1], *model.B.shape)))
+    T = np.array(np.broadcast_to(model.B, (*q.shape[:-1], *model.B.shape)))
     T[..., :n_l, :] = rates(model.robot, np.atleast_2d(q)[:, :n_l]).reshape(*q.shape[:-1], n_l, model.n_u)
     return T
 

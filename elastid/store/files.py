@@ -74,7 +74,7 @@ def once_per_version(check: Callable[[Path], T]) -> Callable[[Path | str], T]:
     @wraps(check)
     def checked(path: Path | str) -> T:
         version = os.stat(path)
-        result: T = cached(Path(path), version.st_ino, version.st_size, version.st_mtime_ns)
+        result = cached(Path(path), version.st_ino, version.st_size, version.st_mtime_ns)
         return result
 
     return checked

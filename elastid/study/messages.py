@@ -43,7 +43,7 @@ class Problem:
 def validate(data: Any, root: type) -> tuple[Any, list[Problem]]:
     """Make the section `root` of plain data, and no problems; or None and the problems, each once."""
     problems: list[Problem] = []
-    value: Any = None
+    value = None
     try:
         value = validator(root).validate_python(data)
     except ValidationError as error:
@@ -81,7 +81,7 @@ def _find_booleans(data: Any, value: Any, root: type, path: KeyPath = ()) -> lis
 def _walk(error: PydanticError, data: Any) -> tuple[KeyPath, KeyPath | None]:
     """Return pydantic's location as a path through the data, and the path of the outermost union on its way."""
     path: list[str | int] = []
-    union: KeyPath | None = None
+    union = None
     for place, step in enumerate(error["loc"], start=1):
         is_missing = error["type"] == "missing" and place == len(error["loc"])
         if isinstance(data, dict) and (step in data or is_missing):

@@ -23,7 +23,7 @@ def write_responses_control(
     Of a response with modes also A, B, C, D of the modal model, num (n_y, n_u, m) and den (m,), its error, numbers
     (n, 2) of frequency in Hz and damping, and their covariance (2 n, 2 n).
     """
-    arrays: dict[str, np.ndarray] = {"configurations": np.array([G.configuration.name for G in responses])}
+    arrays = {"configurations": np.array([G.configuration.name for G in responses])}
     for G in responses:
         place = G.configuration.name
         arrays |= _measured(G) | {f"{place}/inputs": np.array(G.inputs), f"{place}/outputs": np.array(G.outputs)}

@@ -115,7 +115,7 @@ def layout(
     motors, joints = equations.inputs, [joint.name for joint in equations.robot.joints]
     position = equations.B.T @ points[0].q * (not moves)
     beside = " beside the move" * moves
-    groups: dict[str, list[Variable]] = {
+    groups = {
         "TIME": [Variable("time", "independent", "continuous", "Time, s", 0.0)],
         "TORQUE": _of(
             motors, "torque", "input", f"link-side torque added to the feedback{beside}", points[0].u * (not moves)

@@ -88,7 +88,7 @@ def _system(system: Any) -> Fields:
 def _tool(model: FittedRobot) -> Fields:
     """Return the robot at a frame with its motors locked, in all postures; the names alone of one that cannot bend."""
     configurations = [linear.configuration for linear in model.linear]
-    named: Fields = {"configurations": np.array([posture.name for posture in configurations], dtype=object)}
+    named = {"configurations": np.array([posture.name for posture in configurations], dtype=object)}
     frame = default_frame(model.robot)
     ports = tuple(f"{kind} {frame} {axis}" for kind in ("force", "torque") for axis in "xyz")
     tool = PredictionPorts(ports, tuple(f"frame {frame} {axis}" for axis in FRAME_AXES), axes="world")

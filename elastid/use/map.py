@@ -158,7 +158,7 @@ class _Responses:
     def static_values(self, compliance: FloatArray, softest: FloatArray, load: FloatArray) -> Values:
         """Return compliances of the softest direction (Q, 3) and along the axes, and the deflection by a load (3,)."""
         C = self.H[:, 0].real
-        values: Values = {"softest_compliance": (compliance, self.std(0, softest, softest))}
+        values = {"softest_compliance": (compliance, self.std(0, softest, softest))}
         for i, name in enumerate("xyz"):
             along = np.broadcast_to(np.eye(3)[i], (len(C), 3))
             values[f"compliance_{name}"] = C[:, i, i], self.std(0, along, along)

@@ -66,7 +66,7 @@ class CommandedRobot:
         if model.n_c:
             minimal = formulate(robot, ModelSpec("minimal"))
             model, spec = (minimal, ModelSpec("minimal")) if not minimal.n_c else (model, spec)
-        rows: tuple[int, ...] = ()
+        rows = ()
         if model.n_c:
             point = equilibrium(model, model.theta, Configuration("move", posture))
             rows = tuple(partition(model, model.constraint_jacobian(point.q, model.theta).full()).rows.tolist())

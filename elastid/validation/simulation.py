@@ -164,7 +164,7 @@ def _in_band(
         (Y,), (U,) = last_period(log, lines, "position")
         return synthesise(lines, np.hstack([U, factor * Y]), N)
 
-    kinds: list[SignalKind] = [TORQUE] * len(record.inputs)
+    kinds = [TORQUE] * len(record.inputs)
     kinds += [MOTION if place in record.inputs else LINK for place in record.outputs]
     units = *record.units_of_inputs, *(motion_unit("position", place in record.sliding) for place in record.outputs)
     measured, simulated = in_time(record, 1.0).T, in_time(_logged(record, plant, trajectory), late).T

@@ -197,7 +197,7 @@ def _closed_loop_response(
     difference, torque = np.eye(model.n_u) + F[:, :, None] * P, np.eye(model.n_u, dtype=np.complex128)
     if inject == "torque":
         torque = np.asarray(np.linalg.inv(difference), np.complex128)
-    position: ComplexArray = np.asarray(P @ torque, np.complex128)
+    position = np.asarray(P @ torque, np.complex128)
     reference = np.asarray(difference @ torque / entry[:, :, None], np.complex128)
     return ClosedLoopResponse(np.broadcast_to(torque, P.shape), position, s * position, s**2 * position, reference)
 

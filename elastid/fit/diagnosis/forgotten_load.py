@@ -82,7 +82,7 @@ def _moments(p: FloatArray) -> FloatArray:
 def _parameter_changes(numbers: list[FixedNumber]) -> FloatArray:
     """Return delta (n_m, 10), relative if log, by the moments of a load."""
     mass = numbers[0].value
-    J: dict[str, dict[int, float]] = {"m": {0: 1.0}} | {f"c{axis}": {1 + i: 1 / mass} for i, axis in enumerate("xyz")}
+    J = {"m": {0: 1.0}} | {f"c{axis}": {1 + i: 1 / mass} for i, axis in enumerate("xyz")}
     J["I"] = {4: 1.0, 5: 1.0, 6: 1.0}  # of a single number, as in a plane
     for i, axis in enumerate("xyz"):
         J[f"I{axis}{axis}"] = {4 + j: 1.0 for j in range(3) if j != i}

@@ -53,7 +53,7 @@ def _interpolation(x: FloatArray, start: int, end: int, L: int, sign: int, max_s
     reach = _TRIALS + max(width for _, width in _POLYNOMIALS)
     rows = np.arange(max(0, start - reach), min(len(x), end + reach))
     gap = slice(start - int(rows[0]), end - int(rows[0]))
-    best: Interpolation | None = None
+    best = None
     for reference, (degree, width) in product(_references(x, rows, gap, L, sign), _POLYNOMIALS):
         candidate = _bridge(x[rows] - reference, gap, degree, width)
         if candidate is None or (best is not None and candidate.error >= best.error):

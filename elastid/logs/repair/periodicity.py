@@ -192,7 +192,7 @@ def _refine(rho: FloatArray, peak: int) -> tuple[float, float]:
 
 def _from_later(rho: FloatArray, period: float) -> float:
     for repeats in range(2, int(len(rho) / period) + 1):
-        around: IntArray = np.arange(-3, 4) + round(repeats * period)
+        around = np.arange(-3, 4) + round(repeats * period)
         if around[0] <= 0 or around[-1] >= len(rho) - 1:  # the peak may lie beyond what is known
             break
         period = _refine(rho, int(around[np.argmax(rho[around])]))[0] / repeats

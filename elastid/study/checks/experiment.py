@@ -34,7 +34,7 @@ def check_count(study: Study) -> Iterator[Problem]:
 def check_configurations(study: Study) -> Iterator[Problem]:
     """Check that angles are one for each driven joint, in its unit and limits with the swing, and that loops close."""
     for name, angles in study.experiment.configurations.items():
-        path: KeyPath = ("experiment", "configurations", name)
+        path = ("experiment", "configurations", name)
         if posture_of(name) != name:
             yield Problem(
                 path, ("names of configurations must not end in `amplitude` and a number. Rename it"), at_key=True

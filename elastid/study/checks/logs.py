@@ -93,7 +93,7 @@ def check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
 
 def _check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iterator[Problem]:
     """Check that there is one response file for each configuration, and that channels and robot fit."""
-    path: KeyPath = ("experiment", "responses")
+    path = ("experiment", "responses")
     yield from check_files(study, responses.files, path, base)
     yield from check_channels(study, responses.channels, path)
     claimed: dict[str, str] = {}
@@ -134,7 +134,7 @@ def _check_file(study: Study, file: FileSpec | ResponseFileSpec, path: KeyPath, 
 
 
 def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> Iterator[Problem]:
-    path: KeyPath = (*section, "responses")
+    path = (*section, "responses")
     for i, file in enumerate(tool.responses.files):
         yield from _check_file(study, file, (*path, "files", i), base)
     robot = study.as_robot()
@@ -146,7 +146,7 @@ def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> I
         )
         yield Problem((*section, "stiffness"), message)
     for i, channel in enumerate(tool.responses.channels):
-        place: KeyPath = (*path, "channels", i)
+        place = (*path, "channels", i)
         if channel.role == "u" and channel.at not in inputs:
             yield unknown((*place, "at"), "input", channel.at, inputs)
         elif channel.role == "y":
@@ -207,7 +207,7 @@ def _check_start(study: Study, recorded: RecordedSpec, i: int, base: Path) -> It
 def _check_log(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iterator[Problem]:
     file, path = recorded.files[i], (*_RECORDED, "files", i)
     for number, name in enumerate((file.path, *file.also), start=1):
-        place: KeyPath = (*path, "path") if number == 1 else (*path, "also", number - 2)
+        place = (*path, "path") if number == 1 else (*path, "also", number - 2)
         if not is_log(base / name):
             yield Problem(place, f"no such file (looked for {base / name})")
             continue
