@@ -19,7 +19,6 @@ from elastid.base.files import clear_folder, path_below
 from elastid.fit.parameter_selection import choose, named_geometry
 from elastid.fit.spec import FitSpec
 from elastid.model.formulation import elastic_joints_within, unseen
-from elastid.model.spec import Variant as ModelVariant
 from elastid.response import Responses
 from elastid.robot.simplified import elastic_coordinates, stiffened, without_motor_coupling
 from elastid.store.files import keep_checksums

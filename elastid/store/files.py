@@ -74,8 +74,7 @@ def once_per_version(check: Callable[[Path], T]) -> Callable[[Path | str], T]:
     @wraps(check)
     def checked(path: Path | str) -> T:
         version = os.stat(path)
-        result = cached(Path(path), version.st_ino, version.st_size, version.st_mtime_ns)
-        return result
+        return cached(Path(path), version.st_ino, version.st_size, version.st_mtime_ns)
 
     return checked
 

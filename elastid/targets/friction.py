@@ -17,7 +17,6 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from elastid.base.arrays import FloatArray
 from elastid.base.escape import c_comment, c_identifiers
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import frictions

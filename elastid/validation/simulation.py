@@ -36,7 +36,7 @@ from elastid.record import Configuration, JointLoop, Record, motion_unit
 from elastid.robot import Robot, before_channels, logged
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
 from elastid.simulation.controller import rigid_motion, rigid_path, tune
-from elastid.validation.log_comparison import LINK, MOTION, TORQUE, ComparedSignal, LogSimulation, SignalKind
+from elastid.validation.log_comparison import LINK, MOTION, TORQUE, ComparedSignal, LogSimulation
 from elastid.validation.torque_balance import last_counted, last_period
 
 # Of a log this much is simulated at most.

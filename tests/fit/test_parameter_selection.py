@@ -10,7 +10,7 @@ from plants.measured_robots import deviation, responses_of
 from plants.refusals import refused
 
 from elastid.fit.identify import fit_parameters, identify
-from elastid.fit.parameter_selection import choose, with_tolerances
+from elastid.fit.parameter_selection import AT_TOOL, choose, groups_of, with_tolerances
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec, WeightSpec
 from elastid.parameters import Parameter, Parameters, Tie
 from elastid.record import Configuration
@@ -280,3 +280,8 @@ def test_unknown_motor_friction_starts_at_one_second_decay():
     assert known["fm_1"].value == 5e-3
     set_by_hand = choose(FitSpec(parameters={"fm_*": ParameterSpec(start=2e-2)}), bench(viscous=0.0))
     assert set_by_hand["fm_1"].value == 2e-2
+
+
+def test_tool_responses_belong_to_group_of_their_posture() -> None:
+    groups = groups_of("k_1", ParameterSpec(per="configuration"), {}, ["a", "b", f"b{AT_TOOL}"])
+    assert groups == {"a": ("a",), "b": ("b", f"b{AT_TOOL}")}

@@ -79,6 +79,7 @@ def test_a_negative_spring_within_the_noise_is_no_warning(
 ) -> None:
     spring = Presliding("motor 1", "N*m/rad", stiffness, 3e3, 300.0, 70.0)
     assert presliding_note(spring, exceeds_noise, has_moved).severity == severity
+    assert spring.spring.sign == np.sign(stiffness)
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, IntArray, folded
+from elastid.base.arrays import FloatArray, folded
 from elastid.base.errors import DataError
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.logs.repair import Log, flat

@@ -41,6 +41,9 @@ def test_slopes_and_counts_of_the_problem(responses):
     np.testing.assert_allclose(with_loads.evaluate(x).cost - without.evaluate(x).cost, r @ r, rtol=1e-9)
     np.testing.assert_allclose(with_loads.evaluate(x).gradient - without.evaluate(x).gradient, 2 * J.T @ r, rtol=1e-6)
     assert with_loads.n_residuals == without.n_residuals + len(r)
+    loads, zero = with_loads.loads, np.zeros(len(r))
+    samples = [loads.drawn(zero, np.random.default_rng(seed)).measured / loads.std for seed in range(400)]
+    np.testing.assert_allclose(np.std(samples), 1.0, atol=0.05)
 
 
 def test_what_a_test_must_say():

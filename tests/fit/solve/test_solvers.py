@@ -13,7 +13,7 @@ from scipy.optimize import least_squares, lsq_linear
 
 from elastid.base.arrays import FloatArray
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
-from elastid.fit.solve.solvers import FINE, SolverName, multistart, solve, spread
+from elastid.fit.solve.solvers import FINE, SHRINK, SolverName, _next_radius, multistart, solve, spread
 from elastid.parameters import Parameter, Parameters
 
 T = np.linspace(0, 1, 50)
@@ -226,3 +226,7 @@ def test_starts_that_lead_nowhere_are_survived_unless_all_do():
     assert math.isinf(ranked[-1].cost)
     with refused("fit/no-start"):
         multistart([gappy], np.log([[60.0]]))
+
+
+def test_radius_after_failed_step_is_fraction_of_step() -> None:
+    assert _next_radius(2.0, 0.5, -math.inf, 1.0, -1.0) == SHRINK[0] * 0.5
