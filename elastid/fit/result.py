@@ -15,15 +15,7 @@ from elastid.base.statistics import QUANTILE_95, correlation_of
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.residual_test import exceeds_noise, max_cost_ratio
-from elastid.fit.result_rows import (
-    NO_NUMBERS,
-    NO_PAIRS,
-    NO_TABLE,
-    Estimate,
-    ModificationIndex,
-    Presliding,
-    RigidPart,
-)
+from elastid.fit.result_rows import NO_NUMBERS, NO_PAIRS, NO_TABLE, Estimate, ModificationIndex, Presliding, RigidPart
 from elastid.fit.spec import TYPICAL_MODEL_ERROR
 from elastid.fit.status_terms import (
     BIASED,

@@ -61,10 +61,7 @@ def method_choice(method: Method, reason: str) -> tuple[Method, tuple[Note, ...]
 
 
 def choose_by_error(
-    method: Method,
-    candidate: Callable[[], Response],
-    preview: Callable[[], Response],
-    margin: float = 1.0,
+    method: Method, candidate: Callable[[], Response], preview: Callable[[], Response], margin: float = 1.0
 ) -> tuple[Method, tuple[Note, ...]]:
     """Return `method`, or local_rational where its stated error times `margin` is smaller, and a note with both errors.
 

@@ -8,13 +8,7 @@ from elastid.base.units import Frequency, Time
 from elastid.record import Motion
 
 Method: TypeAlias = Literal[
-    "auto",
-    "arithmetic",
-    "h1",
-    "joint",
-    "errors_in_variables",
-    "local_polynomial",
-    "local_rational",
+    "auto", "arithmetic", "h1", "joint", "errors_in_variables", "local_polynomial", "local_rational"
 ]
 
 Window: TypeAlias = Literal["hann", "hamming", "blackman", "blackmanharris", "flattop", "boxcar"]

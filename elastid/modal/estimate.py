@@ -311,11 +311,7 @@ def _nearest(candidates: ComplexArray, poles_hz: FloatArray, data: ModalData) ->
 
 
 def _modes(
-    response: Response,
-    fit: ModalFit,
-    diagram: StabilisationDiagram,
-    shift: float,
-    poles_hz: Sequence[float] | None,
+    response: Response, fit: ModalFit, diagram: StabilisationDiagram, shift: float, poles_hz: Sequence[float] | None
 ) -> Modes:
     """Return poles selected as modes. shift: correction for an exponential window, 1/s. poles_hz: user selection."""
     influences, scale = Influences(fit, response.correlated_lines), fit.data.basis.scale

@@ -78,10 +78,7 @@ def _travel(records: Sequence[Record]) -> dict[str, float]:
 
 
 def _unexplained(
-    response: Response,
-    records: Sequence[Record],
-    friction: CompensatedFriction,
-    arm: Callable[[], FloatArray | float],
+    response: Response, records: Sequence[Record], friction: CompensatedFriction, arm: Callable[[], FloatArray | float]
 ) -> tuple[Note, ...]:
     if not friction.configurations or response.noise is None or response.total is None:
         return ()
@@ -105,11 +102,7 @@ def _unexplained(
 
 
 def _arm_variance(
-    net: Sequence[Record],
-    response: Response,
-    spec: EstimatorSpec,
-    planned_lines: IntArray | None,
-    robot: Robot | None,
+    net: Sequence[Record], response: Response, spec: EstimatorSpec, planned_lines: IntArray | None, robot: Robot | None
 ) -> FloatArray | float:
     """Return the variance (F, n_y, n_u) of G by the arm's swing about its posture, in rows of motors; 0 if unknown.
 

@@ -91,12 +91,7 @@ def _sizes(data: GearData, estimate: GearEstimate, j: int) -> tuple[float, float
     return float(np.sqrt(np.mean(speeds))), float(np.sqrt(np.mean(deflections)))
 
 
-def choose_effects(
-    data: GearData,
-    parameters: Parameters,
-    x: FloatArray,
-    orders: Sequence[float],
-) -> GearEstimate:
+def choose_effects(data: GearData, parameters: Parameters, x: FloatArray, orders: Sequence[float]) -> GearEstimate:
     """Select the effects by cross-validation and estimate them; x (n_x,): the optimum of a fit without any effect.
 
     orders: of errors and ripples, in turns of the motor.

@@ -93,11 +93,7 @@ def elastic_joints(linearisation: Linearisation) -> tuple[str, ...]:
 
 
 def drive_lines(
-    lines: PeriodLines,
-    linearisation: Linearisation,
-    response: Response,
-    parameters: Parameters,
-    x: FloatArray,
+    lines: PeriodLines, linearisation: Linearisation, response: Response, parameters: Parameters, x: FloatArray
 ) -> DriveLines:
     """Return the model at x (n_x,). response: fitted response of the same configuration, with all motors as inputs."""
     robot, name = linearisation.model.robot, lines.configuration.name

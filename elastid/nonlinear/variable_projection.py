@@ -213,10 +213,7 @@ DELAY_ITERATIONS = 2  # of the coefficients at a delay, whose power has an error
 
 
 def torque_delay(
-    data: Sequence[ConfigurationSpectra],
-    candidates: Sequence[BasisFunction],
-    choice: Basis,
-    places: Sequence[str],
+    data: Sequence[ConfigurationSpectra], candidates: Sequence[BasisFunction], choice: Basis, places: Sequence[str]
 ) -> float:
     """Estimate the delay of the logged torques behind the motions by friction; 0 if it explains them nearly as well.
 

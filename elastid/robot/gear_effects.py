@@ -3,11 +3,7 @@
 from typing import Annotated, Literal
 
 from elastid.base.section import Key, section
-from elastid.base.units import (
-    Angle,
-    JointPosition,
-    JointTorque,
-)
+from elastid.base.units import Angle, JointPosition, JointTorque
 
 
 @section

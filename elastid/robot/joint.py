@@ -7,16 +7,7 @@ from typing import Annotated, Literal, TypeAlias
 
 from elastid.base.names import PartName
 from elastid.base.section import Key, section
-from elastid.base.units import (
-    Angle,
-    Damping,
-    Inertia,
-    InUnit,
-    JointPosition,
-    Measured,
-    Torque,
-    of_translation,
-)
+from elastid.base.units import Angle, Damping, Inertia, InUnit, JointPosition, Measured, Torque, of_translation
 from elastid.robot.friction import Friction
 from elastid.robot.gear_effects import Gear
 from elastid.robot.placement import Axis, Numbers, Vector3, below, coordinates, unit_axis

@@ -15,14 +15,7 @@ import math
 from typing import Annotated
 
 from elastid.base.section import Key, section
-from elastid.base.units import (
-    CubicStiffness,
-    Damping,
-    JointPosition,
-    QuadraticStiffness,
-    Ratio,
-    Stiffness,
-)
+from elastid.base.units import CubicStiffness, Damping, JointPosition, QuadraticStiffness, Ratio, Stiffness
 from elastid.robot.placement import Numbers
 
 # Field, parameter and unit of the optional terms of a spring.

@@ -121,14 +121,7 @@ CLASSICAL = Tableau(((), (1 / 2,), (0, 1 / 2), (0, 0, 1)), (1 / 6, 1 / 3, 1 / 3,
 # Of fifth order in six stages (Butcher, Journal of the Australian Mathematical Society 4, 1964). An oscillation at
 # omega comes out with a relative frequency error of 3.7e-4 (omega h)^6 and a damping ratio more by 1.7e-4 (omega h)^5.
 FIFTH_ORDER = Tableau(
-    (
-        (),
-        (1 / 4,),
-        (1 / 8, 1 / 8),
-        (0, -1 / 2, 1),
-        (3 / 16, 0, 0, 9 / 16),
-        (-3 / 7, 2 / 7, 12 / 7, -12 / 7, 8 / 7),
-    ),
+    ((), (1 / 4,), (1 / 8, 1 / 8), (0, -1 / 2, 1), (3 / 16, 0, 0, 9 / 16), (-3 / 7, 2 / 7, 12 / 7, -12 / 7, 8 / 7)),
     (7 / 90, 0, 32 / 90, 12 / 90, 32 / 90, 7 / 90),
 )
 

@@ -27,11 +27,7 @@ _MOTION = (("position", "rad"), ("velocity", "rad/s"), ("acceleration", "rad/s^2
 
 # The plan, references of each configuration, peaks of the rehearsal, forecast.
 write_plan = writer(
-    PLAN,
-    plan=(Plan, None),
-    references=(tuple[Reference, ...], ()),
-    peaks=(None, None),
-    forecast=(None, None),
+    PLAN, plan=(Plan, None), references=(tuple[Reference, ...], ()), peaks=(None, None), forecast=(None, None)
 )
 read_plan = reader(PLAN, "plan", Plan)
 # The peaks of the rehearsal, and the forecast, if any; they bring the fit, which a reader of the plan does not need.

@@ -24,11 +24,7 @@ from elastid.base.statistics import QUANTILE_95, identifiable_combinations
 from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.friction_study.commanded import DELAY, CommandedJoint, acting_gains
 from elastid.friction_study.result import FrictionResult
-from elastid.friction_study.sliding_friction import (
-    rigid_loads,
-    simulated_commands,
-    turns_against_gravity,
-)
+from elastid.friction_study.sliding_friction import rigid_loads, simulated_commands, turns_against_gravity
 from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.study import load_robot

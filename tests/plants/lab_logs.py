@@ -45,12 +45,7 @@ def multisines(lines: np.ndarray, T: float, n: int) -> dict[str, np.ndarray]:
 
 
 def study_of(path: str, channels: tuple[ChannelSpec, ...] = CHANNELS, **changes: Any) -> ExperimentSpec:
-    keys = {
-        "rate_hz": RATE,
-        "period_samples": N,
-        "channels": channels,
-        "files": (FileSpec(path, "home"),),
-    }
+    keys = {"rate_hz": RATE, "period_samples": N, "channels": channels, "files": (FileSpec(path, "home"),)}
     return ExperimentSpec({"home": (0.0, 0.0)}, recorded=RecordedSpec(**(keys | changes)))
 
 

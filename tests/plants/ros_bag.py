@@ -32,11 +32,7 @@ def write_bag(path: Path, log: LogArrays, storage: str = "SQLITE3", publishers: 
 
         def topic(name: str, kind: type[Any]) -> Callable[[int, Any], None]:
             connection = writer.add_connection(name, kind.__msgtype__, typestore=store)
-            return lambda at, message: writer.write(
-                connection,
-                at,
-                store.serialize_cdr(message, kind.__msgtype__),
-            )
+            return lambda at, message: writer.write(connection, at, store.serialize_cdr(message, kind.__msgtype__))
 
         states, commands, words = topic("/joint_states", State), topic("/arm/commands", Numbers), topic("/note", Word)
         forces = topic("/wrench", Wrench)

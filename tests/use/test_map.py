@@ -26,10 +26,7 @@ LINES = np.geomspace(2.0, 80.0, 100)
 CUT = Cut(load=(0.0, 0.0, -50.0), normal=(1.0, 0.0, 1.0))
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["arm", "scara", "linkage_arm minimal", "linkage_arm constrained"],
-)
+@pytest.mark.parametrize("name", ["arm", "scara", "linkage_arm minimal", "linkage_arm constrained"])
 def test_a_map_has_the_numbers_of_each_posture_by_itself(name: str) -> None:
     """Serial robots and linkages; values and deviations."""
     if name == "arm":

@@ -205,7 +205,4 @@ def _tool_readings(responses: Sequence[Response]) -> Iterator[tuple[tuple[Respon
     ways: tuple[Literal["locked", "free"], ...] = ("free",) if moves else ("locked", "free")
     for motors in ways:
         if any(G.motors != motors for G in responses):
-            yield (
-                tuple(replace(G, motors=motors, loop=None) for G in responses),
-                f"correct tool.motors to {motors}",
-            )
+            yield (tuple(replace(G, motors=motors, loop=None) for G in responses), f"correct tool.motors to {motors}")

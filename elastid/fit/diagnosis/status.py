@@ -30,11 +30,7 @@ from elastid.fit.diagnosis.cause_notes import fault, phrase
 from elastid.fit.diagnosis.estimate_notes import contradictions, is_weak, listed
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.priors import (
-    contradicted_priors,
-    contradicted_tolerances,
-    prior_moves,
-)
+from elastid.fit.diagnosis.priors import contradicted_priors, contradicted_tolerances, prior_moves
 from elastid.fit.result import Result
 from elastid.fit.result_rows import ModificationIndex
 from elastid.fit.solve.solvers import DAMPING_UNITS
