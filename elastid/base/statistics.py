@@ -67,7 +67,11 @@ def f_test(drop: float, added: int, residual: float, dof: float) -> float:
 
 
 def correlation_of(covariance: FloatArray) -> FloatArray:
-    """Return the correlations (n, n) of a covariance (n, n); NaN off the diagonal for an infinite or zero variance."""
+    """Return the correlations (n, n) of a covariance (n, n); NaN off the diagonal for an infinite or zero variance.
+
+    >>> correlation_of(np.array([[4.0, 1.0], [1.0, 1.0]])).tolist()
+    [[1.0, 0.5], [0.5, 1.0]]
+    """
     std = np.sqrt(np.diag(covariance))
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = np.asarray(covariance / np.outer(std, std))
