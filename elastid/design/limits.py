@@ -66,7 +66,7 @@ def largest_peaks(plan: Plan, runs: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def peaks_of_movement(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
-    """Return peaks (8, n_u) without multisine; StudyError where even so a motor is lost.
+    """Return peaks (8, n_u) without multisine; StudyError if a motor leaves its configuration even so.
 
     Of the rigid robot without friction where there is no limit.
     """
@@ -125,7 +125,7 @@ def peaks_of_run(rig: SimulatedRig, rehearsal: Rehearsal) -> FloatArray:
 
 
 def _peaks_of(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
-    """Return largest peaks (8, n_u) of a run, for references also at the largest gains; 2 limits if a motor is lost."""
+    """Return largest peaks (8, n_u) of a run, also at the largest gains for references; twice the limits if lost."""
     rigs = [rig] if rig.plan.inject == "torque" else [rig, rig.with_gains(1 + GAIN_ERROR, 1 + GAIN_ERROR)]
     try:
         return np.asarray(np.max([peaks_of_run(each, each.rehearse(experiment)) for each in rigs], axis=0))
@@ -168,7 +168,7 @@ def within_limits(
 
 
 def power_costs(rig: SimulatedRig, excitation: MultisineSpec) -> FloatArray:
-    r"""Return cost of powers by the limits of each configuration: c (Q, n_o, F, n_u) with sum_kl c_okl P_kl <= 1.
+    r"""Return the cost of powers by the limits of each configuration: c (Q, n_o, F, n_u) with sum_kl c_okl P_kl <= 1.
 
     .. math:: c_{okl} = \frac{|T_{okl}|^2}{2 E}\, \frac{\kappa^2}{room_o^2}, \qquad \kappa^2 = 2 \ln (2 F E M)
 

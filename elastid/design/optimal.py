@@ -199,7 +199,7 @@ def best_powers(
     least: float,
     tolerance: float = MAX_GAP,
 ) -> Powers:
-    """Return best powers of each group, whose configurations all have the same.
+    """Return the best powers of each group, whose configurations all have the same.
 
     cost (K, n_o, F, n_u): c of each group; every input and line must have one.  prior (S, n_x, n_x): earlier
     information.  least: epsilon.

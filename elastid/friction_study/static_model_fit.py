@@ -411,7 +411,7 @@ def _candidate_terms(curve: FrictionCurve) -> tuple[_Term, ...]:
 
 
 def _distinct(values: FloatArray, step: float) -> int:
-    """Return number of values that are apart by more than the step, counted upwards."""
+    """Return the number of values that are apart by more than the step, counted upwards."""
     count, last = 0, -np.inf
     for value in np.sort(values).tolist():
         if value > last + step:
