@@ -147,7 +147,7 @@ MIN_ADVICE_FRACTION = 0.8
 def within_limits(
     rig: SimulatedRig, excitation: MultisineSpec, execution: Execution | None = None
 ) -> tuple[Plan, LimitUse]:
-    """Plan of a nominal rig whose simulated peaks keep the margin, and all peaks.
+    """Return the plan of a nominal rig whose simulated peaks keep the margin, and all peaks.
 
     torque_rms: limits is scaled up or down, motor by motor; numbers are scaled down where they must be, all motors of a
     configuration by the same factor.  Raises StudyError where a limit leaves no room for any excitation.
@@ -233,7 +233,7 @@ def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, Floa
 
 
 def _filling(rig: SimulatedRig, q: int, room: FloatArray, is_shared: bool) -> FloatArray:
-    """Return factors (n_u,) by which every motor fills its room (8, n_u), by linear prediction; StudyError if endless.
+    """Return factors (n_u,) by which every motor fills its room (8, n_u), by linear prediction; StudyError without limits.
 
     is_shared: powers have been divided between the motors; their peaks keep the proportion of their RMS.
     """

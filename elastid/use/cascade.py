@@ -55,7 +55,7 @@ class Cascade:
         return replace(self, position_gain=p, velocity_gain=v, low_pass_hz=corner, notches=notches.reshape(-1, 3))
 
     def bounds(self, reach: float, rate_hz: float) -> tuple[FloatArray, FloatArray]:
-        """Return bounds (n_x,) of x, within `reach` of its own and with filters that can be."""
+        """Return bounds (n_x,) of x, within `reach` of the present x and for realisable filters."""
         x, n = self.vector, len(self.velocity_gain)
         low, high = x - reach, x + reach
         high[2 * n : 3 * n] = np.minimum(high[2 * n : 3 * n], np.log(CORNER * rate_hz))

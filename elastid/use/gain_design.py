@@ -84,7 +84,7 @@ def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIM
 
 
 def _with_notch(scene: Scene, best: Cascade) -> Iterator[Cascade]:
-    """Yield cascades with a shallow notch more for one axis, below and above the peak that it has most part in."""
+    """Yield cascades with a shallow notch more for one axis, below and above the peak to which it contributes most."""
     left, size, right = np.linalg.svd(scaled(best.on(scene).S, scene.plants.inertia))
     parts = np.abs(left[..., 0] * right[..., 0, :]) * size[..., :1]
     for axis in range(len(best.velocity_gain)):
