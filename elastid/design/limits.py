@@ -233,7 +233,7 @@ def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, Floa
 
 
 def _filling(rig: SimulatedRig, q: int, room: FloatArray, is_shared: bool) -> FloatArray:
-    """Return factors (n_u,) by which every motor fills its room (8, n_u), by linear prediction; StudyError without limits.
+    """Return factors (n_u,) by which motors fill their room (8, n_u), by linear prediction; StudyError without limits.
 
     is_shared: powers have been divided between the motors; their peaks keep the proportion of their RMS.
     """

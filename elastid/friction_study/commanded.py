@@ -137,7 +137,7 @@ class CommandedJoint(Estimate):
 
 @dataclass(frozen=True)
 class _Problem:
-    """All logs side by side: columns (S,) are joints of logs, padded to the longest; window: samples of a mean."""
+    """All logs side by side: columns (S,) are joints of logs, padded to the longest.  window: samples of a mean."""
 
     logs: tuple[CommandedLog, ...]
     joints: tuple[str, ...]

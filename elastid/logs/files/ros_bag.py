@@ -50,7 +50,7 @@ class _Topic:
         return next(self._messages(), None) if self.is_known else None
 
     def arrays(self, begin_ns: int) -> Iterator[tuple[str, StoredArray]]:
-        """Name and array of each signal; times are from begin_ns on."""
+        """Yield name and array of each signal; times are from begin_ns on."""
         if self.first is None:
             return
         if self.is_joint_state:
