@@ -125,7 +125,7 @@ def peaks_of_run(rig: SimulatedRig, rehearsal: Rehearsal) -> FloatArray:
 
 
 def _peaks_of(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
-    """Return largest peaks (8, n_u) of a run, also at the largest gains for references; twice the limits if lost."""
+    """Return peaks (8, n_u) of a run, for references also at the largest gains; twice the limits if a motor is lost."""
     rigs = [rig] if rig.plan.inject == "torque" else [rig, rig.with_gains(1 + GAIN_ERROR, 1 + GAIN_ERROR)]
     try:
         return np.asarray(np.max([peaks_of_run(each, each.rehearse(experiment)) for each in rigs], axis=0))

@@ -50,7 +50,7 @@ def slow_down(cascade: Cascade, is_accepted: Callable[[Cascade], bool], slowest:
 
 
 def initial_cascades(plants: Plants, first_mode_hz: float, delay: int) -> Iterator[Cascade]:
-    """Yield cascades with velocity bandwidths of 2 to 1/30 of first mode or limit by delay; gains by inertia."""
+    """Yield cascades with velocity bandwidths of 2 to 1/30 times first mode or delay limit; gains by inertia."""
     top = 2 * np.pi * min(first_mode_hz, plants.rate_hz / (8 * (1 + delay)))
     inertia = np.exp(np.log(plants.inertia).mean(axis=0))
     corner = np.full(len(inertia), 0.3 * plants.rate_hz)
