@@ -255,7 +255,7 @@ class Parameters:
         return self._chains[local]
 
     def configuration_of_stand_in(self, configuration: str) -> str:
-        """Return the configuration for which a parameter is a stand-in; empty for all other parameters.
+        """Return the name of a configuration if a parameter has a stand-in for it; empty for all others.
 
         Of a configuration that is measured at several amplitudes that of its posture, whose parameters are the same.
         """

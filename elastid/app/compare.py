@@ -111,7 +111,7 @@ def comparison_table(comparison: Comparison) -> list[list[str]]:
 
 
 def _default(study: Study) -> tuple[VariantSpec, ...]:
-    """Yield variants without single parts, and with other equations of loops, for a study without other models."""
+    """List variants without single parts, and with other equations of loops, for a study without other models."""
     robot = study.as_robot()
     riding = any(joint.motor is not None and joint.motor.on for joint in robot.driven)
     coupling = [VariantSpec("without motor coupling", motor_coupling=False)] if riding else []
@@ -121,7 +121,7 @@ def _default(study: Study) -> tuple[VariantSpec, ...]:
 
 
 def _loop_variants(study: Study) -> tuple[VariantSpec, ...]:
-    """Yield approximations for a robot with loops that omit something, and the exact equations."""
+    """List approximations for a robot with loops that omit something, and the exact equations."""
     robot, model = study.as_robot(), study.model
     if not robot.loops:
         return ()

@@ -127,7 +127,7 @@ class _LogFile(logging.FileHandler):
         """Ignore an error of the log, so that the work continues."""
 
     def close(self) -> None:
-        """Close the display without messages that do not fit; their error would hide the first error."""
+        """Close the log; ignore an error such as a full disk, which would hide the error that ended the work."""
         with suppress(OSError):
             super().close()
 

@@ -114,7 +114,7 @@ def _reasons(outcomes: Sequence[Outcome]) -> list[str]:
 
 
 def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[Outcome, ...]:
-    """Run all members; those whose worker died are tried again after the others."""
+    """Run all members, those whose worker died again after the others; returns how each ended."""
     work = partial(_identified, fleet.study, folder)
     outcomes: dict[str, Outcome] = {}
     for attempt in range(2):
@@ -131,7 +131,7 @@ def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[
 
 
 def _identified(study: Path, folder: Path, member: Member) -> Outcome:
-    """Run the stages of a member's study that are not current, in its own folder."""
+    """Run the stages of a member's study that are not current, in its own folder; returns how it ended."""
     run = Run(load(study, member.overrides), folder / MEMBERS / member.name, 1, Console(-2))
     try:
         run_all(run)

@@ -56,7 +56,7 @@ def robot_of(model: Any, name: str) -> Robot:
 
 
 def _joint(model: Any, i: int) -> Joint:
-    """Convert a joint, driven by its actuator, or by a future motor if the file has no actuator at all."""
+    """Convert a joint, driven by its actuator, or by a placeholder motor if the file has no actuator at all."""
     name, kind = model.joint(i).name or f"joint {i}", KINDS[int(model.jnt_type[i])]
     if kind in ("free", "ball"):
         raise ValueError(f"joint {name} is of type {kind}; take hinges and slides, a base that stands still")

@@ -37,7 +37,7 @@ def quoted(text: str) -> str:
 
 
 def channel_line(role: str, place: str, guess: ChannelGuess, of_robot: str = "") -> str:
-    """Return a channel. of_robot: torque or force is assigned to a drive of a robot."""
+    """Return the YAML row of a channel. of_robot: `torque` or `force`, the quantity of a robot's drive; else empty."""
     quantity, scale, why = guess.quantity, guess.scale, guess.why
     unit = guess.unit or DRIVE_UNIT.get(quantity, "")
     keys: dict[str, object] = {
@@ -59,7 +59,7 @@ def channel_line(role: str, place: str, guess: ChannelGuess, of_robot: str = "")
 
 
 def file_line(path: str, **keys: object) -> str:
-    """Return a file with its keys."""
+    """Return the YAML row of a file with its keys."""
     return f"      - {mapping({'path': quoted(path), **keys})}"
 
 

@@ -185,7 +185,7 @@ def friction_study_summary(
     log_comparison: LogComparison = NO_COMPARISON,
     left_out: LogComparison = NO_COMPARISON,
 ) -> Content:
-    """Return summary.json of a friction study: parameters with intervals and origin, and the measured ranges.
+    """Return summary.json of a friction study: parameters with interval and origin, unidentified ones, measured ranges.
 
     log_comparison: torque fractions of the model's parts, and simulation errors along the logs.
     left_out: the same quantities for validation logs.  rigid_bodies: base parameters of joints that moved together.

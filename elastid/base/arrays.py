@@ -66,7 +66,7 @@ def laplace_variable(freq_hz: NDArray[np.floating[Any]]) -> ComplexArray:
 
 
 def quotient(a: FloatArray | float, b: FloatArray, otherwise: float = 0.0) -> FloatArray:
-    """Return a / b where b is positive, else a number."""
+    """Return a / b where b is positive, else `otherwise`."""
     out = np.full(np.broadcast_shapes(np.shape(a), b.shape), otherwise)
     return np.asarray(np.divide(a, b, out=out, where=b > 0))
 
@@ -86,7 +86,7 @@ def named(names: Iterable[str], values: FloatArray) -> dict[str, float]:
 
 
 def frozen(array: Any, dtype: Any = np.float64) -> NDArray[Any]:
-    """Return a read-only copy of an array, or the array itself if it is such a copy, part of one, or from a file."""
+    """Return a read-only copy of an array, or itself if it is read-only: such a copy, part of one, or mapped."""
     if isinstance(array, LargeArray):
         return cast(NDArray[Any], array)
     if isinstance(array, np.ndarray) and not array.flags.writeable and array.dtype == dtype:

@@ -105,7 +105,7 @@ def degrees(posture: Sequence[float], sliding: Sequence[bool] = ()) -> str:
 
 
 def number(value: float | None, digits: int = 4) -> str:
-    """Format so many significant digits, without an exponent from 1e-4 to 1e8; a dash for None and NaN.
+    """Format a number with so many significant digits, without an exponent from 1e-4 to 1e8; a dash for None and NaN.
 
     >>> number(301234.5), number(0.00012345, 2), number(float("nan")), number(3e-9)
     ('301200', '0.00012', '–', '3.000e-09')
@@ -123,7 +123,7 @@ def number(value: float | None, digits: int = 4) -> str:
 
 
 def digits(value: float, std: float) -> int:
-    """Return the digits of a value with a standard deviation: down to the second digit of std, but two to eight.
+    """Return the number of significant digits of a value with a std: to the second digit of std, but two to eight.
 
     >>> digits(301234.5, 1234.0), digits(0.8, 0.1), digits(5.0, 80.0), digits(5.0, float("inf"))
     (4, 2, 2, 4)

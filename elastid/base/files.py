@@ -126,7 +126,7 @@ def check_self_contained(file: Any) -> None:
 
 
 def _members(path: str, group: Any, place: str, above: tuple[int, ...]) -> Iterator[str]:
-    """Yield the place of each member below a group, before it is opened; above: the groups around it.
+    """Yield the place of each member below a group, once it is checked; above: the groups around it.
 
     group: h5py.h5g.GroupID, whose members are there in half the time of h5py.Group.
     """

@@ -132,7 +132,7 @@ class Spread:
 
 
 def propagate(function: Callable[[FloatArray], Any], x: FloatArray, covariance: FloatArray) -> Spread:
-    """Propagate the covariance (n_x, n_x) of x (n_x,), infinite variances included, to the std of function(x) (...)."""
+    """Propagate the covariance (n_x, n_x) of x (n_x,), with infinite variances, to the spread of function(x) (...)."""
     value = np.asarray(function(x))
     unreached = np.isinf(np.diag(covariance))
     axes = principal_axes(covariance)

@@ -108,7 +108,7 @@ def _proposed(
 
 
 def collisions(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> Iterator[tuple[str, BoolArray]]:
-    """Yield candidates (Q,) that reach the floor or a box with a point that moves or a link between two of them."""
+    """Yield reason and flags (Q,) of candidates whose moving points or links between them reach the floor or a box."""
     if spec.floor is None and not spec.boxes:
         return
     points = _link_points(skeleton(robot, angles))
@@ -120,7 +120,7 @@ def collisions(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> Iterato
 
 
 def upwards(robot: Robot) -> FloatArray:
-    """Return unit vector against gravity; z without gravity."""
+    """Return the unit vector against gravity; z without gravity."""
     gravity = np.array(robot.gravity)
     g = float(np.linalg.norm(gravity))
     return -gravity / g if g > 0 else np.array([0.0, 0.0, 1.0])
@@ -140,7 +140,7 @@ def choose_configurations(
     criterion: DesignCriterion, prospect: Prospect, count: int, elsewhere: FloatArray,
     configurations: Sequence[Configuration], reserved: Sequence[str], execution: Execution,
 ) -> tuple[tuple[DesignedConfiguration, ...], str]:  # fmt: skip
-    """Select the best whole experiments, `count` in all, among candidate configurations, and a sentence on them.
+    """Select the best `count` whole experiments among candidate configurations; returns them and a sentence on them.
 
     elsewhere (n_x, n_x): information without them (given configurations, earlier measurements, priors).  reserved:
     names that other configurations have.  StudyError where no candidate informs any parameter.
@@ -181,7 +181,7 @@ def _information(prospect: Prospect, x: FloatArray, configuration: Configuration
 def identifiable(
     criterion: DesignCriterion, H: FloatArray, prior: FloatArray, parameters: Parameters
 ) -> tuple[DesignCriterion, FloatArray]:
-    """Return criterion on parameters that the candidates together inform, and information (n_x, n_x) for the others."""
+    """Return the criterion on parameters that the candidates inform, and information (n_x, n_x) for the others."""
     pooled = H.mean(axis=0) + prior
     length = np.sqrt(np.maximum(np.diag(pooled), 0.0))
     length[length == 0] = 1.0
@@ -203,7 +203,7 @@ def identifiable(
 def _named(
     configurations: Sequence[Configuration], numbers: IntArray, realisations: int, reserved: Sequence[str]
 ) -> tuple[DesignedConfiguration, ...]:
-    """Return chosen configurations in the order of the candidates; unnamed ones are called c1, c2 ..."""
+    """Return the chosen configurations in the order of the candidates; unnamed ones are called c1, c2 ..."""
     selection: list[DesignedConfiguration] = []
     used = {*reserved, *(c.name for c in configurations if not c.name.startswith("candidate"))}
     free = (name for name in (f"c{i}" for i in range(1, len(used) + len(configurations) + 2)) if name not in used)

@@ -128,7 +128,7 @@ def _expected(
 
 
 def completed_problem(problem: DesignProblem) -> DesignProblem:
-    """Return problem with defaults for open settings: torques, typical spectrum, damping by friction."""
+    """Return the problem with defaults for open settings: torques, typical spectrum, damping by friction."""
     return with_friction_damping(with_typical_spectrum(with_torques(problem), problem.excitation.torque_rms))
 
 
@@ -154,7 +154,7 @@ def _equivalent_damping(problem: DesignProblem, probe: Plan, q: int, configurati
 
 
 def _with_damping(problem: DesignProblem, d: FloatArray) -> DesignProblem:
-    """Return problem with d (n_u,) in Nms/rad more viscous friction in the motors, link side."""
+    """Return the problem with d (n_u,) in Nms/rad more viscous friction in the motors, link side."""
     pairs = [(joint.name, joint.motor, more) for joint, more in zip(problem.robot.driven, d.tolist(), strict=True)]
     values = {f"fm_{name}": motor.viscous + more / motor.ratio**2 for name, motor, more in pairs if motor is not None}
     unknown = {name: value for name, value in values.items() if name not in dict(problem.fitted_values)}

@@ -79,7 +79,7 @@ class Forecast:
         return correlation_of(self.covariance)
 
     def strongest(self, name: str) -> tuple[str, float]:
-        """Return most correlated parameter and the correlation; '' without one."""
+        """Return the most correlated parameter and the correlation; '' without one."""
         row = self.parameters.index(name)
         strength = np.nan_to_num(np.abs(self.correlation[row]))
         strength[row] = 0.0
@@ -212,5 +212,5 @@ class LimitUse:
 
 
 def unit_of(kind: int, slides: bool) -> str:
-    """Return SI unit of one of QUANTITIES, of a motor whose joint turns or slides."""
+    """Return the SI unit of one of QUANTITIES, of a motor whose joint turns or slides."""
     return of_translation(UNITS[kind]) if slides else UNITS[kind]

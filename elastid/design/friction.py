@@ -79,7 +79,7 @@ def optimal_speeds(
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return speeds (n,), lowest first, passes (n,) at each, and their efficiency, (det M / det M*)^(1 / d).
 
-    `count` passes between two speeds that know all five numbers of a Stribeck curve best, over all guesses, where every
+    `count` passes between two speeds identify all five numbers of a Stribeck curve best, over all guesses, if every
     friction torque has the same std.
     """
     speeds, d = np.geomspace(lowest, highest, 200), len(LINEAR) + len(SEARCHED)
@@ -193,7 +193,7 @@ class Axis:
 def axis_of(
     robot: Robot, joint: Joint, posture: Configuration, passes: ConstantVelocitySpec, controller: ControllerSpec
 ) -> Axis:
-    """Return a joint of the nominal robot in a posture; StudyError where the posture has no rest or gravity no room."""
+    """Return a joint of the nominal robot in a posture; StudyError without an equilibrium or torque beside gravity."""
     index = robot.driven_names.index(joint.name)
     window = passes.window or default_window(joint)
     middle = _middle(robot, index, posture.name, tuple(posture.angles.tolist()), sum(window) / 2)
@@ -230,7 +230,7 @@ def _middle(robot: Robot, index: int, name: str, angles: tuple[float, ...], angl
 
 
 def _acceleration(joint: Joint, holding: float, inertia: float, guess: StribeckGuess) -> float:
-    """Return acceleration of ramps: within the joint's limit, 0.4 s to full speed, 90 % of torque beside gravity."""
+    """Return the ramp acceleration: joint limit, 0.4 s to full speed, 90 % of torque less gravity and stiction."""
     limits = joint.limits
     speed = limits.velocity if math.isfinite(limits.velocity) else 1.0
     limit = min(limits.acceleration, RAMP_PEAK * speed / 0.4)

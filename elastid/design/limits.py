@@ -66,7 +66,7 @@ def largest_peaks(plan: Plan, runs: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def peaks_of_movement(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
-    """Return peaks (8, n_u) without multisine; StudyError where even so a motor is lost.
+    """Return peaks (8, n_u) without multisine; StudyError if a motor leaves its configuration even so.
 
     Of the rigid robot without friction where there is no limit.
     """
@@ -125,7 +125,7 @@ def peaks_of_run(rig: SimulatedRig, rehearsal: Rehearsal) -> FloatArray:
 
 
 def _peaks_of(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
-    """Return largest peaks (8, n_u) of a run, for references also at the largest gains; 2 limits if a motor is lost."""
+    """Return peaks (8, n_u) of a run, for references also at the largest gains; twice the limits if a motor is lost."""
     rigs = [rig] if rig.plan.inject == "torque" else [rig, rig.with_gains(1 + GAIN_ERROR, 1 + GAIN_ERROR)]
     try:
         return np.asarray(np.max([peaks_of_run(each, each.rehearse(experiment)) for each in rigs], axis=0))
@@ -147,7 +147,7 @@ MIN_ADVICE_FRACTION = 0.8
 def within_limits(
     rig: SimulatedRig, excitation: MultisineSpec, execution: Execution | None = None
 ) -> tuple[Plan, LimitUse]:
-    """Plan of a nominal rig whose simulated peaks keep the margin, and all peaks.
+    """Return the plan of a nominal rig whose simulated peaks keep the margin, and all peaks.
 
     torque_rms: limits is scaled up or down, motor by motor; numbers are scaled down where they must be, all motors of a
     configuration by the same factor.  Raises StudyError where a limit leaves no room for any excitation.
@@ -168,7 +168,7 @@ def within_limits(
 
 
 def power_costs(rig: SimulatedRig, excitation: MultisineSpec) -> FloatArray:
-    r"""Return cost of powers by the limits of each configuration: c (Q, n_o, F, n_u) with sum_kl c_okl P_kl <= 1.
+    r"""Return the cost of powers by the limits of each configuration: c (Q, n_o, F, n_u) with sum_kl c_okl P_kl <= 1.
 
     .. math:: c_{okl} = \frac{|T_{okl}|^2}{2 E}\, \frac{\kappa^2}{room_o^2}, \qquad \kappa^2 = 2 \ln (2 F E M)
 
@@ -233,7 +233,7 @@ def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, Floa
 
 
 def _filling(rig: SimulatedRig, q: int, room: FloatArray, is_shared: bool) -> FloatArray:
-    """Return factors (n_u,) by which every motor fills its room (8, n_u), by linear prediction; StudyError if endless.
+    """Return factors (n_u,) by which motors fill their room (8, n_u), by linear prediction; StudyError without limits.
 
     is_shared: powers have been divided between the motors; their peaks keep the proportion of their RMS.
     """

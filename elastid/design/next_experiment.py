@@ -103,7 +103,7 @@ class PriorEstimate:
 
     @classmethod
     def before(cls, problem: DesignProblem) -> "PriorEstimate":
-        """Return knowledge before any data: starts, priors and tolerances of the study."""
+        """Return the estimate before any data: starts, priors and tolerances of the study."""
         parameters = with_tolerances(problem.parameters, problem.robot, problem.fit)
         return cls(parameters, parameters.x, np.asarray(np.linalg.inv(_prior_information(parameters))))
 

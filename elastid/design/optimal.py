@@ -65,7 +65,7 @@ class DesignCriterion:
 
 
 def optimal_weights(H: FloatArray, criterion: DesignCriterion, prior: FloatArray) -> "Powers":
-    """Return the shares (1, Q, 1) of candidates with information H (S, Q, d, d) per experiment.
+    """Return fractions (1, Q, 1) of experiments for candidates with information H (S, Q, d, d) per experiment.
 
     prior (S, d, d): earlier information, divided by the number of experiments to be shared.
     """
@@ -199,7 +199,7 @@ def best_powers(
     least: float,
     tolerance: float = MAX_GAP,
 ) -> Powers:
-    """Return best powers of each group, whose configurations all have the same.
+    """Return the best powers of each group, the same for all its configurations.
 
     cost (K, n_o, F, n_u): c of each group; every input and line must have one.  prior (S, n_x, n_x): earlier
     information.  least: epsilon.
@@ -244,7 +244,7 @@ def even_powers(cost: FloatArray) -> FloatArray:
 
 
 def _used(cost: FloatArray, P: FloatArray) -> FloatArray:
-    """Return part (K, n_o) of each limit that is used."""
+    """Return the used fraction (K, n_o) of each limit."""
     return np.asarray(np.einsum("kofl,kfl->ko", cost, P))
 
 

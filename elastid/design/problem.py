@@ -107,7 +107,7 @@ class DesignProblem:
         return make_plan(excitation, experiment, self.robot, self.seed, choices, spectra_of, loop)
 
     def rig(self, plan: Plan) -> SimulatedRig:
-        """Return simulated rig with the nominal robot, for the simulation of a plan."""
+        """Return the simulated rig with the nominal robot, for the simulation of a plan."""
         return SimulatedRig(self.robot, self.experiment.with_truth({}), plan, self.seed)
 
     def probe(self, experiment: ExperimentSpec, realisations: int = 4) -> Plan:
@@ -167,7 +167,7 @@ class DesignProblem:
         return self.friction == "none" or not is_visible or not set(self.robot.motor_locations) <= set(self.outputs)
 
     def fitted(self, plan: Plan) -> list[Measurement]:
-        """Return prospect, in the realisations planned, of each configuration of a plan that the fit uses."""
+        """Return the prospect, in the planned realisations, of each configuration of a plan that the fit uses."""
         return [
             (replace(self.prospect(plan, q), realisations=M), c)
             for q, (c, M) in enumerate(zip(plan.configurations, plan.realisations, strict=True))
@@ -180,7 +180,7 @@ class DesignProblem:
 
 
 def with_torques(problem: DesignProblem) -> DesignProblem:
-    """Return the problem with the torques that a few postures bear, where the study leaves them to the limits."""
+    """Return the problem with torques (Nm, rms) within the limits at a few postures, if the study gives `limits`."""
     excitation = problem.excitation
     if excitation.torque_rms != "limits":
         return problem
@@ -214,7 +214,7 @@ def best_spectra_of(
     choices: Sequence[DesignedConfiguration],
     torque_rms: AskedTorque,
 ) -> dict[str, FloatArray]:
-    """Return the best spectrum (F, n_u) of each configuration, the typical one of those that the fit does not see.
+    """Return the best spectrum (F, n_u) of each configuration, the typical spectrum if the fit does not use it.
 
     Empty without `flat: information`.
     """

@@ -67,7 +67,7 @@ def relative_amplitudes(freq_hz: FloatArray, power: float, table: Sequence[tuple
 
 
 def amplitudes(relative: FloatArray, rms: FloatArray) -> FloatArray:
-    """Return a (F, n_u) of the given relative amplitude, (F,) or (F, n_u), with sum_k A_ki^2 / 2 = rms_i^2.
+    """Return A (F, n_u) of the given relative amplitude, (F,) or (F, n_u), with sum_k A_ki^2 / 2 = rms_i^2.
 
     rms (n_u,): of each input over a period.
     """

@@ -281,7 +281,7 @@ def check_effects(fit: ElasticFit, robot: Robot) -> None:
 
 
 def _from_all_starts(assembly: Assembly, fit: ElasticFit, spec: FitSpec, execution: Execution) -> "_Ends":
-    """Search from all starts; returns the ends, best first, and how many reached the best."""
+    """Search from all starts; returns the ends, best first, and how many reached the best. fit: at the first start."""
     parameters, problems = fit.parameters, [assembly.search_problem(fit)]
     if spec.criterion == "complex":
         log = assembly.at(parameters.x, "log")

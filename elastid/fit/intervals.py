@@ -77,7 +77,7 @@ def _repeat(
 
 
 def _off_file(parameter: Parameter, x: float, rng: np.random.Generator) -> Parameter:
-    """Return another value of a number of the robot model, within its tolerance about the optimum."""
+    """Draw another prior mean of a number of the robot model about the optimum x, with its tolerance as std."""
     if parameter.prior is None:
         return parameter
     mean = x + parameter.prior.std * float(rng.standard_normal())

@@ -351,7 +351,7 @@ class Result:
         return self._part(np.diag(self.covariance)[:n] + base)
 
     def _shared(self, fraction: FloatArray, without: float) -> FloatArray:
-        """Return the fraction of the variance (n_asked,), infinite if unidentifiable. without: default fraction."""
+        """Return contributions (n_asked,) to the variance by `fraction`, else `without`; infinite if unidentifiable."""
         variance = np.diag(self.covariance)[: len(self.parameters.of_interest)]
         part = fraction[: len(variance)] if len(fraction) else np.full(len(variance), without)
         return np.where(np.isinf(variance), np.inf if without else 0.0, np.nan_to_num(variance, posinf=0.0) * part)

@@ -141,7 +141,7 @@ def _refuse_periods(records: Sequence[Record], spec: EstimatorSpec) -> None:
 def _with_period(
     records: Sequence[Record], groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned_lines: IntArray | None
 ) -> Response:
-    """Return response by a local method, or a mean over realisations or one that pools them.
+    """Return the response by a local method, or a mean over realisations or one that pools them.
 
     A mean that `auto` takes for logs with transients is compared with local_rational, which has them in its model.
     """
@@ -158,7 +158,7 @@ def _with_period(
 
 
 def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned_lines: IntArray | None) -> Response:
-    """Return response by a mean over realisations or a pooling method: each line on its own, from its periods."""
+    """Return the response by a mean over realisations or a pooling method: each line on its own, from its periods."""
     method = spec.method
     check_number_of_periods(groups, method)
     first = groups[0][0]

@@ -217,7 +217,7 @@ def gather_spectra(
     spec: EstimatorSpec,
     with_reference: bool,
 ) -> MeanSpectra:
-    """Return mean spectra at lines (F,) in order, of one record after another.
+    """Return the mean spectra at lines (F,) in order, of one record after another.
 
     excited (F,): of the lines; they decide which periods can be trusted.  with_reference: the spectra of r are needed,
     too.
@@ -260,7 +260,7 @@ def _mean(
 ) -> tuple[PeriodSpectra, ComplexArray, PeriodSpectra | None]:
     """Return a record's usable periods and their mean Z (F, n), in the given memory; add their scatter to the sums.
 
-    Last they at all lines, where memory holds them.
+    Third, the same periods at all lines; None for a large record.
     """
     if not spectra.is_large:
         every = period_spectra(spectra, lines, spec.quantity, sums.scale)

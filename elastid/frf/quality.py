@@ -103,7 +103,7 @@ def coherences_of_powers(
 
 
 def described_lines(lines: IntArray, record: Record) -> str:
-    """Return number and range in Hz of lines (k,), DFT bins, for a message."""
+    """Return the number and range in Hz of lines (k,), DFT bins, for a message."""
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
     unit = "Hz" if record.has_rate else "of the sampling rate"
     end = f" to {freq_hz[-1]:.5g}" if len(lines) > 1 else ""

@@ -62,7 +62,7 @@ def bristle(path: Path, D: float) -> FloatArray:
 
 
 def _in_c(path: Path, D: float, is_bristle: bool) -> FloatArray:
-    """Return state by `base/kernels/operators.c`."""
+    """Return the state by `base/kernels/operators.c`."""
     s, states = np.empty(len(path.displacement)), np.empty(len(path.steps) + 1)
     numbers = len(path.steps), len(s), int(is_bristle), np.array([D], np.float64)
     call("element", *numbers, path.steps, path.last, path.displacement, states, s)

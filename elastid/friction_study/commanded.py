@@ -137,7 +137,7 @@ class CommandedJoint(Estimate):
 
 @dataclass(frozen=True)
 class _Problem:
-    """All logs side by side: columns (S,) are joints of logs, padded to the longest."""
+    """All logs side by side: columns (S,) are joints of logs, padded to the longest.  window: samples of a mean."""
 
     logs: tuple[CommandedLog, ...]
     joints: tuple[str, ...]
@@ -146,7 +146,7 @@ class _Problem:
 
     @classmethod
     def of(cls, logs: Sequence[CommandedLog]) -> "_Problem":
-        """Put logs side by side; window: samples of a mean."""
+        """Put logs side by side."""
         n, joints = max(len(log.position) for log in logs), tuple(dict.fromkeys(j for log in logs for j in log.joints))
 
         def side_by_side(name: str) -> FloatArray:
@@ -178,7 +178,7 @@ class _Problem:
         return [part[self._settled(log)] for log, part in zip(self.logs, np.split(means, ends, axis=2), strict=True)]
 
     def errors(self, simulations: Sequence[FloatArray], candidate: int = 0) -> list[FloatArray]:
-        """Return errors (n_k, m_k) of the means of each log, simulated with a candidate."""
+        """Return errors (n_k, m_k) of the means of each log, simulated with the numbers of a candidate."""
         return [q - sim[:, candidate] for q, sim in zip(self.measured, simulations, strict=True)]
 
     def errors_of(self, numbers: FloatArray, delay_s: float) -> list[FloatArray]:

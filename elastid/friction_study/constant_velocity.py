@@ -228,7 +228,7 @@ class FrictionCurve:
 
     @property
     def conditions(self) -> Conditions:
-        """Conditions at which the torques hold."""
+        """Conditions of the measured torques."""
         return Conditions(self.speed, self.direction, self.load, self.temperature)
 
 

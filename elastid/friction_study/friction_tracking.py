@@ -33,7 +33,7 @@ class TrackedFriction:
     """Knowledge of a filter of a joint over time_s (m,): values, low, high (m, p) of the followed numbers, 95 % bands.
 
     unknown (m, p): where the motion does not identify a number, so that it is held.  nis (m,): mean up to each time
-    since the one before.  torque_std: of white noise, found or given.
+    since the one before.  noise.torque: estimated or given.
     """
 
     joint: str

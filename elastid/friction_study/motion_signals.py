@@ -33,7 +33,7 @@ SMOOTHED_HZ = 60.0
 
 
 def smooth_motion(record: FrictionRecord, hz: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return low-pass filtered position, velocity, logged velocity if available, and acceleration (n,)."""
+    """Return low-pass filtered position, velocity (as logged, if available) and acceleration (n,)."""
     smooth = butter(2, min(hz, 0.45 * record.rate_hz), fs=record.rate_hz, output="sos")
     position = sosfiltfilt(smooth, record.position)
     velocity = np.gradient(position, 1 / record.rate_hz) if record.velocity is None else record.velocity

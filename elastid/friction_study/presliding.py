@@ -300,7 +300,7 @@ class PreslidingResponse:
 
     @classmethod
     def of(cls, records: Sequence[FrictionRecord]) -> "PreslidingResponse":
-        """Return response from the records of one amplitude, each a realisation of a multisine.
+        """Return the response from the records of one amplitude, each a realisation of a multisine.
 
         DataError for motion of less than a few counts of the encoder, and as `estimate`.
         """

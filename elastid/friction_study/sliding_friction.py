@@ -231,7 +231,7 @@ def simulated_commands(
 
 
 def _first_velocity(record: FrictionRecord) -> float:
-    """Return velocity at the first sample, measured or by the slope of the first samples."""
+    """Return the velocity at the first sample, measured or by the slope of the first samples."""
     if record.velocity is not None:
         return float(record.velocity[0])
     return float(np.polyfit(np.arange(5) / record.rate_hz, record.position[:5], 1)[0])

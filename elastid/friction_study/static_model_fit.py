@@ -52,7 +52,7 @@ class StaticLaw:
     values: linear numbers and eta by name, SI, at the reference temperature T_0; covariance: in the order linear +
     searched.  cost: in units of the torques' variance.  Where they show a Stribeck effect and no speed is slow enough
     for its numbers, it is in the law, so that the other numbers are right and the law holds at the speeds measured, and
-    among `held`: its own numbers are extrapolations.
+    `unidentified`: its own numbers are extrapolations.
     """
 
     curve: FrictionCurve
@@ -411,7 +411,7 @@ def _candidate_terms(curve: FrictionCurve) -> tuple[_Term, ...]:
 
 
 def _distinct(values: FloatArray, step: float) -> int:
-    """Return number of values that are apart by more than the step, counted upwards."""
+    """Return the number of values that are apart by more than the step, counted upwards."""
     count, last = 0, -np.inf
     for value in np.sort(values).tolist():
         if value > last + step:

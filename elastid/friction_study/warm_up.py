@@ -130,7 +130,7 @@ class _Problem:
         return np.hstack([np.eye(len(speeds))[place] * heat[:, None] ** power for power in range(3)])
 
     def fit(self, constant: float | None = None) -> ThermalModel:
-        """Return best of a few starts; constant: with one thermal node. Raise FitError without an optimum."""
+        """Return the best of a few starts; constant: with one thermal node. Raise FitError without an optimum."""
         log, span = self.warm_up.log, float(np.ptp(self.warm_up.log.time_s))
         lead = float(np.log(max(log.power.mean(), 1e-3) / 20.0))  # h such that the mean power warms by 20 K
         bounds = {"constant": (np.log(span / 200), np.log(5.0 * span)), "ratio": (np.log(1e-3), np.log(0.9))}

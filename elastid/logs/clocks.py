@@ -97,7 +97,7 @@ def stamp_size(t: FloatArray, rate_hz: float) -> tuple[str, float]:
 
 
 def channel_rates(log: Log) -> list[tuple[str, str, float]]:
-    """Name, unit and sample time in ms of each channel of a log with several sample times; empty for others.
+    """Return name, unit, sample time in ms of channels of a log with several sample times; empty for others.
 
     For logs with several time channels: empty if one of them belongs to all drives and motions.
     """

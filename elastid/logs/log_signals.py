@@ -129,7 +129,7 @@ def _times_ms(log: Log, name: str) -> FloatArray:
 
 
 def _heading(log: Log, name: str, column: int) -> tuple[str, str]:
-    """Name and unit of a column by its array, or by the cells InputName{1} and InputUnit{1} of an iddata struct."""
+    """Return name and unit of a column by its array, or by cells InputName{1}, InputUnit{1} of an iddata struct."""
     side = re.fullmatch(r"(.*(?:Input|Output))Data", name)
     keys = [f"{side[1]}{key}{{{column}}}" if side else "" for key in ("Name", "Unit")]
     heading, unit = (log.arrays[key].text if key in log.arrays else "" for key in keys)

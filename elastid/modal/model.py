@@ -143,7 +143,7 @@ class ModalData:
 
     @classmethod
     def of(cls, basis: Basis, G: ComplexArray, variance: FloatArray) -> "ModalData":
-        """Return G and variance (F, n_y, n_u)."""
+        """Weigh G by its variance (F, n_y, n_u), as real columns."""
         F = len(G)
         flat, log = G.reshape(F, -1), np.log(variance.reshape(F, -1))
         scale = np.exp(log.mean(axis=0) / 2)

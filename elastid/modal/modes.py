@@ -137,7 +137,7 @@ class Modes:
         return StateSpace(place, A, B, C, D, 0.0, self.inputs, self.outputs, self.quantity)
 
     def _residual(self) -> tuple[FloatArray, "list[_Section]"]:
-        """Return fit D (n_y, n_u) and three sections to the difference of synthesis and modes."""
+        """Fit D (n_y, n_u) and three sections to the difference of synthesis and modes."""
         freq_hz, G = self.at_hz, self.synthesis
         s = laplace_variable(freq_hz)
         ends = 2 * np.pi * np.array([freq_hz[0] * _OUTSIDE[0], *(freq_hz[-1] * x for x in _OUTSIDE[1:])])

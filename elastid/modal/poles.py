@@ -158,7 +158,7 @@ def clusters(orders: tuple[tuple[int, ComplexArray], ...]) -> ComplexArray:
 def p_value(drops: FloatArray, noise_levels: FloatArray, lines: FloatArray, trials: float) -> FloatArray:
     """Return the probability (n,) that noise has a pole somewhere that lowers the squares so.
 
-    drops (n, C): D of each element.  levels: s^2 likewise, over correlated lines.  lines (n,): that levels are from.
+    drops (n, C): D of each element.  noise_levels: s^2 likewise, over correlated lines.  lines (n,): number of these.
     """
     from scipy.special import fdtrc
 

@@ -141,7 +141,7 @@ def elastic(loops: Sequence[Closure]) -> list[Closure]:
 
 
 def cut(equations: Equations, stretched: Sequence[Closure]) -> Equations:
-    """Return the elastic rods of loops as springs and dampers between their end points."""
+    """Add the elastic rods of loops as springs and dampers between their end points."""
     theta = by_name(equations)
     for closure in stretched:
         name = closure.loop.name
@@ -232,7 +232,7 @@ def partition(model: ElasticModel, Phi: FloatArray) -> Partition:
 
 
 def _tier(model: ElasticModel, coordinate: str) -> int:
-    """Rank coordinates: 0 for elongations and free joints; then elastic joints, geared joints, motors."""
+    """Rank coordinates: 0 rod elongation, 1 passive, 2 elastic, 3 elastically driven joint, 4 motor or rigid drive."""
     kind, _, name = coordinate.partition(" ")
     if kind == "rod":
         return 0

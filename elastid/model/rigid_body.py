@@ -62,7 +62,7 @@ def _tensor(numbers: ca.SX) -> ca.SX:
 def composites(
     layout: Tree, carried: tuple[BodyInertia, ...], joint_turns: tuple[Turn, ...]
 ) -> tuple[BodyInertia, ...]:
-    """Return the inertia moved by each joint, in its own frame, and the robot's about the origin of the base."""
+    """Return the inertia moved by each joint, in its own frame, and last the robot's about the origin of the base."""
     total = [*carried, NOTHING]
     for i in reversed(range(len(layout.frames))):
         body, frame, p = total[i], layout.frames[i], joint_turns[i].origin
@@ -93,7 +93,7 @@ def mass_matrix(layout: Tree, composite: tuple[BodyInertia, ...], joint_turns: t
 
 
 def _force_on_parent(moment: ca.SX, force: ca.SX, frame: BodyFrame, turn: Turn) -> tuple[ca.SX, ca.SX]:
-    """Return moments about the origin and forces (3, n) of a frame, in its parent's axes and about its origin."""
+    """Transform moments about the origin and forces (3, n) of a frame to axes and origin of its parent."""
     R = ca.DM(frame.R)
     force = R @ turn.forth(force)
     return R @ turn.forth(moment) + ca.skew(turn.origin) @ force, force
@@ -169,7 +169,7 @@ def sensor_kinematics(robot: Robot, layout: Tree, joint_turns: tuple[Turn, ...])
 
 
 def inverse_dynamics(robot: Robot) -> ca.Function:
-    """Return tau(q, v, a, theta) (n_l,) by Newton-Euler; theta in the order of robot.parameters().
+    """Build the joint torques tau(q, v, a, theta) (n_l,) by Newton-Euler; theta in the order of robot.parameters().
 
     Nm of a rotation, N of a translation, in the order of robot.joints. For coupled motors q, v and a are
     of the shaft divided by the motor's ratio, and tau multiplied by it: q = robot.mixing @ angles of the driven joints.

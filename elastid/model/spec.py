@@ -39,7 +39,7 @@ class ModelSpec:
                 raise ValueError(f"{key} is a choice of the minimal formulation; set formulation: minimal")
 
     def refusals(self, robot: Robot) -> Iterator[tuple[tuple[str | int, ...], str]]:
-        """List the keys that do not suit a robot, with reasons: loops without a variant, unknown coordinates."""
+        """List the keys that do not suit a robot, with reasons: loops in a serial formulation, unknown coordinates."""
         if self.formulation == "serial" and robot.loops:
             loops = ", ".join(loop.name for loop in robot.loops)
             yield (

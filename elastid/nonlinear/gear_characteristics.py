@@ -193,7 +193,7 @@ def gear_torque(lines: PeriodLines, drive: DriveLines, j: int) -> FloatArray:
 
 
 def rigid_gears(joints: Sequence[str]) -> list[Note]:
-    """Return the gears without a deflection in the model; only the friction of their motors is estimated."""
+    """Return a note on each gear without a deflection in the model; only friction of its motor is estimated."""
     text = (
         "its gear has no spring of its own in the model (rigid, or in series with that of a shaft), so that friction "
         "at its motor alone was looked for; what the gear does otherwise is left out, and has no bound"

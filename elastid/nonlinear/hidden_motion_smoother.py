@@ -96,7 +96,7 @@ def smoothed_covariance(r: ComplexArray, lines: PeriodLines, drive: DriveLines) 
 
 
 def _sizes(lines: PeriodLines) -> FloatArray:
-    """Return mean powers (n_u,) of the torques, over the largest."""
+    """Return the mean powers (n_u,) of the torques, over the largest."""
     power = np.mean(np.abs(lines.U) ** 2, axis=(0, 2))
     return np.asarray(power / power.max())
 

@@ -94,7 +94,7 @@ def gather_configuration(
     planned: IntArray | None,
     friction: CompensatedFriction | None = None,
 ) -> ConfigurationSpectra:
-    """Return mean spectra over the trusted periods of the records of one configuration, one record at a time.
+    """Return the mean spectra over the trusted periods of the records of one configuration, one record at a time.
 
     friction: under which motors turn back between their samples; None as long as none was found.
     Raises DataError and StudyError as `analysed_lines` does.

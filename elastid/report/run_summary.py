@@ -167,7 +167,7 @@ def _with_verdicts(rows: Sequence[ParameterRow]) -> str:
 
 
 def _noise_and_error(result: Result, agreements: Sequence[FrfError]) -> str:
-    """Return the noise, and the model error if the residuals of fitted configurations exceed the noise alone."""
+    """Name the noise, and the model error if the residuals of fitted configurations exceed the noise alone."""
     exceeds = noise_p([agreement for agreement in agreements if not agreement.is_validation]) < FALSE_ALARM
     if not (exceeds or result.is_within_declared):
         return "noise"
@@ -334,7 +334,7 @@ TOLERANCES = {
 
 
 def _action_of_tolerance(result: Result, poor: ParameterRow) -> Action | None:
-    """Advise to measure the numbers whose tolerances contribute most of a variance, C_xn C_nn^-1 C_nx."""
+    """Advise to measure numbers whose tolerances cause at least half of a variance, C_xn C_nn^-1 C_nx; else None."""
     C, names = result.covariance, result.parameters.free_names
     i, n, fractions = names.index(poor.name), len(result.parameters.of_interest), {}
     for beginning in TOLERANCES:

@@ -98,7 +98,7 @@ class DenavitHartenberg:
         self.robot()
 
     def robot(self) -> Robot:
-        """Return robot as bodies and joints."""
+        """Return the robot as bodies and joints."""
         bodies, parent, last = [], BASE, self.base
         for link in self.links:
             bodies.append(self._body(link, parent, last))

@@ -39,7 +39,7 @@ class FrictionTerm:
         return f"{self.prefix}_m{joint}"
 
     def unit_at(self, slides: bool) -> str:
-        """Return unit of the number on the link side."""
+        """Return the unit of the number on the link side."""
         return of_translation(self.unit) if slides and self.unit else self.unit
 
 
@@ -103,7 +103,7 @@ def law_of(robot: Robot, joint: str) -> Friction | None:
 
 
 def friction_numbers(robot: Robot) -> dict[str, tuple[float, str]]:
-    """Return value and unit, link side, of each number that the friction of the robot's motors has."""
+    """Return the value and unit, link side, of each number that the friction of the robot's motors has."""
     numbers: dict[str, tuple[float, str]] = {}
     for joint in robot.driven:
         motor, law = joint.motor, law_of(robot, joint.name)
@@ -119,7 +119,7 @@ def friction_numbers(robot: Robot) -> dict[str, tuple[float, str]]:
 
 
 def with_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
-    """Return robot with other parameters, including friction (link side), as by `Robot.with_parameters`."""
+    """Return the robot with other parameters, including friction (link side), as by `Robot.with_parameters`."""
     friction = friction_numbers(robot)
     rest = {name: value for name, value in values.items() if name not in friction}
     changed = robot.with_parameters(rest) if rest else robot

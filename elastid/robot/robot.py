@@ -379,7 +379,7 @@ class Robot:
         yield from ((("compensators", i), compensator) for i, compensator in enumerate(self.compensators))
 
     def parameters(self, geometry: Collection[str] = ()) -> dict[str, tuple[float, str]]:
-        """Return value and SI unit of every named number; of geometry and channels only the stated names, last."""
+        """Return the value and SI unit of every named number; of geometry and channels only the stated names, last."""
         geometric = {name: entry for name, entry in self.geometry.items() if name in geometry} if geometry else {}
         table = {name: (number_at(self, path), unit) for name, (unit, path) in (self.numbers | geometric).items()}
         return table | {
@@ -389,7 +389,7 @@ class Robot:
         }
 
     def with_parameters(self, values: Mapping[str, float]) -> "Robot":
-        """Return robot with other numbers; StudyError for a name it does not have, ValueError for a bad number."""
+        """Return the robot with other numbers; StudyError for a name it does not have, ValueError for a bad number."""
         numbers = self.numbers | (self.geometry if any(name not in self.numbers for name in values) else {})
         channel_table = self.channel_numbers
         channel_names = {name: channel_table[name] for name in values if name in channel_table and name not in numbers}

@@ -171,7 +171,7 @@ class DiskFile(io.FileIO):
         return len(view)
 
     def truncate(self, size: int | None = None) -> int:
-        """Cut or extended."""
+        """Cut or extend the file to a size."""
         try:
             return 0 if self._error is not None else super().truncate(size)
         except OSError as error:

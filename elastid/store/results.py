@@ -183,5 +183,5 @@ class Checkpoint(UserDict[str, Any]):
 
 
 def _digest(value: Any) -> str:
-    """SHA-256 of the fields of a part: a bit that flips in a number leaves valid JSON, and another result."""
+    """Return SHA-256 of the fields of a part: a bit that flips in a number leaves valid JSON, and another result."""
     return hashlib.sha256(json.dumps(value).encode()).hexdigest()

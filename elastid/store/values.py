@@ -171,7 +171,7 @@ def write_json(path: Path, content: Any, number: Callable[[float], Any] = or_nul
 
 
 def from_json(content: Any, annotation: Any) -> Any:
-    """Return value of a type from JSON; raise KeyError, TypeError or ValueError for content of another type."""
+    """Return the value of a type from JSON; raise KeyError, TypeError or ValueError for content of another type."""
     kind = kind_of_annotation(annotation)
     match kind.form:
         case "optional":

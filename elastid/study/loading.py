@@ -309,7 +309,7 @@ def _override(source: YamlSource, keys: KeyPath, value: YamlSource, option: str)
 
 
 def _put(data: Any, keys: KeyPath, value: Any, option: str) -> tuple[Any, KeyPath]:
-    """Copy of the data with `value` at `keys`, and the keys as in the data (list indices as numbers)."""
+    """Return data with `value` at `keys`, and the keys as in the data (list indices as numbers)."""
     if not keys:
         return value, ()
     step, rest = keys[0], keys[1:]

@@ -157,7 +157,7 @@ def _named_key(message: str, path: KeyPath, section: Any) -> KeyPath:
 
 
 def value_at(data: Any, path: KeyPath) -> Any:
-    """Return value at a key path of plain data or of a section; None if it is missing."""
+    """Return the value at a key path of plain data or of a section; None if it is missing."""
     for step in path:
         if isinstance(step, int):
             data = data[step] if isinstance(data, list | tuple) else None

@@ -131,7 +131,7 @@ class _Reader:
         self.problems.append(f"{self.place(node)}: {one_line(message)}")
 
     def value(self, node: Node, path: KeyPath, key_place: Place) -> Any:
-        """Return value of a YAML node, the places of its keys noted; StudyError where aliases repeat without end."""
+        """Return the value of a YAML node and note the places of its keys; StudyError for endless aliases."""
         self.places[path] = (key_place, self.place(node))
         if id(node) in self._open or len(self.places) > 200_000:  # aliases may repeat nodes without end
             raise StudyError("study/yaml", "aliases are recursive, or make the file too large", f"{self.place(node)}")

@@ -133,7 +133,7 @@ def _equation(model: FittedRobot) -> str:
 
 
 def _coordinates(folder: Path, model: FittedRobot) -> Path:
-    """Return coordinates.txt: the names of the entries of q and u, and the intervals of the numbers inside."""
+    """Write coordinates.txt: the names of the entries of q and u, and the intervals of the numbers inside."""
     path, lines = folder / "coordinates.txt", [f"{_equation(model)}, link side, SI"]
     for letter, names in (("q", model.model.coordinates), ("u", model.model.inputs)):
         lines += [f"{letter}[{i}]  {name}" for i, name in enumerate(names)]

@@ -156,7 +156,7 @@ def _of(
 
 
 def with_tool_frame(robot: Robot) -> Robot:
-    """Return robot with a frame `tool`, added if it is missing."""
+    """Return the robot, with a frame `tool` if it has no frames."""
     return robot if robot.frames else with_frames(robot, (TOOL,))
 
 
@@ -221,7 +221,7 @@ def description(
 
 
 def _describe_2(variables: ET.Element, structure: ET.Element, layout: Layout, names: tuple[str, ...]) -> None:
-    """Return variables with their types below them, and unknowns by their places from 1 on."""
+    """Add variables with their types below them, and unknowns by their places from 1 on."""
     for reference, variable in enumerate(layout.variables):
         scalar = ET.SubElement(variables, "ScalarVariable", _attributes(variable, reference))
         ET.SubElement(scalar, "Real", _start_of(variable))
@@ -265,7 +265,7 @@ def _configuration(reference: int, names: tuple[str, ...]) -> dict[str, str]:
 
 
 def _start_of(variable: Variable) -> dict[str, str]:
-    """Return inputs and parameters have a start; outputs are computed."""
+    """Return the start of an input or parameter; empty for outputs, which are computed."""
     return {"start": repr(variable.start)} if variable.causality in ("input", "parameter") else {}
 
 

@@ -86,7 +86,7 @@ def _system(system: Any) -> Fields:
 
 
 def _tool(model: FittedRobot) -> Fields:
-    """Return the robot at a frame with its motors locked, in all postures; the names alone of one that cannot bend."""
+    """Return the robot at a frame with its motors locked, in all postures; only the names for a rigid robot."""
     configurations = [linear.configuration for linear in model.linear]
     named = {"configurations": np.array([posture.name for posture in configurations], dtype=object)}
     frame = default_frame(model.robot)

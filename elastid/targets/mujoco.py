@@ -173,7 +173,7 @@ def _driven(joint: Joint) -> str:
 
 
 def _tendon(root: ET.Element, joint: Joint) -> ET.Element:
-    """Return the sum of motor angle and twist of a flexible joint, made where it is not there."""
+    """Return the tendon of motor angle plus twist of a flexible joint; adds it if it is missing."""
     tendons = _tendon_list(root)
     fixed = next((tendon for tendon in tendons if tendon.get("name") == f"joint {joint.name}"), None)
     if fixed is None:
@@ -231,7 +231,7 @@ def _intervals(root: ET.Element, model: FittedRobot) -> None:
 def _keyframes(
     root: ET.Element, model: FittedRobot, points: Sequence[OperatingPoint], start: "Mapping[str, RodPose]"
 ) -> None:
-    """Add rest in every configuration, the joints in the order of the file, which is the engine's."""
+    """Add a keyframe at rest for every configuration, the joints in the order of the file, which is the engine's."""
     keys = ET.SubElement(root, "keyframe")
     joints = [element.get("name", "") for element in root.findall("worldbody//joint")]
     for point in points:
@@ -344,7 +344,7 @@ def _part(rod: Rod) -> float:
 
 
 def _point_mass(body: ET.Element, mass: float, x: float) -> None:
-    """Return a mass at a distance along the rod; the engine refuses none at all."""
+    """Add a mass (kg) at a distance (m) along the rod, at least 1 g, since the engine refuses zero."""
     # The massless end of a rod and its spin: time steps need more of them (kg, kg m^2) than the response.
     least, inertia = max(mass, 1e-3), in_full([1e-4] * 3)
     ET.SubElement(body, "inertial", pos=in_full((x, 0.0, 0.0)), mass=repr(float(least)), diaginertia=inertia)

@@ -12,12 +12,12 @@ FIXED = "fixed, not identified"
 
 
 def in_full(values: Iterable[float], separator: str = " ") -> str:
-    """Return numbers as they are read back, one behind the other."""
+    """Format numbers in full precision, joined by a separator."""
     return separator.join(repr(float(value)) for value in values)
 
 
 def c_row(values: Iterable[float]) -> str:
-    """Return numbers as the initial value of an array in C."""
+    """Format numbers as the initial value of an array in C."""
     return "{" + in_full(values, ", ") + "}"
 
 
@@ -60,7 +60,7 @@ def interval_lines(model: FittedRobot) -> tuple[str, ...]:
 
 
 def lines_of(result: Result, configuration: str) -> tuple[str, ...]:
-    """Return header of an exported file: status of the fit, then a row per free parameter."""
+    """Return the header of an exported file: status of the fit, then a row per free parameter."""
     every = [_known_number(result, parameter) for parameter in parameters_of(result, configuration)]
     numbers = [number for number in every if number.interval_text != FIXED]
     status = result.status.replace("_", " ")

@@ -55,7 +55,7 @@ def urdf(robot: Robot) -> ET.Element:
 
 
 def _body(root: ET.Element, robot: Robot, body: Body, parent: str, pose: FloatArray) -> tuple[str, FloatArray]:
-    """Return the joints that lead to a body and its link; each further joint has an empty link before it.
+    """Add the joints that lead to a body and its link; each further joint has an empty link before it.
 
     pose: of the parent body in the parent's link.  Returns the link and the body's pose in it.
     """

@@ -50,12 +50,12 @@ class Cascade:
         return np.concatenate([*[np.arange(len(self.velocity_gain))] * 3, np.repeat(np.array(self.axes, int), 3)])
 
     def at(self, x: FloatArray) -> "Cascade":
-        """Return cascade with other numbers, of logarithms x (n_x,)."""
+        """Return the cascade with other numbers, of logarithms x (n_x,)."""
         p, v, corner, notches = np.split(np.exp(x), np.cumsum([len(self.velocity_gain)] * 3))
         return replace(self, position_gain=p, velocity_gain=v, low_pass_hz=corner, notches=notches.reshape(-1, 3))
 
     def bounds(self, reach: float, rate_hz: float) -> tuple[FloatArray, FloatArray]:
-        """Return bounds (n_x,) of x, within `reach` of its own and with filters that can be."""
+        """Return bounds (n_x,) of x, within `reach` of the present x and for realisable filters."""
         x, n = self.vector, len(self.velocity_gain)
         low, high = x - reach, x + reach
         high[2 * n : 3 * n] = np.minimum(high[2 * n : 3 * n], np.log(CORNER * rate_hz))
@@ -65,7 +65,7 @@ class Cascade:
         return np.minimum(low, x), np.maximum(high, x)
 
     def slower(self, position: float, velocity: float) -> "Cascade":
-        """Return cascade with position and velocity gains of all axes times factors; filters stay."""
+        """Return the cascade with position and velocity gains of all axes times factors; filters stay."""
         return replace(self, position_gain=position * self.position_gain, velocity_gain=velocity * self.velocity_gain)
 
     @property
@@ -112,15 +112,15 @@ class Cascade:
         return np.concatenate([of_position, np.ones_like(of_position), of_corner, of_notches], axis=-1)
 
     def on(self, scene: Scene) -> Closed:
-        """Return the loops that it closes."""
+        """Return the loops that this cascade closes on the plants of a scene."""
         return Closed(scene, self.gains, self.filters(scene.plants.rate_hz))
 
     def reached(self, scene: Scene) -> float:
-        """Return mean over the axes of the logarithm of the bandwidth, the smallest of all plants."""
+        """Return the mean over the axes of the logarithm of the bandwidth, the smallest of all plants."""
         return float(np.log(self.on(scene).bandwidth_hz.min(axis=0)).mean())
 
     def to_spec(self, joints: Sequence[str]) -> ControllerSpec:
-        """Return controller as a study has it, to six digits."""
+        """Return the controller as a section of a study, to six digits."""
 
         def rounded(values: FloatArray) -> tuple[float, ...]:
             return tuple(float(f"{value:.6g}") for value in values)

@@ -97,7 +97,7 @@ class PostureFamily:
 
     @classmethod
     def of(cls, result: Result, postures: Sequence[Configuration], rate_hz: float) -> "PostureFamily":
-        """Raise StudyError where a posture has no rest."""
+        """Build the family of the fit in these postures; StudyError if a posture has no equilibrium."""
         motors = result.known_robot.motor_locations
         family = result.family(PredictionPorts(inputs=motors, outputs=motors, motors="free"))
         chain, e, models, inertia = torque_elements(family.robot.chain), family.estimated, [], []
@@ -217,7 +217,7 @@ class Scene:
     @classmethod
     @lru_cache(maxsize=4)  # of the estimate, coarse and fine, and of draws
     def of(cls, plants: Plants, lines: int = 220, per_mode: int = 13) -> "Scene":
-        """Return scene on a grid with so many lines."""
+        """Build the scene on a grid with so many lines."""
         freq_hz = grid(plants, lines, per_mode)
         return cls(plants, freq_hz, plants.response(freq_hz))
 

@@ -27,7 +27,7 @@ class DrawnRobots:
 
 
 def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = "") -> DrawnRobots:
-    """Return `count` robots from the normal distribution of x (`Result.covariance_of_prediction`), within its bounds.
+    """Draw `count` robots from the normal distribution of x (`Result.covariance_of_prediction`), within its bounds.
 
     configuration: whose parameters count, where configurations have their own.  FitError where nearly no draw is a
     physical robot.

@@ -50,7 +50,7 @@ def slow_down(cascade: Cascade, is_accepted: Callable[[Cascade], bool], slowest:
 
 
 def initial_cascades(plants: Plants, first_mode_hz: float, delay: int) -> Iterator[Cascade]:
-    """Yield velocity bandwidths, 2 to 1/30 of the first mode or the limit by delay and sampling; gains by inertia."""
+    """Yield cascades with velocity bandwidths of 2 to 1/30 times first mode or delay limit; gains by inertia."""
     top = 2 * np.pi * min(first_mode_hz, plants.rate_hz / (8 * (1 + delay)))
     inertia = np.exp(np.log(plants.inertia).mean(axis=0))
     corner = np.full(len(inertia), 0.3 * plants.rate_hz)
@@ -84,7 +84,7 @@ def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIM
 
 
 def _with_notch(scene: Scene, best: Cascade) -> Iterator[Cascade]:
-    """Yield cascades with a shallow notch more for one axis, below and above the peak that it has most part in."""
+    """Yield cascades with a shallow notch more for one axis, below and above the peak to which it contributes most."""
     left, size, right = np.linalg.svd(scaled(best.on(scene).S, scene.plants.inertia))
     parts = np.abs(left[..., 0] * right[..., 0, :]) * size[..., :1]
     for axis in range(len(best.velocity_gain)):
@@ -97,7 +97,7 @@ def _with_notch(scene: Scene, best: Cascade) -> Iterator[Cascade]:
 
 
 def tune_gains(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUNDS) -> Cascade | None:
-    """Search by rounds of sequential quadratic programming; None for a start that no slowing helps."""
+    """Maximise position gains by rounds of sequential quadratic programming; None for a start that no slowing helps."""
 
     def is_accepted(cascade: Cascade) -> bool:
         return _keeps(scene, cascade, limit_db)

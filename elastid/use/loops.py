@@ -47,7 +47,7 @@ class LoopState:
 def assess(
     name: str, family: PostureFamily, drawn: Plants | None, gains: JointLoop, filters: Filters | None
 ) -> LoopState:
-    """Return a controller of gains (n_u,) or (Q, n_u) in the Q postures of a family; drawn: D times as many plants."""
+    """Assess a controller of gains (n_u,) or (Q, n_u) in the Q postures of a family; drawn: D times as many plants."""
     plants, axes = family.estimate, family.axes
     loops = Closed(Scene.of(plants, 600, 41), gains, filters)
     causes = tuple("; ".join(_causes(loops, q, modes, axes)) for q, modes in enumerate(family.modes))
@@ -114,7 +114,7 @@ class Loops:
 
 
 def todays_loops(family: PostureFamily, drawn: Plants | None, spec: ControllerSpec) -> LoopState:
-    """Return a controller in all postures; its gains may follow from a bandwidth, which is another in each."""
+    """Assess a controller in all postures; gains that follow from a bandwidth differ from posture to posture."""
     model, theta = family.family.model, family.family.theta
     first, *others = (gains_of(model, equilibrium(model, theta, posture).q, spec) for posture in family.configurations)
     gains = first.gain_derivatives(lambda *parts: np.array(parts), *others)
@@ -125,7 +125,7 @@ def design_loops(
     name: str, result: Result, family: PostureFamily, delay_samples: int, draws: int, seed: int,
     today: ControllerSpec | None = None, today_hz: float | None = None,
 ) -> Loops:  # fmt: skip
-    """Return loops at the rate of a family of the fit; FitError where no gains keep the limit in all its postures.
+    """Design loops at the rate of a family of the fit; FitError if no gains keep the limit in all its postures.
 
     delay_samples: of the loops that are designed.  draws: of the fit, with their seed.  today: the controller that the
     study states; today_hz: its rate, where it is another.

@@ -228,7 +228,7 @@ def _extremes(
 
 
 def largest_gain(G: ComplexArray) -> FloatArray:
-    """Return largest singular value (...) of matrices (..., n, n)."""
+    """Return the largest singular value (...) of matrices (..., n, n)."""
     return singular_values(G.reshape(-1, *G.shape[-2:]))[:, 0].reshape(G.shape[:-2])
 
 
@@ -394,7 +394,7 @@ def map_workspace(
 
 
 def _in_parts(function: Callable[[FloatArray], Any], angles: FloatArray) -> tuple[BoolArray, dict[str, FloatArray]]:
-    """Return `map_columns` of so many postures at a time as a cache takes."""
+    """Apply `map_columns` to 50 postures at a time, which fit into a cache; returns the joined columns."""
     rests, parts = zip(*(function(angles[first : first + 50]) for first in range(0, len(angles), 50)), strict=True)
     names = max(parts, key=len)
     return np.concatenate(rests), {key: np.concatenate([part[key] for part in parts if part]) for key in names}

@@ -47,7 +47,7 @@ class MotionLimits:
         return (low + high) / 2, np.where(finite, (high - low) / 2, np.inf)
 
     def narrowed(self, parts: dict[str, FloatArray]) -> "MotionLimits":
-        """Return limits with a part (n_u,) of each kind that is named."""
+        """Return the limits, each named kind multiplied by a factor (n_u,)."""
         return replace(self, **{kind: getattr(self, kind) * part for kind, part in parts.items()})
 
 
@@ -71,7 +71,7 @@ class References:
         return float((len(self.time_s) - 1) / (self.time_s[-1] - self.time_s[0]))
 
     def use(self, limits: MotionLimits) -> dict[str, FloatArray]:
-        """Return used fraction (N, n_u) of each limit, 0 without a limit."""
+        """Return the used fraction (N, n_u) of each limit, 0 without a limit."""
         used = {kind: np.abs(getattr(self, kind)) / getattr(limits, kind) for kind in KINDS}
         middle, reach = limits.range
         return {"angle": np.abs(self.position - middle) / reach, **used}
@@ -168,7 +168,7 @@ def _times(table: Table) -> FloatArray | None:
 
 
 def _path_parameters(points: FloatArray, times: FloatArray | None) -> FloatArray:
-    """Return shares (Q,) of the duration at which a path is at its points (Q, n); of their distance without times."""
+    """Return fractions (Q,) of the duration, or of the length without times, at which a path is at points (Q, n)."""
     if times is None:
         steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
         times = np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1e-9 * max(steps.sum(), 1e-9)))])
@@ -176,7 +176,7 @@ def _path_parameters(points: FloatArray, times: FloatArray | None) -> FloatArray
 
 
 def _through(path_parameters: FloatArray, points: FloatArray, is_timed: bool) -> BSpline:
-    """Return the spline of the time's share, rest to rest, through points (Q, n) at shares (Q,) of time or path."""
+    """Return a spline over the time fraction, rest to rest, through points (Q, n) at fractions (Q,) of time or path."""
     if is_timed:
         return _rest_to_rest_spline(path_parameters, points)
     path = make_interp_spline(path_parameters, points, k=min(3, len(points) - 1))

@@ -58,7 +58,7 @@ def random_postures(robot: Robot, count: int, seed: int = 0) -> FloatArray:
 
 
 def _seeds(robot: Robot, seed: int) -> FloatArray:
-    """Return postures among which each pose finds its start; fewer of a linkage, which take longer."""
+    """Draw postures as starts of the search for each pose; fewer for a linkage, which takes longer."""
     return random_postures(robot, 200 if robot.loops else 2000, seed)
 
 
@@ -215,7 +215,7 @@ def read_path(path: Path, robot: Robot, frame: str) -> tuple[FloatArray, tuple[s
 
 
 def _remark(where: BoolArray, words: str) -> tuple[str, ...]:
-    """Return sentence on rows (Q,), counted from 1; empty without rows."""
+    """Return a sentence on rows (Q,), counted from 1; empty without rows."""
     rows = [str(row + 1) for row in np.flatnonzero(where)]
     more = ", ..." * (len(rows) > 5)
     return (f"{len(rows)} of the path's postures (row {', '.join(rows[:5])}{more}) {words}",) if rows else ()

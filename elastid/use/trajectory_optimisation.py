@@ -61,7 +61,7 @@ class CommandedRobot:
 
     @classmethod
     def of(cls, robot: Robot, frame: str, posture: FloatArray, spec: ModelSpec = EXACT) -> "CommandedRobot":
-        """Build it in the formulation of `spec`, loops of elastic rods in the minimal one; posture (n_u,): amid all."""
+        """Build the model in the formulation of `spec`, minimal for elastic rods; posture (n_u,): near the motion."""
         model = formulate(robot, spec)
         if model.n_c:
             minimal = formulate(robot, ModelSpec("minimal"))
@@ -283,7 +283,7 @@ class _CollocationProblem:
         self.lower = -self.upper
 
     def _bounded(self, *motions: ca.MX) -> list[ca.MX]:
-        """Return position to jerk of the motors with a finite limit, about its middle, over its reach."""
+        """Return position to jerk of motors with finite limits over the limit; positions from mid-range."""
         limits, bounded = self.limits, []
         rows = [self.commanded.model.index(name) for name in self.commanded.model.inputs]
         middle, reach = limits.range
@@ -296,7 +296,7 @@ class _CollocationProblem:
 
 
 def margin_of(commanded: CommandedRobot, move: Move) -> float:
-    """Return half a period, s, of the slowest mode with the motors held at both ends, 0.02 to 0.3 s."""
+    """Return half a period, s, of the slowest mode with locked motors at both ends, 0.02 to 0.3 s."""
     m, halves = commanded.model, [0.0]
     for angles in move.ends:
         linear = linearise(m, Configuration("end", angles), m.theta, m.inputs, "position")
@@ -306,7 +306,7 @@ def margin_of(commanded: CommandedRobot, move: Move) -> float:
 
 
 def best_plan(commanded: CommandedRobot, move: Move, limits: MotionLimits, margin_s: float) -> Planned:
-    """Plan by Gauss-Newton; where limits hold the tool off its path, with a wider e_0.
+    """Plan by Gauss-Newton; if limits keep the tool off its path, with a larger e_0.
 
     Of a tool far from its path the square outweighs the torque's rate, which would leave torques that chatter.
     """

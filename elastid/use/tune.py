@@ -74,7 +74,7 @@ class SimulatedLoop:
         cls, commanded: CommandedRobot, robot: Robot, start: FloatArray, rate_hz: float, bandwidth_hz: float,
         samples: int = 0, *, clips: bool = False,
     ) -> "SimulatedLoop":  # fmt: skip
-        """Return loop of a robot with the gains of the commanded one, at rest in a posture `start` (n_u,).
+        """Build the loop of a robot with the gains of the commanded one, at rest in a posture `start` (n_u,).
 
         samples: about how many will be simulated.  clips: torques at their limits.  StudyError for poles that are too
         fast.
@@ -235,7 +235,7 @@ class _MoveTask:
         )  # fmt: skip
 
     def _path(self, time_s: FloatArray, robot: Robot | None = None) -> FloatArray:
-        """Return path (N, 3) of the frame on the commanded robot, or on another one that is rigid."""
+        """Return the path (N, 3) of the frame on the commanded robot, or on another one that is rigid."""
         return self.commanded.poses(self.commanded.rigid(self.move, time_s)[0], robot).position
 
     def _within_limits(self, progress: Progress) -> tuple[Planned, References, FloatArray, FloatArray]:

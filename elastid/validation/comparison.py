@@ -91,7 +91,7 @@ class ComparedModel:
         return float(self.misfit.mean()) if self.misfit.size and np.isfinite(self.misfit).all() else math.inf
 
     def behind(self, best: "ComparedModel") -> tuple[float, float]:
-        """Return mean difference of the misfits to the best model's, and its standard error."""
+        """Return the mean difference of the misfits to the best model's, and its standard error."""
         difference = self.misfit - best.misfit
         n = difference.size
         return float(difference.mean()), float(difference.std(ddof=1) / math.sqrt(n)) if n > 1 else math.inf

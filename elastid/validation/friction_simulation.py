@@ -259,7 +259,7 @@ def predict_logs(
     controller: CascadeSpec | None,
     execution: Execution,
 ) -> LogComparison:
-    """Return the logs of motions by the numbers of `joints`; robot: with their friction, for the simulations."""
+    """Predict the logs of motions by the numbers of `joints`; robot: with their friction, for the simulations."""
     by_name, predicted = {joint.joint: joint for joint in joints}, list[JointFriction]()
     reasons = dict[str, list[str]]()
     for log in motion_logs(measured):

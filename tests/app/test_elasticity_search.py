@@ -57,7 +57,7 @@ compare: {folds: 2}
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "formulation"), [(0, "constrained"), (1, "minimal")])
-def test_elastic_search_names_stiff_gear_and_rigid_rod(tmp_path: Path, seed: int, formulation: str) -> None:
+def test_elastic_search_locks_stiff_gear_and_frees_elastic_rod(tmp_path: Path, seed: int, formulation: str) -> None:
     """The gear of axis 2 is 1000 times stiffer than that of axis 3, nor does the lower arm bend: the rod stretches.
 
     Beyond 36 Hz, or below 5 % of noise, a compliance of a thousandth would begin to show.

@@ -82,7 +82,7 @@ def test_prediction_uses_other_logs_and_refuses_own_folder(folder: Path, tmp_pat
 
 
 @pytest.mark.slow
-def test_live_session_reaches_goal_and_ignores_foreign_logs(folder: Path, tmp_path: Path) -> None:
+def test_live_session_reaches_goal_and_refuses_simulated_logs(folder: Path, tmp_path: Path) -> None:
     """The log says how far it is; references are those of its plan; simulated logs are not those of a robot."""
     words = ("--goal", "k_1: 0.014 %")
     assert command("live", folder, tmp_path, *words, "--simulate") == 0

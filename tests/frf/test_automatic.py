@@ -162,7 +162,7 @@ def test_lines_above_excitation_are_discarded(method: Method) -> None:
 
 
 @pytest.mark.parametrize("method", ["auto", "h1", "local_rational"])
-def test_missing_sample_is_refused_by_its_methods(method: Method) -> None:
+def test_missing_sample_is_refused_by_methods_that_read_it(method: Method) -> None:
     """A local method does not read what is beyond the shortest record."""
     spec = EstimatorSpec(method=method, quantity="velocity", band_hz=(5.0, 80.0))
     short, long = noise_record(2000, 0, noise=0.1), noise_record(2040, 1, noise=0.1, realisation=1)

@@ -90,7 +90,7 @@ def test_sweep_ending_with_record_is_smoothed_by_window() -> None:
     assert np.linalg.norm(response.G[at, 0, 0] - truth_there) < 0.01 * np.linalg.norm(truth_there)
 
 
-def test_hann_leakage_is_second_difference_and_boxcar_is_biased() -> None:
+def test_hann_leakage_is_second_difference_and_boxcar_has_none() -> None:
     """Kernel |W|^2: 1/6, 2/3, 1/6; noise makes of it what correlated lines make of a second difference."""
     hann = np.sin(np.pi * np.arange(256) / 256) ** 2
     weights, noise = Segments(hann, 128).leakage

@@ -203,7 +203,7 @@ def test_runs_at_one_speed_give_its_torque_and_no_law() -> None:
     assert (found.status, found.at("1").friction) == ("partly", None)
 
 
-def test_warm_loaded_joint_has_its_coulomb_torques() -> None:
+def test_warm_loaded_joint_has_numbers_of_its_torques() -> None:
     """20 K above the reference and under 30 Nm; the file's numbers where nothing is compared."""
     warm = TemperatureDependence(25.0, stiction=0.002, viscous=1e-3, decay=20.0)
     law = Friction(0.2, 0.3, 5.0, load=LoadDependence(0.05, 0.08), temperature=warm)

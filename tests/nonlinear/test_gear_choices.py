@@ -88,7 +88,7 @@ def test_a_range_far_stiffer_beyond_its_end_is_a_gap(
         ("cubic", {"cubic": 100.0, "range": 109.0, "range range": 65.0}, ["cubic"]),
     ],
 )
-def test_spring_characteristic_needs_fewer_numbers(
+def test_spring_characteristic_explains_more_or_needs_fewer_numbers(
     monkeypatch: pytest.MonkeyPatch, start: Kind, costs: dict[str, float], expected: list[str]
 ) -> None:
     """12 for a number; two ranges, 1.5 times as far, where one explains nearly as much; no gap beside a range."""

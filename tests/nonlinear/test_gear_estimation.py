@@ -73,7 +73,7 @@ def test_the_scale_of_a_level_that_is_not_seen_stays() -> None:
     assert hardening()[2].parameters.as_dict(found.x)["k_1"] == pytest.approx(2e5, rel=2e-4)
 
 
-def test_load_friction_turns_over_velocity() -> None:
+def test_load_friction_shares_velocity_scale_of_motor_friction() -> None:
     """One logarithm of a scale for both, which either magnitude that is seen moves; that of a hysteresis is its own."""
     effects = [GearEffect("friction", "1", 1e-3), GearEffect("stop", "1", 1e-4), GearEffect("load", "1", 2e-3)]
     scales = scales_of([*effects, GearEffect("load", "2", 2e-3)])

@@ -143,7 +143,7 @@ def test_smoothing_scale_derivative_equals_difference() -> None:
     assert GearEffect("error sine", "1", 1.0).edge is None
 
 
-def test_stop_operator_loses_four_levels_per_loop() -> None:
+def test_stop_operator_loses_four_magnitudes_times_sliding_per_loop() -> None:
     """Work of a loop of amplitude A about a stop of range D: 4 (A - D) at magnitude 1; its slope is that of the way."""
     x = 1e-3 * np.sin(PHASE)
     phi, slope = implicit_law(GearEffect("stop", "1", 2e-4), x)

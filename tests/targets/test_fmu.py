@@ -130,7 +130,7 @@ def test_a_number_is_tunable_by_its_name(unit: tuple[FittedRobot, Path]) -> None
 
 @pytest.mark.slow
 @needs_compiler
-def test_force_at_frame_moves_linear_model(tmp_path: Path) -> None:
+def test_force_at_frame_moves_it_as_linear_model(tmp_path: Path) -> None:
     """A step of 3 N on the tool of a robot without dry friction: its path over 80 ms, by the matrix exponential."""
     model = fitted_model("scara")
     write_fmu(tmp_path, model)

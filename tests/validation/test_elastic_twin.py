@@ -125,7 +125,7 @@ def test_bristles_and_aperiodic_record_are_simulated() -> None:
     assert errors(once)[MOTION] < 0.2
 
 
-def test_fast_divergence_is_called_lost(measured: tuple[SimulatedRig, Record]) -> None:
+def test_too_fast_simulation_is_called_lost(measured: tuple[SimulatedRig, Record]) -> None:
     """Stiff friction takes more steps in a sample than are affordable; without a rate nothing is simulated."""
     _, record = measured
     assert simulate_record(replace(record, has_rate=False), arm(), BAND_HZ) == ()

@@ -65,7 +65,7 @@ class PassLimits:
 
 @dataclass(frozen=True)
 class PlannedPass:
-    """Motion from start to stop > start and back at `speed`. plateau: time at constant velocity per direction, s."""
+    """Motion from start to stop > start and back at `speed`. plateau_s: time at constant velocity per direction."""
 
     name: str
     speed: float

@@ -218,11 +218,11 @@ class Plan:
         return q, np.asarray(self.R[q, experiment.realisation, experiment.experiment])
 
     def scaled(self, factor: FloatArray) -> "Plan":
-        """Plan with its torques times factor (Q, n_u)."""
+        """Return the plan with its torques times factor (Q, n_u)."""
         return replace(self, R=self.R * factor[:, None, None, None, :])
 
     def at(self, configuration: int, realisations: int | None = None) -> "Plan":
-        """Plan of one of the configurations, in as many of its realisations (default: all)."""
+        """Return the plan of one configuration, in as many of its realisations (default: all)."""
         q = slice(configuration, configuration + 1)
         R, S_inverse = self.R[q, :realisations], self.S_inverse[q]
         return replace(self, configurations=self.configurations[q], R=R, S_inverse=S_inverse)

@@ -61,7 +61,7 @@ def find_alternatives(indices: list[ModificationIndex], evidence: Evidence, scor
 
 
 def _judged(alternative: AlternativeModel, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:
-    """Return the index of a variant, and V of all lines at the best optimum that a few steps reach."""
+    """Return the modification index of a variant, and V of all lines at the best optimum within a few steps."""
     cost, x, parameters = math.inf, alternative.assembly.parameters.x, alternative.assembly.parameters
     is_of_interest = np.array([not p.is_nuisance for p in parameters.free])
     for start in (parameters.x, np.where(is_of_interest, evidence.optimum.end.x, parameters.x)):

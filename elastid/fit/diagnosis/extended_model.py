@@ -47,7 +47,7 @@ class ExtendedModel:
 
     @classmethod
     def of(cls, assembly: Assembly, model: LinearModel) -> ExtendedModel:
-        """Return the extended equations, without torsions or geometry where impossible; fitted: one of the fit."""
+        """Return the extended equations, without torsions or geometry where impossible; model: one of the fit."""
         robot = assembly.linearisation.model.robot
         roles = ("u",) if model.controller is None else ("kp", "kd")
         channels = [channel_name("gain", role, place) for role in roles for place in robot.motor_locations]

@@ -91,7 +91,7 @@ def _models(evidence: Evidence, extended: ExtendedModel, responses: Sequence[Res
 
 
 def _minima(costs: FloatArray, depth: float) -> BoolArray:
-    """Flag local minima of V (n_k,) over growing stiffness that are `depth` below V of every stiffer spring."""
+    """Flag local minima of V (n_k,) over growing stiffness, by `depth` below the largest V of stiffer springs."""
     stiffer = np.maximum.accumulate(costs[::-1])[::-1]
     lower = costs <= np.concatenate([[math.inf], costs[:-1]])
     return lower & (costs <= np.append(costs[1:], -math.inf)) & (costs < stiffer - depth)

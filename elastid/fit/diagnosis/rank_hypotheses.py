@@ -89,7 +89,7 @@ def score(evidence: Evidence) -> Scores:
 def _with_priors(
     A: FloatArray, b: FloatArray, evidence: Evidence, lines: float
 ) -> tuple[FloatArray, FloatArray, list[FixedNumber], float]:
-    """Return a and b with priors and static loads, the values beyond their tolerance, and V.
+    """Return A and b with priors and static loads, the values beyond their tolerance, and V.
 
     Such a number shifts the mean of its prior, whose residual is (x - mean - shift) / s.  lines: share of all.
     """

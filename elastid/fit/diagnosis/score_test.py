@@ -67,7 +67,7 @@ class ScoreTest:
 
     @classmethod
     def of(cls, numbers: Sequence[FixedNumber], A: FloatArray, b: FloatArray, free: BoolArray) -> ScoreTest:
-        """Return a = [J J_h]^T [J J_h] with priors and b = [J J_h]^T r; free (n_x,): parameters that may follow."""
+        """Return A = [J J_h]^T [J J_h] with priors and b = [J J_h]^T r; free (n_x,): parameters that may follow."""
         n_x, places = len(free), np.flatnonzero(free)
         size = np.sqrt(np.diag(A))
         size[size == 0] = 1.0
@@ -132,7 +132,7 @@ class ScoreTest:
         return replace(self, S=S, g=g - back @ (D.T @ g[places]), response=response, is_distinct=identifiable)
 
     def _bounded(self, places: IntArray, S: FloatArray, g: FloatArray) -> FloatArray:
-        """Bound the step along several directions (n_d,) by the limits of each number, which also are priors."""
+        """Compute the step along several directions (n_d,) within the limits of each number, which are priors, too."""
         limits = np.array([(self.numbers[i].lower, self.numbers[i].upper) for i in places]).T
         width = np.maximum(np.abs(limits).min(axis=0), 1e-3)  # some, where a number can only grow
         size = np.sqrt(np.maximum(np.diag(S), 0.0) + width**-2)

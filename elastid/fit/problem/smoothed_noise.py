@@ -62,7 +62,7 @@ class NoiseShapes:
 
     @classmethod
     def of(cls, freq_hz: FloatArray, G: ComplexArray, quantity: Motion, weakness: FloatArray | None) -> "NoiseShapes":
-        """Return (F,) the inverse of the excitation's power, if it is known."""
+        """Build the shapes on the lines of G; weakness (F,): inverse of the excitation's power, None if unknown."""
         f = np.maximum(freq_hz, freq_hz[freq_hz > 0].min()) / freq_hz.max()
         motion = np.stack([f ** (2 * MOTION_ORDER[quantity] - 2.0 * order) for order in range(MOTIONS)])
         gain = np.linalg.norm(G, axis=2)
@@ -100,7 +100,7 @@ def _across_lines(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
 
 
 def _levels(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], ComplexArray]:
-    """Fit the noise powers that explain S best, for the shapes of other lines."""
+    """Fit the noise powers that explain S best; returns C (F, n_y, n_y) as a function of other lines' shapes."""
     F, n_y, n_u = shapes.G.shape
     variance = np.einsum("faa->a", S).real / F
     if not np.all(variance > 0):

@@ -63,7 +63,7 @@ def windows(available: IntArray, lines: IntArray, n_w: int) -> Windows:
 
 
 def window_power(R: ComplexArray, where: Windows) -> ComplexArray:
-    """Return mean over each window of the sum over experiments of R R^H (F, n_u, n_u), from R (E, B, n_u)."""
+    """Return the mean over each window of the sum over experiments of R R^H (F, n_u, n_u), from R (E, B, n_u)."""
     n_w = where.index.shape[1]
     bins = np.einsum("ebu,ebv->buv", R, R.conj())
     # Sums from the first bin to the one before the last, which may be the end of the array.

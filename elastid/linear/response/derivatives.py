@@ -278,7 +278,7 @@ def _first_alike(E: FloatArray) -> tuple[FloatArray, IntArray]:
 
 
 def _span(matrices: FloatArray) -> FloatArray:
-    """Return directions (n, r) that symmetric matrices (N, n, n) span: coordinates, or half as many mixtures."""
+    """Return directions (n, r) that symmetric matrices (N, n, n) span: coordinates, or at most half as many axes."""
     stacked = matrices.transpose(1, 0, 2).reshape(matrices.shape[1], -1)
     U, size, _ = np.linalg.svd(np.transpose(np.linalg.qr(stacked.T, mode="r")))
     U, touched = U[:, size > EQUAL_TOLERANCE * size.max(initial=0.0)], np.flatnonzero(stacked.any(axis=1))

@@ -182,7 +182,7 @@ def open_hdf5(path: Path, text: TextFormatSpec, is_matlab: bool = False) -> Iter
 
 
 def _datasets(group: Any, separator: str, is_transposed: bool, prefix: str = "") -> Iterator[tuple[str, StoredArray]]:
-    """Name and array of every dataset, or field of a compound one, below a group; cells of MATLAB by number."""
+    """Yield name and array of every dataset, or compound field, below a group; cells of MATLAB by number."""
     import h5py
 
     for key, item in group.items():

@@ -151,7 +151,7 @@ class ArrayLog:
         return self.array_of(channel)[1].time
 
     def array_of(self, channel: ChannelSpec) -> tuple[str, StoredArray]:
-        """Name and array that hold a channel; DataError where it is missing or no signal."""
+        """Return name and array that hold a channel; DataError where it is missing or no signal."""
         name, shapes = channel.channel.strip("/"), self.shapes()
         name = next(iter(shapes)) if not name and len(shapes) == 1 else name
         if not name and 0 < (channel.column or 0) <= len(shapes):  # the number of a signal

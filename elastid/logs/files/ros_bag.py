@@ -57,8 +57,8 @@ class _Topic:
         return next(stamp for stamp in stamps if stamp > stamps[len(stamps) // 2] - 10**9)
 
     def arrays(self, begin_ns: int) -> Iterator[tuple[str, StoredArray]]:
-        """Name and array of each signal; times are from begin_ns on."""
-        if not self.first:
+        """Yield name and array of each signal; times are from begin_ns on."""
+        if self.first is None:
             return
         if self.is_joint_state:
             yield from self._joint_arrays(begin_ns)

@@ -92,7 +92,7 @@ class TextLog(Log):
         return isinstance(self.number_lines, FileLines)
 
     def columns(self, columns: Sequence[int], span: slice = slice(None)) -> FloatArray:
-        """Return columns (n_samples, len(wanted)), counted from 0.
+        """Return columns (n_samples, len(columns)), counted from 0.
 
         A cell that is no number is missing; DataError with the row of the first one if more than 1 % of the rows have
         such cells.
@@ -107,7 +107,7 @@ class TextLog(Log):
         return data[:, [selection.index(column) for column in columns]]
 
     def _read(self, selection: Sequence[int], first: int, end: int, most: int | None = None) -> FloatArray:
-        """Return columns (n_samples, len(needed)) of some lines, at most so many samples."""
+        """Return columns (n_samples, len(selection)) of some lines, at most so many samples."""
         lines = self.number_lines[first:end]
         if not lines:
             return np.zeros((0, len(selection)))
@@ -123,7 +123,7 @@ class TextLog(Log):
     def _numbers(
         self, selection: Sequence[int], lines: Sequence[str], most: int | None = None
     ) -> tuple[FloatArray | None, str]:
-        """Return columns (n_samples, len(needed)) of lines of numbers, else None and the reason."""
+        """Return columns (n_samples, len(selection)) of lines of numbers, else None and the reason."""
         delimiter = delimiter_of(self.format)
         load = partial(
             np.loadtxt, delimiter=delimiter, comments=self.format.comment or None, usecols=selection, quotechar='"',
@@ -138,7 +138,7 @@ class TextLog(Log):
                 return None, str(error)
 
     def _with_missing_cells(self, selection: Sequence[int], lines: Sequence[str]) -> tuple[FloatArray, int]:
-        """Return columns (n_samples, len(needed)), NaN for cells that are no numbers; number of rows that lack numbers.
+        """Return columns (n_samples, len(selection)), NaN for cells without numbers; number of rows that lack numbers.
 
         Dates and times of day are s.  Rows of words, such as headings, are no samples.
         """

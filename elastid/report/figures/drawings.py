@@ -98,7 +98,7 @@ def _configurations(content: ReportContent) -> Iterator[Drawing]:
 def response_drawing(
     file: str, measured: Response, modelled: Response | None, std: FloatArray | None = None
 ) -> Drawing:
-    """Draw magnitude and phase of a response and of a model, on its lines."""
+    """Return the drawing of magnitude and phase of a response and of a model, on its lines."""
     compared = "" if modelled is None else ", measured and modelled"
     caption = f"magnitude and phase of the frequency responses{compared}."
     draw = partial(fit.bode, measured, modelled, std)
@@ -132,7 +132,7 @@ def drawings_of_responses(content: ResponsesContent) -> Iterator[Drawing]:
 def of_configuration(
     configuration: str, name: str, caption: str, draw: Callable[[], Figure], on_page: bool = True
 ) -> Drawing:
-    """Draw a figure of one configuration."""
+    """Return the drawing of one configuration, to be drawn later."""
     return Drawing(name, f"{CONFIGURATION}{configuration}", f"{configuration}: {caption}", draw, on_page)
 
 

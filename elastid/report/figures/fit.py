@@ -87,7 +87,7 @@ _BAR = {"marker": "|", "ms": 10, "mew": 1.4}
 
 
 def _values(values: FloatArray, at_bound: BoolArray) -> list[Curve]:
-    """Draw values (n, 4) at rows 0, 1, 2 ...: estimate, ends of the interval, truth (NaN if unknown)."""
+    """Return curves of values (n, 4) at rows 0, 1, 2 ...: estimate, ends of the interval, truth (NaN if unknown)."""
     y = np.arange(float(len(values)))
     between = np.column_stack([values[:, 1:3], np.full(len(y), np.nan)]).ravel()
     curves = [Curve(between, np.repeat(y, 3), "95 % interval")]
@@ -207,7 +207,7 @@ def _measured(measured: Response, above: BoolArray, G: ComplexArray) -> tuple[li
 
 
 def _modelled(model: Response, i: int, j: int, std: FloatArray | None) -> tuple[list[Curve], list[Curve]]:
-    """Draw magnitude with its band, above a thousandth of it, and phase, which breaks at a wrap."""
+    """Return curves of magnitude, its band at least a thousandth of it, and of phase, which breaks at a wrap."""
     G, f = model.G[:, i, j], model.freq_hz
     size, phase, band = np.abs(G), np.degrees(np.angle(G)), None
     if std is not None:

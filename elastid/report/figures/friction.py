@@ -52,7 +52,7 @@ class Condition:
         return cls(load, float(degc[len(degc) // 2]) if len(degc) else float("nan"))
 
     def at(self, speed: FloatArray, direction: float) -> Conditions:
-        """Return every speed (n,) in one direction."""
+        """Return the conditions of this load and temperature at each speed (n,) in one direction."""
         return Conditions(speed, *(np.full_like(speed, value) for value in (direction, self.load, self.temperature)))
 
     def includes(self, law: StaticLaw) -> BoolArray:
@@ -99,7 +99,7 @@ def friction_curve(law: StaticLaw) -> Figure:
 
 
 def quantity(slides: bool) -> str:
-    """Return the axis label of a quantity."""
+    """Return the name of the drive quantity for axis labels: force of a sliding joint, else torque."""
     return "force" if slides else "torque"
 
 

@@ -75,7 +75,7 @@ def sliding(numbers: Regression, v: FloatArray) -> tuple[FloatArray, FloatArray]
 
 
 def _over_velocity(motion: MotionFriction, velocity: FloatArray, friction: FloatArray) -> Iterator[Curve]:
-    """Return velocity and measured friction (n,): the torque less all other contributions."""
+    """Yield curves over velocity (n,): measured friction (n,), the torque less rigid body torque, and regression."""
     step = max(1, len(velocity) // MOST_SAMPLES)
     yield Curve(velocity[::step], friction[::step], dots=True)
     ends = [float(friction.min()), float(friction.max())]

@@ -111,7 +111,7 @@ class Curve:
     looks: Mapping[str, Any] = field(default_factory=dict)
 
     def draw(self, axes: Axes) -> None:
-        """Draw bars at dots, else a band."""
+        """Draw the curve, with its interval as bars at dots, else as a band."""
         looks = (DOTS | {"ms": 3.0} if self.dots else {"lw": 1.0}) | {"color": self.color, **self.looks}
         if self.band is not None and self.dots:
             y = np.asarray(self.y)
@@ -182,7 +182,7 @@ class Panel:
         return 1.8 if self.cells is None else 0.4 + 0.3 * len(self.cells.values)
 
     def draw(self, axes: Axes) -> None:
-        """Draw all panels."""
+        """Draw curves, marks, cells and labels of the panel."""
         for curve in self.curves:
             curve.draw(axes)
         for mark in self.marks:
@@ -261,7 +261,7 @@ def matrix(
 
 
 def in_columns(*panels: Sequence[Panel | None]) -> list[list[Panel | None]]:
-    """Arrange panels row by row, three across."""
+    """Arrange panels three across; each row of the first sequence is followed by the row of the next sequence."""
     return [list(row[i : i + 3]) for i in range(0, len(panels[0]), 3) for row in panels]
 
 

@@ -44,7 +44,7 @@ def said(plan: Plan, record: Record) -> str:
     return contradiction(record, plan, rehearsal, coulomb_torques(robot()), True)
 
 
-def test_clean_log_of_softer_robot_contradicts_nothing(plan: Plan, clean: Record) -> None:
+def test_clean_log_of_robot_with_other_springs_contradicts_nothing(plan: Plan, clean: Record) -> None:
     """Nor one that begins some samples after the plan."""
     assert said(plan, clean) == ""
     assert said(plan, replace(clean, **{name: np.roll(getattr(clean, name), -5, axis=0) for name in "ruy"})) == ""

@@ -142,7 +142,7 @@ def test_a_point_mass_is_found_with_its_place() -> None:
 
 
 @given(load=st.floats(0.1, 20.0), place=st.tuples(*[st.floats(-1.0, 1.0)] * 3))
-def test_body_with_load_has_joint_centre_and_inertia(load: float, place: tuple[float, ...]) -> None:
+def test_body_with_load_has_combined_centre_and_inertia(load: float, place: tuple[float, ...]) -> None:
     """The inertia about its centre by Steiner's theorem: of the reduced mass at the distance of the two."""
     rho, entries = np.array(place), ("xx", "yy", "zz", "xy", "xz", "yz")
     names = [*(f"c_arm_{a}" for a in "xyz"), *(f"I_arm_{e}" for e in entries), "I_arm"]

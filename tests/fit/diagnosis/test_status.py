@@ -109,7 +109,7 @@ def test_what_the_tolerances_absorb_together_is_said_with_its_size(factor: float
 
 
 @pytest.mark.parametrize(("std", "is_beyond"), [(2.0, False), (4.6, True)])
-def test_joint_tolerance_shift_of_stiffness_is_detected(std: float, is_beyond: bool) -> None:
+def test_combined_tolerance_shift_of_stiffness_is_detected(std: float, is_beyond: bool) -> None:
     """Each number off its file by what moves k_2 most: at 4.6 std none by 4 tolerances, their rms by chance."""
     true = identify(measured(), FILE, OF_SHEET)
     n, C = len(true.parameters.of_interest), true.covariance

@@ -14,7 +14,7 @@ from elastid.report.page.explorer import curve_scripts, explorer
 from elastid.validation.frf_error import validate
 
 
-def test_twenty_six_axis_configurations_stay_below_nine_megabytes():
+def test_data_of_twenty_configurations_stay_below_nine_megabytes():
     """200 lines of 36 elements each and the model's own, with every curve."""
     freq_hz = np.arange(2.0, 102.0, 0.5)
     frf = [pair(6, name=f"c{i}", seed=i, freq_hz=freq_hz) for i in range(20)]

@@ -105,7 +105,7 @@ def test_fitted_delay_is_part_of_sampled_plant(delay_s: float) -> None:
     np.testing.assert_allclose(sampled, prompt[np.maximum(times, 0)], rtol=1e-6, atol=1e-12 * prompt.max())
 
 
-def test_delays_around_a_sample_give_equal_plants() -> None:
+def test_delays_around_a_sample_give_plants_of_equal_size() -> None:
     """The delay of the fit is one sample: draws need one, or a part of another; each responds as it does alone."""
     fitted = fitted_model("scara")
     own, rate_hz = replace(fitted.result, robot=fitted.model.robot), 1 / FITTED_DELAY_S
