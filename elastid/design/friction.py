@@ -387,15 +387,15 @@ def _posture(experiment: ExperimentSpec, robot: Robot, name: str | None) -> Conf
 def _speeds(passes: ConstantVelocitySpec, axis: Axis) -> tuple[FloatArray, FloatArray, float]:
     """Return speeds, passes at each, and efficiency; StudyError for a range without room."""
     (lowest, highest), unit = passes.speeds or (axis.slowest, axis.fastest), axis.limits.unit
-    is_optimal = passes.spacing == "optimal"
-    if not 0 < lowest < highest / (4 if is_optimal else 1):
+    least = 4 if passes.spacing == "optimal" else 1
+    if not 0 < lowest < highest / least:
         raise StudyError(
             "friction/plan",
-            f"{axis.limits.place}: the range of speeds, {lowest:.3g} to {highest:.3g} {unit}/s, must cover a factor of "
-            f"four. Choose speeds from {axis.slowest:.3g} to {axis.fastest:.3g} {unit}/s",
+            f"{axis.limits.place}: the range of speeds, {lowest:.3g} to {highest:.3g} {unit}/s, must cover more than a "
+            f"factor of {least}. Choose speeds from {axis.slowest:.3g} to {axis.fastest:.3g} {unit}/s",
             "friction.constant_velocity.speeds",
         )
-    if is_optimal:
+    if passes.spacing == "optimal":
         return optimal_speeds(axis.guess.spread, lowest, highest, passes.count)
     return np.geomspace(lowest, highest, passes.count), np.ones(passes.count), math.nan
 

@@ -26,10 +26,11 @@ _POSITION, _ROTATION = dict.fromkeys(("x", "y", "z"), "m"), dict.fromkeys(("rx",
 
 
 def limits_of(robot: Robot) -> FloatArray:
-    """Return lower and upper angle (n_u, 2) of driven joints; without limits a full turn, 0 for sliding joints."""
-    full_range = [(0.0, 0.0) if joint.slides else (-np.pi, np.pi) for joint in robot.driven]
-    limits = np.array([joint.limits.angle for joint in robot.driven], float)
-    return np.where(np.isfinite(limits), limits, np.array(full_range))
+    """Return lower and upper angle (n_u, 2) of driven joints; without a limit a full turn, 0 for sliding joints."""
+    low, high = np.array([joint.limits.angle for joint in robot.driven], float).T
+    turn = np.array([0.0 if joint.slides else 2 * np.pi for joint in robot.driven])
+    low = np.where(np.isfinite(low), low, np.where(np.isfinite(high), high - turn, -turn / 2))
+    return np.stack([low, np.where(np.isfinite(high), high, low + turn)], axis=1)
 
 
 def beyond_limits(robot: Robot, angles: FloatArray) -> BoolArray:

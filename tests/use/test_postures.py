@@ -11,6 +11,7 @@ from plants.refusals import refused
 from elastid.base.errors import StudyError
 from elastid.model.closed_posture import are_closed, assembled, followed
 from elastid.model.kinematics import frame_poses
+from elastid.robot import Body, Joint, Limits, Motor, Robot
 from elastid.use.postures import grid_postures, inverse_kinematics, limits_of, random_postures, read_path
 
 
@@ -29,6 +30,12 @@ def test_poses_that_some_posture_has_are_reached_within_the_limits(name: str) ->
     assert np.all((reached >= low) & (reached <= high))
     there = frame_poses(own, followed(own, reached[found]), frame)
     np.testing.assert_allclose(there.position, poses.position[found], atol=2e-6)
+
+
+def test_one_sided_limit_leaves_full_turn() -> None:
+    joint = Joint("1", motor=Motor(1e-3), limits=Limits((4.0, np.inf)))
+    robot = Robot("one", (Body("load", joints=(joint,), inertia=1.0),))
+    np.testing.assert_allclose(limits_of(robot), [[4.0, 4.0 + 2 * np.pi]])
 
 
 def test_path_of_angles_or_poses_has_its_units(tmp_path: Path) -> None:

@@ -81,7 +81,7 @@ def _moments(p: FloatArray) -> FloatArray:
 
 def _parameter_changes(numbers: list[FixedNumber]) -> FloatArray:
     """Return delta (n_m, 10), relative if log, by the moments of a load."""
-    mass = numbers[0].value
+    mass, body = numbers[0].value, numbers[0].name.partition("@")[0].removeprefix("m_")
     J = {"m": {0: 1.0}} | {f"c{axis}": {1 + i: 1 / mass} for i, axis in enumerate("xyz")}
     J["I"] = {4: 1.0, 5: 1.0, 6: 1.0}  # of a single number, as in a plane
     for i, axis in enumerate("xyz"):
@@ -90,7 +90,7 @@ def _parameter_changes(numbers: list[FixedNumber]) -> FloatArray:
         J[f"I{pair}"] = J[f"I{pair[::-1]}"] = {k: -1.0}
     A = np.zeros((len(numbers), 10))
     for row, number in zip(A, numbers, strict=True):
-        for place, factor in J.get(_key(number.name), {}).items():
+        for place, factor in J.get(_key(number.name, body), {}).items():
             row[place] = factor / number.value if number.log else factor
     return A
 
@@ -104,8 +104,7 @@ def steps_of(numbers: list[FixedNumber], p: FloatArray) -> FloatArray:
     return np.where(log, np.log1p(np.where(log, np.maximum(changes, -0.99), 0.0)), changes)
 
 
-def _key(name: str) -> str:
-    """Return m, cx, Ixy, I of m_fore, c_fore_x@c1, I_fore_xy, I_fore."""
-    parts = name.partition("@")[0].split("_")
-    is_entry = len(parts) > 2 and parts[-1] in {"x", "y", "z", *(a + b for a in "xyz" for b in "xyz")}
-    return parts[0] + parts[-1] if is_entry else parts[0]
+def _key(name: str, body: str) -> str:
+    """Return m, cx, Ixy, I of m_fore, c_fore_x@c1, I_fore_xy, I_fore of the body fore."""
+    letter, _, rest = name.partition("@")[0].partition("_")
+    return letter + rest.removeprefix(body).removeprefix("_")

@@ -145,8 +145,8 @@ def test_a_point_mass_is_found_with_its_place() -> None:
 def test_body_with_load_has_combined_centre_and_inertia(load: float, place: tuple[float, ...]) -> None:
     """The inertia about its centre by Steiner's theorem: of the reduced mass at the distance of the two."""
     rho, entries = np.array(place), ("xx", "yy", "zz", "xy", "xz", "yz")
-    names = [*(f"c_arm_{a}" for a in "xyz"), *(f"I_arm_{e}" for e in entries), "I_arm"]
-    numbers = [FixedNumber(name, "", MASS, "", name == "m_arm", -9, 9, 0.1) for name in ("m_arm", *names)]
+    names = [*(f"c_arm_x_{a}" for a in "xyz"), *(f"I_arm_x_{e}" for e in entries), "I_arm_x"]
+    numbers = [FixedNumber(name, "", MASS, "", name == "m_arm_x", -9, 9, 0.1) for name in ("m_arm_x", *names)]
     mass, *steps = steps_of(numbers, np.array([load, *place])).tolist()
     inertia = MASS * load / (MASS + load) * (rho @ rho * np.eye(3) - np.outer(rho, rho))
     expected = [*(load / (MASS + load) * rho), *(inertia["xyz".index(a), "xyz".index(b)] for a, b in entries)]
