@@ -13,7 +13,7 @@ def real_dft(x: FloatArray, lines: IntArray | None = None, out: ComplexArray | N
 
     out (P, c, F): memory for it, in which the numbers of a channel are side by side.
     """
-    (P, N, c), plan = x.shape, _plan(x.shape[1])
+    (P, N, c), plan, x = x.shape, _plan(x.shape[1]), np.asarray(x, np.float64)
     lines = np.arange(N // 2 + 1) if lines is None else lines
     out = np.empty((P, c, len(lines)), np.complex128) if out is None else out
     if plan is None or not is_wide():

@@ -185,7 +185,7 @@ def averaging_lines(V: ComplexArray, G: ComplexArray) -> float:
     mean_power = mean_of_neighbours(np.mean(squared_magnitude(torque), axis=0))
     torque = np.divide(torque, np.sqrt(mean_power), out=np.zeros_like(torque), where=mean_power > 0)
     spectrum = np.sum(squared_magnitude(np.fft.fft(torque, 2 * F, axis=1)), axis=0)
-    R = np.abs(np.fft.ifft(spectrum, axis=0)[: F // 2]) ** 2
+    R = np.abs(np.fft.ifft(spectrum, axis=0)[: max(1, F // 2)]) ** 2
     lag = np.arange(1, len(R))[:, None]
     squared = R[1:] / np.maximum(R[0], 1e-300) * (F / (F - lag)) ** 2
     counts = np.cumprod(squared > MIN_CORRELATION_POWER / (len(V) * F), axis=0)
