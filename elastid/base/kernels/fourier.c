@@ -1,9 +1,9 @@
-/* DFT of real signals for `fourier.py`: LANES signals side by side, two samples of each as one complex number.  The first
-   sample is subtracted, so that a constant has zeros at all lines but 0. */
+/* DFT of real signals for `fourier.py`: LANES signals side by side, two samples of each as a complex number.  The first
+   sample is subtracted, so that the DFT of a constant is exactly zero at all lines except 0. */
 
 #include "lanes.h"
 
-#define MOST 16 /* factors are smaller */
+#define MOST 16 /* above all factors */
 
 static inline number sum(number a, double sign, number b) {
     number c = {a.re + sign * b.re, a.im + sign * b.im};
@@ -15,8 +15,8 @@ static inline number turned(number a, const double *w) {
     return c;
 }
 
-/* Rows of Z (r, m) become the DFT of r numbers, row p times exp(-2 pi i p j / (r m)); roots: exp(-2 pi i k / N), then
-   those of r.  Numbers q and r - q are taken together. */
+/* Replace each column j of Z (r, m) by its DFT, row p times exp(-2 pi i p j / (r m)).  roots: exp(-2 pi i k / N);
+   of_r: exp(-2 pi i k / r).  Rows q and r - q are combined to halve the multiplications. */
 static inline __attribute__((always_inline)) void stage(int64_t r, int64_t m, int64_t N, const double *roots,
                                                         const double *of_r, number *Z) {
     for (int64_t j = 0; j < m; j++, Z++) {
@@ -40,7 +40,7 @@ static inline __attribute__((always_inline)) void stage(int64_t r, int64_t m, in
     }
 }
 
-/* The DFT of Z (n,) by decimation in frequency, in the order of its factors. */
+/* Compute the DFT of Z (n,) in place by decimation in frequency; the lines end in digit-reversed order. */
 static void transform(int64_t n, int64_t N, const int64_t *factors, const double *roots, const double *of_r,
                       number *Z) {
     int64_t r = *factors, m = n / r;
@@ -53,8 +53,8 @@ static void transform(int64_t n, int64_t N, const int64_t *factors, const double
         transform(m, N, factors + 1, roots, of_r + 2 * r, Z + p * m);
 }
 
-/* DFT at lines (F,) of n signals of N samples `apart` at addresses `from` (n,) to F numbers at `to` (n,); place (N / 2 + 1,):
-   of each number in the order of factors. */
+/* Write the DFT of n signals at lines (F,) to addresses `to` (n,).  A signal has N samples at address `from` (n,), each
+   `apart` numbers after the one before.  place (N / 2 + 1,): digit-reversed position of each line. */
 KERNEL(real_dft)(int64_t N, int64_t n, int64_t F, int64_t apart, const int64_t *from, const int64_t *to,
              const int64_t *lines, const int64_t *factors, const int64_t *place, const double *roots) {
     int64_t H = N / 2;
@@ -65,7 +65,7 @@ KERNEL(real_dft)(int64_t N, int64_t n, int64_t F, int64_t apart, const int64_t *
         const double *x[LANES];
         double *X[LANES];
         lanes start;
-        for (int64_t q = 0; q < LANES; q++) { /* lanes left over do the work of the first once more */
+        for (int64_t q = 0; q < LANES; q++) { /* unused lanes repeat the first signal of the group */
             int64_t signal = first + q < n ? first + q : first;
             x[q] = (const double *)(intptr_t)from[signal];
             X[q] = (double *)(intptr_t)to[signal];

@@ -10,8 +10,8 @@ typedef struct {
     lanes re, im;
 } number;
 
-/* Some lines, `apart` complex numbers from each other; the lanes left over are zero.  Lines side by side are asked for
-   AHEAD of time: rows and columns are more streams than the processor follows by itself. */
+/* Load `used` lines that are `apart` complex numbers from each other; unused lanes are zero.  Adjacent lines are
+   prefetched AHEAD numbers early: rows and columns are more streams than the hardware prefetcher follows. */
 static inline number load(const double *from, int64_t apart, int64_t used) {
     double re[LANES] = {0}, im[LANES] = {0};
     number found;

@@ -1,5 +1,5 @@
-/* Residuals of lines side by side, and columns pulled by them: sums in double precision of `number`, which cost and
-   gradient are made of, moments of `real_number`. */
+/* Residuals of several lines side by side, and their products with the columns of the Jacobian: sums for cost and
+   gradient in double precision (`number`), moments in the precision REAL (`real_number`). */
 
 #include "lanes.h"
 
@@ -88,7 +88,7 @@ static lanes residual(const sizes *of, const double *R, int64_t lane, const numb
     memset(back, 0, (size_t)of->n_e * sizeof(number));
     for (int64_t e = 0; e < of->n_e; e++) {
         int64_t end = of->is_diagonal ? e + 1 : of->n_e, row = first_of_row(e, of) - e;
-        lanes sums[4] = {0}; /* apart, so that none waits for another */
+        lanes sums[4] = {0}; /* four independent sums, so that additions overlap */
         for (int64_t k = e; g && k < end; k++) {
             number one = element(R, row + k, lane);
             sums[0] += one.re * g[k].re;

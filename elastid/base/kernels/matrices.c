@@ -88,7 +88,7 @@ static void mirror(int64_t n, number *C) {
     }
 }
 
-/* C (F, n, m) = sum over M blocks of A B^H, A (F, n, k) and B (F, m, k), or of A B^T where sign is -1; k (M,), at most K.
+/* C (F, n, m) = sum over M blocks of A B^H, or of A B^T if sign is -1: A (F, n, k), B (F, m, k), k (M,) at most K.
    With G (F, n, m): C (F, n, n) = sum of D D^H, D = A - G B, B (F, m, k). */
 KERNEL(sum_of_products)(int64_t F, int64_t n, int64_t m, int64_t M, int64_t K, const int64_t *k, const stack *A,
                     const stack *B, const stack *G, int64_t sign, double *C) {
