@@ -1,1 +1,1 @@
-"""Friction by experiments of its own: torques, laws, bristles, warm-up, and a filter that follows it over a log."""
+"""Friction studies: friction torques, static and presliding models, warm-up, and a filter that tracks friction."""

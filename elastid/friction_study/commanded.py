@@ -90,12 +90,12 @@ LEAST_VISCOUS = -2.0  # standard deviations of a viscous friction, which supplie
 
 @frozen_value
 class CommandedJoint(Estimate):
-    """Estimate of one joint from commands alone, link side; the last of its names is the delay.
+    """Estimate of one joint from commands alone, link side; the last parameter is the delay.
 
-    rms: of measured minus simulated positions.  is_first: of the joints that share the
-    delay.  travel: rms of the position about its mean.  speeds: lowest and highest, rad/s.  logs: their number.
-    seconds: their duration.  carried: inertia of the robot model's rigid body at this joint, without which `inertia` is
-    the armature; 0 if the joints are not coupled and `inertia` is all inertia.
+    rms: of measured minus simulated positions.  is_first: True for the first of the joints that share the delay.
+    travel: rms of the position about its mean.  speeds: lowest and highest, rad/s.  logs: number of logs.  seconds:
+    duration of all logs.  carried: inertia of the rigid-body model at this joint, to which the armature `inertia` is
+    added; 0 if the joints are not coupled and `inertia` is the total inertia.
     """
 
     joint: str
@@ -137,7 +137,7 @@ class CommandedJoint(Estimate):
 
 @dataclass(frozen=True)
 class _Problem:
-    """All logs side by side: columns (S,) are joints of logs, padded to the longest.  window: samples of a mean."""
+    """All logs side by side: a column (S,) for each joint and log, padded to the longest.  window: samples per mean."""
 
     logs: tuple[CommandedLog, ...]
     joints: tuple[str, ...]

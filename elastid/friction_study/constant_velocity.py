@@ -1,18 +1,18 @@
-r"""Friction torques of passes, one at each speed, direction, load and temperature: one regression over all passes.
+r"""Friction torques from constant-velocity runs at several speeds, loads and temperatures: one common regression.
 
 .. math:: u = s\, g_k + o_k + f s (|\dot q| - v_k) + J \ddot q + G \cos q + H \sin q
               + \sum_h (a_h \cos h N q + b_h \sin h N q)
 
-for the passes of pair k, with s the direction of the motion: ripple of the motor's turns (N a turn of the joint) and
-inertia are the same in all pairs, gravity in all of one load; the torque g_k and the part o_k that is the same in both
-directions are each pair's own; f is the slope of friction about the mean speed v_k of a pass.  o_k is an offset of the
-torque where it does not change with speed; a part that changes is friction that differs between the directions.
-Friction torques hold at the measured speed, not at the commanded one.
+for the runs of pair k, with s the direction of the motion. All pairs share the inertia and the ripple of the motor's
+turns (N a turn of the joint); all pairs with one load share gravity. Each pair has its own torque g_k and its own part
+o_k that is equal in both directions. f is the slope of friction about the mean speed v_k of a run. If o_k is equal at
+all speeds, it is a torque offset; a part that changes with speed is friction that differs between the directions.
+Friction torques refer to the measured speed, not to the commanded speed.
 
-The variance of a friction torque comes from the autocovariance of the residuals of all passes. Ripple that the
-regression lacks would be taken for such noise, so harmonics that stand out of the residuals are added to it. Rows are
-means of a few samples, which loses no information under white noise. Sticking would be taken for friction: such passes
-do not count.
+The variance of a friction torque comes from the autocovariance of the residuals of all runs. Ripple that the
+regression does not model would count as noise. Therefore harmonics that are significant in the residuals are added to
+the regression. Rows are means of a few samples, which loses no information under white noise. Runs with stick-slip are
+discarded, since sticking would appear as friction.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -27,7 +27,7 @@ from elastid.friction_record import FrictionRecord
 from elastid.friction_study.least_squares import FALSE_ALARM, Optimum, terms_p_value
 from elastid.friction_study.motion_signals import SMOOTHED_HZ, smooth_motion
 
-MAX_RELATIVE_STD = 0.2  # std over friction torque, above which it is not known
+MAX_RELATIVE_STD = 0.2  # std over friction torque; above, it is not identified
 # Ripple of a motor turn and of its half are always in the regression where passes cover a turn; further harmonics up to
 # this, and those of dry friction, are searched for in its residuals.
 MAX_HARMONIC = 24
@@ -117,7 +117,7 @@ class PassRegression:
         inverse = np.linalg.pinv(self.A / size, rcond=1e-10) / size[:, None]
         values = inverse @ self.y
         autocovariance = self._autocovariance(self.y - self.A @ values)
-        # Of numbers that change more slowly than the residuals forget, as friction torques do.
+        # Friction torques change more slowly than the residuals decorrelate: their long-run variance applies.
         long_run = autocovariance[0] + 2 * float(autocovariance[1:].sum())
         # Every number takes its share of the long-run variance from each autocovariance of the residuals.
         spare = 1 + (2 * len(autocovariance) - 1) * len(values) / len(self.y)
@@ -189,12 +189,12 @@ def passes_of(record: FrictionRecord) -> tuple[Pass, ...]:
 
 @frozen_value
 class FrictionCurve:
-    """Friction of one place at n conditions, each at steady sliding; numbers on the side of the place, SI.
+    """Friction of one location (joint or motor) at n conditions of steady sliding, on its own side of the gear, SI.
 
-    speed (n,): |v|, positive.  direction (n,): 1, -1, or 0 where the torque is the mean of both directions.
-    torque (n,): that brakes, positive, viscous friction included.  std (n,): of torque.  load (n,): |torque| on the
-    joint, 0 where none is known.  temperature (n,): degC, NaN where none is known.  shared: value and std of what all
-    passes share, by name (`inertia`, `gravity.cos`, `gravity.sin`, `offset`, ripple).  notes: on passes left out.
+    speed (n,): |v|, positive.  direction (n,): 1, -1, or 0 if the torque is the mean of both directions.
+    torque (n,): friction torque with viscous friction, positive if it brakes.  std (n,): of torque.  load (n,):
+    |torque| on the joint, 0 if unknown.  temperature (n,): degC, NaN if unknown.  shared: value and std of parameters
+    that all runs share, by name (`inertia`, `gravity.cos`, `gravity.sin`, `offset`, ripple).  notes: on discarded runs.
 
     Raises DataError for friction that drives at every condition.
     """
@@ -257,8 +257,8 @@ def estimate_friction_curve(passes: Sequence[Pass], has_gravity: bool, turn: flo
     uneven, offset = _uneven(values[o], covariance[o, o], conditions[:, 0])
     if not np.any(stds[:n_k] < MAX_RELATIVE_STD * np.abs(g)):
         text = (
-            f"no friction torque is known to {MAX_RELATIVE_STD:.0%}: gravity, ripple or noise are too large beside "
-            "it; repeat the passes, or make them longer"
+            f"no friction torque has a std below {MAX_RELATIVE_STD:.0%}: gravity, ripple or noise are too large. "
+            "Repeat the runs, or make them longer"
         )
         raise DataError("friction/constant-velocity", text, f"passes of {place}")
     numbers = zip(values[2 * n_k :].tolist(), stds[2 * n_k :].tolist(), strict=True)
@@ -275,12 +275,12 @@ def _sliding(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
     """Return constant-velocity runs that always slide, in pairs, and notes on the others; DataError without any."""
     sticks = dict.fromkeys(part.pair for part in passes if np.any(part.velocity * part.direction <= 0))
     text = (
-        "the joint stands or turns back within the pass: it sticks and slips at this speed, and its friction "
-        "torque does not count; raise the bandwidth of the controller, or measure faster"
+        "the joint stops or reverses during the run (stick-slip at this speed), so that the run is discarded. "
+        "Raise the bandwidth of the controller, or measure at a higher speed"
     )
     used = [part for part in passes if part.pair not in sticks]
     if not used:
-        raise DataError("friction/constant-velocity-runs", f"in none {text}", f"passes of {passes[0].place}")
+        raise DataError("friction/constant-velocity-runs", f"no run is usable: {text}", f"passes of {passes[0].place}")
     return used, [Note("friction/constant-velocity-runs", text, f"pass {name}") for name in sticks]
 
 

@@ -30,10 +30,10 @@ from elastid.robot.friction_numbers import with_laws
 
 @frozen_value
 class TrackedFriction:
-    """Knowledge of a filter of a joint over time_s (m,): values, low, high (m, p) of the followed numbers, 95 % bands.
+    """Filter estimates of a joint over time_s (m,): values of the tracked parameters, 95 % bands low, high (m, p).
 
-    unknown (m, p): where the motion does not identify a number, so that it is held.  nis (m,): mean up to each time
-    since the one before.  noise.torque: estimated or given.
+    unknown (m, p): True if the motion does not identify a parameter, which then stays constant.  nis (m,): mean
+    normalised innovation squared since the previous time.  noise.torque: estimated or given.
     """
 
     joint: str

@@ -132,7 +132,7 @@ class MotionFriction:
         """Words on each second of the logs: in the regression or why not."""
         unused = [f"{value:.3g} s {name}" for name, value in self.seconds.items() if name != "used" and value > 0]
         total, used = sum(self.seconds.values()), self.seconds.get("used", 0.0)
-        return f"{used:.3g} of {total:.3g} s in the regression{', not ' if unused else ''}{', '.join(unused)}"
+        return f"{used:.3g} of {total:.3g} s in the regression{'; not used: ' if unused else ''}{', '.join(unused)}"
 
     def to_friction(self) -> tuple[Friction, float]:
         """Return the law and its viscous friction as in a robot model, without presliding."""
@@ -273,8 +273,8 @@ def _unidentified(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iter
         ("stribeck", 0 < velocity < lowest / LOWEST_SPEED, above_stribeck(lowest, velocity)),
         ("temperature", not is_alone, "joints that move together are regressed without; record this joint alone, cold "
             "and warm"),
-        ("temperature", is_isothermal and high - low < TEMPERATURE_STEP_K, "no varying temperature was logged; "
-            "log it, and record motions cold and warm"),
+        ("temperature", is_isothermal and high - low < TEMPERATURE_STEP_K, "no change of temperature was "
+            "logged; log the temperature, and record motions cold and warm"),
         ("temperature", is_isothermal and high - low >= TEMPERATURE_STEP_K,
             f"{ABSENT.replace('friction torques', 'motions')} from {low:.3g} to {high:.3g} degC"),
         ("load", not terms.load, "one load shows none; record motions with other payloads, or in other postures"),

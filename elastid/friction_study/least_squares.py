@@ -149,8 +149,8 @@ class Estimate:
 class Regression(Estimate):
     """An estimate by regression; relative_error: norm of its residual over the norm of the torque.
 
-    independent: residuals that correlation leaves.  dof (n_x,): of the variances.  widening: of the most widened std by
-    errors of the model that repeat with a state.
+    independent: effective number of independent residuals.  dof (n_x,): degrees of freedom of the variances.
+    widening: largest factor by which model errors that repeat with a state widen a std.
     """
 
     relative_error: float

@@ -72,7 +72,7 @@ class Elements:
         """Return Maxwell slip as a robot's file has it."""
         used = self.stiffness > 0
         k, D = self.stiffness[used], self.threshold[used]
-        # A hundred times the torque: an element that slips reaches its torque at once.
+        # An attraction of 100 torques per second: a slipping element reaches its torque almost at once.
         return MaxwellSlip(tuple(k.tolist()), tuple((k * D / float(k @ D)).tolist()), 100.0 * float(k @ D))
 
 

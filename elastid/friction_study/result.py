@@ -131,7 +131,7 @@ class JointFriction(SlidingFriction):
     def missing(self) -> tuple[UnidentifiedTerm, ...]:
         """Parts of a law of friction that these data cannot identify: stiction, or friction at all."""
         if self.is_unrelated:
-            why = "no friction parameter is significant, most torque is unexplained. Check joint and time of the torque"
+            why = "no friction is significant and most torque is unexplained. Check joint and time of the torque channel"
             return (UnidentifiedTerm("friction", why),)
         if self.friction is None and not self.has_one_speed:
             slid = any(part is not None for part in (self.static, self.motion, self.commanded))
@@ -364,7 +364,7 @@ def _law(
             friction = replace(friction, lugre=LuGre(at_rest.sigma_0, damping, falling))
         friction.check_passive(viscous, sliding.slides)
     except ValueError as error:
-        text = f"its numbers make no law for a robot's file: {error}; more runs or less noise narrow them"
+        text = f"no valid friction law for the robot model: {error}. More runs or less noise narrow the intervals"
         return None, None, (Note("friction/law", text, f"joint {sliding.joint}"),)
     return friction, viscous, ()
 

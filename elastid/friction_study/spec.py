@@ -13,8 +13,8 @@ Part: TypeAlias = Literal["auto", "yes", "no"]
 class LawSpec:
     """Parts of a friction law in addition to Coulomb and viscous friction.
 
-    Each part is `no`, `auto`: where the friction torques determine it (an F test at 1 %, and none of its numbers wider
-    than half of itself), or `yes`: without the F test, and an error where the torques cannot determine it.
+    Each part is `no`, `auto` (included if an F test at 1 % is significant and each std is below half of its value), or
+    `yes` (included without the F test; an error if the friction torques do not identify it).
     """
 
     # fmt: off

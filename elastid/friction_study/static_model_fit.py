@@ -1,6 +1,6 @@
-r"""StaticLaw: sliding friction of one place as a robot's file has it, its parts added where friction torques show them.
+r"""StaticLaw: sliding friction of one location in the form of the robot model; identifiable terms are added.
 
-The law through friction torques, by variable projection: its linear numbers are eliminated, the others searched for.
+The law is fitted to friction torques by variable projection: linear parameters c are eliminated, eta is searched for.
 
 .. math:: \min_\eta \| P^\perp(\eta)\, W y \|^2, \quad c = (W \Phi)^+ W y
 
@@ -47,12 +47,12 @@ class Terms:
 
 @dataclass(frozen=True)
 class StaticLaw:
-    """The law through friction torques, and the parts that could not be identified from them.
+    """Friction law fitted to friction torques, and the terms that are not identifiable from them.
 
-    values: linear numbers and eta by name, SI, at the reference temperature T_0; covariance: in the order linear +
-    searched.  cost: in units of the torques' variance.  Where they show a Stribeck effect and no speed is slow enough
-    for its numbers, it is in the law, so that the other numbers are right and the law holds at the speeds measured, and
-    `unidentified`: its own numbers are extrapolations.
+    values: linear parameters and eta by name, SI, at the reference temperature T_0; covariance: in the order linear +
+    searched.  cost: in units of the torques' variance.  If the torques show a Stribeck effect, but no speed is low
+    enough for its parameters, the law includes it and `unidentified` lists it. The law is then valid at the measured
+    speeds and its other parameters are unbiased, but the Stribeck parameters are extrapolations.
     """
 
     curve: FrictionCurve
@@ -162,7 +162,7 @@ def fit_curve(curve: FrictionCurve, terms: Terms) -> StaticLaw:
             jac="3-point", bounds=(low, high), x_scale=1.0, ftol=1e-12, xtol=1e-10
         )  # fmt: skip
         if not optima:
-            text = "no start of its Stribeck curve leads to an optimum; check its friction torques"
+            text = "no start of the Stribeck curve leads to an optimum. Check the friction torques"
             raise FitError("friction/law", text, f"friction of {curve.place}")
         x = min(optima, key=lambda end: end.cost).x
     eta = search.eta(x)
@@ -251,14 +251,14 @@ def _range(values: FloatArray) -> tuple[float, float]:
 
 
 # Reasons of parts that are not missing: they were not asked for, or the data show that they are absent.
-NOT_ASKED, ABSENT = "not asked for", "the friction torques do not show it"
+NOT_ASKED, ABSENT = "not asked for", "the friction torques show no such effect"
 # Temperatures closer than this are the same condition.
 TEMPERATURE_STEP_K = 2.0
 # Numbers of temperature that are positive: viscous friction falls with heat.
 COOLING = ("temperature.viscous", "temperature.decay")
 # Speeds that a Stribeck curve with viscous friction needs, and the part of nu_s that the lowest must reach.
 MIN_SPEEDS, LOWEST_SPEED = 5, 1 / 3
-# Exponents of Stribeck curves, the last one where it is held, and the cost by which friction torques exclude others.
+# Exponents of Stribeck curves (the last is the default), and the excess cost above which an exponent is excluded.
 EXPONENTS: tuple[float, ...] = (1.0, 1.4, 2.0)
 MAX_COST = 4.0
 # Ends of the names of numbers that change friction below some speed alone.
@@ -311,7 +311,7 @@ def _extended_law(curve: FrictionCurve, fit: StaticLaw, part: _Term, key: Part) 
         return None, part.refusal
     terms = part.added(fit.terms)
     if terms == fit.terms:
-        return None, "it needs a Stribeck curve, which the friction torques do not show"
+        return None, "this term needs a Stribeck curve, which is not identifiable"
     try:
         wider = fit_curve(curve, terms)
     except FitError as error:
@@ -319,7 +319,7 @@ def _extended_law(curve: FrictionCurve, fit: StaticLaw, part: _Term, key: Part) 
     new = [name for name in wider.names if name not in fit.names]
     chance = terms_p_value(fit.cost, wider.cost, len(new), wider.dof)
     if part.is_tested and chance > FALSE_ALARM and key == "auto":
-        return None, f"{ABSENT} (chance {chance:.2g} without it); more runs or less noise might"
+        return None, f"{ABSENT} (p-value {chance:.2g}); more runs or less noise may reveal it"
     wide, lowest = _widest(wider, new), float(curve.speed.min())
     nu_s = wider.values["stribeck_velocity"] if "stribeck_velocity" in new else np.inf
     if lowest <= LOWEST_SPEED * nu_s:
@@ -373,7 +373,7 @@ def _widest(fit: StaticLaw, names: list[str]) -> str | None:
             continue
         value, std = fit.value_and_std(name)
         if not std < 0.5 * abs(value) or value <= 0:  # a 95 % interval with 0
-            return f"{name} would be {value:.3g} +- {std:.2g}, which says nothing; more speeds around it would"
+            return f"{name} would be {value:.3g} +- {std:.2g}, which is not significant; measure at more speeds"
     return None
 
 

@@ -8,10 +8,10 @@ exact over a step of constant power. A gear that warms with its motor is a secon
 .. math:: T = T_a + \frac{1}{h} \sum_i w_i\, \theta_i, \qquad \dot\theta_i = (P - \theta_i) / T_i, \quad
           w_1 = \frac{s}{1 - T_2 / T_1}, \quad w_2 = 1 - w_1
 
-with s = 0 to 1 for any place of the joint: both w are positive where P enters, and w_2 is negative (s = 1) of a place
-warmed through the other node, such as the housing with its thermometer. Friction torques of test passes follow a
-relative temperature u, 1 where the largest power would lead, torque = c_0 + c_1 u + c_2 u^2, of the same time constants
-as a thermometer. Without a thermometer kelvins, and with them h, cannot be known.
+with s = 0 to 1 for any location in the joint: both w are positive where P enters. With s = 1, w_2 is negative: the
+other node warms this location, such as the housing with its thermometer. The friction torque of test runs is modelled
+as c_0 + c_1 u + c_2 u^2. The relative temperature u has the time constants of the thermometer, and is 1 in the steady
+state of the largest power. Without a thermometer, temperatures in kelvin and h are not identifiable.
 """
 
 import math
@@ -43,8 +43,8 @@ class WarmUp:
     torque_std: FloatArray
 
 
-# Std of the readings of a thermometer at least, in K; of a friction torque the part that a parabola over the heat may
-# miss; log std of the slowest time constant, above which a warm-up was too short.
+# Smallest std of a thermometer, in K; relative error of a friction torque as a parabola of the temperature; log std of
+# the slowest time constant, above which a warm-up was too short.
 BEST_THERMOMETER, PARABOLA, MAX_LOG_STD = 0.05, 0.01, 0.3
 
 
@@ -82,9 +82,9 @@ def fit_warm_up(warm_up: WarmUp) -> ThermalModel:
 
 @dataclass(frozen=True)
 class _Problem:
-    """Unknowns x by name: ln T_1, ln T_2 / T_1, s of thermometer and of friction torques, ln h, start in its std.
+    """Unknowns x by name: ln T_1, ln(T_2 / T_1), s of thermometer and friction torques, ln h, start over its std.
 
-    is_kelvin: readings state kelvins.  Torques follow a parabola of the heat, whose three numbers are eliminated.
+    is_kelvin: temperatures were measured.  The three coefficients of the parabola of the torques are eliminated.
     """
 
     warm_up: WarmUp
@@ -134,7 +134,7 @@ class _Problem:
         log, span = self.warm_up.log, float(np.ptp(self.warm_up.log.time_s))
         lead = float(np.log(max(log.power.mean(), 1e-3) / 20.0))  # h such that the mean power warms by 20 K
         bounds = {"constant": (np.log(span / 200), np.log(5.0 * span)), "ratio": (np.log(1e-3), np.log(0.9))}
-        # Fractions may be a little above 1 by further nodes.
+        # Further thermal nodes can raise a fraction slightly above 1.
         bounds |= {"share": (0.0, 1.2), "level_share": (0.0, 1.2), "h": (lead - 10, lead + 10), "start": (-10, 10)}
         low, high = np.array([bounds[name] for name in self.names]).T
         starts = [
@@ -145,7 +145,7 @@ class _Problem:
         within = [np.array([float(start[name]) for name in self.names]) for start in starts]
         ends = [end for end in minimise(self.residual, within, bounds=(low, high)) if np.isfinite(end.cost)]
         if not ends:
-            raise FitError("friction/warm-up", "no start finds an optimum; check torques and temperatures", "warm-up")
+            raise FitError("friction/warm-up", "no start leads to an optimum; check torques, temperatures", "warm-up")
         end = min(ends, key=lambda end: end.cost)
         constants, fractions, torque_fractions, h, _ = self.thermal_parameters(end.x)
         eliminated = np.linalg.matrix_rank(self.series(constants, torque_fractions)) if self.has_series else 0

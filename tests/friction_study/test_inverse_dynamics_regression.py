@@ -292,7 +292,7 @@ def test_irrelevant_temperature_is_excluded_with_reason() -> None:
     fits = [regress_motion(warming(seed)) for seed in range(2)]
     fits += [regress_motion(replace(warming(), temperature=none)) for none in (np.full(30000, 25.0), None)]
     assert not any(fit.terms.heat for fit in fits)
-    assert [held(fit, "temperature").startswith("the motions do not show it") for fit in fits] == [True] * 2 + [
+    assert [held(fit, "temperature").startswith("the motions show no such effect") for fit in fits] == [True] * 2 + [
         False
     ] * 2
 
