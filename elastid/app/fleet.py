@@ -9,7 +9,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from datetime import date
 from functools import partial
 from importlib.util import find_spec
-from itertools import starmap
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -80,7 +79,9 @@ def _check(fleet: Fleet, folder: Path) -> None:
         except StudyError as error:
             members_by_error.setdefault(str(error), []).append(member)
     if members_by_error:
-        raise StudyError("study/invalid", first_of([*starmap(_by_member, members_by_error.items())]))
+        rows = members_by_error.items()
+        texts = [f"{first.label}{f' and {len(more)} more' * bool(more)}: {error}" for error, (first, *more) in rows]
+        raise StudyError("study/invalid", first_of(texts))
     try:
         path_below(folder, MEMBERS).mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -88,12 +89,6 @@ def _check(fleet: Fleet, folder: Path) -> None:
         raise ElastidError("files/folder", f"not writable ({reason}). Give another folder with --run", folder) from None
     for member in fleet.members:
         path_below(folder, MEMBERS, member.name)
-
-
-def _by_member(error: str, members: Sequence[Member]) -> str:
-    """Return an error with the first member that has it and the number of the others."""
-    others = f" and {len(members) - 1} more" if members[1:] else ""
-    return f"{members[0].label}{others}: {error}"
 
 
 def _raise_for(name: str, outcomes: Sequence[Outcome]) -> None:

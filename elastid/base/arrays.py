@@ -194,11 +194,7 @@ def release(array: NDArray[Any] | LargeArray | None) -> None:
 
 
 def mean_of_rows(array: FloatArray | LargeArray, n: int) -> FloatArray:
-    """Return the mean (c,) of the first n rows.
-
-    >>> mean_of_rows(np.array([[1.0, 2.0], [3.0, 4.0], [9.0, 9.0]]), 2).tolist()
-    [2.0, 3.0]
-    """
+    """Return the mean (c,) of the first n rows."""
     if not isinstance(array, LargeArray):
         return np.asarray(array[:n].mean(axis=0))
     step = max(1, PIECE_VALUES // array.shape[1])

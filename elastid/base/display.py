@@ -157,11 +157,7 @@ def percent(value: float | None, digits: int = 2) -> str:
 
 
 def capital(text: str) -> str:
-    """Capitalise the first letter of a sentence that does not begin with a name such as k_1.
-
-    >>> capital("gear 1"), capital("k_1 is free")
-    ('Gear 1', 'k_1 is free')
-    """
+    """Capitalise the first letter of a sentence that does not begin with a name such as k_1."""
     return text if "_" in text.partition(" ")[0] else text[:1].upper() + text[1:]
 
 

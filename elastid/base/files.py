@@ -184,11 +184,7 @@ def _address(group: Any) -> int:
 
 
 def from_template(template: str, /, **values: Any) -> str:
-    """Read a text file of the package, by its path in it, and fill in its $names.
-
-    >>> from_template("targets/templates/move.h", comment="", m=2, duration=1.5).splitlines()[3]
-    '#define MOVE_DURATION 1.5'
-    """
+    """Read a text file of the package, by its path in it, and fill in its $names."""
     from importlib.resources import files  # at the start of a command these take longer than all else here
     from string import Template
 

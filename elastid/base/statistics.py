@@ -67,11 +67,7 @@ def f_test(drop: float, added: int, residual: float, dof: float) -> float:
 
 
 def correlation_of(covariance: FloatArray) -> FloatArray:
-    """Return the correlations (n, n) of a covariance (n, n); NaN off the diagonal for an infinite or zero variance.
-
-    >>> correlation_of(np.array([[4.0, 1.0], [1.0, 1.0]])).tolist()
-    [[1.0, 0.5], [0.5, 1.0]]
-    """
+    """Return the correlations (n, n) of a covariance (n, n); NaN off the diagonal for an infinite or zero variance."""
     std = np.sqrt(np.diag(covariance))
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = np.asarray(covariance / np.outer(std, std))
@@ -164,14 +160,13 @@ def propagate(function: Callable[[FloatArray], Any], x: FloatArray, covariance: 
 class Combination:
     """Sum of parameters that is known although its members are not: value = sum of weights times members.
 
-    members: indices, the first with weight 1.  std: of the value; member_std: of the first member alone.
+    members: indices, the first with weight 1.  std: of the value.
     """
 
     members: tuple[int, ...]
     weights: tuple[float, ...]
     value: float
     std: float
-    member_std: float
 
 
 # Std of a combination over that of its first member, from which on it is stated; part of a member in its eigenvector.
@@ -205,7 +200,7 @@ def identifiable_combinations(values: FloatArray, covariance: FloatArray, larges
         of_value = float(np.sqrt(weights @ covariance[np.ix_(members, members)] @ weights))
         if of_value < MAX_COMBINATION_STD * std[i]:
             value = float(weights @ values[members])
-            combination = Combination(tuple(members), tuple(weights.tolist()), value, of_value, float(std[i]))
+            combination = Combination(tuple(members), tuple(weights.tolist()), value, of_value)
             combinations.setdefault(combination.members, combination)
     return tuple(combinations.values())
 

@@ -91,7 +91,8 @@ MAX_BIAS = 0.5  # expected bias by position noise over the std, above which the 
 MAX_SHIFT = 2.8  # shift of a parameter between both bands over its std, above which the model has an error
 SPRING_SHIFT = 0.5  # change of a parameter by a spring behind the motor over its std, above which it is a misfit
 MAX_ERROR = 0.05  # relative std with model errors, above which they are a misfit
-SPRING_STD = 0.1  # relative std of the effect of the robot model's spring on the parameters
+# Relative std of the effect of the robot model's spring on the parameters; steps that each halve the error of a delay.
+SPRING_STD, MAX_DELAY_STEPS = 0.1, 10
 
 
 @dataclass(frozen=True)
@@ -241,6 +242,13 @@ def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[No
             "has no angle"
         )
         yield Note("friction/position-dependent", text, place)
+    if not (fit.terms.delay or fit.terms.friction_only or fit.motion.is_run_down) and (late := _delay(fit, signals)):
+        text = (
+            f"the torque seems to be logged {1e3 * abs(late):.2g} ms {'late' if late < 0 else 'early'}, more than one "
+            "sample. A delay biases inertia and viscous friction outside their intervals. Check the clocks, and state "
+            f"`delay: {-1e3 * late:.2g} ms` at the torque channel"
+        )
+        yield Note("friction/delay", text, place)
     if fit.terms.friction_only and not fit.motion.is_run_down:
         viscous, coulomb = fit.regression["viscous"], fit.regression["coulomb"]
         v, s = (np.concatenate([s.filtered(getattr(s, x))[s.used] for s in signals]) for x in ("velocity", "direction"))
@@ -254,6 +262,18 @@ def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[No
             "joint alone"
         )
         yield Note("friction/rigid-body", text, place, "warning" if dominates else "information")
+
+
+def _delay(fit: MotionFriction, signals: Sequence[MotionSignals]) -> float:
+    """Return the delay in s by which the torque acts late, if it is significant and at least a sample; else 0."""
+    terms, delay_s = replace(fit.terms, delay=True), 0.0
+    for _ in range(MAX_DELAY_STEPS):
+        late = [replace(s.motion, torque_delay_s=s.motion.torque_delay_s + delay_s) for s in signals]
+        step = regress([MotionSignals.of(motion, fit.passband_hz) for motion in late] if delay_s else signals, terms)
+        if not delay_s and (step.chance("delay", 0) >= FALSE_ALARM or abs(step["delay"]) * fit.motion.rate_hz < 1):
+            return 0.0
+        delay_s += step["delay"]
+    return delay_s
 
 
 def _unidentified(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[UnidentifiedTerm]:

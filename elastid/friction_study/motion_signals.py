@@ -263,9 +263,10 @@ class MotionSignals:
             )
         smooth = butter(4, min(3.0 * passband_hz, 0.45 * rate), fs=rate, output="sos")
         # The position where the torque acts: a command that is held acts half a sample later.
-        acting = motion.position
-        if motion.torque_delay_s:
-            acting = spline_derivative(spline_filter1d(acting, 5), 0, motion.torque_delay_s * rate)
+        acting, late = motion.position, motion.torque_delay_s * rate
+        if late:
+            acting = acting[np.clip(np.arange(len(acting)) + round(late), 0, len(acting) - 1)]
+            acting = spline_derivative(spline_filter1d(acting, 5), 0, late - round(late))
         position = sosfiltfilt(smooth, acting)
         # Central differences would take 43 % of an acceleration at a fifth of the rate.
         spline, logged = spline_filter1d(position, 5), spline_filter1d(acting, 5)

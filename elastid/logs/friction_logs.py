@@ -194,6 +194,7 @@ class _LogReader:
             model = formulate(with_point_mass(self.robot, self.payload))
             load_torque = np.abs(np.linalg.solve(E.T, equilibrium(model, model.theta, posture).u))
         holds = {_joint_of(c): c.hold or self.recorded.hold for c in self.recorded.channels if c.role == "u"}
+        delays = {(c.role, c.quantity == "position", _joint_of(c)): c.delay for c in self.recorded.channels}
         path = None if self.recorded.controller is None else self.recorded.controller.reference
         command_hold: Hold = "zero-order" if path is None or path.interpolation == "hold" else "band-limited"
         return tuple(
@@ -216,8 +217,10 @@ class _LogReader:
                 load=self.file.load,
                 payload=self.payload,
                 load_torque=float(load_torque[self.robot.driven_names.index(joint.name)]),
-                # A held torque acts half a sample after its instant, on average.
-                torque_delay_s=0.5 / rate_hz if holds.get(joint.name) == "zero-order" else 0.0,
+                # A held torque acts half a sample after its instant, on average; one that is logged late acts earlier.
+                torque_delay_s=0.5 / rate_hz * (holds.get(joint.name) == "zero-order")
+                + delays.get(("y", True, joint.name), 0.0)
+                - delays.get(("u", False, joint.name), 0.0),
                 period_samples=period,
                 hold=holds.get(joint.name, command_hold),
                 **self._command(joint, signals, rate_hz),

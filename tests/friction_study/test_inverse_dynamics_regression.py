@@ -208,6 +208,19 @@ def test_a_held_command_acts_half_a_sample_later() -> None:
     assert abs(regress_motion(read).regression["delay"]) == pytest.approx(T / 2, rel=0.1)
 
 
+def test_delay_of_several_samples_is_noted_and_corrected() -> None:
+    """The note has the delay, with which the numbers are right."""
+    t, delay_s = np.arange(8000) / 200, 17e-3
+    (q, *_), (_, v, a) = (three_sines(at, np.random.default_rng(0)) for at in (t, t - delay_s))
+    u = J * a + VISCOUS * v + F_C * np.sign(v) + 0.05 * np.random.default_rng(0).standard_normal(len(t))
+    read = Motion("joint 1", 200.0, q, u)
+    (late,) = (note for note in regress_motion(read).notes if note.code == "friction/delay")
+    assert float(late.text.split(" ms late")[0].split()[-1]) == pytest.approx(17, rel=0.1)
+    corrected = regress_motion(replace(read, torque_delay_s=-delay_s))
+    assert corrected.regression["inertia"] == pytest.approx(J, rel=1e-3)
+    assert "friction/delay" not in {note.code for note in corrected.notes}
+
+
 INERTIA, SLOPE, COULOMB = 12.0, 30.0, 40.0
 
 
