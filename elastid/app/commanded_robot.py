@@ -116,7 +116,7 @@ def _across(robot: Robot, body: Body) -> tuple[FloatArray, float]:
 
 
 def _with_pendulums(robot: Robot, values: Mapping[tuple[str, str], float]) -> Robot:
-    r"""Add identified inertia and gravity of each body on the base, half of the inertia in the rotor.
+    r"""Add the identified inertia and gravity to each body on the base; the rotor gets half of the inertia.
 
     With e1 along gravity across the axis a at q = 0, e2 = a x e1 and c = (H e1 + G e2) / (m g) the torque is
     G cos q + H sin q.

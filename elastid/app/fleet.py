@@ -109,7 +109,7 @@ def _reasons(outcomes: Sequence[Outcome]) -> list[str]:
 
 
 def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[Outcome, ...]:
-    """Run all members, those whose worker died again after the others; returns how each ended."""
+    """Run all members; rerun those whose worker died after the others. Return the outcome of each."""
     work = partial(_identified, fleet.study, folder)
     outcomes: dict[str, Outcome] = {}
     for attempt in range(2):

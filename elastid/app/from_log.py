@@ -164,7 +164,7 @@ def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[in
 
 
 def _columns(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess, may_differ: bool) -> dict[str, int]:
-    """Return the column of each signal of the first log if the headings of the logs differ, which only some may.
+    """Return the column of each signal of the first log if the headings differ; may_differ: this is allowed.
 
     Raises DataError for a log without one of the channels.
     """

@@ -129,7 +129,7 @@ class Session:
         while True:
             if result is not None:
                 ratios, spent_s = self.goal.reached(result), sum(plan.robot_time_s for plan in plans)
-                progress = f"{sum(r <= 1 for r in ratios.values())} of {len(ratios)} reached, {self.worst(ratios)}"
+                progress = f"{sum(r <= 1 for r in ratios.values())} of {len(ratios)} reached: {self.worst(ratios)}"
                 self.run.console.say(f"live: after x{len(plans)}, {spent_s:.4g} s: {progress}")
                 if result.status not in TRUSTED:
                     step, before = len(plans), "" if len(plans) == 1 else "contradict the earlier logs, or "
@@ -301,7 +301,7 @@ class Session:
         return read_fit(run.path("fit"))
 
     def worst(self, ratios: Mapping[str, float]) -> str:
-        """Describe the parameter that is furthest from the goal."""
+        """Describe the parameter that is furthest from its goal."""
         name = max(ratios, key=lambda joint: ratios[joint])
         goal = 100 * self.goal.widths[name]
         return f"{name} identified to ±{number(ratios[name] * goal, 2)} % (goal {goal:.3g} %)"

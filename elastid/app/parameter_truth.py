@@ -44,7 +44,7 @@ def contents(
     parameters: Parameters,
     gears: GearResult | None = None,
 ) -> dict[str, str]:
-    """Name the friction in each viscous coefficient of a motor, and in others that contain dry friction.
+    """Name the friction that viscous coefficients of motors and other mixed parameters contain.
 
     In responses to references, viscous friction and an error of the controller's k_d are alike.
     """

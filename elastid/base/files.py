@@ -214,7 +214,7 @@ def read_table(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
         raise StudyError("files/table", f"{len(double)} columns have the name {double[0]}", f"{path}:{first}:1")
     for number, row in rest:
         if len(row) != len(heads):
-            text = f"{len(row)} cells separated by {separator!r}, but line {first} has {len(heads)} names"
+            text = f"{len(row)} cells separated by {separator!r}, but row {first} has {len(heads)} headings"
             raise StudyError("files/table", text, f"{path}:{number}:1")
         yield number, dict(zip(heads, row, strict=True))
 

@@ -11,7 +11,7 @@ from elastid.base.kernels import call, is_wide
 def real_dft(x: FloatArray, lines: IntArray | None = None, out: ComplexArray | None = None) -> ComplexArray:
     """Return the DFT (P, F, c) of each of the P periods of N samples of x (P, N, c) at lines (F,), all by default.
 
-    out (P, c, F): memory for it, in which the numbers of a channel are side by side.
+    out (P, c, F): memory for the result, in which the numbers of a channel are contiguous.
     """
     (P, N, c), plan, x = x.shape, _plan(x.shape[1]), np.asarray(x, np.float64)
     lines = np.arange(N // 2 + 1) if lines is None else lines
@@ -28,13 +28,13 @@ def real_dft(x: FloatArray, lines: IntArray | None = None, out: ComplexArray | N
 
 @lru_cache(maxsize=4)
 def _plan(N: int) -> tuple[IntArray, IntArray, ComplexArray] | None:
-    """Return the factors of N / 2, their place of each line (N / 2 + 1,), roots of unity; None with large ones."""
+    """Return the factors of N / 2, digit-reversed places of lines (N / 2 + 1,), roots; None with large factors."""
     factors, place, rest = [], np.zeros(1, np.int64), N // 2
     for factor in (8, 4, *range(2, 14)):
         while rest and rest % factor == 0:
             factors.append(factor)
             rest //= factor
-    if N % 2 or rest != 1 or not factors or N > 1 << 19:  # numbers of 64 MB
+    if N % 2 or rest != 1 or not factors or N > 1 << 19:  # work space of 64 MB and more
         return None
     for factor in reversed(factors):
         place = (place[:, None] + len(place) * np.arange(factor)).ravel()

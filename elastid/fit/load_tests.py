@@ -159,9 +159,9 @@ class Agreement:
 
     def _compared(self, count: int, noun: str) -> str:
         if not self.dof:
-            return f"no line of the {noun} counts: none is more than noise"
-        text = f"{count} {noun}: {math.sqrt(self.chi_square / self.dof):.3g} times their std from the motors', rms"
-        return f"{text}, {self.ratio:.4g} +- {self.ratio_std:.2g} times as large" if math.isfinite(self.ratio) else text
+            return f"not comparable: the {noun} do not exceed the noise"
+        text = f"{count} {noun}: rms deviation from the prediction {math.sqrt(self.chi_square / self.dof):.3g} std"
+        return f"{text}; measured/predicted {self.ratio:.4g} +- {self.ratio_std:.2g}" if math.isfinite(self.ratio) else text
 
 
 @dataclass(frozen=True)

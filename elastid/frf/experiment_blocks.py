@@ -66,7 +66,7 @@ class PackedSum:
     def add(self, part: slice, z: ComplexArray, mean: ComplexArray) -> None:
         """Add as `FullSum.add` does, from whole batches on; lines of the mean are side by side."""
         apart = [stride // z.itemsize for stride in (*z.strides, mean.strides[1])]
-        # By their addresses: they may be views.
+        # Addresses, since z and mean may be views.
         call("add_scatter", *z.shape, z.ctypes.data, mean.ctypes.data, *apart, self.S[part.start // BATCH :])
 
     def power(self) -> FloatArray:

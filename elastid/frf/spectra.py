@@ -72,9 +72,9 @@ def undivided_logs(records: Sequence[Record]) -> list[Record]:
 
 @dataclass(frozen=True, eq=False)
 class RecordSpectra:
-    """The DFTs of the P repetitions of a record's signals, computed where they are asked for.
+    """DFTs of the P repetitions of a record's signals, computed on request.
 
-    A half period counts as a repetition of a half-wave record, of which only the odd lines have a meaning.
+    In a half-wave record, each half period is a repetition, and only the odd lines are meaningful.
     """
 
     record: Record
@@ -100,12 +100,12 @@ class RecordSpectra:
         at_once = max(1, PIECE_VALUES // (L * int(ends[-1]))) if self.is_large else P
         for first in range(0, P, at_once):
             periods = np.arange(first, min(P, first + at_once))
-            # Spectra of two channels a power of two apart would share few places of the cache.
+            # Padding: channels a power of two apart in memory would compete for the same cache lines.
             dft = np.empty((len(periods), ends[-1], len(lines) + 27), np.complex128)[:, :, : len(lines)]
             for signal, start, end in zip(signals, ends, ends[1:], strict=False):
                 blocks = signal[first * L : (first + len(periods)) * L].reshape(len(periods), L, -1)
                 if self.record.half_wave:
-                    # The mean of all whole periods is no part of what changes sign; half a period would see it.
+                    # The mean of whole periods does not change sign, but would leak into each half period.
                     blocks = blocks - mean_of_rows(signal, P // 2 * 2 * L)
                     halves = rfft(blocks, n=2 * L, axis=1)[:, lines].swapaxes(1, 2)
                     dft[:, start:end] = halves * (-1.0) ** periods[:, None, None]

@@ -262,7 +262,7 @@ def shift_between(first: Solution, second: Solution, rate_hz: float) -> dict[tup
 def _expected(
     error_influence: Sequence[FloatArray], explained: Sequence[Sequence[FloatArray]], terms: Sequence[int]
 ) -> tuple[FloatArray, FloatArray]:
-    r"""Return the mean of variances (n_x,) by cosines over the truth, and 2 (E V)^2 / var V, of errors that are white.
+    r"""Return E V over the true variance (n_x,), and dof 2 (E V)^2 / var V, of variances V by cosines for white errors.
 
     error_influence (n, m, n_x): influence of each log's errors on the errors of the numbers.  explained: blocks of
     orthonormal columns (n, m, r) of all numbers, which the residuals lack, so that these are smaller than the errors,

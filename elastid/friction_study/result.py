@@ -131,7 +131,7 @@ class JointFriction(SlidingFriction):
     def missing(self) -> tuple[UnidentifiedTerm, ...]:
         """Parts of a law of friction that these data cannot identify: stiction, or friction at all."""
         if self.is_unrelated:
-            why = "no friction is significant and most torque is unexplained. Check joint and time of the torque channel"
+            why = "no friction is significant and most torque is unexplained. Check the joint and time of the torque"
             return (UnidentifiedTerm("friction", why),)
         if self.friction is None and not self.has_one_speed:
             slid = any(part is not None for part in (self.static, self.motion, self.commanded))

@@ -108,11 +108,11 @@ class StaticLaw:
 
     @property
     def estimate(self) -> Estimate:
-        """Its parameters with their covariance."""
+        """Parameters of the law with their covariance."""
         return Estimate(self.names, np.array([self.values[name] for name in self.names]), self.covariance)
 
     def value_and_std(self, name: str) -> tuple[float, float]:
-        """Return a number, of stiction its excess over Coulomb friction, and its std."""
+        """Return a parameter and its std; for stiction, the excess over Coulomb friction."""
         parts = [key for key in self.names if key in (name, FALLING.get(name))]
         return self.estimate.combination({key: 1.0 if key == name else -1.0 for key in parts})
 

@@ -100,7 +100,7 @@ class _Balance:
 
 
 def _balance(model: ElasticModel, theta: FloatArray, q: FloatArray, free: IntArray) -> _Balance:
-    """Return the balance at q (n_q,), with the multipliers of least torque on free coordinates, the smallest ones."""
+    """Return the balance at q (n_q,), with the smallest multipliers that minimise the torque on free coordinates."""
     gravity = model.potential_gradient(q, theta).full()[:, 0]
     if not model.n_c:
         none = np.zeros(0)

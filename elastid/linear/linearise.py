@@ -285,7 +285,7 @@ def _slopes(
 
     matrices: M, D, K (n_q, n_q) and C, T (n_y, n_q) in all coordinates; of_theta, dZ (n_theta, ...): derivatives.
     """
-    is_whole = len(Z) == Z.shape[1]  # nothing is held: Z is the unit matrix
+    is_whole = len(Z) == Z.shape[1]  # no coordinate is fixed: Z is the identity matrix
     parts = {letter: part if is_whole else part @ Z for letter, part in of_theta.items()}
     if dZ is not None:
         parts |= {letter: parts.get(letter, 0.0) + (1 + (letter in "MDK")) * (A @ dZ) for letter, A in matrices.items()}
@@ -293,7 +293,7 @@ def _slopes(
         whole = Z.T @ parts[letter]
         parts[letter] = (whole + whole.transpose(0, 2, 1)) / 2
     for part in parts.values():
-        part.flags.writeable = False  # so that no slope is copied
+        part.flags.writeable = False  # read-only, so that slopes need no copy
     enters = {letter: np.any(part, axis=(1, 2)) for letter, part in parts.items()}
     return {
         name: Slope(**{letter: part[p] for letter, part in parts.items() if enters[letter][p]})

@@ -56,7 +56,7 @@ class GatheredChannels:
 
 @dataclass(frozen=True)
 class _Group:
-    """The channels of one file with one rate and clock: numbers in the study's list, signals (n, c), and rows.
+    """Channels of one file with the same rate and clock: indices in the study's list, signals (n, c), and rows.
 
     first_s: the first time stamp, None where none was logged.
     """

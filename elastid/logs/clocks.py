@@ -22,7 +22,7 @@ _RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
 _PERIODS = ("ts", "t_s", "sample_time", "sampletime")  # in s
 BACKWARDS = "runs backwards: it falls from sample to sample"
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-_MAX_UNEVEN_FRACTION = 0.02  # of the steps of a clock that may be gaps
+_MAX_UNEVEN_FRACTION = 0.02  # fraction of the steps of a clock that may be gaps
 MAX_RATE_LOG = 0.26  # |log| of the ratio of two rates: stamps in ms, us or ns, and study
 _MAX_WRONG_DISTANCE = 5.0  # of a stamp from the median of its neighbours, in steps of the clock
 

@@ -197,7 +197,7 @@ def separate_determinations(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
     about = np.zeros_like(near)
     for r in np.flatnonzero(-2 * fit.poles.real <= spacing).tolist():
         near[r], about[r] = np.abs(omega - fit.poles[r].imag) < 2 * spacing, _about(fit, r)
-    # QR compresses the lines used for no pole to as many rows as columns; same products.
+    # QR reduces the lines that no pole uses to as many rows as columns, with equal products.
     near, about = np.tile(near, 2), np.tile(about, 2)
     rest, Qy = ~np.any(near | about, axis=0), np.concatenate([Q, fit.data.y], axis=1)
     T = np.linalg.qr(Qy[rest], mode="r")

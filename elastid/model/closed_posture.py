@@ -197,7 +197,7 @@ def _widest(parts: Mechanism, q: FloatArray) -> tuple[str, str]:
 
 
 def _check_posture(parts: Mechanism, q: FloatArray) -> None:
-    """Check that every passive joint follows the driven joints, and not by a folded lever."""
+    """Check that every passive joint follows the driven joints, without a folded (singular) lever."""
     _, Phi = parts.rows(q[None])
     _check_locked(parts, q)
     n_p = len(parts.passive)

@@ -1,4 +1,4 @@
-"""Functions of CasADi between arrays: its own matrices take longer to convert than many functions to evaluate."""
+"""Evaluation of CasADi functions on NumPy arrays: faster than conversion from and to CasADi matrices."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -13,9 +13,9 @@ from elastid.base.arrays import FloatArray
 def evaluated(
     function: ca.Function, arguments: Sequence[FloatArray], shapes: Sequence[tuple[int, ...]]
 ) -> list[FloatArray]:
-    """Evaluate a function to arrays of some shapes, columns as rows."""
+    """Evaluate a function to arrays of the given shapes, transposed: rows are columns of its outputs."""
     results = [np.empty(shape) for shape in shapes]
-    buffer: Any  # whose stubs ask for a size more; it is deleted when it goes out of scope
+    buffer: Any  # its type stub requires a size; deleted at the end of the scope
     buffer, evaluate = function.buffer()
     arguments = [np.ascontiguousarray(values, np.float64) for values in arguments]
     for place, arrays in ((buffer.set_arg, arguments), (buffer.set_res, results)):

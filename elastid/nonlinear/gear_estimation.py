@@ -37,8 +37,8 @@ MIN_SIGNIFICANCE = 3.0  # std of a magnitude, from which on its scale moves, and
 class GearEstimate:
     """x (n_x,) of the parameters and magnitudes (n_f,) of the effects, with their covariance (n_x + n_f, n_x + n_f).
 
-    weighted_cost: sum of ln det S of its residuals, by which alternatives are compared, -2 ln of their likelihood.
-    scale_std (n_f,): of the effects' scales that are found with them, 0 of the others.
+    weighted_cost: sum of ln det S of the residuals (-2 ln likelihood), by which alternatives are compared.
+    scale_std (n_f,): std of the effects' scales, 0 for scales that are not estimated.
     """
 
     parameters: Parameters
@@ -188,7 +188,7 @@ def scale_priors(
     """
     priors = np.ones(len(scales))
     for s, group in enumerate(scales):
-        # Any scale fits an effect that is next to nothing.
+        # The scale of a negligible effect is not identifiable.
         if np.all(np.abs(magnitudes[group]) < MIN_SIGNIFICANCE * std[n_x:][group]):
             priors[s] = 1e12 * max(1.0, float(A[n_x + len(magnitudes) + s, n_x + len(magnitudes) + s]))
     return priors

@@ -244,9 +244,9 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
 def reason_unsuited(first: Record) -> str:
     """Return the reason why friction and gear effects are not identifiable from these records, else ""."""
     if not first.is_periodic:
-        return "the records have no period; what is not linear is found from differences between periodic experiments"
+        return "the records are not periodic; nonlinear effects are estimated from differences of periodic experiments"
     missing = ", ".join(place for place in first.inputs if place not in first.outputs)
-    text = f"the angle of {missing} is not among the outputs; log the motors' angles, of which all is a function"
+    text = f"the angle of {missing} is not among the outputs. Log the angle of each motor: these effects depend on it"
     return text if missing else ""
 
 

@@ -4,17 +4,17 @@ For each line, with the net torques U_n = U - Phi f and the projector Q that tak
 
 .. math:: e = (U - G^{-1} Y)\, Q = \Phi Q\, f + noise, \qquad G = Y U_n^H (U_n U_n^H)^{-1}
 
-G is eliminated by variable projection; since it depends on f, the regression is repeated. At lines that were not
-excited, torque is there by feedback alone: G is interpolated, and Q = 1. Motors and their coefficients are the same in
+G is eliminated by variable projection; since it depends on f, the regression is repeated. At lines without excitation,
+the torque comes from feedback alone: G is interpolated, and Q = 1. Motors and their coefficients are the same in
 all configurations. (Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973; Kaufman, BIT 15, 1975.)
 
-A torque that is logged late or early has its friction late or early: where no choice explains the torque, the delay is
-searched at which friction leaves least of it in other realisations (`torque_delay`).
+If the torque is logged with a delay, its friction has this delay. If no basis explains the torque, the delay is
+estimated that minimises the residual power in other realisations (`torque_delay`).
 
-Shapes are chosen by cross-validation over realisations. Candidates are on the scale of the motors' own motion; one is
-compensated only where it pays. Signs are tried at speeds a factor 2 apart. Where friction turns over a speed between
-two of them, both together come out as friction that is 0.1 to 0.2 % too large in sliding; two near their mean leave a
-tenth of that (`refine_basis`).
+Basis functions are chosen by cross-validation over realisations. The motors' own motion gives the scale of candidates;
+a candidate is compensated only if the prediction improves. Signs tanh(v / D) have speeds D a factor 2 apart. If
+friction reverses over a speed between two of them, both together overestimate sliding friction by 0.1 to 0.2 %; two
+near their mean reduce this error to a tenth (`refine_basis`).
 """
 
 import math

@@ -78,8 +78,8 @@ def answer_of_move(tuned: TunedMove) -> Answer:
     rigid, last, has_samples = tuned.outcomes[0], tuned.outcomes[-1], bool(tuned.samples)
     fractions = np.array([np.abs(getattr(tuned, kind)).max(axis=0) for kind in KINDS]) / tuned.limits
     kind, i = np.unravel_index(int(np.argmax(fractions)), fractions.shape)
-    most = f"{list(KINDS)[kind]} of motor {tuned.joints[i]} uses {percent(fractions[kind, i], 3)} of its limit"
-    sentence = f"Yes. Largest use: {most}." if fractions.any() else "No limit is given."
+    most = f"{list(KINDS)[kind]} of motor {tuned.joints[i]} reaches {percent(fractions[kind, i], 3)} of its limit"
+    sentence = f"Yes. Closest to a limit: {most}." if fractions.any() else "No limit is given."
     exact = (
         f"{tuned.duration:.4g} s: largest path error of {tuned.frame} {number(1e3 * last.largest, 3)} mm on the "
         f"{tuned.judge} (rigid feedforward: {number(1e3 * rigid.largest, 3)} mm); residual vibration "

@@ -157,7 +157,7 @@ def answer(joint: JointFriction) -> str:
 
 
 def refusals(result: FrictionResult) -> tuple[Refusal, ...]:
-    """List parts of the friction model without numbers; joints with the same reason are joined."""
+    """List parts of the friction model without numbers; joints with the same reason are grouped."""
     joints: dict[tuple[str, str], tuple[str, ...]] = {}
     for joint in result.joints:
         for part in joint.unidentified:

@@ -301,7 +301,7 @@ def simulate(
     blocks = [np.empty((CHUNK_SAMPLES, signal.shape[1])) for signal in signals]
     results = [np.empty((CHUNK_SAMPLES, loop.function.size1_out(i))) for i in range(loop.function.n_out())]
     # Matrices of CasADi made of these and back would take as long as the simulation.  Its columns are rows here.
-    buffer: Any  # whose stubs ask for a size more; it is deleted when it goes out of scope
+    buffer: Any  # its type stub requires a size; deleted at the end of the scope
     buffer, evaluate = loop.function.buffer()
     for i, values in enumerate((*state, *blocks)):
         buffer.set_arg(i, values.data)

@@ -82,7 +82,7 @@ def _members(spec: FleetSpec, path: Path) -> Iterator[Member]:
 def _rows(path: Path) -> Iterator[MemberSpec]:
     for line, row in read_table(path):
         if absent := [name for name in (ROBOT, DATE) if name not in row]:
-            raise StudyError("files/table", f"no column {absent[0]}; there are {', '.join(row)}", f"{path}:1:1")
+            raise StudyError("files/table", f"column {absent[0]} is missing; columns: {', '.join(row)}", f"{path}:1:1")
         values = {key: value for key, value in row.items() if key not in (ROBOT, DATE) and value}
         try:
             yield MemberSpec(row[ROBOT], row[DATE], values)

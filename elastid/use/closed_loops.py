@@ -217,7 +217,7 @@ class Scene:
     @classmethod
     @lru_cache(maxsize=4)  # of the estimate, coarse and fine, and of draws
     def of(cls, plants: Plants, lines: int = 220, per_mode: int = 13) -> "Scene":
-        """Build the scene on a grid with so many lines."""
+        """Build the scene on a grid with the given number of lines."""
         freq_hz = grid(plants, lines, per_mode)
         return cls(plants, freq_hz, plants.response(freq_hz))
 

@@ -127,9 +127,9 @@ def map_columns(
 
 @dataclass(frozen=True, eq=False)
 class _Responses:
-    """Motions X (Q, 3, n, 3) of postures by unit forces at s (Q, 3): at rest, at the peak, at the chatter line.
+    """Motions X (Q, 3, n, 3) of postures under unit forces at s (Q, 3): static, at the peak, at the chatter frequency.
 
-    shifts (n_a, P): of the parameters of the postures by standard deviations in independent directions.
+    shifts (n_a, P): shifts of the parameters by one standard deviation in each independent direction.
     """
 
     at: LockedPostures

@@ -40,7 +40,7 @@ def beyond_limits(robot: Robot, angles: FloatArray) -> BoolArray:
 
 
 def random_postures(robot: Robot, count: int, seed: int = 0) -> FloatArray:
-    """Draw angles (count, n_u), uniform within the limits, of postures in which loops close; many are in a file."""
+    """Draw angles (count, n_u), uniform within the limits, at which the loops close; large arrays are in a file."""
     (low, high), rng, n = limits_of(robot).T, np.random.default_rng(seed), 0
     tries, piece = count * (5 if robot.loops else 1), 10_000
     angles = (np.empty if count <= piece else empty_in_file)((count, len(low)))
@@ -207,7 +207,7 @@ def read_path(path: Path, robot: Robot, frame: str) -> tuple[FloatArray, tuple[s
     if not is_reached.any():
         raise DataError(
             "use/unreachable",
-            f"no pose is within reach of frame {frame} and the limits of the joints. x, y, z count from the robot's "
+            f"no pose is within reach of frame {frame} and the limits of the joints. x, y, z are from the robot's "
             "base, in m unless the heading has another unit. Correct them or the limits",
             path,
         )

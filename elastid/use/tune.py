@@ -185,16 +185,16 @@ def tune_move(robots: MoveRobots, move: Move, name: str, progress: Progress = si
         if not first_duration(commanded, move, task.limits):
             raise DataError(
                 "use/move",
-                f"robot {robots.identified.name} has no limits of velocity, acceleration or torque, so that no time is "
-                "the shortest; give its joints limits, or a duration",
+                f"robot {robots.identified.name} has no limits of velocity, acceleration or torque, so that no "
+                "shortest time exists. Give limits for its joints, or give a duration",
             )
         limits = task.limits.narrowed({kind: np.full(len(task.limits.torque), _SPARE**2) for kind in KINDS})
         fastest = shortest(commanded, move, limits, task.margin_s, robots.error_m)
         if fastest is None:
             raise DataError(
                 "use/move",
-                f"the tool stays within {1e3 * robots.error_m:g} mm of its path in no time; raise --error, or move the "
-                "path away from limits and singular postures",
+                f"no duration keeps the tool within {1e3 * robots.error_m:g} mm of its path. Raise --error, or move "
+                "the path away from limits and singular postures",
             )
         task = replace(task, move=fastest)
     return task.tuned(name, progress)

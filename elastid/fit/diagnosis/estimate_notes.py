@@ -93,7 +93,7 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
         return ()
     actual_unit, assumed_unit = ("rad/s", "Hz") if typical > 0 else ("Hz", "rad/s")
     text = (
-        f"all estimates are {math.exp(typical):.3g} times their start values; residuals cannot show why. "
+        f"all estimates are {math.exp(typical):.3g} times their start values; the cause is not identifiable. "
         f"Check: frequencies in {actual_unit} instead of {assumed_unit} (factor 39), positions in degrees (57), "
         "torques on the other side of the gear (ratio)"
     )

@@ -128,7 +128,7 @@ def _times(R: npt.NDArray[np.inexact[Any]], U: Complex) -> Complex:
 class CompressedResiduals(Kept):
     """The residuals mixing (gain e) of one configuration; measured, gain, criterion and whitening as of `Part`.
 
-    elements: rows and columns (n_e,) of the elements g.  entries (n_y, n_u): index in them; both of `Columns`.
+    elements: rows and columns (n_e,) of the elements g.  entries (n_y, n_u): index of each entry in elements.
     takes_compiled: True if the sums run in C.  precomputed: `compressed`, if it was computed before.
     """
 

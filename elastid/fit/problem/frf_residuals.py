@@ -146,7 +146,7 @@ class Chunk(Kept):
     def sums(self, x: FloatArray, precision: type[np.floating[Any]]) -> tuple[float, FloatArray, FloatArray]:
         """Return V, J^T r (n_x,) and J^T J (n_x, n_x) at x; precision: of J^T J."""
         V, g, A = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
-        numbers: dict[str, tuple[FloatArray, FloatArray]] = {}  # most configurations have the same
+        numbers: dict[str, tuple[FloatArray, FloatArray]] = {}  # equal for most configurations
         with np.errstate(all="ignore"):
             for part in self.parts:
                 name = self.parameters.configuration_of_stand_in(part.configuration)

@@ -90,7 +90,7 @@ def noise_model(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
 
 
 def _across_lines(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
-    """Return C of the noise powers estimated from the other half of the lines."""
+    """Return the smoothed noise C of each line, estimated from the noise powers of the other half of the lines."""
     lines = np.arange(len(S))
     C = np.empty(S.shape, np.complex128)
     for half in (lines % 2 == 0, lines % 2 == 1):

@@ -270,7 +270,7 @@ def _first_alike(E: FloatArray) -> tuple[FloatArray, IntArray]:
     rows, earlier = np.nonzero(np.tril(np.abs(cosine) > 1 - 1e-6, -1))
     sign = np.sign(cosine[rows, earlier])
     is_alike = np.abs(unit[rows] - sign[:, None] * unit[earlier]).max(axis=1, initial=0.0) < EQUAL_TOLERANCE
-    # np.nonzero goes row by row, with the earliest first, which here comes last and stays.
+    # np.nonzero lists the earliest row first; in reverse order the earliest is assigned last.
     rows, earlier, sign = (part[is_alike][::-1] for part in (rows, earlier, sign))
     first[rows] = earlier
     size[rows] *= sign

@@ -38,7 +38,7 @@ BLOCK_LINES = 1 << 16  # of a large text that are in memory at a time
 class TextLog(Log):
     """The lines of a text log, decimals as points, its headings or none; first: line (from 0) where the data start.
 
-    units: of the columns, where a line below the headings states them; of those it does not state, empty texts.
+    units: of the columns, from a row below the headings; an empty text for a column without a unit.
     """
 
     path: Path

@@ -14,7 +14,7 @@ from elastid.base.arrays import FloatArray, IntArray, folded
 from elastid.base.errors import DataError, Note, Severity
 
 MAX_WRONG_FRACTION = 0.01  # of samples, cells or steps of a clock that may be wrong, which are then missing
-_CODES = {  # of findings that mend nothing
+_CODES = {  # of findings without a repair
     "quantised channels": "records/quantised",
     "samples at a limit": "records/clipped",
 }
@@ -37,8 +37,8 @@ class Findings:
 class Log:
     """Names of a log, its channels and its times in messages, and all findings in it.
 
-    first: number in the file of the first sample.  rows (n,): numbers in the file of all samples, where its time leaves
-    some out; None where it does not.  scale: samples of the study's rate in a sample.
+    first: row of the first sample in the file.  rows (n,): row of each sample in the file if its time stamps have gaps,
+    else None.  scale: samples at the rate of the study per sample.
     """
 
     where: str

@@ -64,7 +64,7 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
     if not discarded:
         return result
     numbers = ", ".join(str(p + 1) for p in discarded)
-    text = f"repetitions {numbers} of {P} lack over 10 % of a channel, or have a gap too noisy to interpolate"
+    text = f"repetitions {numbers} of {P} lack more than 10 % of a channel, or noise prevents interpolation"
     if P - len(discarded) < 2:
         text += ", and two complete repetitions are needed. Measure again, or exclude the faulty part with samples"
         raise log.error("records/missing-samples", text)

@@ -1,19 +1,19 @@
-r"""Time stamps of a log: judged, and its samples brought from their instants to an even grid.
+r"""Check of the time stamps of a log, and resampling of its signals to a uniform grid.
 
-Stamps of an even sampling are on a line over the numbers of the samples, late by transport and queues,
+With uniform sampling, the stamps are on a line over the sample numbers, plus a delay by transport and queues,
 
 .. math:: s_k = s_0 + T n_k + d_k, \quad d_k \ge 0, \qquad n_{k+1} - n_k - 1 \text{ samples lost}
 
-with s_0 of the earliest stamps (Moon, Skelly and Towsley, INFOCOM 1999), and the period T at which the phases of the
-stamps are most alike, whatever was lost (Bartlett, J. R. Stat. Soc. B 25, 1963).
+with s_0 from the earliest stamps (Moon, Skelly and Towsley, INFOCOM 1999). T is the period at which the phases of the
+stamps are most alike, also if samples are lost (Bartlett, J. R. Stat. Soc. B 25, 1963).
 
-The signal of another sampling is the band-limited one that fits all samples in the sense of least squares,
+With non-uniform sampling, the signal is the band-limited signal that fits all samples by weighted least squares,
 
 .. math:: \min_x \sum_i w_i \Bigl(s(t_i) - \sum_j x_j \varphi(t_i / T_k - j)\Bigr)^2, \quad
     w_i = \tfrac12 (t_{i+1} - t_{i-1})
 
-with phi a windowed sinc (`resampling`) and T_k the longest mean of some steps in a row, so that samples are nowhere
-fewer than knots (Feichtinger, Groechenig and Strohmer, Numer. Math. 69, 1995); it holds frequencies up to 0.45 / T_k.
+with phi a windowed sinc (`resampling`). T_k is the longest moving average of the steps, so that samples are nowhere
+sparser than knots (Feichtinger, Groechenig and Strohmer, Numer. Math. 69, 1995). The band ends at 0.45 / T_k.
 LSMR solves for x (Fong and Saunders, SIAM J. Sci. Comput. 33, 2011).
 """
 
@@ -40,7 +40,7 @@ MIN_RATE_FRACTION = 0.75
 SMOOTHER, JUDGED_FRACTION = 0.8, 0.9
 # Samples at rate_hz over those of the log, or the inverse: beyond, stamps are not in s, or jump.
 MAX_RATE_RATIO = 20.0
-# Length of the mean phase of evenly sampled stamps, 1 without jitter; stamps of the first estimate of the period.
+# Smallest mean resultant length of the phases of uniform stamps (1: no jitter); stamps for the first period estimate.
 MIN_CONCENTRATION, FIRST_STAMPS = 0.25, 512
 
 
@@ -59,9 +59,9 @@ LAST = 20
 
 @dataclass(frozen=True)
 class StampLine:
-    """Line of stamps over the numbers rows (n,) of their samples: its start, and the delays (n,) of stamps, in s.
+    """Line through stamps over the sample numbers rows (n,): its start, and the delays (n,) of the stamps, in s.
 
-    rounding_s: decimal step of the stamps, 0 with more than nine digits.
+    rounding_s: decimal resolution of the stamps, 0 for more than nine decimals.
     """
 
     rows: IntArray
@@ -82,7 +82,7 @@ class StampLine:
 
     @property
     def concentration(self) -> float:
-        """Length of the mean phase of the stamps."""
+        """Mean resultant length of the phases of the stamps."""
         return float(np.abs(np.exp(2j * np.pi * self.rate_hz * self.delays_s).mean()))
 
     @property
@@ -101,7 +101,7 @@ def describe_steps(time_s: FloatArray) -> str:
 
 def stamp_line(time_s: FloatArray) -> StampLine | None:
     """Fit the line of rising stamps (n,) of an even sampling, of which samples may be lost; None without one."""
-    t, lag = time_s - time_s[0], min(FIRST_STAMPS, len(time_s) // 2)  # a calendar's seconds leave no digits
+    t, lag = time_s - time_s[0], min(FIRST_STAMPS, len(time_s) // 2)  # seconds since 1970 leave no digits
     step_s = float(np.median(t[lag:] - t[: len(t) - lag])) / max(lag, 1)
     if not step_s > 0 or np.any(np.diff(t) < 0):
         return None
@@ -165,9 +165,9 @@ def sampling_times(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the instants (n,) of the samples of signals (n, c) by their stamps (n,), and the samples in their order.
 
-    Of an even sampling, on its line: exact stamps, and stamps with jitter or in bursts at which the signals are not
-    smoother.  has_clocks: rounded stamps delay the signals against other ones.  Rows in another order than their stamps
-    are sorted.  DataError for missing and for many falling stamps.
+    The instants are on the line of uniform stamps if these are exact, or if the signals are not smoother at stamps with
+    jitter or bursts.  has_clocks: rounded stamps delay the signals relative to other signals.  Rows are sorted by their
+    stamps.  DataError for missing stamps and for many that decrease.
     """
     time_s, signals = rising(time_s, signals, log, has_clocks)
     line = stamp_line(time_s) if len(time_s) > 2 else None
@@ -175,12 +175,12 @@ def sampling_times(
         return time_s, signals
     names, away_ms = ", ".join(log.names), 1e3 * float(np.ptp(line.delays_s))
     if not line.is_exact:
-        text = f"time stamps of {names} jitter by up to {away_ms:.3g} ms on an even grid of {line.rate_hz:.6g} Hz"
-        text += "; the signals are smoother on the grid: the rows are taken as evenly sampled"
+        text = f"time stamps of {names} jitter by up to {away_ms:.3g} ms about a uniform {line.rate_hz:.6g} Hz grid"
+        text += "; the signals are smoother on this grid, so that elastid assumes uniform sampling"
         log.report(JITTER, len(time_s), text)
     elif has_clocks and away_ms * line.rate_hz > 2e3 * MAX_GRID_DEVIATION:
-        text = f"time stamps of {names} are rounded: their delay to other clocks is known to +-{away_ms / 2:.2g} ms, "
-        text += "which biases inertia and viscous friction outside their intervals. Log stamps with more digits"
+        text = f"time stamps of {names} are rounded: the delay to other clocks is uncertain by +-{away_ms / 2:.2g} ms, "
+        text += "an error that the intervals of inertia and viscous friction do not include. Log more decimals"
         log.note("records/clock", text)
     return line.times_s, signals
 
@@ -227,15 +227,15 @@ def rising(
 ) -> tuple[FloatArray, FloatArray]:
     """Sort stamps (n,) and their signals (n, c).
 
-    A clock that was set back leaves a gap of unknown length; has_clocks: none, since other signals continue there.
-    Raises DataError for missing stamps, and for more falling steps than of single faults.
+    A clock that was set back leaves a gap of unknown length; no gap with has_clocks, since other signals continue.
+    Raises DataError for missing stamps, and for more decreasing steps than single faults cause.
     """
     if not np.isfinite(time_s).all():
         place = log.time_of(np.flatnonzero(~np.isfinite(time_s))[0])
         raise log.error("records/clock", f"the time is missing at {place}. Exclude that part by samples")
     twice = np.flatnonzero(np.diff(time_s) == 0) + 1
     if len(twice) > 0 and np.array_equal(signals[twice], signals[twice - 1], equal_nan=True):
-        text = f"{len(twice)} rows have the time of the row before, the first at {log.time_of(twice[0])}; discarded"
+        text = f"{len(twice)} rows repeat the time of the previous row, the first at {log.time_of(twice[0])}; discarded"
         log.report("rows with the stamp of another", len(twice), text)
         time_s, signals = np.delete(time_s, twice), np.delete(signals, twice, axis=0)
     falls = np.flatnonzero(np.diff(time_s) < 0)
@@ -253,8 +253,8 @@ def rising(
         return time_s[order], signals[order]
     rises, step_s = np.diff(time_s, prepend=time_s[0]), float(np.median(steps))
     rises[falls + 1] = step_s if has_clocks else (MAX_BRIDGED + 2) * step_s
-    gap = "no message is taken as lost there" if has_clocks else "treated as a gap"
-    log.report(SET_BACK, len(falls), f"the time falls at {place}, as after a clock was set back; {gap}")
+    gap = "elastid assumes no lost message" if has_clocks else "treated as a gap"
+    log.report(SET_BACK, len(falls), f"the time decreases at {place}, as if the clock was set back; {gap}")
     return time_s[0] + np.cumsum(rises), signals
 
 
@@ -269,7 +269,7 @@ def _is_smoother_on(line: StampLine, time_s: FloatArray, signals: FloatArray) ->
 
 def _report_gaps(count: int, gaps: IntArray, log: Log) -> None:
     if count:
-        text = f"{count} samples are missing in {gaps.size} gaps of the time of {', '.join(log.names)}"
+        text = f"{count} samples are missing in {gaps.size} gaps of the stamps of {', '.join(log.names)}"
         log.report(GAPS, count, f"{text}, the first after {log.time_of(gaps[0])}")
 
 
@@ -285,7 +285,7 @@ def _check_band(knot_hz: float, rate_hz: float, time_s: FloatArray, log: Log) ->
         advised_hz = np.floor(knot_hz / unit + 1e-9) * unit
         raise log.error(
             "records/clock",
-            f"its time has {describe_steps(time_s)}, sufficient up to {PASSBAND * knot_hz:.3g} Hz; rate_hz "
+            f"time stamps have {describe_steps(time_s)}, sufficient up to {PASSBAND * knot_hz:.3g} Hz; rate_hz "
             f"{rate_hz:g} needs {PASSBAND * rate_hz:.3g} Hz. Set rate_hz: {advised_hz:g}",
         )
 
@@ -294,7 +294,7 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
     """Resample signals from instants (n,) in s to a grid from 0 on."""
     steps_s = np.diff(time_s)
     if not np.median(steps_s) > 0:
-        text = f"{int((steps_s <= 0).sum())} of {len(time_s)} rows are not after the previous row"
+        text = f"{int((steps_s <= 0).sum())} of {len(time_s)} time stamps do not increase"
         raise log.error("records/clock", f"{text}. Log each sample once")
     gaps = np.flatnonzero(steps_s > MIN_GAP * np.median(steps_s))
     knot_steps = np.delete(steps_s, gaps)
@@ -305,7 +305,7 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
     result, ratio = _fit(time_s, signals, grid_s, min(knot_hz, rate_hz))
     in_gaps = np.isin(np.searchsorted(time_s, grid_s, side="right") - 1, gaps)
     result[in_gaps] = np.nan
-    error = f". Residual/signal rms = {ratio.max(initial=0.0):.2g} (noise, or faster motion)"
+    error = f". Residual/signal rms = {ratio.max(initial=0.0):.2g} (noise, or higher frequencies)"
     _report_resampling(time_s, len(result), rate_hz, knot_hz, log, error)
     _report_gaps(int(in_gaps.sum()), gaps, log)
     return result
