@@ -161,7 +161,7 @@ class Agreement:
         if not self.dof:
             return f"not comparable: the {noun} do not exceed the noise"
         text = f"{count} {noun}: rms deviation from the prediction {math.sqrt(self.chi_square / self.dof):.3g} std"
-        return f"{text}; measured/predicted {self.ratio:.4g} +- {self.ratio_std:.2g}" if math.isfinite(self.ratio) else text
+        return f"{text}; mean ratio {self.ratio:.4g} +- {self.ratio_std:.2g}" if math.isfinite(self.ratio) else text
 
 
 @dataclass(frozen=True)
