@@ -3,9 +3,9 @@ r"""Extended Kalman filter of a joint with LuGre friction whose numbers drift, o
 .. math:: J_m \ddot q_m + f \dot q_m + \tau_f(\dot q_m, z) + k (q_m - q_l) + d (\dot q_m - \dot q_l) = u + w, \qquad
           J_l \ddot q_l + g + b = k (q_m - q_l) + d (\dot q_m - \dot q_l)
 
-on one side of the gear: LuGre's bristles z, the torque g of gravity as a model has it, its slow error b, and w, noise
-of the torque that is correlated in time (ripple, cogging, cables; taken for white, it makes bands far too narrow). The
-followed numbers are constants that drift: ln F_c, with F_s / F_c and sigma_0 held; ln f, or one of each direction; b.
+on one side of the gear: LuGre bristle state z, gravity torque g of the model, its slowly varying error b, and coloured
+torque noise w (ripple, cogging, cables; if w were modelled as white, the bands would be far too narrow). The tracked
+parameters are random walks: ln F_c, with F_s / F_c and sigma_0 fixed; ln f, or one value for each direction; b.
 A sample of the filter is a CasADi function,
 
 .. math::
@@ -13,18 +13,18 @@ A sample of the filter is a CasADi function,
    K = P^- h / S, \quad S = h^T P^- h + R, \quad e = y - h^T x^-, \\
    x^+ = x^- + K e, \qquad P^+ = (I - K h^T) P^- (I - K h^T)^T + K R K^T \text{ (Joseph)},
 
-F the Jacobian of a, h that of the measured angle. Numbers c that the filter holds (F_s / F_c, Stribeck velocity,
-inertia, stiffness, gravity) are wrong by some percent, and its bands have that: they are consider parameters (Schmidt,
-Advances in Control Systems 3, 1966), never updated, with cross covariance Sigma over their standard deviations sigma,
+F: Jacobian of a; h: gradient of the measured angle. The fixed parameters c (F_s / F_c, Stribeck velocity, inertia,
+stiffness, gravity) are wrong by some percent, which the bands include: c are consider parameters (Schmidt, Advances in
+Control Systems 3, 1966), never updated, with cross covariance Sigma divided by their standard deviations sigma,
 
 .. math::
    \Sigma^- = F \Sigma + \frac{\partial a}{\partial c} \mathrm{diag}(\sigma), \qquad
    P^- = F (P - \Sigma \Sigma^T) F^T + \Sigma^- \Sigma^{-T} + Q, \qquad \Sigma^+ = (I - K h^T) \Sigma^-
 
-They have no share in the gain (P without their part makes K and S): their errors show in the innovations, and a gain
-that expects them lags. Q has the noise of the torques, through the step's own Jacobian, the drift of the followed
-numbers, and the slip of the bristle, (slip z_s)^2 l e^-l, l = |v| T_s / z_s, z_s = F_c / sigma_0: a joint that creeps
-does not take its bristle for certain, one that slides by more than z_s in a sample has it at its end.
+The gain does not depend on c (K and S use P without the contribution of c): a gain with this contribution would lag.
+Q contains the torque noise (through the Jacobian of the step), the drift of the tracked parameters, and the slip of the
+bristle, (slip z_s)^2 l e^-l, l = |v| T_s / z_s, z_s = F_c / sigma_0. In creep the bristle state is uncertain; after
+sliding by more than z_s in one sample it is at its limit.
 """
 
 import math

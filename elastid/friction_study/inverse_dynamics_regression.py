@@ -245,8 +245,8 @@ def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[No
     if not (fit.terms.delay or fit.terms.friction_only or fit.motion.is_run_down) and (late := _delay(fit, signals)):
         text = (
             f"the torque seems to be logged {1e3 * abs(late):.2g} ms {'late' if late < 0 else 'early'}, more than one "
-            "sample. A delay biases inertia and viscous friction outside their intervals. Check the clocks, and state "
-            f"`delay: {-1e3 * late:.2g} ms` at the torque channel"
+            "sample. The bias of inertia and viscous friction can exceed their intervals. Check the clocks, or state "
+            f"`delay: {-1e3 * late:.2g} ms` for the torque channel"
         )
         yield Note("friction/delay", text, place)
     if fit.terms.friction_only and not fit.motion.is_run_down:

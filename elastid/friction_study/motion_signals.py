@@ -1,14 +1,14 @@
-"""A log of one axis: plateaus and passes in it, and its signals behind the filter of a regression.
+"""Log of one axis: its plateaus and constant-velocity runs, and its signals after the filter of the regression.
 
-The filter has a finite length: a sample that a wrong model spoils, as while a joint sticks, spoils only its neighbours,
-and the equations of all others hold exactly (modulating functions: Shinbrot, Trans. ASME 79, 1957). Of a sample that is
-not used stands the reason.
+The filter has a finite length: a sample with a wrong model, such as in sticking, affects only its neighbours. The
+equations of all other samples are exact (modulating functions: Shinbrot, Trans. ASME 79, 1957). A sample that is not
+used has a stated reason.
 
-Of the log of any motion, passes are ways at one speed on the whole, and steady parts of other ways. A way is a part of
-the log between two turning points. Cogging makes the speed of a slow pass wander about its mean by a fifth and more, so
-that its acceleration is nowhere small; its position stays close to a straight line all the same. Such a way is one
-plateau, whose ends are where the line is left. Elsewhere, as in ways with several speeds, a plateau is where the
-velocity is steady.
+In the log of any motion, runs are strokes at one mean speed, and steady parts of other strokes. A stroke is the part of
+the log between two reversals. Cogging changes the speed of a slow run by 20 % and more, so that its acceleration is
+never small. Its position nevertheless stays close to a straight line. Such a stroke is one plateau, which ends where
+the position leaves the line. In other strokes, such as strokes with several speeds, a plateau is where the velocity is
+steady.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -1,15 +1,15 @@
-r"""Sliding friction of each joint: records of a friction study -> torques of passes and regressions of motions.
+r"""Sliding friction of each joint from a friction study: constant-velocity runs and regressions of motions.
 
-A joint that moved alone is regressed with its inertia and gravity, joints that moved together jointly with the rigid
-body that they carry; the passes of the latter are free of it.
+A joint that moved alone is regressed with its inertia and gravity. Joints that moved together are regressed jointly
+with the rigid body that they carry; their constant-velocity runs do not depend on this rigid body.
 
-An angle or a torque of the motor taken for one of the joint makes rigid-body torques wrong by the gear's ratio or its
+If a motor angle or motor torque is taken for a joint quantity, rigid-body torques are wrong by the gear ratio or its
 square.
 
-Friction follows from run-downs, too: a joint coasts one way until it stands, and its rigid body, rotor and payload are
-those of the robot's file. Their torque is taken out of the log, which is 0 where the drive is off, and what is left is
-regressed as that of a motion is. Of a motion one way an offset of the torque cannot be distinguished from Coulomb
-friction, nor an error of the inertia from a factor of all friction.
+Friction also follows from coast-down tests: a joint coasts in one direction until it stops. The torque of its rigid
+body, rotor and payload in the robot model is subtracted from the logged torque, which is 0 if the drive is off. The
+remainder is regressed like any motion. A motion in one direction cannot distinguish an offset of the torque from
+Coulomb friction, or an error of the inertia from a common factor of all friction.
 """
 
 import math

@@ -217,7 +217,7 @@ class _LogReader:
                 load=self.file.load,
                 payload=self.payload,
                 load_torque=float(load_torque[self.robot.driven_names.index(joint.name)]),
-                # A held torque acts half a sample after its instant, on average; one that is logged late acts earlier.
+                # A zero-order hold acts half a sample late on average; a torque that is logged late acts earlier.
                 torque_delay_s=0.5 / rate_hz * (holds.get(joint.name) == "zero-order")
                 + delays.get(("y", True, joint.name), 0.0)
                 - delays.get(("u", False, joint.name), 0.0),

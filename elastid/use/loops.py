@@ -1,8 +1,8 @@
-"""Loops of a study: today's and the designed controller on the identified robot, their peaks and bandwidths.
+"""Joint control loops of a study: current and designed controller on the identified robot, peaks and bandwidths.
 
-Each peak within half a dB of the largest is traced to the axis that has most of it and to the nearest mode of the
-robot, its motors free, that moves the motor of this axis; one that is farther than a third from every mode is left to
-the phase of the loop: to its gains at low frequencies, to delay, sampling and filters at high ones.
+Each peak within 0.5 dB of the largest is assigned to the axis with the largest contribution, and to the nearest mode of
+the robot with free motors that moves the motor of this axis. If every mode is more than a third away, the cause is the
+phase of the loop: the gains at low frequencies; delay, sampling and filters at high frequencies.
 """
 
 from collections.abc import Iterator

@@ -1,11 +1,11 @@
-r"""A tuned move: references of the motors with torque feedforward, within limits, held against twins and draws.
+r"""A tuned move: motor references with torque feedforward, within limits, tested by simulation of posterior samples.
 
 A robot follows the references in the loops of its drives, simulated forwards,
 
 .. math:: u = u_{ff} + k_p (q_{ref} - q_m) + k_d (\dot q_{ref} - \dot q_m)
 
-The nonlinear elastic model with friction, sampled loops, torques clipped at their limits. Numbers of the robot may
-change from run to run, so that draws of what a fit knows are judged by one function.
+The simulation has the nonlinear elastic model with friction, sampled loops and torques clipped at their limits. The
+parameters may change from run to run, so that one function evaluates all posterior samples of a fit.
 """
 
 from collections.abc import Sequence

@@ -1,9 +1,9 @@
-"""Alternative models of a study, each fitted from its start: other robots, or the same robot misread.
+"""Alternative models of a study, each fitted from its own start: other robots, or other conventions of the same robot.
 
-They stand at the angles as another unit, direction or order has them, have inertias of motors or encoders on the other
-side of the gears, are mounted otherwise, or do not carry the payload that the file has, or a further one.  A fit that
-moved numbers within their tolerances to make up for such a cause ends where no step leads to it; these begin at the
-file, with the tolerances about their own numbers.
+Alternatives are: angles in another unit, direction or order; motor inertias or encoders on the other side of the gear;
+another mounting; no payload, or an additional payload.  A fit that changed parameters within their tolerances to
+compensate such a cause cannot reach this cause by small steps.  The alternatives therefore start at their own values,
+with the tolerances about these values.
 """
 
 import math

@@ -5,16 +5,16 @@ r"""Outliers: one to three samples that the other periods contradict (Hampel ide
           \sigma^2 = (d_{75\,\%} / 1.15)^2 + q^2 / 12
 
 for each e, in which a transient is smooth, and for each period (Davies and Gather, J. Am. Stat. Assoc. 88, 1993).  q:
-step of the converter.  A spike is also five times as far from the parabola through its neighbours as three quarters of
-these, d is five times as large as there, and three times as large as at 90 % of the samples of most parts of the log:
-drift, transients, steps and bursts of oscillation are no spikes, nor are the pulses of a controller at the counts of an
-encoder.  A value that repeats the previous one exactly, or is exactly 0, is a lost message where the channel has more
-such values than steps make by chance, or where one e differs.  A sample is replaced only if its distance from the
-interpolation is more than four times the error of the interpolation beside it; lost messages below are replaced
-together if their median distance is not due to that error. Among values that steps repeat by chance lost messages are
-told as spikes only. Interpolated samples are references and are never judged. Spikes at one phase of two of three
-periods are told by their roughness: below the roughness of the signal equal ones outvote the third period, which a note
-counts.
+step of the converter.  A spike must also satisfy three conditions.  Its distance from the parabola through its
+neighbours is five times the distance of three quarters of them.  Its d is five times the d of these neighbours, and
+three times the d of 90 % of the samples in most parts of the log.  These conditions exclude drift, transients, steps,
+bursts of oscillation, and the pulses of a controller at encoder counts.  A value that repeats the previous value
+exactly, or is exactly 0, is a lost message if such values are more frequent than by chance, or if one e differs.  A
+sample is replaced only if its distance from the interpolation exceeds four times the interpolation error.  Lost
+messages below this limit are replaced together if that error does not explain their median distance.  If quantisation
+repeats values by chance, lost messages are detected only as spikes.  Interpolated samples are never tested.  With three
+periods, equal spikes at one phase of two periods outvote the third period if they are below the roughness of the
+signal; a note counts them.
 """
 
 from __future__ import annotations
