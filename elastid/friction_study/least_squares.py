@@ -1,21 +1,21 @@
-r"""Least squares of the laws of friction: one search, one covariance, one F test; regression jointly with a rigid body.
+r"""Least squares of friction laws: nonlinear search, covariance and F test; regression jointly with a rigid body.
 
-Of residuals of variance 1 a nonlinear search ends at :class:`Optimum`. Regressions of the numbers of friction jointly
-with those of the rigid body have residuals that are not white:
+A nonlinear search with residuals of variance 1 ends at :class:`Optimum`. Regressions of friction parameters jointly
+with rigid-body parameters have coloured residuals:
 
 .. math:: y_j(t) = X_j(t)\, \beta + R_j(t)\, \pi + e_j(t)
 
-for the torques of m joints in one log or several. R, the columns of everything that is no friction, is taken out of X
-and y first (Frisch and Waugh, Econometrica 1, 1933), so that its numbers need not be identifiable. Joints are weighted
-by the residuals of their torques. The covariance of beta takes neither time nor joints for independent: it is that of
-the slowest B cosines of the scores of each log (Lazarus, Lewis, Stock and Watson, J. Business & Economic Statistics 36,
-2018), with Student's quantile in it. Its degrees of freedom are B where a number is learnt all the time, and fewer,
-number by number, where it is learnt in few moments, as an inertia in the ramps of trapezoids (Satterthwaite, Biometrics
-2, 1946; Bell and McCaffrey, Survey Methodology 28, 2002).
+for the torques of m joints in one log or several. R has all columns that are not friction. It is projected out of X and
+y first (Frisch and Waugh, Econometrica 1, 1933), so that its parameters need not be identifiable. Joints are weighted
+by the residuals of their torques. The covariance of beta is robust to correlation over time and between joints: it is
+computed from the slowest B cosines of the scores of each log (Lazarus, Lewis, Stock and Watson, J. Business & Economic
+Statistics 36, 2018), and includes Student's quantile. A parameter has B degrees of freedom if the whole log informs it,
+and fewer if a few moments do, such as the ramps of trapezoids for an inertia (Satterthwaite, Biometrics 2, 1946; Bell
+and McCaffrey, Survey Methodology 28, 2002).
 
-Errors of the model repeat with the state, not with time: a motion that is repeated repeats them. The scores in the
-order of a state (angle, velocity) make a covariance of the same kind; where it is larger than the one over time beyond
-chance, it counts.
+Model errors repeat with the state, not with time: a repeated motion repeats them. Therefore a second covariance is
+computed from the scores in the order of a state (angle, velocity). It applies to each parameter for which it is
+significantly larger.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -1,7 +1,7 @@
-"""The channels of one experiment, from one log or several, in SI on the link side and on one grid of samples.
+"""Channels of one experiment, from one log or several, in SI on the link side and on one uniform grid.
 
-Logs that started at different times are aligned by the excitation that each of them holds; channels of different rates
-are brought to the lowest. A start that all channels share does not matter: Y / U cancels it.
+Logs that started at different times are aligned by the excitation in each of them. Channels of different rates are
+resampled to the lowest rate. A start time that all channels share has no effect: it cancels in Y / U.
 """
 
 import math

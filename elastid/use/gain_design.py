@@ -3,14 +3,14 @@ r"""Gains and notches of a cascade with the largest position gains at a limited 
 .. math:: \max_{K_v, K_p, \ldots} \; \frac{1}{n_u} \sum_i \ln K_{p,i} \quad \text{so that} \quad
           M_{S,q} \le 6\, \mathrm{dB}
 
-in all postures q, since the bandwidth of an axis is nearly K_p / 2 pi, and for 95 % of the robots drawn from a fit in
-all of them (M_S: Skogestad and Postlethwaite, Multivariable Feedback Control, 2nd ed., 2005, section 2.4.3). From the
-fastest of a few rules (velocity loops at a part of the first mode, position loops slower by a factor of 4 to 32) that
-keeps the limit, by sequential quadratic programming over the logarithms (SLSQP, Kraft 1988), with exact slopes of M_S
-in parts of the band of each posture; a notch is added where the sensitivity of an axis is at its limit and the
-bandwidth gains by it. Each result is slowed down, the position loops or all loops together, until these are stable and
-keep the limit; of several the one with the largest bandwidths is kept. Slower is not always safer: gravity makes a
-posture fall over that slow loops do not hold.
+in all postures q, and for 95 % of the posterior samples of a fit in all of them (M_S: Skogestad and Postlethwaite,
+Multivariable Feedback Control, 2nd ed., 2005, section 2.4.3). The bandwidth of an axis is nearly K_p / 2 pi. The search
+starts at the fastest of a few rules within the limit (velocity loops at a fraction of the first mode, position loops
+slower by a factor of 4 to 32). It is sequential quadratic programming over the logarithms (SLSQP, Kraft 1988), with
+exact derivatives of M_S in parts of the band of each posture. A notch is added if the sensitivity of an axis is at its
+limit and the notch increases the bandwidth. Each result is slowed down, in the position loops or in all loops, until
+all loops are stable and within the limit. The result with the largest bandwidths is selected. Slower is not always
+safer: slow loops do not stabilise a posture that is unstable under gravity.
 """
 
 from collections.abc import Callable, Iterator

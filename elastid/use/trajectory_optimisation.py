@@ -4,13 +4,13 @@ r"""Plans of moves: each one optimal control problem, by direct collocation with
           \text{s.t.} \quad M \ddot q + f + \tau_f + \Phi^T \lambda = B u, \quad \varphi(q) = 0, \quad
           |q_m|, |\dot q_m|, |\ddot q_m|, |\dddot q_m|, |u| \le \text{limits}
 
-e: of the tool from its path; every number of the robot is inserted. Dry friction is that of steady sliding, tanh(v /
-v_s) at standstill. `coulomb_torque_along` integrates bristles along the reference when the torque is written. q(t) is
-a spline with continuous fourth derivative, at rest in equilibrium at both ends; the equations hold at its knots (de
-Boor and Swartz, SIAM J. Numer. Anal. 10 (1973), 582): between them the error is of order h^4. The time before and after
-the move lets the motors wind and unwind the springs: of robots with elastic joints that no motor drives the inverse
-does not depend on the past alone. IPOPT (Wachter and Biegler, Mathematical Programming 106, 2006) with the Gauss-Newton
-Hessian of the tool's error. Of plans the best within limits, and the shortest time.
+e: error of the tool from its path; every parameter of the robot is inserted. Dry friction is for steady sliding, with
+tanh(v / v_s) near zero velocity. `coulomb_torque_along` integrates bristles along the reference when the torque is
+written. q(t) is a spline with continuous fourth derivative, in equilibrium at both ends. The equations hold at its
+knots (de Boor and Swartz, SIAM J. Numer. Anal. 10 (1973), 582); between them the error is of order h^4. The time before
+and after the move lets the motors wind and unwind the springs: with passive elastic joints the inverse is not causal.
+The solver is IPOPT (Wachter and Biegler, Mathematical Programming 106, 2006) with the Gauss-Newton Hessian of the tool
+error. The result is the best plan within the limits, or the plan with the shortest time.
 """
 
 from dataclasses import dataclass

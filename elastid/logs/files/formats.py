@@ -1,6 +1,6 @@
-"""The formats of log files: one row for each reader, chosen by the first bytes; and a file named with its fault.
+"""Formats of log files: one row for each reader, chosen by the first bytes; errors name the file.
 
-A further format is a function that opens a file, and one row; that of another package is a `Format` under
+To add a format, write a function that opens a file, and add one row. Another package provides a `Format` under
 the entry point group `elastid.readers`.
 """
 

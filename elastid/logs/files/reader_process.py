@@ -1,7 +1,7 @@
 """The guarded process that reads files of foreign formats: MATLAB up to version 7, ROS, TDMS and Parquet.
 
-Their libraries trust the lengths in a file: a damaged one asks for any amount of memory, or ends the process. So they
-work in a process of their own with a limit on its memory, started for the first file and ended with the program.
+Their libraries trust the lengths in a file: a damaged file can request any amount of memory, or crash the process. They
+therefore run in a separate process with a memory limit, which starts with the first file and ends with the program.
 """
 
 import atexit

@@ -1,9 +1,9 @@
 """ROS bags by rosbags: a ROS 2 folder with metadata.yaml, an MCAP or db3 file, or a ROS 1 .bag file.
 
-Signals are named by topic and field, `imu.angular_velocity.x`; those of a `sensor_msgs/JointState` by joint as well,
-`joint_states.position.elbow`, in whatever order its messages list the joints.  Sequences of numbers are matrices, of
-which a channel gives the column.  Each topic has its own time, `joint_states.time`, in s from the first message of
-the bag: the stamp of its messages, or where they have none the time at which the bag received them.
+Signals are named by topic and field, `imu.angular_velocity.x`. In a `sensor_msgs/JointState` the joint is part of the
+name, `joint_states.position.elbow`; messages may list the joints in any order.  Sequences of numbers are matrices, and
+a channel states the column.  Each topic has its own time, `joint_states.time`, in s from the first message of the bag:
+the stamp of its messages, or the time at which the bag received messages without a stamp.
 """
 
 from collections.abc import Callable, Iterator

@@ -1,7 +1,7 @@
-"""Faults of the logs of a real robot: a Finding is repaired by a stated rule and counted, reported, or refused.
+"""Faults in the logs of a real robot: each fault is repaired by a stated rule and counted, reported, or rejected.
 
-Here the parts that all rules share: the repetitions of a signal. Arrays in, arrays and findings out. Signals are
-(n, c), periodic after L samples, with sign -1 as x(t + L) = -x(t).
+This module has the functions that all rules share: the repetitions of a signal. Inputs are arrays; outputs are arrays
+and findings. Signals are (n, c) with a period of L samples; sign -1 means x(t + L) = -x(t).
 """
 
 from collections import Counter
