@@ -72,15 +72,14 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
 
 def _check(fleet: Fleet, folder: Path) -> None:
     """Refuse wrong overrides, and a folder that is not writable, before hours of work; StudyError."""
-    members_by_error: dict[str, list[Member]] = {}
+    wrong: dict[str, list[Member]] = {}
     for member in fleet.members:
         try:
             load(fleet.study, member.overrides)
         except StudyError as error:
-            members_by_error.setdefault(str(error), []).append(member)
-    if members_by_error:
-        rows = members_by_error.items()
-        texts = [f"{first.label}{f' and {len(more)} more' * bool(more)}: {error}" for error, (first, *more) in rows]
+            wrong.setdefault(str(error), []).append(member)
+    if wrong:
+        texts = [f"{m.label}{f' and {len(more)} more' * bool(more)}: {error}" for error, (m, *more) in wrong.items()]
         raise StudyError("study/invalid", first_of(texts))
     try:
         path_below(folder, MEMBERS).mkdir(parents=True, exist_ok=True)

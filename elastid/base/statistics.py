@@ -158,7 +158,7 @@ def propagate(function: Callable[[FloatArray], Any], x: FloatArray, covariance: 
 
 @dataclass(frozen=True)
 class Combination:
-    """Sum of parameters that is known although its members are not: value = sum of weights times members.
+    """Identifiable sum of weights times members, which alone are unidentifiable.
 
     members: indices, the first with weight 1.  std: of the value.
     """

@@ -91,8 +91,7 @@ MAX_BIAS = 0.5  # expected bias by position noise over the std, above which the 
 MAX_SHIFT = 2.8  # shift of a parameter between both bands over its std, above which the model has an error
 SPRING_SHIFT = 0.5  # change of a parameter by a spring behind the motor over its std, above which it is a misfit
 MAX_ERROR = 0.05  # relative std with model errors, above which they are a misfit
-# Relative std of the effect of the robot model's spring on the parameters; steps that each halve the error of a delay.
-SPRING_STD, MAX_DELAY_STEPS = 0.1, 10
+SPRING_STD = 0.1  # relative std of the effect of the robot model's spring on the parameters
 
 
 @dataclass(frozen=True)
@@ -267,7 +266,7 @@ def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[No
 def _delay(fit: MotionFriction, signals: Sequence[MotionSignals]) -> float:
     """Return the delay in s by which the torque acts late, if it is significant and at least a sample; else 0."""
     terms, delay_s = replace(fit.terms, delay=True), 0.0
-    for _ in range(MAX_DELAY_STEPS):
+    for _ in range(10):  # each step halves the error
         late = [replace(s.motion, torque_delay_s=s.motion.torque_delay_s + delay_s) for s in signals]
         step = regress([MotionSignals.of(motion, fit.passband_hz) for motion in late] if delay_s else signals, terms)
         if not delay_s and (step.chance("delay", 0) >= FALSE_ALARM or abs(step["delay"]) * fit.motion.rate_hz < 1):

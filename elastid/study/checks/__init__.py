@@ -67,7 +67,7 @@ friction: validation.configurations experiment.realisations experiment.periods e
   experiment.ramp experiment.hold experiment.experiments experiment.simulated.outputs experiment.simulated.carrier
 friction-recorded: seed friction.rate_hz friction.loads.*.configuration experiment.recorded.period
   experiment.recorded.period_samples experiment.recorded.half_wave experiment.recorded.files.*.realisation
-  experiment.recorded.files.*.experiment
+  experiment.recorded.files.*.experiment experiment.recorded.channels.*.low_pass_hz
 simulated: experiment.simulated.heat filter modal
 recorded responses: design filter modal
 responses: gears
