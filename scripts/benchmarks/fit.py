@@ -13,14 +13,14 @@ CasADi (MX, automatic differentiation, LAPACK) works out residuals, Jacobian and
 the numbers; last_run.json has those of the last run of each part. How time and memory grow is in growth.py.
 
 Measured (CPU time, medians in turn, a machine of two cores that worked at something else beside): with loops in C one
-evaluation takes 0.9 (evaluation_over_solve) times the bare solves and 3.9 (evaluation_over_floor) times the floor, with
-NumPy alone 4.0 (numpy_evaluation_over_solve) and 17.1 (numpy_evaluation_over_floor) times; CasADi takes 105
+evaluation takes 0.9 (evaluation_over_solve) times the bare solves and 3.7 (evaluation_over_floor) times the floor, with
+NumPy alone 3.6 (numpy_evaluation_over_solve) and 15.4 (numpy_evaluation_over_floor) times; CasADi takes 103
 (casadi_over_evaluation) times as long for one. With ten inertial parameters more, which move the robot under gravity
-with every stiffness, it is 7.9 (inertial_evaluation_over_floor) times the floor, with NumPy 45.0
-(numpy_inertial_evaluation_over_floor), and linearised again at every point, as the search for them must, 24.1
-(relinearised_evaluation_over_floor). A whole fit is 35 (faster_than_same_jacobian) times faster than
-least_squares with the same Jacobian, at worst 34 (faster_than_same_jacobian_at_worst) times, 90
-(faster_than_finite_differences) times faster than with finite differences and 114 (faster_than_casadi) times faster
+with every stiffness, it is 7.0 (inertial_evaluation_over_floor) times the floor, with NumPy 30.6
+(numpy_inertial_evaluation_over_floor), and linearised again at every point, as the search for them must, 20.9
+(relinearised_evaluation_over_floor). A whole fit is 36 (faster_than_same_jacobian) times faster than
+least_squares with the same Jacobian, at worst 29 (faster_than_same_jacobian_at_worst) times, 62
+(faster_than_finite_differences) times faster than with finite differences and 121 (faster_than_casadi) times faster
 than with CasADi's derivatives.
 """
 

@@ -10,10 +10,10 @@ scipy.signal.csd of all pairs at once by broadcasting, for H1 without any varian
 excited lines do not need; best-linear-approximation (its `noisy_input`) where it is installed; it needs Python 3.12.
 The last line is one JSON object with the numbers of the table; last_run.json has those of the last run of each part.
 
-Measured (CPU time, medians in turn, two cores): the odd lines take 0.99 (B_over_floor) and all lines 3.31
-(A_over_floor) times the floor and 0.18 (A_gb_above_data) GB above the data. The same by scipy.signal.csd takes 18.5
-(B_faster_than_csd) and 5.0 (A_faster_than_csd) times as long. A record is read from a log, checked and repaired in
-78 (B_log_over_floor) times the floor of its FFT.
+Measured (CPU time, medians in turn, two cores): the odd lines take 1.00 (B_over_floor) and all lines 2.75
+(A_over_floor) times the floor and 0.18 (A_gb_above_data) GB above the data. The same by scipy.signal.csd takes 14.5
+(B_faster_than_csd) and 5.5 (A_faster_than_csd) times as long. A record is read from a log, checked and repaired in
+82 (B_log_over_floor) times the floor of its FFT.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.

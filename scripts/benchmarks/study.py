@@ -7,8 +7,8 @@ carrier and noise, 116 lines, 30 unknowns from 20 starts, one posture left out, 
 is included, and all of it over a fixed mixture of FFT, products of matrices, copies and Python (all_over_work). The
 last line is one JSON object; last_run.json has that of the last run.
 
-Measured, in CPU seconds on two cores: 36 (all_s) in all; design 3.1 (design_s), measure 9.7 (measure_s), estimate 9.7
-(estimate_s), fit 7.8 (fit_s), validate 3.3 (validate_s), report 2.5 (report_s).
+Measured, in CPU seconds on two cores: 33 (all_s) in all; design 2.5 (design_s), measure 9.1 (measure_s), estimate 9.1
+(estimate_s), fit 6.3 (fit_s), validate 3.2 (validate_s), report 2.5 (report_s).
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
