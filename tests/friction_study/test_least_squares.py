@@ -2,8 +2,17 @@
 
 import numpy as np
 import pytest
+from scipy.stats import norm, t
 
-from elastid.friction_study.least_squares import Equations, inverse_normal, minimise, solve, terms_p_value
+from elastid.friction_study.least_squares import (
+    Equations,
+    Optimum,
+    Regression,
+    inverse_normal,
+    minimise,
+    solve,
+    terms_p_value,
+)
 
 RATE_HZ = 50.0
 
@@ -91,6 +100,32 @@ def test_the_scattered_covariance_needs_no_variances() -> None:
     stds = [np.sqrt(end.scattered_covariance(correlated, none)[0, 0]) for end in ends]
     assert np.sqrt(np.mean(np.square(stds))) == pytest.approx(spread, rel=0.05)
     assert np.sqrt(ends[0].covariance[0, 0]) != pytest.approx(spread, rel=0.2)
-    wide, floor = (ends[0].scattered_covariance(4 * correlated, none), ends[0].scattered_covariance(none, correlated))
-    assert wide[0, 0] == pytest.approx(4 * stds[0] ** 2)
-    np.testing.assert_allclose(floor, inverse_normal(ends[0].J))
+
+
+@pytest.mark.parametrize("size", [0.1, 5.0])
+def test_covariances_of_an_optimum_are_the_formulas(size: float) -> None:
+    """(J^T J)^-1 of residuals of variance one or more, and HC3; infinite for a number that nothing depends on."""
+    rng = np.random.default_rng(0)
+    J, r = rng.standard_normal((12, 3)) * [1, 1e3, 1e-3], size * rng.standard_normal(12)
+    optimum, A = Optimum(np.zeros(3), float(r @ r), J, r), np.linalg.inv(J.T @ J)
+    np.testing.assert_allclose(optimum.covariance, A * max(1.0, r @ r / 9))
+    variance = np.maximum(2 * (r / (1 - np.diag(J @ A @ J.T))) ** 2, 0.3)
+    expected = A @ J.T @ np.diag(variance) @ J @ A
+    np.testing.assert_allclose(optimum.scattered_covariance(np.full(12, 2.0), np.full(12, 0.3)), expected)
+    idle = inverse_normal(J * [1, 0, 1])
+    np.testing.assert_allclose(idle[np.ix_([0, 2], [0, 2])], np.linalg.inv(J[:, [0, 2]].T @ J[:, [0, 2]]))
+    assert idle[1, 1] == np.inf
+
+
+@pytest.mark.parametrize("dof", [4.0, np.inf])
+def test_sums_and_chances_of_a_regression_follow_student(dof: float) -> None:
+    """A std that is widened to the quantile of its degrees of freedom has their distribution."""
+    C = np.array([[0.04, 0.01], [0.01, 0.09]])
+    own = Regression(("a", "b"), np.array([0.5, -0.2]), C, 0.1, 1.0, 20.0, np.array([9.0, dof]), 1.0)
+    value, std = own.combination({"b": 2.0, "a": -1.0})
+    assert (value, std) == pytest.approx((-0.9, np.sqrt(0.04 + 4 * 0.09 - 4 * 0.01)))
+    ratio = -0.2 / 0.3 * (1.0 if np.isinf(dof) else t.ppf(0.975, dof) / norm.ppf(0.975))
+    assert own.chance("b", 0) == pytest.approx(2 * t.sf(abs(ratio), dof))
+    assert own.chance("b", 1) == pytest.approx(t.sf(ratio, dof))
+    assert own.chance("b", -1) == pytest.approx(t.cdf(ratio, dof))
+    np.testing.assert_allclose(own.widened(np.array([0.1, 0.2])).covariance, C + np.outer([0.1, 0.2], [0.1, 0.2]))
