@@ -11,9 +11,11 @@ from plants.faults import SPEC, drawn, faulty
 from plants.marks import slow
 from plants.measured_robots import responses_of
 
+from elastid.fit.diagnosis.alternative_models import _about
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.result_rows import ModificationIndex
 from elastid.fit.spec import WeightSpec
+from elastid.parameters import Parameter, Parameters, Prior, Tie
 from elastid.robot import Payload, Robot, Tolerances
 from elastid.study import load
 
@@ -59,3 +61,19 @@ def test_missing_torsion_is_named_if_v_hides_it(noise: float, floor: float) -> N
     first = result.indices[0]
     assert first.name == "torsion_fore_z"
     assert 1 / first.steps[0] == pytest.approx(case.truth.parameters()["k_2z"][0], rel=0.05)
+
+
+def test_bounds_and_priors_of_fixed_numbers_move_with_them() -> None:
+    """By their ratio or by their difference; a tied number takes the value, a parameter of interest stays."""
+    prior = Prior(2.0, 0.1)
+    every = Parameters((
+        Parameter("m", 2.0, "kg", 1.0, 8.0, log=True, is_nuisance=True, prior=prior),
+        Parameter("c", 2.0, "m", 1.0, 8.0, is_nuisance=True, prior=prior),
+        Parameter("t", 6.0, tie=Tie("k", 3.0)),
+        Parameter("k", 2.0, "N*m/rad", 1.0, 8.0, log=True),
+    ))  # fmt: skip
+    m, c, t, k = _about(every, {"m": 4.0, "c": 4.0, "t": 5.0, "k": 4.0})
+    assert (m.value, m.lower, m.upper, m.prior.mean) == (4, 2, 16, 4)
+    assert (c.value, c.lower, c.upper, c.prior.mean) == (4, 3, 10, 4)
+    assert t.tie.factor == t.value == 5
+    assert k == every["k"]

@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from plants.faults import SPEC, drawn, faulty, rubbing, true_case
 from plants.measured_robots import responses_of
 
 from elastid.fit.diagnosis.estimate_notes import bound_notes
-from elastid.fit.diagnosis.priors import contradicted_tolerances, relative
+from elastid.fit.diagnosis.priors import contradicted_tolerances, relative, scattered_ratios
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, WeightSpec
 from elastid.parameters import Parameters
@@ -161,3 +162,11 @@ def test_torque_constant_is_remedy_for_its_interval() -> None:
 def test_changes_of_any_size_have_a_size(step: float, words: str) -> None:
     """A model that is wrong without measure extrapolates steps beyond the range of numbers."""
     assert words in relative(step)
+
+
+@pytest.mark.parametrize("explains", [True, False])
+def test_scatter_of_gear_ratios_is_stated_with_its_tolerance(explains: bool) -> None:
+    """Three times a tolerance of 0.1 %, of the motors whose ratio is at fault; only where that explains the misfit."""
+    response = SimpleNamespace(inputs=("motor 1", "motor 2"), ratio_std=np.array([5e-3, 1e-3]))
+    notes = scattered_ratios(SimpleNamespace(std={"motor 2": 3.0}, explains=explains), [response])
+    assert [re.findall(r"([\d.]+) %", note.text) for note in notes] == explains * [["0.3", "0.1"]]
