@@ -45,8 +45,6 @@ from elastid.fit.robust_covariance import (
 )
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, WeightSpec
-from elastid.linear.fitted_model import FittedModel
-from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
 from elastid.parameters import Parameter, Parameters, Prior
 from elastid.record import Configuration
@@ -172,23 +170,6 @@ def test_bootstraps_scatter_as_the_covariance_says(criterion, is_known):
     draws = bootstrap(fit, [weigh(*(response, NO_FLOOR) if is_known else floored)], end.x, 60, seed=4)
     ratio = draws.std(axis=0) / np.sqrt(np.diag(sure.covariance))
     assert np.all((ratio > 0.65) & (ratio < 1.35)), ratio
-
-
-def test_std_of_modes_and_responses_equals_sampled_parameters():
-    """20 000 draws of x: standard deviations of frequency, damping and G as the first order has them."""
-    model, free = plant((0, 2)), parameters()
-    A = np.random.default_rng(3).standard_normal((4, 4))
-    covariance = 1e-6 * (A @ A.T + np.eye(4))
-    fitted = FittedModel.of(model, free, X, covariance)
-    stated, deviation = fitted.modes(), fitted.response_std(FREQ)
-    G = frequency_response(model, model.theta_ref, FREQ)
-    draws = np.random.default_rng(4).multivariate_normal(X, covariance, 2000)
-    found = [modes(model, free.expand(x)) for x in draws]
-    np.testing.assert_allclose(np.std([m.freq_hz for m in found], axis=0), stated.freq_std, rtol=0.06)
-    np.testing.assert_allclose(np.std([m.zeta for m in found], axis=0), stated.zeta_std, rtol=0.06)
-    drawn = np.array([frequency_response(model, free.expand(x), FREQ[::20]) for x in draws])
-    spread = np.sqrt(np.mean(np.abs(drawn - G[::20]) ** 2, axis=0))
-    np.testing.assert_allclose(spread, deviation[::20], rtol=0.1)
 
 
 F, N_X, SETS = 240, 3, 400
