@@ -20,6 +20,7 @@ from elastid.friction_study.presliding import (
     Elements,
     PreslidingFit,
     PreslidingResponse,
+    _fit,
     bristle_ratio,
     fit_presliding,
     fit_presliding_responses,
@@ -223,3 +224,19 @@ def test_loops_of_a_few_counts_are_refused() -> None:
     assert moved == pytest.approx(np.ptp(log(0).position), rel=0.02)
     assert advised(caught, "rad,") == pytest.approx(moved / 5e-3, rel=0.02)
     fit_presliding(replace(log(0), resolution=0.99 * moved / least), None)
+
+
+@pytest.mark.parametrize("offset", [-3.0, 3.0])
+def test_stiffnesses_and_offset_of_exact_loops_are_recovered(offset: float) -> None:
+    """On the samples that count; thresholds are given."""
+    q = 1e-3 * np.cumsum(np.random.default_rng(0).standard_normal(400))
+    true = Elements(np.array([500.0, 200.0]), np.array([1e-3, 8e-3]), offset)
+    used = np.arange(len(q)) >= 50
+    torque = np.where(used, true.torque(q), 99.0)
+    fit = _fit(q, torque, true.threshold, used)
+    np.testing.assert_allclose(fit.stiffness, true.stiffness)
+    assert fit.offset == pytest.approx(offset)
+    assert fit.mean_square < 1e-20
+    slip = true.to_maxwell_slip()
+    assert (slip.stiffness, slip.shares) == ((500, 200), pytest.approx((0.5 / 2.1, 1.6 / 2.1)))
+    assert slip.attraction == pytest.approx(210)
