@@ -13,6 +13,7 @@ from elastid.base.arrays import FloatArray
 from elastid.friction_record import FrictionRecord
 from elastid.friction_study.constant_velocity import Pass, PassRegression, estimate_friction_curve, passes_of
 from elastid.friction_study.motion_signals import Motion, MotionSignals, detect_passes
+from elastid.model.formulation import ElasticJoint
 
 SPEEDS = (0.02, 0.05, 0.2, 0.5, 1.0)
 
@@ -132,3 +133,17 @@ def test_signals_are_filtered_to_3_db_with_position_noise():
         MotionSignals.of(Motion("joint 1", rate, forth[:500], forth[:500]), passband_hz)
     enough = forth[: round(advised(caught, "Hz takes") * rate)]
     assert MotionSignals.of(Motion("joint 1", rate, enough, enough), passband_hz).moves(1)
+
+
+def test_inertial_acceleration_weighs_motor_and_link() -> None:
+    """Of a sine of 5 Hz beside a gear's resonance of 8 Hz: the link moves by H = (d s + k) / (J_l s^2 + d s + k)."""
+    rate, omega, joint = 500.0, 2 * np.pi * 5.0, ElasticJoint(2.0, 3.0, 3.0 * (2 * np.pi * 8) ** 2, 30.0)
+    t = np.arange(8_000) / rate
+    motion = Motion("joint 1", rate, 0.1 * np.sin(omega * t), np.sin(omega * t), spring=joint)
+    signals, s = MotionSignals.of(motion, 20.0), 1j * omega
+    H = (joint.damping * s + joint.stiffness) / (joint.link_inertia * s**2 + joint.damping * s + joint.stiffness)
+    expected = (0.1 * s**2 * (2 + 3 * H) / 5 * np.exp(s * t)).imag
+    inner = slice(4_000, -1_000)
+    np.testing.assert_allclose(signals.inertial_acceleration[inner], expected[inner], atol=3e-3 * 0.1 * omega**2)
+    rigid = MotionSignals.of(replace(motion, spring=None), 20.0).inertial_acceleration
+    np.testing.assert_allclose(rigid[inner], (0.1 * s**2 * np.exp(s * t)).imag[inner], atol=3e-3 * 0.1 * omega**2)
