@@ -159,6 +159,8 @@ def test_ratios_and_contributions_follow_from_cost_and_covariance() -> None:
     own = replace(result(), covariance=covariance, cost=80.0, cost_expected=20.0, cost_dof=20.0, dof=45, **fractions)
     assert (own.residual_ratio, own.inflation_factor, own.error_ratio) == pytest.approx((2, 2, 4 / 3))
     assert replace(own, cost=10.0).inflation_factor == 1
+    np.testing.assert_allclose(own.covariance_of_prediction, 4 * np.diag(np.diag(covariance)))
+    np.testing.assert_array_equal(replace(own, cost=10.0).covariance_of_prediction, covariance)
     assert [replace(own, cost=20 * limit * r).exceeds_noise for r in (0.999, 1.001)] == [False, True]
     assert [replace(own, model_error=e).is_within_declared for e in (0.0, 0.02)] == [False, True]
     assert not replace(own, model_error=0.02, dof=30).is_within_declared
