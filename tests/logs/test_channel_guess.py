@@ -9,7 +9,7 @@ import pytest
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.logs.channel_doubts import channel_doubts, doubts_by_names
 from elastid.logs.channel_guess import guess_log
-from elastid.logs.channel_names import guess_by_name
+from elastid.logs.channel_names import guess_by_name, label_by_words
 from elastid.logs.clocks import is_clock
 from elastid.logs.motion_relations import derivative, motion_relations, torque_relation
 from elastid.robot import Body, Joint, Limits, Motor, Robot
@@ -32,6 +32,19 @@ def moved(k: int = 0, J: float = 3.0, gravity: float = 0.0) -> tuple[np.ndarray,
 
 def test_unit_in_file_outranks_unit_in_name() -> None:
     assert guess_by_name("channel_1", None, "deg/s").quantity == "velocity"
+
+
+def test_joints_are_named_by_numbers_or_words_that_two_kinds_share() -> None:
+    arm = [f"{joint}_joint_{kind}" for kind in ("pos", "effort") for joint in ("shoulder_pan", "elbow", "wrist_1")]
+    arms = [f"{side}_joint_{i}_{kind}" for kind in ("q", "tau") for side in ("left", "right") for i in (1, 2)]
+    encoders = ["primary1_pos", "primary2_pos", "secondary1_pos", "secondary2_pos", "torque1", "torque2"]
+    for names, joints in (
+        (arm, {"shoulder pan", "elbow", "wrist 1"}),
+        (arms, {"left 1", "left 2", "right 1", "right 2"}),
+        (encoders, {"1", "2"}),
+    ):
+        guesses = label_by_words([guess_by_name(name, None) for name in names])
+        assert {guess.parts[1] for guess in guesses} == joints
 
 
 def test_resisting_controller_is_no_mirrored_torque() -> None:
