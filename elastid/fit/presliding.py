@@ -1,11 +1,11 @@
-r"""Presliding friction in measured responses: relaxing springs of motors, freed where V falls by more than chance.
+r"""Presliding friction of motors in measured responses, modelled as a relaxing spring where it lowers V significantly.
 
 The drop of V by a linear step shows at which motors,
 
 .. math:: \frac{\partial G}{\partial s} = -G\, e_m\, \frac{j \omega}{j \omega + a}\, e_m^T G
 
-V has many valleys in s and a: there a solve starts from either sign of s and from several rates. Rates stay near the
-band, since beyond it the element is a mere spring or damper.
+V has several local minima in s and a, so the solver starts from both signs of s and several rates a. Rates are bounded
+to the neighbourhood of the band; outside, the element is indistinguishable from a spring or damper.
 """
 
 import math

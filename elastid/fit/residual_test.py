@@ -1,4 +1,4 @@
-"""Residual test: V of a correct model, by measured noise alone, is below a limit."""
+"""Residual test: upper limit of the cost V for a correct model, from the measured noise."""
 
 from elastid.base.statistics import chi_square_limit
 

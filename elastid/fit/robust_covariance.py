@@ -1,8 +1,8 @@
-r"""Robust covariance: sums over the lines of one configuration, and variances by their scatter (blocks, jackknife).
+r"""Robust covariance of the estimate from its scatter over blocks of lines and over configurations (jackknife).
 
-Blocks are as many bands of equal numbers of lines as are twice as long as the correlation length tau of the
-configuration's residuals (`correlation_length`), at least 4 and at most 24: errors of a model are equal on neighbouring
-lines, so that single lines do not count as independent; blocks do, where they are longer than residuals are correlated.
+Each configuration has 4 to 24 blocks: bands of equal numbers of lines, twice as long as the correlation length tau of
+the configuration's residuals (`correlation_length`). Model errors are equal on neighbouring lines, so single lines are
+not independent; blocks longer than the correlation length are.
 
 .. math:: x_{(i)} - x = (A - A_i)^{-1} g_i, \qquad
           \mathrm{var}\, x = t^2 \frac{Q - 1}{Q} \sum_i (x_{(i)} - \bar x)^2, \qquad A_i = J_i^T J_i,\; g_i = J_i^T r_i
@@ -13,9 +13,9 @@ noise, n the sum of the ranks of S_b:
 .. math:: \mathrm{var}\, x_i = t^2 \frac{B}{B - 1} \sum_b (A^{-1} g_b)_i^2, \qquad
           T = \frac{1}{n - n_x} \sum_b g_b^T S_b^{+} g_b
 
-A model error that parameters absorb does not show in the residuals of one configuration, but it is absorbed by
-different values in each. T is 1 where the model is true, since noise alone then parts the blocks.  t >= 1 accounts for
-few configurations or blocks: the 97.5 % quantiles of Student's over the normal distribution.
+A model error that parameters absorb does not show in the residuals of one configuration, but each configuration
+absorbs it by different values. T is 1 for a correct model, whose blocks differ by noise alone.  t >= 1 accounts for few
+configurations or blocks: ratio of the 97.5 % quantiles of Student's t and the normal distribution.
 (Efron & Stein 1981, The jackknife estimate of variance; White 1980, Econometrica 48; blocks as clusters, and t, Cameron
 & Miller 2015, section VI; T as Cochran 1954, Biometrics 10.)
 """

@@ -74,9 +74,9 @@ def detect(detection: IntArray, lines: IntArray, spacing_hz: float, G: ComplexAr
     noise_cov = C_V * np.mean(1 / every.periods)
     noise = np.sqrt(power(noise_cov))
 
-    def line_levels(which: BoolArray) -> Levels | None:
-        parts = (np.asarray(x[which], dtype=np.float64) for x in (detection * spacing_hz, amplitude, noise))
-        return Levels(*parts) if which.any() else None
+    def line_levels(mask: BoolArray) -> Levels | None:
+        columns = (np.asarray(x[mask], dtype=np.float64) for x in (detection * spacing_hz, amplitude, noise))
+        return Levels(*columns) if mask.any() else None
 
     return Detected(line_levels(~odd), line_levels(odd), detection[odd], error - noise_cov[odd], Y_c.shape[2])
 
@@ -98,9 +98,9 @@ def fast_total_error(
     first = np.clip(np.searchsorted(detected.odd_lines, lines) - window // 2, 0, K - window)
     sums = np.concatenate([np.zeros((1, n_y, n_y)), np.cumsum(detected.excess, axis=0)])
     distortion_cov = positive((sums[first + window] - sums[first]) / window)  # without what is negative by chance
-    parts = [float(np.einsum("fii->", covariance).real) for covariance in (noise_cov, distortion_cov)]
-    spread = parts[0] ** 2 / dof + parts[1] ** 2 / (window * detected.count)
-    return noise_cov + distortion_cov, sum(parts) ** 2 / spread if spread > 0 else float(dof)
+    powers = [float(np.einsum("fii->", covariance).real) for covariance in (noise_cov, distortion_cov)]
+    spread = powers[0] ** 2 / dof + powers[1] ** 2 / (window * detected.count)
+    return noise_cov + distortion_cov, sum(powers) ** 2 / spread if spread > 0 else float(dof)
 
 
 # Share of the second order that is turned by a quarter of a circle: its phase differs from the prediction by 0.3 to 0.4
@@ -180,9 +180,9 @@ def unit_impedance(
     p_0 = np.mean(np.exp(-(c**2) / (2 * variance))) / np.sqrt(2 * np.pi * variance)
     joint = np.zeros(len(lag))
     for i in range(1, len(lag)):
-        before, apart = carrier[t - lag[i]], 1 - rho[i] ** 2
-        exponent = (c**2 - 2 * rho[i] * c * before + before**2) / (2 * variance * apart)
-        joint[i] = np.mean(np.exp(-exponent)) / (2 * np.pi * variance * np.sqrt(apart)) - p_0**2
+        lagged, independence = carrier[t - lag[i]], 1 - rho[i] ** 2
+        exponent = (c**2 - 2 * rho[i] * c * lagged + lagged**2) / (2 * variance * independence)
+        joint[i] = np.mean(np.exp(-exponent)) / (2 * np.pi * variance * np.sqrt(independence)) - p_0**2
     kernel = joint * y
     turned = np.exp(-2j * np.pi * np.outer(lines / N, lag)) - 1
     # At lag 0 the product of a density that grows as 1 / tau and of -j omega tau is finite.

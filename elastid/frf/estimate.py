@@ -84,7 +84,7 @@ def estimate(records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntA
     together or do not suffice, the experiments do not separate the inputs, or no line is excited.
     """
     if len(sets := by_outputs(records) if isinstance(records, Sequence) else []) > 1:
-        return stack_outputs([estimate(part, spec, planned_lines) for part in sets])
+        return stack_outputs([estimate(record_set, spec, planned_lines) for record_set in sets])
     refuse_mismatch(records)
     if records[0].is_periodic:
         groups: dict[int, list[Record]] = {}
@@ -128,12 +128,12 @@ def _choose_without_period(records: Sequence[Record], spec: EstimatorSpec) -> tu
 
 def _refuse_periods(records: Sequence[Record], spec: EstimatorSpec) -> None:
     """Raise StudyError for a method, lines or a transient that only records with a period have."""
-    asked = {
+    options = {
         "method": spec.method not in ("auto", "h1", *LOCAL),
         "lines": spec.lines in ("odd", "excited"),
         "transient_periods": spec.transient_periods not in ("auto", 0),
     }
-    for key in (key for key, needs_period in asked.items() if needs_period):
+    for key in (key for key, needs_period in options.items() if needs_period):
         text = f"it has no period; estimator.{key} {getattr(spec, key)} needs one. Omit the key, or give a period"
         raise StudyError("study/invalid", text, f"record {records[0].name}")
 
@@ -147,8 +147,8 @@ def _with_period(
     """
     method, reason = _choose(spec, groups)
     response = None if method in LOCAL else _by_periods(groups, replace(spec, method=method), planned_lines)
-    is_free = spec.method == "auto" and planned_lines is None
-    if is_free and response is not None and may_hold_transient(records, response):
+    is_automatic = spec.method == "auto" and planned_lines is None
+    if is_automatic and response is not None and may_hold_transient(records, response):
         mean = response
         preview = partial(local_response, records, replace(spec, method="local_rational"), None, AUTOMATIC.lines)
         method, reason = choose_by_error(method, lambda: mean, preview, AUTOMATIC.margin)
@@ -166,9 +166,9 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
     lines = analysed_lines([record_spectra for group in spectra for record_spectra in group], spec, planned_lines)
     detection = detection_lines(lines, first.half_wave)
     everywhere = np.union1d(lines, detection)
-    excited = np.isin(everywhere, lines)
-    everything = gather_spectra(spectra, everywhere, excited, spec, method == "joint")
-    usable, data, fitted = _fitted(everything.on(excited), groups, method, lines)
+    is_excited = np.isin(everywhere, lines)
+    everything = gather_spectra(spectra, everywhere, is_excited, spec, method == "joint")
+    usable, data, fitted = _fitted(everything.on(is_excited), groups, method, lines)
     error = total_error(data, fitted)
     notes = [*(note for group in groups for note in notes_of(group)), *data.notes]
     if not usable.all():
@@ -179,10 +179,11 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
     freq_hz = line_frequencies(lines, first.rate_hz, first.period_samples)
     quality = measured_quality(freq_hz, data, fitted.G)
     response = measured_response(first, spec.quantity, freq_hz, fitted.G, quality=quality)
-    inside, levels = (detection > lines[0]) & (detection < lines[-1]), None
+    inside, detected = (detection > lines[0]) & (detection < lines[-1]), None
     if inside.any():
-        levels = detect(detection[inside], lines, freq_hz[0] / lines[0], fitted.G, everything.on(~excited).on(inside))
-    response = _with_covariances(response, data, fitted, error, levels, lines, spectra)
+        spacing_hz, others = freq_hz[0] / lines[0], everything.on(~is_excited).on(inside)
+        detected = detect(detection[inside], lines, spacing_hz, fitted.G, others)
+    response = _with_covariances(response, data, fitted, error, detected, lines, spectra)
     notes += [
         *input_notes(first.inputs, data, quality),
         *output_notes(first.outputs, quality),
@@ -249,7 +250,7 @@ def _with_covariances(
     data: MeanSpectra,
     fitted: Estimate,
     error: tuple[ComplexArray, float] | None,
-    levels: Detected | None,
+    detected: Detected | None,
     lines: IntArray,
     spectra: Sequence[Sequence[RecordSpectra]],
 ) -> Response:
@@ -263,8 +264,8 @@ def _with_covariances(
         experiments = [np.concatenate([Y[block], U[block]], axis=1) for Y, U in zip(data.Y, data.U, strict=True)]
         averaging = _averaging_lines([np.concatenate(experiments, axis=2).transpose(2, 0, 1)], fitted.G)
         total = replace(total_covariance(data, fitted, *error), averaging_lines=averaging)
-    elif levels is not None:
-        error = fast_total_error(levels, lines, noise_cov, data.dof)
+    elif detected is not None:
+        error = fast_total_error(detected, lines, noise_cov, data.dof)
         total = (
             None
             if error is None
@@ -274,7 +275,7 @@ def _with_covariances(
         bias = friction_bias(spectra, lines, fitted.G, response.quantity, error[0], noise_cov, error[1])
         stochastic = np.sqrt(power(error[0] - noise_cov))
     assert response.quality is not None
-    even, odd = (None, None) if levels is None else (levels.even, levels.odd)
+    even, odd = (None, None) if detected is None else (detected.even, detected.odd)
     quality = replace(response.quality, stochastic=stochastic, even=even, odd=odd)
     return replace(response, noise=noise, total=total, quality=quality, bias=bias)
 
@@ -304,15 +305,15 @@ def motor_motion(records: Sequence[Record], response: Response) -> MotorMotion |
     over = np.stack([s**-order for order in orders], axis=1)
     y = np.stack([_amplitudes(record, record.y, columns, K) for record in records])
     q = y[:, 1:] * over
-    excited = lines[lines < K] - 1
+    rows = lines[lines < K] - 1
     power = np.sum(squared_magnitude(q), axis=(0, 2))
-    moving = power > _MIN_LINE_FRACTION * power[excited].sum()
-    moving[excited] = True
+    moving = power > _MIN_LINE_FRACTION * power[rows].sum()
+    moving[rows] = True
     line_motion = q[:, moving].transpose(1, 2, 0)
     spectra = line_motion @ line_motion.mT.conj() / (2 * len(records))
     motors = tuple(first.outputs[i] for i in columns)
     has_all = set(motors) == set(first.inputs) and not first.input_units
-    feedback = _feedback(records, motors, q, s, excited, moving) if has_all else None
+    feedback = _feedback(records, motors, q, s, rows, moving) if has_all else None
     mean = np.where([order == 0 for order in orders], y[:, 0].real.mean(axis=0) / 2, np.nan)
     return MotorMotion(motors, s.imag[moving] / (2 * np.pi), spectra, mean, feedback).grouped(_MOST_LINES)
 
@@ -330,7 +331,7 @@ def _feedback(
     motors: tuple[str, ...],
     q: ComplexArray,
     s: ComplexArray,
-    excited: IntArray,
+    excited_rows: IntArray,
     moving: BoolArray,
 ) -> FloatArray | None:
     """Return (3, n_m, n_m) from motor angles q (E, K, n_m) at s (K,); None if the angles do not explain the torques."""
@@ -338,11 +339,11 @@ def _feedback(
     drive = np.stack([_amplitudes(record, record.u, order, len(s) + 1)[1:] for record in records])
     injected = [record.r for record in records if record.r is not None and not record.r_is_reference]
     if len(injected) == len(records):
-        added = [_amplitudes(record, r, order, len(s) + 1)[1:] for r, record in zip(injected, records, strict=True)]
-        drive = drive - np.stack(added)
+        pairs = zip(injected, records, strict=True)
+        drive = drive - np.stack([_amplitudes(record, r, order, len(s) + 1)[1:] for r, record in pairs])
         lines = np.flatnonzero(moving)
     else:
-        lines = np.setdiff1d(np.arange(excited[0], excited[-1]), excited)
+        lines = np.setdiff1d(np.arange(excited_rows[0], excited_rows[-1]), excited_rows)
     lines = lines[:: -(-len(lines) // _MOST_LINES) or 1]
     q, drive, s = q[:, lines], drive[:, lines], s[lines]
     terms = np.concatenate([q / s[:, None], q, q * s[:, None]], axis=2)

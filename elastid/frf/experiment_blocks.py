@@ -36,12 +36,12 @@ class FullSum:
         self.scale, self.dof = scale, 0
         self.S: ComplexArray = np.zeros((*scale.shape, scale.shape[1]), np.complex128)
 
-    def add(self, part: slice, z: ComplexArray, mean: ComplexArray) -> None:
+    def add(self, batch: slice, z: ComplexArray, mean: ComplexArray) -> None:
         """Add the scatter of z (P, f, n) at some lines; write its mean (f, n)."""
         z = np.ascontiguousarray(z)
         mean[:] = z.sum(axis=0) / len(z)
         V = np.moveaxis(z - mean, 0, 2)
-        self.S[part] += V @ V.mT.conj()
+        self.S[batch] += V @ V.mT.conj()
 
     def power(self) -> FloatArray:
         """Return sum (F, n) over periods of |Z - mean|^2."""
@@ -63,11 +63,11 @@ class PackedSum:
         self.scale, self.dof, (F, n) = np.asfortranarray(scale), 0, scale.shape
         self.S: FloatArray = np.zeros((-(-F // BATCH), n * (n + 1) // 2, 2, BATCH))
 
-    def add(self, part: slice, z: ComplexArray, mean: ComplexArray) -> None:
+    def add(self, batch: slice, z: ComplexArray, mean: ComplexArray) -> None:
         """Add as `FullSum.add` does, from whole batches on; lines of the mean are side by side."""
-        apart = [stride // z.itemsize for stride in (*z.strides, mean.strides[1])]
+        strides = [stride // z.itemsize for stride in (*z.strides, mean.strides[1])]
         # Addresses, since z and mean may be views.
-        call("add_scatter", *z.shape, z.ctypes.data, mean.ctypes.data, *apart, self.S[part.start // BATCH :])
+        call("add_scatter", *z.shape, z.ctypes.data, mean.ctypes.data, *strides, self.S[batch.start // BATCH :])
 
     def power(self) -> FloatArray:
         """Return power as of `FullSum.power`."""
@@ -97,14 +97,14 @@ def add_periods(
     for spectra in groups:
         p = len(spectra.periods)
         for first in range(0, len(mean) if p else 0, sums.lines_at_once):
-            part = slice(first, first + sums.lines_at_once)
-            group_mean = np.empty(mean[part].shape, np.complex128, "F") if n else mean[part]
-            sums.add(part, spectra.z[:, part], group_mean)
+            batch = slice(first, first + sums.lines_at_once)
+            group_mean = np.empty(mean[batch].shape, np.complex128, "F") if n else mean[batch]
+            sums.add(batch, spectra.z[:, batch], group_mean)
             if n:
-                apart = group_mean - mean[part]
-                side = np.sqrt(n * p / (n + p) / 2) * apart
-                sums.add(part, np.stack([side, -side]), group_mean)
-                mean[part] += p / (n + p) * apart
+                difference = group_mean - mean[batch]
+                side = np.sqrt(n * p / (n + p) / 2) * difference
+                sums.add(batch, np.stack([side, -side]), group_mean)
+                mean[batch] += p / (n + p) * difference
         n += p
     sums.dof += n - 1
     mean *= sums.scale
@@ -213,14 +213,13 @@ class MeanSpectra:
 def gather_spectra(
     realisations: Sequence[Sequence[RecordSpectra]],
     lines: IntArray,
-    excited: BoolArray,
+    is_excited: BoolArray,
     spec: EstimatorSpec,
     with_reference: bool,
 ) -> MeanSpectra:
     """Return the mean spectra at lines (F,) in order, of one record after another.
 
-    excited (F,): of the lines; they decide which periods can be trusted.  with_reference: the spectra of r are needed,
-    too.
+    is_excited (F,): lines that decide which periods can be trusted.  with_reference: return the spectra of r, too.
     """
     sums = (PackedSum if is_compiled() else FullSum)(amplitude_scale(realisations[0][0].record, lines, spec.quantity))
     blocks: list[Block] = []
@@ -230,20 +229,20 @@ def gather_spectra(
     for group in realisations:
         Z, periods = np.empty((len(group), *sums.scale.shape[::-1]), np.complex128), np.zeros(len(group))
         for i, spectra in enumerate(group):
-            used, mean, every = _mean(spectra, lines, excited, spec, sums, Z[i].T)
-            notes += used.notes
-            periods[i] = len(used.periods)
+            selection, mean, every = _mean(spectra, lines, is_excited, spec, sums, Z[i].T)
+            notes += selection.notes
+            periods[i] = len(selection.periods)
             if every is not None and len(realisations) == 1:
                 scatter.append(every.z * every.scale - mean)
         R = [reference_spectrum(spectra, lines) for spectra in group] if with_reference else []
         references = [spectrum for spectrum in R if spectrum is not None]
-        before, power, dof = power, sums.power(), sums.dof - sum(block.dof for block in blocks)
+        previous_power, power, dof = power, sums.power(), sums.dof - sum(block.dof for block in blocks)
         block = Block(
             U=Z[:, n_y:].transpose(2, 1, 0),
             Y=Z[:, :n_y].transpose(2, 1, 0),
             R=np.stack(references, axis=2) if len(references) == len(group) else None,
             periods=periods,
-            input_noise=(power - before)[:, n_y:] / dof,
+            input_noise=(power - previous_power)[:, n_y:] / dof,
             dof=dof,
         )
         blocks.append(block)
@@ -253,7 +252,7 @@ def gather_spectra(
 def _mean(
     spectra: RecordSpectra,
     lines: IntArray,
-    excited: BoolArray,
+    is_excited: BoolArray,
     spec: EstimatorSpec,
     sums: FullSum | PackedSum,
     mean: ComplexArray,
@@ -264,13 +263,13 @@ def _mean(
     """
     if not spectra.is_large:
         every = period_spectra(spectra, lines, spec.quantity, sums.scale)
-        used = trusted(every.on(excited), spec)
-        every = every.only(np.searchsorted(every.periods, used.periods))
-        return used, add_periods(sums, [every], mean), every
+        selection = trusted(every.on(is_excited), spec)
+        every = every.only(np.searchsorted(every.periods, selection.periods))
+        return selection, add_periods(sums, [every], mean), every
     # Few lines show the periods that can be trusted; then all lines are added up, some periods at a time.
     values = spectra.record.n_repeats * sums.scale.shape[1]
-    step = -(-int(excited.sum()) // max(20, _MAX_COMPARED_VALUES // values))
-    used = trusted(period_spectra(spectra, lines[excited][::step], spec.quantity), spec)
+    step = -(-int(is_excited.sum()) // max(20, _MAX_COMPARED_VALUES // values))
+    selection = trusted(period_spectra(spectra, lines[is_excited][::step], spec.quantity), spec)
     groups = period_groups(spectra, lines, spec.quantity, sums.scale)
-    used_groups = (group.only(np.flatnonzero(np.isin(group.periods, used.periods))) for group in groups)
-    return used, add_periods(sums, used_groups, mean), None
+    selected_groups = (group.only(np.flatnonzero(np.isin(group.periods, selection.periods))) for group in groups)
+    return selection, add_periods(sums, selected_groups, mean), None

@@ -15,7 +15,7 @@ from elastid.frf.spectra import PeriodSpectra, RecordSpectra
 from elastid.record import REFERENCE, Record
 
 # Power of an excited line over the noise of the mean in a notch (6 dB), and over the lines around it (-14 dB).
-MIN_SNR, _MIN_SHARE_OF_NEIGHBOURS = 4.0, 0.04
+MIN_SNR, _MIN_NEIGHBOUR_RATIO = 4.0, 0.04
 # Longest cycle of references in samples, and samples in which it is searched for.
 _MAX_CYCLE, _MAX_SEARCHED = 64, 20_000
 # Differences over their mean, above which a jump does not count for more. Fraction of the differences at one sample of
@@ -66,9 +66,9 @@ def find_excited(lines: IntArray, power: FloatArray, noise: FloatArray) -> BoolA
     clear = np.where(power > 10.0 * noise, power, 0.0)  # 10 dB
     if not clear.any():
         return np.zeros(len(lines), dtype=np.bool_)
-    excited = clear > _MIN_SHARE_OF_NEIGHBOURS * _envelope(lines, clear)
-    gaps = np.diff(lines[excited])
-    return _followed(lines, np.where(power > MIN_SNR * noise, power, 0.0), excited, int(gaps.min()) if gaps.size else 1)
+    flags = clear > _MIN_NEIGHBOUR_RATIO * _envelope(lines, clear)
+    gaps = np.diff(lines[flags])
+    return _followed(lines, np.where(power > MIN_SNR * noise, power, 0.0), flags, int(gaps.min()) if gaps.size else 1)
 
 
 def reference_steps(record: Record) -> tuple[int, Literal["hold", "linear"]]:
@@ -107,24 +107,24 @@ def _envelope(lines: IntArray, amplitude: FloatArray) -> FloatArray:
         for i in way:
             if i not in octave:
                 continue
-            if peaks[i] <= _MIN_SHARE_OF_NEIGHBOURS * last:
+            if peaks[i] <= _MIN_NEIGHBOUR_RATIO * last:
                 break
             envelope[i] = last = peaks[i]
     return np.asarray(envelope[octave])
 
 
-def _followed(lines: IntArray, amplitude: FloatArray, excited: BoolArray, step: int) -> BoolArray:
+def _followed(lines: IntArray, amplitude: FloatArray, is_excited: BoolArray, step: int) -> BoolArray:
     """Return the found lines and those reached from them, `step` lines at a time, without a steep fall."""
     by_line = np.zeros(lines[-1] + 2 * step + 1)
-    is_excited = np.zeros(len(by_line), dtype=np.bool_)
-    by_line[lines + step], is_excited[lines + step] = amplitude, excited
+    flags = np.zeros(len(by_line), dtype=np.bool_)
+    by_line[lines + step], flags[lines + step] = amplitude, is_excited
     while True:
-        reach = _MIN_SHARE_OF_NEIGHBOURS * by_line * is_excited
-        near = np.maximum(np.roll(reach, step), np.roll(reach, -step))
-        more = is_excited | ((by_line > near) & (near > 0))
-        if np.array_equal(more, is_excited):
-            return is_excited[lines + step]
-        is_excited = more
+        limit = _MIN_NEIGHBOUR_RATIO * by_line * flags
+        threshold = np.maximum(np.roll(limit, step), np.roll(limit, -step))
+        more = flags | ((by_line > threshold) & (threshold > 0))
+        if np.array_equal(more, flags):
+            return flags[lines + step]
+        flags = more
 
 
 def _driver_power(spectra: Sequence[RecordSpectra], lines: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -133,17 +133,17 @@ def _driver_power(spectra: Sequence[RecordSpectra], lines: IntArray) -> tuple[Fl
     for record_spectra in spectra:
         # The first period holds the transient, if there are more than two.
         P = record_spectra.record.n_repeats
-        left_out = 1 if P > 2 else 0
-        mean, noise_of_mean = _mean_driver(record_spectra, lines, left_out)
+        discarded_periods = 1 if P > 2 else 0
+        mean, noise_of_mean = _mean_driver(record_spectra, lines, discarded_periods)
         power.append(np.abs(mean) ** 2)
         noise.append(noise_of_mean)
-        dof += P - left_out - 1
+        dof += P - discarded_periods - 1
     total = np.sum(power, axis=(0, 1))
     total[total == 0] = 1.0
     return np.sum(power, axis=0) @ (1 / total), smoothed_noise(np.sum(noise, axis=0) @ (1 / total), max(dof, 1))
 
 
-def _mean_driver(spectra: RecordSpectra, lines: IntArray, left_out: int) -> tuple[ComplexArray, FloatArray]:
+def _mean_driver(spectra: RecordSpectra, lines: IntArray, discarded_periods: int) -> tuple[ComplexArray, FloatArray]:
     """Return mean (F, c) of the driver's amplitudes over periods, some at a time of a large record, and its variance.
 
     References count by their accelerations, which are alike at all lines and small in a superimposed slow motion.
@@ -155,8 +155,8 @@ def _mean_driver(spectra: RecordSpectra, lines: IntArray, left_out: int) -> tupl
     def groups() -> Iterator[PeriodSpectra]:
         first = 0
         for X in spectra.dft_at((spectra.driver_role,), lines):
-            used = np.arange(max(left_out - first, 0), len(X))
-            yield PeriodSpectra(record, first + np.arange(len(X)), X, sums.scale).only(used)
+            rows = np.arange(max(discarded_periods - first, 0), len(X))
+            yield PeriodSpectra(record, first + np.arange(len(X)), X, sums.scale).only(rows)
             first += len(X)
 
     return add_periods(sums, groups()), sums.power() / max(sums.dof, 1) / (sums.dof + 1)

@@ -19,11 +19,11 @@ def by_outputs(records: Sequence[Record]) -> list[list[Record]]:
     sets: dict[tuple[str, ...], list[Record]] = {}
     for record in records:
         sets.setdefault(record.outputs, []).append(record)
-    for outputs, part in sets.items() if len(sets) > 1 else ():
-        for j, place in enumerate(part[0].inputs):
-            if not any(np.any(record.u[:, j]) for record in part):
+    for outputs, group in sets.items() if len(sets) > 1 else ():
+        for j, place in enumerate(group[0].inputs):
+            if not any(np.any(record.u[:, j]) for record in group):
                 text = f"there is no file with input {place} and sensors at {', '.join(outputs)}. Add it, or make two "
-                raise DataError("frf/records", text + "configurations", f"configuration {part[0].configuration.name}")
+                raise DataError("frf/records", text + "configurations", f"configuration {group[0].configuration.name}")
     return list(sets.values())
 
 
@@ -42,30 +42,30 @@ def stack_outputs(responses: Sequence[Response]) -> Response:
     if not len(freq_hz):
         raise DataError("frf/records", "the measurements have no line in common. Give all of them one period")
     names: list[str] = []
-    parts: list[Response] = []
+    blocks: list[Response] = []
     for response in responses:
         new = [place for place in response.outputs if place not in names]
         names += new
-        parts += [response.lines(np.isin(response.freq_hz, freq_hz))[new, first.inputs]] if new else []
+        blocks += [response.lines(np.isin(response.freq_hz, freq_hz))[new, first.inputs]] if new else []
     return replace(
-        parts[0],
+        blocks[0],
         freq_hz=freq_hz,
-        G=np.concatenate([part.G for part in parts], axis=1),
+        G=np.concatenate([block.G for block in blocks], axis=1),
         outputs=tuple(names),
-        noise=_covariance([part.noise for part in parts]),
-        total=_covariance([part.total for part in parts]),
-        sliding=tuple(dict.fromkeys(place for part in parts for place in part.sliding)),
+        noise=_covariance([block.noise for block in blocks]),
+        total=_covariance([block.total for block in blocks]),
+        sliding=tuple(dict.fromkeys(place for block in blocks for place in block.sliding)),
         leakage=None,
         notes=tuple(dict.fromkeys(notes_of(responses))),
-        correlated_lines=max(part.correlated_lines for part in parts),
+        correlated_lines=max(block.correlated_lines for block in blocks),
     )
 
 
-def _covariance(parts: Sequence[Covariance | None]) -> Covariance | None:
-    stated = [part for part in parts if part is not None]
-    if len(stated) < len(parts):
+def _covariance(terms: Sequence[Covariance | None]) -> Covariance | None:
+    available = [term for term in terms if term is not None]
+    if len(available) < len(terms):
         return None
-    variance = np.concatenate([part.variance for part in stated], axis=1)
+    variance = np.concatenate([term.variance for term in available], axis=1)
     return Covariance(
-        variance, min(part.dof for part in stated), averaging_lines=max(part.averaging_lines for part in stated)
+        variance, min(term.dof for term in available), averaging_lines=max(term.averaging_lines for term in available)
     )

@@ -126,22 +126,22 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
         leading, notes = _transient(spectra, compared, logs)
     else:
         leading, notes = _flags(P, [log[: spec.transient_periods] for log in logs]), ()
-    settled = np.flatnonzero(~leading)
-    if len(settled) < 2:
+    steady = np.flatnonzero(~leading)
+    if len(steady) < 2:
         raise DataError(
             "frf/periods",
-            f"transient_periods {spec.transient_periods} leaves {len(settled)} of {P} periods; at least two are "
+            f"transient_periods {spec.transient_periods} leaves {len(steady)} of {P} periods; at least two are "
             "needed to estimate the noise. Lower transient_periods",
             f"record {record.name}",
         )
-    far = settled[:0]
+    far = steady[:0]
     more: tuple[Note, ...] = ()
-    if len(settled) >= MIN_PERIODS and not compared.agree:
-        measured = distances(compared, settled)
-        far = settled[measured.far[settled]]
+    if len(steady) >= MIN_PERIODS and not compared.agree:
+        measured = distances(compared, steady)
+        far = steady[measured.far[steady]]
         more = (_note(spectra, far, measured, "the other periods"),) if len(far) else ()
-    used = spectra.only(np.setdiff1d(settled, far) if len(far) else settled)
-    return replace(used, notes=(*spectra.notes, *notes, *more))
+    selection = spectra.only(np.setdiff1d(steady, far) if len(far) else steady)
+    return replace(selection, notes=(*spectra.notes, *notes, *more))
 
 
 def settled(record: Record) -> Record:
@@ -170,8 +170,8 @@ def _decays(difference: FloatArray, size: float) -> bool:
     rows = np.lib.stride_tricks.sliding_window_view(difference, PREDICTION_ORDER + 1)
     X, half = np.column_stack([rows[:, :-1], np.ones(len(rows))]), len(rows) // 2
     power = (rows[:, -1] - X @ np.linalg.lstsq(X[half:], rows[half:, -1], rcond=None)[0]) ** 2
-    late = float(power[half:].mean())
-    return late > 0 and float(power[: len(power) // 8].mean()) > MAX_SETTLING * late
+    late_power = float(power[half:].mean())
+    return late_power > 0 and float(power[: len(power) // 8].mean()) > MAX_SETTLING * late_power
 
 
 def distances(compared: Compared, good: IntArray) -> Distances:
@@ -208,9 +208,9 @@ def _leave_one_out_median(compared: Compared, good: IntArray) -> FloatArray:
     return np.nanmedian(of_good, axis=2).T
 
 
-def _flags(P: int, chosen: Sequence[IntArray]) -> BoolArray:
+def _flags(P: int, indices: Sequence[IntArray]) -> BoolArray:
     flags = np.zeros(P, dtype=np.bool_)
-    flags[np.concatenate(chosen)] = True
+    flags[np.concatenate(indices)] = True
     return flags
 
 
@@ -252,14 +252,14 @@ def _leading(
     return leading, (note,)
 
 
-def _note(spectra: PeriodSpectra, left_out: IntArray, measured: Distances, others: str, reason: str = "") -> Note:
-    """Return the note on discarded periods.  others: the periods with which they are compared."""
+def _note(spectra: PeriodSpectra, rows: IntArray, measured: Distances, others: str, reason: str = "") -> Note:
+    """Return the note on discarded periods, in rows.  others: name of the periods with which they are compared."""
     record = spectra.record
-    kind = ("half period" if record.half_wave else "period") + "s" * (len(left_out) > 1)
+    kind = ("half period" if record.half_wave else "period") + "s" * (len(rows) > 1)
     channels = [f"output {name}" for name in record.outputs] + [f"input {name}" for name in record.inputs]
-    D, limit = measured.D[left_out].max(axis=0), np.maximum(measured.limit, NEGLIGIBLE_DISTANCE)
+    D, limit = measured.D[rows].max(axis=0), np.maximum(measured.limit, NEGLIGIBLE_DISTANCE)
     worst = int(np.argmax(D / limit))
-    numbers = [str(n) for n in spectra.periods[left_out] + 1]
+    numbers = [str(n) for n in spectra.periods[rows] + 1]
     return Note(
         "frf/periods-discarded",
         f"{kind} {', '.join(numbers)} of {record.n_repeats} discarded{reason}: {channels[worst]} deviates from "

@@ -53,20 +53,20 @@ def measured_quality(freq_hz: FloatArray, data: MeanSpectra, G: ComplexArray) ->
     S_Z, n_y = data.S_Z, G.shape[1]
     spread = np.einsum("fii->fi", S_Z).real
     noise = spread / data.dof
-    both = coherences(
+    coherence = coherences(
         power(data.weighted_sum(data.Y, data.Y)) + spread[:, :n_y],
         data.weighted_sum(data.Y, data.U) + S_Z[:, :n_y, n_y:],
         data.weighted_sum(data.U, data.U) + S_Z[:, n_y:, n_y:],
     )
     amplitude, noise_of_mean = np.sqrt(power(data.YY) / len(data.periods)), noise[:, :n_y] * np.mean(1 / data.periods)
     excited = Levels(freq_hz, amplitude, np.sqrt(noise_of_mean))
-    return quality_of(G, data.UU / len(data.periods), both, (noise[:, n_y:], noise[:, :n_y]), excited)
+    return quality_of(G, data.UU / len(data.periods), coherence, (noise[:, n_y:], noise[:, :n_y]), excited)
 
 
 def quality_of(
     G: ComplexArray,
     S_uu: ComplexArray,
-    both: tuple[FloatArray, FloatArray],
+    coherence: tuple[FloatArray, FloatArray],
     noise: tuple[FloatArray, FloatArray],
     excited: Levels,
 ) -> Quality:
@@ -74,7 +74,7 @@ def quality_of(
 
     both: ordinary and multiple coherence.  noise: variance of inputs (F, n_u) and outputs (F, n_y) in one period.
     """
-    return Quality(*both, singular_values(G), relative_singular_values(S_uu), *noise, excited)
+    return Quality(*coherence, singular_values(G), relative_singular_values(S_uu), *noise, excited)
 
 
 def relative_singular_values(S_U: ComplexArray) -> FloatArray:
@@ -221,5 +221,5 @@ def _half_power(freq_hz: FloatArray, power: FloatArray) -> float | None:
     if half.size == 0 or np.any(power[: half[0]] > power[0]):
         return None
     i = int(half[0])
-    part = (power[i - 1] - power[0] / 2) / (power[i - 1] - power[i])
-    return float(freq_hz[i - 1] + part * (freq_hz[i] - freq_hz[i - 1]))
+    fraction = (power[i - 1] - power[0] / 2) / (power[i - 1] - power[i])
+    return float(freq_hz[i - 1] + fraction * (freq_hz[i] - freq_hz[i - 1]))

@@ -241,8 +241,8 @@ def _drift(record: Record, lines: IntArray, drifts: BoolArray) -> tuple[FloatArr
     # Of a log of one repetition no drift is known.
     for p, start, end in ((p, a, b) for a, b in logs for p in range(a, b) if b - a > 1):
         first, last = max(start * L, p * L - window), min(p * L + window + 1, (end - 1) * L)
-        before, after = (record.y[first + shift : last + shift].mean(axis=0) for shift in (0, L))
-        gain[p] = (after - sign * before)[drifts]
+        start_mean, end_mean = (record.y[first + shift : last + shift].mean(axis=0) for shift in (0, L))
+        gain[p] = (end_mean - sign * start_mean)[drifts]
         release(record.y)
     if record.half_wave:  # the mean over whole periods is gone already, that of a slow wander is not that of the ends
         gain -= 2 * mean_of_rows(record.y, P // 2 * 2 * L)[drifts]
@@ -297,8 +297,8 @@ def inputs_pass(records: Sequence[Record]) -> bool:
         if RecordSpectra(record).is_large:
             return False
         L = record.n_samples // _PARTS
-        parts = record.u[: L * _PARTS].reshape(_PARTS, L, -1)
-        P = np.abs(np.fft.rfft(parts - parts.mean(axis=1, keepdims=True), axis=1)) ** 2
+        segments = record.u[: L * _PARTS].reshape(_PARTS, L, -1)
+        P = np.abs(np.fft.rfft(segments - segments.mean(axis=1, keepdims=True), axis=1)) ** 2
         total, squares = P.sum(axis=0), (P**2).sum(axis=0)
         fractions = quotient(total**2, squares) / _PARTS
         spreads.append((fractions * total).sum(axis=0) / np.maximum(total.sum(axis=0), 1e-300))

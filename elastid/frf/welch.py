@@ -64,7 +64,7 @@ from elastid.response import Covariance, Levels, Quality, Response
 _LEAST_DOF = 0.4  # 1 - sum h^2 / n_u at least: of a line that is in one segment alone nothing is known
 # A sweep that ends with its record is cut there: where this part of a segment at the end has this share of a line's
 # power, the line's error is that of the cut.
-_END, _END_SHARE = 1 / 16, 0.25
+_END, _MAX_END_FRACTION = 1 / 16, 0.25
 # Numbers in a segment of all channels that `auto` takes at most.
 _MAX_NUMBERS = 1 << 20
 # Of a window's power on its middle line: lines with less of it leak nothing that counts.
@@ -139,27 +139,27 @@ def make_segments(records: Sequence[Record], spec: EstimatorSpec) -> Segments:
     def segments_of(L: int) -> Segments:
         return Segments(np.asarray(get_window(spec.window, L), dtype=np.float64), max(1, L - L // 2))
 
-    where = f"configuration {first.configuration.name}: "
+    place = f"configuration {first.configuration.name}: "
     if spec.segment != "auto":
         L = round(spec.segment * first.rate_hz)
         if L < 4:
             raise DataError(
                 "frf/segment",
-                f"{where}estimator.segment {spec.segment:g} s is {L} samples. Give at least {4 / first.rate_hz:g} s",
+                f"{place}estimator.segment {spec.segment:g} s is {L} samples. Give at least {4 / first.rate_hz:g} s",
             )
         segments = segments_of(L)
     else:
-        wanted = max(16, 8 * n_u)
+        min_segments = max(16, 8 * n_u)
         L = 2 ** int(np.log2(min(max(lengths), _MAX_NUMBERS // (len(first.outputs) + n_u))))
         segments = segments_of(L)
-        while L > 8 and sum(map(segments.count, lengths)) < wanted:
+        while L > 8 and sum(map(segments.count, lengths)) < min_segments:
             L //= 2
             segments = segments_of(L)
     if sum(map(segments.independent, lengths)) < n_u + 1:
         longest = max(lengths) / first.rate_hz
         raise DataError(
             "frf/segment",
-            f"{where}too few segments of {L / first.rate_hz:g} s for {n_u} inputs. Set estimator.segment to at most "
+            f"{place}too few segments of {L / first.rate_hz:g} s for {n_u} inputs. Set estimator.segment to at most "
             f"{longest / (2 * n_u + 2):.3g}, or estimator.method local_rational",
         )
     return replace(segments, step=max(1, L // 4)) if inputs_pass(records) else segments
@@ -234,8 +234,8 @@ def _spectra(
     for record in records:
         for begin in range(0, segments.count(record.n_samples), at_once):
             K = min(at_once, segments.count(record.n_samples) - begin)
-            part = slice(begin * D, (begin + K - 1) * D + L)
-            signals = np.ascontiguousarray(np.concatenate([record.y[part], record.u[part]], axis=1).T)
+            samples = slice(begin * D, (begin + K - 1) * D + L)
+            signals = np.ascontiguousarray(np.concatenate([record.y[samples], record.u[samples]], axis=1).T)
             cut = np.lib.stride_tricks.sliding_window_view(signals, L, axis=1)[:, ::D]
             cut = (cut - cut.mean(axis=2, keepdims=True)) * w
             yield np.moveaxis(rfft(cut, axis=2)[:, :, lines], 2, 0)
@@ -248,26 +248,26 @@ def _by_leverage(
 ) -> ComplexArray:
     """Return C_h (F, n_y, n_y), covariance of a segment's V = Y - G U by its and its repeats' share in G's error."""
     lines, freq_hz, scale = _lines(records[0], segments, spec)
-    used = np.isin(freq_hz, data.freq_hz)
+    is_line = np.isin(freq_hz, data.freq_hz)
     n_y, n_u = data.n_y, G.shape[2]
     inverse = np.asarray(np.linalg.inv(data.uu), dtype=np.complex128)
     C, squares = np.zeros((len(G), n_y, n_y), dtype=np.complex128), np.zeros(len(G))
     for group in _repeats(records):
         most = 4_000_000 // (n_u * len(group))
-        for parts in zip_longest(*(_spectra([record], segments, lines[used], most) for record in group)):
-            E, h = _leverages([part * scale[used][:, :, None] for part in parts if part is not None], G, inverse)
+        for spectra in zip_longest(*(_spectra([record], segments, lines[is_line], most) for record in group)):
+            E, h = _leverages([Z * scale[is_line][:, :, None] for Z in spectra if Z is not None], G, inverse)
             squares += np.sum(h**2, axis=1)
             C += np.einsum("fykj,fkl,fzlj->fyz", E, inverse, E.conj(), optimize=True)
     return np.asarray(C / (n_u * np.maximum(1 - squares / n_u, _LEAST_DOF))[:, None, None])
 
 
 def _leverages(
-    parts: Sequence[ComplexArray], G: ComplexArray, inverse: ComplexArray
+    spectra: Sequence[ComplexArray], G: ComplexArray, inverse: ComplexArray
 ) -> tuple[ComplexArray, FloatArray]:
     """Return V U^H (F, n_y, n_u, K) of segments and their leverage (F, K), with repeated records summed."""
-    n_y, K = G.shape[1], max(part.shape[2] for part in parts)
+    n_y, K = G.shape[1], max(Z.shape[2] for Z in spectra)
     E, h = np.zeros((*G.shape, K), dtype=np.complex128), np.zeros((len(G), K))
-    for Z in parts:
+    for Z in spectra:
         U = Z[:, n_y:]
         E[..., : Z.shape[2]] += (Z[:, :n_y] - G @ U)[:, :, None] * U.conj()[:, None]
         h[:, : Z.shape[2]] += np.sum(U.conj() * (inverse @ U), axis=1).real
@@ -299,8 +299,8 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
     Raises DataError where the records are shorter than a segment, hold too few, or do not separate the inputs.
     """
     first = records[0]
-    segments, whole = make_segments(records, spec), records
-    records = [segments.padded(record) for record in whole]
+    segments, full_records = make_segments(records, spec), records
+    records = [segments.padded(record) for record in full_records]
     data = cross_spectra(records, segments, spec)
     strength = relative_singular_values(data.uu / data.K)
     usable = strength[:, -1] > 1e-6 * strength[:, 0]  # below, rounding decides
@@ -312,9 +312,9 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
             "channel",
             f"configuration {first.configuration.name}",
         )
-    is_cut = np.zeros_like(usable) if records[0] is whole[0] else _is_cut(whole, segments, spec, data)
-    kept = usable & ~is_cut if np.any(usable & ~is_cut) else usable
-    data, L = data.on(kept), len(segments.window)
+    is_cut = np.zeros_like(usable) if records[0] is full_records[0] else _is_cut(full_records, segments, spec, data)
+    lines = usable & ~is_cut if np.any(usable & ~is_cut) else usable
+    data, L = data.on(lines), len(segments.window)
     G = data.yu @ np.linalg.inv(data.uu)
     covariance, total, beta, C_V = _covariances(data, G, segments, _by_leverage(records, segments, spec, data, G))
     quality = _quality(data, G, C_V)
@@ -346,8 +346,8 @@ def _is_cut(records: Sequence[Record], segments: Segments, spec: EstimatorSpec, 
     rise = np.sin(np.pi / 2 * np.arange(1, n + 1) / n)[:, None] ** 2  # cut at the end alone
     ends = [rise * (record.u - record.u.mean(axis=0))[-n:] for record in records]
     at_end = np.sum([np.abs(rfft(end, len(w), axis=0)[lines] * scale[:, n_y:]) ** 2 for end in ends], axis=0)
-    whole = power(data.uu) * segments.step / np.sum(w**2)
-    return np.asarray(np.any(at_end > _END_SHARE * whole, axis=1))
+    total_power = power(data.uu) * segments.step / np.sum(w**2)
+    return np.asarray(np.any(at_end > _MAX_END_FRACTION * total_power, axis=1))
 
 
 def _covariances(
@@ -387,6 +387,6 @@ def _leakage(G: ComplexArray, variance: FloatArray, segments: Segments) -> Compl
 
 def _quality(data: CrossSpectra, G: ComplexArray, C_V: ComplexArray) -> Quality:
     """Return coherences and levels; the noise in the inputs is unknown and counts as none."""
-    noise, both = power(C_V), coherences(power(data.yy), data.yu, data.uu)
+    noise, coherence = power(C_V), coherences(power(data.yy), data.yu, data.uu)
     excited = Levels(data.freq_hz, np.sqrt(power(data.yy) / data.K), np.sqrt(noise / data.K_e))
-    return quality_of(G, data.uu / data.K, both, (np.zeros((len(G), G.shape[2])), noise), excited)
+    return quality_of(G, data.uu / data.K, coherence, (np.zeros((len(G), G.shape[2])), noise), excited)

@@ -1,15 +1,15 @@
-r"""Inertia, friction and command delay of joints from commands, encoders and gains, without any torque.
+r"""Inertia, friction and command delay of joints, estimated from commands, encoder positions and gains without torque.
 
 .. math:: \hat\theta = \arg\min_\theta \sum_i N_i \log \sum_k \bigl(q_{ik} - \hat q_{ik}(\theta_i, T_d)\bigr)^2
 
-q hat: positions simulated from the commands alone (`simulation.rigid_joints`), over means of a few samples; theta_i are
-the numbers of joint i, T_d is the delay of all joints of a log. This is output error: the torque that gains and encoder
-give is no measurement, and a regression on it is biased by k_p T_d in viscous friction (Ljung, System Identification,
-1999, section 10.2).
+q hat: positions simulated from the commands alone (`simulation.rigid_joints`), averaged over a few samples; theta_i:
+numbers of joint i; T_d: delay of all joints of a log. This is the output-error method (Ljung, System Identification,
+1999, section 10.2). A regression on the torque computed from gains and encoder is biased: k_p T_d appears in viscous
+friction.
 
-Errors of simulated positions are far from white. Their covariance is the long-run one of the slow cosines of each log's
-scores (`least_squares.long_run`), over time or in the order of the angle, with which errors of the model repeat, and
-that of the influences d_k of m logs where it is larger beyond chance:
+Errors of simulated positions are not white. The covariance is the long-run covariance of each log's scores on slow
+cosines (`least_squares.long_run`), over time or in the order of the angle, with which model errors repeat. If the
+influences d_k of m logs have a significantly larger covariance, it is used instead:
 
 .. math:: \Sigma = \frac{m}{m - 1} \sum_k d_k d_k^T
 """

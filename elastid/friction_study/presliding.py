@@ -1,29 +1,29 @@
-r"""Friction before a joint slides: Maxwell slip elements from loops, a bristle from responses at rest.
+r"""Presliding friction of a joint: Maxwell slip elements from torque loops, LuGre bristles from frequency responses.
 
-Maxwell slip is a convex problem where its thresholds are given:
+With fixed thresholds D_j, the stiffnesses k_j of Maxwell slip are a convex problem:
 
 .. math:: s_j(k) = \mathrm{clip}(s_j(k-1) + \Delta q(k), -D_j, D_j), \qquad
           \tau_f(k) = \sum_j k_j s_j(k), \quad k_j \ge 0
 
-Non-negative least squares with many thresholds, spaced logarithmically over the travel of the joint, is the spectrum
-k_j(D_j); then few elements with thresholds of their own, found from the spectrum's equal shares of torque by variable
-projection, as few as predict other parts of the log as well (Rizos and Fassois, Chaos 14, 2004; Lawson and Hanson,
-Solving Least Squares Problems, 1974).
+Non-negative least squares with many thresholds, spaced logarithmically over the travel of the joint, gives the
+spectrum k_j(D_j) (Lawson and Hanson, Solving Least Squares Problems, 1974). Variable projection then estimates few
+elements with free thresholds; they start where the spectrum has equal fractions of the torque. Cross-validation over
+five folds of the log selects the number of elements (Rizos and Fassois, Chaos 14, 2004).
 
-Noise of the angle is a random walk through the elements and takes stiffness away, so the angle is smoothed first, with
-zero phase and in the band with which the elements explain the torque best: wider passes noise, narrower the motion.
+Noise of the angle lowers the estimated stiffness, because it is a random walk through the elements. A zero-phase low
+pass smooths the angle first; its band is the one with the smallest residual of the torque.
 
-sigma_0 and sigma_1 of bristles follow from responses at rest under small multisines of several amplitudes. There a
-LuGre contact is a spring sigma_0 and a damper sigma_1 to ground, in parallel with inertia and the joint's spring. The
-slip of its bristles, z' = v - |v| z / z_s with z_s = F_s / sigma_0, is to second order, under a Gaussian motion of rms
-s_q and s_v (statistical linearisation),
+sigma_0 and sigma_1 are estimated from responses in presliding to small multisines of several amplitudes. There a LuGre
+contact is a spring sigma_0 and a damper sigma_1 to ground, parallel to the inertia and the joint's spring. Its bristles
+slip by z' = v - |v| z / z_s with z_s = F_s / sigma_0. To second order, under a Gaussian motion of rms s_q and s_v
+(statistical linearisation),
 
 .. math:: \frac{z}{q} = (1 - \epsilon) \frac{j \omega}{j \omega + \rho}, \quad
           \rho = \sqrt{2 / \pi}\, \frac{s_v}{z_s}, \quad \epsilon = \frac{2}{\pi} \frac{s_q^2}{z_s^2}
 
-so that the loss of a multisine falls as 1 / omega while that of sigma_1 grows with omega, which distinguishes them. (A
-single sine of amplitude A has 1 - 3 A^2 / (8 z_s^2) + 4 j A / (3 pi z_s), whatever its frequency.) The fit has one law
-for all amplitudes and so extrapolates to none:
+Slip and sigma_1 are distinguishable: the loss by slip falls as 1 / omega, the loss by sigma_1 grows with omega. (For a
+single sine of amplitude A, z / q = 1 - 3 A^2 / (8 z_s^2) + 4 j A / (3 pi z_s) at any frequency.) One law fits all
+amplitudes and so extrapolates to amplitude zero:
 
 .. math:: \frac{1}{G} = (\sigma_0 + j \omega \sigma_1) \frac{z}{q} + j \omega \alpha_2 + Z(\omega), \quad
           Z = -\omega^2 J \text{ or }

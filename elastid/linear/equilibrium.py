@@ -52,12 +52,12 @@ def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configura
     The last ones are kept: matrices, ports and positions of a posture ask for the same one in turn.
     """
     numbers = np.asarray(theta, dtype=float).tobytes()
-    point = _rest(model, numbers, configuration.angles.tobytes(), configuration.name, configuration.has_payload)
+    point = _equilibrium(model, numbers, configuration.angles.tobytes(), configuration.name, configuration.has_payload)
     return replace(point, configuration=configuration)
 
 
 @lru_cache(maxsize=64)
-def _rest(model: ElasticModel, numbers: bytes, angles: bytes, name: str, has_payload: bool) -> OperatingPoint:
+def _equilibrium(model: ElasticModel, numbers: bytes, angles: bytes, name: str, has_payload: bool) -> OperatingPoint:
     """Solve `equilibrium` for values that have a hash: theta and angles as bytes."""
     theta, configuration = np.frombuffer(numbers), Configuration(name, np.frombuffer(angles), has_payload)
     free, theta = free_coordinates(model), model.carried(theta, configuration.has_payload)
@@ -79,8 +79,8 @@ def _rest(model: ElasticModel, numbers: bytes, angles: bytes, name: str, has_pay
         back, step = np.zeros(model.n_q), np.zeros(model.n_q)
         back[free], step[free] = close, Z @ along
         largest = np.abs(back + step).max(initial=0.0)
-        part = min(1.0, MAX_STEP / max(largest, CONVERGED_STEP))
-        q, now = _shortened(model, theta, q + part * back, part * step, part * float(pull @ along), free)
+        scale = min(1.0, MAX_STEP / max(largest, CONVERGED_STEP))
+        q, now = _shortened(model, theta, q + scale * back, scale * step, scale * float(pull @ along), free)
         if largest <= CONVERGED_STEP:
             break
     for fault in _faults(model, theta, free, q, rigid, now, np.abs(gravity).max()):
@@ -201,7 +201,7 @@ def _faults(
     scale = np.sqrt(np.where(np.diag(M) > 0, np.diag(M), 1.0))
     eigenvalues, modes = np.linalg.eigh(M / np.outer(scale, scale))
     participation = np.linalg.norm(Z @ modes[:, eigenvalues <= MIN_INERTIA], axis=1)
-    if massless := ", ".join(name for name, part in zip(names, participation, strict=True) if part > 0.1):
+    if massless := ", ".join(name for name, fraction in zip(names, participation, strict=True) if fraction > 0.1):
         yield (
             f"the mass matrix is singular: {massless} moves no inertia. Give a body on this joint a mass off the "
             "joint's axis or an inertia about it"
@@ -213,9 +213,9 @@ def preloads(
 ) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
     """Return the joints with springs, their deflection in rad or m, and their tangent stiffness (n_s, P)."""
     q, symbols = model.symbols("q", "theta")
-    named = dict(zip(model.parameters, ca.vertsplit(symbols), strict=True))
+    by_name = dict(zip(model.parameters, ca.vertsplit(symbols), strict=True))
     deflection = deflections(model.robot, q)
-    laws = ca.vertcat(*deflection.values()), ca.vertcat(*tangents(deflection, named).values())
+    laws = ca.vertcat(*deflection.values()), ca.vertcat(*tangents(deflection, by_name).values())
     at_points = ca.Function("preload", [q, symbols], [ca.densify(law) for law in laws]).map(len(points))
     x, k = at_points(np.transpose([point.q for point in points]), np.tile(theta[:, None], len(points)))
     return tuple(deflection), x.full(), k.full()

@@ -23,6 +23,7 @@ from functools import cached_property
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.display import Display, as_html, as_text, degrees, number
@@ -98,9 +99,7 @@ class Estimated:
     @cached_property
     def covariance(self) -> FloatArray:
         """Covariance of x (n_x + n_d, n_x + n_d)."""
-        n, whole = len(self.fit_x), np.eye(len(self.x))
-        whole[:n, :n] = self.fit_covariance
-        return whole
+        return np.asarray(block_diag(self.fit_covariance, np.eye(len(self.doubts))))
 
     def theta(self, x: FloatArray) -> FloatArray:
         """Return theta (n_theta,) at x (n_x + n_d,), SI."""
@@ -259,8 +258,8 @@ class FittedModel:
     @classmethod
     def of(cls, linear: LinearModel, parameters: Parameters, x: FloatArray, covariance: FloatArray) -> "FittedModel":
         """Return a configuration that was fitted; covariance (n_x, n_x) of x (n_x,)."""
-        none, where = np.zeros(len(linear.parameters)), linear.configuration.name
-        return cls(linear, Estimated.of(parameters, x, covariance, linear.parameters, none, where))
+        none, place = np.zeros(len(linear.parameters)), linear.configuration.name
+        return cls(linear, Estimated.of(parameters, x, covariance, linear.parameters, none, place))
 
     @cached_property
     def linear(self) -> LinearModel:
@@ -308,8 +307,8 @@ class FittedModel:
             return self.response_band(freq_hz).std
         J = self._response_slopes(freq_hz)
         flat = J.reshape(len(J), -1).T
-        parts = (deviation(part, self.estimated.covariance) for part in (flat.real, flat.imag))
-        return np.hypot(*parts).reshape(J.shape[1:])
+        deviations = (deviation(side, self.estimated.covariance) for side in (flat.real, flat.imag))
+        return np.hypot(*deviations).reshape(J.shape[1:])
 
     def response_shifts(self, freq_hz: FloatArray) -> ComplexArray:
         """Return changes of G (n_d, F, n_y, n_u) by each of the changes `Estimated.axes`."""
@@ -336,8 +335,8 @@ class FittedModel:
         norm = 2 * poles * form(M) + form(D)
         of_theta = np.zeros((len(poles), len(theta)), complex)
         for name, slope in linear.slopes.items():
-            parts = enumerate((slope.K, slope.D, slope.M))
-            change = sum(poles**power * form(matrix) for power, matrix in parts if matrix is not None)
+            matrices = enumerate((slope.K, slope.D, slope.M))
+            change = sum(poles**power * form(matrix) for power, matrix in matrices if matrix is not None)
             of_theta[:, linear.parameters.index(name)] = -change / norm
         slopes = of_theta @ self.estimated.slopes
         # d|lambda| = Re(conj(lambda) dlambda) / |lambda|; zeta = -Re lambda / |lambda|.

@@ -197,7 +197,7 @@ class LinearModel:
         return int(self.M.shape[0])
 
     @cached_property
-    def moved_outputs(self) -> tuple[str, ...]:
+    def output_parameters(self) -> tuple[str, ...]:
         """The parameters that move C, T or B."""
         return tuple(name for name, s in self.slopes.items() if any(part is not None for part in (s.C, s.T, s.B)))
 
@@ -249,10 +249,10 @@ class LinearModel:
 
     def readout(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return C and T (n_y, n) at theta (n_theta,) in SI."""
-        if not self.moved_outputs:
+        if not self.output_parameters:
             return self.C, self.tilt
         C, T = np.array(self.C), np.array(self.tilt)
-        for name in self.moved_outputs:
+        for name in self.output_parameters:
             place, slope = self.parameters.index(name), self.slopes[name]
             change = theta[place] - self.theta_ref[place]
             C += 0.0 if slope.C is None else change * slope.C
@@ -261,7 +261,7 @@ class LinearModel:
 
     def acting(self, theta: FloatArray) -> FloatArray:
         """Return B (n, n_u) at theta (n_theta,) in SI."""
-        slopes = [(name, self.slopes[name].B) for name in self.moved_outputs]
+        slopes = [(name, self.slopes[name].B) for name in self.output_parameters]
         change = [
             (self.number(theta, name) - self.number(self.theta_ref, name)) * dB for name, dB in slopes if dB is not None
         ]
@@ -274,8 +274,8 @@ class LinearModel:
         def part(matrix: FloatArray | None) -> FloatArray | None:
             return None if matrix is None or not np.any(matrix[rows]) else matrix[rows]
 
-        moved = {name: self.slopes[name] for name in self.moved_outputs}
-        slopes = self.slopes | {name: replace(s, C=part(s.C), T=part(s.T)) for name, s in moved.items()}
+        slopes_of_outputs = {name: self.slopes[name] for name in self.output_parameters}
+        slopes = self.slopes | {name: replace(s, C=part(s.C), T=part(s.T)) for name, s in slopes_of_outputs.items()}
         outputs = tuple(self.outputs[row] for row in rows)
         hold = self.hold and replace(self.hold, sampled=tuple(self.hold.sampled[row] for row in rows))
         return replace(self, C=self.C[rows], T=self.tilt[rows], outputs=outputs, slopes=slopes, hold=hold)
@@ -284,8 +284,8 @@ class LinearModel:
         """Return M, D, K (n, n) at theta (n_theta,) in SI; ValueError unless theta has one value per parameter."""
         check_theta(theta, self.parameters)
         change = np.asarray(theta) - self.theta_ref
-        parts = ((getattr(self, letter), *self.terms[letter]) for letter in "MDK")
-        M, D, K = (A + (change[at] @ slopes.reshape(len(at), A.size)).reshape(A.shape) for A, at, slopes in parts)
+        terms = ((getattr(self, letter), *self.terms[letter]) for letter in "MDK")
+        M, D, K = (A + (change[at] @ slopes.reshape(len(at), A.size)).reshape(A.shape) for A, at, slopes in terms)
         return M, D, K
 
     @cached_property
@@ -320,10 +320,10 @@ class StateSpace:
         """Sizes, and the places between which it acts."""
         n_y, n_u = self.D.shape
         title = f"StateSpace of {self.configuration.name}: {len(self.A)} states, {n_u} inputs, {n_y} outputs"
-        late = f", inputs delayed by {1e3 * self.delay:.4g} ms" if self.delay else ""
+        delay = f", inputs delayed by {1e3 * self.delay:.4g} ms" if self.delay else ""
         rows = [("input", place, "torque or force") for place in self.inputs]
         rows += [("output", place, self.quantity) for place in self.outputs]
-        return Display(title + late, ("signal", "at", "quantity"), rows)
+        return Display(title + delay, ("signal", "at", "quantity"), rows)
 
     def response(self, freq_hz: FloatArray) -> ComplexArray:
         """Return G (F, n_y, n_u) = [C (s I - A)^-1 B + D] exp(-s T_d) on the lines freq_hz (F,)."""

@@ -285,18 +285,18 @@ def _slopes(
 
     matrices: M, D, K (n_q, n_q) and C, T (n_y, n_q) in all coordinates; of_theta, dZ (n_theta, ...): derivatives.
     """
-    is_whole = len(Z) == Z.shape[1]  # no coordinate is fixed: Z is the identity matrix
-    parts = {letter: part if is_whole else part @ Z for letter, part in of_theta.items()}
+    is_free = len(Z) == Z.shape[1]  # no coordinate is fixed: Z is the identity matrix
+    terms = {letter: term if is_free else term @ Z for letter, term in of_theta.items()}
     if dZ is not None:
-        parts |= {letter: parts.get(letter, 0.0) + (1 + (letter in "MDK")) * (A @ dZ) for letter, A in matrices.items()}
-    for letter in () if is_whole else "MDK":
-        whole = Z.T @ parts[letter]
-        parts[letter] = (whole + whole.transpose(0, 2, 1)) / 2
-    for part in parts.values():
-        part.flags.writeable = False  # read-only, so that slopes need no copy
-    enters = {letter: np.any(part, axis=(1, 2)) for letter, part in parts.items()}
+        terms |= {letter: terms.get(letter, 0.0) + (1 + (letter in "MDK")) * (A @ dZ) for letter, A in matrices.items()}
+    for letter in () if is_free else "MDK":
+        product = Z.T @ terms[letter]
+        terms[letter] = (product + product.transpose(0, 2, 1)) / 2
+    for term in terms.values():
+        term.flags.writeable = False  # read-only, so that slopes need no copy
+    enters = {letter: np.any(term, axis=(1, 2)) for letter, term in terms.items()}
     return {
-        name: Slope(**{letter: part[p] for letter, part in parts.items() if enters[letter][p]})
+        name: Slope(**{letter: term[p] for letter, term in terms.items() if enters[letter][p]})
         for p, name in enumerate(model.parameters)
         if name in names and any(rows[p] for rows in enters.values())
     }

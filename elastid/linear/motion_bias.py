@@ -82,11 +82,11 @@ def estimate_motion_bias(
         return change_of_angles(linear, theta, lines_hz, expansion.response_change(omega, changes)[:, :, inputs])
 
     if noise is not None:
-        few = np.unique(np.linspace(0, response.n_lines - 1, _FEW).astype(np.int64))
-        rough = of_motion(freq_hz[few], _FEW)
+        subset = np.unique(np.linspace(0, response.n_lines - 1, _FEW).astype(np.int64))
+        rough = of_motion(freq_hz[subset], _FEW)
         with np.errstate(divide="ignore", invalid="ignore"):
-            power_ratios = np.where(noise.variance[few] > 0, np.abs(rough) ** 2 / noise.variance[few], np.inf)
-        size = np.sqrt(2 * float(np.sum(power_ratios)) * response.n_lines / len(few))
+            power_ratios = np.where(noise.variance[subset] > 0, np.abs(rough) ** 2 / noise.variance[subset], np.inf)
+        size = np.sqrt(2 * float(np.sum(power_ratios)) * response.n_lines / len(subset))
         if size < NEGLIGIBLE:
             return None
         most = int(min(most, np.ceil(np.sqrt(_LINES_ERROR * size / NEGLIGIBLE))))
@@ -169,23 +169,23 @@ class _MotionBias:
         cls, expansion: _Expansion, motion: MotorMotion, measured: IntArray, at: list[int], mean: FloatArray, most: int
     ) -> "_MotionBias":
         """Expand the motion on at most `most` lines. measured (n_m,): indices of the model's motors in it."""
-        few = motion.grouped(most)
-        sums, centres = few.power[:, at][:, :, at], 2 * np.pi * few.freq_hz
+        bins = motion.grouped(most)
+        sums, centres = bins.power[:, at][:, :, at], 2 * np.pi * bins.freq_hz
         W = _amplitudes(expansion, centres, sums, measured) / np.sqrt(2)  # of each sign of the frequency
-        both = np.concatenate([W, W.conj()])
+        two_sided = np.concatenate([W, W.conj()])
         feedback = None
         if motion.feedback is not None and len(measured) == expansion.B.shape[1]:
             feedback = motion.feedback[:, at][:, :, at]
-        curved = np.tensordot(both, expansion.curvature, axes=1)
+        curved = np.tensordot(two_sided, expansion.curvature, axes=1)
         return cls(expansion, np.concatenate([centres, -centres]), curved, mean, feedback)
 
     def change(self, omega: float) -> ComplexArray:
         """Return the change (n + n_y, n) of the coefficients of x in equations and outputs at a frequency."""
-        e, both, (rows, unknowns, met, partners) = self.expansion, omega + self.omega, self._curved_parts
-        (_, K, n_r, m, n_k), s = met.shape, 1j * both[:, None]
+        e, omega_2, (rows, unknowns, met, partners) = self.expansion, omega + self.omega, self._curvature_blocks
+        (_, K, n_r, m, n_k), s = met.shape, 1j * omega_2[:, None]
         # R''[., e_1] of all z of an unknown: its own, its rate and its acceleration.
         torque = -np.tensordot([1.0, 1j * omega, -(omega**2)], met, axes=1).reshape(K, n_r, m * n_k)
-        x = self._inverse(both, rows[rows < e.n])[:, unknowns] @ torque
+        x = self._inverse(omega_2, rows[rows < e.n])[:, unknowns] @ torque
         weighted = (s ** np.arange(3))[:, None] @ partners
         total = (self.mean @ e.z(omega)).astype(np.complex128)
         total[np.ix_(rows, unknowns)] += np.sum(
@@ -194,7 +194,7 @@ class _MotionBias:
         return total
 
     @cached_property
-    def _curved_parts(self) -> tuple[IntArray, IntArray, ComplexArray, ComplexArray]:
+    def _curvature_blocks(self) -> tuple[IntArray, IntArray, ComplexArray, ComplexArray]:
         """Rows with curvature, and the unknowns (n_k,) whose entries in z have curvature; motors mostly have zero
         curvature.
 
@@ -206,34 +206,34 @@ class _MotionBias:
         of_order = [np.arange(e.n), e.n + np.arange(e.n_q), e.n + e.n_q + np.arange(e.n_q)]
         unknowns = np.flatnonzero(np.any([np.pad(curved[z], (0, e.n - len(z))) for z in of_order], axis=0))
         K, m = self.curved.shape[:2]
-        parts = np.zeros((3, K, m, len(rows), len(unknowns)), complex)
-        for part, columns in zip(parts, of_order, strict=True):
+        blocks = np.zeros((3, K, m, len(rows), len(unknowns)), complex)
+        for block, columns in zip(blocks, of_order, strict=True):
             moving = unknowns < len(columns)
-            part[..., moving] = self.curved[:, :, rows][..., columns[unknowns[moving]]]
-        met = np.ascontiguousarray(parts[:, :, :, rows < e.n].transpose(0, 1, 3, 2, 4))
-        partners = np.ascontiguousarray(parts.conj().transpose(1, 0, 3, 4, 2))
+            block[..., moving] = self.curved[:, :, rows][..., columns[unknowns[moving]]]
+        met = np.ascontiguousarray(blocks[:, :, :, rows < e.n].transpose(0, 1, 3, 2, 4))
+        partners = np.ascontiguousarray(blocks.conj().transpose(1, 0, 3, 4, 2))
         return rows, unknowns, met, partners.reshape(K, 3, len(rows) * len(unknowns) * m)
 
     @cached_property
     def _controlled_stiffness(self) -> FloatArray:
         """The dynamic stiffness with the feedback, before 1 / s, 1, s and s^2 (4, n n)."""
-        e, parts = self.expansion, np.zeros((4, self.expansion.n, self.expansion.n))
+        e, terms = self.expansion, np.zeros((4, self.expansion.n, self.expansion.n))
         if self.feedback is not None:
-            parts[:3] = e.B @ self.feedback @ e.B.T
-        for part, J in zip(parts[1:], np.split(e.J[: e.n], [e.n, e.n + e.n_q], axis=1), strict=True):
-            part[:, : J.shape[1]] += J
-        return parts.reshape(4, -1)
+            terms[:3] = e.B @ self.feedback @ e.B.T
+        for term, J in zip(terms[1:], np.split(e.J[: e.n], [e.n, e.n + e.n_q], axis=1), strict=True):
+            term[:, : J.shape[1]] += J
+        return terms.reshape(4, -1)
 
     def _inverse(self, omega: FloatArray, rows: IntArray) -> ComplexArray:
         """Return the inverse from torques on some of the unknowns to e_2 (2 K, n, n_r)."""
-        e, rest = self.expansion, np.abs(omega) < 1e-6 * np.abs(self.omega).max()
+        e, is_static = self.expansion, np.abs(omega) < 1e-6 * np.abs(self.omega).max()
         if self.feedback is None:
             return e.locked_inverse(omega)[:, :, rows]
-        s = 1j * np.where(rest, 1.0, omega)[:, None]
+        s = 1j * np.where(is_static, 1.0, omega)[:, None]
         L = np.hstack([1 / s, np.ones_like(s), s, s**2]) @ self._controlled_stiffness
         controlled = inverse(L.reshape(-1, e.n, e.n))[:, :, rows]
-        if rest.any():
-            controlled[rest] = e.locked_inverse(0.0)[:, rows]
+        if is_static.any():
+            controlled[is_static] = e.locked_inverse(0.0)[:, rows]
         return controlled
 
 
@@ -283,8 +283,8 @@ def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Exp
     # Of redundant constraints those combinations that bind; their multipliers alone are unknown.
     U = np.zeros((n_c, 0))
     if n_c:
-        left, size, _ = np.linalg.svd(model.constraint_jacobian(point.q, numbers).full())
-        U = left[:, : int(np.sum(size > RANK_TOLERANCE * size.max()))]
+        vectors, size, _ = np.linalg.svd(model.constraint_jacobian(point.q, numbers).full())
+        U = vectors[:, : int(np.sum(size > RANK_TOLERANCE * size.max()))]
     r, n = U.shape[1], n_q + U.shape[1]
     columns = np.zeros((3 * n_q + n_c, 2 * n_q + n))
     columns[:n_q, :n_q], columns[n_q : n_q + n_c, n_q:n], columns[n_q + n_c :, n:] = np.eye(n_q), U, np.eye(2 * n_q)

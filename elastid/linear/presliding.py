@@ -68,8 +68,8 @@ def with_relaxing_springs(
 
 def _padded(slope: Slope, n_s: int) -> Slope:
     shapes = {"M": (n_s, n_s), "D": (n_s, n_s), "K": (n_s, n_s), "C": (0, n_s), "T": (0, n_s), "B": (n_s, 0)}
-    parts = {letter: (getattr(slope, letter), shape) for letter, shape in shapes.items()}
-    return Slope(**{letter: None if part is None else _pad(part, *shape) for letter, (part, shape) in parts.items()})
+    blocks = {letter: (getattr(slope, letter), shape) for letter, shape in shapes.items()}
+    return Slope(**{letter: None if A is None else _pad(A, *shape) for letter, (A, shape) in blocks.items()})
 
 
 def _pad(matrix: FloatArray, rows: int, columns: int) -> FloatArray:

@@ -97,9 +97,9 @@ class LoadedRobot:
         LinAlgError where the robot finds no rest.
         """
         pairs = zip(theta, self.loads, strict=True)
-        carried = [self.model.carried(t, load.configuration.has_payload) for t, load in pairs]
-        numbers = np.tile(np.array(carried), (2, 1))
-        z, K = self._rest(numbers)
+        with_payload = [self.model.carried(t, load.configuration.has_payload) for t, load in pairs]
+        numbers = np.tile(np.array(with_payload), (2, 1))
+        z, K = self._equilibria(numbers)
         by_theta, p, p_z, p_theta = self._at(self.slopes, z, numbers)
         slopes = p_theta - p_z @ self._solve(K, by_theta)
         L, places = len(self.loads), [3 * self.frames.index(load.read_at) for load in self.loads]
@@ -110,7 +110,7 @@ class LoadedRobot:
             of_theta.append(load.directions @ (slopes[L + i, rows] - slopes[i, rows]))
         return readings, of_theta
 
-    def _rest(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _equilibria(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Solve z (2 L, n_z) at rest; returns z and slopes (2 L, n_z, n_z) of its forces; theta (2 L, n_theta)."""
         z = self.z.copy()
         r, K = self._at(self.statics, z, theta)
@@ -158,8 +158,8 @@ def _functions(
     (theta,), wrench = model.symbols("theta"), ca.SX.sym("wrench", 6 * len(frames))
     q, lambda_ = ca.SX(locked), z[len(free) :]
     q[free] = z[: len(free)]
-    named = dict(zip(model.parameters, ca.vertsplit(theta), strict=True))
-    layout = tree(model.robot, {name: symbol for name, symbol in named.items() if name in model.robot.geometry})
+    by_name = dict(zip(model.parameters, ca.vertsplit(theta), strict=True))
+    layout = tree(model.robot, {name: symbol for name, symbol in by_name.items() if name in model.robot.geometry})
     joint_turns, names = turns(layout, q[: len(model.robot.joints)]), [frame.name for frame in model.robot.frames]
     forces = model.potential_gradient(q, theta) + (model.constraint_jacobian(q, theta).T @ lambda_ if model.n_c else 0)
     rates = model.frame_velocity(q, theta)

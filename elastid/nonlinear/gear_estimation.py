@@ -272,7 +272,7 @@ def _jacobian(
     dG = Columns(drive.kernel).evaluate(drive.theta)[1][:, used] / s ** MOTION_ORDER[drive.model.quantity]
     CH = drive.C @ H
     q = H @ np.tensordot(Phi, magnitudes, axes=1)
-    for row, name, line_slope in zip(drive.chain, drive.kernel.wanted, dG, strict=True):
+    for row, name, line_slope in zip(drive.chain, drive.kernel.parameters, dG, strict=True):
         slope = line_slope @ U
         change = drive.model.slopes.get(name)
         if change is not None:

@@ -51,7 +51,7 @@ class DriveLines:
     turns `ratios` (n_j,) of motors for one of theirs.  places: their rows (n_j, n) of motors, gears and links.
     k, d, torque (n_j,): of their springs, and what these bear at rest; of a gear without a spring of its own 1, 0 and
     0, which deflects by nothing.  chain (P, n_x): d theta / d x of the parameters
-    `kernel.wanted`.
+    `kernel.parameters`.
     """
 
     model: LinearModel

@@ -1,5 +1,6 @@
 """Arrays that cannot be edited, labels of fields, and the unit that a name states."""
 
+import os
 import pickle
 import subprocess
 import sys
@@ -17,10 +18,13 @@ from elastid.base.arrays import (
     FloatArray,
     IntArray,
     LargeArray,
+    folded,
+    format_values,
     frozen,
     frozen_value,
     mapped,
     mean_of_rows,
+    quotient,
     release,
     stored_beside,
     stored_in,
@@ -91,18 +95,21 @@ def test_a_large_array_reads_the_rows_asked_for() -> None:
 def test_mapped_datasets_are_large_and_contiguous(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By their bytes in a large file, or by their number of values in any file."""
     monkeypatch.setattr(base_arrays, "MIN_PART_BYTES", 64)
+    single = np.arange(32, dtype=np.float32).reshape(16, 2)
     with h5py.File(tmp_path / "a.h5", "w") as file:
-        file["small"], file["large"] = np.zeros(2), np.zeros(8)
+        file["small"], file["large"], file["single"] = np.zeros(2), np.zeros(8), single
         file.create_dataset("pieces", data=np.zeros(8), chunks=(4,))
     for least_bytes, least_values, names in (
-        (0, 99, {"large"}),
+        (0, 99, {"large", "single"}),
         (1 << 40, 99, set()),
-        (1 << 40, 2, {"small", "large"}),
+        (1 << 40, 2, {"small", "large", "single"}),
     ):
         monkeypatch.setattr(base_arrays, "MIN_LARGE_FILE", least_bytes)
         monkeypatch.setattr(base_arrays, "MIN_LARGE_VALUES", least_values)
         with h5py.File(tmp_path / "a.h5") as file:
             assert {name for name in file if mapped(tmp_path / "a.h5", file[name]) is not None} == names
+            if "single" in names:
+                np.testing.assert_array_equal(mapped(tmp_path / "a.h5", file["single"])[3:9], single[3:9])
 
 
 FILLED = """
@@ -128,8 +135,13 @@ def test_file_arrays_have_no_name_and_vanish_with_process(tmp_path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_file_arrays_keep_values_after_release_and_in_processes(tmp_path) -> None:
-    """Several in one file, and larger than it; a source in memory, or a folder that takes none, leaves the array."""
+def test_file_arrays_keep_values_after_release_and_in_processes(tmp_path, monkeypatch) -> None:
+    """Several in one file, and larger than it; a source in memory, or a folder that takes none, leaves the array.
+
+    Where the system writes a part of what it is given, the rest follows.
+    """
+    write = os.pwrite
+    monkeypatch.setattr(os, "pwrite", lambda file, data, place: write(file, data[:30_000], place))
     given = [np.arange(n, dtype=dtype).reshape(-1, 1) for n, dtype in ((5, float), (0, complex), (70_000, np.int64))]
     kept = [stored_in(tmp_path, array) for array in given]
     for array, again in zip(given, kept, strict=True):
@@ -141,3 +153,14 @@ def test_file_arrays_keep_values_after_release_and_in_processes(tmp_path) -> Non
         np.testing.assert_array_equal(stored_beside(again, array), array)
     assert stored_beside(given[0], given[0]) is given[0]
     assert stored_in(tmp_path / "nowhere", given[0]) is given[0]
+
+
+def test_values_in_pieces_quotients_and_rows_of_text() -> None:
+    """Whole pieces alone; no division by zero; of more texts than a row takes, their number."""
+    np.testing.assert_array_equal(folded(np.arange(7.0), 3), [[0, 1, 2], [3, 4, 5]])
+    np.testing.assert_array_equal(quotient(3.0, np.array([2.0, 0.0, -1.0]), 7.0), [1.5, 7.0, 7.0])
+    assert format_values(np.array(["", "a"])) == ", a"
+    assert format_values(np.array(["b"] * 43)).endswith("b and 3 more")
+    assert format_values(np.array([[0.0, np.nan], [-2.0, 1.0]])).startswith("-2 to 1, 1 ")
+    assert format_values(np.arange(41)) == "0 to 40"
+    assert format_values(np.array([True, False])) == "True, False"

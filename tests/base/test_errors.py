@@ -1,6 +1,8 @@
 """The same note from many places is one line."""
 
-from elastid.base.errors import Note, grouped
+import pytest
+
+from elastid.base.errors import Note, ProgramError, check_theta, grouped, is_program_fault
 
 
 def test_notes_that_differ_in_their_numbers_are_grouped_by_place() -> None:
@@ -10,3 +12,18 @@ def test_notes_that_differ_in_their_numbers_are_grouped_by_place() -> None:
     assert str(group) == "log 0, log 1, log 2: 0 samples late"
     (group,) = grouped([*three, Note("late-log", "9 samples late", "log 3")])
     assert str(group) == "log 0 and 3 more: 0 samples late"
+
+
+def test_fault_of_the_program_is_of_a_kind_and_raised_inside() -> None:
+    """An AttributeError that its own code raises, not one of the user's; a ValueError states a fault of the data."""
+    check_theta([1.0], ["k_1"])
+    for call, is_fault in (
+        (lambda: grouped([1]), True),
+        (lambda: (1).text, False),
+        (lambda: check_theta([1.0, 2.0], ["k_1"]), False),
+    ):
+        with pytest.raises((AttributeError, ValueError)) as error:
+            call()
+        assert is_program_fault(error.value) == is_fault
+    assert is_program_fault(ProgramError())
+    assert not is_program_fault(TypeError())

@@ -1,6 +1,7 @@
 """Work in processes: what is to be done travels once to each, what it is done with every time."""
 
 import os
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -58,3 +59,16 @@ def test_work_of_a_worker_that_dies_is_done_anew(tmp_path: Path):
 def test_workers_that_die_again_and_again_are_given_up():
     with refused("workers/died"):
         Execution(2).ordered(os._exit, [9, 9])
+
+
+def test_checkpoint_spares_finished_items_and_progress_counts_them():
+    """An execution that travels works by itself: workers have no workers."""
+    steps, finished = [], {"b": 20}
+    execution = Execution(1, lambda done, total: steps.append((done, total)), finished)
+    assert execution.resumed(abs, [-1, -2, -3], ["a", "b", "c"]) == [1, 20, 3]
+    assert steps == [(1, 3), (2, 3), (3, 3)]
+    assert finished == {"a": 1, "b": 20, "c": 3}
+    assert [Execution(jobs).is_shared(count) for jobs, count in ((0, 9), (1, 9), (2, 1), (2, 2))] == [False] * 3 + [
+        True
+    ]
+    assert pickle.loads(pickle.dumps(Execution(4))).jobs == 0

@@ -2,15 +2,27 @@
 
 import csv
 import io
+import os
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import h5py
+import numpy as np
 import pytest
 from hypothesis import given, settings, strategies
 from plants.refusals import refused
 
 from elastid.base.errors import ElastidError
-from elastid.base.files import RENAME_PAUSES_S, clear_folder, path_below, read_table, unlinked, write_atomically
+from elastid.base.files import (
+    RENAME_PAUSES_S,
+    check_self_contained,
+    clear_folder,
+    path_below,
+    read_table,
+    unlinked,
+    write_atomically,
+)
 
 
 @pytest.fixture
@@ -48,14 +60,48 @@ def test_the_run_folder_itself_may_be_a_link(tmp_path: Path, elsewhere: Path) ->
 @pytest.mark.parametrize("mode", ["w", "a", "x", "a+b", "r"])
 def test_a_file_that_is_a_link_is_not_opened(mode: str, tmp_path: Path, elsewhere: Path) -> None:
     """One to a file that is not there yet would be made there."""
-    link, dangling = tmp_path / "link", tmp_path / "dangling"
+    link, dangling, pipe = tmp_path / "link", tmp_path / "dangling", tmp_path / "pipe"
+    os.mkfifo(pipe)
     link.symlink_to(elsewhere / "victim")
     dangling.symlink_to(elsewhere / "new")
-    for path in (link, dangling):
+    for path in (link, dangling, pipe):
         with pytest.raises((ElastidError, FileExistsError)):
             open(path, mode, opener=unlinked).close()
     assert (elsewhere / "victim").read_text() == "untouched"
     assert not (elsewhere / "new").exists()
+
+
+def many_ways(file: h5py.File) -> None:
+    """25 groups, 2^25 paths."""
+    inner = file.create_group("g0")
+    for i in range(1, 25):
+        group = file.create_group(f"g{i}")
+        group["left"], group["right"], inner = inner, inner, group
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        lambda file: file.create_dataset("x", (2,), "f8", external=[("values", 0, 16)]),
+        lambda file: file.update({"a/x": h5py.ExternalLink("b.h5", "/x")}),
+        lambda file: file.create_virtual_dataset("x", h5py.VirtualLayout((2,), "f8")),
+        lambda file: file.update({"a/x": file["a"]}),
+        lambda file: file.update({"a/x": h5py.SoftLink("/")}),
+        lambda file: file.create_group("/".join("g" * 40)),
+        lambda file: file.create_dataset("x", (1 << 26,), "f8", chunks=(1 << 20,)),
+        pytest.param(many_ways, marks=pytest.mark.slow),
+    ],
+)
+def test_hdf5_file_with_data_elsewhere_or_without_end_is_refused(fault: Callable, tmp_path: Path) -> None:
+    """Links within it, a small dataset without values and thirty groups in each other are nothing unusual."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["a/b"], file["same"], file["nowhere"] = np.zeros(3), h5py.SoftLink("/a/b"), h5py.SoftLink("/c")
+        file.create_dataset("unwritten", (1 << 25,), "f8", chunks=(1 << 20,))
+        file.create_group("/".join("g" * 30))
+        check_self_contained(file)
+        fault(file)
+        with refused("files/unsafe"):
+            check_self_contained(file)
 
 
 CELL = strategies.tuples(strategies.sampled_from('ab,;"1.'), strategies.text('ab #,;"1.')).map("".join).map(str.strip)

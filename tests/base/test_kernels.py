@@ -81,6 +81,10 @@ def test_edges_are_those_of_numpy(F: int, monkeypatch: pytest.MonkeyPatch) -> No
         lambda: matrices.inverse(A + 3 * np.eye(3)),
         lambda: matrices.singular_values(zero),
         lambda: matrices.singular_values(A),
+        lambda: matrices.singular_values(A[:, :2]),
+        lambda: matrices.singular_values(A[:, :, :1]),
+        lambda: matrices.added_products([A, A], [A, zero]),
+        lambda: matrices.added_error_products([A], A[:, :, :2], [A[:, :2]]),
     ]
     for call in calls:
         in_c = call()

@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies
 
-from elastid.base.statistics import f_test, interpolated, mean_of_neighbours, propagate, runs
+from elastid.base.statistics import (
+    correlation_of,
+    f_test,
+    identifiable_combinations,
+    interpolated,
+    mean_of_neighbours,
+    principal_axes,
+    propagate,
+    runs,
+    smallest_step,
+)
 
 
 def test_f_test_rejects_null_column_at_stated_rate() -> None:
@@ -47,6 +57,25 @@ def test_bands_hold_so_often_as_they_say() -> None:
     errors = np.abs(np.array([response(x) for x in rng.standard_normal((2000, 5))]))
     assert 0.93 < np.mean(errors <= pointwise) < 0.97
     assert 0.93 < np.mean(np.all(errors <= together, axis=(1, 2, 3))) < 0.97
+
+
+def test_combinations_are_the_sums_that_correlation_hides() -> None:
+    """x_0 + x_2 / 2 has the variance 0.01 though neither has; x_1 needs no other, and without correlation none does."""
+    C = np.array([[1.0, 0.02, -1.99], [0.02, 0.25, 0.0], [-1.99, 0.0, 4.0]])
+    np.testing.assert_allclose(correlation_of(C), [[1, 0.04, -0.995], [0.04, 1, 0], [-0.995, 0, 1]])
+    (combination,) = identifiable_combinations(np.array([3.0, 7.0, 1.0]), C)
+    assert (combination.members, combination.weights, combination.value) == ((0, 2), (1.0, 0.5), 3.5)
+    assert combination.std == pytest.approx(0.1)
+    for covariance in (np.eye(3), np.diag([1.0, 0.0, 1.0]), np.diag([1.0, np.inf, 1.0])):
+        assert identifiable_combinations(np.ones(3), covariance) == ()
+    axes = principal_axes(C)
+    np.testing.assert_allclose(axes.T @ axes, C, atol=1e-12)
+    assert principal_axes(np.diag([4.0, np.inf, 0.0])).tolist() == [[2, 0, 0]]
+
+
+def test_smallest_step_is_above_rounding() -> None:
+    assert smallest_step(np.array([3.0, 1.0, 1.0 + 1e-12, 2.5, 3.0])) == 0.5
+    assert smallest_step(np.ones(3)) == 0
 
 
 @given(strategies.integers(0, 2**32 - 1), strategies.integers(2, 20), strategies.integers(0, 4))

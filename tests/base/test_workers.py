@@ -18,7 +18,7 @@ import pytest
 
 from elastid.base import workers
 from elastid.base.execution import Execution, persistent_workers, surviving
-from elastid.base.workers import _NAMES, End, Kept, LostError
+from elastid.base.workers import _NAMES, REST, End, Kept, LostError, Served
 
 LOADING = """
 import os, signal, sys
@@ -232,3 +232,13 @@ def test_unknown_name_from_other_end_is_refused():
     assert there.unpacked(named) is item
     with pytest.raises(LostError):
         there.unpacked(named.replace(_NAMES[id(item)], bytes(8)))
+
+
+def test_worker_keeps_function_until_it_rests():
+    """The first message brings it; an item without it, as of a process that died, is not worked out."""
+    here, served = End(keeps=False), Served()
+    assert here.unpacked(served.answer(here.packed((abs, -2), True))).result == 2
+    assert here.unpacked(served.answer(here.packed((None, -3)))).result == 3
+    assert served.answer(REST) is None
+    with pytest.raises(LostError):
+        served.answer(here.packed((None, -3)))

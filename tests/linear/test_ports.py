@@ -86,7 +86,7 @@ def test_derivatives_hold_where_the_geometry_moves_the_force(outputs: tuple[str,
     def at(moved: np.ndarray) -> np.ndarray:
         return frequency_response(linear_model(linearisation, response, moved), moved, LINES)
 
-    for name, slope in zip(kernel.wanted, dG, strict=True):
+    for name, slope in zip(kernel.parameters, dG, strict=True):
         i = parameters.names.index(name)
         h = 1e-6 * max(1e-2, abs(theta[i]))
         step = h * np.eye(len(theta))[i]

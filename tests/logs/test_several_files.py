@@ -1,8 +1,9 @@
 """One excitation in several files: the estimate of one long log. A stranger's HDF5 file reads no other file."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,6 @@ import pytest
 from plants.refusals import refused
 from scipy.signal import freqz, lfilter
 
-from elastid.base.errors import DataError
 from elastid.experiment.specs.channels import ChannelSpec, Structure
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec, TextFormatSpec
@@ -179,73 +179,14 @@ def test_periods_that_a_log_lacks_are_left_out_of_all(tmp_path: Path) -> None:
     assert record_of(tmp_path, logs).discarded_periods == (0, 2, 4 + 2, 4 + 3)
 
 
-SECRET = b"a secret that belongs to somebody else.."
-
-
-def external_values(file: Any, secret: Path) -> None:
-    """The bytes of another file as a signal."""
-    file.create_dataset("a", (len(SECRET),), "u1", external=[(str(secret), 0, len(SECRET))])
-
-
-def external_link(file: Any, secret: Path) -> None:
-    """A name for what lies in another file."""
-    file["g/a"] = h5py.ExternalLink(str(secret), "/a")
-
-
-def virtual_values(file: Any, secret: Path) -> None:
-    """A signal that is put together from other files."""
-    layout = h5py.VirtualLayout((5,), "f8")
-    layout[:] = h5py.VirtualSource(str(secret), "a", shape=(5,))
-    file.create_virtual_dataset("v", layout)
-
-
-def group_in_itself(file: Any, secret: Path) -> None:
-    """By a hard link."""
-    group = file.create_group("g")
-    group["again"] = group
-
-
-def link_to_the_root(file: Any, secret: Path) -> None:
-    """By a soft link."""
-    file.create_group("g")["again"] = h5py.SoftLink("/")
-
-
-def many_ways(file: Any, secret: Path) -> None:
-    """25 groups, 2^25 paths."""
-    inner = file.create_group("g0")
-    for i in range(1, 25):
-        group = file.create_group(f"g{i}")
-        group["left"], group["right"], inner = inner, inner, group
-
-
-def bomb(file: Any, secret: Path) -> None:
-    """Terabytes that were never written."""
-    file.create_dataset("a", (10**12,), "f8", chunks=(10**6,), compression="gzip")
-
-
-@pytest.mark.parametrize(
-    ("harm", "message"),
-    [
-        (external_values, "the values of /a lie in another file, which is not opened"),
-        (external_link, "/g/a is a link "),
-        (virtual_values, "the values of /v lie in another file, which is not opened"),
-        (group_in_itself, "the group /g/again contains itself"),
-        (link_to_the_root, "the group /g/again contains itself"),
-        pytest.param(many_ways, "more than 100000 groups", marks=pytest.mark.slow),
-        (bomb, r"/a claims 8e\+03 GB, and 0 bytes of it are in the file"),
-    ],
-)
-def test_a_file_that_reaches_out_is_refused(tmp_path: Path, harm: Callable[[Any, Path], None], message: str) -> None:
+def test_a_file_that_reaches_out_is_refused(tmp_path: Path) -> None:
     """As a log, and as something that says it is a result of elastid."""
-    secret, path = tmp_path / "secret", tmp_path / "log.h5"
-    secret.write_bytes(SECRET)
-    with h5py.File(path, "w") as file:
+    with h5py.File(tmp_path / "log.h5", "w") as file:
         file.attrs["elastid"] = "frf"
-        harm(file, secret)
-    with pytest.raises(DataError, match=message):
-        contents(path, TextFormatSpec())
-    with pytest.raises(DataError, match=message):
-        described(path)
+        file["g/a"] = h5py.ExternalLink("secret", "/a")
+    for read in (partial(contents, text=TextFormatSpec()), described):
+        with refused("files/unsafe"):
+            read(tmp_path / "log.h5")
 
 
 def test_links_inside_a_file_are_followed(tmp_path: Path) -> None:

@@ -1,11 +1,11 @@
-r"""Channel hypotheses: responses that were misread, as changes of the responses of the model.
+r"""Channel hypotheses: wrong signs, units, order or phase convention of measured responses, as changes of the model.
 
 .. math:: \hat G \approx S G, \quad P G, \quad G^*, \quad (j \omega)^k G, \quad
           |\hat G_{ij}| \approx \frac{|G_{ij}|}{c_i c_j}
 
-A channel of the other sign, channels or postures exchanged, phases counted by exp(-j omega t), a velocity taken for an
-acceleration, channels in another unit.  A fit of misread responses may end anywhere: one evaluation at
-its optimum and one at its start predict V of every misreading, and the best of them take some steps on a few lines.
+The hypotheses: a channel with inverted sign, exchanged channels or postures, phases by exp(-j omega t), a velocity
+instead of an acceleration, channels in another unit.  A fit of misread responses may end anywhere, so V of every
+hypothesis is predicted at the optimum and at the start; the best hypotheses are refitted by a few steps on a few lines.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Undetectable errors of fixed numbers: free parameters absorb them, so that no residual shows them."""
+"""Confounded parameters: errors of fixed numbers that free parameters compensate, so that no residual shows them."""
 
 import math
 from collections.abc import Iterator

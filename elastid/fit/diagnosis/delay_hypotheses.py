@@ -1,9 +1,9 @@
-r"""Delays and low passes of channels, which to first order are both a delay.
+r"""Delay hypotheses: an unmodelled delay or low pass of a channel; to first order, a low pass is a delay.
 
 .. math:: D = e^{-j \omega T}, \qquad L = \frac{1}{1 + j \omega T}
 
-They differ in gain and curvature. T follows by a search in one dimension, the parameters of the fit by one Gauss-Newton
-step at each T. A negative T is a delay that was compensated and does not exist.
+They differ in gain and curvature. T is searched in one dimension, with one Gauss-Newton step of the parameters of the
+fit at each T. A negative T means that the log was corrected for a delay that does not exist.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -156,7 +156,7 @@ def evaluate_extended(
     varied = {DELAY, *model.channel_numbers, *(element.name for element in model.chain), *model.slopes}
     kernel = Kernel(model, part.kernel.freq_hz, tuple(name for name in model.parameters if name in varied))
     G, dG = Columns(kernel).evaluate(theta)
-    by_name = dict(zip(kernel.wanted, dG, strict=True))
+    by_name = dict(zip(kernel.parameters, dG, strict=True))
     chain, numbers = parameters.jacobian(x, part.configuration), dict(by_name)
     free = np.zeros((chain.shape[1], *G.shape), complex)
     # An entry of an inertia moves with all others by their common factor, and may be off alone, too.

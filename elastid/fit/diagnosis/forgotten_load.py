@@ -1,11 +1,11 @@
-r"""A load that the robot model lacks: the point mass at a body that lowers V most.
+r"""Unmodelled payload: the point mass on a body that reduces the cost V most.
 
 .. math:: \delta m = \mu, \quad \delta c = \frac{\mu}{m} \rho, \quad
           \delta I = \mu\, (\rho^T \rho\, 1 - \rho \rho^T), \quad
           (\mu, \rho) = \arg\min\; 2 g^T \delta + \delta^T S\, \delta + \text{priors}
 
-rho: from the centre of mass of the body to the load; g, S: of the score test.  The inertia about the origin of the body
-then changes as a point mass changes it, of any size: M is affine in m, m c and this inertia.
+rho: vector from the centre of mass of the body to the payload; g, S: gradient and information of the score test.  The
+result is exact for any mass, because M is affine in m, m c and the inertia about the origin of the body.
 """
 
 from __future__ import annotations

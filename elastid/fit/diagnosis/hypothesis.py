@@ -2,11 +2,11 @@
 
 A hypothesis proposes its causes in one of these ways, each a plain function:
 
-- `columns`: derivatives of the response to fixed numbers; one score test judges them all.
-- `changes`: misreadings of the responses, judged by V after a step with each.
-- `search`: causes that no derivative at the optimum describes, such as a resonance within the band.
+- `columns`: derivatives of the response to fixed numbers, for one score test of all of them.
+- `changes`: misreadings of the responses, compared by V after one step with each.
+- `search`: causes without a small linear effect at the optimum, such as a resonance within the band.
 
-A number that is a parameter of the equations needs none of them: its name, its usual size and words are enough.
+A number that is a parameter of the equations needs only its name, typical size and sentences.
 """
 
 from __future__ import annotations

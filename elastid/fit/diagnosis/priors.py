@@ -1,4 +1,4 @@
-"""Priors of the study and tolerances of the robot model against the data."""
+"""Prior check: priors of the study and tolerances of the robot model, compared with the data."""
 
 import math
 from collections.abc import Sequence

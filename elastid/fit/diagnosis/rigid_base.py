@@ -1,7 +1,7 @@
-r"""A base that the model assumes rigid, and its effect on the stiffnesses if it has a typical stiffness.
+r"""Rigid-base error: effect of a base of typical stiffness on the estimates of a model with a rigid base.
 
-No response of the motors shows a stiff spring in series with a gear: the gear then is a little softer. A base with the
-compliance c moves the estimates x as the score test says,
+A stiff base is a spring in series with the first gear, and is not identifiable from motor responses: the gear appears
+slightly softer. By the score test, a base with compliance c changes the estimates x by
 
 .. math:: \Delta x = c\, \partial x / \partial c, \qquad
           \Delta \ln k_1 = -c\, k_1, \; \Delta \ln d_1 = -2 c\, k_1 \quad \text{of a base about the first axis.}

@@ -1,4 +1,4 @@
-r"""Score test (Rao) of the fixed numbers of a fit: the drop of V by one Gauss-Newton step that frees them.
+r"""Score test (Rao) of the fixed numbers of a fit: decrease of V by one Gauss-Newton step with these numbers free.
 
 With the residuals r and their derivatives J to free and J_h to fixed numbers, all at the optimum,
 

@@ -1,4 +1,4 @@
-r"""Residuals of one configuration on as few numbers as they need; cost, J^T r and J^T J from them.
+r"""Compressed residuals of one configuration: cost, J^T r and J^T J from the QR factors of each line's weights.
 
 The weights of the residuals of a line are a triangle: R of the weighted residuals q - R g of its elements g. `Full`
 works with NumPy; `Packed` with loops in C (`base/kernels/line_loops.c`) where the kernels are built: whitening and sums
@@ -10,7 +10,7 @@ processor takes several at once. R (batches, n_r, 2, BATCH) has its rows one bel
 of diagonal weights it has the diagonal alone. Lines that fill up the last batch are zero.
 
 The elements G_ij and G_ji of a symmetric response are one number g, so that the weighted residuals of a line,
-L^-1 (Ghat - S g), have with the QR factors Q R of L^-1 S, found once for each line, the square
+L^-1 (Ghat - S g), have with the QR factors Q R of L^-1 S, computed once for each line, the square
 
 .. math:: |L^{-1} \hat G|^2 - |q|^2 + |q - R g|^2, \qquad q = Q^H L^{-1} \hat G
 

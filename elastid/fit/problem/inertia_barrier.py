@@ -1,4 +1,4 @@
-r"""Physically possible inertias: a barrier that the fit feels only where it comes near the border.
+r"""Inertia barrier: a logarithmic penalty that keeps estimated inertias physically consistent.
 
 .. math:: b(x) = -2 \mu \sum_{bodies} \ln \det \Sigma, \qquad \Sigma = \tfrac12 \mathrm{tr}(I_c)\, 1 - I_c \succ 0
 

@@ -1,14 +1,13 @@
-r"""Systematic errors of measured responses with known size only, such as uncompensated friction.
+r"""Systematic errors of measured responses as nuisance parameters with a prior, for example uncompensated friction.
 
 .. math:: \hat G_q = G_q(x) + \sum_b (c_b\, \delta G_{bq} + c_{bq}\, \delta G'_{bq}) + noise, \qquad
           c_b, c_{bq} + \bar c_b \sim N(0, 1)
 
-for motor b in configuration q: factors that all configurations share, and the difference of one of each by itself
-from their mean, which belongs to the parameters that all share. The factors are further unknowns with a prior,
-estimated together with x: generalised least squares with the covariance that such errors have. delta G, delta G':
-`Response.bias`, with the model's response at the end of the fit in place of the measured one: delta G =
-G e_j z e_j^T G of a noisy G would be correlated with its noise, and the factors with it, a bias many times the noise of
-a few realisations.
+for motor b in configuration q: factors c_b common to all configurations, and factors c_bq of each configuration minus
+their mean, which the common factors contain. The factors are nuisance parameters with a prior, estimated together with
+x; this is generalised least squares with the covariance of such errors. delta G, delta G': `Response.bias`, evaluated
+with the model's response at the end of the fit instead of the measured one. The measured response would correlate
+delta G = G e_j z e_j^T G, and so the factors, with its noise: a bias of many times the noise of a few realisations.
 """
 
 from collections import Counter

@@ -157,9 +157,9 @@ def with_model_error(
         difference[on], variance[on] = G[on] - refit.G, refit.total.variance
         is_informative = variance <= MAX_VARIANCE_RATIO * total.variance
         difference = np.where(is_informative, difference, 0.0)
-        both = total.variance + np.where(is_informative, variance, 0.0)
-        g = local_mean(quotient(np.abs(difference) ** 2, both))
-        error = np.maximum(error, np.where(g > MAX_RATIO, (g - 1) * both, 0.0))
+        total_variance = total.variance + np.where(is_informative, variance, 0.0)
+        g = local_mean(quotient(np.abs(difference) ** 2, total_variance))
+        error = np.maximum(error, np.where(g > MAX_RATIO, (g - 1) * total_variance, 0.0))
     factor = np.sqrt(1 + quotient(error, total.variance).mean(axis=2))
     right = None if total.right is None else factor[:, :, None] * total.right * factor[:, None, :]
     return replace(total, variance=total.variance * factor[:, :, None] ** 2, right=right)
@@ -181,10 +181,10 @@ def local_quality(freq_hz: FloatArray, fitted: FittedResponse, periods: FloatArr
         noise_power = power(fitted.C_noise)
         C_V = noise_power + (C_V - noise_power) / periods.mean()
         output_noise, noise = np.split(power(fitted.C_Z), [n_y], axis=1)
-    *both, signal = _coherences(fitted, S_uu, C_V)
+    *coherence, signal = _coherences(fitted, S_uu, C_V)
     noise_of_mean = output_noise * np.mean(1 / periods)
     excited = Levels(freq_hz, np.sqrt(signal + noise_of_mean), np.sqrt(noise_of_mean))
-    return quality_of(G, S_uu, (both[0], both[1]), (noise, output_noise), excited)
+    return quality_of(G, S_uu, (coherence[0], coherence[1]), (noise, output_noise), excited)
 
 
 def _coherences(

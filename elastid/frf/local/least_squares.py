@@ -62,13 +62,13 @@ def windows(available: IntArray, lines: IntArray, n_w: int) -> Windows:
     )
 
 
-def window_power(R: ComplexArray, where: Windows) -> ComplexArray:
+def window_power(R: ComplexArray, window: Windows) -> ComplexArray:
     """Return the mean over each window of the sum over experiments of R R^H (F, n_u, n_u), from R (E, B, n_u)."""
-    n_w = where.index.shape[1]
+    n_w = window.index.shape[1]
     bins = np.einsum("ebu,ebv->buv", R, R.conj())
     # Sums from the first bin to the one before the last, which may be the end of the array.
-    sums = np.add.reduceat(bins, where.index[:, [0, -1]].ravel(), axis=0)[::2] if n_w > 1 else 0.0
-    return np.asarray((sums + bins[where.index[:, -1]]) / n_w)
+    sums = np.add.reduceat(bins, window.index[:, [0, -1]].ravel(), axis=0)[::2] if n_w > 1 else 0.0
+    return np.asarray((sums + bins[window.index[:, -1]]) / n_w)
 
 
 @dataclass(frozen=True)
@@ -162,21 +162,21 @@ class LadderFit:
 _ARRAYS = tuple(field.name for field in fields(LocalFit) if field.name != "dof")
 
 
-def fit_ladder(Z: ComplexArray, R: ComplexArray, where: Windows, ladder: Sequence[WindowTerms]) -> LadderFit:
+def fit_ladder(Z: ComplexArray, R: ComplexArray, window: Windows, ladder: Sequence[WindowTerms]) -> LadderFit:
     """Return the local model at every line, from Z (E, B, n_z) and the input R (E, B, n_u) at the available bins.
 
     ladder: models of rising complexity, of which each line takes the first; a further one only where it leaves clearly
     less in some output.  Poles found in mere noise would make the residual too small, and needless orders make the
     estimate worse, most at the ends of the band.  dof of the chosen fit is that of the last.
     """
-    fits = tuple(_in_blocks(Z, R, where, terms) for terms in ladder)
-    chosen, (dof, poles) = fits[0], (fits[-1].dof, ladder[-1].poles)
-    power, taken = _power(chosen), np.zeros(len(where.index), dtype=np.int64)
+    fits = tuple(_in_blocks(Z, R, window, terms) for terms in ladder)
+    best, (dof, poles) = fits[0], (fits[-1].dof, ladder[-1].poles)
+    power, order = _power(best), np.zeros(len(window.index), dtype=np.int64)
     for i, fit in enumerate(fits[1:], 1):
         clear = np.max(fit.dof * np.log(power / _power(fit)), axis=1) > LOG_GAIN
-        power, taken = np.where(clear[:, None], _power(fit), power), np.where(clear, i, taken)
-        chosen = _select_fits(clear, _grown(fit, poles, dof), _grown(chosen, poles, dof))
-    return LadderFit(chosen, fits, taken, where, ladder[-1])
+        power, order = np.where(clear[:, None], _power(fit), power), np.where(clear, i, order)
+        best = _select_fits(clear, _grown(fit, poles, dof), _grown(best, poles, dof))
+    return LadderFit(best, fits, order, window, ladder[-1])
 
 
 def transient_half_width(n_y: int, n_z: int) -> int:
@@ -184,14 +184,14 @@ def transient_half_width(n_y: int, n_z: int) -> int:
     return 2 * _transient_ladder()[-1].width(n_y + 5, 1, n_z) + 2
 
 
-def fitted_transient(Z: ComplexArray, rest: IntArray, bins: IntArray, n_y: int) -> LocalFit | None:
+def fitted_transient(Z: ComplexArray, transient_bins: IntArray, bins: IntArray, n_y: int) -> LocalFit | None:
     """Return T at bins (F,) from Z (B, n_z) at the unexcited bins (B,); None with too few unexcited bins."""
-    if len(rest) <= _ORDER + _POLES + 1:
+    if len(transient_bins) <= _ORDER + _POLES + 1:
         return None
     ladder = _transient_ladder()
     # The noise estimate has five degrees of freedom more than there are outputs.
-    where = windows(rest, bins, ladder[-1].width(n_y + 5, 1, Z.shape[1]))
-    return fit_ladder(Z[None], np.zeros((1, len(rest), 0), dtype=np.complex128), where, ladder).selected
+    window = windows(transient_bins, bins, ladder[-1].width(n_y + 5, 1, Z.shape[1]))
+    return fit_ladder(Z[None], np.zeros((1, len(transient_bins), 0), dtype=np.complex128), window, ladder).selected
 
 
 def _transient_ladder() -> tuple[WindowTerms, ...]:
@@ -223,25 +223,25 @@ def _select_fits(take: BoolArray, a: LocalFit, b: LocalFit) -> LocalFit:
     return LocalFit(dof=a.dof, **arrays)
 
 
-def _in_blocks(Z: ComplexArray, R: ComplexArray, where: Windows, terms: WindowTerms) -> LocalFit:
+def _in_blocks(Z: ComplexArray, R: ComplexArray, window: Windows, terms: WindowTerms) -> LocalFit:
     E, _, n_z = Z.shape
-    F, n_w = where.index.shape
+    F, n_w = window.index.shape
     numbers = E * n_w * (terms.columns + E * terms.transient_columns + 2 * (terms.poles + 2) * n_z)
     step = max(1, _BLOCK_NUMBERS // numbers)
-    fits = [fit_block(Z, R, where.on(slice(i, i + step)), terms) for i in range(0, F, step)]
+    fits = [fit_block(Z, R, window.on(slice(i, i + step)), terms) for i in range(0, F, step)]
     return LocalFit(dof=fits[0].dof, **{name: np.concatenate([getattr(fit, name) for fit in fits]) for name in _ARRAYS})
 
 
-def fit_block(Z: ComplexArray, R: ComplexArray, where: Windows, terms: WindowTerms) -> LocalFit:
+def fit_block(Z: ComplexArray, R: ComplexArray, window: Windows, terms: WindowTerms) -> LocalFit:
     """Fit one model at the lines of f windows, from Z (E, B, n_z) and R (E, B, n_u) at the available bins."""
     E, n_z = len(Z), Z.shape[2]
-    f, n_w = where.index.shape
-    Phi = _regressors(R[:, where.index], where.offset, terms)
+    f, n_w = window.index.shape
+    Phi = _regressors(R[:, window.index], window.offset, terms)
     size = np.linalg.norm(Phi, axis=1, keepdims=True)
     size = np.where(size > 0, size, 1.0)
     # Rows are (experiment, bin) pairs.
-    rows = np.moveaxis(Z[:, where.index], 0, 1).reshape(f, E * n_w, n_z)
-    powers = np.tile(where.offset, (1, E))[:, None] ** np.arange(1, terms.poles + 1)[:, None]
+    rows = np.moveaxis(Z[:, window.index], 0, 1).reshape(f, E * n_w, n_z)
+    powers = np.tile(window.offset, (1, E))[:, None] ** np.arange(1, terms.poles + 1)[:, None]
     return _local_fit(_iterated(Phi / size, rows, powers), size, terms, E, terms.degrees_of_freedom(n_w, E, n_z))
 
 

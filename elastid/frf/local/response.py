@@ -190,20 +190,20 @@ def _cut_to_one_length(records: Sequence[Record]) -> tuple[Sequence[Record], tup
     return cut, (Note("frf/window", text, where),)
 
 
-def spectra_at(signals: FloatArray, used: slice, bins: IntArray) -> ComplexArray:
+def spectra_at(signals: FloatArray, samples: slice, bins: IntArray) -> ComplexArray:
     """Return complex amplitudes (B, c) of samples of signals (n, c) at bins (B,)."""
-    n, c = used.stop - used.start, signals.shape[1]
+    n, c = samples.stop - samples.start, signals.shape[1]
     at_once = c if signals.size < MIN_LARGE_VALUES else 1
     groups = [slice(i, i + at_once) for i in range(0, c, at_once)]
-    every = [real_dft(signals[used, part][None], bins)[0] for part in groups]
+    every = [real_dft(signals[samples, columns][None], bins)[0] for columns in groups]
     return np.asarray(np.concatenate(every, axis=1) * (2 / n))
 
 
 def steady_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: int = 0) -> SteadySpectra:
     """Return the spectra of a record at lines (F,) of its period without the transient; skip `dropped` periods."""
     P = record.n_periods - dropped
-    used = slice(dropped * record.period_samples, record.n_periods * record.period_samples)
-    n = used.stop - used.start
+    samples = slice(dropped * record.period_samples, record.n_periods * record.period_samples)
+    n = samples.stop - samples.start
     n_y, bins = len(record.outputs), lines * P
     # The bins between lines, 0 and the highest left out: no multiples of P; even ones of one period of odd lines.
     reach = transient_half_width(n_y, n_y + len(record.inputs))
@@ -211,13 +211,13 @@ def steady_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: i
         inner = np.unique(np.clip(bins[:, None] + np.arange(-reach, reach + 1), 1, n // 2 - 1))
     else:
         inner = np.arange(1, n // 2)
-    rest = inner[inner % 2 == 0] if record.half_wave and P == 1 else inner[inner % P != 0]
-    indices = np.concatenate([bins, rest])
-    Y, U, R = (None if x is None else spectra_at(x, used, indices) for x in (record.y, record.u, record.r))
+    transient_bins = inner[inner % 2 == 0] if record.half_wave and P == 1 else inner[inner % P != 0]
+    indices = np.concatenate([bins, transient_bins])
+    Y, U, R = (None if x is None else spectra_at(x, samples, indices) for x in (record.y, record.u, record.r))
     with np.errstate(divide="ignore", invalid="ignore"):
         Z = np.concatenate([Y, U], axis=1) * unit_scale(record, indices * record.rate_hz / n, quantity)
     at_lines, between = np.split(Z, [len(bins)])
-    fit = fitted_transient(between, rest, bins, n_y)
+    fit = fitted_transient(between, transient_bins, bins, n_y)
     noise, dof = np.zeros((len(lines), Z.shape[1], Z.shape[1]), dtype=np.complex128), 0.0
     if fit is not None:
         at_lines = at_lines - fit.T[:, 0]
@@ -231,7 +231,7 @@ def _signals(
 ) -> _Signals:
     """Return records times sqrt(P) each, so that the noise equals the noise of one period in all of them."""
     root_P = np.sqrt([spectrum.n_periods for spectrum in spectra])[:, None, None]
-    Z = root_P * np.stack([np.concatenate([part.Y, part.U], axis=1) if closed else part.Y for part in spectra])
+    Z = root_P * np.stack([np.concatenate([X.Y, X.U], axis=1) if closed else X.Y for X in spectra])
     R = root_P * np.stack([driver_of(spectrum, closed) for spectrum in spectra])
     thinning = 1 if most_lines is None else max(1, -(-len(lines) // (step * most_lines)))
     every = slice((step - 1) // 2, None, step * thinning)  # each in the middle of its neighbours
@@ -242,7 +242,7 @@ def _experiments(spectra: Sequence[SteadySpectra], closed: bool, every: slice) -
     """Return experiments with the noise of all records in one period, each by its degrees of freedom."""
     dof, C_Z = sum(spectrum.dof for spectrum in spectra), None
     if all(spectrum.is_steady for spectrum in spectra):
-        C_Z = np.sum([part.noise[every] * (part.dof * part.n_periods / dof) for part in spectra], axis=0)
+        C_Z = np.sum([X.noise[every] * (X.dof * X.n_periods / dof) for X in spectra], axis=0)
     return Experiments(spectra[0].Y.shape[1], closed, np.array([spectrum.n_periods for spectrum in spectra]), C_Z, dof)
 
 
@@ -269,8 +269,8 @@ def _fits(
     fits = []
     for ladder, n_w in zip(ladders, widths, strict=True):
         if n_w <= n_lines:
-            where = windows(signals.lines, signals.lines[signals.response_lines], max(n_w, min(signals.step, n_lines)))
-            fits.append(fit_ladder(signals.Z, signals.R, where, ladder))
+            window = windows(signals.lines, signals.lines[signals.response_lines], max(n_w, min(signals.step, n_lines)))
+            fits.append(fit_ladder(signals.Z, signals.R, window, ladder))
     # Each at the lines that take a simpler one.
     further = [(model, fits[0].selected_index < i) for i, model in enumerate(fits[0].models) if i]
     everywhere = np.ones(len(fits[0].selected_index), dtype=np.bool_)
@@ -323,8 +323,8 @@ def independent_excitations(R: ComplexArray, n_w: int) -> int:
     E, F, _ = R.shape
     if E == 1:
         return 1
-    parts = np.array_split(R, max(1, F // n_w), axis=1)
-    grams = np.array([np.einsum("efu,gfu->eg", part, part.conj()) for part in parts])
+    bands = np.array_split(R, max(1, F // n_w), axis=1)
+    grams = np.array([np.einsum("efu,gfu->eg", band, band.conj()) for band in bands])
     powers = np.einsum("cee->ce", grams).real
     # Where the inputs are strong counts most.
     correlation = quotient(np.abs(grams).sum(axis=0), np.sum(np.sqrt(powers[:, :, None] * powers[:, None, :]), axis=0))

@@ -55,8 +55,8 @@ def closed(
     columns = [names.index(motor) for motor in model.driven]
     driven, by_torque = (S * feedforward[:, None, :])[:, :, columns] * of_inputs[..., None, :], Y @ S
     entering = loop.feedforward[:, :, columns] * of_inputs
-    parts = plain, motors, Y @ driven, by_torque * feedback[:, None, :], H * driven
-    return ClosedLoop(loop, columns, *parts, by_torque, P @ driven, entering)
+    responses = plain, motors, Y @ driven, by_torque * feedback[:, None, :], H * driven
+    return ClosedLoop(loop, columns, *responses, by_torque, P @ driven, entering)
 
 
 @dataclass(frozen=True)
@@ -86,6 +86,6 @@ class ClosedLoop:
     def of_gain(self, gain: int, motor: str) -> ComplexArray:
         """Return dT by the factor of a gain, 0 of k_p and 1 of k_d, of the loop of a motor."""
         j = self.loop.motors.index(motor)
-        is_own = np.array(self.columns) == j
-        torque = is_own * self.entering[gain] - self.loop.feedback[gain, :, j, None] * self.motion[:, j]
+        is_column = np.array(self.columns) == j
+        torque = is_column * self.entering[gain] - self.loop.feedback[gain, :, j, None] * self.motion[:, j]
         return np.asarray(self.by_torque[:, :, j, None] * torque[:, None, :])

@@ -123,7 +123,7 @@ EQUAL_TOLERANCE = 1e-12
 
 @dataclass(frozen=True)
 class Pieces:
-    """dZ of the wanted parameters: bases sign y y^T of rank one, then E[0, b] - omega^2 E[1, b], of a size near one.
+    """dZ of the kernel's parameters: bases sign y y^T of rank one, then E[0, b] - omega^2 E[1, b], of a size near one.
 
     sign (n_1,), y (n, n_1), E (2, n_2, n, n); omega is over the highest of all lines.
     base, power (n_t,) of each piece, sigma (n_t, P). A factor of the response (delay, chain, gain) or a parameter that
@@ -145,7 +145,7 @@ class Columns(Kept):
     kernel: Kernel
 
     def size(self, theta: FloatArray) -> FloatArray:
-        """Return |theta| (P,) of the wanted parameters, 1 where one is zero."""
+        """Return |theta| (P,) of the kernel's parameters, 1 where one is zero."""
         size = np.abs(theta[self.kernel.places])
         return np.where(size == 0, 1.0, size)
 
@@ -153,7 +153,7 @@ class Columns(Kept):
     def is_symmetric(self) -> bool:
         """True if G = G^T: outputs in the directions of the inputs, no tilting accelerometer, exact channels."""
         model = self.kernel.model
-        is_moved = model.tilt.any() or model.moved_outputs or model.channel_numbers or model.controller is not None
+        is_moved = model.tilt.any() or model.output_parameters or model.channel_numbers or model.controller is not None
         return np.array_equal(model.B.T, model.C) and not is_moved
 
     @cached_property
@@ -180,10 +180,10 @@ class Columns(Kept):
 
     @cached_property
     def pieces(self) -> Pieces:
-        """The pieces of all wanted parameters; bases of rank one first."""
-        n, wanted, terms = self.kernel.model.n, self.kernel.wanted, self.kernel.model.terms
+        """The pieces of all parameters; bases of rank one first."""
+        n, parameters, terms = self.kernel.model.n, self.kernel.parameters, self.kernel.model.terms
         index = np.full(len(self.kernel.model.parameters), -1)
-        index[self.kernel.places] = np.arange(len(wanted))
+        index[self.kernel.places] = np.arange(len(parameters))
         place = index[np.concatenate([terms[letter][0] for letter in "KDM"])]
         power = np.repeat(np.arange(3), [len(terms[letter][0]) for letter in "KDM"])
         matrices = np.concatenate([terms[letter][1].reshape(-1, n, n) for letter in "KDM"])
@@ -203,11 +203,11 @@ class Columns(Kept):
         bases = np.unique(first)
         bases = bases[np.argsort(~is_single[bases], kind="stable")]
         single = bases[is_single[bases]]
-        direct = (*self.kernel.factors, *self.kernel.moved_outputs)
+        direct = (*self.kernel.factors, *self.kernel.output_parameters)
         base_of = np.zeros(len(others), np.int64)
         base_of[bases] = np.arange(len(bases))
-        places = np.concatenate([place, [wanted.index(name) for name in direct]]).astype(np.int64)
-        sigma_of = np.zeros((len(places), len(wanted)))
+        places = np.concatenate([place, [parameters.index(name) for name in direct]]).astype(np.int64)
+        sigma_of = np.zeros((len(places), len(parameters)))
         sigma_of[np.arange(len(places)), places] = np.concatenate([sigma, np.ones(len(direct))])
         return Pieces(
             sign[single],
@@ -230,30 +230,30 @@ class Columns(Kept):
         rows, columns = self.elements
         (_, S), kernel = self._directions, self.kernel
         places = rows * len(kernel.model.inputs) + columns
-        for part in kernel.products(theta, self._base_directions):
+        for band in kernel.products(theta, self._base_directions):
             # The loops leave the lines of an element side by side.
-            s, G = part.s, part.G.transpose(1, 2, 0).reshape(-1, len(part.s)).take(places, axis=0).T
-            left, right = kernel.sides(theta, part)
-            factors = [slope[:, rows, columns] for slope in kernel.factor_slopes(theta, part)]
-            direct = [*factors, *part.output_slopes[:, :, rows, columns]]
+            s, G = band.s, band.G.transpose(1, 2, 0).reshape(-1, len(band.s)).take(places, axis=0).T
+            left, right = kernel.sides(theta, band)
+            factors = [slope[:, rows, columns] for slope in kernel.factor_slopes(theta, band)]
+            direct = [*factors, *band.output_slopes[:, :, rows, columns]]
             unfactored = -np.stack(direct, axis=2) if direct else np.zeros((*G.shape, 0), complex)
             omega = s.imag / self.omega_0
             bases = left, right, self.pieces.sign, S
-            yield Sensitivity(part.block, s, omega, part.gain, G, *bases, unfactored, rows, columns)
+            yield Sensitivity(band.block, s, omega, band.gain, G, *bases, unfactored, rows, columns)
 
     def evaluate(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """Return G (F, n_y, n_u) and its derivatives (P, F, n_y, n_u) to the wanted parameters at theta (n_theta,)."""
+        """Return G (F, n_y, n_u) and its derivatives (P, F, n_y, n_u) to the `parameters` at theta (n_theta,)."""
         pieces = self.pieces
         G = np.empty((self.kernel.freq_hz.size, *self.entries.shape), complex)
-        dG, places = np.empty((len(self.kernel.wanted), *G.shape), complex), np.argmax(pieces.sigma != 0, axis=1)
-        for part in self.at(theta):
-            U = part.columns(np.ones(pieces.base.max(initial=-1) + 1), np.float64)
-            of_elements = np.zeros((len(dG), *part.G.shape), complex)
+        dG, places = np.empty((len(self.kernel.parameters), *G.shape), complex), np.argmax(pieces.sigma != 0, axis=1)
+        for band in self.at(theta):
+            U = band.columns(np.ones(pieces.base.max(initial=-1) + 1), np.float64)
+            of_elements = np.zeros((len(dG), *band.G.shape), complex)
             for t, place in enumerate(places):
                 of_elements[place] -= (
-                    pieces.sigma[t, place] * part.s[:, None] ** pieces.power[t] * U[:, :, pieces.base[t]]
+                    pieces.sigma[t, place] * band.s[:, None] ** pieces.power[t] * U[:, :, pieces.base[t]]
                 )
-            G[part.block], dG[:, part.block] = part.G.take(self.entries, axis=1), of_elements.take(self.entries, axis=2)
+            G[band.block], dG[:, band.block] = band.G.take(self.entries, axis=1), of_elements.take(self.entries, axis=2)
         return G, dG
 
     @cached_property

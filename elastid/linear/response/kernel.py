@@ -44,7 +44,7 @@ class Products(NamedTuple):
 
     YX (F, m, n_d), right sides b: the columns of B first, then others, `Kernel.output_columns` gives the one of
     each output.  output_slopes (n_m, F, n_y, n_u): c [(dC + dT / s^2) Z^-1 B + (C + T / s^2) Z^-1 dB] of each of
-    `Kernel.moved_outputs`.
+    `Kernel.output_parameters`.
     """
 
     block: slice
@@ -71,8 +71,8 @@ class Sides:
 
 @frozen_value(eq=False)
 class Kernel(Kept):
-    """G of one LinearModel on the lines freq_hz (F,), and the factors for its derivatives with respect to `wanted` (P
-    names).
+    """G of one LinearModel on the lines freq_hz (F,), and the factors for its derivatives with respect to `parameters`
+    (P names).
 
     Images of held torques are no part of it (`zoh_aliases`), but for those in loops of references, which are held at
     `images_at` (n_theta,). Prepared once, evaluated at many theta; it pickles.
@@ -81,11 +81,11 @@ class Kernel(Kept):
 
     model: LinearModel
     freq_hz: FloatArray
-    wanted: tuple[str, ...]
+    parameters: tuple[str, ...]
     images_at: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        for name in self.wanted:
+        for name in self.parameters:
             if name not in self.model.parameters:
                 raise KeyError(f"the model has no parameter {name}; there are {', '.join(self.model.parameters)}")
 
@@ -95,20 +95,20 @@ class Kernel(Kept):
 
     @cached_property
     def places(self) -> IntArray:
-        """Places of the wanted parameters in theta (P,)."""
-        return np.array([self.model.parameters.index(name) for name in self.wanted], np.int64)
+        """Places of the `parameters` in theta (P,)."""
+        return np.array([self.model.parameters.index(name) for name in self.parameters], np.int64)
 
     @cached_property
     def factors(self) -> tuple[str, ...]:
-        """The wanted parameters that do not move Z but multiply the response: delay, elements of the chain, gains."""
+        """The `parameters` that do not move Z but multiply the response: delay, elements of the chain, gains."""
         delay = (DELAY,) if self.model.is_delayed else ()
         names = (*delay, *(element.name for element in self.model.chain), *self.model.channel_numbers)
-        return tuple(name for name in self.wanted if name in names)
+        return tuple(name for name in self.parameters if name in names)
 
-    def factor_slopes(self, theta: FloatArray, part: Products) -> Iterator[ComplexArray]:
+    def factor_slopes(self, theta: FloatArray, band: Products) -> Iterator[ComplexArray]:
         """Return dG / d theta_p (F, n_y, n_u) of each of the factors on a block of lines."""
-        elements, s, loop = {element.name: element for element in self.model.chain}, part.s[:, None, None], part.loop
-        G = part.G if loop is None else loop.T  # images are held
+        elements, s, loop = {element.name: element for element in self.model.chain}, band.s[:, None, None], band.loop
+        G = band.G if loop is None else loop.T  # images are held
         of_gains = {f"gain_{role}_": gain for gain, role in enumerate(GAINS)}
         for name in self.factors:
             number = self.model.number(theta, name)
@@ -117,7 +117,7 @@ class Kernel(Kept):
             elif name in self.model.channel_numbers:
                 yield self._channel_slope(name, number, s) * G
             else:
-                slope = -s if name == DELAY else elements[name].log_slope(part.s, number)[:, None, None]
+                slope = -s if name == DELAY else elements[name].log_slope(band.s, number)[:, None, None]
                 inside = loop if name in (DELAY, TORQUE_LAG) else None
                 yield slope * (G if inside is None else inside.change(inside.plain, inside.motors))
 
@@ -142,10 +142,10 @@ class Kernel(Kept):
         return places
 
     @cached_property
-    def moved_outputs(self) -> tuple[str, ...]:
-        """The wanted parameters that move C, T or B: geometry between the springs and a sensor or a force."""
-        names = self.model.moved_outputs
-        return tuple(name for name in self.wanted if name in names)
+    def output_parameters(self) -> tuple[str, ...]:
+        """The `parameters` that move C, T or B: geometry between the springs and a sensor or a force."""
+        names = self.model.output_parameters
+        return tuple(name for name in self.parameters if name in names)
 
     def products(self, theta: FloatArray, Y: FloatArray) -> Iterator[Products]:
         """Yield the products at theta (n_theta,) with directions Y (n, n_d), one block of lines at a time."""
@@ -155,7 +155,7 @@ class Kernel(Kept):
         right = np.column_stack([*model.acting(theta).T, *C[self._sides.extra], *T[tilted]])
         n_d, n_y, n_u = Y.shape[1], len(C), model.B.shape[1]
         controlled = () if model.controller is None else (model.B,)
-        sides, n_t = np.hstack([Y, C.T, T[tilted].T, *self._moved_rows, *controlled]), n_y + len(tilted)
+        sides, n_t = np.hstack([Y, C.T, T[tilted].T, *self._slope_rows, *controlled]), n_y + len(tilted)
         for start in range(0, self.freq_hz.size, BLOCK):
             block = slice(start, start + BLOCK)
             omega = 2 * np.pi * self.freq_hz[block]
@@ -163,21 +163,21 @@ class Kernel(Kept):
             products = self._elimination.products if self.takes_compiled else solved_products
             solved = products(M, D, K, omega, right, sides)
             gain = factor(model, theta, s)
-            moved, YX = solved[:, :n_u, n_d:], solved[:, :, :n_d]
-            G = gain[:, None, None] * moved[:, :, :n_y]
+            by_inputs, YX = solved[:, :n_u, n_d:], solved[:, :, :n_d]
+            G = gain[:, None, None] * by_inputs[:, :, :n_y]
             if tilted.size:
                 over = 1 / s[:, None, None] ** 2
-                G[:, :, tilted] += gain[:, None, None] * over * moved[:, :, n_y:n_t]
+                G[:, :, tilted] += gain[:, None, None] * over * by_inputs[:, :, n_y:n_t]
                 YX = np.concatenate([YX, YX[:, self._sides.columns[tilted]] + over * YX[:, self._sides.tilts]], axis=1)
-            readings = np.zeros((len(self.moved_outputs), len(s), n_y, n_u), complex)
-            if self.moved_outputs:
-                rows = moved[:, :, n_t : n_t + 2 * n_y * len(readings)]
+            readings = np.zeros((len(self.output_parameters), len(s), n_y, n_u), complex)
+            if self.output_parameters:
+                rows = by_inputs[:, :, n_t : n_t + 2 * n_y * len(readings)]
                 dC, dT = rows.reshape(len(s), n_u, -1, 2, n_y).transpose(3, 2, 0, 4, 1)
-                by_B = self._moved_columns(solved[:, :, n_d + n_t + rows.shape[2] :], s)
+                by_B = self._slope_columns(solved[:, :, n_d + n_t + rows.shape[2] :], s)
                 readings = gain[:, None, None] * (dC + dT / s[:, None, None] ** 2 + by_B)
             G, loop = G.swapaxes(1, 2), None
             if self._open_loops is not None:
-                motors = factor(self._open_loops[1], theta, s)[:, None, None] * moved[:, :, -n_u:].swapaxes(1, 2)
+                motors = factor(self._open_loops[1], theta, s)[:, None, None] * by_inputs[:, :, -n_u:].swapaxes(1, 2)
                 images = (part[block] for part in self._images)
                 loop = closed(model, theta, self.freq_hz[block], G, motors, *images)
                 readings = model.channel_factors(theta, s)[0][..., None] * readings @ loop.A
@@ -188,18 +188,18 @@ class Kernel(Kept):
                 G, readings = channels * G, channels * readings
             yield Products(block, s, gain, G, YX, readings, loop)
 
-    def sides(self, theta: FloatArray, part: Products) -> tuple[ComplexArray, ComplexArray]:
+    def sides(self, theta: FloatArray, band: Products) -> tuple[ComplexArray, ComplexArray]:
         """Return Y^T Z^-1 of the outputs (F, n_y, n_d) and of the inputs (F, n_u, n_d): dG = -c left dZ right^T."""
         n_m = self.model.B.shape[1]
-        right = part.YX if part.YX.shape[1] == n_m else part.YX[:, :n_m]
-        left = part.YX if np.array_equal(self.output_columns, np.arange(n_m)) else part.YX[:, self.output_columns]
-        if not self.model.channel_numbers and part.loop is None:
+        right = band.YX if band.YX.shape[1] == n_m else band.YX[:, :n_m]
+        left = band.YX if np.array_equal(self.output_columns, np.arange(n_m)) else band.YX[:, self.output_columns]
+        if not self.model.channel_numbers and band.loop is None:
             return left, right
-        of_y, of_u = self.model.channel_factors(theta, part.s)
-        if part.loop is None or self._open_loops is None:
+        of_y, of_u = self.model.channel_factors(theta, band.s)
+        if band.loop is None or self._open_loops is None:
             return of_y[..., None] * left, of_u[..., None] * right
-        ratio = (factor(self._open_loops[1], theta, part.s) / part.gain)[:, None, None]
-        return of_y[..., None] * left - ratio * (part.loop.L @ right), part.loop.A.mT @ right
+        ratio = (factor(self._open_loops[1], theta, band.s) / band.gain)[:, None, None]
+        return of_y[..., None] * left - ratio * (band.loop.L @ right), band.loop.A.mT @ right
 
     @cached_property
     def _open_loops(self) -> tuple[LinearModel, LinearModel] | None:
@@ -220,22 +220,22 @@ class Kernel(Kept):
         return self.model.theta_ref if self.images_at is None else self.images_at
 
     @cached_property
-    def _moved_rows(self) -> tuple[FloatArray, ...]:
-        """dC^T and dT^T (n, n_y) of each of `moved_outputs`, then dB (n, n_u) of those that move a force."""
-        zero, slopes = np.zeros(self.model.C.shape), [self.model.slopes[name] for name in self.moved_outputs]
+    def _slope_rows(self) -> tuple[FloatArray, ...]:
+        """dC^T and dT^T (n, n_y) of each of `output_parameters`, then dB (n, n_u) of those that move a force."""
+        zero, slopes = np.zeros(self.model.C.shape), [self.model.slopes[name] for name in self.output_parameters]
         rows = [(zero if part is None else part).T for slope in slopes for part in (slope.C, slope.T)]
         return (*rows, *(slope.B for slope in slopes if slope.B is not None))
 
-    def _moved_columns(self, products: ComplexArray, s: ComplexArray) -> ComplexArray:
+    def _slope_columns(self, products: ComplexArray, s: ComplexArray) -> ComplexArray:
         """Return (C + T / s^2) Z^-1 dB (n_m, F, n_y, n_u), of right sides with columns of all dB (F, m, n_dB n_u)."""
         model, sides = self.model, self._sides
-        moves = [model.slopes[name].B is not None for name in self.moved_outputs]
-        added = np.zeros((len(moves), len(s), len(model.outputs), len(model.inputs)), complex)
+        moves = [model.slopes[name].B is not None for name in self.output_parameters]
+        columns = np.zeros((len(moves), len(s), len(model.outputs), len(model.inputs)), complex)
         if any(moves):
             rows = products[:, sides.columns]
             rows[:, sides.tilted] += products[:, sides.tilts] / s[:, None, None] ** 2
-            added[moves] = rows.reshape(*rows.shape[:2], sum(moves), -1).transpose(2, 0, 1, 3)
-        return added
+            columns[moves] = rows.reshape(*rows.shape[:2], sum(moves), -1).transpose(2, 0, 1, 3)
+        return columns
 
     @cached_property
     def _elimination(self) -> "Elimination":
@@ -253,7 +253,7 @@ class Kernel(Kept):
     def _sides(self) -> Sides:
         """Outputs in the direction of an input or of another output, at any theta, need no solution of their own."""
         model = self.model
-        slopes = [model.slopes[name] for name in model.moved_outputs]
+        slopes = [model.slopes[name] for name in model.output_parameters]
         none = Slope(C=np.zeros(model.C.shape), B=np.zeros(model.B.shape))
         C, B = (
             np.array(
@@ -282,7 +282,7 @@ class Elimination:
     """The order (n,) of the coordinates, and where L^T is not zero then (n, n), above its diagonal."""
 
     order: IntArray
-    filled: BoolArray
+    pattern: BoolArray
 
     @classmethod
     def of(cls, coupled: BoolArray) -> "Elimination":
@@ -313,23 +313,23 @@ class Elimination:
 
         Last, where each entry (n, n) of a matrix in this order stands in the matrix.
         """
-        later = np.argsort(~self.filled, axis=1, kind="stable").astype(np.int64)
-        return later, self.filled.sum(axis=1), self.order[:, None] * len(self.order) + self.order
+        later = np.argsort(~self.pattern, axis=1, kind="stable").astype(np.int64)
+        return later, self.pattern.sum(axis=1), self.order[:, None] * len(self.order) + self.order
 
 
 @lru_cache(maxsize=64)
 def _elimination(coupled: bytes, n: int) -> Elimination:
     acts = np.frombuffer(coupled, bool).reshape(n, n)
     acts = (acts | acts.T) & ~np.eye(n, dtype=bool)
-    filled, remaining, order = np.zeros_like(acts), np.ones(n, dtype=bool), []
+    pattern, remaining, order = np.zeros_like(acts), np.ones(n, dtype=bool), []
     while remaining.any():
         k = int(np.argmin(np.where(remaining, (acts & remaining).sum(axis=1), n)))
         remaining[k] = False
-        filled[k] = acts[k] & remaining
-        acts |= np.outer(filled[k], filled[k]) & ~np.eye(n, dtype=bool)
+        pattern[k] = acts[k] & remaining
+        acts |= np.outer(pattern[k], pattern[k]) & ~np.eye(n, dtype=bool)
         order.append(k)
     places = np.array(order, np.int64)
-    return Elimination(places, filled[np.ix_(places, places)])
+    return Elimination(places, pattern[np.ix_(places, places)])
 
 
 def solved_products(

@@ -55,9 +55,9 @@ def zoh_aliases(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> C
     if model.hold is None or model.controller is not None or not any(model.hold.sampled):
         return images  # those of a controller are within its loop
     # Acceleration by the torque that acts, before any sensor, is folded; the delay is that of the images.
-    before = tuple(element for element in model.chain if element.name == TORQUE_LAG)
+    inner_chain = tuple(element for element in model.chain if element.name == TORQUE_LAG)
     behind = tuple(element for element in model.chain if element.name != TORQUE_LAG)
-    plant = replace(model, quantity="acceleration", chain=before, hold=None, channel_numbers=())
+    plant = replace(model, quantity="acceleration", chain=inner_chain, hold=None, channel_numbers=())
     of_outputs, of_inputs = model.channel_factors(theta, laplace_variable(freq_hz))
     is_delay = np.array([name == DELAY for name in model.parameters])
     s, rates = laplace_variable(freq_hz), np.array(model.hold.rates_hz)
@@ -115,7 +115,7 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
 
 def closed_loop(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ClosedLoop:
     """Return the loops of a model whose inputs are references, closed at freq_hz (F,)."""
-    return closed(model, theta, freq_hz, *(frequency_response(part, theta, freq_hz) for part in open_loops(model)))
+    return closed(model, theta, freq_hz, *(frequency_response(loop, theta, freq_hz) for loop in open_loops(model)))
 
 
 def folded_images(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ComplexArray:

@@ -180,6 +180,10 @@ def step(x: FloatArray) -> float:
         gaps = gaps[gaps > smallest_gap]
         for smallest in np.sort(gaps)[:STEP_CANDIDATES]:
             for q in smallest / np.arange(1, 4):
+                # Decimals of a text round each value: gaps of ever more steps give ever more exact sizes.
+                for most in (10, 100, 1000):
+                    near = gaps[gaps < most * q]
+                    q = near.sum() / np.round(near / q).sum()
                 counts = np.round(gaps / q)
                 is_whole = np.abs(gaps / q - counts) < STEP_TOLERANCE
                 if is_whole.mean() >= 1 - MAX_OFF_GRID:

@@ -65,7 +65,7 @@ def without_spikes(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArr
     spikes = [_spikes_of_periods(x, L, sign) for x in channels]
     outvoted = [0] * len(spikes)
     if P == MIN_PERIODS:
-        outvoted = [int(np.sum(~_is_rough(bridged(x))[at])) for x, at in zip(channels, spikes, strict=True)]
+        outvoted = [int(np.sum(_roughness(bridged(x))[at] <= 1)) for x, at in zip(channels, spikes, strict=True)]
     return _mask(signals, spikes, "the other periods", log, outvoted)
 
 
@@ -215,29 +215,19 @@ def _roughest(x: FloatArray, candidates: BoolArray, judged: BoolArray, L: int) -
 
     roughness = _roughness(x).reshape(-1, L)
     highest = np.where(candidates.reshape(-1, L), roughness, -1.0).max(axis=0)
-    scale = _scale_of_roughness(roughness)
-    rivals = roughness > np.maximum(2 * highest, scale)
+    rivals = roughness > np.maximum(2 * highest, 1)
     rivals &= highest >= 0
     # Beside a spike a signal is rough, too: such a phase waits until the spike is replaced.
     are_highest = rivals & (roughness == maximum_filter(roughness, (1, len(_CUBIC))))
-    is_rough = candidates.reshape(-1, L) & (roughness > scale)
+    is_rough = candidates.reshape(-1, L) & (roughness > 1)
     is_chosen = np.where(rivals.any(axis=0), are_highest, (roughness == highest) | is_rough)
     return np.asarray(is_chosen.ravel() & judged)
 
 
 def _roughness(x: FloatArray) -> FloatArray:
-    """Compute the distance (n,) of each sample of a signal from the cubic through its neighbours."""
-    return np.abs(np.convolve(np.pad(x, 2, mode="reflect", reflect_type="odd"), _CUBIC, mode="valid"))
-
-
-def _scale_of_roughness(roughness: FloatArray) -> float:
-    return MIN_RATIO * float(np.quantile(roughness, QUIET_FRACTION))
-
-
-def _is_rough(x: FloatArray) -> BoolArray:
-    """Return True where a signal (n,) is rougher than usual."""
-    roughness = _roughness(x)
-    return roughness > _scale_of_roughness(roughness)
+    """Compute the distance (n,) of each sample of a signal from the cubic through its neighbours, over a usual one."""
+    away = np.abs(np.convolve(np.pad(x, 2, mode="reflect", reflect_type="odd"), _CUBIC, mode="valid"))
+    return away / max(MIN_RATIO * float(np.quantile(away, QUIET_FRACTION)), 1e-300)
 
 
 def _lone_distance(e: FloatArray) -> FloatArray:
@@ -275,15 +265,13 @@ def _spikes(
     n, d = NEIGHBOURS, _lone_distance(e)
     noise = np.quantile(d.reshape(-1, L), 0.75, axis=1) / QUANTILE_75
     sigma = np.hypot(noise, q / np.sqrt(12)).repeat(L)
-    least = np.maximum(MIN_SIGMAS * sigma, max(1e-9 * float(np.nanmax(x) - np.nanmin(x)), smallest))
+    least = np.maximum(MIN_SIGMAS * sigma, max(1e-7 * float(np.nanmax(x) - np.nanmin(x)), smallest))
     if not np.any(d > least):
         return np.zeros(len(e), dtype=np.bool_)
     # A spike moves the running median beside it, by little where e is smooth.
     beside = maximum_filter(d, MEDIAN_WINDOW) / MIN_RATIO
     short = [(a, b) for a, b in runs(d > np.maximum(least, beside)).tolist() if b - a <= max_run]
     is_spike = np.zeros(len(e), dtype=np.bool_)
-    if not short:
-        return is_spike
     straight, scale = np.copy(e), _scale(d)
     for first, end in short:
         straight[first:end] = np.nan
@@ -309,7 +297,9 @@ def _lost_messages(x: FloatArray, q: float) -> tuple[BoolArray, BoolArray]:
         is_equal, n_near = distance == 0, int(np.sum((distance > 0) & (distance <= scale)))
         if is_equal.mean() < MAX_FRACTION:
             is_rare |= is_equal
-            by_chance = n_near * q / max(2 * scale, 1e-300)
+            # At turns and while it sticks a motion repeats values more often: half as often as it steps by q.
+            n_single = int(np.sum(np.abs(distance - q) < q / 2))
+            by_chance = max(n_near * q / max(2 * scale, 1e-300), n_single / 2)
             if by_chance < MAX_BY_CHANCE or is_equal.sum() > MIN_OVER_CHANCE * (by_chance + 2):
                 repeats |= is_equal
     return repeats, is_rare

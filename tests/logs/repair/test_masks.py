@@ -122,6 +122,9 @@ def test_the_step_of_an_encoder_and_its_noise_are_told() -> None:
     assert step(CLEAN[:, 0]) == 0
     assert [*outcome(report_steps, np.stack([CLEAN[:, 0], coarse], axis=1), N, 1)[1].values()] == [1]
     assert not outcome(report_steps, np.stack([CLEAN[:, 0], fine], axis=1), N, 1)[1]
+    q = 2 * np.pi / 2**17  # at 40 rad, with nine digits in a text
+    turns = [float(f"{40 + q * n:.9g}") for n in np.random.default_rng(0).integers(-60000, 60000, 4000)]
+    assert step(np.array(turns)) == pytest.approx(q, rel=1e-6)
 
 
 @settings(max_examples=25, deadline=None)

@@ -135,6 +135,16 @@ def test_step_of_log_with_spikes_is_exact() -> None:
     assert step(damaged[:, 1]) == pytest.approx(0.01, rel=1e-6)
 
 
+def test_rests_of_a_motion_at_its_turns_stay() -> None:
+    """A joint that sticks a 16th of the time, six turns a period, noise of 0.3 steps."""
+    t, rng = 2 * np.pi * np.arange(P * N)[:, None] / N, np.random.default_rng(0)
+    speed = (1 + 0.3 * np.sin(t)) * np.sin(3 * t + np.arange(20))
+    motion = 0.02 * np.cumsum(np.sign(speed) * np.maximum(np.abs(speed) - 0.1, 0.0), axis=0)
+    x = 1e-3 * np.round(1e3 * motion + 0.3 * rng.normal(size=motion.shape))
+    for columns in np.split(x, 10, axis=1):
+        np.testing.assert_array_equal(_repaired(columns), columns)
+
+
 def test_zeros_within_the_noise_of_a_torque_stay() -> None:
     """Five values within a tenth of the noise of zero that are exactly zero."""
     x = _clean(1, 3e-2, 0.0, 0.0)
