@@ -165,7 +165,7 @@ def _track_joint(
     motions = tuple(
         # A filter reads a torque that is held from one sample to the next, at whose end the angle is.
         JointSamples(r.torque[:-1], cos * np.cos(q[:-1]) + sin * np.sin(q[:-1]) + constant, q[1:], r.start_s - first_s)
-        for r, q, first_s in ((record, record.position, records[0].start_s) for record in records)
+        for r, q, first_s in ((record, _acting_position(record), records[0].start_s) for record in records)
     )
     angle = max(record.resolution or smallest_step(record.position) for record in records) / np.sqrt(12)
     # The drift within 20 minutes is that of a random walk, of the offset in parts of F_c.
@@ -178,6 +178,13 @@ def _track_joint(
         name, identified.slides, joints, motions, records[0].rate_hz, noise, spec.settle,
         find_noise=spec.torque_std is None
     )  # fmt: skip
+
+
+def _acting_position(record: FrictionRecord) -> FloatArray:
+    """Return the position (n,) where the torque acts, but for the half sample of a hold, which the filter has."""
+    held = 0.5 * (record.hold == "zero-order")
+    samples = np.arange(len(record.position))
+    return np.interp(samples + record.torque_delay_s * record.rate_hz - held, samples, record.position)
 
 
 SLIPS_OVER_PATH = 1e-4, 2e-5  # presliding distances, where no experiment identified one
