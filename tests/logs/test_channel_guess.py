@@ -71,6 +71,17 @@ def test_torques_and_motions_are_paired_with_unit_and_sign() -> None:
     assert guess_log([(guess_by_name("tau_1", None), joints[0][3])], RATE) is None  # one signal is no log
 
 
+def test_noise_and_spikes_of_a_torque_are_no_vibration() -> None:
+    """Of six times the size of the torque; a vibration with an encoder of few counts remains one."""
+    q, *_, u = moved(0)
+    noise = 6 * np.std(u) * np.random.default_rng(2).normal(size=len(q))
+    spikes = 60 * np.std(u) * (np.arange(len(q)) % 701 == 0)
+    shaken = np.round(np.cumsum(np.cumsum(noise - noise.mean())) / 300)
+    for torque, motion, is_motion in ((u + noise, q, True), (u + spikes, q, True), (noise, shaken, False)):
+        guess = guess_log([(guess_by_name("tau", None), torque), (guess_by_name("q", None), motion)], RATE)
+        assert guess.is_motion == is_motion
+
+
 def test_a_joint_at_rest_is_beside_a_motion() -> None:
     """Its torque is noise, and its position moves by counts of its encoder."""
     q, *_, u = moved(0)
