@@ -327,8 +327,7 @@ class Record:
         and costs 1.6 % of amplitude at a tenth of the rate; a response estimated without it has a delay and a wrong
         inertia instead. An encoder, sampled without a filter, adds images of the held torque (`images`).
         """
-        H = {n: zero_order_hold(np.multiply(freq_hz, n) / self.rate_hz) for n in set(self._hold_lengths)}
-        return np.stack([H[n] for n in self._hold_lengths], axis=1)
+        return zero_order_hold(np.outer(freq_hz, self.hold_lengths) / self.rate_hz)
 
     @property
     def images(self) -> ZohTorque | None:
@@ -338,11 +337,11 @@ class Record:
         of the commands, which was filtered before it was thinned out, and in a velocity or an acceleration, which has
         passed the filter of a drive or an amplifier; a misfit by them names them.
         """
-        rates = tuple(self.rate_hz if math.isclose(n, 1.0, rel_tol=1e-5) else 0.0 for n in self._hold_lengths)
+        rates = tuple(self.rate_hz if math.isclose(n, 1.0, rel_tol=1e-5) else 0.0 for n in self.hold_lengths)
         sampled = self.sampled or tuple(quantity == "position" for quantity in self.quantities)
         return ZohTorque(rates, sampled) if any(rates) else None
 
     @property
-    def _hold_lengths(self) -> tuple[float, ...]:
+    def hold_lengths(self) -> tuple[float, ...]:
         """Samples for which each input is held, 0 where it is band-limited."""
         return self.hold_samples or (1.0 if self.hold == "zero-order" else 0.0,) * len(self.inputs)

@@ -26,6 +26,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg.blas import dgemm, dtrmm
 
 from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable
 from elastid.record import MOTION_ORDER
@@ -55,31 +56,27 @@ class Basis:
         scale = 2 * np.pi * float(response.freq_hz[-1])
         return cls(response.freq_hz, MOTION_ORDER[response.quantity], scale, correlation, response.segment_s)
 
-    @property
+    @cached_property
     def s(self) -> ComplexArray:
         """j omega (F,) over the scale."""
         return np.asarray(laplace_variable(self.freq_hz) / self.scale)
 
-    def poles(self, poles: ComplexArray, derivative: bool = False) -> ComplexArray:
-        """Return 1 / (s - lambda) (F, n) for poles (n,) over the scale, or its derivative by lambda."""
-        if self.correlation is not None:
-            return self._smoothed(poles, derivative)
-        columns = 1 / (self.s[:, None] - poles)
-        return columns**2 if derivative else columns
-
-    def _smoothed(self, poles: ComplexArray, derivative: bool) -> ComplexArray:
-        assert self.correlation is not None
+    def of_pole(self, pole: complex, derivative: bool = False) -> tuple[FloatArray, FloatArray]:
+        """Return real and imaginary part (F,) of 1 / (s - lambda), a pole over the scale, or of its derivative."""
+        if self.correlation is None:
+            apart = pole.imag - self.s.imag
+            size = pole.real**2 + apart**2
+            real, imag = -pole.real / size, apart / size
+            return (real**2 - imag**2, 2 * real * imag) if derivative else (real, imag)
         n = len(self.correlation)
         lines = np.round(self.freq_hz * self.segment_s).astype(int)
         step = self.scale * self.segment_s / n
         time = step * np.arange(n)
-        columns = np.empty((len(lines), len(poles)), complex)
-        for i, pole in enumerate(poles):
-            decay = self.correlation * np.exp(pole.real * time + 1j * (pole.imag * time))
-            decay[0] /= 2  # the trapezoidal rule
-            columns[:, i] = step * np.fft.fft(decay * time if derivative else decay)[lines % n]
+        decay = self.correlation * np.exp(pole.real * time + 1j * (pole.imag * time))
+        decay[0] /= 2  # the trapezoidal rule
         # Of the discrete sum that which a continuous pole has not: images, as smooth as the residuals.
-        return columns
+        column = step * np.fft.fft(decay * time if derivative else decay)[lines % n]
+        return column.real, column.imag
 
     def residuals(self) -> ComplexArray:
         """Return columns (F, 5) of the residuals."""
@@ -123,7 +120,7 @@ def tall_qr(A: FloatArray) -> tuple[FloatArray, FloatArray]:
             return np.linalg.qr(A)
         if np.diag(L).min() < ILL_CONDITIONED:
             return np.linalg.qr(A)
-        Q, R = Q @ np.linalg.inv(L).T, L.T @ R
+        Q, R = dtrmm(1.0, np.linalg.inv(L), Q, 1, 1, 1, overwrite_b=Q is not A), L.T @ R
     return Q, R
 
 
@@ -155,19 +152,22 @@ class ModalData:
     @cached_property
     def residuals(self) -> FloatArray:
         """Weighted columns (2 F, 5), real over imaginary parts, of the residuals."""
-        return stack_real(self.weight[:, None] * self.basis.residuals())
+        return np.asfortranarray(stack_real(self.weight[:, None] * self.basis.residuals()))
 
     def columns(self, poles: ComplexArray, derivative: bool = False) -> FloatArray:
         """Return weighted columns (2 F, 2 n) of real and imaginary parts of each pole's residue, or slopes by the pole.
 
         Column 2 r belongs to Re R_r, column 2 r + 1 to Im R_r; derivatives are those by Re lambda.
         """
-        direct, mirrored = self.basis.poles(poles, derivative), self.basis.poles(poles.conj(), derivative)
-        direct, mirrored = self.weight[:, None] * direct, self.weight[:, None] * mirrored
-        columns, (F, n) = np.empty((2, len(direct), len(poles), 2)), direct.shape
-        columns[0, :, :, 0], columns[1, :, :, 0] = direct.real + mirrored.real, direct.imag + mirrored.imag
-        columns[0, :, :, 1], columns[1, :, :, 1] = mirrored.imag - direct.imag, direct.real - mirrored.real
-        return columns.reshape(2 * F, 2 * n)
+        columns = np.empty((len(poles), 2, 2, len(self.weight)))  # those of one pole at a time stay in the cache
+        for block, pole in zip(columns, poles.tolist(), strict=True):
+            (real, imag), (mirrored_real, mirrored_imag) = (
+                self.basis.of_pole(each, derivative) for each in (pole, pole.conjugate())
+            )
+            block[0, 0], block[0, 1] = real + mirrored_real, imag + mirrored_imag
+            block[1, 0], block[1, 1] = mirrored_imag - imag, real - mirrored_real
+            block *= self.weight
+        return columns.reshape(2 * len(poles), 2 * len(self.weight)).T
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,8 @@ class ModalFit:
         data = self.data
         A = np.concatenate([data.columns(self.poles), data.residuals], axis=1)
         norms = np.linalg.norm(A, axis=0)
-        return *tall_qr(A / norms), norms
+        A /= norms
+        return *tall_qr(A), norms
 
     @cached_property
     def Q(self) -> FloatArray:
@@ -196,11 +197,7 @@ class ModalFit:
     def coefficients(self) -> FloatArray:
         """(p, C): two for each pole, then the residuals."""
         Q, R, norms = self.factors
-        is_independent = np.abs(np.diag(R)) > 1e-10
-        inside = Q.T @ self.data.y
-        if is_independent.all():
-            return np.linalg.solve(R, inside) / norms[:, None]
-        return np.linalg.lstsq(R, inside, rcond=1e-12)[0] / norms[:, None]
+        return np.linalg.lstsq(R, Q.T @ self.data.y, rcond=1e-12)[0] / norms[:, None]
 
     @cached_property
     def residual(self) -> FloatArray:
@@ -222,7 +219,7 @@ class ModalFit:
     def free_slopes(self) -> FloatArray:
         """P D (2 F, 2 n): derivatives of the columns that the model does not follow."""
         D = self.data.columns(self.poles, derivative=True)
-        return D - self.Q @ (self.Q.T @ D)
+        return np.asarray(dgemm(-1.0, self.Q, self.Q.T @ D, 1.0, D, overwrite_c=True))
 
     @cached_property
     def directions(self) -> FloatArray:

@@ -170,7 +170,7 @@ def drops(fit: ModalFit, candidates: ComplexArray) -> FloatArray:
     """Return D (n, C) of each candidate by itself."""
     columns = fit.data.columns(candidates)
     columns = columns / np.linalg.norm(columns, axis=0)
-    free = columns - fit.Q @ (fit.Q.T @ columns)
+    free = columns - ((columns.T @ fit.Q) @ fit.Q.T).T
     inside = (free.T @ fit.residual).reshape(len(candidates), 2, -1)
     pairs = free.reshape(len(free), -1, 2)
     gram = np.einsum("fri,frj->rij", pairs, pairs)
@@ -200,7 +200,8 @@ def separate_determinations(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
     # QR reduces the lines that no pole uses to as many rows as columns, with equal products.
     near, about = np.tile(near, 2), np.tile(about, 2)
     rest, Qy = ~np.any(near | about, axis=0), np.concatenate([Q, fit.data.y], axis=1)
-    T = np.linalg.qr(Qy[rest], mode="r")
+    size = np.linalg.norm(outer := Qy[rest], axis=0)
+    T = tall_qr(outer / size)[1] * size
     Q, all_y = np.split(np.concatenate([T, Qy[~rest]]), [Q.shape[1]], axis=1)
     near, about = (np.pad(flags[:, ~rest], ((0, 0), (len(T), 0))) for flags in (near, about))
     outside = np.zeros_like(whole)

@@ -182,9 +182,7 @@ def compensated_records(
 
 
 def compensate_friction(record: Record, friction: CompensatedFriction) -> Record:
-    """Return the record over its whole periods with the net torque as u; unchanged without compensation."""
-    if not friction.shapes:
-        return record
+    """Return the record over its whole periods with the net torque as u."""
     n = whole_samples(record)
     record = replace(record, u=record.u[:n], y=record.y[:n], r=None if record.r is None else record.r[:n])
     u = record.u.copy()

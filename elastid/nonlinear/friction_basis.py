@@ -34,10 +34,9 @@ import numpy as np
 from numpy.fft import irfft, rfft
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen, labelled
-from elastid.excitation.grids import line_frequencies
 from elastid.friction.stop_operator import Path, bristle, stop
 from elastid.nonlinear.motion import CELLS, Motion, laplace, motion_of, whole_samples
-from elastid.record import Record
+from elastid.record import Record, zero_order_hold
 
 Kind: TypeAlias = Literal["sign", "stribeck", "stop", "bristle", "stop damping", "bristle damping"]
 
@@ -112,10 +111,10 @@ def amplitudes(
     N, states = record.period_samples, elements(record, motion)
     weights = np.zeros(whole_samples(record) // record.repeat_samples)
     weights[repetitions] = np.where(record.half_wave & (repetitions % 2 == 1), -1.0, 1.0) / len(repetitions)
-    dft = np.zeros((len(shapes), len(lines)), np.complex128)
+    means = np.empty((len(shapes), record.repeat_samples * CELLS))
     for i in sorted(range(len(shapes)), key=lambda i: shapes[i].element):
-        mean = weights @ friction_means(record, motion, [(shapes[i], 1.0)], states).reshape(len(weights), -1)
-        dft[i] = rfft(np.concatenate([mean, -mean]) if record.half_wave else mean)[lines]
+        means[i] = weights @ friction_means(record, motion, [(shapes[i], 1.0)], states).reshape(len(weights), -1)
+    dft = rfft(np.concatenate([means, -means], axis=1) if record.half_wave else means)[:, lines]
     delay = np.exp(-2j * np.pi * record.rate_hz / N * np.outer([shape.delay_s for shape in shapes], lines))
     return dft * _between_cells(N, int(lines[-1]) + 1)[lines] * (2 / N) * delay
 
@@ -141,14 +140,13 @@ def friction_means(record: Record, motion: Motion, basis: WeightedBasis, states:
         cells, F_c = means.reshape(-1, CELLS), sum(f for shape, f in memoryless if shape.kind == "sign")
         cells[:] = np.copysign(F_c, motion.by_sample[0])[:, None]
         # Faster than some of their thresholds memoryless shapes are 1 or 0, to 1e-4.
-        is_slow = motion.slowest <= 5 * max(shape.threshold for shape, _ in memoryless)
-        cells[is_slow] = sliding_means(motion.by_sample[:, is_slow].T, memoryless)
+        slow = np.flatnonzero(motion.slowest <= 5 * max(shape.threshold for shape, _ in memoryless))
+        cells[slow] = sliding_means(motion.by_sample.take(slow, axis=1).T, memoryless)
     states = states or elements(record, motion)
     for shape, f in basis:
         if not shape.is_memoryless:
-            s = states(*shape.element)
-            scale = f / shape.threshold / 2
-            means += (2 * CELLS * scale) * np.diff(s) if shape.is_damping else scale * (s[:-1] + s[1:])
+            s, scale = states(*shape.element), f / shape.threshold / 2
+            means += 2 * CELLS * scale * np.diff(s) if shape.is_damping else scale * (s[:-1] + s[1:])
     return means
 
 
@@ -210,6 +208,11 @@ def zoh_samples(record: Record, place: str, motion: Motion, basis: WeightedBasis
 
 def _hold(record: Record, channel: int, basis: WeightedBasis) -> ComplexArray:
     """Return H e^(s delay) (n // 2 + 1,) of a torque at the lines of all whole periods, on the time of the motions."""
-    n = whole_samples(record)
-    H = record.hold_response(line_frequencies(np.arange(n // 2 + 1), record.rate_hz, n))[:, channel]
-    return H * np.exp((basis[0][0].delay_s if basis else 0.0) * laplace(len(H), n, record.rate_hz))
+    delay_s = basis[0][0].delay_s if basis else 0.0
+    return _delayed_hold(whole_samples(record), record.rate_hz, record.hold_lengths[channel], delay_s)
+
+
+@lru_cache(maxsize=16)
+def _delayed_hold(n: int, rate_hz: float, hold_samples: float, delay_s: float) -> ComplexArray:
+    s = laplace(n // 2 + 1, n, rate_hz)
+    return frozen(zero_order_hold(s.imag * (hold_samples / (2 * np.pi * rate_hz))) * np.exp(delay_s * s), np.complex128)

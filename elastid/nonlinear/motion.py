@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, reduce
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.fft import irfft, rfft
@@ -52,15 +52,13 @@ class Motion:
 
     @cached_property
     def by_sample(self) -> FloatArray:
-        """Velocity (cells + 1, n) in each sample, its end included; a view."""
-        return np.lib.stride_tricks.sliding_window_view(self.velocity, CELLS + 1)[::CELLS].T
+        """Velocity (cells + 1, n) in each sample, its end included."""
+        return np.array([self.velocity[i : i - CELLS or None : CELLS] for i in range(CELLS + 1)])
 
     @cached_property
     def slowest(self) -> FloatArray:
         """Least speed (n,) in each sample, 0 where it turns back."""
-        # NumPy is slow along short rows, also by `min`.
-        least, most = reduce(np.minimum, self.by_sample), reduce(np.maximum, self.by_sample)
-        return np.asarray(np.maximum(np.maximum(least, -most), 0.0))
+        return np.asarray(np.maximum(np.maximum(self.by_sample.min(axis=0), -self.by_sample.max(axis=0)), 0.0))
 
 
 def motion_of(record: Record, place: str, by_torque: Callable[[Motion], ComplexArray] | None = None) -> Motion:
