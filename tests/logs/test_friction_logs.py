@@ -48,7 +48,7 @@ def test_a_log_is_read_on_the_link_side(tmp_path: Path) -> None:
 
 def test_spikes_of_torque_and_position_are_masked(tmp_path: Path) -> None:
     q, u = Q.copy(), U.copy()
-    u[[700, 1500]] += 60.0
+    u[[0, 700, 1500, -1]] += [1e4, 60.0, 60.0, 1e4]
     q[[700, 1500]] = 0.0
     (of_torque,), (of_position,), (clean,) = (records_of(tmp_path, *each) for each in ((Q, u), (q, U), (Q, U)))
     assert np.abs(of_torque.torque - U).max() < 2.0
