@@ -69,6 +69,14 @@ def test_dropouts_of_torque_are_missing_at_any_torque(tmp_path: Path, length: in
         assert np.abs(record.torque - U[first : first + len(record.torque)]).max() < limit
 
 
+def test_a_block_far_outside_the_range_divides_the_log(tmp_path: Path) -> None:
+    q = Q.copy()
+    q[3000:3006] = 99.0
+    first, second = records_of(tmp_path, q, U)
+    assert max(np.abs(first.position).max(), np.abs(second.position).max()) < 2 * np.abs(Q).max()
+    assert second.start_s * second.rate_hz == pytest.approx(3006)
+
+
 def test_rows_of_zeros_are_missing_and_interpolated(tmp_path: Path) -> None:
     """One row in seven, as of a second publisher of a topic."""
     q, u = Q + 1.0, U.copy()
