@@ -25,7 +25,7 @@ from elastid.linear.equilibrium import equilibrium
 from elastid.logs.channels import GatheredChannels, gather_channels, report_unused_references
 from elastid.logs.files.formats import read_channels
 from elastid.logs.motion_relations import REST_TRAVEL_M, REST_TRAVEL_RAD
-from elastid.logs.repair import Findings, Log, bridged
+from elastid.logs.repair import Findings, Log
 from elastid.logs.repair.interpolation import MAX_BRIDGED
 from elastid.logs.repair.masks import MAX_MISSING_FRACTION, step, without_dropouts
 from elastid.logs.repair.missing import bridge_gaps, bridge_short_gaps
@@ -161,8 +161,7 @@ class _LogReader:
         part_log = replace(log, names=tuple(log.names[i] for i in judged))
         are_motions = [gathered.channels[i].role != "u" for i in judged]
         clean = without_lone(signals[:, judged], part_log, are_motions)
-        inner = bridge_short_gaps(clean, replace(part_log, findings=Findings()))
-        signals[:, judged] = np.stack([bridged(x) for x in inner.T], axis=1)  # at the ends, too
+        signals[:, judged] = bridge_short_gaps(clean, replace(part_log, findings=Findings()))
         return signals, None, gathered.rate_hz
 
     def _thermometer(self, channel: ChannelSpec, time_s: FloatArray) -> FloatArray:

@@ -24,7 +24,7 @@ from elastid.logs.files.log import ArrayLog, Log
 from elastid.logs.files.text import TextLog
 from elastid.logs.repair import Log as RepairLog
 from elastid.logs.repair import bridged
-from elastid.logs.repair.masks import MAX_MISSING_FRACTION
+from elastid.logs.repair.masks import MAX_MISSING_FRACTION, far_outside
 from elastid.logs.repair.outliers import without_lone
 from elastid.logs.units_and_sides import MAX_COMPUTABLE
 
@@ -55,6 +55,8 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
             x = np.where(np.abs(x) < MAX_COMPUTABLE, x, np.nan)
             heading, unit = _heading(log, name, column) if isinstance(log, ArrayLog) else (name, units.get(name, ""))
             guess = guess_by_name(heading, number, unit)
+            if guess.quantity == "position" and np.isfinite(x).any():
+                x = np.where(far_outside(x), np.nan, x)
             if np.isfinite(x).all() and len(x) > MIN_SAMPLES:  # a wrong cell is missing
                 x = without_lone(x[:, None], RepairLog("", ("",)), [True] if guess.quantity == "position" else [])[:, 0]
             is_measured = np.isnan(x).sum() < MAX_MISSING_FRACTION * len(x)

@@ -51,8 +51,8 @@ def test_spikes_of_torque_and_position_are_masked(tmp_path: Path) -> None:
     u[[0, 700, 1500, -1]] += [1e4, 60.0, 60.0, 1e4]
     q[[700, 1500]] = 0.0
     (of_torque,), (of_position,), (clean,) = (records_of(tmp_path, *each) for each in ((Q, u), (q, U), (Q, U)))
-    assert np.abs(of_torque.torque - U).max() < 2.0
-    assert [note.code for note in of_torque.notes] == ["records/corrected"]
+    assert np.abs(of_torque.torque - U[1:-1]).max() < 2.0
+    assert {note.code for note in of_torque.notes} == {"records/corrected"}
     assert np.abs(of_position.position - Q).max() < np.abs(np.diff(Q)).max()
     assert clean.notes == ()
 

@@ -82,15 +82,18 @@ def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
             travel = np.ptp(np.delete(signals[a + 2 : b - 2], c, axis=1), axis=0)
             if max(changes[b - 1], beside.get((a, b), 0)) > least and np.any(travel > MIN_RANGE * (b - a) * speed):
                 gaps.append((a + (x[a] != 0), b))
-        gaps += [(a, b) for a, b in runs(far_outside(x), MIN_PLACES).tolist() if b - a < MIN_RUN]
+        gaps += runs(far_outside(x)).tolist()
         _mask_constant(result, c, gaps, "channels", log)
     return result
 
 
 def far_outside(x: FloatArray) -> BoolArray:
-    """Flag (n,) samples of a motion or torque that are far outside the range of 96 % of them."""
+    """Flag (n,) short runs of a motion or torque, NaN where missing, far outside the range of 96 % of its samples."""
     low, middle, high = np.nanquantile(x, [MAX_FRACTION, 0.5, 1 - MAX_FRACTION])
-    return np.asarray(np.abs(x - middle) > MIN_OVER_USUAL * (high - low))
+    result = np.asarray(np.abs(x - middle) > MIN_OVER_USUAL * (high - low))
+    for start, end in runs(result, MIN_RUN):
+        result[start:end] = False
+    return result
 
 
 def _mask_constant(signals: FloatArray, c: int, ranges: Iterable[tuple[int, int]], others: str, log: Log) -> None:

@@ -27,7 +27,7 @@ from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.statistics import runs
 from elastid.logs.repair import Log, blocks, bridged, flat
 from elastid.logs.repair.interpolation import MAX_BRIDGED, QUANTILE_75, interpolations, period_noise
-from elastid.logs.repair.masks import MASKED, MAX_FRACTION, MIN_OVER_USUAL, far_outside, step
+from elastid.logs.repair.masks import MASKED, MAX_FRACTION, MIN_OVER_USUAL, step
 
 OUTVOTED = "spikes by two periods against one"
 # Limits that distinguish a spike from a signal, its noise, its steps and its transients.
@@ -75,20 +75,10 @@ def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()
     everywhere = np.ones(len(signals), dtype=np.bool_)
     at = []
     for x, is_motion in zip(signals.T, are_motions or [False] * signals.shape[1], strict=True):
-        far = _is_outlier(x) if are_motions else ~everywhere
-        near = bridged(np.where(far, np.nan, x))
-        least = MIN_OVER_USUAL * float(np.quantile(np.abs(np.diff(near)), 0.99)) if is_motion else 0.0
+        least = MIN_OVER_USUAL * float(np.quantile(np.abs(np.diff(x)), 0.99)) if is_motion else 0.0
         # Without a period, a step that swings is no spike: all neighbours are quieter.
-        at.append(np.flatnonzero(_spikes(near, near, ~far, len(x), least, MAX_BRIDGED, step(x), quantile=1.0) | far))
+        at.append(np.flatnonzero(_spikes(x, x, everywhere, len(x), least, MAX_BRIDGED, step(x), quantile=1.0)))
     return _mask(signals, at, "their neighbours", log)
-
-
-def _is_outlier(x: FloatArray) -> BoolArray:
-    """Flag runs of a few samples of a motion or torque (n,) that are far outside the range of all others."""
-    result = np.zeros(len(x), dtype=np.bool_)
-    for start, end in runs(far_outside(x)).tolist():
-        result[start:end] = end - start <= MAX_BRIDGED
-    return result
 
 
 def outliers_of(name: str, count: int, n: int) -> str:
