@@ -162,7 +162,7 @@ def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[in
             "Name channels tau_1, q_1, cmd_1, ..., or list the second file under `also` in experiment.recorded.files"
         )
     others = ", ".join(name for name in shapes if name not in {signal.name for signal in signals} and not is_time(name))
-    varying += f"; constant, or more than a third without numbers: {others}" if others else ""
+    varying += f"; constant or empty: {others}" if others else ""
     return "records/channels", f"{reason}. Varying channels: {varying}"
 
 

@@ -114,7 +114,10 @@ def _resample_to_slowest(
                 x = log.values([spec], slice(0, int(most * slowest / ms)))
                 whole = bridged(without_lone(x, RepairLog("", ("",)))[:, 0])
                 stamps = log.time_of(spec)
-                t_ms = _times_ms(log, stamps) if stamps else ms * np.arange(len(whole), dtype=np.float64)
+                t_ms = ms * np.arange(len(whole), dtype=np.float64)
+                if stamps:
+                    t, _ = stamps_of(log, stamps)
+                    t_ms = 1e3 * time_units(t)[clock_rate(t)[0]] * t
                 result.append((replace(guess, rate_hz=rate_hz), t_ms[: len(whole)], whole[: len(t_ms)]))
     if not result:
         return []
@@ -123,11 +126,6 @@ def _resample_to_slowest(
     at = np.arange(1e3 * begin, 1e3 * end + slowest / 2, slowest)
     signals = [(guess, np.interp(at, t, x)) for guess, t, x in result]
     return _with_commands([(guess, x) for guess, x in signals if np.ptp(x) > 0])
-
-
-def _times_ms(log: Log, name: str) -> FloatArray:
-    t, _ = stamps_of(log, name)
-    return 1e3 * time_units(t)[clock_rate(t)[0]] * t
 
 
 def _heading(log: Log, name: str, column: int) -> tuple[str, str]:
