@@ -29,6 +29,7 @@ from elastid.logs.command_log import gains_in
 from elastid.logs.files.formats import is_text, opened_log
 from elastid.logs.files.text_format import described_format, guess_format
 from elastid.logs.files.universal import is_universal_file, time_histories
+from elastid.logs.headings import is_time
 from elastid.logs.log_signals import signals_of, wrong_cells
 from elastid.logs.repair.periodicity import find_period, repetition
 from elastid.robot import Robot
@@ -163,6 +164,8 @@ def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[in
             "no input and output recognised: neither a torque (force) with a motion, nor a command for each position. "
             "Name channels tau_1, q_1, cmd_1, ..., or list the second file under `also` in experiment.recorded.files"
         )
+    others = ", ".join(name for name in shapes if name not in {signal.name for signal in signals} and not is_time(name))
+    varying += f"; constant or empty: {others}" if others else ""
     return "records/channels", f"{reason}. Varying channels: {varying}"
 
 

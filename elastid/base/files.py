@@ -12,6 +12,7 @@ import os
 import re
 import shutil
 import time
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterator
 from contextlib import contextmanager
 from errno import ELOOP
@@ -194,11 +195,13 @@ def from_template(template: str, /, **values: Any) -> str:
 def read_table(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
     """Read a CSV file: row number from 1 and cells by column name of each row; raise StudyError for other files.
 
-    Empty rows, and those that begin with #, are left out. Cells may be separated by semicolons or tabs instead; their
-    numbers then may have a decimal comma.
+    Empty rows and columns, those that begin with #, and a first line `sep=;` are left out. Cells may be separated by
+    semicolons or tabs instead; their numbers then may have a decimal comma. UTF-16 has a byte order mark.
     """
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        raw = path.read_bytes()
+        lines = raw.decode("utf-16" if raw.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig").splitlines()
+        lines[:1] = [line for line in lines[:1] if not re.fullmatch(r'"?sep=."?', line)] or [""]
     except (OSError, UnicodeDecodeError) as error:
         raise StudyError("files/table", f"it cannot be read as a table ({error})", f"{path}:1:1") from None
     head = next((line for line in lines if line.strip(" ,;\t") and not line.startswith("#")), "")
@@ -206,6 +209,8 @@ def read_table(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
     cells = (next(csv.reader([line], delimiter=separator), []) for line in lines)
     rows = [(n, [_with_point(cell.strip(), separator) for cell in row]) for n, row in enumerate(cells, start=1)]
     rows = [(n, row) for n, row in rows if any(row) and not row[0].startswith("#")]
+    if rows and not any(row[-1] for _, row in rows):  # each row ends with a separator
+        rows = [(n, row[:-1]) for n, row in rows]
     if len(rows) < 2:
         raise StudyError("files/table", "a table has a row of names and at least one below it", f"{path}:1:1")
     (first, heads), *rest = rows
@@ -220,14 +225,18 @@ def read_table(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
 
 
 def _with_point(cell: str, separator: str) -> str:
-    return cell.replace(",", ".") if separator != "," and re.fullmatch(r"[+-]?\d*,\d+([eE][+-]?\d+)?", cell) else cell
+    return (
+        cell
+        if separator == ","
+        else re.sub(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?(?:\s*[^\d\s,.][^,]*)?)$", r"\1.\2", cell)
+    )
 
 
-_HEAD = re.compile(r"(?:joint\s+)?(.*?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|\s+(deg|degrees?|rad|m|s))?")
+_HEAD = re.compile(r"(?:joint\s+)?(.*?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|\s*(°)|\s+(deg|degrees?|rad|m|s))?")
 
 
 def name_and_unit(head: str) -> tuple[str, str]:
     """Name and unit of a column of a table: `1 deg`, `1 (deg)` and `joint 1 [deg]` are 1 and deg."""
     match = _HEAD.fullmatch(head)
-    name, in_brackets, behind = match.groups() if match else (head, "", "")
-    return name, in_brackets or behind or ""
+    name, *units = match.groups() if match else (head,)
+    return name, next(filter(None, units), "")

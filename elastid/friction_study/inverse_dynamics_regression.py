@@ -177,7 +177,9 @@ def _regress(motions: Sequence[Motion], passband_hz: float, widest_hz: float) ->
         terms = replace(terms, by_direction=False)
         chosen = add_curve_uncertainty(signals, terms, regress(signals, terms))
     bias = noise_bias(signals, terms.at(chosen), chosen)
-    if _is_biased_by_noise(chosen, bias) and (half_hz := passband_hz / 2) >= LOWEST_PASSBAND_HZ:
+    pairs = [(name, abs(x)) for name, x in zip(chosen.names, bias, strict=True) if name in COMPARED_PARAMETERS]
+    is_biased = any(x > MAX_BIAS * chosen.std(name) for name, x in pairs)
+    if is_biased and (half_hz := passband_hz / 2) >= LOWEST_PASSBAND_HZ:
         try:
             slow = [MotionSignals.of(motion, half_hz) for motion in motions]
         except DataError:
@@ -224,12 +226,6 @@ def _noise_free_differences(bands: Sequence[Sequence[MotionLog]], fit: MotionFri
         (joint, name): (change - expected[name], math.hypot(std, NOISE_ERROR * expected[name]))
         for (joint, name), (change, std) in shifts.items()
     }
-
-
-def _is_biased_by_noise(fit: Regression, bias: FloatArray) -> bool:
-    """Return True if the bias (n_x,) by noise of the position counts beside the std of a number."""
-    pairs = zip(fit.names, bias, strict=True)
-    return any(abs(x) > MAX_BIAS * fit.std(name) for name, x in pairs if name in COMPARED_PARAMETERS)
 
 
 def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[Note]:

@@ -31,8 +31,6 @@ from elastid.logs.units_and_sides import unwrapped
 
 _MOTION_HZ = 3.0  # half of the power of a torque is below it in a motion, and above it in a vibration test
 
-_MIN_SEGMENTS = 8  # of a coherence
-
 T = TypeVar("T")
 Values = Mapping[ChannelKey, FloatArray]
 
@@ -136,7 +134,7 @@ def _half_power_hz(u: FloatArray, y: FloatArray, rate_hz: float) -> float:
     """
     from scipy.signal import coherence
 
-    power, size = np.abs(np.fft.rfft(u - u.mean())) ** 2, min(int(rate_hz), len(u) // _MIN_SEGMENTS)
+    power, size = np.abs(np.fft.rfft(u - u.mean())) ** 2, min(int(rate_hz), len(u) // 8)
     if size > 2:
         hz, share = coherence(u, np.gradient(y), rate_hz, nperseg=size)
         share[share < 1 - 0.01 ** (size / len(u))] = 0.0

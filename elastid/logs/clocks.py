@@ -169,7 +169,7 @@ def clock_of(log: Log) -> Clock:
         t, jumps = without_jumps(stamps_as_logged)
         steps = np.diff(t)
         is_late = len(t) > MIN_SAMPLES and stamp_line(t) is not None
-        is_rising = len(jumps) <= MAX_WRONG_FRACTION * len(t) and (np.all(steps > 0) or is_late or is_clock(t))
+        is_rising = len(jumps) <= MAX_WRONG_FRACTION * len(t) and (np.all(steps > 0) or is_late)
         is_clock_by_steps = not is_time(name) and is_clock(stamps_as_logged) and np.any(steps != 1)
         if len(t) > 2 and (is_clock_by_steps or (is_time(name) and is_rising)):
             (unit, rate_hz), grid = clock_rate(t), even_grid(t)

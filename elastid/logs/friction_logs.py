@@ -161,7 +161,7 @@ class _LogReader:
         part_log = replace(log, names=tuple(log.names[i] for i in judged))
         are_motions = [gathered.channels[i].role != "u" for i in judged]
         clean = without_lone(signals[:, judged], part_log, are_motions)
-        signals[:, judged] = bridge_gaps(clean, replace(part_log, findings=Findings()), MAX_MISSING_FRACTION)
+        signals[:, judged] = bridge_short_gaps(clean, replace(part_log, findings=Findings()))
         return signals, None, gathered.rate_hz
 
     def _thermometer(self, channel: ChannelSpec, time_s: FloatArray) -> FloatArray:

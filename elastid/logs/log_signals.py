@@ -24,7 +24,7 @@ from elastid.logs.files.log import ArrayLog, Log
 from elastid.logs.files.text import TextLog
 from elastid.logs.repair import Log as RepairLog
 from elastid.logs.repair import bridged
-from elastid.logs.repair.masks import MAX_MISSING_FRACTION
+from elastid.logs.repair.masks import MAX_MISSING_FRACTION, far_outside
 from elastid.logs.repair.outliers import without_lone
 from elastid.logs.units_and_sides import MAX_COMPUTABLE
 
@@ -55,6 +55,8 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
             x = np.where(np.abs(x) < MAX_COMPUTABLE, x, np.nan)
             heading, unit = _heading(log, name, column) if isinstance(log, ArrayLog) else (name, units.get(name, ""))
             guess = guess_by_name(heading, number, unit)
+            if guess.quantity == "position" and np.isfinite(x).any():
+                x = np.where(far_outside(x), np.nan, x)
             if np.isfinite(x).all() and len(x) > MIN_SAMPLES:  # a wrong cell is missing
                 x = without_lone(x[:, None], RepairLog("", ("",)), [True] if guess.quantity == "position" else [])[:, 0]
             is_measured = np.isnan(x).sum() < MAX_MISSING_FRACTION * len(x)
@@ -112,7 +114,10 @@ def _resample_to_slowest(
                 x = log.values([spec], slice(0, int(most * slowest / ms)))
                 whole = bridged(without_lone(x, RepairLog("", ("",)))[:, 0])
                 stamps = log.time_of(spec)
-                t_ms = _times_ms(log, stamps) if stamps else ms * np.arange(len(whole), dtype=np.float64)
+                t_ms = ms * np.arange(len(whole), dtype=np.float64)
+                if stamps:
+                    t, _ = stamps_of(log, stamps)
+                    t_ms = 1e3 * time_units(t)[clock_rate(t)[0]] * t
                 result.append((replace(guess, rate_hz=rate_hz), t_ms[: len(whole)], whole[: len(t_ms)]))
     if not result:
         return []
@@ -121,11 +126,6 @@ def _resample_to_slowest(
     at = np.arange(1e3 * begin, 1e3 * end + slowest / 2, slowest)
     signals = [(guess, np.interp(at, t, x)) for guess, t, x in result]
     return _with_commands([(guess, x) for guess, x in signals if np.ptp(x) > 0])
-
-
-def _times_ms(log: Log, name: str) -> FloatArray:
-    t, _ = stamps_of(log, name)
-    return 1e3 * time_units(t)[clock_rate(t)[0]] * t
 
 
 def _heading(log: Log, name: str, column: int) -> tuple[str, str]:

@@ -56,7 +56,7 @@ def _tests(path: Path, joints: Sequence[str]) -> Iterator[tuple[Place, dict[str,
     for line, row in read_table(path):
         columns = [_column(f"{path}:1:1", head, joints) for head in row]
         cells = {
-            column: f"{cell}{unit and f' {unit}'}"
+            column: f"{cell} {unit}".strip() if isinstance(_value(cell), float) else cell
             for cell, (column, unit) in zip(row.values(), columns, strict=True)
             if cell
         }

@@ -227,7 +227,7 @@ def read_numbers(path: Path) -> Table:
     values, lines, heads = [], [], tuple[str, ...]()
     for line, cells in read_table(path):
         try:
-            numbers = [float(cell) for cell in cells.values()]
+            numbers = [float(cell.removesuffix(name_and_unit(head)[1])) for head, cell in cells.items()]
         except ValueError:
             numbers = [np.nan]
         if not np.isfinite(numbers).all():

@@ -444,6 +444,12 @@ def test_accelerations_or_spectra_alone_are_refused(file: str, tmp_path: Path) -
         texts_from_logs(tmp_path, [tmp_path / file])
 
 
+def test_column_of_error_values_is_named_in_the_refusal(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text("t,q_1,tau_1\n" + "".join(f"{k},{k % 37},#N/A\n" for k in range(400)))
+    with refused("records/channels", holds=("q_1", "tau_1")):
+        texts_from_logs(tmp_path, [tmp_path / "log.csv"])
+
+
 @pytest.mark.parametrize(("size", "unit", "scale"), [(9806.65, "mm/s^2", 1), (1.0, "m/s^2", 9.80665), (0, "m/s^2", 1)])
 def test_force_and_accelerometer_in_two_files_are_one_measurement(
     size: float, unit: str, scale: float, tmp_path: Path

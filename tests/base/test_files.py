@@ -18,6 +18,7 @@ from elastid.base.files import (
     RENAME_PAUSES_S,
     check_self_contained,
     clear_folder,
+    name_and_unit,
     path_below,
     read_table,
     unlinked,
@@ -130,6 +131,15 @@ def test_a_table_has_its_cells_with_their_lines(heads: list[str], rows: list[lis
         path.write_text("\n".join([*lines, "alone"]))
         with refused("files/table", place=f"{path}:{len(lines) + 1}:1"):
             list(read_table(path))
+
+
+@pytest.mark.parametrize("code", ["utf-8", "utf-8-sig", "utf-16"])
+def test_table_of_a_spreadsheet_has_its_numbers(tmp_path: Path, code: str) -> None:
+    """Its hint of the separator, a separator at the end of each row, and a decimal comma before a unit."""
+    path = tmp_path / "table.csv"
+    path.write_text("sep=;\nname;m [kg];q1 [°];\na, b;20,5 kg;-1,5e2;\n", encoding=code)
+    assert list(read_table(path)) == [(3, {"name": "a, b", "m [kg]": "20.5 kg", "q1 [°]": "-1.5e2"})]
+    assert [name_and_unit(head) for head in ("m [kg]", "q1 °")] == [("m", "kg"), ("q1", "°")]
 
 
 @pytest.mark.parametrize("refusals", [0, 1, len(RENAME_PAUSES_S), len(RENAME_PAUSES_S) + 1])

@@ -48,11 +48,11 @@ def test_a_log_is_read_on_the_link_side(tmp_path: Path) -> None:
 
 def test_spikes_of_torque_and_position_are_masked(tmp_path: Path) -> None:
     q, u = Q.copy(), U.copy()
-    u[[700, 1500]] += 60.0
+    u[[0, 700, 1500, -1]] += [1e4, 60.0, 60.0, 1e4]
     q[[700, 1500]] = 0.0
     (of_torque,), (of_position,), (clean,) = (records_of(tmp_path, *each) for each in ((Q, u), (q, U), (Q, U)))
-    assert np.abs(of_torque.torque - U).max() < 2.0
-    assert [note.code for note in of_torque.notes] == ["records/corrected"]
+    assert np.abs(of_torque.torque - U[1:-1]).max() < 2.0
+    assert {note.code for note in of_torque.notes} == {"records/corrected"}
     assert np.abs(of_position.position - Q).max() < np.abs(np.diff(Q)).max()
     assert clean.notes == ()
 
@@ -67,6 +67,14 @@ def test_dropouts_of_torque_are_missing_at_any_torque(tmp_path: Path, length: in
     for record in records:
         first = round(record.start_s * record.rate_hz)
         assert np.abs(record.torque - U[first : first + len(record.torque)]).max() < limit
+
+
+def test_a_block_far_outside_the_range_divides_the_log(tmp_path: Path) -> None:
+    q = Q.copy()
+    q[3000:3006] = 99.0
+    first, second = records_of(tmp_path, q, U)
+    assert max(np.abs(first.position).max(), np.abs(second.position).max()) < 2 * np.abs(Q).max()
+    assert second.start_s * second.rate_hz == pytest.approx(3006)
 
 
 def test_rows_of_zeros_are_missing_and_interpolated(tmp_path: Path) -> None:

@@ -96,15 +96,17 @@ def bridged(x: FloatArray) -> FloatArray:
 
 def flat(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
     """Fold to X (P, L): the repetitions of a signal, each without its line."""
-    X = blocks(x, L, sign)
-    return without_line(X) if np.isfinite(X).all() else X - _lines(X, np.linspace(-0.5, 0.5, L))
+    return without_line(blocks(x, L, sign))
 
 
 def without_line(X: FloatArray) -> FloatArray:
-    """Remove from each row of X (..., L) its mean and slope (least squares)."""
-    t = np.linspace(-0.5, 0.5, X.shape[-1])
-    away = X - X.mean(axis=-1, keepdims=True)
-    return np.asarray(away - (away @ t / (t @ t))[..., None] * t)
+    """Remove from each row of X (..., L), NaN where missing, its mean and slope (least squares)."""
+    good, t = np.isfinite(X), np.linspace(-0.5, 0.5, X.shape[-1])
+    n = np.maximum(good.sum(axis=-1, keepdims=True), 1)
+    t_centred = np.where(good, t - (good @ t)[..., None] / n, 0.0)
+    away = X - np.where(good, X, 0.0).sum(axis=-1, keepdims=True) / n
+    slope = np.nansum(t_centred * away, axis=-1) / np.maximum(np.sum(t_centred**2, axis=-1), 1e-300)
+    return np.asarray(away - t_centred * slope[..., None])
 
 
 def scaled(drivers: FloatArray, N: int) -> FloatArray:
@@ -112,15 +114,3 @@ def scaled(drivers: FloatArray, N: int) -> FloatArray:
     X = np.stack([flat(x, N) for x in drivers.T], axis=2)
     size = np.sqrt(np.mean(X**2, axis=(0, 1)))
     return X / np.where(size > 0, size, 1.0)
-
-
-def _lines(X: FloatArray, t: FloatArray) -> FloatArray:
-    """Fit the straight line through the finite samples of each row of X (P, L)."""
-    good = np.isfinite(X)
-    n = np.maximum(good.sum(axis=1), 1)
-    values = np.where(good, X, 0.0)
-    mean_x, mean_t = values.sum(axis=1) / n, (good * t).sum(axis=1) / n
-    t_centred = np.where(good, t - mean_t[:, None], 0.0)
-    spread = (t_centred**2).sum(axis=1)
-    slope = (t_centred * values).sum(axis=1) / np.where(spread > 0, spread, 1.0)
-    return np.asarray(mean_x[:, None] + slope[:, None] * (t - mean_t[:, None]))

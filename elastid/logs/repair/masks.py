@@ -32,6 +32,9 @@ LEAP = 10.0  # of other repetitions from a 0, over the step that 99 % of the sam
 MIN_MOVING_FRACTION = 0.2  # a signal moves at a phase where it scatters by this part of its median scatter
 # Part of its usual scatter below which a signal stands still, and of a repetition that may be missing or still.
 MAX_STATIONARY_FRACTION = 0.1
+# Spikes of this part of a channel are no single ones; distance of a spike over a usual distance, or over the range of
+# most samples, beyond which no motion leaps.
+MAX_FRACTION, MIN_OVER_USUAL = 0.02, 3.0
 MAX_MISSING_FRACTION = 1 / 3  # a channel that lacks more than this part is refused
 # Of clipping and quantisation.
 MIN_NOISE_FRACTION = 2e-3  # noise of steps is reported from this part of the signal on
@@ -79,7 +82,17 @@ def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
             travel = np.ptp(np.delete(signals[a + 2 : b - 2], c, axis=1), axis=0)
             if max(changes[b - 1], beside.get((a, b), 0)) > least and np.any(travel > MIN_RANGE * (b - a) * speed):
                 gaps.append((a + (x[a] != 0), b))
+        gaps += runs(far_outside(x)).tolist()
         _mask_constant(result, c, gaps, "channels", log)
+    return result
+
+
+def far_outside(x: FloatArray) -> BoolArray:
+    """Flag (n,) short runs of a motion or torque, NaN where missing, far outside the range of 96 % of its samples."""
+    low, middle, high = np.nanquantile(x, [MAX_FRACTION, 0.5, 1 - MAX_FRACTION])
+    result = np.asarray(np.abs(x - middle) > MIN_OVER_USUAL * (high - low))
+    for start, end in runs(result, MIN_RUN):
+        result[start:end] = False
     return result
 
 
@@ -88,7 +101,7 @@ def _mask_constant(signals: FloatArray, c: int, ranges: Iterable[tuple[int, int]
     gaps = np.unique([i for start, end in ranges for i in range(start, end)]).astype(int)
     if gaps.size:
         signals[gaps, c] = np.nan
-        text = f"{log.names[c]} is constant or 0 for {gaps.size} samples in total while other {others} vary"
+        text = f"{log.names[c]} is 0, constant or far off for {gaps.size} samples in total while other {others} vary"
         log.report(MASKED, gaps.size, f"{text}, first at {log.time_of(gaps[0])}; treated as missing")
 
 

@@ -27,7 +27,7 @@ from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.statistics import runs
 from elastid.logs.repair import Log, blocks, bridged, flat
 from elastid.logs.repair.interpolation import MAX_BRIDGED, QUANTILE_75, interpolations, period_noise
-from elastid.logs.repair.masks import MASKED, step
+from elastid.logs.repair.masks import MASKED, MAX_FRACTION, MIN_OVER_USUAL, step
 
 OUTVOTED = "spikes by two periods against one"
 # Limits that distinguish a spike from a signal, its noise, its steps and its transients.
@@ -40,16 +40,14 @@ MIN_EXCESS = 8.0
 MAX_BY_CHANCE = 0.01  # repeated values, or zeros, in a channel
 MIN_OVER_CHANCE = 3.0  # number of them over the number by chance plus two, from which most are lost messages
 MIN_PERIODS = 3
-MAX_FRACTION = 0.02  # spikes of this part of a channel and more are no single ones
 # Samples: of the running median, of a spike at most, and of neighbours on each side.
 MEDIAN_WINDOW, MAX_RUN, NEIGHBOURS = 11, 3, 6
 # Samples of a change from period to period that stay below the size by which transients are told; of a pulse in them,
 # over the largest step that repeats.
 TRANSIENT_FRACTION, JUMP_MARGIN = 0.95, 1.2
 QUIET_FRACTION = 0.75  # of twice as many neighbours that a spike is compared with: others may be spikes, too
-# Distance of a spike over the distance of this fraction of the samples, in the median of parts of the log; also over
-# the range of most samples, beyond which no motion leaps.
-USUAL_FRACTION, SECTIONS, MIN_OVER_USUAL = 0.9, 20, 3.0
+# A usual distance is that of this fraction of the samples, in the median of parts of the log.
+USUAL_FRACTION, SECTIONS = 0.9, 20
 ROUNDS = 8  # large spikes are replaced before smaller ones beside them are judged
 
 
@@ -77,21 +75,10 @@ def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()
     everywhere = np.ones(len(signals), dtype=np.bool_)
     at = []
     for x, is_motion in zip(signals.T, are_motions or [False] * signals.shape[1], strict=True):
-        far = _is_outlier(x) if are_motions else ~everywhere
-        near = bridged(np.where(far, np.nan, x))
-        least = MIN_OVER_USUAL * float(np.quantile(np.abs(np.diff(near)), 0.99)) if is_motion else 0.0
+        least = MIN_OVER_USUAL * float(np.quantile(np.abs(np.diff(x)), 0.99)) if is_motion else 0.0
         # Without a period, a step that swings is no spike: all neighbours are quieter.
-        at.append(np.flatnonzero(_spikes(near, near, ~far, len(x), least, MAX_BRIDGED, step(x), quantile=1.0) | far))
+        at.append(np.flatnonzero(_spikes(x, x, everywhere, len(x), least, MAX_BRIDGED, step(x), quantile=1.0)))
     return _mask(signals, at, "their neighbours", log)
-
-
-def _is_outlier(x: FloatArray) -> BoolArray:
-    """Flag runs of a few samples of a motion or torque (n,) that are far outside the range of all others."""
-    low, middle, high = np.quantile(x, [MAX_FRACTION, 0.5, 1 - MAX_FRACTION])
-    result = np.zeros(len(x), dtype=np.bool_)
-    for start, end in runs(np.abs(x - middle) > MIN_OVER_USUAL * (high - low)).tolist():
-        result[start:end] = end - start <= MAX_BRIDGED
-    return result
 
 
 def outliers_of(name: str, count: int, n: int) -> str:
