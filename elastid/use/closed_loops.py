@@ -273,7 +273,7 @@ class Closed:
 def scaled(S: ComplexArray, inertia: FloatArray) -> ComplexArray:
     """Return J^-1/2 S J^1/2 of S (N, F, n_u, n_u) with inertia (N, n_u)."""
     root = np.sqrt(inertia)[:, None]
-    return S * (root[..., None, :] / root[..., :, None])
+    return S / root[..., :, None] * root[..., None, :]
 
 
 def bandwidths(E: ComplexArray, freq_hz: FloatArray) -> FloatArray:
