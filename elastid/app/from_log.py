@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 
 from elastid.app.from_responses import texts_from_responses, texts_from_universal
-from elastid.app.joint_assignment import MIN_TURN, Positions, in_order_of, positions_of
+from elastid.app.joint_assignment import MIN_TURN, Positions, in_order_of, order_of_names, positions_of
 from elastid.app.measurements import Run, Signals, headings_of, hit_place, hit_runs, in_two_files, runs_by_name
 from elastid.app.study_lines import channel_line, file_line, head_lines, joined, mapping, quoted, relative_paths
 from elastid.base.arrays import FloatArray
@@ -32,6 +32,7 @@ from elastid.logs.files.universal import is_universal_file, time_histories
 from elastid.logs.log_signals import signals_of, wrong_cells
 from elastid.logs.repair.periodicity import find_period, repetition
 from elastid.robot import Robot
+from elastid.study.robots import Servos
 
 _SAME_RATE = 0.01  # relative difference of the rates of logs of one study
 _FIT = (
@@ -54,7 +55,9 @@ class _Logs:
     shapes: Mapping[str, tuple[int, ...]]
 
 
-def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = None) -> dict[str, str]:
+def texts_from_logs(
+    folder: Path, logs: Sequence[Path], robot: Robot | None = None, servos: Servos = MappingProxyType({})
+) -> dict[str, str]:
     """Draft the files of a study in a folder, by name, from the first log. robot: the measured robot, if known.
 
     Raises StudyError or DataError for a log that cannot be read, in which nothing moves, or that is not of the robot.
@@ -75,7 +78,7 @@ def texts_from_logs(folder: Path, logs: Sequence[Path], robot: Robot | None = No
     text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text(first) else ""
     if guess is None and (pairs := guess_commands(signals, clock.rate_hz or 1.0)):
         period = _period(np.stack([x for g, x in signals if g.key in {r.key for _, r in pairs}], axis=1))
-        return _command_files(logs, folder, pairs, clock, robot, text, period)
+        return _command_files(logs, folder, pairs, clock, robot, text, period, servos)
     source = _Logs([(path,) for path in logs], form, text, clock, signals, shapes)
     if guess is None:
         measurements, of_pair = in_two_files(logs, form)
@@ -212,6 +215,7 @@ def _command_files(
     robot: Robot | None,
     text: str,
     period: Sequence[str],
+    servos: Servos,
 ) -> dict[str, str]:
     """Draft the files of a study of logs with commands and positions (pairs of channels) and without torques.
 
@@ -222,8 +226,7 @@ def _command_files(
         places = ", ".join(y.place for y, _ in pairs)
         problem = f"the logs have {len(pairs)} positions with commands ({places}), the robot model {len(names)} motors"
         raise DataError("records/channels", f"{problem}. Log all of them, or remove the other motors", logs[0])
-    by_joint = {y.parts[1]: (y, reference) for y, reference in pairs}
-    pairs = [by_joint[name] for name in names] if set(names) == by_joint.keys() else pairs  # else in the log's order
+    pairs = [pairs[i] for i in order_of_names(names, [y for y, _ in pairs])]
     if clock.rate_hz is None:
         problem = "the log has no time stamps, to which inertia and delay refer. Add a channel time in s, or rate_hz"
         raise DataError("records/clock", problem, logs[0])
@@ -231,9 +234,13 @@ def _command_files(
     for path in logs[1:]:
         if difference := _unlike(path, logs[0], clock, pairs, gains):
             raise DataError("records/channels", f"{difference}. Write a study for each", path)
-    kp, kd = np.ones((2, len(pairs))) if gains is None else gains
-    is_known = gains is not None
-    why = "kp / kd and kd of the log" if is_known else "guessed: enter the gains of the joint controller, link side"
+    why = "kp / kd and kd of the log"
+    if gains is None and all(name in servos for name in names):
+        why = "kp / kd and kd of the servos of the robot model; without kd, 1e-6 s kp"
+        gains = np.array([(kp, kd or 1e-6 * kp) for kp, kd in (servos[name] for name in names)]).T
+    elif gains is None:
+        why, gains = "guessed: enter the gains of the joint controller, link side", np.ones((2, len(pairs)))
+    kp, kd = gains
     numbers = [", ".join(f"{x:.6g}" for x in values) for values in (kp / kd, kd)]
     paths = [[path] for path in relative_paths(logs, folder)]
     files, end = list(_files(paths)), list[str]()

@@ -15,7 +15,7 @@ from elastid.base.units import dimension_and_size, of_translation
 from elastid.experiment.specs.channels import QUANTITY_UNIT, ChannelSpec
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.channel_guess import JointGuess, LogGuess
-from elastid.logs.channel_names import ChannelGuess, ChannelKey
+from elastid.logs.channel_names import ChannelGuess, ChannelKey, guess_by_name
 from elastid.logs.clocks import MAX_SAMPLES
 from elastid.logs.files.formats import opened_log
 from elastid.logs.units_and_sides import without_placeholders
@@ -38,21 +38,31 @@ def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess
             f"the logs have torques and positions of {', '.join(joint.torque.name for joint in joints)}, but the robot "
             f"model has motors {', '.join(names)}. Log all of them, or remove the other motors",
         )
-    words = {name: rf"(?<![a-z0-9]){re.escape(name.lower())}(?![a-z0-9])" for name in names}
-    by_name = {name: joint for name in names for joint in joints if re.search(words[name], joint.torque.name.lower())}
-    labels = [joint.torque.parts[1].lower() for joint in joints]
-    order = {label: [*map(int, label.split())] for label in labels if re.fullmatch(r"[\d ]+", label)}
-    ordered = joints
-    if len({joint.torque.key for joint in by_name.values()}) == len(names):
-        ordered = tuple(by_name.values())
-    elif len(order) == len(names):
-        ordered = tuple(
-            joint for _, joint in sorted(zip(order.values(), joints, strict=True), key=lambda pair: pair[0])
-        )
+    ordered = [joints[i] for i in order_of_names(names, [joint.torque for joint in joints])]
     at = tuple(map(_at, robot.driven, ordered))
     readings = [_read_as(robot, at, unit, on_motor) for on_motor in (False, True) for unit in ("", "deg")]
     fitting = [reading for reading in readings if all(map(partial(_is_in_limits, positions), robot.driven, reading))]
     return replace(guess, joints=(fitting or readings)[0])
+
+
+def order_of_names(joints: Sequence[str], channels: Sequence[ChannelGuess]) -> list[int]:
+    """Return the channel of each joint by its name, by words and numbers of both names, or in the order of numbers.
+
+    Without such names, the order is the log's.
+    """
+
+    def label(guess: ChannelGuess) -> str:
+        return replace(guess, by_words=True).parts[1].lower()
+
+    names = [rf"(?<![a-z0-9]){re.escape(name.lower())}(?![a-z0-9])" for name in joints]
+    by_name = [[i for i, guess in enumerate(channels) if re.search(name, guess.name.lower())] for name in names]
+    labels = [label(guess) for guess in channels]
+    by_label = [[i for i, of in enumerate(labels) if of == label(guess_by_name(name, None))] for name in joints]
+    for order in (by_name, by_label):
+        if all(len(match) == 1 for match in order) and len({i for (i,) in order}) == len(joints):
+            return [i for (i,) in order]
+    numbers = [[*map(int, re.findall(r"\d+", guess.parts[1]))] for guess in channels]
+    return sorted(range(len(channels)), key=numbers.__getitem__) if all(numbers) else [*range(len(channels))]
 
 
 def _at(joint: Joint, guess: JointGuess) -> JointGuess:

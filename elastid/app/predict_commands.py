@@ -31,6 +31,7 @@ from elastid.store.measured import read_friction
 from elastid.store.results import read_fit, read_gears
 from elastid.store.values import SCHEMA, write_json
 from elastid.study import load_robot
+from elastid.study.robots import Servos
 from elastid.validation.command_replay import (
     MAX_REMOVED,
     PREDICTORS,
@@ -59,7 +60,7 @@ class Model:
     """
 
     robot: Robot
-    servos: dict[str, tuple[float, float]] = field(default_factory=dict)
+    servos: Servos = field(default_factory=dict)
     offsets: tuple[float, ...] = ()
     delay_s: float = 0.0
 

@@ -34,7 +34,7 @@ from elastid.robot.simplified import with_joints
 from elastid.robot.urdf import UrdfJoint, UrdfRobot, read_elements
 from elastid.store.files import text_file
 from elastid.study import SCHEMA_NAME, make_schema
-from elastid.study.robots import load_robot, yaml_text
+from elastid.study.robots import Servos, load_robot, yaml_text
 
 # Guessed drives: gear ratio, and frequency (Hz) and damping of the link with the motor locked.
 _RATIO, _HELD_HZ, _DAMPING = 100.0, 15.0, 0.03
@@ -52,23 +52,29 @@ def is_robot_file(path: Path) -> bool:
     return path.suffix.lower() in (".urdf", ".xml", ".mjcf", *_OF_ELASTID)
 
 
-def from_robot(path: Path) -> tuple[Robot, dict[str, str]]:
-    """Return the robot, and study.yml and robot.yml by name; raise StudyError for an unreadable robot.
+def from_robot(path: Path) -> tuple[Robot, dict[str, str], Servos]:
+    """Return the robot, study.yml and robot.yml by name, and its servos; raise StudyError for an unreadable robot.
 
     Motors and gears of URDF and MJCF files are guessed; a robot in elastid's own format stays as it is.
     """
     if not path.is_file():
         raise StudyError("files/missing", "no such file", path)
-    is_own = path.suffix.lower() in _OF_ELASTID
-    robot = load_robot(path) if is_own else _links_of_urdf(path) if path.suffix.lower() == ".urdf" else read_mjcf(path)
+    is_own, is_urdf = path.suffix.lower() in _OF_ELASTID, path.suffix.lower() == ".urdf"
+    servos: Servos = {}
+    if is_own or is_urdf:
+        robot = load_robot(path) if is_own else _links_of_urdf(path)
+    else:
+        robot, servos = read_mjcf_servos(path)
     if not robot.driven:
         raise StudyError("robot/file", "nothing drives a joint; give it actuators", path)
     postures, gravity = _postures(robot)
     if is_own:
         rotors = [joint.motor.inertia * joint.motor.ratio**2 for joint in robot.driven if joint.motor is not None]
-        return robot, {"study.yml": _study(robot, postures, gravity, np.array(rotors)), "robot.yml": yaml_text(robot)}
+        texts = {"study.yml": _study(robot, postures, gravity, np.array(rotors)), "robot.yml": yaml_text(robot)}
+        return robot, texts, servos
     inertia, driven, comments = _with_guessed_drives(robot, postures, path)
-    return robot, {"study.yml": _study(driven, postures, gravity, inertia), "robot.yml": yaml_text(driven, comments)}
+    texts = {"study.yml": _study(driven, postures, gravity, inertia), "robot.yml": yaml_text(driven, comments)}
+    return robot, texts, servos
 
 
 def _with_guessed_drives(robot: Robot, postures: FloatArray, path: Path) -> tuple[FloatArray, Robot, tuple[str, ...]]:
@@ -185,12 +191,7 @@ def _study(robot: Robot, postures: FloatArray, gravity: float, inertia: FloatArr
     )  # fmt: skip
 
 
-def read_mjcf(path: Path) -> Robot:
-    """Read the robot of an MJCF file (`read_mjcf_servos`)."""
-    return read_mjcf_servos(path)[0]
-
-
-def read_mjcf_servos(path: Path) -> tuple[Robot, dict[str, tuple[float, float]]]:
+def read_mjcf_servos(path: Path) -> tuple[Robot, Servos]:
     """Read the robot of an MJCF file, and kp and kd of its position servos by joint, link side.
 
     A motor without an armature has no inertia yet.
@@ -250,11 +251,11 @@ def new_from_logs(folder: Path, logs: Sequence[Path], more: Sequence[Path] = ())
         raise StudyError(
             "options/invalid", f"{robots[0]} and {robots[1]} are two robots, and a study has one; give either"
         )
-    robot, texts = from_robot(robots[0]) if robots else (None, {})
+    robot, texts, servos = from_robot(robots[0]) if robots else (None, {}, {})
     if records:
         from elastid.app.from_log import texts_from_logs
 
-        texts = texts_from_logs(folder, records, robot) | {k: v for k, v in texts.items() if k != "study.yml"}
+        texts = texts_from_logs(folder, records, robot, servos) | {k: v for k, v in texts.items() if k != "study.yml"}
     return _write(folder, {**texts, **_schema()})
 
 

@@ -59,13 +59,13 @@ def loop_note(result: Result, robot: Robot, loop: JointLoop) -> tuple[Note, ...]
         C = result.covariance[np.ix_(index, index)]
         C = C / np.sqrt(np.outer(np.diag(C), np.diag(C))) * np.outer(scale, scale)
         value = slopes[of_friction] * values[of_friction] + k_d * values.get(of_gain, 1.0)
-        parts.append(f"{_interval(value, float(np.sqrt(C.sum())))} (motor {joint.name})")
+        unit = "N*s/m" if joint.slides else result.parameters[of_friction].unit
+        parts.append(f"{_interval(value, float(np.sqrt(C.sum())))} {unit} (motor {joint.name})")
         if of_gain not in names:
             sensitive.append(f"{100 * slopes[of_friction] * std[of_friction] / k_d:.2g} % (motor {joint.name})")
     if not parts:
         return ()
-    unit = result.parameters[f"fm_{robot.driven_names[0]}"].unit if not robot.driven[0].slides else "N*s/m"
-    text = f"identified: velocity_gain + ratio^2 fm = {', '.join(parts)} {unit} (link side, 95 % interval)"
+    text = f"identified: velocity_gain + ratio^2 fm = {', '.join(parts)} (link side, 95 % interval)"
     text += ", with any Coulomb friction"
     if sensitive:
         text += (

@@ -164,8 +164,8 @@ def _track_joint(
     cos, sin, constant = (identified.shared.get(part, (0.0, 0.0))[0] for part in parts)
     motions = tuple(
         # A filter reads a torque that is held from one sample to the next, at whose end the angle is.
-        JointSamples(r.torque[:-1], cos * np.cos(q[:-1]) + sin * np.sin(q[:-1]) + constant, q[1:], r.start_s - first_s)
-        for r, q, first_s in ((record, record.position, records[0].start_s) for record in records)
+        JointSamples(u[:-1], cos * np.cos(q[:-1]) + sin * np.sin(q[:-1]) + constant, q[1:], r.start_s - first_s)
+        for r, (u, q), first_s in ((record, _acting(record), records[0].start_s) for record in records)
     )
     angle = max(record.resolution or smallest_step(record.position) for record in records) / np.sqrt(12)
     # The drift within 20 minutes is that of a random walk, of the offset in parts of F_c.
@@ -178,6 +178,14 @@ def _track_joint(
         name, identified.slides, joints, motions, records[0].rate_hz, noise, spec.settle,
         find_noise=spec.torque_std is None
     )  # fmt: skip
+
+
+def _acting(record: FrictionRecord) -> tuple[FloatArray, FloatArray]:
+    """Return torque and the position where it acts (n,), but for the half sample of a hold, which the filter has."""
+    samples = np.arange(len(record.position))
+    acting = samples + record.torque_delay_s * record.rate_hz - 0.5 * (record.hold == "zero-order")
+    inside = (acting >= 0) & (acting <= samples[-1])
+    return record.torque[inside], np.interp(acting[inside], samples, record.position)
 
 
 SLIPS_OVER_PATH = 1e-4, 2e-5  # presliding distances, where no experiment identified one

@@ -193,7 +193,9 @@ def _regress(motions: Sequence[Motion], passband_hz: float, widest_hz: float) ->
             return _regress(stiff, passband_hz, widest_hz)
         chosen = chosen.widened(SPRING_STD * change_of(chosen, rigid))
     fit = MotionFriction.of(signals, chosen, terms.at(chosen))
-    return fit if fit.motion.is_run_down else _with_model_errors(fit, motions, widest_hz)
+    if fit.motion.is_run_down:
+        return fit
+    return _with_model_errors(fit if fit.terms.delay else _with_delay(fit, signals), motions, widest_hz)
 
 
 def _with_model_errors(fit: MotionFriction, motions: Sequence[Motion], widest_hz: float) -> MotionFriction:
@@ -241,13 +243,6 @@ def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[No
             "has no angle"
         )
         yield Note("friction/position-dependent", text, place)
-    if not (fit.terms.delay or fit.terms.friction_only or fit.motion.is_run_down) and (late := _delay(fit, signals)):
-        text = (
-            f"the torque seems to be logged {1e3 * abs(late):.2g} ms {'late' if late < 0 else 'early'}, more than one "
-            "sample. The bias of inertia and viscous friction can exceed their intervals. Check the clocks, or state "
-            f"`delay: {-1e3 * late:.2g} ms` for the torque channel"
-        )
-        yield Note("friction/delay", text, place)
     if fit.terms.friction_only and not fit.motion.is_run_down:
         viscous, coulomb = fit.regression["viscous"], fit.regression["coulomb"]
         v, s = (np.concatenate([s.filtered(getattr(s, x))[s.used] for s in signals]) for x in ("velocity", "direction"))
@@ -263,16 +258,26 @@ def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[No
         yield Note("friction/rigid-body", text, place, "warning" if dominates else "information")
 
 
-def _delay(fit: MotionFriction, signals: Sequence[MotionSignals]) -> float:
-    """Return the delay in s by which the torque acts late, if it is significant and at least a sample; else 0."""
-    terms, delay_s = replace(fit.terms, delay=True), 0.0
+def _with_delay(fit: MotionFriction, signals: Sequence[MotionSignals]) -> MotionFriction:
+    """Return friction with the change by a delay of the torque in its intervals, and a note, if it is a sample or more.
+
+    Such a delay is significant beside the errors of the model, which may be its reason.
+    """
+    terms, late_s = replace(fit.terms, delay=True), 0.0
     for _ in range(10):  # each step halves the error
-        late = [replace(s.motion, torque_delay_s=s.motion.torque_delay_s + delay_s) for s in signals]
-        step = regress([MotionSignals.of(motion, fit.passband_hz) for motion in late] if delay_s else signals, terms)
-        if not delay_s and (step.chance("delay", 0) >= FALSE_ALARM or abs(step["delay"]) * fit.motion.rate_hz < 1):
-            return 0.0
-        delay_s += step["delay"]
-    return delay_s
+        late = [replace(s.motion, torque_delay_s=s.motion.torque_delay_s + late_s) for s in signals]
+        step = regress([MotionSignals.of(motion, fit.passband_hz) for motion in late] if late_s else signals, terms)
+        if not late_s and (step.chance("delay", 0) >= FALSE_ALARM or abs(step["delay"]) * fit.motion.rate_hz < 1):
+            return fit
+        late_s += step["delay"]
+    change = change_of(fit.regression, step)
+    text = (
+        f"the torque seems to be logged {1e3 * abs(late_s):.2g} ms {'late' if late_s < 0 else 'early'}, more than one "
+        "sample, and the intervals include its effect on the parameters. Check the clocks, or state "
+        f"`delay: {-1e3 * late_s:.2g} ms` for the torque channel"
+    )
+    note = Note("friction/delay", text, f"motion of {fit.motion.place}")
+    return replace(fit, regression=fit.regression.widened(change), notes=(*fit.notes, note))
 
 
 def _unidentified(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[UnidentifiedTerm]:

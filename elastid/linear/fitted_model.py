@@ -65,7 +65,7 @@ class Estimated:
     """theta (n_theta,) of a linear model as a function of x (n_x + n_d,): parameters, then the uncertain factors.
 
     fit_x (n_x,), fit_covariance (n_x, n_x): of the fit.  names: of theta.  base (n_theta,): numbers that are no
-    parameters of the fit.  rows, places: which are, and where in its theta.  where: the configuration whose parameters
+    parameters of the fit.  rows, places: which are, and where in its theta.  place: the configuration whose parameters
     count.
     """
 
@@ -76,19 +76,19 @@ class Estimated:
     base: FloatArray
     rows: IntArray
     places: IntArray
-    where: str = ""
+    place: str = ""
     doubts: tuple[ModelErrorFactor, ...] = ()
 
     @classmethod
     def of(
         cls, parameters: Parameters, x: FloatArray, covariance: FloatArray, names: tuple[str, ...], base: FloatArray,
-        where: str = "", doubts: tuple[ModelErrorFactor, ...] = (), fixed: Collection[str] = (),
+        place: str = "", doubts: tuple[ModelErrorFactor, ...] = (), fixed: Collection[str] = (),
     ) -> "Estimated":  # fmt: skip
         """Return the numbers x (n_x,) of a fit.  base (n_theta,): SI.  fixed: names that keep their base."""
         indices = [i for i, name in enumerate(names) if name in parameters.names and name not in fixed]
         places = [parameters.names.index(names[i]) for i in indices]
         return cls(
-            parameters, x, covariance, names, base, np.array(indices, int), np.array(places, int), where, doubts
+            parameters, x, covariance, names, base, np.array(indices, int), np.array(places, int), place, doubts
         )  # fmt: skip
 
     @cached_property
@@ -107,7 +107,7 @@ class Estimated:
         values = x[:n] + sum(
             (size * doubt.effects for size, doubt in zip(x[n:], self.doubts, strict=True)), np.zeros(n)
         )
-        theta[self.rows] = self.parameters.expand(values, self.where)[self.places]
+        theta[self.rows] = self.parameters.expand(values, self.place)[self.places]
         for size, doubt in zip(x[n:].tolist(), self.doubts, strict=True):
             for name in doubt.members:
                 if name in self.names:
@@ -119,7 +119,7 @@ class Estimated:
     def slopes(self) -> FloatArray:
         """d theta / d x (n_theta, n_x + n_d) at the estimate."""
         slopes = np.zeros((len(self.base), len(self.x)))
-        of_x = self.parameters.jacobian(self.fit_x, self.where)[self.places]
+        of_x = self.parameters.jacobian(self.fit_x, self.place)[self.places]
         slopes[self.rows, : len(self.fit_x)] = of_x
         theta = self.theta(self.x)
         for column, doubt in enumerate(self.doubts, start=len(self.fit_x)):
@@ -243,11 +243,11 @@ class FrameStiffness:
 class FittedModel:
     """A linear model at the estimate of its parameters; link side, SI.
 
-    whole: of a posture with the motion (6,) of a `frame`, in `axes`, behind its outputs.  coordinates: names of the
+    full: of a posture with the motion (6,) of a `frame`, in `axes`, behind its outputs.  coordinates: names of the
     robot's, n_q.
     """
 
-    whole: LinearModel
+    full: LinearModel
     estimated: Estimated
     coordinates: tuple[str, ...] = ()
     frame: str = ""
@@ -264,7 +264,7 @@ class FittedModel:
     @cached_property
     def linear(self) -> LinearModel:
         """The linear model between inputs and outputs."""
-        return self.whole.with_outputs(range(len(self.whole.outputs) - len(FRAME_AXES))) if self.frame else self.whole
+        return self.full.with_outputs(range(len(self.full.outputs) - len(FRAME_AXES))) if self.frame else self.full
 
     @property
     def display(self) -> Display:
@@ -353,8 +353,8 @@ class FittedModel:
 
         StudyError where motors are free, which give way to any force.
         """
-        whole = self.whole
-        if not self.frame or whole.motors == "free":
+        full = self.full
+        if not self.frame or full.motors == "free":
             raise StudyError(
                 "fit/posture",
                 "a robot with free motors gives way to any constant force and has no stiffness; take `result.at` with "
@@ -362,7 +362,7 @@ class FittedModel:
             )
 
         def compliance(theta: FloatArray) -> FloatArray:
-            K, J = whole.matrices(theta)[2], whole.readout(theta)[0][-len(FRAME_AXES) :]
+            K, J = full.matrices(theta)[2], full.readout(theta)[0][-len(FRAME_AXES) :]
             return J @ np.linalg.solve(K, J.T)
 
         C, matrix, std = self._spread(compliance), np.full((6, 6), np.nan), np.full((6, 6), np.nan)

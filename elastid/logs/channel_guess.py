@@ -31,6 +31,8 @@ from elastid.logs.units_and_sides import unwrapped
 
 _MOTION_HZ = 3.0  # half of the power of a torque is below it in a motion, and above it in a vibration test
 
+_MIN_SEGMENTS = 8  # of a coherence
+
 T = TypeVar("T")
 Values = Mapping[ChannelKey, FloatArray]
 
@@ -119,12 +121,29 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     kinds = MOTIONS if slides and len(drives) < len(measured) else (quantity,)  # of a structure all of them
     outputs = [g for g in measured.values() if g.quantity in kinds and g.key not in motor_motions]
     outputs = [_with_unit(g, None, values, rate_hz, slides) for g in outputs]
-    torques = np.stack([values[joint.torque.key] for joint in joints])
-    power = np.cumsum(np.abs(np.fft.rfft(torques - torques.mean(axis=1, keepdims=True))) ** 2, axis=1)
-    half_hz = np.argmax(power >= power[:, -1:] / 2, axis=1) * rate_hz / torques.shape[1]
-    moves = [travel(_in_si(j.motion, values)) > (REST_TRAVEL_M if j.slides else REST_TRAVEL_RAD) for j in joints]
-    is_motion = bool(np.all(half_hz[moves if any(moves) else slice(None)] < _MOTION_HZ)) and quantity == "position"
+    torques = [values[joint.torque.key] for joint in joints]
+    pairs = [(u, _in_si(joint.motion, values), joint.slides) for u, joint in zip(torques, joints, strict=True)]
+    moving = [(u, y) for u, y, slides in pairs if travel(y) > (REST_TRAVEL_M if slides else REST_TRAVEL_RAD)]
+    moving = moving or [(u, u) for u in torques]  # whose noise counts
+    is_motion = quantity == "position" and all(_half_power_hz(u, y, rate_hz) < _MOTION_HZ for u, y in moving)
     return LogGuess(tuple(joints), tuple(outputs), is_motion, _references(guesses, joints))
+
+
+def _half_power_hz(u: FloatArray, y: FloatArray, rate_hz: float) -> float:
+    """Return the frequency below which a torque (n,) has half of the power that is coherent with its motion (n,).
+
+    Coherence is that of segments of 1 s (Carter, Proc. IEEE 75, 1987), zero if 1 % of pairs of noise have more.
+    """
+    from scipy.signal import coherence
+
+    power, size = np.abs(np.fft.rfft(u - u.mean())) ** 2, min(int(rate_hz), len(u) // _MIN_SEGMENTS)
+    if size > 2:
+        hz, share = coherence(u, np.gradient(y), rate_hz, nperseg=size)
+        share[share < 1 - 0.01 ** (size / len(u))] = 0.0
+        share[:2] = 1.0  # slower than a segment
+        power *= np.interp(np.arange(len(power)) * rate_hz / len(u), hz, share)
+    total = np.cumsum(power)
+    return float(np.argmax(total >= total[-1] / 2)) * rate_hz / len(u)
 
 
 def _with_sensors(

@@ -1,7 +1,10 @@
 """Channels of a log by their names: quantity, unit, joint, and whether the signal is measured."""
 
 import re
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import TypeAlias
 
 from elastid.base.units import dimension_and_size
@@ -23,6 +26,7 @@ _NOT_MEASURED = (
     r"ref.*|cmd.*|command.*|aspos|ak|[ar]korr|d|des|desired.*|soll.*|set.*|target.*|ff|err.*|rel|"
     "model|init|kin|dyn|traj|qg|simple|follow.*"
 )
+_COMMON = rf"{_MEASURED}|{_NOT_MEASURED}|{_UNIT_WORDS}|joints?|ax[ei]s|sensor|jts|link|load"
 
 STANDARD_GRAVITY = 9.80665  # m/s^2
 DRIVES = ("torque", "force", "current", "voltage")
@@ -35,7 +39,7 @@ class ChannelGuess:
 
     rank: words in its name for a measured signal, less words against it.  sign: relative to its torque.  scale: factor
     from its numbers to the unit.  ratio: of the gear for a motor-side signal, else 1.  rate_hz: None as for the log.
-    file: 2 for the second of the two files of a measurement.
+    file: 2 for the second of the two files of a measurement.  by_words: words and numbers of its name are its joint.
     """
 
     name: str
@@ -49,6 +53,7 @@ class ChannelGuess:
     ratio: float = 1.0
     rate_hz: float | None = None
     file: int = 1
+    by_words: bool = False
 
     @property
     def to_si(self) -> float:
@@ -62,19 +67,17 @@ class ChannelGuess:
 
     @property
     def parts(self) -> tuple[str, str]:
-        """Split a name into the common part and the joint's identifier: numbers, else the last other word."""
+        """Split a name into the common part and the joint's identifier: numbers, else the words for no quantity."""
         bare = re.sub(r"[\[(][^\])\d]*[a-z°][^\])]*[\])]", "", self.name, flags=re.IGNORECASE).strip()
         bare = re.sub(r"0[.,]1\s*%", "", bare)  # of the rated torque
         numbers = [*re.findall(r"\d+", bare), *([str(self.column)] if self.column else [])]
-        if numbers:
+        if numbers and not self.by_words:
             return re.sub(r"\d+", "#", bare), " ".join(numbers)
-        words = re.findall(r"[^\W\d_]+", _split(bare))
+        words = [*re.findall(r"[^\W\d_]+|\d+", _split(bare)), *numbers[len(re.findall(r"\d+", bare)) :]]
         nouns = [word for word in words if re.fullmatch(_WORDS.get(self.quantity, ""), word.lower())]
-        rest = f"{_MEASURED}|{_NOT_MEASURED}|{_UNIT_WORDS}"
-        words = [w for w in words if w not in nouns[:1] and not re.fullmatch(rest, w.lower())]
-        if not words:
-            return bare, ""
-        return re.sub(rf"(?<![A-Za-z]){words[-1]}(?![a-z])|(?<=[a-z]){words[-1]}(?![a-z])", "#", bare), words[-1]
+        others = [w for w in words if w not in nouns and not re.fullmatch(_COMMON, w.lower())] or nouns[1:]
+        common = ["#" if word in others else word for word in words]
+        return " ".join(word for word, _ in groupby(common)), " ".join(others)
 
     @property
     def is_torque_sensor(self) -> bool:
@@ -108,3 +111,19 @@ def guess_by_name(name: str, column: int | None, unit: str = "") -> ChannelGuess
     if parsed.unit == "g":  # of gravity
         return ChannelGuess(name, column, quantity, "m/s^2", rank, why, scale=STANDARD_GRAVITY)
     return ChannelGuess(name, column, quantity, parsed.unit, rank, why)
+
+
+def label_by_words(guesses: Sequence[ChannelGuess]) -> list[ChannelGuess]:
+    """Identify joints by words and numbers if more joints then have signals of two kinds: wrist_1_pos, elbow_pos."""
+    by_words = [replace(guess, by_words=True) for guess in guesses]
+    return by_words if _n_joints(by_words) > _n_joints(guesses) else list(guesses)
+
+
+def _n_joints(guesses: Sequence[ChannelGuess]) -> int:
+    """Count the joints that two kinds of signals have in common."""
+    families: dict[tuple[str, str, bool], set[str]] = {}
+    for guess in guesses:
+        common, joint = guess.parts
+        families.setdefault((common, guess.quantity, guess.rank < 0), set()).add(joint)
+    counts = Counter(map(frozenset, families.values()))
+    return max((len(joints) for joints, count in counts.items() if count > 1), default=0)

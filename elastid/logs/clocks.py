@@ -14,7 +14,8 @@ from elastid.logs.files.log import Log
 from elastid.logs.files.text import TextLog
 from elastid.logs.headings import is_time
 from elastid.logs.repair import MAX_WRONG_FRACTION
-from elastid.logs.repair.time_stamps import MAX_RATE_RATIO, MIN_GAP, even_grid, stamp_line
+from elastid.logs.repair.masks import MAX_MISSING_FRACTION
+from elastid.logs.repair.time_stamps import MAX_RATE_RATIO, MIN_GAP, even_grid, stamp_line, without_jumps
 
 # Samples that are read of a log, and those that it needs.
 MAX_SAMPLES, MIN_SAMPLES = 1 << 17, 100
@@ -69,13 +70,15 @@ def correct_stamps(t: FloatArray) -> tuple[FloatArray, IntArray]:
     from scipy.ndimage import median_filter
 
     none, rows, half = np.zeros(0, np.int64), np.arange(len(t)), len(t) // 2
-    if np.isnan(t).mean() > MAX_WRONG_FRACTION:
+    is_wrong = ~np.isfinite(t)
+    if is_wrong.mean() > MAX_MISSING_FRACTION:
         return t[:0], none
-    step = float(np.nanmedian(t[half:] - t[: len(t) - half])) / half
-    away = np.abs(t - median_filter(np.nan_to_num(t, nan=np.inf), 5, mode="mirror"))
-    is_wrong = ~(away <= _MAX_WRONG_DISTANCE * max(abs(step), float(np.nanmedian(np.abs(np.diff(t))))))
-    if is_wrong.mean() > MAX_WRONG_FRACTION:
-        return (t, none) if np.isfinite(t).all() else (t[:0], none)
+    step, finite = float(np.nanmedian(t[half:] - t[: len(t) - half])) / half, t[~is_wrong]
+    limit = _MAX_WRONG_DISTANCE * max(abs(step), float(np.median(np.abs(np.diff(finite)))))
+    is_far = np.abs(finite - median_filter(finite, 5, mode="mirror")) > limit
+    if is_far.mean() > MAX_WRONG_FRACTION:
+        return (t[:0] if is_wrong.any() else t), none
+    is_wrong[~is_wrong] = is_far
     late = np.interp(rows, rows[~is_wrong], (t - step * rows)[~is_wrong])
     return np.where(is_wrong, step * rows + late, t), np.flatnonzero(is_wrong)
 
@@ -161,15 +164,16 @@ def clock_of(log: Log) -> Clock:
             return Clock(rate_hz, "highest rate at which both a drive and a motion were logged")
     unnamed, falling = [name for name in shapes if not guess_by_name(name, None).quantity], ""
     for name in (*stamps, *filter(is_time, shapes), *unnamed):
-        t, _ = stamps_of(log, name)
+        stamps_as_logged, _ = stamps_of(log, name)
+        falling = falling or (name if is_time(name) and is_clock(-stamps_as_logged) else "")
+        t, jumps = without_jumps(stamps_as_logged)
         steps = np.diff(t)
-        falling = falling or (name if is_time(name) and is_clock(-t) else "")
-        is_set_back = 0 < np.sum(steps <= 0) <= MAX_WRONG_FRACTION * len(t) and is_clock(np.cumsum(steps[steps > 0]))
-        is_late = len(t) > MIN_SAMPLES and bool(np.all(steps >= 0)) and stamp_line(t) is not None
-        is_named = is_time(name) and (np.all(steps > 0) or is_set_back or is_late)
-        if len(t) > 2 and (is_named or (not is_time(name) and is_clock(t) and np.any(steps != 1))):
+        is_late = len(t) > MIN_SAMPLES and stamp_line(t) is not None
+        is_rising = len(jumps) <= MAX_WRONG_FRACTION * len(t) and (np.all(steps > 0) or is_late or is_clock(t))
+        is_clock_by_steps = not is_time(name) and is_clock(stamps_as_logged) and np.any(steps != 1)
+        if len(t) > 2 and (is_clock_by_steps or (is_time(name) and is_rising)):
             (unit, rate_hz), grid = clock_rate(t), even_grid(t)
-            is_even = grid is not None and len(grid[0]) > grid[0][-1]
+            is_even = not len(jumps) and grid is not None and len(grid[0]) > grid[0][-1]
             return Clock(float(f"{rate_hz:.6g}"), f"steps of {name}, which seems to be in {unit}", name, is_even)
     for name, array in log.arrays.items():
         if array.rate_hz:
@@ -181,4 +185,5 @@ def clock_of(log: Log) -> Clock:
             return Clock(number if last in _RATES else float(f"{1 / number:.6g}"), f"{name} in the file")
     if falling:
         raise DataError("records/clock", f"{falling} {BACKWARDS}. Sort its rows by time", getattr(log, "path", ""))
-    return Clock(None, "no time is in the log")
+    times = [name for name in shapes if is_time(name)]
+    return Clock(None, f"time stamps of {times[0]} are missing or uneven" if times else "no time is in the log")

@@ -19,6 +19,7 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.friction_record import FrictionRecord, FrictionRecords
+from elastid.friction_study.inverse_dynamics_regression import PASSBAND_HZ
 from elastid.friction_study.sliding_friction import STILL, turns_against_gravity
 from elastid.linear.equilibrium import equilibrium
 from elastid.logs.channels import GatheredChannels, gather_channels, report_unused_references
@@ -26,8 +27,8 @@ from elastid.logs.files.formats import read_channels
 from elastid.logs.motion_relations import REST_TRAVEL_M, REST_TRAVEL_RAD
 from elastid.logs.repair import Findings, Log
 from elastid.logs.repair.interpolation import MAX_BRIDGED
-from elastid.logs.repair.masks import MAX_MISSING_FRACTION, step, without_dropouts, without_zero_rows
-from elastid.logs.repair.missing import bridge_gaps
+from elastid.logs.repair.masks import MAX_MISSING_FRACTION, step, without_dropouts
+from elastid.logs.repair.missing import bridge_gaps, bridge_short_gaps
 from elastid.logs.repair.outliers import without_lone
 from elastid.logs.rig import repair_signals
 from elastid.logs.units_and_sides import check_values, link_side, on_one_side, to_shafts
@@ -107,9 +108,13 @@ class _LogReader:
         if isinstance(recorded.rate_hz, str):
             text = "friction needs velocities, and recorded.rate_hz is unknown. Give rate_hz in Hz"
             raise StudyError("study/recorded", text, self.path)
-        signals = without_zero_rows(gathered.signals, gathered.log)
-        if self.file.purpose not in (*STILL, "warm_up"):
+        signals = gathered.signals
+        if self.file.purpose != "coast_down":  # whose torque is 0
             signals = without_dropouts(signals, gathered.log)
+        if self.file.purpose not in (*STILL, "warm_up"):
+            torques = [i for i, c in enumerate(gathered.channels) if c.role == "u"]
+            straight = dict.fromkeys(torques, round(gathered.rate_hz / (2 * PASSBAND_HZ)))  # half a period
+            signals = bridge_short_gaps(signals, gathered.log, straight)
         gathered = replace(gathered, signals=signals)
         segments = (gathered,) if self.file.purpose in (*STILL, "warm_up") else _segments(gathered)
         records = list[FrictionRecord]()

@@ -10,7 +10,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.experiment.specs.channels import MOTIONS, ChannelSpec
-from elastid.logs.channel_names import DRIVES, STANDARD_GRAVITY, ChannelGuess, guess_by_name
+from elastid.logs.channel_names import DRIVES, STANDARD_GRAVITY, ChannelGuess, guess_by_name, label_by_words
 from elastid.logs.clocks import (
     MIN_SAMPLES,
     channel_rates,
@@ -138,6 +138,7 @@ def _heading(log: Log, name: str, column: int) -> tuple[str, str]:
 
 def _with_commands(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[ChannelGuess, FloatArray]]:
     """Interpret signals named as commands, without a quantity, as positions if their joint's position follows them."""
+    signals = [*zip(label_by_words([guess for guess, _ in signals]), (x for _, x in signals), strict=True)]
     positions = {g.parts[1]: (g.name, x) for g, x in signals if g.quantity == "position" and g.rank >= 0}
 
     def interpret(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:

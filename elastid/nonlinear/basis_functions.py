@@ -229,8 +229,8 @@ def forces(effect: GearEffect, motion: GearMotion) -> list[tuple[Place, FloatArr
     """Return Phi (n,) at each place where the effect acts, against the motion there."""
     if effect.is_edge:
         h, smooth = 1e-3 * effect.scale, replace(effect, is_edge=False)
-        both = forces(smooth, motion), forces(replace(smooth, scale=smooth.scale + h), motion)
-        return [(place, (b - a) / h) for (place, a), (_, b) in zip(*both, strict=True)]
+        pairs = forces(smooth, motion), forces(replace(smooth, scale=smooth.scale + h), motion)
+        return [(place, (b - a) / h) for (place, a), (_, b) in zip(*pairs, strict=True)]
     if effect.is_implicit:
         phi = motion.along("friction" if effect.kind == "load" else effect.kind, effect.scale)
         return [(effect.place, np.abs(motion.torque) * phi if effect.kind == "load" else phi)]

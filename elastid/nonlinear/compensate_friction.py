@@ -64,8 +64,8 @@ def estimate_net_response(
     if not friction.shapes:
         return response
     errors = _coefficient_errors(records, friction, response, spec, planned_lines, E)
-    before = np.zeros((SYSTEMATIC_ERRORS, *errors.shape[1:]), complex) if response.bias is None else response.bias
-    return replace(response, bias=np.concatenate([before[:-1], errors, before[-1:]]))
+    bias = np.zeros((SYSTEMATIC_ERRORS, *errors.shape[1:]), complex) if response.bias is None else response.bias
+    return replace(response, bias=np.concatenate([bias[:-1], errors, bias[-1:]]))
 
 
 def _travel(records: Sequence[Record]) -> dict[str, float]:
@@ -83,9 +83,9 @@ def _unexplained(
     if not friction.configurations or response.noise is None or response.total is None:
         return ()
     total, noise = response.total.variance, response.noise.variance
-    used = noise > 0
-    ratio = float(np.median(total[used] / noise[used])) if used.any() else 0.0
-    if ratio < MIN_UNEXPLAINED or np.median((total / (noise + arm()))[used]) < MIN_UNEXPLAINED:
+    is_noisy = noise > 0
+    ratio = float(np.median(total[is_noisy] / noise[is_noisy])) if is_noisy.any() else 0.0
+    if ratio < MIN_UNEXPLAINED or np.median((total / (noise + arm()))[is_noisy]) < MIN_UNEXPLAINED:
         return ()
     rms = np.sqrt(np.mean([np.var(record.u, axis=0) for record in records], axis=0))
     coulomb = [friction.coulomb_friction(place)[0] for place in response.inputs]
@@ -150,13 +150,13 @@ def _coefficient_errors(
     lines = np.rint(response.freq_hz / data.freq_hz[0] * data.lines[0]).astype(np.int64)
     factors = [_factors(friction.covariance * np.outer(motor_of == j, motor_of == j)) for j in range(n_u)]
     errors = np.zeros((1 + max(L.shape[1] for L in factors), n_u, *response.G.shape), complex)
-    late = laplace_variable(data.freq_hz[on, None]) * (TURNING_ERROR / records[0].rate_hz)
+    delay = laplace_variable(data.freq_hz[on, None]) * (TURNING_ERROR / records[0].rate_hz)
     for j, L in enumerate(factors):
         coulomb_errors = np.einsum("fik,ib->fbk", data.Phi[on], L)
-        reversal_errors = late * np.einsum("fik,i->fk", data.Phi[on], friction.coulomb_torque * (motor_of == j))
-        both = np.concatenate([coulomb_errors, reversal_errors[:, None]], axis=1)
-        rows = interpolated(lines, data.lines[on], both @ pseudo)
-        errors[: both.shape[1], j] = (response.G @ coupling[j])[:, :, None] * rows.swapaxes(0, 1)[:, :, None, :]
+        reversal_errors = delay * np.einsum("fik,i->fk", data.Phi[on], friction.coulomb_torque * (motor_of == j))
+        patterns = np.concatenate([coulomb_errors, reversal_errors[:, None]], axis=1)
+        rows = interpolated(lines, data.lines[on], patterns @ pseudo)
+        errors[: patterns.shape[1], j] = (response.G @ coupling[j])[:, :, None] * rows.swapaxes(0, 1)[:, :, None, :]
     return errors
 
 

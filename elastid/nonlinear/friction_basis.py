@@ -161,13 +161,13 @@ def sliding_means(velocity: FloatArray, basis: WeightedBasis) -> FloatArray:
     .. math:: \bar g = \Delta I / \Delta v, \qquad I(v) = \int_0^v g
     """
     velocity = np.ascontiguousarray(velocity.T)
-    step, before = np.diff(velocity, axis=0), velocity[:-1]
-    constant = np.abs(step) <= 2e-6 * np.abs(before)
+    step, start = np.diff(velocity, axis=0), velocity[:-1]
+    constant = np.abs(step) <= 2e-6 * np.abs(start)
     step[constant] = 1.0
     means = np.zeros(step.shape)
     for shape, f in basis:
         means += f * np.diff(shape.integral(np.abs(velocity)), axis=0) / step
-    means[constant] = sum(f * shape.sliding(before[constant]) for shape, f in basis)
+    means[constant] = sum(f * shape.sliding(start[constant]) for shape, f in basis)
     return means.T
 
 
@@ -179,8 +179,8 @@ def elements(record: Record, motion: Motion) -> States:
 
     @cache
     def path() -> Path:
-        before = motion.angle[: record.period_samples * CELLS]
-        return Path.of(np.concatenate([before - before[-1] + motion.angle[0], motion.angle])).without(len(before))
+        period = motion.angle[: record.period_samples * CELLS]
+        return Path.of(np.concatenate([period - period[-1] + motion.angle[0], motion.angle])).without(len(period))
 
     return lru_cache(maxsize=1)(lambda kind, D: (stop if kind == "stop" else bristle)(path(), D))
 

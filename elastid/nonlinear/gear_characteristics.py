@@ -93,14 +93,14 @@ def identify_gears(
     except (DataError, StudyError) as error:
         return replace(nothing, refused=f"{error}; {LOST}")
     execution.progress(0, 3)
-    chosen = choose_effects(data, result.parameters, result.x, gears.orders)
+    estimate = choose_effects(data, result.parameters, result.x, gears.orders)
     execution.progress(2, 3)  # the search takes about two thirds of the time
-    bounds = magnitude_bounds(data, chosen, gears.orders)
+    bounds = magnitude_bounds(data, estimate, gears.orders)
     execution.progress(3, 3)
-    pairs = [*zip(data.lines, chosen.drives, strict=True)]
+    pairs = [*zip(data.lines, estimate.drives, strict=True)]
     peaks = [max(float(np.abs(gear_torque(*pair, j)).max()) for pair in pairs) for j in range(len(data.joints))]
     sheets = tuple(
-        sheet_of(JointEffects(chosen, robot, joint, peak), result, bounds)
+        sheet_of(JointEffects(estimate, robot, joint, peak), result, bounds)
         for joint, peak in zip(data.joints, peaks, strict=True)
         if joint in elastic
     )
@@ -108,8 +108,8 @@ def identify_gears(
     notes = (*coarse_encoders(data.lines, drives), *rigid_gears(rigid))
     nothing_acts = [SmoothedMotion.start(grid, drive, 0) for grid, drive in zip(lines, drives, strict=True)]
     before = unexplained_fraction(linear, drives, nothing_acts, np.zeros(0))
-    after = unexplained_fraction(data, chosen.drives, chosen.estimates, chosen.magnitudes)
-    numbers = chosen.x, chosen.covariance, chosen.effects, chosen.magnitudes, sheets
+    after = unexplained_fraction(data, estimate.drives, estimate.estimates, estimate.magnitudes)
+    numbers = estimate.x, estimate.covariance, estimate.effects, estimate.magnitudes, sheets
     return GearResult(*numbers, before=before, after=after, notes=notes)
 
 
@@ -123,22 +123,22 @@ def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str
             "the records are of one realisation, and an effect is taken where it predicts those that it was not fitted "
             f"to; measure two or more realisations; {LOST}"
         )
-    late = next(
+    lag = next(
         (index for index in result.indices if index.name.startswith(_LATE) and index.explained_fraction > 0.5), None
     )
     # A late torque distorts nothing.
     is_distorted = any(note.code == UNEXPLAINED for note in notes_of(data.responses))
-    if late is not None and result.status == "misfit" and not is_distorted:
+    if lag is not None and result.status == "misfit" and not is_distorted:
         return (
-            f"the fit finds {late.name} ({100 * late.explained_fraction:.0f} % of the excess of V): the logged torque "
+            f"the fit finds {lag.name} ({100 * lag.explained_fraction:.0f} % of the excess of V): the logged torque "
             "differs from the acting one, and effects of gears would follow; give the robot's chain its torque_lag, "
             f"or free the delay; {LOST}"
         )
-    apart = {lines.configuration.name: difference(lines) for lines in data.lines}
-    if moving := [name for name, ratio in apart.items() if ratio > HIDDEN]:
+    ratios = {lines.configuration.name: difference(lines) for lines in data.lines}
+    if moving := [name for name, ratio in ratios.items() if ratio > HIDDEN]:
         return (
             f"the records of {', '.join(moving)} are not settled, or disturbed: their periods differ by up to "
-            f"{100 * max(apart.values()):.2g} % of the motion, and effects of gears are found between the excited "
+            f"{100 * max(ratios.values()):.2g} % of the motion, and effects of gears are found between the excited "
             "lines, where a transient lies, too; measure more periods and leave the first out "
             f"(estimator.transient_periods); {LOST}"
         )
@@ -376,9 +376,9 @@ def _periodic(gear: JointEffects) -> list[GearNumber]:
     """Return amplitude and phase of a sin(n theta) + b cos(n theta) = A sin(n theta + phi)."""
     numbers = []
     for entry, order in dict.fromkeys((e.row.number, e.order) for _, e, _ in gear.effects if e.order):
-        parts = {e.kind.split()[1]: i for i, e, _ in gear.effects if (e.row.number, e.order) == (entry, order)}
+        indices = {e.kind.split()[1]: i for i, e, _ in gear.effects if (e.row.number, e.order) == (entry, order)}
         (x, x_row), (y, y_row) = (
-            gear.magnitudes({parts[part]: 1.0} if part in parts else {}) for part in ("sine", "cosine")
+            gear.magnitudes({indices[phase]: 1.0} if phase in indices else {}) for phase in ("sine", "cosine")
         )
         size = math.hypot(x, y)
         phase_std = gear.std((x * y_row - y * x_row) / size**2)

@@ -88,11 +88,11 @@ class GearData:
 
     def motions(
         self, drives: Sequence[DriveLines], effects: Sequence[GearEffect], magnitudes: FloatArray,
-        before: Sequence[SmoothedMotion], near: float = 1e-4,
+        before: Sequence[SmoothedMotion], tolerance: float = 1e-4,
     ) -> list[SmoothedMotion]:  # fmt: skip
         """Return the motion in each configuration under effects of given magnitudes, as `smooth_motion` has it."""
         rows = zip(self.lines, drives, before, strict=True)
-        return [smooth_motion(lines, drive, effects, magnitudes, start, near) for lines, drive, start in rows]
+        return [smooth_motion(lines, drive, effects, magnitudes, start, tolerance) for lines, drive, start in rows]
 
     def joint_normal_equations(
         self, estimate: GearEstimate, further: Sequence[GearEffect]
@@ -195,13 +195,13 @@ def scale_priors(
 
 
 def _update_scales(
-    effects: Sequence[GearEffect], scales: Sequence[Sequence[int]], parts: FloatArray
+    effects: Sequence[GearEffect], scales: Sequence[Sequence[int]], steps: FloatArray
 ) -> list[GearEffect]:
     """Return effects with scales increased by fractions (n_s,), _STEP at most, relative to the first of each."""
     grown = list(effects)
-    for group, part in zip(scales, np.clip(parts, -_STEP, _STEP).tolist(), strict=True):
+    for group, step in zip(scales, np.clip(steps, -_STEP, _STEP).tolist(), strict=True):
         for i in group:
-            grown[i] = replace(effects[i], scale=effects[group[0]].scale * (1 + part))
+            grown[i] = replace(effects[i], scale=effects[group[0]].scale * (1 + step))
     return grown
 
 
@@ -237,12 +237,12 @@ def normal_equations(
         r = residuals(lines, drive, estimate, magnitudes)
         on = np.flatnonzero(lines.excited)
         # The excited lines, those between them, and some on either side.
-        used = slice(int(on[0]) // 2, min(len(lines.s), int(1.2 * on[-1]) + 1))
-        S = smoothed_covariance(r, lines, drive)[used]
+        band = slice(int(on[0]) // 2, min(len(lines.s), int(1.2 * on[-1]) + 1))
+        S = smoothed_covariance(r, lines, drive)[band]
         weighted_cost += 2 * lines.U.shape[2] * float(np.linalg.slogdet(S)[1].sum())
         white = np.linalg.inv(np.linalg.cholesky(S / 2))
-        J = np.einsum("fij,fjmp->fimp", white, _jacobian(lines, drive, estimate, magnitudes, n_x, used))
-        e = white @ r[used]
+        J = np.einsum("fij,fjmp->fimp", white, _jacobian(lines, drive, estimate, magnitudes, n_x, band))
+        e = white @ r[band]
         for i in np.searchsorted(realisations, np.unique(lines.realisation)):
             mask = lines.realisation == realisations[i]
             J_i, e_i = J[:, :, mask].reshape(-1, n), e[:, :, mask].ravel()
@@ -263,22 +263,22 @@ def priors(parameters: Parameters, x: FloatArray, n: int) -> tuple[FloatArray, F
 
 
 def _jacobian(
-    lines: PeriodLines, drive: DriveLines, estimate: SmoothedMotion, magnitudes: FloatArray, n_x: int, used: slice
+    lines: PeriodLines, drive: DriveLines, estimate: SmoothedMotion, magnitudes: FloatArray, n_x: int, band: slice
 ) -> ComplexArray:
     """Return - dr / d(x, f) (K, n_u, M, n_x + n_f) at used lines (K,), the motion fixed."""
-    s, U, Phi = lines.s[used, None, None], lines.U[used], estimate.Phi[used]
-    H, sensor = drive.H[used], drive.sensor[used, :, None]
+    s, U, Phi = lines.s[band, None, None], lines.U[band], estimate.Phi[band]
+    H, sensor = drive.H[band], drive.sensor[band, :, None]
     J = np.zeros((*U.shape, n_x + len(magnitudes)), complex)
-    dG = Columns(drive.kernel).evaluate(drive.theta)[1][:, used] / s ** MOTION_ORDER[drive.model.quantity]
+    dG = Columns(drive.kernel).evaluate(drive.theta)[1][:, band] / s ** MOTION_ORDER[drive.model.quantity]
     CH = drive.C @ H
     q = H @ np.tensordot(Phi, magnitudes, axes=1)
     for row, name, line_slope in zip(drive.chain, drive.kernel.parameters, dG, strict=True):
         slope = line_slope @ U
         change = drive.model.slopes.get(name)
         if change is not None:
-            parts = [part * s**power for power, part in enumerate((change.K, change.D, change.M)) if part is not None]
-            slope = slope + sensor * (CH @ (sum(parts) @ q))
+            terms = [A * s**power for power, A in enumerate((change.K, change.D, change.M)) if A is not None]
+            slope = slope + sensor * (CH @ (sum(terms) @ q))
         J[..., :n_x] += slope[..., None] * row
-    response = np.einsum("fan,fnmi->fami", CH, Phi) + estimate.folded[used]
+    response = np.einsum("fan,fnmi->fami", CH, Phi) + estimate.folded[band]
     J[..., n_x:] = -sensor[..., None] * response
     return J

@@ -64,7 +64,7 @@ def candidate_groups(data: GearData, estimate: GearEstimate, orders: Sequence[fl
         for kind, row in KINDS.items():
             if kind == "friction" or joint in elastic:
                 size = deflection if row.place == "gear" else speed
-                groups += [(GearEffect(kind, joint, part * size),) for part in row.scales]
+                groups += [(GearEffect(kind, joint, fraction * size),) for fraction in row.scales]
         if joint not in elastic:
             continue
         turns = travelled_turns(data, estimate, j)
@@ -99,20 +99,20 @@ def choose_effects(data: GearData, parameters: Parameters, x: FloatArray, orders
     What that fit could not tell apart from an effect (a viscous friction of nearly nothing beside dry friction) must
     start where the robot's file has it: parameters.x of a logarithmic one that ended at a tenth of it or less.
     """
-    lost = parameters.is_log & (x < parameters.x - np.log(_LOST))
-    estimate = initial_estimate(data, parameters, np.where(lost, parameters.x, x))
+    is_at_limit = parameters.is_log & (x < parameters.x - np.log(_LOST))
+    estimate = initial_estimate(data, parameters, np.where(is_at_limit, parameters.x, x))
     groups = candidate_groups(data, estimate, orders)
     for _ in range(ROUNDS):
         further = [group for group in groups if not _conflicts(group[0], estimate.effects)]
         added = _select_effects(data, estimate, further)
         if not added:
             break
-        before = _kinds(estimate.effects)
+        kinds = _kinds(estimate.effects)
         estimate = _prune(data, estimate_gear_parameters(data, estimate, (*estimate.effects, *added), tolerance=_ROUGH))
         for family in (SPRINGS, LOOPS):
             for joint in dict.fromkeys(effect.joint for effect in added if effect.kind in family):
                 estimate = _best_law(data, estimate, joint, family)
-        if _kinds(estimate.effects) == before:  # none of those that were added stays
+        if _kinds(estimate.effects) == kinds:  # none of those that were added stays
             break
     # A gap that is crossed between two samples seems 8 % too soft on the grid of the search.
     fine = [replace(lines, cells=2 * lines.cells) for lines in data.lines]
@@ -142,7 +142,7 @@ def _systematic_std(estimate: GearEstimate) -> FloatArray:
 
 
 def _on_grid(estimate: GearEstimate, lines: Sequence[PeriodLines]) -> GearEstimate:
-    motions = tuple(motion.on(part) for motion, part in zip(estimate.estimates, lines, strict=True))
+    motions = tuple(motion.on(grid) for motion, grid in zip(estimate.estimates, lines, strict=True))
     return replace(estimate, estimates=motions)
 
 
@@ -220,11 +220,11 @@ def _conflicts(effect: GearEffect, others: Sequence[GearEffect], *, alone: bool 
     alone: no second range or element of a hysteresis, either: two that are added at once may end at one scale, where
     neither has a magnitude.
     """
-    near = [rival for rival in others if rival.joint == effect.joint and rival.kind in effect.row.rivals]
+    rivals = [rival for rival in others if rival.joint == effect.joint and rival.kind in effect.row.rivals]
     # K1 K2 K3, and elements of a loop
-    if not alone and effect.kind in ("range", *LOOPS) and all(rival.kind == effect.kind for rival in near):
-        return any(abs(np.log(rival.scale / effect.scale)) < np.log(APART) for rival in near)
-    return effect in others or bool(near)
+    if not alone and effect.kind in ("range", *LOOPS) and all(rival.kind == effect.kind for rival in rivals):
+        return any(abs(np.log(rival.scale / effect.scale)) < np.log(APART) for rival in rivals)
+    return effect in others or bool(rivals)
 
 
 def _prune(data: GearData, estimate: GearEstimate) -> GearEstimate:
@@ -253,19 +253,19 @@ def _select_effects(data: GearData, estimate: GearEstimate, groups: Sequence[Gro
     sums, prior = data.joint_normal_equations(estimate, [effect for group in groups for effect in group])
     ends = len(estimate.x) + len(estimate.magnitudes) + np.cumsum([0, *(len(group) for group in groups)])
 
-    def added(chosen: list[int]) -> list[GearEffect]:
-        return [effect for i in chosen for effect in groups[i]]
+    def added(indices: list[int]) -> list[GearEffect]:
+        return [effect for i in indices for effect in groups[i]]
 
-    def larger(chosen: list[int]) -> list[list[int]]:
-        effects = added(chosen)
-        return [[*chosen, i] for i, group in enumerate(groups) if not _conflicts(group[0], effects, alone=True)]
+    def larger(indices: list[int]) -> list[list[int]]:
+        effects = added(indices)
+        return [[*indices, i] for i, group in enumerate(groups) if not _conflicts(group[0], effects, alone=True)]
 
-    def cost(chosen: list[int]) -> float:
-        members = (np.arange(ends[i], ends[i + 1]) for i in chosen)
+    def cost(indices: list[int]) -> float:
+        members = (np.arange(ends[i], ends[i + 1]) for i in indices)
         return _cross_validated_cost(sums, prior, np.concatenate([np.arange(ends[0]), *members]))
 
-    def pays(before: float, after: float, chosen: list[int]) -> bool:
-        group = groups[chosen[-1]]
+    def pays(before: float, after: float, indices: list[int]) -> bool:
+        group = groups[indices[-1]]
         # Of what friction leaves unexplained, the law of a spring explains a little of any gear.
         gain, fraction = (MIN_GAIN_OF_SPRING, SLIGHT) if group[0].kind in SPRINGS else (MIN_GAIN, MIN_GAIN_FRACTION)
         return before - after > max(gain * len(group), fraction * before)
@@ -273,16 +273,16 @@ def _select_effects(data: GearData, estimate: GearEstimate, groups: Sequence[Gro
     return added(greedy(larger, cost, pays)[0])
 
 
-def _cross_validated_cost(sums: Sums, prior: tuple[FloatArray, FloatArray], chosen: IntArray) -> float:
+def _cross_validated_cost(sums: Sums, prior: tuple[FloatArray, FloatArray], columns: IntArray) -> float:
     """Return V of each realisation with the numbers `chosen` (n,) estimated from the other realisations."""
 
     def step(A: FloatArray, b: FloatArray) -> FloatArray:
-        A, b = A + prior[0][chosen[:, None], chosen], b + prior[1][chosen]
+        A, b = A + prior[0][columns[:, None], columns], b + prior[1][columns]
         size = np.sqrt(np.maximum(np.diag(A), 1e-300))
         return np.asarray(np.linalg.lstsq(A / np.outer(size, size), b / size, rcond=1e-10)[0] / size)
 
     A, b, c = sums
-    return cross_validated_power(A[:, chosen[:, None], chosen], b[:, chosen], c, step)
+    return cross_validated_power(A[:, columns[:, None], columns], b[:, columns], c, step)
 
 
 def family_of(effect: GearEffect) -> tuple[SheetNumber, str, float]:
@@ -302,9 +302,9 @@ def magnitude_bounds(data: GearData, estimate: GearEstimate, orders: Iterable[fl
     bounds, n = dict[Group, float](), len(estimate.x) + len(estimate.magnitudes)
     first = n
     for group in groups:
-        chosen = [*range(n), *range(first, first + len(group))]
-        covariance = inverse(A[np.ix_(chosen, chosen)])
-        step = (covariance @ b[chosen])[n:]
+        columns = [*range(n), *range(first, first + len(group))]
+        covariance = inverse(A[np.ix_(columns, columns)])
+        step = (covariance @ b[columns])[n:]
         size = float(max(step[0], 0.0) if group[0].row.brakes else np.hypot.reduce(step))
         bounds[group] = size + ONE_SIDED_95 * float(np.sqrt(np.diag(covariance)[n:].max()))
         first += len(group)

@@ -263,9 +263,9 @@ def _gear(joint: Joint, gears: GearResult) -> Gear | None:
 
 
 def _harmonics(word: Literal["error", "ripple"], joint: str, gears: GearResult) -> Iterator[tuple[float, float, float]]:
-    parts = {(kind, scale): f for kind, scale, f in _effects(joint, gears) if kind.startswith(word)}
-    for order in dict.fromkeys(scale for _, scale in parts):
-        sine, cosine = (parts.get((f"{word} {part}", order), 0.0) for part in ("sine", "cosine"))
+    amplitudes = {(kind, scale): f for kind, scale, f in _effects(joint, gears) if kind.startswith(word)}
+    for order in dict.fromkeys(scale for _, scale in amplitudes):
+        sine, cosine = (amplitudes.get((f"{word} {phase}", order), 0.0) for phase in ("sine", "cosine"))
         if amplitude := math.hypot(sine, cosine):
             yield amplitude, order, math.atan2(cosine, sine)
 

@@ -85,11 +85,11 @@ def smoothed_covariance(r: ComplexArray, lines: PeriodLines, drive: DriveLines) 
     robot moves less and less, they are not alike themselves.
     """
     angle_covariance = drive.G * _sizes(lines) @ drive.G.conj().swapaxes(1, 2)
-    passed = np.einsum("fii->f", angle_covariance).real
-    strongest = np.argsort(passed)[-max(1, len(passed) // 4) :]  # where torque shows most
+    angle_power = np.einsum("fii->f", angle_covariance).real
+    strongest = np.argsort(angle_power)[-max(1, len(angle_power) // 4) :]  # where torque shows most
     power = np.mean(np.sum(np.abs(r[strongest]) ** 2, axis=1), axis=1) - lines.noise.sum()
-    c = max(float(np.median(power / passed[strongest])), 1e-300)
-    factor = np.linalg.cholesky(c * angle_covariance + np.diag(lines.noise + 1e-6 * c * np.median(passed)))
+    c = max(float(np.median(power / angle_power[strongest])), 1e-300)
+    factor = np.linalg.cholesky(c * angle_covariance + np.diag(lines.noise + 1e-6 * c * np.median(angle_power)))
     white = np.linalg.solve(factor, r)
     S = white @ white.conj().swapaxes(1, 2) / r.shape[2]
     return np.asarray(factor @ mean_of_neighbours(S, 15) @ factor.conj().swapaxes(1, 2))
@@ -121,11 +121,11 @@ def smooth_motion(
     effects: Sequence[GearEffect],
     magnitudes: FloatArray,
     before: SmoothedMotion,
-    near: float = 1e-4,
+    tolerance: float = 1e-4,
 ) -> SmoothedMotion:
     """Return the motion of all experiments under effects of given magnitudes (n_f,), and the effects along it.
 
-    near: error of the implicit motion at which it ends, over its RMS.
+    tolerance: error of the implicit motion at which it ends, over its RMS.
     """
     gain = _gain(lines, drive, smoothed_covariance(residuals(lines, drive, before, magnitudes), lines, drive))
     force_response = drive.H - gain @ (drive.C @ drive.H)
@@ -136,8 +136,8 @@ def smooth_motion(
     base = base + gain @ (y - drive.C @ base)
     if lines.arm is not None:  # springs bend under it, too
         base = base - drive.H @ (drive.places["link"].T @ lines.arm[1:])
-    after, unknowns = SmoothedMotion.start(lines, drive, len(effects)), []
-    problem = _Problem(lines, drive, tuple(effects), magnitudes, force_response, before.loads, near)
+    end, unknowns = SmoothedMotion.start(lines, drive, len(effects)), []
+    problem = _Problem(lines, drive, tuple(effects), magnitudes, force_response, before.loads, tolerance)
     last = (drive.C @ drive.H[-1]).T * lines.sampled  # sampled motion by force at the last line
     for m in range(lines.U.shape[2]):
         q, x, force = problem.solve(base[:, :, m], m, before)
@@ -145,15 +145,15 @@ def smooth_motion(
         joints = {effect.joint for effect in effects}
         motions = {joint: problem.motion(q, drive.joints.index(joint), m, x, force) for joint in joints}
         for joint, motion in motions.items():
-            after.loads[m, drive.joints.index(joint)] = np.abs(motion.torque)
+            end.loads[m, drive.joints.index(joint)] = np.abs(motion.torque)
         for i, effect in enumerate(effects):
             j = drive.joints.index(effect.joint)
             acting = forces(effect, motions[effect.joint])
             rows, phi = np.array([drive.directions(place, j) for place, _ in acting]), np.array([x for _, x in acting])
             amplitudes, folded = lines.folded(phi)
-            after.Phi[:, :, m, i] = amplitudes.T @ rows
-            after.folded[:, :, m, i] = folded.T @ (rows @ last)
-    return replace(after, unknowns=tuple(unknowns), signals=tuple(problem.signals))
+            end.Phi[:, :, m, i] = amplitudes.T @ rows
+            end.folded[:, :, m, i] = folded.T @ (rows @ last)
+    return replace(end, unknowns=tuple(unknowns), signals=tuple(problem.signals))
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +166,7 @@ class _Problem:
     magnitudes: FloatArray
     force_response: ComplexArray
     loads: FloatArray
-    near: float
+    tolerance: float
 
     @cached_property
     def signals(self) -> list[tuple[Place, int]]:
@@ -182,7 +182,7 @@ class _Problem:
         x_0 = lines.fine((self._powers * (base @ rows.T)).T) + self._unmoved(base, m)
         previous = dict(zip(before.signals, before.unknowns[m], strict=bool(before.signals)))
         start = np.array([previous.get(signal, default) for signal, default in zip(self.signals, x_0, strict=True)])
-        x, force = newton(partial(self._law, m), self.linear, x_0, start, self.near)
+        x, force = newton(partial(self._law, m), self.linear, x_0, start, self.tolerance)
         return base - (self.force_response @ (rows.T @ lines.amplitudes(force).T[:, :, None]))[:, :, 0], x, force
 
     @cached_property
@@ -289,13 +289,13 @@ def newton(
     linear: Callable[[FloatArray], FloatArray],
     x_0: FloatArray,
     x: FloatArray,
-    near: float = 1e-4,
+    tolerance: float = 1e-4,
 ) -> tuple[FloatArray, FloatArray]:
     """Return x (n_x, n) of x + linear(law(x)) = x_0, and the force there; law gives force and slope by points.
 
     From x, or from x_0 where that is nearer than an x whose error is more than its size.
 
-    near: error at which it ends, over the size of x.
+    tolerance: error at which it ends, over the size of x.
     Steps are halved until the error falls; where none does, the last x, whose error the residuals then show.
     """
     size = np.std(x_0, axis=1)[:, None] + 1e-300
@@ -310,7 +310,7 @@ def newton(
     if state[0] > 1 and (at_0 := error(x_0))[0] < state[0]:
         x, state = x_0, at_0
     for _ in range(_STEPS):
-        if state[0] < near:
+        if state[0] < tolerance:
             break
         step = _newton_step(linear, state[2], size, -state[1] * size, 3e-2)
         trials = ((x + step / 2**halving, error(x + step / 2**halving)) for halving in range(_HALVINGS + 1))
@@ -322,9 +322,9 @@ def newton(
 
 
 def _newton_step(
-    linear: Callable[[FloatArray], FloatArray], slope: FloatArray, size: FloatArray, x_0: FloatArray, near: float
+    linear: Callable[[FloatArray], FloatArray], slope: FloatArray, size: FloatArray, x_0: FloatArray, tolerance: float
 ) -> FloatArray:
-    """Solve x + linear(slope x) = x_0 for x (n_x, n). near: tolerated relative error. size (n_x, 1): scale of the
+    """Solve x + linear(slope x) = x_0 for x (n_x, n). tolerance: relative error. size (n_x, 1): scale of the
     unknowns.
 
     To some percent, so that numbers of four bytes do.
@@ -335,5 +335,5 @@ def _newton_step(
         return v + (linear(x_slope * v.reshape(x_0.shape)) * part).ravel()
 
     operator = LinearOperator((x_0.size, x_0.size), matvec=product, dtype=np.float32)
-    step = gmres(operator, (x_0 / size).astype(np.float32).ravel(), rtol=near, restart=40, maxiter=1)[0]
+    step = gmres(operator, (x_0 / size).astype(np.float32).ravel(), rtol=tolerance, restart=40, maxiter=1)[0]
     return np.asarray(step.reshape(x_0.shape) * size)

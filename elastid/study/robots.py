@@ -3,10 +3,11 @@
 import io
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import is_dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedSeq
@@ -20,6 +21,8 @@ from elastid.robot.urdf import UrdfRobot
 from elastid.study.messages import Problem, make_error, validate
 from elastid.study.source import YamlSource, read_source
 
+# kp (N*m/rad) and kd (N*m*s/rad) of the position servos of joints by name, link side.
+Servos: TypeAlias = Mapping[str, tuple[float, float]]
 # Texts that readers of the older YAML 1.1 take for true and false.
 _YAML_1_1_WORDS = ("yes", "no", "on", "off", "y", "n")
 

@@ -8,11 +8,12 @@ from plants.mjcf_arm import ARM
 from plants.refusals import refused
 
 from elastid.app.mjcf_reader import robot_of
-from elastid.app.scaffold import new_from_logs, read_mjcf
+from elastid.app.scaffold import new_from_logs, read_mjcf_servos
 from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_poses
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.robot import Robot
+from elastid.study import load
 from elastid.study.robots import load_robot
 
 mujoco = pytest.importorskip("mujoco", reason="mujoco is in the group oracles")
@@ -28,7 +29,7 @@ def test_meshes_of_bodies_with_stated_inertia_need_no_files(tmp_path: Path) -> N
     robots = []
     for text in (stated, stated.replace("<site", f"{MESH}<site").replace("<worldbody>", f"{ASSET}<worldbody>")):
         (tmp_path / "crane.xml").write_text(text)
-        robots.append(read_mjcf(tmp_path / "crane.xml"))
+        robots.append(read_mjcf_servos(tmp_path / "crane.xml")[0])
     assert robots[0] == robots[1]
 
 
@@ -46,11 +47,35 @@ def test_public_mjcf_materials_names_and_units_are_accepted(tmp_path: Path) -> N
     assert next(joint for joint in robot.joints if joint.name == "bend").spring.damping > 0
 
 
+def test_joints_of_a_log_are_named_and_servos_give_the_gains(tmp_path: Path) -> None:
+    """Columns in the order of the alphabet, some with numbers; servos without kv."""
+    names, body = ("shoulder_pan_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint"), ""
+    for name in names[::-1]:
+        inertial = '<inertial mass="1" pos="0 .1 .1" diaginertia=".1 .1 .1"/>'
+        body = f'<body pos="0 0 .1">{inertial}<joint name="{name}" axis="0 1 0" armature=".1"/>{body}</body>'
+    servos = "".join(f'<position joint="{name}" kp="{100 * i}"/>' for i, name in enumerate(names, start=1))
+    mjcf = f"<mujoco><worldbody>{body}</worldbody><actuator>{servos}</actuator></mujoco>"
+    (tmp_path / "arm.xml").write_text(mjcf)
+    t, rng = np.arange(600) / 100, np.random.default_rng(0)
+    commands = {name: np.convolve(rng.standard_normal(629), np.hanning(30), "valid") for name in sorted(names)}
+    columns = {f"{name}_cmd": x for name, x in commands.items()}
+    columns |= {f"{name}_pos": np.append(x[:3], x[:-3]) for name, x in commands.items()}
+    heading = ",".join(["time", *columns])
+    np.savetxt(tmp_path / "log.csv", np.stack([t, *columns.values()], 1), delimiter=",", header=heading, comments="")
+    study = load(new_from_logs(tmp_path / "new", [tmp_path / "arm.xml", tmp_path / "log.csv"])).study
+    recorded = study.experiment.recorded
+    assert {channel.at: channel.channel for channel in recorded.channels if channel.role == "reference"} == {
+        f"motor {name}": f"{name}_cmd" for name in names
+    }
+    gains = recorded.controller
+    np.testing.assert_allclose(np.multiply(gains.position_gain, gains.velocity_gain), [100, 200, 300, 400])
+
+
 def test_dynamics_are_those_of_mujoco(tmp_path: Path) -> None:
     """M and the torques of gravity and motion, armatures, spring and damping of the joints apart; places of a site."""
     path = tmp_path / "crane.xml"
     path.write_text(ARM)
-    robot = read_mjcf(path)
+    robot, _ = read_mjcf_servos(path)
     model = mujoco.MjModel.from_xml_path(str(path))
     model.dof_armature[:], model.dof_damping[:], model.jnt_stiffness[:] = 0, 0, 0
     data, rng = mujoco.MjData(model), np.random.default_rng(1)
@@ -126,5 +151,5 @@ def test_a_file_that_is_no_robot_is_refused(change: tuple[str, str], says: str, 
     path = tmp_path / "crane.xml"
     path.write_text(ARM.replace(*change))
     with refused("robot/file", place="crane.xml", holds=says):
-        read_mjcf(path)
+        read_mjcf_servos(path)
     assert [each.name for each in tmp_path.iterdir()] == ["crane.xml"]

@@ -165,7 +165,7 @@ def test_numbers_of_arms_from_references_are_true(
 def combination(result: Result) -> tuple[float, float]:
     """The sum of velocity gain and viscous friction, and half its interval, as noted."""
     (text,) = (note.text for note in result.notes if note.code == "fit/combination" and "ratio^2 fm" in note.text)
-    value, half = re.search(r"([\d.]+) \+- ([\d.]+) \(motor 1\)", text).groups()
+    value, half = re.search(r"([\d.]+) \+- ([\d.]+) \S+ \(motor 1\)", text).groups()
     return float(value), float(half)
 
 

@@ -39,6 +39,7 @@ def test_a_text_stays_in_its_place(text: str) -> None:
 def test_identifiers_differ() -> None:
     identifiers = escape.c_identifiers(TEXTS).values()
     assert len({name.lower() for name in identifiers}) == len(identifiers)
+    assert [escape.group_name(name) for name in (".", "..", "a.b/c")] == ["%2E", "%2E%2E", "a.b%2Fc"]
     assert all(re.fullmatch(r"joint(_[a-zA-Z0-9]+)*", each) for each in identifiers)
 
 

@@ -52,7 +52,10 @@ def dying_once(item: tuple[int, str]) -> int:
 
 def test_work_of_a_worker_that_dies_is_done_anew(tmp_path: Path):
     """All values are there, once each, as if it had lived."""
-    assert Execution(2).ordered(dying_once, [(i, str(tmp_path)) for i in range(8)]) == [i**2 for i in range(8)]
+    steps = []
+    execution = Execution(2, lambda *step: steps.append(step))
+    assert execution.ordered(dying_once, [(i, str(tmp_path)) for i in range(8)]) == [i**2 for i in range(8)]
+    assert steps == [(done, 8) for done in range(9)]
     assert (tmp_path / "died").exists()
 
 

@@ -22,7 +22,7 @@ from elastid.base.statistics import (
 def test_f_test_rejects_null_column_at_stated_rate() -> None:
     """Of 4000 regressions on noise 5 % have a p-value below 0.05."""
     rng = np.random.default_rng(0)
-    J, y = rng.standard_normal((30, 3)), rng.standard_normal((30, 4000))
+    J, y = rng.standard_normal((30, 3)), 5 * rng.standard_normal((30, 4000))
     left = [np.sum((y - A @ np.linalg.lstsq(A, y, rcond=None)[0]) ** 2, axis=0) for A in (J[:, :2], J)]
     p = np.array([f_test(before - after, 1, after, 27) for before, after in zip(*left, strict=True)])
     assert np.mean(p < 0.05) == pytest.approx(0.05, abs=0.012)
@@ -37,6 +37,7 @@ def test_propagation_uses_slopes_or_draws_by_nonlinearity() -> None:
     wide = propagate(np.exp, x, np.array([[1.0]]))
     assert wide.by == "samples"
     assert 1.3 < wide.std[0] < 4.0
+    assert propagate(lambda x: 1e4 * np.exp(x), x, np.array([[1.0]])).by == "samples"
 
 
 def test_what_depends_on_a_number_that_nothing_constrains_is_unknown() -> None:

@@ -14,6 +14,7 @@ def test_a_text_with_a_unit_equals_number_times_factor(unit: str, number: float)
     """'<number> <unit>' reads as number * factor in SI for every unit of the table."""
     dimension, scale = TABLE[unit]
     assert to_si(f"{number!r} {unit}", dimension) == pytest.approx(number * scale, rel=1e-12, abs=1e-300)
+    assert to_si(repr(number), dimension) == number
 
 
 @pytest.mark.parametrize(

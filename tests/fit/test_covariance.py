@@ -340,6 +340,8 @@ def test_prior_variance_persists_with_endless_data() -> None:
     half = np.linalg.inv(np.linalg.cholesky(A_data + P))
     sums = replace(sums_of(evidence_of(J, R)), half=half, prior_J=np.sqrt(P) @ half.T)
     now, persistent = prior_variance(sums, [1])
+    loads = np.array([[2.0, 1.0], [0.0, 3.0], [1.0, 1.0]])
+    np.testing.assert_allclose(replace(sums, static_J=loads).load_power, np.diag(half.T @ loads.T @ loads @ half))
     C = np.linalg.inv(A_data + P)
     np.testing.assert_allclose(now, np.diag(C @ P @ C))
     np.testing.assert_allclose(persistent, np.diag(np.linalg.inv(ENDLESS * A_data + P)))

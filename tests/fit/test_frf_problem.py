@@ -12,7 +12,7 @@ from plants.measured_robots import deviation, deviations, responses_of
 from plants.refusals import refused
 
 from elastid.fit.fitted_robot import FittedRobot, models_by_group
-from elastid.fit.frf_problem import Assembly, relinearise
+from elastid.fit.frf_problem import Assembly, is_distorted_by_friction, relinearise
 from elastid.fit.identify import identify
 from elastid.fit.parameter_selection import choose
 from elastid.fit.problem.least_squares import LocalOptimum
@@ -20,7 +20,8 @@ from elastid.fit.spec import FitSpec, ParameterSpec, RatioSpec, WeightSpec
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import EXACT
 from elastid.parameters import Tie
-from elastid.response import Response
+from elastid.record import Configuration
+from elastid.response import Covariance, Response
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 from elastid.validation.comparison import ComparedVariant, refit
 
@@ -174,3 +175,17 @@ def test_an_export_is_of_one_robot_each() -> None:
             np.testing.assert_allclose(
                 frequency_response(linear, model.theta, data_sheet_arm.FREQ), fitted.G, rtol=1e-9
             )
+
+
+@pytest.mark.parametrize(("ratio", "is_distorted"), [(3.9, False), (4.1, True)])
+def test_distortion_is_significant_above_four_noise_variances(ratio: float, is_distorted: bool) -> None:
+    """In the median over lines whose noise is known; not of a response whose friction was compensated."""
+    noise = np.array([0.0, 1.0, 2.0, 1.0])[:, None, None]
+    total = np.array([9.0, ratio, 2 * ratio, 99.0])[:, None, None]
+    response = Response(
+        np.arange(1.0, 5), np.ones((4, 1, 1), complex), ("motor 1",), ("motor 1",), "acceleration",
+        Configuration("c", [0.0]), noise=Covariance(noise, 8.0), total=Covariance(total, 8.0),
+    )  # fmt: skip
+    assert is_distorted_by_friction(response) == is_distorted
+    assert not is_distorted_by_friction(replace(response, noise=Covariance(0 * noise, 8.0)))
+    assert not is_distorted_by_friction(replace(response, noise=None))

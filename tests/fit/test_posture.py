@@ -1,19 +1,30 @@
 """A fitted robot in postures that were not measured."""
 
+import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from plants import elastic_arm
 from plants.arm import LENGTH, MASS, STD, STIFFNESS, TOOL, closed_form, result
 from plants.fitted_models import fitted_model
 from plants.outside_arm import natural_frequencies
 from plants.refusals import refused
+from scipy.stats import chi2
 
 from elastid.base.errors import UnknownNameError
+from elastid.fit.combinations import combination_notes, loop_note
+from elastid.fit.diagnosis.status import decisive_index
+from elastid.fit.fitted_robot import remaining_tolerances
+from elastid.fit.parameter_selection import choose, with_tolerances
+from elastid.fit.result import Result
 from elastid.fit.result_rows import ModificationIndex
+from elastid.fit.spec import FitSpec
 from elastid.model.spec import ModelSpec
+from elastid.parameters import Parameter, Parameters
 from elastid.record import JointLoop
-from elastid.robot import Frame, Payload, Placement
+from elastid.robot import Body, Frame, Joint, Motor, Payload, Placement, Robot, Spring, Tolerances
 from elastid.simulation.spec import ControllerSpec
 
 ANGLES = np.array([0.2, 0.9])
@@ -137,3 +148,124 @@ def test_an_accelerometer_sees_gravity_turn() -> None:
     slow = model.response([0.01]).G[0, :, 0]
     assert model.linear.quantity == "acceleration"
     assert abs(slow[0]) > 1e3 * abs(slow[1])
+
+
+def test_ratios_and_contributions_follow_from_cost_and_covariance() -> None:
+    """They sum up in squares; all of the variance of an unidentifiable number is noise."""
+    n = len(result().x)
+    fractions = {"averaging_fraction": np.full(n, 0.5), "persistent_fraction": np.full(n, 0.2)}
+    covariance = np.diag([*np.diag(result().covariance)[:-1], np.inf])
+    limit = chi2.isf(1 / 700, 20) / 20
+    own = replace(result(), covariance=covariance, cost=80.0, cost_expected=20.0, cost_dof=20.0, dof=45, **fractions)
+    assert (own.residual_ratio, own.inflation_factor, own.error_ratio) == pytest.approx((2, 2, 4 / 3))
+    assert replace(own, cost=10.0).inflation_factor == 1
+    assert [replace(own, cost=20 * limit * r).exceeds_noise for r in (0.999, 1.001)] == [False, True]
+    assert [replace(own, model_error=e).is_within_declared for e in (0.0, 0.02)] == [False, True]
+    assert not replace(own, model_error=0.02, dof=30).is_within_declared
+    assert not replace(own, cost_dof=np.nan).exceeds_noise
+    for name, std in zip([*own][:-1], np.sqrt(np.diag(covariance)), strict=False):
+        parts = [getattr(own, kind)[name] ** 2 for kind in ("std_noise", "std_prior", "std_systematic")]
+        np.testing.assert_allclose(parts, (std * own.values[name]) ** 2 * np.array([0.5, 0.2, 0.3]))
+        assert own.interval(name) == pytest.approx(own.values[name] * np.exp([-1.959964 * std, 1.959964 * std]))
+    last = [*own][-1]
+    assert (own.std_noise[last], own.std_prior[last], own.std_systematic[last]) == (np.inf, 0, 0)
+
+
+def test_index_moves_logarithms_and_the_stiffness_it_affects_most() -> None:
+    index = ModificationIndex(
+        "m", "mass", values=[2.0, 3.0], log=(True, False), steps=[np.log(2), 0.5], effects=[0.1, -0.3, np.nan]
+    )
+    assert index.changed == pytest.approx((4.0, 3.5))
+    assert index.most_moved(("k_1", "k_2", "k_3")) == ("k_2", pytest.approx(np.expm1(-0.3)))
+    assert index.most_moved(("k_1", "d_2", "k_3")) == ("k_1", pytest.approx(np.expm1(0.1)))
+    assert index.most_moved(("d_1", "d_2", "d_3")) == ("", 0)
+
+
+def stated(text: object) -> list[float]:
+    """Value and half width of each interval in a text."""
+    return [float(number) for pair in re.findall(r"([-\d.]+) \+- ([\d.]+)", str(text)) for number in pair]
+
+
+def test_well_identified_sum_of_weak_parameters_is_stated() -> None:
+    """a + b / 2 of std 0.1, where a and b have 1 and 2; none where all are identified well."""
+    free = Parameters((Parameter("a", 3.0, "N*m"), Parameter("c", 50.0, "N*m"), Parameter("b", 1.0, "N*m")))
+    C = np.array([[1.0, 0.02, -1.99], [0.02, 0.25, 0.0], [-1.99, 0.0, 4.0]])
+    own = Result(free, free.x, C, 1.0, 1, 1.0, "converged", "", (), 1, np.zeros(3, bool), np.ones(3), "complex")
+    (note,) = combination_notes(own)
+    assert stated(note) == [3.5, 0.2]
+    assert not list(combination_notes(replace(own, covariance=C / 100)))
+    assert not list(combination_notes(replace(own, covariance=np.diag(np.diag(C)))))
+
+
+@pytest.mark.parametrize(("gain", "std"), [(None, 2.0), (0.5, np.sqrt(4 + 16 + 2 * 0.25 * 2 * 4))])
+def test_velocity_gain_and_friction_of_motor_are_identified_as_sum(gain: float | None, std: float) -> None:
+    """n^2 f_m + g k_d with the correlation of both, of a motor whose friction is free."""
+    drives = [Joint(name, "y", Spring(1e4, 1.0), Motor(1e-3, 10.0, 0.02)) for name in "12"]
+    bodies = (Body("a", joints=(drives[0],), mass=1.0), Body("b", "a", Placement((0.3, 0, 0)), (drives[1],), 1.0))
+    friction = Parameter("fm_2", 0.04, "N*m*s")
+    numbers = (friction,) if gain is None else (friction, Parameter("gain_kd_motor_2", gain))
+    free, C = Parameters(numbers), np.array([[4e-4, 0.25 * 0.02 * 0.1], [0.25 * 0.02 * 0.1, 0.01]])[: len(numbers)]
+    own = Result(
+        free, free.x, C[:, : len(C)], 1.0, 1, 1.0, "converged", "", (), 1, np.zeros(len(C), bool), np.ones(1), "log"
+    )
+    loop = JointLoop(np.array([1.0, 1.0]), np.array([70.0, 40.0]), np.zeros(2))
+    (note,) = loop_note(own, Robot("r", bodies), loop)
+    value, width = stated(note)
+    assert value == pytest.approx(4 + 40 * (gain or 1), rel=0.05)
+    assert width == pytest.approx(1.96 * std, rel=0.05)
+    assert loop_note(result(), Robot("r", bodies), loop) == ()
+
+
+def test_numbers_by_hand_are_exact_and_others_keep_theirs() -> None:
+    own = result()
+    index = ModificationIndex("m", "mass", effects=np.ones(len(own.x)))
+    changed = replace(own, indices=(index,), profile95=np.ones((len(own.x), 2))).with_parameters(k_1=2e4)
+    free = np.array(own.parameters.free_names) != "k_1"
+    assert changed.values == own.values | {"k_1": pytest.approx(2e4)}
+    np.testing.assert_array_equal(changed.covariance, own.covariance * np.outer(free, free))
+    np.testing.assert_array_equal(changed.indices[0].effects, free)
+    np.testing.assert_array_equal(np.isnan(changed.profile95).all(axis=1), ~free)
+    for wrong in (-1.0, 0.0, np.inf):
+        with pytest.raises(ValueError, match="finite positive"):
+            own.with_parameters(k_1=wrong)
+
+
+def test_tolerances_after_fit_are_the_posterior_deviations() -> None:
+    """Half of the stated ones of each body, where the data halve each; as they are without any in the fit."""
+    arm = replace(elastic_arm.arm(), tolerances=Tolerances())
+    free = with_tolerances(choose(FitSpec(), arm, ["a"]), arm, FitSpec())
+    std = np.array([1.0 if p.prior is None else p.prior.std / 2 for p in free.free])
+    own = Result(
+        free, free.x, np.diag(std**2), 1.0, 1, 1.0, "converged", "", (), 1, np.zeros(len(std), bool), std, "log"
+    )
+    bodies = remaining_tolerances(own, arm).bodies
+    assert {body.name for body in bodies} == {"upper", "fore"}
+    for body in bodies:
+        for kind in ("mass", "inertia", "center_of_mass"):
+            assert getattr(body, kind) == pytest.approx(getattr(arm.tolerances, kind) / 2), kind
+    assert remaining_tolerances(result(), arm) == arm.tolerances
+
+
+def test_decisive_cause_is_the_largest_that_moves_a_parameter() -> None:
+    """The likeliest in its place if it moves one, too; else of those alike, or none where it explains as much."""
+    own, drops = result(), {"a": 40.0, "b": 50.0, "c": 20.0, "still": 90.0, "several": 99.0}
+    several = {"steps": np.array([0.1, 0.2])}
+    every = {
+        name: ModificationIndex(
+            name, "", drop=drop, effects=(name != "still") * 3 * np.sqrt(np.diag(own.covariance)),
+            **(several if name == "several" else {"steps": np.ones(2)}),
+        )
+        for name, drop in drops.items()
+    }  # fmt: skip
+    known = SimpleNamespace(disagreement=1.0)
+
+    def decisive(*likeliest: ModificationIndex) -> str:
+        index = decisive_index(own, known, [*(replace(each, place=1) for each in likeliest), *every.values()])
+        return "" if index is None else index.name
+
+    assert decisive() == decisive(every["b"]) == "b"
+    assert decisive(every["a"]) == "a"
+    assert decisive(every["still"]) == ""
+    assert decisive(replace(every["still"], drop=30.0)) == "b"
+    assert decisive(replace(every["still"], alike=("a", "c"))) == "a"
+    assert decisive_index(own, SimpleNamespace(disagreement=np.nan), [every["b"]]) is None

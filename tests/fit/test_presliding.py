@@ -12,7 +12,7 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.parameter_selection import choose
-from elastid.fit.presliding import presliding_note, rate_band, with_presliding
+from elastid.fit.presliding import _between_reversals, presliding_note, rate_band, with_presliding
 from elastid.fit.problem.frf_residuals import linear_model
 from elastid.fit.result import Result
 from elastid.fit.result_rows import Presliding
@@ -23,7 +23,7 @@ from elastid.linear.presliding import RelaxingSpring
 from elastid.linear.response.transfer import frequency_response
 from elastid.nonlinear.compensate_friction import estimate_net_response
 from elastid.nonlinear.identify_friction import identify_motor_friction
-from elastid.response import Response
+from elastid.response import MotorMotion, Response
 from elastid.robot import Tolerances
 from elastid.targets.numbers import lines_of
 
@@ -52,6 +52,20 @@ def with_springs(responses: list[Response]) -> list[Response]:
 def fitted(is_exact: bool) -> tuple[Result, list[Response]]:
     responses = with_springs(measure(arm(), np.random.default_rng(4), 0.003))
     return fit_parameters(responses, arm(None if is_exact else Tolerances()), SPEC), responses
+
+
+def test_time_between_reversals_is_half_a_period_at_one_frequency() -> None:
+    """Of two frequencies, pi sigma_v / sigma_a; of a motor whose motion was not measured there is none."""
+    power = np.zeros((2, 2, 2), complex)
+    power[:, 1, 1] = 1.0, 0.0
+    motion = MotorMotion(("motor 1", "motor 2"), np.array([4.0, 20.0]), power, np.zeros(2))
+    (response,) = measure(arm(), np.random.default_rng(4), 0.003)[:1]
+    assert list(_between_reversals(replace(response, motion=motion), "motor 2")) == pytest.approx([0.125])
+    power[1, 1, 1] = 0.5
+    both = replace(response, motion=replace(motion, power=power))
+    v, a = 4**2 + 20**2 / 2, 4**4 + 20**4 / 2
+    assert list(_between_reversals(both, "motor 2")) == pytest.approx([np.sqrt(v / a) / 2])
+    assert not list(_between_reversals(both, "motor 3"))
 
 
 def test_a_rate_at_its_bound_is_a_start() -> None:

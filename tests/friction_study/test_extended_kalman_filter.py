@@ -174,13 +174,15 @@ def test_what_a_study_has_identified_narrows_the_bands() -> None:
     assert with_tolerances(rigid, useless).tolerances["inertia"] == 0.5
 
 
-def test_friction_is_tracked_only_where_joint_moves_alone():
+@pytest.mark.parametrize("late", [0, 4])  # samples
+def test_friction_is_tracked_only_where_joint_moves_alone(late: int) -> None:
     """Beside the inertia and gravity that the study found; a joint that never moves alone has a note, or is refused."""
     rng, t = np.random.default_rng(0), np.arange(3000) / 200.0
     waves = [(0.6, 1.9, 0.0), (0.3, 4.3, 1.0)]
     q, v, a = (sum(A * w**k * np.sin(w * t + p + k * np.pi / 2) for A, w, p in waves) for k in range(3))
     torque = 2.0 * a + 5.0 * np.sign(v) + 3.0 * v + 4.0 * np.cos(q) - 1.5 * np.sin(q) + 0.5
-    record = FrictionRecord("alone", "1", "motion", 200.0, q, torque + 0.05 * rng.standard_normal(len(t)))
+    torque += 0.05 * rng.standard_normal(len(t))
+    record = FrictionRecord("alone", "1", "motion", 200.0, np.roll(q, late), torque, torque_delay_s=late / 200)
     both = [replace(record, name="both", joint=joint) for joint in "12"]
     shared = {"inertia": (2.0, 0.01), "gravity.cos": (4.0, 0.04), "gravity.sin": (-1.5, 0.02), "offset": (0.5, 0.01)}
     one = np.ones(1)

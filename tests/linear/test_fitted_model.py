@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from plants.arm import closed_form, result
 
-from elastid.linear.fitted_model import FittedModel, ModelErrorFactor
+from elastid.linear.fitted_model import FittedModel, ModelErrorFactor, UncertainModes
 
 ANGLES = np.array([0.4, -0.9])
 
@@ -59,6 +59,19 @@ def test_modes_have_shapes_of_largest_entry_one() -> None:
     motors = [i for i, name in enumerate(modes.coordinates) if name.startswith("motor")]
     np.testing.assert_array_equal(modes.shapes[motors], 0)
     assert len(modes.freq_hz) == 2
+
+
+def test_deviations_of_modes_are_those_of_differences() -> None:
+    fit, h = result(), 1e-5
+    covariance = fit.covariance * (1 + np.eye(len(fit.x)))
+
+    def modes(x: np.ndarray) -> UncertainModes:
+        return FittedModel.of(fit.linear[0], fit.parameters, x, covariance).modes()
+
+    own, steps = modes(fit.x), h * np.eye(len(fit.x))
+    for name, std in (("freq_hz", own.freq_std), ("zeta", own.zeta_std)):
+        slopes = [(getattr(modes(fit.x + step), name) - getattr(modes(fit.x - step), name)) / (2 * h) for step in steps]
+        np.testing.assert_allclose(std**2, np.diag(np.transpose(slopes) @ covariance @ slopes), rtol=1e-3)
 
 
 def test_numbers_follow_fit_and_slopes_equal_differences() -> None:

@@ -11,7 +11,7 @@ from elastid.fit.parameter_selection import choose, with_tolerances
 from elastid.fit.problem.frf_residuals import kernel_of, linear_model
 from elastid.fit.spec import FitSpec
 from elastid.linear.linearise import Linearisation
-from elastid.linear.ports import moved_by
+from elastid.linear.ports import locked_motor_motions, moved_by
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import EXACT
@@ -93,3 +93,12 @@ def test_derivatives_hold_where_the_geometry_moves_the_force(outputs: tuple[str,
         numeric = (at(theta + step) - at(theta - step)) / (2 * h)
         # An error of 1 % of the number, or 10 um, against 1e-5 of the response.
         assert np.abs(numeric - slope).max() * max(1e-3, abs(theta[i])) < 1e-4 * np.abs(G).max(), name
+
+
+@pytest.mark.parametrize("B", [np.eye(4)[:, 1:3], np.array([[1.0, 0], [-1, 0], [0, 2], [0, 0]])])
+def test_locked_motors_leave_all_other_motions(B: np.ndarray) -> None:
+    """Columns of the unit matrix, but where a motor is between two coordinates."""
+    N = locked_motor_motions(B)
+    assert np.linalg.matrix_rank(N) == N.shape[1] == 2
+    np.testing.assert_allclose(B.T @ N, 0, atol=1e-15)
+    assert np.isin(N, (0, 1)).all() == (B.min() == 0)

@@ -73,6 +73,20 @@ def test_slopes_are_those_of_differences_also_in_a_closed_loop(equations):
     np.testing.assert_allclose(readings[0], other, rtol=1e-8, atol=1e-14)
 
 
+def test_deflections_at_two_frames_are_reciprocal():
+    """Maxwell and Betti: the work of one small force on the deflection by the other is equal both ways."""
+    (tool,) = robot().frames
+    model = formulate(replace(robot(), frames=(tool, Frame("elbow", tool.body, Placement((0.1, 0, 0))))))
+    forces = np.array([[0.04, 0, -0.03], [0.02, 0, 0.05]])
+    loads = [
+        Load(WHERE, at, force, np.zeros(3), read_at, np.eye(3))
+        for at, read_at, force in zip(("tool", "elbow"), ("elbow", "tool"), forces, strict=True)
+    ]
+    (elbow, hand), _ = LoadedRobot.of(model, loads, [model.theta] * 2, ()).deflections([model.theta] * 2)
+    assert elbow @ forces[1] == pytest.approx(hand @ forces[0], rel=1e-4)
+    assert abs(elbow @ forces[1]) > 1e-9
+
+
 def test_without_rest_and_without_frame_it_says_so():
     """A step of the solver to infinite stiffness, and a frame that the robot lacks."""
     model = formulate(robot())

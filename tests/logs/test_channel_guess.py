@@ -9,7 +9,7 @@ import pytest
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.logs.channel_doubts import channel_doubts, doubts_by_names
 from elastid.logs.channel_guess import guess_log
-from elastid.logs.channel_names import guess_by_name
+from elastid.logs.channel_names import guess_by_name, label_by_words
 from elastid.logs.clocks import is_clock
 from elastid.logs.motion_relations import derivative, motion_relations, torque_relation
 from elastid.robot import Body, Joint, Limits, Motor, Robot
@@ -34,6 +34,19 @@ def test_unit_in_file_outranks_unit_in_name() -> None:
     assert guess_by_name("channel_1", None, "deg/s").quantity == "velocity"
 
 
+def test_joints_are_named_by_numbers_or_words_that_two_kinds_share() -> None:
+    arm = [f"{joint}_joint_{kind}" for kind in ("pos", "effort") for joint in ("shoulder_pan", "elbow", "wrist_1")]
+    arms = [f"{side}_joint_{i}_{kind}" for kind in ("q", "tau") for side in ("left", "right") for i in (1, 2)]
+    encoders = ["primary1_pos", "primary2_pos", "secondary1_pos", "secondary2_pos", "torque1", "torque2"]
+    for names, joints in (
+        (arm, {"shoulder pan", "elbow", "wrist 1"}),
+        (arms, {"left 1", "left 2", "right 1", "right 2"}),
+        (encoders, {"1", "2"}),
+    ):
+        guesses = label_by_words([guess_by_name(name, None) for name in names])
+        assert {guess.parts[1] for guess in guesses} == joints
+
+
 def test_resisting_controller_is_no_mirrored_torque() -> None:
     """u = J a - k_d v with a motion from outside; alone, the same torque has the wrong sign."""
     (q, v, a, _), noise = moved(0), np.random.default_rng(9).standard_normal(len(T))
@@ -56,6 +69,17 @@ def test_torques_and_motions_are_paired_with_unit_and_sign() -> None:
     assert (pairs["tau_1"].sign, pairs["tau_2"].sign) == (1, -1)
     assert guess.is_motion
     assert guess_log([(guess_by_name("tau_1", None), joints[0][3])], RATE) is None  # one signal is no log
+
+
+def test_noise_and_spikes_of_a_torque_are_no_vibration() -> None:
+    """Of six times the size of the torque; a vibration with an encoder of few counts remains one."""
+    q, *_, u = moved(0)
+    noise = 6 * np.std(u) * np.random.default_rng(2).normal(size=len(q))
+    spikes = 60 * np.std(u) * (np.arange(len(q)) % 701 == 0)
+    shaken = np.round(np.cumsum(np.cumsum(noise - noise.mean())) / 300)
+    for torque, motion, is_motion in ((u + noise, q, True), (u + spikes, q, True), (noise, shaken, False)):
+        guess = guess_log([(guess_by_name("tau", None), torque), (guess_by_name("q", None), motion)], RATE)
+        assert guess.is_motion == is_motion
 
 
 def test_a_joint_at_rest_is_beside_a_motion() -> None:

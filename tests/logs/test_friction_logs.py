@@ -57,6 +57,18 @@ def test_spikes_of_torque_and_position_are_masked(tmp_path: Path) -> None:
     assert clean.notes == ()
 
 
+@pytest.mark.parametrize(("length", "parts", "limit"), [(4, 1, 3.0), (60, 4, 0.01)])
+def test_dropouts_of_torque_are_missing_at_any_torque(tmp_path: Path, length: int, parts: int, limit: float) -> None:
+    """Short ones are bridged, others divide the log; a torque that passes 0 in coarse steps has none."""
+    lost = np.arange(600, len(U), 1300)[:, None] + np.arange(length)
+    u = np.where(np.isin(np.arange(len(U)), lost), 0.0, U)
+    records, (coarse,) = records_of(tmp_path, Q + 0.1, u), records_of(tmp_path, Q + 0.1, np.round(U / 2) * 2)
+    assert (len(records), coarse.notes) == (parts, ())
+    for record in records:
+        first = round(record.start_s * record.rate_hz)
+        assert np.abs(record.torque - U[first : first + len(record.torque)]).max() < limit
+
+
 def test_rows_of_zeros_are_missing_and_interpolated(tmp_path: Path) -> None:
     """One row in seven, as of a second publisher of a topic."""
     q, u = Q + 1.0, U.copy()

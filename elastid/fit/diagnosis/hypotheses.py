@@ -186,7 +186,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
                summary="length or position of a joint", plant="link length"),
     # Plausibility: payloads change, links do not.
     Hypothesis("payload", phrase=payload,
-               advice="add a forgotten payload to the robot model, or correct mass and centre of body {where}",
+               advice="correct mass and centre of body {where}, or state the payload that it carries",
                summary="payload that the robot model lacks", plant="payload 5 kg", plausibility=20.0,
                columns=of_one_posture),
     Hypothesis("payload of one posture", phrase=payload,

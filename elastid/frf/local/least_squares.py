@@ -155,7 +155,7 @@ class LadderFit:
     selected: LocalFit
     models: tuple[LocalFit, ...]
     selected_index: IntArray
-    where: Windows
+    window: Windows
     terms: WindowTerms
 
 

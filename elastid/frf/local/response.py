@@ -128,7 +128,7 @@ def local_response(
     signals = _signals(spectra, closed, all_lines, _step(spec, first), most_lines)
     experiments = _experiments(spectra, closed, signals.response_lines)
     fits, richer = _fits(signals, spec, first, transient=experiments.C_Z is None)
-    S_rr = window_power(signals.R, fits.where)
+    S_rr = window_power(signals.R, fits.window)
     usable = separates_inputs(fits.selected, experiments)
     if not usable.any():
         raise DataError(
@@ -139,7 +139,7 @@ def local_response(
         )
     fitted = fitted_response(fits.selected, experiments, usable)
     total = with_model_error(fitted, richer, experiments, usable)
-    lines, span = all_lines[signals.response_lines], fits.where.span
+    lines, span = all_lines[signals.response_lines], fits.window.span
     freq_hz, span_hz = (line_frequencies(x[usable], first.rate_hz, first.period_samples) for x in (lines, span))
     quality = local_quality(freq_hz, fitted, experiments.periods, S_rr[usable])
     notes = [*cut, *notes_of(logs)]
@@ -151,7 +151,7 @@ def local_response(
             "with proportional inputs are averaged and count as one experiment"
         )
         notes.append(Note("frf/window", text, severity="information"))
-    unit, n_w = "Hz" if first.has_rate else "of the sampling rate", fits.where.index.shape[1]
+    unit, n_w = "Hz" if first.has_rate else "of the sampling rate", fits.window.index.shape[1]
     text = (
         f"{spec.method} of order {fits.terms.order} in windows of {n_w} lines ({np.median(span_hz):.3g} {unit}), "
         f"{fits.selected.dof:.3g} degrees of freedom"
@@ -173,21 +173,21 @@ def _cut_to_one_length(records: Sequence[Record]) -> tuple[Sequence[Record], tup
     if records[0].is_periodic or np.all(lengths == n):
         return records, ()
     first = records[0]
-    where = f"configuration {first.configuration.name}"
+    place = f"configuration {first.configuration.name}"
     seconds = f"{n / first.rate_hz:g} to {lengths.max() / first.rate_hz:g} s"
     if n < 0.5 * lengths.max():
         raise DataError(
             "frf/records",
             f"its records last {seconds}; a local method needs one length. Cut them by samples: [first, last], or set "
             "estimator.method h1",
-            where,
+            place,
         )
     cut = [
         replace(record, u=record.u[:n], y=record.y[:n], r=None if record.r is None else record.r[:n], period_samples=n)
         for record in records
     ]
     text = f"records of {seconds} are cut to the shortest length, since a local method compares them line by line"
-    return cut, (Note("frf/window", text, where),)
+    return cut, (Note("frf/window", text, place),)
 
 
 def spectra_at(signals: FloatArray, samples: slice, bins: IntArray) -> ComplexArray:

@@ -32,7 +32,6 @@ LEAP = 10.0  # of other repetitions from a 0, over the step that 99 % of the sam
 MIN_MOVING_FRACTION = 0.2  # a signal moves at a phase where it scatters by this part of its median scatter
 # Part of its usual scatter below which a signal stands still, and of a repetition that may be missing or still.
 MAX_STATIONARY_FRACTION = 0.1
-LEAP_OF_ROWS = 2.0  # of a row of zeros, over the step of a channel that 99 % of the rows stay below
 MAX_MISSING_FRACTION = 1 / 3  # a channel that lacks more than this part is refused
 # Of clipping and quantisation.
 MIN_NOISE_FRACTION = 2e-3  # noise of steps is reported from this part of the signal on
@@ -51,40 +50,35 @@ MIN_CLIPPED_FRACTION, MAX_CLIPPED_FRACTION = 0.002, 0.05
 EQUAL_TOLERANCE = 1e-9  # values this close, as a part of the span, are equal
 
 
-def without_zero_rows(signals: FloatArray, log: Log) -> FloatArray:
-    """Mask (NaN) rows of signals (n, c), c > 1, whose channels are all 0, one of them after a leap: empty messages.
-
-    As for a channel that drops out, a leap is longer than the steps between 99 % of the other rows.
-    """
-    is_zero = np.all(signals == 0, axis=1)
-    others = np.flatnonzero(~is_zero)
-    if signals.shape[1] < 2 or not is_zero.any() or len(others) < (1 - MAX_MISSING_FRACTION) * len(signals):
-        return signals
-    steps = np.nanquantile(np.abs(np.diff(signals[others], axis=0)), 0.99, axis=0)
-    beside = signals[others[np.minimum(np.searchsorted(others, np.arange(len(signals))), len(others) - 1)]]
-    # If all signals are near 0, no channel leaps: a row is then empty if most rows of zeros leap.
-    leaps = is_zero & np.any(np.abs(beside) > LEAP_OF_ROWS * steps, axis=1)
-    if 2 * leaps.sum() < is_zero.sum():
-        return signals
-    text = f"{is_zero.sum()} rows of zeros, the first is {log.time_of(np.argmax(is_zero))}: taken as missing"
-    log.report(MASKED, is_zero.sum(), text)
-    return np.where(is_zero[:, None], np.nan, signals)
-
-
 def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
-    """Mask (NaN) runs in which a channel of signals (n, c) is 0 or hangs while others move, and which ends by a leap.
+    """Mask (NaN) runs in which a channel of signals (n, c) is 0 after a leap, or hangs while others move.
 
-    A leap is longer than LEAP times the 99 % quantile of the steps of the channel.
+    A leap is longer than LEAP times the 99 % quantile of the steps between nonzero samples. A short run of zeros begins
+    and ends by one, a long constant run ends by one. Runs of zeros between values of usual size, more than by chance,
+    are lost messages without leaps: where a signal passes 0, it is small.
     """
-    result = np.copy(signals)
-    size = np.maximum(np.nanstd(signals, axis=0), 1e-300)
-    for c, x in enumerate(signals.T):
-        changes = np.diff(x)
-        least = max(LEAP * float(np.nanquantile(np.abs(changes), 0.99)), MIN_STEPS * step(x))
+    result, steps = np.copy(signals), np.abs(np.diff(signals, axis=0))
+    for c, (x, changes) in enumerate(zip(signals.T, steps.T, strict=True)):
+        usual, size = changes[np.isfinite(changes) & (x[1:] != 0) & (x[:-1] != 0)], np.abs(x[np.isfinite(x) & (x != 0)])
+        if not usual.size:
+            continue
+        q, middle = step(x), max(float(np.median(usual)), 1e-300)
+        least = max(LEAP * float(np.quantile(usual, 0.99)), MIN_STEPS * q)
+        zeros = [(a, b) for a, b in runs(x == 0).tolist()]
+        beside = {(a, b): min(abs(x[a - 1]), abs(x[b])) for a, b in zeros if a > 0 and b < len(x)}
+        by_chance = np.sum(size <= middle) * q / (2 * middle)
+        passed = max(MIN_RANGE * float(np.median(size)), MIN_STEPS * q)
+        if len(beside) >= MIN_PLACES * (1 + by_chance) and np.nanmedian([*beside.values(), 0.0]) > passed:
+            beside = dict.fromkeys(zeros, np.inf)
+        gaps = [(a, b) for (a, b), leap in beside.items() if b - a < MIN_RUN and leap > least]
         constant = [(a, b + 1) for a, b in runs(changes == 0, MIN_RUN - 1).tolist() if a > 0 and b < len(changes)]
-        gaps = [(a + (x[a] != 0), b) for a, b in constant if abs(changes[b - 1]) > least]
-        others = np.delete(signals, c, axis=1) / np.delete(size, c)
-        gaps = [(a, b) for a, b in gaps if np.any(np.nanmax(others[a:b], 0) - np.nanmin(others[a:b], 0) > MIN_RANGE)]
+        speed = np.nanmean(np.delete(steps, c, axis=1), axis=0)
+        if sum(b - a for a, b in constant) > MAX_MISSING_FRACTION * len(x):  # a torque that is given in steps
+            constant = []
+        for a, b in constant:
+            travel = np.ptp(np.delete(signals[a + 2 : b - 2], c, axis=1), axis=0)
+            if max(changes[b - 1], beside.get((a, b), 0)) > least and np.any(travel > MIN_RANGE * (b - a) * speed):
+                gaps.append((a + (x[a] != 0), b))
         _mask_constant(result, c, gaps, "channels", log)
     return result
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -96,13 +97,18 @@ def _missing_samples(good: BoolArray, log: Log, c: int) -> tuple[int, str]:
     return gaps.size, f"{text}, the first is {log.time_of(gaps[0])}"
 
 
-def bridge_short_gaps(signals: FloatArray, log: Log) -> FloatArray:
-    """Interpolate the gaps (NaN) of signals (n, c), without a period, that are short and not at the ends."""
+def bridge_short_gaps(signals: FloatArray, log: Log, straight: Mapping[int, int] = MappingProxyType({})) -> FloatArray:
+    """Interpolate the gaps (NaN) of signals (n, c), without a period, that are short and not at the ends.
+
+    straight: samples of the longest gap that a straight line bridges, by column.  Channels that lack more than a third
+    remain as they are.
+    """
     result = np.copy(signals)
-    for c, x in enumerate(signals.T):
+    for c in np.flatnonzero(np.isnan(signals).mean(axis=0) <= MAX_MISSING_FRACTION).tolist():
+        x = signals[:, c]
         for at, gap in interpolations(x, len(x), 1):
-            if gap is not None and at.start > 1 and at.stop < len(x) - 1:
-                result[at, c] = gap.values
+            if at.start > 1 and at.stop < len(x) - 1 and (gap or at.stop - at.start <= straight.get(c, 0)):
+                result[at, c] = gap.values if gap else bridged(x)[at]
         bridged_rows = np.isfinite(result[:, c]) & ~np.isfinite(x)
         if bridged_rows.any():
             count, text = _missing_samples(~bridged_rows, log, c)

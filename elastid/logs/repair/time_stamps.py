@@ -44,7 +44,7 @@ MAX_RATE_RATIO = 20.0
 MIN_CONCENTRATION, FIRST_STAMPS = 0.25, 512
 
 
-GAPS, SET_BACK = "samples missing in time", "clock set back"
+GAPS, SET_BACK = "samples missing in time", "clock set"
 # Knots that are solved for together, and those beyond either end that are solved for and not used.
 _KNOTS, _OVERLAP = 16384, 4 * HALF_WIDTH
 _TOLERANCE = 1e-8  # below the noise of any sensor
@@ -124,7 +124,10 @@ def even_grid(time_s: FloatArray) -> tuple[IntArray, float] | None:
 def _line(t: FloatArray, rows: IntArray) -> StampLine:
     step, rounding_s = float(np.polyfit(rows.astype(np.float64), t, 1)[0]), _resolution(t)
     late = t - step * rows
-    start = float(np.quantile(late, MAX_WRONG_FRACTION)) + min(rounding_s, float(np.ptp(late))) / 2
+    start, end = np.quantile(late, [MAX_WRONG_FRACTION, 1 - MAX_WRONG_FRACTION]).tolist()
+    mean, spread = float(late.mean()), float(np.ptp(late))
+    # Most delays by queues are short, or of several steps; symmetric jitter is that of the reading of a clock.
+    start = mean if spread < step and 2 * (mean - start) > end - mean else start + min(rounding_s, spread) / 2
     return StampLine(rows, 1 / step, start, late - start, rounding_s)
 
 
@@ -238,24 +241,35 @@ def rising(
         text = f"{len(twice)} rows repeat the time of the previous row, the first at {log.time_of(twice[0])}; discarded"
         log.report("rows with the stamp of another", len(twice), text)
         time_s, signals = np.delete(time_s, twice), np.delete(signals, twice, axis=0)
-    falls = np.flatnonzero(np.diff(time_s) < 0)
-    if not len(falls):
+    jumps = without_jumps(time_s)[1]
+    if not len(jumps):
         return time_s, signals
-    place = log.time_of(falls[0] + 1)
-    if len(falls) > max(1.0, MAX_WRONG_FRACTION * len(time_s)):
-        text = f"the time runs backwards in {len(falls)} of {len(time_s) - 1} steps, the first at {place}"
+    place = log.time_of(jumps[0])
+    if len(jumps) > max(1.0, MAX_WRONG_FRACTION * len(time_s)):
+        text = f"the time runs backwards in {len(jumps)} of {len(time_s) - 1} steps, the first at {place}"
         raise log.error("records/clock", f"{text}. Sort the rows by time, or exclude that part by samples")
     order = np.argsort(time_s, kind="stable")
     steps = np.diff(time_s[order])
-    if steps.min() > np.median(steps) / 2:
-        text = f"{len(falls)} rows were not in time order, the first at {place}; sorted"
-        log.report("rows sorted by time", len(falls), text)
+    if steps.min() > np.median(steps) / 2 and np.sum(steps > MIN_GAP * np.median(steps)) < len(jumps):
+        text = f"{len(jumps)} rows were not in time order, the first at {place}; sorted"
+        log.report("rows sorted by time", len(jumps), text)
         return time_s[order], signals[order]
-    rises, step_s = np.diff(time_s, prepend=time_s[0]), float(np.median(steps))
-    rises[falls + 1] = step_s if has_clocks else (MAX_BRIDGED + 2) * step_s
     gap = "elastid assumes no lost message" if has_clocks else "treated as a gap"
-    log.report(SET_BACK, len(falls), f"the time decreases at {place}, as if the clock was set back; {gap}")
-    return time_s[0] + np.cumsum(rises), signals
+    log.report(SET_BACK, len(jumps), f"the time jumps at {place}, as if the clock was set; {gap}")
+    return without_jumps(time_s, 1 if has_clocks else MAX_BRIDGED + 2)[0], signals
+
+
+def without_jumps(t: FloatArray, gap: int = 1) -> tuple[FloatArray, IntArray]:
+    """Return stamps (n,) whose clock is not set, and samples (k,) before which it was.
+
+    A clock was set where it falls, or rises by more than MAX_RATE_RATIO times the rest.  gap: median steps in place of
+    a jump.
+    """
+    rises = np.diff(t, prepend=t[:1])
+    is_rise = rises > 0
+    is_jump = (rises < 0) | (rises > MAX_RATE_RATIO * (rises[is_rise].sum() - rises))
+    rises[is_jump] = gap * float(np.median(rises[is_rise & ~is_jump])) if np.any(is_rise & ~is_jump) else 0.0
+    return t[:1] + np.cumsum(rises), np.flatnonzero(is_jump)
 
 
 def _is_smoother_on(line: StampLine, time_s: FloatArray, signals: FloatArray) -> bool:

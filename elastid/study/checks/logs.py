@@ -17,13 +17,14 @@ from elastid.experiment.specs.experiment import ToolSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
 from elastid.logs.channel_doubts import channel_doubts
 from elastid.logs.channels import driver_columns, gather_channels
-from elastid.logs.clocks import BACKWARDS, MAX_SAMPLES, is_clock, stamp_size, stamps_of, time_units
+from elastid.logs.clocks import BACKWARDS, MAX_SAMPLES, is_clock, rate_of, stamp_size, stamps_of, time_units
 from elastid.logs.files.formats import is_log, opened_log
 from elastid.logs.files.log import Log as OpenLog
 from elastid.logs.files.text_format import WRITTEN_OTHERWISE
 from elastid.logs.headings import is_time
 from elastid.logs.repair import Log
 from elastid.logs.repair.periodicity import check_complete, check_repeat, grid_samples
+from elastid.logs.repair.time_stamps import without_jumps
 from elastid.logs.units_and_sides import channel_refusals, without_placeholders
 from elastid.store.files import content_hash
 from elastid.study.checks.names import refusal_of, unknown
@@ -289,13 +290,13 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
     names = [recorded.time] if recorded.time else sorted(clocks) or [name for name in log.shapes() if is_time(name)]
     for name in names:
         stamps = stamps_of(log, name)[0]
-        steps = np.diff(stamps)
+        steps = np.diff(without_jumps(stamps)[0])
         if is_clock(-stamps):
             yield Problem((*_RECORDED, "time") if recorded.time else where, f"{name} {BACKWARDS}. Sort the rows by it")
         if not len(steps) or not steps.min() > 0 or np.all(steps == 1):  # a counter of samples shows no rate
             continue
-        mean_s, median_s = float(np.mean(steps)), float(np.median(steps))
-        rates = {unit: (1 / (s * mean_s), 1 / (s * median_s)) for unit, s in time_units(stamps).items()}
+        hz = rate_of(without_jumps(stamps)[0]), 1 / float(np.median(steps))
+        rates = {unit: (hz[0] / s, hz[1] / s) for unit, s in time_units(stamps).items()}
         unit, _ = stamp_size(stamps, rate_hz)
         if recorded.time and rates[unit][0] < 0.7 * rate_hz:
             is_unit_certain = all(

@@ -8,8 +8,10 @@ from plants.refusals import refused
 from plants.three_mass import FREQ as FREQ_SMOOTHED_NOISE
 from plants.three_mass import plant
 from plants.two_mass import circular
+from scipy.special import digamma
+from scipy.stats import chi2
 
-from elastid.fit.problem.smoothed_noise import smooth_noise, smooth_variance
+from elastid.fit.problem.smoothed_noise import _for_weights, log_moment, moving_mean, smooth_noise, smooth_variance
 from elastid.fit.problem.weights import Whitening, check_factors, weigh
 from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec
 from elastid.linear.response.transfer import frequency_response
@@ -165,6 +167,26 @@ def test_a_line_that_is_really_noisier_keeps_its_own_level():
     assert power[80] < 4
     assert np.all(power[np.r_[76:80, 81:85]] < 2)
     assert np.all(power[np.r_[76:80, 81:85]] > 0.5)
+
+
+@pytest.mark.parametrize("dof", [3.0, 12.0])
+def test_line_counts_as_noisier_beyond_one_chance_in_a_thousand(dof: float) -> None:
+    """Of lines of one variance: of their geometric mean, corrected by its expectation, one line has r times the rest's.
+
+    The mean of a window stays within the band at its ends.
+    """
+    width, variance = 9, np.ones(60)
+    rest = np.exp(log_moment(1, dof, width))
+    limit = (chi2.isf(1e-3, 2 * dof) / (2 * dof) / rest) ** (width / (width - 1))
+    for ratio, is_loud in ((0.99, False), (1.01, True)):
+        variance[30] = ratio * limit
+        smooth = _for_weights(variance, dof, width)
+        assert (smooth[30] == variance[30]) == is_loud
+        np.testing.assert_allclose(smooth[[0, 10, 59]], np.exp(log_moment(-1, dof, width)))
+    assert log_moment(1, dof, 10**6) == pytest.approx(digamma(dof) - np.log(dof), rel=1e-4)
+    assert log_moment(-1, dof, 1) == pytest.approx(np.log(dof / (dof - 1)))
+    assert log_moment(-1, 1.0, 1) == log_moment(1, np.inf, 3) == 0
+    np.testing.assert_allclose(moving_mean(np.arange(6.0), 3), [1, 1, 2, 3, 4, 4])
 
 
 def test_measured_covariance_is_corrected_for_self_influence():

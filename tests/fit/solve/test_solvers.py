@@ -13,7 +13,7 @@ from scipy.optimize import least_squares, lsq_linear
 
 from elastid.base.arrays import FloatArray
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
-from elastid.fit.solve.solvers import FINE, SHRINK, SolverName, _next_radius, multistart, solve, spread
+from elastid.fit.solve.solvers import FINE, SHRINK, SolverName, _bounded_step, _next_radius, multistart, solve, spread
 from elastid.parameters import Parameter, Parameters
 
 T = np.linspace(0, 1, 50)
@@ -230,3 +230,24 @@ def test_starts_that_lead_nowhere_are_survived_unless_all_do():
 
 def test_radius_after_failed_step_is_fraction_of_step() -> None:
     assert _next_radius(2.0, 0.5, -math.inf, 1.0, -1.0) == SHRINK[0] * 0.5
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_bounded_step_is_within_and_descends(seed: int) -> None:
+    """Within radius and bounds, whichever of them it meets; no step along the others is better where none is met."""
+    rng = np.random.default_rng(seed)
+    A, b = rng.standard_normal((9, 5)), 3 * rng.standard_normal(5)
+    hessian, metric, none = A.T @ A, np.diag(rng.uniform(0.5, 2, 5)), np.zeros(5, bool)
+    room, radius = (-rng.uniform(0.05, 1, 5), rng.uniform(0.05, 1, 5)), rng.uniform(0.3, 1)
+    step = _bounded_step(b, hessian, metric, room, none, radius)
+    assert step @ metric @ step <= (1.1 * radius) ** 2
+    assert np.all((room[0] <= step) & (step <= room[1]))
+    assert b @ step + step @ hessian @ step / 2 < 0
+    wide = (np.full(5, -np.inf), np.full(5, np.inf))
+    np.testing.assert_allclose(_bounded_step(b, hessian, metric, wide, none, 1e3), np.linalg.solve(hessian, -b))
+    at_radius = _bounded_step(b, hessian, metric, wide, none, radius)
+    multipliers = -(b + hessian @ at_radius) / (metric @ at_radius)
+    np.testing.assert_allclose(multipliers, multipliers.mean(), rtol=1e-2)
+    assert at_radius @ metric @ at_radius == pytest.approx(radius**2, rel=0.2)
+    fixed = np.arange(5) == 2
+    assert _bounded_step(b, hessian, metric, wide, fixed, radius)[2] == 0

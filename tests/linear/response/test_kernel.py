@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.template_arm import arm, linear
+from plants.two_mass import circular
 
 from elastid.base.kernels import is_compiled
 from elastid.linear.linear_model import DELAY
@@ -61,6 +62,21 @@ def test_derivatives_equal_central_differences_for_every_parameter(outputs):
             frequency_response(model, theta + shift, FREQ_HZ) - frequency_response(model, theta - shift, FREQ_HZ)
         ) / (2 * h)
         np.testing.assert_allclose(dG[place], numeric, atol=1e-6 * np.abs(numeric).max(), err_msg=name)
+
+
+def test_pull_is_adjoint_of_columns():
+    """Of all columns, and times j omega and its square of those of one power; columns are proportional to scales."""
+    model = linear(arm(), outputs=("body fore_arm z", "motor 2"))
+    columns, rng = Columns(Kernel(model, FREQ_HZ, model.parameters)), np.random.default_rng(0)
+    for band in columns.at(model.theta_ref):
+        scale = rng.uniform(1, 2, columns.pieces.base.max() + 1)
+        U, weight = band.columns(np.ones_like(scale), np.float64), circular(rng, band.G.shape)
+        np.testing.assert_allclose(band.columns(scale, np.float64), U * scale, rtol=1e-12)
+        powers = (1j * band.omega) ** np.arange(3)[:, None]
+        expected = np.einsum("pf,fe,feb->pb", powers, weight, U)
+        error = np.abs(band.pull(weight) - expected) / np.abs(expected).max(axis=0)
+        error[1:, len(band.sign) : len(band.sign) + band.S.shape[1]] = 0
+        assert error.max() < 1e-10
 
 
 pytestmark = pytest.mark.skipif(not is_compiled(), reason="the kernels in C are not built")
