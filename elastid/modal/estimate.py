@@ -38,7 +38,7 @@ from elastid.modal.fitted_mode import (
     window_notes,
     without_twins,
 )
-from elastid.modal.model import Basis, ModalData, ModalFit, complex_columns
+from elastid.modal.model import Basis, ModalData, ModalFit
 from elastid.modal.modes import Modes, phase_collinearity, without_modes
 from elastid.modal.poles import (
     StabilisationDiagram,
@@ -264,7 +264,7 @@ def _residual_variance(response: Response, fit: ModalFit) -> FloatArray:
     """Return variance (F, n_y, n_u) of the residuals of a model, smoothed over frequency."""
     power = np.abs(response.G) ** 2
     model = fit.synthesis().reshape(response.G.shape)
-    free = np.maximum(1 - np.sum(np.abs(complex_columns(fit.Q)) ** 2, axis=1) / 2, 0.1)[:, None, None]
+    free = np.maximum(1 - fit.leverage, 0.1)[:, None, None]
     return floor_variance(smooth_variance(np.abs(response.G - model) ** 2 / free, np.abs(model) ** 2), power)
 
 

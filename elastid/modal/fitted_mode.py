@@ -245,7 +245,7 @@ class Influences:
     @cached_property
     def _free(self) -> FloatArray:
         """Fraction (F,) of the noise that a fit leaves in the residuals near a line; correlated lines lose more."""
-        leverage = np.sum(np.abs(complex_columns(self.fit.Q)) ** 2, axis=1) / 2 + self._pole_leverage()
+        leverage = self.fit.leverage + self._pole_leverage()
         mean = uniform_filter1d(self._shared_error_lines * leverage, 2 * self._half + 1, mode="reflect")
         return np.asarray(np.maximum(1 - mean, LEAST_FREE))
 

@@ -28,7 +28,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg.blas import dgemm, dtrmm
 
-from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.record import MOTION_ORDER
 from elastid.response import Response
 
@@ -57,32 +57,36 @@ class Basis:
         return cls(response.freq_hz, MOTION_ORDER[response.quantity], scale, correlation, response.segment_s)
 
     @cached_property
-    def s(self) -> ComplexArray:
-        """j omega (F,) over the scale."""
-        return np.asarray(laplace_variable(self.freq_hz) / self.scale)
+    def omega(self) -> FloatArray:
+        """Frequencies (F,) over the scale."""
+        return 2 * np.pi * self.freq_hz / self.scale
 
-    def of_pole(self, pole: complex, derivative: bool = False) -> tuple[FloatArray, FloatArray]:
-        """Return real and imaginary part (F,) of 1 / (s - lambda), a pole over the scale, or of its derivative."""
+    @cached_property
+    def spacing(self) -> float:
+        """Median distance of lines over the scale."""
+        return float(np.median(np.diff(self.omega)))
+
+    def poles(self, poles: ComplexArray, derivative: bool = False) -> tuple[FloatArray, FloatArray]:
+        """Return real and imaginary parts (n, F) of 1 / (s - lambda), poles (n,) over the scale, or its derivative."""
         if self.correlation is None:
-            apart = pole.imag - self.s.imag
-            size = pole.real**2 + apart**2
-            real, imag = -pole.real / size, apart / size
+            apart = poles.imag[:, None] - self.omega
+            size = poles.real[:, None] ** 2 + apart**2
+            real, imag = -poles.real[:, None] / size, apart / size
             return (real**2 - imag**2, 2 * real * imag) if derivative else (real, imag)
         n = len(self.correlation)
         lines = np.round(self.freq_hz * self.segment_s).astype(int)
         step = self.scale * self.segment_s / n
         time = step * np.arange(n)
-        decay = self.correlation * np.exp(pole.real * time + 1j * (pole.imag * time))
-        decay[0] /= 2  # the trapezoidal rule
+        decay = self.correlation * np.exp(poles[:, None] * time)
+        decay[:, 0] /= 2  # the trapezoidal rule
         # Of the discrete sum that which a continuous pole has not: images, as smooth as the residuals.
-        column = step * np.fft.fft(decay * time if derivative else decay)[lines % n]
-        return column.real, column.imag
+        columns = step * np.fft.fft(decay * time if derivative else decay)[:, lines % n]
+        return columns.real, columns.imag
 
     def residuals(self) -> ComplexArray:
         """Return columns (F, 5) of the residuals."""
-        s = self.s
-        middle = float(np.sqrt(np.abs(s[0] * s[-1])))
-        return np.stack([(s / middle) ** (self.order + p) for p in RESIDUALS], axis=1)
+        s = 1j * self.omega / np.sqrt(self.omega[0] * self.omega[-1])
+        return np.stack([s ** (self.order + p) for p in RESIDUALS], axis=1)
 
 
 def window_correlation(response: Response) -> FloatArray:
@@ -159,15 +163,14 @@ class ModalData:
 
         Column 2 r belongs to Re R_r, column 2 r + 1 to Im R_r; derivatives are those by Re lambda.
         """
-        columns = np.empty((len(poles), 2, 2, len(self.weight)))  # those of one pole at a time stay in the cache
-        for block, pole in zip(columns, poles.tolist(), strict=True):
-            (real, imag), (mirrored_real, mirrored_imag) = (
-                self.basis.of_pole(each, derivative) for each in (pole, pole.conjugate())
-            )
-            block[0, 0], block[0, 1] = real + mirrored_real, imag + mirrored_imag
-            block[1, 0], block[1, 1] = mirrored_imag - imag, real - mirrored_real
-            block *= self.weight
-        return columns.reshape(2 * len(poles), 2 * len(self.weight)).T
+        F = len(self.weight)
+        columns, step = np.empty((len(poles), 4, F)), 30_000 // F + 1  # poles, whose columns stay in the cache
+        for i in range(0, len(poles), step):
+            some = poles[i : i + step]
+            (real, imag), (mirrored, other) = (self.basis.poles(each, derivative) for each in (some, some.conj()))
+            parts = np.stack([real + mirrored, imag + other, other - imag, real - mirrored], axis=1)
+            columns[i : i + step] = self.weight * parts
+        return columns.reshape(2 * len(poles), 2 * F).T
 
 
 @dataclass(frozen=True)
@@ -197,12 +200,19 @@ class ModalFit:
     def coefficients(self) -> FloatArray:
         """(p, C): two for each pole, then the residuals."""
         Q, R, norms = self.factors
+        if self.Q is Q:
+            return np.linalg.solve(R, Q.T @ self.data.y) / norms[:, None]
         return np.linalg.lstsq(R, Q.T @ self.data.y, rcond=1e-12)[0] / norms[:, None]
 
     @cached_property
     def residual(self) -> FloatArray:
         """y less the model (2 F, C)."""
         return self.data.y - self.Q @ (self.Q.T @ self.data.y)
+
+    @cached_property
+    def leverage(self) -> FloatArray:
+        """Fraction (F,) of the noise of a line that the columns take."""
+        return np.asarray(np.sum(np.abs(complex_columns(self.Q)) ** 2, axis=1) / 2)
 
     @cached_property
     def cost(self) -> float:

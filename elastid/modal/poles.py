@@ -170,7 +170,7 @@ def drops(fit: ModalFit, candidates: ComplexArray) -> FloatArray:
     """Return D (n, C) of each candidate by itself."""
     columns = fit.data.columns(candidates)
     columns = columns / np.linalg.norm(columns, axis=0)
-    free = columns - ((columns.T @ fit.Q) @ fit.Q.T).T
+    free = columns - fit.Q @ (fit.Q.T @ columns)
     inside = (free.T @ fit.residual).reshape(len(candidates), 2, -1)
     pairs = free.reshape(len(free), -1, 2)
     gram = np.einsum("fri,frj->rij", pairs, pairs)
@@ -185,8 +185,7 @@ def separate_determinations(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
 
     Of a pole narrower than a line without the four nearest lines: a disturbance of three lines has no more.
     """
-    n, omega = len(fit.poles), fit.data.basis.s.imag
-    spacing = float(np.median(np.diff(omega)))
+    n, omega, spacing = len(fit.poles), fit.data.basis.omega, fit.data.basis.spacing
     Q, R, norms = fit.factors
     rows = np.linalg.pinv(R, rcond=1e-12)[: 2 * n].reshape(n, 2, -1)
     # Q times these: part of each pole's columns orthogonal to all other columns.
@@ -200,8 +199,8 @@ def separate_determinations(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
     # QR reduces the lines that no pole uses to as many rows as columns, with equal products.
     near, about = np.tile(near, 2), np.tile(about, 2)
     rest, Qy = ~np.any(near | about, axis=0), np.concatenate([Q, fit.data.y], axis=1)
-    size = np.linalg.norm(outer := Qy[rest], axis=0)
-    T = tall_qr(outer / size)[1] * size
+    size = np.maximum(np.linalg.norm(Qy, axis=0), 1.0)
+    T = tall_qr(Qy[rest] / size)[1] * size
     Q, all_y = np.split(np.concatenate([T, Qy[~rest]]), [Q.shape[1]], axis=1)
     near, about = (np.pad(flags[:, ~rest], ((0, 0), (len(T), 0))) for flags in (near, about))
     outside = np.zeros_like(whole)
@@ -219,7 +218,7 @@ def separate_determinations(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
 
 def _at(fit: ModalFit, pole: complex) -> FloatArray:
     """Return stated variance (C,) of weighted elements about a pole, the mean over the lines within its half width."""
-    omega = fit.data.basis.s.imag
+    omega = fit.data.basis.omega
     low, high = np.searchsorted(omega, (pole.imag + pole.real, pole.imag - pole.real))
     low = min(int(low), len(omega) - 1)
     return np.asarray(fit.data.variance[max(low - 1, 0) : max(int(high), low) + 1].mean(axis=0))
@@ -227,7 +226,7 @@ def _at(fit: ModalFit, pole: complex) -> FloatArray:
 
 def _about(fit: ModalFit, r: int) -> BoolArray:
     """Return flags (F,) of lines within three half widths of a pole, of twelve lines to either side at least."""
-    omega, pole, F = fit.data.basis.s.imag, fit.poles[r], len(fit.data.weight)
+    omega, pole, F = fit.data.basis.omega, fit.poles[r], len(fit.data.weight)
     about, half = int(np.searchsorted(omega, pole.imag)), LIMITS.half_widths * -pole.real
     low = min(about - LIMITS.lines, int(np.searchsorted(omega, pole.imag - half)))
     high = max(about + LIMITS.lines, int(np.searchsorted(omega, pole.imag + half)))
@@ -239,11 +238,10 @@ def noise_levels(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
     """Return s^2 (n, C) of complex residuals about each pole, at least as stated, and its number of lines (n,)."""
     variance, n = fit.data.variance, len(fit.poles)
     power = np.abs(complex_columns(fit.residual)) ** 2
-    leverage = np.sum(np.abs(complex_columns(fit.Q)) ** 2, axis=1) / 2
     s_r, n_r = np.ones((n, power.shape[1])), np.zeros(n)
     for r, pole in enumerate(fit.poles):
         window = _about(fit, r)
-        n_r[r] = max(float(np.sum(1 - leverage[window])), 1.0)
+        n_r[r] = max(float(np.sum(1 - fit.leverage[window])), 1.0)
         # Where lines differ in their noise, those at the pole count.
         s_r[r] = _at(fit, pole) * np.maximum(1.0, (power / variance)[window].sum(axis=0) / n_r[r])
     return s_r, n_r
@@ -298,7 +296,7 @@ def eliminate_poles(fit: ModalFit, correlated_lines: float) -> ModalFit:
 
 def _unresolved(fit: ModalFit) -> int | None:
     """Return the weaker of two poles within a line that are narrower than lines: one mode, moved between references."""
-    spacing, order = float(np.median(np.diff(fit.data.basis.s.imag))), np.argsort(fit.poles.imag)
+    spacing, order = fit.data.basis.spacing, np.argsort(fit.poles.imag)
     for low, high in pairwise(order.tolist()):
         widths = -2 * fit.poles.real[[low, high]]
         if max(float(fit.poles.imag[high] - fit.poles.imag[low]), float(widths.max())) < spacing:
@@ -312,5 +310,5 @@ def residual_peaks(fit: ModalFit) -> ComplexArray:
     smooth = np.convolve(np.mean(np.abs(complex_columns(fit.residual)) ** 2, axis=1), np.ones(3), "same")
     tops = np.flatnonzero((smooth[1:-1] > smooth[:-2]) & (smooth[1:-1] >= smooth[2:])) + 1
     tops = tops[np.argsort(-smooth[tops])][:6]
-    omega, spacing = fit.data.basis.s.imag, float(np.median(np.diff(fit.data.basis.s.imag)))
+    omega, spacing = fit.data.basis.omega, fit.data.basis.spacing
     return np.array([1j * omega[k] - width * spacing for k in tops for width in (0.7, 2.0, 6.0)], complex)

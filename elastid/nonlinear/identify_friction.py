@@ -256,19 +256,12 @@ def _no_friction(first: Record, why: str, friction: Friction) -> CompensatedFric
     n_m = len(first.inputs)
     severity: Severity = "information" if friction == "auto" else "warning"
     note = Note("nonlinear/friction-not-compensated", f"Coulomb friction is not compensated: {why}", severity=severity)
+    none = np.zeros((0, n_m))
     return CompensatedFriction(
-        places=first.inputs,
-        place_units=first.units_of_inputs,
-        shapes=(),
-        coulomb_torque=np.zeros(0),
-        covariance=np.zeros((0, 0)),
-        configurations=(),
-        before=np.zeros((0, n_m)),
-        after=np.zeros((0, n_m)),
-        residual_power_ratio=np.ones(n_m),
-        accelerance=np.zeros(n_m),
+        first.inputs, first.units_of_inputs, shapes=(), coulomb_torque=np.zeros(0), covariance=np.zeros((0, 0)),
+        configurations=(), before=none, after=none, residual_power_ratio=np.ones(n_m), accelerance=np.zeros(n_m),
         notes=(note,) if why else (),
-    )
+    )  # fmt: skip
 
 
 def refusal(records: Sequence[Record]) -> str:

@@ -100,6 +100,7 @@ def _write_csv(
     path: Path, headings: Sequence[str], rows: Any, rate_hz: float, first_sample: int = 0, digits: int = 9
 ) -> None:
     line = ",".join([f"%.{digits}g"] * len(headings)) + "\n"
+    table = np.column_stack([(np.arange(len(rows)) - first_sample) / rate_hz, rows])
     with text_file(path) as file:
         csv.writer(file, lineterminator="\n").writerow(map(csv_cell, headings))
-        file.writelines(line % ((i - first_sample) / rate_hz, *row) for i, row in enumerate(rows.tolist()))
+        file.write(line * len(table) % tuple(table.ravel().tolist()))
