@@ -108,9 +108,11 @@ class _LogReader:
         if isinstance(recorded.rate_hz, str):
             text = "friction needs velocities, and recorded.rate_hz is unknown. Give rate_hz in Hz"
             raise StudyError("study/recorded", text, self.path)
-        signals = gathered.signals
+        signals = np.copy(gathered.signals)
         if self.file.purpose != "coast_down":  # whose torque is 0
-            signals = without_dropouts(signals, gathered.log)
+            measured = [i for i, c in enumerate(gathered.channels) if c.role in ("u", "y")]
+            names = tuple(gathered.log.names[i] for i in measured)
+            signals[:, measured] = without_dropouts(signals[:, measured], replace(gathered.log, names=names))
         if self.file.purpose not in (*STILL, "warm_up"):
             torques = [i for i, c in enumerate(gathered.channels) if c.role == "u"]
             straight = dict.fromkeys(torques, round(gathered.rate_hz / (2 * PASSBAND_HZ)))  # half a period
