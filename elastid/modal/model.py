@@ -73,8 +73,7 @@ class Basis:
             size = poles.real[:, None] ** 2 + apart**2
             real, imag = -poles.real[:, None] / size, apart / size
             return (real**2 - imag**2, 2 * real * imag) if derivative else (real, imag)
-        n = len(self.correlation)
-        lines = np.round(self.freq_hz * self.segment_s).astype(int)
+        n, lines = len(self.correlation), np.round(self.freq_hz * self.segment_s).astype(int)
         step = self.scale * self.segment_s / n
         time = step * np.arange(n)
         decay = self.correlation * np.exp(poles[:, None] * time)
@@ -186,8 +185,7 @@ class ModalFit:
         data = self.data
         A = np.concatenate([data.columns(self.poles), data.residuals], axis=1)
         norms = np.linalg.norm(A, axis=0)
-        A /= norms
-        return *tall_qr(A), norms
+        return *tall_qr(np.divide(A, norms, out=A)), norms
 
     @cached_property
     def Q(self) -> FloatArray:
