@@ -225,10 +225,6 @@ def _command_files(
     A study of elasticity if the robot has elastic gears and the commands a period, else of friction.
     """
     names = robot.driven_names if robot is not None else [str(i + 1) for i in range(len(pairs))]
-    if len(names) != len(pairs):
-        places = ", ".join(y.place for y, _ in pairs)
-        problem = f"the logs have {len(pairs)} positions with commands ({places}), the robot model {len(names)} motors"
-        raise DataError("records/channels", f"{problem}. Log all of them, or remove the other motors", logs[0])
     pairs = [pairs[i] for i in order_of_names(names, [y for y, _ in pairs])]
     if clock.rate_hz is None:
         problem = "the log has no time stamps, to which inertia and delay refer. Add a channel time in s, or rate_hz"

@@ -27,17 +27,11 @@ Positions: TypeAlias = Mapping[ChannelKey, FloatArray]
 
 
 def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess:
-    """Order the joints of a guess as the driven joints of the robot; DataError if their numbers differ.
+    """Select the joints of a guess in the order of the driven joints of the robot, by `order_of_names`.
 
     Units and sides of the gears that no name states are those of the first reading within all limits of the robot.
     """
     names, joints = robot.driven_names, guess.joints
-    if len(joints) != len(names):
-        raise DataError(
-            "records/channels",
-            f"the logs have torques and positions of {', '.join(joint.torque.name for joint in joints)}, but the robot "
-            f"model has motors {', '.join(names)}. Log all of them, or remove the other motors",
-        )
     ordered = [joints[i] for i in order_of_names(names, [joint.torque for joint in joints])]
     at = tuple(map(_at, robot.driven, ordered))
     readings = [_read_as(robot, at, unit, on_motor) for on_motor in (False, True) for unit in ("", "deg")]
@@ -46,33 +40,44 @@ def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess
 
 
 def order_of_names(joints: Sequence[str], channels: Sequence[ChannelGuess]) -> list[int]:
-    """Return the channel of each joint by its name, by words and numbers of both names, or in the order of numbers.
+    """Return the channel of each joint by words and numbers of both names, or in the order of numbers or of the log.
 
-    Without such names, the order is the log's.
+    Raises DataError if names with different words, or different numbers of channels and joints, do not match.
     """
-
-    def label(guess: ChannelGuess) -> str:
-        return replace(guess, by_words=True).parts[1].lower()
-
     names = [rf"(?<![a-z0-9]){re.escape(name.lower())}(?![a-z0-9])" for name in joints]
     by_name = [[i for i, guess in enumerate(channels) if re.search(name, guess.name.lower())] for name in names]
-    labels = [label(guess) for guess in channels]
-    by_label = [[i for i, of in enumerate(labels) if of == label(guess_by_name(name, None))] for name in joints]
+    labels, of_joints = _labels(channels), _labels([guess_by_name(name, None) for name in joints])
+    by_label = [[i for i, label in enumerate(labels) if label == of_joint] for of_joint in of_joints]
     for order in (by_name, by_label):
         if all(len(match) == 1 for match in order) and len({i for (i,) in order}) == len(joints):
             return [i for (i,) in order]
-    numbers = [[*map(int, re.findall(r"\d+", guess.parts[1]))] for guess in channels]
+    have_words = [any(not word.isdigit() for label in side for word in label) for side in (labels, of_joints)]
+    if all(have_words) or len(channels) != len(joints):
+        columns = ", ".join(guess.name for guess in channels)
+        text = f"{columns} do not identify joints {', '.join(joints)}. Log all joints, in columns with their names"
+        raise DataError("records/channels", text)
+    numbers = [[int(word) for word in label if word.isdigit()] for label in labels]
     return sorted(range(len(channels)), key=numbers.__getitem__) if all(numbers) else [*range(len(channels))]
+
+
+def _labels(guesses: Sequence[ChannelGuess]) -> list[list[str]]:
+    """Return the words of each name by alphabet, then its numbers, without common words and common first numbers."""
+    labels = [replace(guess, by_words=True).parts[1].lower().split() for guess in guesses]
+    common, numbers = set.intersection(*map(set, labels)), [[*filter(str.isdigit, label)] for label in labels]
+    differ = (i for i, of in enumerate(zip(*numbers, strict=False)) if len(set(of)) > 1)
+    n_common = next(differ, min(map(len, numbers)))
+    words = (sorted(word for word in label if not (word.isdigit() or word in common)) for label in labels)
+    return [[*label, *of[n_common:]] for label, of in zip(words, numbers, strict=True)]
 
 
 def _at(joint: Joint, guess: JointGuess) -> JointGuess:
     """Return the guess at a joint of the robot, in units of a translation if the joint slides."""
-    motion = guess.motion
-    if joint.slides and dimension_and_size(motion.unit)[0].startswith("rad"):
-        motion = replace(motion, unit=of_translation(dimension_and_size(motion.unit)[0]))
-    elif not joint.slides and "assumed" in motion.why:
-        motion = replace(motion, unit=QUANTITY_UNIT[motion.quantity])
-    return replace(guess, motion=motion)
+    unit = guess.motion.unit
+    if joint.slides and dimension_and_size(unit)[0].startswith("rad"):
+        unit = of_translation(dimension_and_size(unit)[0])
+    elif not joint.slides and "assumed" in guess.motion.why:
+        unit = QUANTITY_UNIT[guess.motion.quantity]
+    return replace(guess, motion=replace(guess.motion, unit=unit))
 
 
 def _read_as(robot: Robot, joints: Sequence[JointGuess], unit: str, on_motor: bool) -> tuple[JointGuess, ...]:

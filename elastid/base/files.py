@@ -225,11 +225,8 @@ def read_table(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
 
 
 def _with_point(cell: str, separator: str) -> str:
-    return (
-        cell
-        if separator == ","
-        else re.sub(r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?(?:\s*[^\d\s,.][^,]*)?)$", r"\1.\2", cell)
-    )
+    number = r"^([+-]?\d*),(\d+(?:[eE][+-]?\d+)?(?:\s*[^\d\s,.][^,]*)?)$"
+    return cell if separator == "," else re.sub(number, r"\1.\2", cell)
 
 
 _HEAD = re.compile(r"(?:joint\s+)?(.*?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|\s*(°)|\s+(deg|degrees?|rad|m|s))?")

@@ -16,9 +16,11 @@ from scipy.io import savemat
 from elastid.app import cli
 from elastid.app.console import Console
 from elastid.app.from_log import texts_from_logs
+from elastid.app.joint_assignment import order_of_names
 from elastid.app.run import Run, run_all
 from elastid.app.stages.estimate import imported_responses
 from elastid.base.errors import StudyError
+from elastid.logs.channel_names import guess_by_name
 from elastid.logs.friction_logs import read_friction_logs
 from elastid.robot import Body, Joint, Motor, Robot
 from elastid.store.measured import read_responses
@@ -352,6 +354,32 @@ def test_commanded_joints_of_a_robot_are_found_by_their_names(tmp_path: Path) ->
     recorded = new(tmp_path, tmp_path / "robot.yml", log).experiment.as_recorded()
     places = {(c.at, c.channel.rpartition("_")[2]) for c in recorded.channels}
     assert places == {("motor hip", "hip"), ("motor knee", "knee")}
+
+
+@pytest.mark.parametrize(
+    ("joints", "channels", "order"),
+    [
+        ("left_arm_joint1 left_arm_joint2 right_arm_joint1", "right_1 left_1 left_2", [1, 2, 0]),
+        ("ur_pan_joint ur_lift_joint ur_elbow_joint", "elbow_joint lift_joint pan_joint finger_joint", [2, 1, 0]),
+        ("pan_joint lift_joint elbow_joint", "elbow_joint lift_joint pan_joint finger_joint", [2, 1, 0]),
+        ("joint_a1 joint_a2", "A1 A2 E1", None),
+        ("FR_hip_joint FR_calf_joint FL_hip_joint", "FL_hip FR_calf FR_hip", [2, 1, 0]),
+        ("left_shoulder right_shoulder right_elbow", "elbow_right shoulder_left shoulder_right", [1, 2, 0]),
+        ("l_joint1 l_joint2 r_joint1", "left_1 left_2 right_1", None),
+        ("rob1_joint_2 rob2_joint_1 rob2_joint_2", "rob2_1 rob1_2 rob2_2", [1, 0, 2]),
+        ("pan lift elbow", "3 1 2", [1, 2, 0]),
+        ("j1 j2 z", "1 2 z", None),
+        ("hip", "motor", [0]),
+    ],
+)
+def test_channels_belong_to_joints_by_words_and_numbers(joints: str, channels: str, order: list[int] | None) -> None:
+    """In whatever order and with whatever common words; other words are refused."""
+    guesses = [guess_by_name(f"{name}_torque", None) for name in channels.split()]
+    if order is not None:
+        assert order_of_names(joints.split(), guesses) == order
+        return
+    with refused("records/channels"):
+        order_of_names(joints.split(), guesses)
 
 
 @pytest.mark.parametrize(
