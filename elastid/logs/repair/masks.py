@@ -56,11 +56,12 @@ EQUAL_TOLERANCE = 1e-9  # values this close, as a part of the span, are equal
 def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
     """Mask (NaN) runs in which a channel of signals (n, c) is 0 after a leap, or hangs while others move.
 
-    A leap is longer than LEAP times the 99 % quantile of the steps between nonzero samples. A short run of zeros begins
-    and ends by one, a long constant run ends by one. Runs of zeros between values of usual size, more than by chance,
-    are lost messages without leaps: where a signal passes 0, it is small.
+    A leap is longer than LEAP times the 99 % quantile of the steps between nonzero samples. Zeros begin and end by a
+    leap, a constant run ends by a leap. Zeros without leaps are lost messages if the samples beside them have usual
+    size more often than by chance: a signal that passes 0 is small beside it.
     """
     result, steps = np.copy(signals), np.abs(np.diff(signals, axis=0))
+    moves = np.abs(signals[MIN_RUN:] - signals[:-MIN_RUN])  # which noise adds little to
     for c, (x, changes) in enumerate(zip(signals.T, steps.T, strict=True)):
         usual, size = changes[np.isfinite(changes) & (x[1:] != 0) & (x[:-1] != 0)], np.abs(x[np.isfinite(x) & (x != 0)])
         if not usual.size:
@@ -72,12 +73,12 @@ def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
         by_chance = np.sum(size <= middle) * q / (2 * middle)
         passed = max(MIN_RANGE * float(np.median(size)), MIN_STEPS * q)
         if len(beside) >= MIN_PLACES * (1 + by_chance) and np.nanmedian([*beside.values(), 0.0]) > passed:
-            beside = dict.fromkeys(zeros, np.inf)
-        gaps = [(a, b) for (a, b), leap in beside.items() if b - a < MIN_RUN and leap > least]
+            beside = dict.fromkeys(zeros, np.inf) | {run: leap for run, leap in beside.items() if leap > least}
         constant = [(a, b + 1) for a, b in runs(changes == 0, MIN_RUN - 1).tolist() if a > 0 and b < len(changes)]
-        speed = np.nanmean(np.delete(steps, c, axis=1), axis=0)
+        speed = np.nanmean(np.delete(moves, c, axis=1), axis=0) / MIN_RUN
         if sum(b - a for a, b in constant) > MAX_MISSING_FRACTION * len(x):  # a torque that is given in steps
-            constant = []
+            constant, beside = [], {(a, b): leap for (a, b), leap in beside.items() if b - a < MIN_RUN}
+        gaps = [(a, b) for (a, b), leap in beside.items() if leap > least and (b - a < MIN_RUN or leap < np.inf)]
         for a, b in constant:
             travel = np.ptp(np.delete(signals[a + 2 : b - 2], c, axis=1), axis=0)
             if max(changes[b - 1], beside.get((a, b), 0)) > least and np.any(travel > MIN_RANGE * (b - a) * speed):

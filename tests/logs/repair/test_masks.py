@@ -12,7 +12,15 @@ from plants.waves import CLEAN, LINES, LOG, NOISE, N, P, outcome, wave
 
 from elastid.base.arrays import FloatArray
 from elastid.logs.repair import Findings, Log
-from elastid.logs.repair.masks import CLIPPED, MASKED, report_clipping, report_steps, step, without_standstill
+from elastid.logs.repair.masks import (
+    CLIPPED,
+    MASKED,
+    report_clipping,
+    report_steps,
+    step,
+    without_dropouts,
+    without_standstill,
+)
 from elastid.logs.repair.missing import FILLED, filled, repair
 from elastid.logs.repair.outliers import without_spikes
 from elastid.logs.repair.periodicity import repetition
@@ -81,6 +89,15 @@ def test_zeros_between_leaps_are_missing_samples(length: int) -> None:
     pulses = np.tile(np.where(np.arange(N) % 100 < length, 0.0, 50.0), P)[:, None] + np.zeros(2)
     assert not outcome(without_standstill, pulses, N)[1]
     assert not outcome(without_standstill, CLEAN, N)[1]
+
+
+def test_zeros_of_a_position_beside_a_noisy_torque_are_missing() -> None:
+    """Also where the torque varies only by its noise."""
+    t = np.arange(6500) / 500
+    q, u = 2 + 0.5 * np.sin(t), 10 * np.sign(np.cos(t)) + 0.05 * np.random.default_rng(0).standard_normal(len(t))
+    is_lost = np.arange(len(t)) % 1300 // 40 == 15
+    result = without_dropouts(np.stack([np.where(is_lost, 0.0, q), u], axis=1), Log("log.csv", ("angle", "torque")))
+    assert np.array_equal(np.isnan(result), np.stack([is_lost, np.zeros_like(is_lost)], axis=1))
 
 
 def test_periodic_or_quantised_standstill_is_no_dropout() -> None:
