@@ -29,7 +29,7 @@ Positions: TypeAlias = Mapping[ChannelKey, FloatArray]
 def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess:
     """Select the joints of a guess in the order of the driven joints of the robot, by `order_of_names`.
 
-    Units and sides of the gears that no name states are those of the first reading within all limits of the robot.
+    If names state no units or sides of the gears, the first interpretation within all limits of the robot is used.
     """
     names, joints = robot.driven_names, guess.joints
     ordered = [joints[i] for i in order_of_names(names, [joint.torque for joint in joints])]

@@ -181,7 +181,7 @@ def _track_joint(
 
 
 def _acting(record: FrictionRecord) -> tuple[FloatArray, FloatArray]:
-    """Return torque and the position where it acts (n,), but for the half sample of a hold, which the filter has."""
+    """Return torque and position (n,) at the time when it acts; the filter models the half sample of a hold."""
     samples = np.arange(len(record.position))
     acting = samples + record.torque_delay_s * record.rate_hz - 0.5 * (record.hold == "zero-order")
     inside = (acting >= 0) & (acting <= samples[-1])

@@ -255,9 +255,9 @@ def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[No
 
 
 def _with_delay(fit: MotionFriction, signals: Sequence[MotionSignals]) -> MotionFriction:
-    """Return friction with the change by a delay of the torque in its intervals, and a note, if it is a sample or more.
+    """Widen the intervals by the effect of a torque delay, and add a note, if the delay is at least one sample.
 
-    Such a delay is significant beside the errors of the model, which may be its reason.
+    The delay is significant relative to errors of the model, which can cause an apparent delay.
     """
     terms, late_s = replace(fit.terms, delay=True), 0.0
     for _ in range(10):  # each step halves the error

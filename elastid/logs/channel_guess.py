@@ -130,7 +130,7 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
 def _half_power_hz(u: FloatArray, y: FloatArray, rate_hz: float) -> float:
     """Return the frequency below which a torque (n,) has half of the power that is coherent with its motion (n,).
 
-    Coherence is that of segments of 1 s (Carter, Proc. IEEE 75, 1987), zero if 1 % of pairs of noise have more.
+    Segments have 1 s (Carter, Proc. IEEE 75, 1987); coherence below the 99 % quantile of noise counts as zero.
     """
     from scipy.signal import coherence
 

@@ -39,7 +39,7 @@ class ChannelGuess:
 
     rank: words in its name for a measured signal, less words against it.  sign: relative to its torque.  scale: factor
     from its numbers to the unit.  ratio: of the gear for a motor-side signal, else 1.  rate_hz: None as for the log.
-    file: 2 for the second of the two files of a measurement.  by_words: words and numbers of its name are its joint.
+    file: 2 for the second of the two files of a measurement.  by_words: words and numbers identify its joint.
     """
 
     name: str

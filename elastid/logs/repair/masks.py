@@ -89,7 +89,7 @@ def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
 
 
 def far_outside(x: FloatArray) -> BoolArray:
-    """Flag (n,) short runs of a motion or torque, NaN where missing, far outside the range of 96 % of its samples."""
+    """Flag (n,) short runs of a signal, NaN where missing, far outside the range of the middle 96 % of its samples."""
     low, middle, high = np.nanquantile(x, [MAX_FRACTION, 0.5, 1 - MAX_FRACTION])
     result = np.asarray(np.abs(x - middle) > MIN_OVER_USUAL * (high - low))
     for start, end in runs(result, MIN_RUN):

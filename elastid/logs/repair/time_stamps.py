@@ -126,7 +126,7 @@ def _line(t: FloatArray, rows: IntArray) -> StampLine:
     late = t - step * rows
     start, end = np.quantile(late, [MAX_WRONG_FRACTION, 1 - MAX_WRONG_FRACTION]).tolist()
     mean, spread = float(late.mean()), float(np.ptp(late))
-    # Most delays by queues are short, or of several steps; symmetric jitter is that of the reading of a clock.
+    # Most delays by queues are short, or of several steps; symmetric jitter comes from reading the clock.
     start = mean if spread < step and 2 * (mean - start) > end - mean else start + min(rounding_s, spread) / 2
     return StampLine(rows, 1 / step, start, late - start, rounding_s)
 
@@ -260,9 +260,9 @@ def rising(
 
 
 def without_jumps(t: FloatArray, gap: int = 1) -> tuple[FloatArray, IntArray]:
-    """Return stamps (n,) whose clock is not set, and samples (k,) before which it was.
+    """Return stamps (n,) without jumps of the clock, and the sample (k,) after each jump.
 
-    A clock was set where it falls, or rises by more than MAX_RATE_RATIO times the rest.  gap: median steps in place of
+    A jump is a fall, or a rise of more than MAX_RATE_RATIO times the sum of all others.  gap: median steps in place of
     a jump.
     """
     rises = np.diff(t, prepend=t[:1])
