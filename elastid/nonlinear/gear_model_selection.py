@@ -274,7 +274,7 @@ def _select_effects(data: GearData, estimate: GearEstimate, groups: Sequence[Gro
 
 
 def _cross_validated_cost(sums: Sums, prior: tuple[FloatArray, FloatArray], columns: IntArray) -> float:
-    """Return V of each realisation with the numbers `chosen` (n,) estimated from the other realisations."""
+    """Return V of each realisation with the numbers `columns` (n,) estimated from the other realisations."""
 
     def step(A: FloatArray, b: FloatArray) -> FloatArray:
         A, b = A + prior[0][columns[:, None], columns], b + prior[1][columns]

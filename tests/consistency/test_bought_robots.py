@@ -115,7 +115,6 @@ fit: {{parameters: {{k_*: {{}}, d_*: {{}}}}}}
         assert abs(error) < min(3 * std, of_stiffness * value)
     print(f"{make} delay: {1e3 * (numbers['delay_u']['value'] - late):+.3f} ms")
     assert abs(numbers["delay_u"]["value"] - late) < limit
-    assert "nonlinear/torque-delay" not in {note["code"] for note in summary["notes"]}  # whose remedy is to free it
     for friction, value in zip(summary["friction"], true["fc"], strict=True):
         print(f"{make} {friction['motor']}: Coulomb torque {100 * (friction['F_c'] / value - 1):+.1f} %")
         assert friction["F_c"] == pytest.approx(value, rel=0.05)

@@ -38,9 +38,6 @@ def estimate(study: Study, work: Work) -> Artefacts:
     if estimator.friction != "none" and (recorded is None or not recorded.has_no_torque):
         on_motors = [RecordsOnShafts(records, name, shaft_couplings(robot)) for name in names]
         friction = identify_motor_friction(on_motors, estimator, lines, Execution(work.jobs))
-        if any(name.startswith("delay") for name in study.fit.parameters):  # the fit estimates it
-            others = tuple(note for note in friction.notes if note.code != "nonlinear/torque-delay")
-            friction = replace(friction, notes=others)
         work.console.notes(note for note in friction.notes if note.severity == "warning")
     estimate_one = partial(estimate_configuration, records, estimator, lines, friction, robot, recorded=recorded)
     with work.execution() as execution:
