@@ -284,7 +284,7 @@ def without_compiled_loops(Q: int, F: int) -> tuple[ElasticFit, LeastSquares]:
 
 def casadi_sums(part: Part, lines: int) -> Callable[[FloatArray], tuple[float, FloatArray, FloatArray]]:
     """V, J^T r, J^T J of the first `lines` lines of one configuration at x, by automatic differentiation in MX."""
-    model, wanted = part.kernel.model, part.kernel.wanted
+    model, wanted = part.kernel.model, part.kernel.parameters
     x, s = ca.MX.sym("x", len(wanted)), ca.MX.sym("omega")
     theta0 = [model.theta_ref[model.parameters.index(name)] for name in wanted]
     M, D, K = (ca.MX(matrix) for matrix in (model.M, model.D, model.K))
