@@ -72,14 +72,14 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
 
 def _check(fleet: Fleet, folder: Path) -> None:
     """Refuse wrong overrides, and a folder that is not writable, before hours of work; StudyError."""
-    wrong: dict[str, list[Member]] = {}
+    errors: dict[str, list[Member]] = {}
     for member in fleet.members:
         try:
             load(fleet.study, member.overrides)
         except StudyError as error:
-            wrong.setdefault(str(error), []).append(member)
-    if wrong:
-        texts = [f"{m.label}{f' and {len(more)} more' * bool(more)}: {error}" for error, (m, *more) in wrong.items()]
+            errors.setdefault(str(error), []).append(member)
+    if errors:
+        texts = [f"{m.label}{f' and {len(more)} more' * bool(more)}: {error}" for error, (m, *more) in errors.items()]
         raise StudyError("study/invalid", first_of(texts))
     try:
         path_below(folder, MEMBERS).mkdir(parents=True, exist_ok=True)
@@ -108,7 +108,7 @@ def _reasons(outcomes: Sequence[Outcome]) -> list[str]:
 
 
 def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[Outcome, ...]:
-    """Run all members; rerun those whose worker died after the others. Return the outcome of each."""
+    """Run all members, then repeat those whose worker died. Return the outcome of each."""
     work = partial(_identified, fleet.study, folder)
     outcomes: dict[str, Outcome] = {}
     for attempt in range(2):

@@ -59,7 +59,7 @@ class _Logs:
 def texts_from_logs(
     folder: Path, logs: Sequence[Path], robot: Robot | None = None, servos: Servos = MappingProxyType({})
 ) -> dict[str, str]:
-    """Draft the files of a study in a folder, by name, from the first log. robot: the measured robot, if known.
+    """Draft the files of a study in a folder, by name, from the first log. robot, servos: measured robot and its gains.
 
     Raises StudyError or DataError for a log that cannot be read, in which nothing moves, or that is not of the robot.
     """
@@ -170,7 +170,7 @@ def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[in
 
 
 def _columns(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess, may_differ: bool) -> dict[str, int]:
-    """Return the column of each signal of the first log if the headings differ; may_differ: this is allowed.
+    """Return the column of each signal of the first log in logs with different headings, which may_differ allows.
 
     Raises DataError for a log without one of the channels.
     """
@@ -235,7 +235,7 @@ def _command_files(
             raise DataError("records/channels", f"{difference}. Write a study for each", path)
     why = "kp / kd and kd of the log"
     if gains is None and all(name in servos for name in names):
-        why = "kp / kd and kd of the servos of the robot model; without kd, 1e-6 s kp"
+        why = "kp / kd and kd of the servos of the robot model (no kd: 1e-6 s * kp)"
         gains = np.array([(kp, kd or 1e-6 * kp) for kp, kd in (servos[name] for name in names)]).T
     elif gains is None:
         why, gains = "guessed: enter the gains of the joint controller, link side", np.ones((2, len(pairs)))

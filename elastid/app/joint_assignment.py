@@ -40,12 +40,12 @@ def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess
 
 
 def order_of_names(joints: Sequence[str], channels: Sequence[ChannelGuess]) -> list[int]:
-    """Return the channel of each joint by words and numbers of both names, or in the order of numbers or of the log.
+    """Return the index of each joint's channel: by words and numbers of both names, else by number, else in log order.
 
-    Raises DataError if names with different words, or different numbers of channels and joints, do not match.
+    Raises DataError if the words do not match, or if without words the numbers of channels and joints differ.
     """
-    names = [rf"(?<![a-z0-9]){re.escape(name.lower())}(?![a-z0-9])" for name in joints]
-    by_name = [[i for i, guess in enumerate(channels) if re.search(name, guess.name.lower())] for name in names]
+    words = [rf"(?<![a-z0-9]){re.escape(name.lower())}(?![a-z0-9])" for name in joints]
+    by_name = [[i for i, guess in enumerate(channels) if re.search(word, guess.name.lower())] for word in words]
     labels, of_joints = _labels(channels), _labels([guess_by_name(name, None) for name in joints])
     by_label = [[i for i, label in enumerate(labels) if label == of_joint] for of_joint in of_joints]
     for order in (by_name, by_label):
@@ -61,7 +61,7 @@ def order_of_names(joints: Sequence[str], channels: Sequence[ChannelGuess]) -> l
 
 
 def _labels(guesses: Sequence[ChannelGuess]) -> list[list[str]]:
-    """Return the words of each name by alphabet, then its numbers, without common words and common first numbers."""
+    """Return the sorted words of each name, then its numbers, without words and first numbers that all names share."""
     labels = [replace(guess, by_words=True).parts[1].lower().split() for guess in guesses]
     common, numbers = set.intersection(*map(set, labels)), [[*filter(str.isdigit, label)] for label in labels]
     differ = (i for i, of in enumerate(zip(*numbers, strict=False)) if len(set(of)) > 1)

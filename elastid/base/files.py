@@ -195,8 +195,8 @@ def from_template(template: str, /, **values: Any) -> str:
 def read_table(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
     """Read a CSV file: row number from 1 and cells by column name of each row; raise StudyError for other files.
 
-    Empty rows and columns, those that begin with #, and a first line `sep=;` are left out. Cells may be separated by
-    semicolons or tabs instead; their numbers then may have a decimal comma. UTF-16 has a byte order mark.
+    Empty rows, rows that begin with #, a first row `sep=;` and an empty last column are skipped. Cells may be separated
+    by semicolons or tabs; their numbers then may have a decimal comma. UTF-16 files need a byte order mark.
     """
     try:
         raw = path.read_bytes()

@@ -158,7 +158,7 @@ def propagate(function: Callable[[FloatArray], Any], x: FloatArray, covariance: 
 
 @dataclass(frozen=True)
 class Combination:
-    """Identifiable sum of weights times members, which alone are unidentifiable.
+    """Identifiable weighted sum of parameters (members) that are not identifiable individually.
 
     members: indices, the first with weight 1.  std: of the value.
     """

@@ -180,9 +180,9 @@ def unit_impedance(
     p_0 = np.mean(np.exp(-(c**2) / (2 * variance))) / np.sqrt(2 * np.pi * variance)
     joint = np.zeros(len(lag))
     for i in range(1, len(lag)):
-        lagged, independence = carrier[t - lag[i]], 1 - rho[i] ** 2
-        exponent = (c**2 - 2 * rho[i] * c * lagged + lagged**2) / (2 * variance * independence)
-        joint[i] = np.mean(np.exp(-exponent)) / (2 * np.pi * variance * np.sqrt(independence)) - p_0**2
+        lagged, unexplained = carrier[t - lag[i]], 1 - rho[i] ** 2
+        exponent = (c**2 - 2 * rho[i] * c * lagged + lagged**2) / (2 * variance * unexplained)
+        joint[i] = np.mean(np.exp(-exponent)) / (2 * np.pi * variance * np.sqrt(unexplained)) - p_0**2
     kernel = joint * y
     turned = np.exp(-2j * np.pi * np.outer(lines / N, lag)) - 1
     # At lag 0 the product of a density that grows as 1 / tau and of -j omega tau is finite.

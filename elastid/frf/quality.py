@@ -72,7 +72,7 @@ def quality_of(
 ) -> Quality:
     """Return the quality of G (F, n_y, n_u) under inputs of spectra S_uu (F, n_u, n_u).
 
-    both: ordinary and multiple coherence.  noise: variance of inputs (F, n_u) and outputs (F, n_y) in one period.
+    coherence: ordinary, multiple.  noise: variance of inputs (F, n_u) and outputs (F, n_y) in one period.
     """
     return Quality(*coherence, singular_values(G), relative_singular_values(S_uu), *noise, excited)
 

@@ -62,8 +62,8 @@ from elastid.record import Record
 from elastid.response import Covariance, Levels, Quality, Response
 
 _LEAST_DOF = 0.4  # 1 - sum h^2 / n_u at least: of a line that is in one segment alone nothing is known
-# A sweep that ends with its record is cut there: where this part of a segment at the end has this share of a line's
-# power, the line's error is that of the cut.
+# A sweep that ends with its record is truncated: a line is discarded if this part of a segment at the end has more than
+# this fraction of its power.
 _END, _MAX_END_FRACTION = 1 / 16, 0.25
 # Numbers in a segment of all channels that `auto` takes at most.
 _MAX_NUMBERS = 1 << 20
@@ -248,14 +248,14 @@ def _by_leverage(
 ) -> ComplexArray:
     """Return C_h (F, n_y, n_y), covariance of a segment's V = Y - G U by its and its repeats' share in G's error."""
     lines, freq_hz, scale = _lines(records[0], segments, spec)
-    is_line = np.isin(freq_hz, data.freq_hz)
+    in_data = np.isin(freq_hz, data.freq_hz)
     n_y, n_u = data.n_y, G.shape[2]
     inverse = np.asarray(np.linalg.inv(data.uu), dtype=np.complex128)
     C, squares = np.zeros((len(G), n_y, n_y), dtype=np.complex128), np.zeros(len(G))
     for group in _repeats(records):
         most = 4_000_000 // (n_u * len(group))
-        for spectra in zip_longest(*(_spectra([record], segments, lines[is_line], most) for record in group)):
-            E, h = _leverages([Z * scale[is_line][:, :, None] for Z in spectra if Z is not None], G, inverse)
+        for spectra in zip_longest(*(_spectra([record], segments, lines[in_data], most) for record in group)):
+            E, h = _leverages([Z * scale[in_data][:, :, None] for Z in spectra if Z is not None], G, inverse)
             squares += np.sum(h**2, axis=1)
             C += np.einsum("fykj,fkl,fzlj->fyz", E, inverse, E.conj(), optimize=True)
     return np.asarray(C / (n_u * np.maximum(1 - squares / n_u, _LEAST_DOF))[:, None, None])

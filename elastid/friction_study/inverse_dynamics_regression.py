@@ -255,22 +255,22 @@ def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[No
 
 
 def _with_delay(fit: MotionFriction, signals: Sequence[MotionSignals]) -> MotionFriction:
-    """Widen the intervals by the effect of a torque delay, and add a note, if the delay is at least one sample.
+    """Widen the intervals by the effect of a torque delay, and add a note, if it is significant and above one sample.
 
-    The delay is significant relative to errors of the model, which can cause an apparent delay.
+    The significance test includes model errors, which can appear as a delay.
     """
-    terms, late_s = replace(fit.terms, delay=True), 0.0
+    terms, lead_s = replace(fit.terms, delay=True), 0.0
     for _ in range(10):  # each step halves the error
-        late = [replace(s.motion, torque_delay_s=s.motion.torque_delay_s + late_s) for s in signals]
-        step = regress([MotionSignals.of(motion, fit.passband_hz) for motion in late] if late_s else signals, terms)
-        if not late_s and (step.chance("delay", 0) >= FALSE_ALARM or abs(step["delay"]) * fit.motion.rate_hz < 1):
+        shifted = [replace(s.motion, torque_delay_s=s.motion.torque_delay_s + lead_s) for s in signals]
+        step = regress([MotionSignals.of(motion, fit.passband_hz) for motion in shifted] if lead_s else signals, terms)
+        if not lead_s and (step.chance("delay", 0) >= FALSE_ALARM or abs(step["delay"]) * fit.motion.rate_hz < 1):
             return fit
-        late_s += step["delay"]
+        lead_s += step["delay"]
     change = change_of(fit.regression, step)
     text = (
-        f"the torque seems to be logged {1e3 * abs(late_s):.2g} ms {'late' if late_s < 0 else 'early'}, more than one "
-        "sample, and the intervals include its effect on the parameters. Check the clocks, or state "
-        f"`delay: {-1e3 * late_s:.2g} ms` for the torque channel"
+        f"the torque seems to be logged {1e3 * abs(lead_s):.2g} ms {'late' if lead_s < 0 else 'early'}, more than one "
+        "sample, and the intervals include its effect on the parameters. Check the clocks, or add "
+        f"{-1e3 * lead_s:.2g} ms to `delay` of the torque channel"
     )
     note = Note("friction/delay", text, f"motion of {fit.motion.place}")
     return replace(fit, regression=fit.regression.widened(change), notes=(*fit.notes, note))

@@ -1,8 +1,8 @@
 """Log of one axis: its plateaus and constant-velocity runs, and its signals after the filter of the regression.
 
 The filter has a finite length: a sample with a wrong model, such as in sticking, affects only its neighbours. The
-equations of all other samples are exact (modulating functions: Shinbrot, Trans. ASME 79, 1957). A sample that is not
-used has a stated reason.
+equations of all other samples are exact (modulating functions: Shinbrot, Trans. ASME 79, 1957). Each unused sample
+has a stated reason.
 
 In the log of any motion, runs are strokes at one mean speed, and steady parts of other strokes. A stroke is the part of
 the log between two reversals. Cogging changes the speed of a slow run by 20 % and more, so that its acceleration is
@@ -263,10 +263,10 @@ class MotionSignals:
             )
         smooth = butter(4, min(3.0 * passband_hz, 0.45 * rate), fs=rate, output="sos")
         # The position where the torque acts: a command that is held acts half a sample later.
-        acting, late = motion.position, motion.torque_delay_s * rate
-        if late:
-            acting = acting[np.clip(np.arange(len(acting)) + round(late), 0, len(acting) - 1)]
-            acting = spline_derivative(spline_filter1d(acting, 5), 0, late - round(late))
+        acting, delay = motion.position, motion.torque_delay_s * rate
+        if delay:
+            acting = acting[np.clip(np.arange(len(acting)) + round(delay), 0, len(acting) - 1)]
+            acting = spline_derivative(spline_filter1d(acting, 5), 0, delay - round(delay))
         position = sosfiltfilt(smooth, acting)
         # Central differences would take 43 % of an acceleration at a fifth of the rate.
         spline, logged = spline_filter1d(position, 5), spline_filter1d(acting, 5)

@@ -65,8 +65,8 @@ class Estimated:
     """theta (n_theta,) of a linear model as a function of x (n_x + n_d,): parameters, then the uncertain factors.
 
     fit_x (n_x,), fit_covariance (n_x, n_x): of the fit.  names: of theta.  base (n_theta,): numbers that are no
-    parameters of the fit.  rows, places: which are, and where in its theta.  place: the configuration whose parameters
-    count.
+    parameters of the fit.  rows, places: which are, and where in its theta.  configuration: name of the configuration
+    whose parameters apply.
     """
 
     parameters: Parameters
@@ -76,19 +76,19 @@ class Estimated:
     base: FloatArray
     rows: IntArray
     places: IntArray
-    place: str = ""
+    configuration: str = ""
     doubts: tuple[ModelErrorFactor, ...] = ()
 
     @classmethod
     def of(
         cls, parameters: Parameters, x: FloatArray, covariance: FloatArray, names: tuple[str, ...], base: FloatArray,
-        place: str = "", doubts: tuple[ModelErrorFactor, ...] = (), fixed: Collection[str] = (),
+        configuration: str = "", doubts: tuple[ModelErrorFactor, ...] = (), fixed: Collection[str] = (),
     ) -> "Estimated":  # fmt: skip
         """Return the numbers x (n_x,) of a fit.  base (n_theta,): SI.  fixed: names that keep their base."""
         indices = [i for i, name in enumerate(names) if name in parameters.names and name not in fixed]
         places = [parameters.names.index(names[i]) for i in indices]
         return cls(
-            parameters, x, covariance, names, base, np.array(indices, int), np.array(places, int), place, doubts
+            parameters, x, covariance, names, base, np.array(indices, int), np.array(places, int), configuration, doubts
         )  # fmt: skip
 
     @cached_property
@@ -107,7 +107,7 @@ class Estimated:
         values = x[:n] + sum(
             (size * doubt.effects for size, doubt in zip(x[n:], self.doubts, strict=True)), np.zeros(n)
         )
-        theta[self.rows] = self.parameters.expand(values, self.place)[self.places]
+        theta[self.rows] = self.parameters.expand(values, self.configuration)[self.places]
         for size, doubt in zip(x[n:].tolist(), self.doubts, strict=True):
             for name in doubt.members:
                 if name in self.names:
@@ -119,7 +119,7 @@ class Estimated:
     def slopes(self) -> FloatArray:
         """d theta / d x (n_theta, n_x + n_d) at the estimate."""
         slopes = np.zeros((len(self.base), len(self.x)))
-        of_x = self.parameters.jacobian(self.fit_x, self.place)[self.places]
+        of_x = self.parameters.jacobian(self.fit_x, self.configuration)[self.places]
         slopes[self.rows, : len(self.fit_x)] = of_x
         theta = self.theta(self.x)
         for column, doubt in enumerate(self.doubts, start=len(self.fit_x)):
@@ -243,8 +243,8 @@ class FrameStiffness:
 class FittedModel:
     """A linear model at the estimate of its parameters; link side, SI.
 
-    full: of a posture with the motion (6,) of a `frame`, in `axes`, behind its outputs.  coordinates: names of the
-    robot's, n_q.
+    full: model whose last outputs are the motion (6,) of a `frame`, if any, in `axes`.  coordinates: names of the n_q
+    coordinates of the robot.
     """
 
     full: LinearModel
@@ -258,8 +258,8 @@ class FittedModel:
     @classmethod
     def of(cls, linear: LinearModel, parameters: Parameters, x: FloatArray, covariance: FloatArray) -> "FittedModel":
         """Return a configuration that was fitted; covariance (n_x, n_x) of x (n_x,)."""
-        none, place = np.zeros(len(linear.parameters)), linear.configuration.name
-        return cls(linear, Estimated.of(parameters, x, covariance, linear.parameters, none, place))
+        none, name = np.zeros(len(linear.parameters)), linear.configuration.name
+        return cls(linear, Estimated.of(parameters, x, covariance, linear.parameters, none, name))
 
     @cached_property
     def linear(self) -> LinearModel:

@@ -122,7 +122,7 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     torques = [values[joint.torque.key] for joint in joints]
     pairs = [(u, _in_si(joint.motion, values), joint.slides) for u, joint in zip(torques, joints, strict=True)]
     moving = [(u, y) for u, y, slides in pairs if travel(y) > (REST_TRAVEL_M if slides else REST_TRAVEL_RAD)]
-    moving = moving or [(u, u) for u in torques]  # whose noise counts
+    moving = moving or [(u, u) for u in torques]  # no joint moves: noise counts
     is_motion = quantity == "position" and all(_half_power_hz(u, y, rate_hz) < _MOTION_HZ for u, y in moving)
     return LogGuess(tuple(joints), tuple(outputs), is_motion, _references(guesses, joints))
 
@@ -130,16 +130,16 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
 def _half_power_hz(u: FloatArray, y: FloatArray, rate_hz: float) -> float:
     """Return the frequency below which a torque (n,) has half of the power that is coherent with its motion (n,).
 
-    Segments have 1 s (Carter, Proc. IEEE 75, 1987); coherence below the 99 % quantile of noise counts as zero.
+    Segments last up to 1 s (Carter, Proc. IEEE 75, 1987); coherence below the 99 % quantile of noise counts as zero.
     """
     from scipy.signal import coherence
 
     power, size = np.abs(np.fft.rfft(u - u.mean())) ** 2, min(int(rate_hz), len(u) // 8)
     if size > 2:
-        hz, share = coherence(u, np.gradient(y), rate_hz, nperseg=size)
-        share[share < 1 - 0.01 ** (size / len(u))] = 0.0
-        share[:2] = 1.0  # slower than a segment
-        power *= np.interp(np.arange(len(power)) * rate_hz / len(u), hz, share)
+        hz, fraction = coherence(u, np.gradient(y), rate_hz, nperseg=size)
+        fraction[fraction < 1 - 0.01 ** (size / len(u))] = 0.0
+        fraction[:2] = 1.0  # slower than a segment
+        power *= np.interp(np.arange(len(power)) * rate_hz / len(u), hz, fraction)
     total = np.cumsum(power)
     return float(np.argmax(total >= total[-1] / 2)) * rate_hz / len(u)
 

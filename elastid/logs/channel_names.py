@@ -39,7 +39,7 @@ class ChannelGuess:
 
     rank: words in its name for a measured signal, less words against it.  sign: relative to its torque.  scale: factor
     from its numbers to the unit.  ratio: of the gear for a motor-side signal, else 1.  rate_hz: None as for the log.
-    file: 2 for the second of the two files of a measurement.  by_words: words and numbers identify its joint.
+    file: 2 for the second of the two files of a measurement.  by_words: True if words and numbers identify its joint.
     """
 
     name: str
@@ -67,7 +67,7 @@ class ChannelGuess:
 
     @property
     def parts(self) -> tuple[str, str]:
-        """Split a name into the common part and the joint's identifier: numbers, else the words for no quantity."""
+        """Split a name into the common part and the joint's identifier: numbers, else words that name no quantity."""
         bare = re.sub(r"[\[(][^\])\d]*[a-z°][^\])]*[\])]", "", self.name, flags=re.IGNORECASE).strip()
         bare = re.sub(r"0[.,]1\s*%", "", bare)  # of the rated torque
         numbers = [*re.findall(r"\d+", bare), *([str(self.column)] if self.column else [])]

@@ -66,7 +66,7 @@ def stamps_of(log: Log, name: str) -> tuple[FloatArray, IntArray]:
 
 
 def correct_stamps(t: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Interpolate wrong stamps (n,), and return their numbers, too; no stamps if too many are wrong."""
+    """Interpolate missing and wrong stamps (n,), and return their indices, too; no stamps if too many are missing."""
     from scipy.ndimage import median_filter
 
     none, rows, half = np.zeros(0, np.int64), np.arange(len(t)), len(t) // 2

@@ -109,7 +109,7 @@ class _LogReader:
             text = "friction needs velocities, and recorded.rate_hz is unknown. Give rate_hz in Hz"
             raise StudyError("study/recorded", text, self.path)
         signals = np.copy(gathered.signals)
-        if self.file.purpose != "coast_down":  # whose torque is 0
+        if self.file.purpose != "coast_down":  # its torque is 0
             measured = [i for i, c in enumerate(gathered.channels) if c.role in ("u", "y")]
             names = tuple(gathered.log.names[i] for i in measured)
             signals[:, measured] = without_dropouts(signals[:, measured], replace(gathered.log, names=names))

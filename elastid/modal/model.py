@@ -58,7 +58,7 @@ class Basis:
 
     @cached_property
     def omega(self) -> FloatArray:
-        """Frequencies (F,) over the scale."""
+        """Angular frequencies (F,) over the scale."""
         return 2 * np.pi * self.freq_hz / self.scale
 
     @cached_property
@@ -69,16 +69,16 @@ class Basis:
     def poles(self, poles: ComplexArray, derivative: bool = False) -> tuple[FloatArray, FloatArray]:
         """Return real and imaginary parts (n, F) of 1 / (s - lambda), poles (n,) over the scale, or its derivative."""
         if self.correlation is None:
-            apart = poles.imag[:, None] - self.omega
-            size = poles.real[:, None] ** 2 + apart**2
-            real, imag = -poles.real[:, None] / size, apart / size
+            offset = poles.imag[:, None] - self.omega
+            size = poles.real[:, None] ** 2 + offset**2
+            real, imag = -poles.real[:, None] / size, offset / size
             return (real**2 - imag**2, 2 * real * imag) if derivative else (real, imag)
         n, lines = len(self.correlation), np.round(self.freq_hz * self.segment_s).astype(int)
         step = self.scale * self.segment_s / n
         time = step * np.arange(n)
         decay = self.correlation * np.exp(poles[:, None] * time)
         decay[:, 0] /= 2  # the trapezoidal rule
-        # Of the discrete sum that which a continuous pole has not: images, as smooth as the residuals.
+        # The discrete sum has aliases, which a continuous pole lacks; they are as smooth as the residuals.
         columns = step * np.fft.fft(decay * time if derivative else decay)[:, lines % n]
         return columns.real, columns.imag
 
@@ -165,9 +165,9 @@ class ModalData:
         F = len(self.weight)
         columns, step = np.empty((len(poles), 4, F)), 30_000 // F + 1  # poles, whose columns stay in the cache
         for i in range(0, len(poles), step):
-            some = poles[i : i + step]
-            (real, imag), (mirrored, other) = (self.basis.poles(each, derivative) for each in (some, some.conj()))
-            parts = np.stack([real + mirrored, imag + other, other - imag, real - mirrored], axis=1)
+            batch = poles[i : i + step]
+            (a, b), (c, d) = (self.basis.poles(x, derivative) for x in (batch, batch.conj()))  # a + j b, c + j d
+            parts = np.stack([a + c, b + d, d - b, a - c], axis=1)
             columns[i : i + step] = self.weight * parts
         return columns.reshape(2 * len(poles), 2 * F).T
 
@@ -209,7 +209,7 @@ class ModalFit:
 
     @cached_property
     def leverage(self) -> FloatArray:
-        """Fraction (F,) of the noise of a line that the columns take."""
+        """Leverage (F,): fraction of the noise of a line that the fit absorbs."""
         return np.asarray(np.sum(np.abs(complex_columns(self.Q)) ** 2, axis=1) / 2)
 
     @cached_property

@@ -125,7 +125,7 @@ def smooth_motion(
 ) -> SmoothedMotion:
     """Return the motion of all experiments under effects of given magnitudes (n_f,), and the effects along it.
 
-    tolerance: error of the implicit motion at which it ends, over its RMS.
+    tolerance: relative error of the implicit motion at which the iteration ends.
     """
     gain = _gain(lines, drive, smoothed_covariance(residuals(lines, drive, before, magnitudes), lines, drive))
     force_response = drive.H - gain @ (drive.C @ drive.H)
@@ -295,7 +295,7 @@ def newton(
 
     From x, or from x_0 where that is nearer than an x whose error is more than its size.
 
-    tolerance: error at which it ends, over the size of x.
+    tolerance: error relative to x at which the iteration ends.
     Steps are halved until the error falls; where none does, the last x, whose error the residuals then show.
     """
     size = np.std(x_0, axis=1)[:, None] + 1e-300

@@ -231,7 +231,7 @@ def read_numbers(path: Path) -> Table:
         except ValueError:
             numbers = [np.nan]
         if not np.isfinite(numbers).all():
-            text = f"{', '.join(cells.values())}: a cell is a finite number, with a point before decimals"
+            text = f"{', '.join(cells.values())}: each cell must be a finite number"
             raise DataError("use/path", text, f"{path}:{line}")
         values.append(numbers)
         lines.append(line)

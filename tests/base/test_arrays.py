@@ -138,7 +138,7 @@ def test_file_arrays_have_no_name_and_vanish_with_process(tmp_path) -> None:
 def test_file_arrays_keep_values_after_release_and_in_processes(tmp_path, monkeypatch) -> None:
     """Several in one file, and larger than it; a source in memory, or a folder that takes none, leaves the array.
 
-    Where the system writes a part of what it is given, the rest follows.
+    If the system writes only a part of the data, the rest follows.
     """
     write = os.pwrite
     monkeypatch.setattr(os, "pwrite", lambda file, data, place: write(file, data[:30_000], place))
@@ -156,7 +156,7 @@ def test_file_arrays_keep_values_after_release_and_in_processes(tmp_path, monkey
 
 
 def test_values_in_pieces_quotients_and_rows_of_text() -> None:
-    """Whole pieces alone; no division by zero; of more texts than a row takes, their number."""
+    """An incomplete piece is dropped; a zero divisor gives the default; a long row ends with the number of others."""
     np.testing.assert_array_equal(folded(np.arange(7.0), 3), [[0, 1, 2], [3, 4, 5]])
     np.testing.assert_array_equal(quotient(3.0, np.array([2.0, 0.0, -1.0]), 7.0), [1.5, 7.0, 7.0])
     assert format_values(np.array(["", "a"])) == ", a"

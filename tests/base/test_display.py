@@ -29,8 +29,8 @@ def test_an_interval_over_twelve_decades_is_unbounded():
     assert interval_of((1.0, 1.1e12)) == ("0", "∞")
 
 
-def test_a_long_table_is_cut_and_sentences_begin_large():
-    """Twenty rows and one with the number of further ones; a name such as k_1 keeps its letter."""
+def test_long_tables_are_cut_and_sentences_capitalised():
+    """Twenty rows, then a row with the number of further rows; a name such as k_1 is not capitalised."""
     lengths = [len(Display("title", ("n",), [(str(i),) for i in range(n)]).text.splitlines()) for n in (20, 21, 30)]
     assert lengths == [22, 23, 23]
     assert (capital("motor k_1"), capital("k_1 is")) == ("Motor k_1", "k_1 is")

@@ -14,8 +14,8 @@ def test_notes_that_differ_in_their_numbers_are_grouped_by_place() -> None:
     assert str(group) == "log 0 and 3 more: 0 samples late"
 
 
-def test_fault_of_the_program_is_of_a_kind_and_raised_inside() -> None:
-    """An AttributeError that its own code raises, not one of the user's; a ValueError states a fault of the data."""
+def test_program_fault_is_an_attribute_error_raised_inside_elastid() -> None:
+    """An AttributeError of the caller's code is not a program fault; a ValueError states a fault of the data."""
     check_theta([1.0], ["k_1"])
     for call, is_fault in (
         (lambda: grouped([1]), True),

@@ -65,7 +65,7 @@ def test_workers_that_die_again_and_again_are_given_up():
 
 
 def test_checkpoint_spares_finished_items_and_progress_counts_them():
-    """An execution that travels works by itself: workers have no workers."""
+    """A pickled execution has no workers: workers do not start workers."""
     steps, finished = [], {"b": 20}
     execution = Execution(1, lambda done, total: steps.append((done, total)), finished)
     assert execution.resumed(abs, [-1, -2, -3], ["a", "b", "c"]) == [1, 20, 3]

@@ -93,8 +93,8 @@ def many_ways(file: h5py.File) -> None:
         pytest.param(many_ways, marks=pytest.mark.slow),
     ],
 )
-def test_hdf5_file_with_data_elsewhere_or_without_end_is_refused(fault: Callable, tmp_path: Path) -> None:
-    """Links within it, a small dataset without values and thirty groups in each other are nothing unusual."""
+def test_hdf5_file_with_external_data_or_endless_groups_is_refused(fault: Callable, tmp_path: Path) -> None:
+    """Internal links, a dataset below the size limit without values, and 30 nested groups are accepted."""
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["a/b"], file["same"], file["nowhere"] = np.zeros(3), h5py.SoftLink("/a/b"), h5py.SoftLink("/c")
         file.create_dataset("unwritten", (1 << 25,), "f8", chunks=(1 << 20,))
@@ -135,7 +135,7 @@ def test_a_table_has_its_cells_with_their_lines(heads: list[str], rows: list[lis
 
 @pytest.mark.parametrize("code", ["utf-8", "utf-8-sig", "utf-16"])
 def test_table_of_a_spreadsheet_has_its_numbers(tmp_path: Path, code: str) -> None:
-    """Its hint of the separator, a separator at the end of each row, and a decimal comma before a unit."""
+    """A first row `sep=;`, a separator at the end of each row, and a decimal comma before a unit."""
     path = tmp_path / "table.csv"
     path.write_text("sep=;\nname;m [kg];q1 [°];\na, b;20,5 kg;-1,5e2;\n", encoding=code)
     assert list(read_table(path)) == [(3, {"name": "a, b", "m [kg]": "20.5 kg", "q1 [°]": "-1.5e2"})]

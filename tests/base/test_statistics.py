@@ -60,8 +60,8 @@ def test_bands_hold_so_often_as_they_say() -> None:
     assert 0.93 < np.mean(np.all(errors <= together, axis=(1, 2, 3))) < 0.97
 
 
-def test_combinations_are_the_sums_that_correlation_hides() -> None:
-    """x_0 + x_2 / 2 has the variance 0.01 though neither has; x_1 needs no other, and without correlation none does."""
+def test_correlated_parameters_have_an_identifiable_combination() -> None:
+    """x_0 + x_2 / 2 has variance 0.01, its members 1 and 4; x_1 and uncorrelated parameters have no combination."""
     C = np.array([[1.0, 0.02, -1.99], [0.02, 0.25, 0.0], [-1.99, 0.0, 4.0]])
     np.testing.assert_allclose(correlation_of(C), [[1, 0.04, -0.995], [0.04, 1, 0], [-0.995, 0, 1]])
     (combination,) = identifiable_combinations(np.array([3.0, 7.0, 1.0]), C)

@@ -235,7 +235,7 @@ def test_unknown_name_from_other_end_is_refused():
 
 
 def test_worker_keeps_function_until_it_rests():
-    """The first message brings it; an item without it, as of a process that died, is not worked out."""
+    """The first message contains the function; after the rest, an item without a function is refused."""
     here, served = End(keeps=False), Served()
     assert here.unpacked(served.answer(here.packed((abs, -2), True))).result == 2
     assert here.unpacked(served.answer(here.packed((None, -3)))).result == 3

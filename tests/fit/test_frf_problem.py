@@ -179,7 +179,7 @@ def test_an_export_is_of_one_robot_each() -> None:
 
 @pytest.mark.parametrize(("ratio", "is_distorted"), [(3.9, False), (4.1, True)])
 def test_distortion_is_significant_above_four_noise_variances(ratio: float, is_distorted: bool) -> None:
-    """In the median over lines whose noise is known; not of a response whose friction was compensated."""
+    """In the median over lines with noise; never in a response without noise."""
     noise = np.array([0.0, 1.0, 2.0, 1.0])[:, None, None]
     total = np.array([9.0, ratio, 2 * ratio, 99.0])[:, None, None]
     response = Response(

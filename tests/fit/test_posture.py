@@ -151,7 +151,7 @@ def test_an_accelerometer_sees_gravity_turn() -> None:
 
 
 def test_ratios_and_contributions_follow_from_cost_and_covariance() -> None:
-    """They sum up in squares; all of the variance of an unidentifiable number is noise."""
+    """Contributions add in squares; the whole variance of an unidentifiable parameter is noise."""
     n = len(result().x)
     fractions = {"averaging_fraction": np.full(n, 0.5), "persistent_fraction": np.full(n, 0.2)}
     covariance = np.diag([*np.diag(result().covariance)[:-1], np.inf])
@@ -173,7 +173,7 @@ def test_ratios_and_contributions_follow_from_cost_and_covariance() -> None:
     assert (own.std_noise[last], own.std_prior[last], own.std_systematic[last]) == (np.inf, 0, 0)
 
 
-def test_index_moves_logarithms_and_the_stiffness_it_affects_most() -> None:
+def test_modification_index_gives_changed_values_and_most_affected_stiffness() -> None:
     index = ModificationIndex(
         "m", "mass", values=[2.0, 3.0], log=(True, False), steps=[np.log(2), 0.5], effects=[0.1, -0.3, np.nan]
     )
@@ -189,7 +189,7 @@ def stated(text: object) -> list[float]:
 
 
 def test_well_identified_sum_of_weak_parameters_is_stated() -> None:
-    """a + b / 2 of std 0.1, where a and b have 1 and 2; none where all are identified well."""
+    """a + b / 2 has std 0.1, a and b have 1 and 2; no note if all are identified well, or not correlated."""
     free = Parameters((Parameter("a", 3.0, "N*m"), Parameter("c", 50.0, "N*m"), Parameter("b", 1.0, "N*m")))
     C = np.array([[1.0, 0.02, -1.99], [0.02, 0.25, 0.0], [-1.99, 0.0, 4.0]])
     own = Result(free, free.x, C, 1.0, 1, 1.0, "converged", "", (), 1, np.zeros(3, bool), np.ones(3), "complex")
@@ -201,7 +201,7 @@ def test_well_identified_sum_of_weak_parameters_is_stated() -> None:
 
 @pytest.mark.parametrize(("gain", "std"), [(None, 2.0), (0.5, np.sqrt(4 + 16 + 2 * 0.25 * 2 * 4))])
 def test_velocity_gain_and_friction_of_motor_are_identified_as_sum(gain: float | None, std: float) -> None:
-    """n^2 f_m + g k_d with the correlation of both, of a motor whose friction is free."""
+    """n^2 f_m + g k_d with the correlation of both, for the motor with free friction."""
     drives = [Joint(name, "y", Spring(1e4, 1.0), Motor(1e-3, 10.0, 0.02)) for name in "12"]
     bodies = (Body("a", joints=(drives[0],), mass=1.0), Body("b", "a", Placement((0.3, 0, 0)), (drives[1],), 1.0))
     friction = Parameter("fm_2", 0.04, "N*m*s")
@@ -218,7 +218,7 @@ def test_velocity_gain_and_friction_of_motor_are_identified_as_sum(gain: float |
     assert loop_note(result(), Robot("r", bodies), loop) == ()
 
 
-def test_numbers_by_hand_are_exact_and_others_keep_theirs() -> None:
+def test_manually_set_parameter_is_exact_and_others_are_unchanged() -> None:
     own = result()
     index = ModificationIndex("m", "mass", effects=np.ones(len(own.x)))
     changed = replace(own, indices=(index,), profile95=np.ones((len(own.x), 2))).with_parameters(k_1=2e4)
@@ -233,7 +233,7 @@ def test_numbers_by_hand_are_exact_and_others_keep_theirs() -> None:
 
 
 def test_tolerances_after_fit_are_the_posterior_deviations() -> None:
-    """Half of the stated ones of each body, where the data halve each; as they are without any in the fit."""
+    """Half of the stated tolerances if the data halve each std; unchanged if the fit includes none."""
     arm = replace(elastic_arm.arm(), tolerances=Tolerances())
     free = with_tolerances(choose(FitSpec(), arm, ["a"]), arm, FitSpec())
     std = np.array([1.0 if p.prior is None else p.prior.std / 2 for p in free.free])
@@ -249,7 +249,7 @@ def test_tolerances_after_fit_are_the_posterior_deviations() -> None:
 
 
 def test_decisive_cause_is_the_largest_that_moves_a_parameter() -> None:
-    """The likeliest in its place if it moves one, too; else of those alike, or none where it explains as much."""
+    """The likeliest cause is preferred if it moves a parameter; else an equivalent, or none if it explains as much."""
     own, drops = result(), {"a": 40.0, "b": 50.0, "c": 20.0, "still": 90.0, "several": 99.0}
     several = {"steps": np.array([0.1, 0.2])}
     every = {

@@ -55,7 +55,7 @@ def fitted(is_exact: bool) -> tuple[Result, list[Response]]:
 
 
 def test_time_between_reversals_is_half_a_period_at_one_frequency() -> None:
-    """Of two frequencies, pi sigma_v / sigma_a; of a motor whose motion was not measured there is none."""
+    """For two frequencies it is pi sigma_v / sigma_a; a motor without measured motion has none."""
     power = np.zeros((2, 2, 2), complex)
     power[:, 1, 1] = 1.0, 0.0
     motion = MotorMotion(("motor 1", "motor 2"), np.array([4.0, 20.0]), power, np.zeros(2))

@@ -228,7 +228,7 @@ def test_loops_of_a_few_counts_are_refused() -> None:
 
 @pytest.mark.parametrize("offset", [-3.0, 3.0])
 def test_stiffnesses_and_offset_of_exact_loops_are_recovered(offset: float) -> None:
-    """On the samples that count; thresholds are given."""
+    """From the used samples only, with given thresholds."""
     q = 1e-3 * np.cumsum(np.random.default_rng(0).standard_normal(400))
     true = Elements(np.array([500.0, 200.0]), np.array([1e-3, 8e-3]), offset)
     used = np.arange(len(q)) >= 50

@@ -209,7 +209,7 @@ def test_a_held_command_acts_half_a_sample_later() -> None:
 
 
 def test_delay_of_several_samples_is_noted_and_corrected() -> None:
-    """The note has the delay, with which the numbers are right."""
+    """The note states the delay; with this delay, the parameters are correct."""
     t, delay_s = np.arange(8000) / 200, 17e-3
     (q, *_), (_, v, a) = (three_sines(at, np.random.default_rng(0)) for at in (t, t - delay_s))
     u = J * a + VISCOUS * v + F_C * np.sign(v) + 0.05 * np.random.default_rng(0).standard_normal(len(t))

@@ -104,7 +104,7 @@ def test_the_scattered_covariance_needs_no_variances() -> None:
 
 @pytest.mark.parametrize("size", [0.1, 5.0])
 def test_covariances_of_an_optimum_are_the_formulas(size: float) -> None:
-    """(J^T J)^-1 of residuals of variance one or more, and HC3; infinite for a number that nothing depends on."""
+    """(J^T J)^-1 times the residual variance, at least 1, and HC3; infinite for a parameter without effect."""
     rng = np.random.default_rng(0)
     J, r = rng.standard_normal((12, 3)) * [1, 1e3, 1e-3], size * rng.standard_normal(12)
     optimum, A = Optimum(np.zeros(3), float(r @ r), J, r), np.linalg.inv(J.T @ J)
@@ -119,7 +119,7 @@ def test_covariances_of_an_optimum_are_the_formulas(size: float) -> None:
 
 @pytest.mark.parametrize("dof", [4.0, np.inf])
 def test_sums_and_chances_of_a_regression_follow_student(dof: float) -> None:
-    """A std that is widened to the quantile of its degrees of freedom has their distribution."""
+    """The std includes the factor of Student's quantile, which `chance` removes."""
     C = np.array([[0.04, 0.01], [0.01, 0.09]])
     own = Regression(("a", "b"), np.array([0.5, -0.2]), C, 0.1, 1.0, 20.0, np.array([9.0, dof]), 1.0)
     value, std = own.combination({"b": 2.0, "a": -1.0})

@@ -136,7 +136,7 @@ def test_signals_are_filtered_to_3_db_with_position_noise():
 
 
 def test_inertial_acceleration_weighs_motor_and_link() -> None:
-    """Of a sine of 5 Hz beside a gear's resonance of 8 Hz: the link moves by H = (d s + k) / (J_l s^2 + d s + k)."""
+    """At 5 Hz, with a gear resonance of 8 Hz, the link moves by H = (d s + k) / (J_l s^2 + d s + k)."""
     rate, omega, joint = 500.0, 2 * np.pi * 5.0, ElasticJoint(2.0, 3.0, 3.0 * (2 * np.pi * 8) ** 2, 30.0)
     t = np.arange(8_000) / rate
     motion = Motion("joint 1", rate, 0.1 * np.sin(omega * t), np.sin(omega * t), spring=joint)

@@ -61,7 +61,7 @@ def test_modes_have_shapes_of_largest_entry_one() -> None:
     assert len(modes.freq_hz) == 2
 
 
-def test_deviations_of_modes_are_those_of_differences() -> None:
+def test_std_of_modes_equals_central_differences() -> None:
     fit, h = result(), 1e-5
     covariance = fit.covariance * (1 + np.eye(len(fit.x)))
 

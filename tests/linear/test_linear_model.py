@@ -68,7 +68,7 @@ def test_gains_multiply_rows_and_divide_columns_of_a_response() -> None:
 
 @pytest.mark.parametrize("equations", ["constrained", "minimal"])
 def test_slopes_follow_geometry_of_a_closed_loop(equations: str) -> None:
-    """Of a planar four-bar under gravity: responses by the slopes against linearisations on both sides."""
+    """Planar four-bar under gravity: slopes change responses as central differences of linearisations do."""
     tool = Frame("tool", "upper", Placement((0.9, 0.0, 0.1)))
     robot = replace(linkage(Rod(0.86, 6.2, 0.4, 0.5), crank=0.33), frames=(tool,))
     model, place = formulate(robot, ModelSpec(equations), robot.geometry), Configuration("c", (0.2, 0.1))

@@ -97,7 +97,7 @@ def test_derivatives_hold_where_the_geometry_moves_the_force(outputs: tuple[str,
 
 @pytest.mark.parametrize("B", [np.eye(4)[:, 1:3], np.array([[1.0, 0], [-1, 0], [0, 2], [0, 0]])])
 def test_locked_motors_leave_all_other_motions(B: np.ndarray) -> None:
-    """Columns of the unit matrix, but where a motor is between two coordinates."""
+    """Columns of the identity matrix, unless a motor acts between two coordinates."""
     N = locked_motor_motions(B)
     assert np.linalg.matrix_rank(N) == N.shape[1] == 2
     np.testing.assert_allclose(B.T @ N, 0, atol=1e-15)

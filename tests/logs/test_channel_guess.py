@@ -72,7 +72,7 @@ def test_torques_and_motions_are_paired_with_unit_and_sign() -> None:
 
 
 def test_noise_and_spikes_of_a_torque_are_no_vibration() -> None:
-    """Of six times the size of the torque; a vibration with an encoder of few counts remains one."""
+    """Noise has six times the std of the torque; a vibration measured by a coarse encoder remains a vibration."""
     q, *_, u = moved(0)
     noise = 6 * np.std(u) * np.random.default_rng(2).normal(size=len(q))
     spikes = 60 * np.std(u) * (np.arange(len(q)) % 701 == 0)

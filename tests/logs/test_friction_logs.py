@@ -59,7 +59,7 @@ def test_spikes_of_torque_and_position_are_masked(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("length", "parts", "limit"), [(4, 1, 3.0), (60, 4, 0.01)])
 def test_dropouts_of_torque_are_missing_at_any_torque(tmp_path: Path, length: int, parts: int, limit: float) -> None:
-    """Short ones are bridged, others divide the log; a torque that passes 0 in coarse steps has none."""
+    """Short dropouts are interpolated, others divide the log; a torque that crosses 0 in coarse steps has none."""
     lost = np.arange(600, len(U), 1300)[:, None] + np.arange(length)
     u = np.where(np.isin(np.arange(len(U)), lost), 0.0, U)
     records, (coarse,) = records_of(tmp_path, Q + 0.1, u), records_of(tmp_path, Q + 0.1, np.round(U / 2) * 2)

@@ -180,7 +180,7 @@ def test_periods_that_a_log_lacks_are_left_out_of_all(tmp_path: Path) -> None:
 
 
 def test_a_file_that_reaches_out_is_refused(tmp_path: Path) -> None:
-    """As a log, and as something that says it is a result of elastid."""
+    """As a log, and as a file that claims to be a result of elastid."""
     with h5py.File(tmp_path / "log.h5", "w") as file:
         file.attrs["elastid"] = "frf"
         file["g/a"] = h5py.ExternalLink("secret", "/a")

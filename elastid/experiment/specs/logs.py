@@ -89,7 +89,7 @@ class FileSpec:
         "configuration with another torque; elastid estimates one response per amplitude.", least=1)] = 1
     samples: Annotated[tuple[int, int] | None, Key("Range [first, last) of the used samples (default: all).",
         "to remove samples before the start or after a stop; elastid selects whole periods itself. If channels have "
-        "several clocks, count at rate_hz from the start of the last channel.")] = None
+        "several clocks, count at rate_hz from the latest start of a channel.")] = None
     also: Annotated[tuple[str, ...], Key("Other logs of the same experiment, aligned by a signal in both, by "
         "recorded.time, by torques and accelerations, or by row number.", "for signals of another logger; log r, "
         "reference or a motion in both files if it started at another time.")] = ()

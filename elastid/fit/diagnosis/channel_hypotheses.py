@@ -3,7 +3,7 @@ r"""Channel hypotheses: wrong signs, units, order or phase convention of measure
 .. math:: \hat G \approx S G, \quad P G, \quad G^*, \quad (j \omega)^k G, \quad
           |\hat G_{ij}| \approx \frac{|G_{ij}|}{c_i c_j}
 
-The hypotheses: a channel with inverted sign, exchanged channels or postures, phases by exp(-j omega t), a velocity
+The hypotheses: a channel with inverted sign, exchanged channels or postures, phases for exp(-j omega t), a velocity
 instead of an acceleration, channels in another unit.  A fit of misread responses may end anywhere, so V of every
 hypothesis is predicted at the optimum and at the start; the best hypotheses are refitted by a few steps on a few lines.
 """

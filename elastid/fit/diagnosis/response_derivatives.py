@@ -6,7 +6,7 @@ r"""Derivatives of the response to fixed numbers outside the model's equations: 
           + 2 \Big( J_m \frac{\partial G}{\partial J_m} + f_m \frac{\partial G}{\partial f_m} + \ldots \Big),
           \qquad \dot S = E^{-1} e_i e_i^T E
 
-because a wrong ratio converts torque and angle of the motor to the link side wrongly.
+because the wrong ratio converts torque and angle of the motor to the link side.
 """
 
 from __future__ import annotations

@@ -171,12 +171,12 @@ def fit_ladder(Z: ComplexArray, R: ComplexArray, window: Windows, ladder: Sequen
     """
     fits = tuple(_in_blocks(Z, R, window, terms) for terms in ladder)
     best, (dof, poles) = fits[0], (fits[-1].dof, ladder[-1].poles)
-    power, order = _power(best), np.zeros(len(window.index), dtype=np.int64)
+    power, selected = _power(best), np.zeros(len(window.index), dtype=np.int64)
     for i, fit in enumerate(fits[1:], 1):
         clear = np.max(fit.dof * np.log(power / _power(fit)), axis=1) > LOG_GAIN
-        power, order = np.where(clear[:, None], _power(fit), power), np.where(clear, i, order)
+        power, selected = np.where(clear[:, None], _power(fit), power), np.where(clear, i, selected)
         best = _select_fits(clear, _grown(fit, poles, dof), _grown(best, poles, dof))
-    return LadderFit(best, fits, order, window, ladder[-1])
+    return LadderFit(best, fits, selected, window, ladder[-1])
 
 
 def transient_half_width(n_y: int, n_z: int) -> int:

@@ -242,7 +242,7 @@ class Columns(Kept):
             yield Sensitivity(band.block, s, omega, band.gain, G, *bases, unfactored, rows, columns)
 
     def evaluate(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """Return G (F, n_y, n_u) and its derivatives (P, F, n_y, n_u) to the `parameters` at theta (n_theta,)."""
+        """Return G (F, n_y, n_u) and its derivatives (P, F, n_y, n_u) by the P parameters at theta (n_theta,)."""
         pieces = self.pieces
         G = np.empty((self.kernel.freq_hz.size, *self.entries.shape), complex)
         dG, places = np.empty((len(self.kernel.parameters), *G.shape), complex), np.argmax(pieces.sigma != 0, axis=1)

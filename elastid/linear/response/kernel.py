@@ -169,24 +169,24 @@ class Kernel(Kept):
                 over = 1 / s[:, None, None] ** 2
                 G[:, :, tilted] += gain[:, None, None] * over * by_inputs[:, :, n_y:n_t]
                 YX = np.concatenate([YX, YX[:, self._sides.columns[tilted]] + over * YX[:, self._sides.tilts]], axis=1)
-            readings = np.zeros((len(self.output_parameters), len(s), n_y, n_u), complex)
+            output_slopes = np.zeros((len(self.output_parameters), len(s), n_y, n_u), complex)
             if self.output_parameters:
-                rows = by_inputs[:, :, n_t : n_t + 2 * n_y * len(readings)]
+                rows = by_inputs[:, :, n_t : n_t + 2 * n_y * len(output_slopes)]
                 dC, dT = rows.reshape(len(s), n_u, -1, 2, n_y).transpose(3, 2, 0, 4, 1)
                 by_B = self._slope_columns(solved[:, :, n_d + n_t + rows.shape[2] :], s)
-                readings = gain[:, None, None] * (dC + dT / s[:, None, None] ** 2 + by_B)
+                output_slopes = gain[:, None, None] * (dC + dT / s[:, None, None] ** 2 + by_B)
             G, loop = G.swapaxes(1, 2), None
             if self._open_loops is not None:
                 motors = factor(self._open_loops[1], theta, s)[:, None, None] * by_inputs[:, :, -n_u:].swapaxes(1, 2)
                 images = (part[block] for part in self._images)
                 loop = closed(model, theta, self.freq_hz[block], G, motors, *images)
-                readings = model.channel_factors(theta, s)[0][..., None] * readings @ loop.A
+                output_slopes = model.channel_factors(theta, s)[0][..., None] * output_slopes @ loop.A
                 G = loop.T + self._folded[block]
             elif model.channel_numbers:
                 of_outputs, of_inputs = model.channel_factors(theta, s)
                 channels = of_outputs[..., :, None] * of_inputs[..., None, :]
-                G, readings = channels * G, channels * readings
-            yield Products(block, s, gain, G, YX, readings, loop)
+                G, output_slopes = channels * G, channels * output_slopes
+            yield Products(block, s, gain, G, YX, output_slopes, loop)
 
     def sides(self, theta: FloatArray, band: Products) -> tuple[ComplexArray, ComplexArray]:
         """Return Y^T Z^-1 of the outputs (F, n_y, n_d) and of the inputs (F, n_u, n_d): dG = -c left dZ right^T."""
@@ -279,7 +279,7 @@ class Kernel(Kept):
 
 @dataclass(frozen=True)
 class Elimination:
-    """The order (n,) of the coordinates, and where L^T is not zero then (n, n), above its diagonal."""
+    """Order (n,) of elimination, and pattern (n, n) of the nonzero entries of L^T above its diagonal in this order."""
 
     order: IntArray
     pattern: BoolArray

@@ -95,7 +95,7 @@ def bridged(x: FloatArray) -> FloatArray:
 
 
 def flat(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
-    """Fold to X (P, L): the repetitions of a signal, each without its line."""
+    """Fold to X (P, L): the repetitions of a signal, without their means and slopes."""
     return without_line(blocks(x, L, sign))
 
 

@@ -32,8 +32,8 @@ LEAP = 10.0  # of other repetitions from a 0, over the step that 99 % of the sam
 MIN_MOVING_FRACTION = 0.2  # a signal moves at a phase where it scatters by this part of its median scatter
 # Part of its usual scatter below which a signal stands still, and of a repetition that may be missing or still.
 MAX_STATIONARY_FRACTION = 0.1
-# Spikes of this part of a channel are no single ones; distance of a spike over a usual distance, or over the range of
-# most samples, beyond which no motion leaps.
+# Fraction of outliers above which they are part of the signal; distance of a spike over a typical distance, or over
+# the range of most samples, that no motion reaches.
 MAX_FRACTION, MIN_OVER_USUAL = 0.02, 3.0
 MAX_MISSING_FRACTION = 1 / 3  # a channel that lacks more than this part is refused
 # Of clipping and quantisation.
@@ -56,27 +56,27 @@ EQUAL_TOLERANCE = 1e-9  # values this close, as a part of the span, are equal
 def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
     """Mask (NaN) runs in which a channel of signals (n, c) is 0 after a leap, or hangs while others move.
 
-    A leap is longer than LEAP times the 99 % quantile of the steps between nonzero samples. Zeros begin and end by a
-    leap, a constant run ends by a leap. Zeros without leaps are lost messages if the samples beside them have usual
-    size more often than by chance: a signal that passes 0 is small beside it.
+    A leap is longer than LEAP times the 99 % quantile of the steps between nonzero samples. Zeros begin and end with a
+    leap; a constant run ends with a leap. Zeros without leaps are also lost messages if they are more frequent than by
+    chance and the samples beside them have typical size: a signal that crosses 0 is small on both sides.
     """
     result, steps = np.copy(signals), np.abs(np.diff(signals, axis=0))
-    moves = np.abs(signals[MIN_RUN:] - signals[:-MIN_RUN])  # which noise adds little to
+    moves = np.abs(signals[MIN_RUN:] - signals[:-MIN_RUN])  # noise adds little over MIN_RUN samples
     for c, (x, changes) in enumerate(zip(signals.T, steps.T, strict=True)):
         usual, size = changes[np.isfinite(changes) & (x[1:] != 0) & (x[:-1] != 0)], np.abs(x[np.isfinite(x) & (x != 0)])
         if not usual.size:
             continue
-        q, middle = step(x), max(float(np.median(usual)), 1e-300)
+        q, median_step = step(x), max(float(np.median(usual)), 1e-300)
         least = max(LEAP * float(np.quantile(usual, 0.99)), MIN_STEPS * q)
         zeros = [(a, b) for a, b in runs(x == 0).tolist()]
         beside = {(a, b): min(abs(x[a - 1]), abs(x[b])) for a, b in zeros if a > 0 and b < len(x)}
-        by_chance = np.sum(size <= middle) * q / (2 * middle)
-        passed = max(MIN_RANGE * float(np.median(size)), MIN_STEPS * q)
-        if len(beside) >= MIN_PLACES * (1 + by_chance) and np.nanmedian([*beside.values(), 0.0]) > passed:
+        by_chance = np.sum(size <= median_step) * q / (2 * median_step)
+        min_size = max(MIN_RANGE * float(np.median(size)), MIN_STEPS * q)
+        if len(beside) >= MIN_PLACES * (1 + by_chance) and np.nanmedian([*beside.values(), 0.0]) > min_size:
             beside = dict.fromkeys(zeros, np.inf) | {run: leap for run, leap in beside.items() if leap > least}
         constant = [(a, b + 1) for a, b in runs(changes == 0, MIN_RUN - 1).tolist() if a > 0 and b < len(changes)]
         speed = np.nanmean(np.delete(moves, c, axis=1), axis=0) / MIN_RUN
-        if sum(b - a for a, b in constant) > MAX_MISSING_FRACTION * len(x):  # a torque that is given in steps
+        if sum(b - a for a, b in constant) > MAX_MISSING_FRACTION * len(x):  # a torque in steps
             constant, beside = [], {(a, b): leap for (a, b), leap in beside.items() if b - a < MIN_RUN}
         gaps = [(a, b) for (a, b), leap in beside.items() if leap > least and (b - a < MIN_RUN or leap < np.inf)]
         for a, b in constant:
@@ -89,7 +89,7 @@ def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
 
 
 def far_outside(x: FloatArray) -> BoolArray:
-    """Flag (n,) short runs of a signal, NaN where missing, far outside the range of the middle 96 % of its samples."""
+    """Flag (n,) short runs of a signal (NaN if missing) far outside the range of the middle 96 % of its samples."""
     low, middle, high = np.nanquantile(x, [MAX_FRACTION, 0.5, 1 - MAX_FRACTION])
     result = np.asarray(np.abs(x - middle) > MIN_OVER_USUAL * (high - low))
     for start, end in runs(result, MIN_RUN):
@@ -102,7 +102,7 @@ def _mask_constant(signals: FloatArray, c: int, ranges: Iterable[tuple[int, int]
     gaps = np.unique([i for start, end in ranges for i in range(start, end)]).astype(int)
     if gaps.size:
         signals[gaps, c] = np.nan
-        text = f"{log.names[c]} is 0, constant or far off for {gaps.size} samples in total while other {others} vary"
+        text = f"{log.names[c]} is 0, constant or out of range for {gaps.size} samples while other {others} vary"
         log.report(MASKED, gaps.size, f"{text}, first at {log.time_of(gaps[0])}; treated as missing")
 
 
@@ -188,7 +188,7 @@ def step(x: FloatArray) -> float:
         gaps = gaps[gaps > smallest_gap]
         for smallest in np.sort(gaps)[:STEP_CANDIDATES]:
             for q in smallest / np.arange(1, 4):
-                # Decimals of a text round each value: gaps of ever more steps give ever more exact sizes.
+                # Text logs round each value: q is refined by gaps of more and more steps.
                 for most in (10, 100, 1000):
                     near = gaps[gaps < most * q]
                     q = near.sum() / np.round(near / q).sum()

@@ -99,8 +99,8 @@ def _missing_samples(good: BoolArray, log: Log, c: int) -> tuple[int, str]:
 def bridge_short_gaps(signals: FloatArray, log: Log, straight: Mapping[int, int] | None = None) -> FloatArray:
     """Interpolate the gaps (NaN) of signals (n, c), without a period, that are short and not at the ends.
 
-    straight: samples of the longest gap that a straight line bridges, by column.  Channels that lack more than a third
-    remain as they are.
+    straight: samples of the longest gap that a straight line bridges, by column.  Channels with more than a third
+    missing are unchanged.
     """
     result = np.copy(signals)
     for c in np.flatnonzero(np.isnan(signals).mean(axis=0) <= MAX_MISSING_FRACTION).tolist():

@@ -212,7 +212,7 @@ def _roughest(x: FloatArray, candidates: BoolArray, judged: BoolArray, L: int) -
 
 
 def _roughness(x: FloatArray) -> FloatArray:
-    """Compute the distance (n,) of each sample of a signal from the cubic through its neighbours, over a usual one."""
+    """Compute the distance (n,) of each sample from its neighbours' cubic; 1 is the limit of a smooth signal."""
     away = np.abs(np.convolve(np.pad(x, 2, mode="reflect", reflect_type="odd"), _CUBIC, mode="valid"))
     return away / max(MIN_RATIO * float(np.quantile(away, QUIET_FRACTION)), 1e-300)
 
@@ -284,7 +284,7 @@ def _lost_messages(x: FloatArray, q: float) -> tuple[BoolArray, BoolArray]:
         is_equal, n_near = distance == 0, int(np.sum((distance > 0) & (distance <= scale)))
         if is_equal.mean() < MAX_FRACTION:
             is_rare |= is_equal
-            # At turns and while it sticks a motion repeats values more often: half as often as it steps by q.
+            # At reversals and in sticking, a motion repeats values more often: half as often as it steps by q.
             n_single = int(np.sum(np.abs(distance - q) < q / 2))
             by_chance = max(n_near * q / max(2 * scale, 1e-300), n_single / 2)
             if by_chance < MAX_BY_CHANCE or is_equal.sum() > MIN_OVER_CHANCE * (by_chance + 2):

@@ -126,7 +126,7 @@ def _line(t: FloatArray, rows: IntArray) -> StampLine:
     late = t - step * rows
     start, end = np.quantile(late, [MAX_WRONG_FRACTION, 1 - MAX_WRONG_FRACTION]).tolist()
     mean, spread = float(late.mean()), float(np.ptp(late))
-    # Most delays by queues are short, or of several steps; symmetric jitter comes from reading the clock.
+    # Queues delay mostly little, or by several steps: start at the earliest stamps; at the mean if jitter is symmetric.
     start = mean if spread < step and 2 * (mean - start) > end - mean else start + min(rounding_s, spread) / 2
     return StampLine(rows, 1 / step, start, late - start, rounding_s)
 
@@ -230,7 +230,7 @@ def rising(
 ) -> tuple[FloatArray, FloatArray]:
     """Sort stamps (n,) and their signals (n, c).
 
-    A clock that was set back leaves a gap of unknown length; no gap with has_clocks, since other signals continue.
+    A clock that was set leaves a gap of unknown length; no gap with has_clocks, since other signals continue.
     Raises DataError for missing stamps, and for more decreasing steps than single faults cause.
     """
     if not np.isfinite(time_s).all():
@@ -262,8 +262,8 @@ def rising(
 def without_jumps(t: FloatArray, gap: int = 1) -> tuple[FloatArray, IntArray]:
     """Return stamps (n,) without jumps of the clock, and the sample (k,) after each jump.
 
-    A jump is a fall, or a rise of more than MAX_RATE_RATIO times the sum of all others.  gap: median steps in place of
-    a jump.
+    A jump is a fall, or a rise of more than MAX_RATE_RATIO times the sum of all other rises.  gap: length of a
+    jump afterwards, in median steps.
     """
     rises = np.diff(t, prepend=t[:1])
     is_rise = rises > 0

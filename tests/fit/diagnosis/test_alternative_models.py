@@ -64,7 +64,7 @@ def test_missing_torsion_is_named_if_v_hides_it(noise: float, floor: float) -> N
 
 
 def test_bounds_and_priors_of_fixed_numbers_move_with_them() -> None:
-    """By their ratio or by their difference; a tied number takes the value, a parameter of interest stays."""
+    """By ratio if logarithmic, else by difference; a tied number takes the value, a parameter of interest stays."""
     prior = Prior(2.0, 0.1)
     every = Parameters((
         Parameter("m", 2.0, "kg", 1.0, 8.0, log=True, is_nuisance=True, prior=prior),

@@ -166,7 +166,7 @@ def test_changes_of_any_size_have_a_size(step: float, words: str) -> None:
 
 @pytest.mark.parametrize("explains", [True, False])
 def test_scatter_of_gear_ratios_is_stated_with_its_tolerance(explains: bool) -> None:
-    """Three times a tolerance of 0.1 %, of the motors whose ratio is at fault; only where that explains the misfit."""
+    """Three times the tolerance of 0.1 %, only for a motor with this scatter, and only if it explains the misfit."""
     response = SimpleNamespace(inputs=("motor 1", "motor 2"), ratio_std=np.array([5e-3, 1e-3]))
     notes = scattered_ratios(SimpleNamespace(std={"motor 2": 3.0}, explains=explains), [response])
     assert [re.findall(r"([\d.]+) %", note.text) for note in notes] == explains * [["0.3", "0.1"]]

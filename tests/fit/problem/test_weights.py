@@ -171,9 +171,9 @@ def test_a_line_that_is_really_noisier_keeps_its_own_level():
 
 @pytest.mark.parametrize("dof", [3.0, 12.0])
 def test_line_counts_as_noisier_beyond_one_chance_in_a_thousand(dof: float) -> None:
-    """Of lines of one variance: of their geometric mean, corrected by its expectation, one line has r times the rest's.
+    """A single line exceeds the chi-square quantile relative to the bias-corrected geometric mean of its window.
 
-    The mean of a window stays within the band at its ends.
+    At the ends of the band, the window of a moving mean stays within the band.
     """
     width, variance = 9, np.ones(60)
     rest = np.exp(log_moment(1, dof, width))

@@ -234,7 +234,7 @@ def test_radius_after_failed_step_is_fraction_of_step() -> None:
 
 @pytest.mark.parametrize("seed", range(8))
 def test_bounded_step_is_within_and_descends(seed: int) -> None:
-    """Within radius and bounds, whichever of them it meets; no step along the others is better where none is met."""
+    """It satisfies radius and bounds. Without bounds it is the Newton step, or the optimal step on the radius."""
     rng = np.random.default_rng(seed)
     A, b = rng.standard_normal((9, 5)), 3 * rng.standard_normal(5)
     hessian, metric, none = A.T @ A, np.diag(rng.uniform(0.5, 2, 5)), np.zeros(5, bool)

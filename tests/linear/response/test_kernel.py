@@ -65,7 +65,7 @@ def test_derivatives_equal_central_differences_for_every_parameter(outputs):
 
 
 def test_pull_is_adjoint_of_columns():
-    """Of all columns, and times j omega and its square of those of one power; columns are proportional to scales."""
+    """Also times j omega and its square, for columns with several powers; columns are proportional to scales."""
     model = linear(arm(), outputs=("body fore_arm z", "motor 2"))
     columns, rng = Columns(Kernel(model, FREQ_HZ, model.parameters)), np.random.default_rng(0)
     for band in columns.at(model.theta_ref):

@@ -135,8 +135,8 @@ def test_step_of_log_with_spikes_is_exact() -> None:
     assert step(damaged[:, 1]) == pytest.approx(0.01, rel=1e-6)
 
 
-def test_rests_of_a_motion_at_its_turns_stay() -> None:
-    """A joint that sticks a 16th of the time, six turns a period, noise of 0.3 steps."""
+def test_sticking_at_reversals_is_no_outlier() -> None:
+    """A joint sticks 1/16 of the time, with six reversals a period and noise of 0.3 steps."""
     t, rng = 2 * np.pi * np.arange(P * N)[:, None] / N, np.random.default_rng(0)
     speed = (1 + 0.3 * np.sin(t)) * np.sin(3 * t + np.arange(20))
     motion = 0.02 * np.cumsum(np.sign(speed) * np.maximum(np.abs(speed) - 0.1, 0.0), axis=0)

@@ -169,7 +169,7 @@ def test_times_that_hold_too_little_are_refused_with_what_to_state() -> None:
 
 @pytest.mark.parametrize(("jump_s", "first"), [(0.0, 700), (-3.0, 700), (3e7, 700), (-500.0, 3)])
 def test_reordered_messages_are_sorted_and_a_set_clock_splits(jump_s: float, first: int) -> None:
-    """Of unknown length, where the clock falls by 3 s, jumps by a year, or begins with wrong stamps."""
+    """The gap is of unknown length if the clock falls by 3 s, jumps by a year, or begins with wrong stamps."""
     t, rows = np.arange(2000) / 100, np.arange(2000)
     if not jump_s:
         rows[[700, 701, 1500, 1501]] = rows[[701, 700, 1501, 1500]]
