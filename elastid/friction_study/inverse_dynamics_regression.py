@@ -260,7 +260,7 @@ def _with_delay(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Motion
     The significance test includes model errors, which can appear as a delay.
     """
     terms, lead_s = replace(fit.terms, delay=True), 0.0
-    for _ in range(10):  # each step halves the error
+    for _ in range(10):  # Gauss-Newton
         shifted = [replace(s.motion, torque_delay_s=s.motion.torque_delay_s + lead_s) for s in signals]
         step = regress([MotionSignals.of(motion, fit.passband_hz) for motion in shifted] if lead_s else signals, terms)
         if not lead_s and (step.chance("delay", 0) >= FALSE_ALARM or abs(step["delay"]) * fit.motion.rate_hz < 1):
