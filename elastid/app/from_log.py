@@ -235,7 +235,7 @@ def _command_files(
             raise DataError("records/channels", f"{difference}. Write a study for each", path)
     why = "kp / kd and kd of the log"
     if gains is None and all(name in servos for name in names):
-        why = "kp / kd and kd of the servos of the robot model (no kd: 1e-6 s * kp)"
+        why = "guessed: kp / kd and kd of the servos in the MJCF file; a servo without kd has kd = kp * 1e-6 s"
         gains = np.array([(kp, kd or 1e-6 * kp) for kp, kd in (servos[name] for name in names)]).T
     elif gains is None:
         why, gains = "guessed: enter the gains of the joint controller, link side", np.ones((2, len(pairs)))

@@ -59,10 +59,11 @@ def from_robot(path: Path) -> tuple[Robot, dict[str, str], Servos]:
     """
     if not path.is_file():
         raise StudyError("files/missing", "no such file", path)
-    is_own, is_urdf = path.suffix.lower() in _OF_ELASTID, path.suffix.lower() == ".urdf"
     servos: Servos = {}
-    if is_own or is_urdf:
-        robot = load_robot(path) if is_own else _links_of_urdf(path)
+    if is_own := path.suffix.lower() in _OF_ELASTID:
+        robot = load_robot(path)
+    elif path.suffix.lower() == ".urdf":
+        robot = _links_of_urdf(path)
     else:
         robot, servos = read_mjcf_servos(path)
     if not robot.driven:
@@ -70,9 +71,9 @@ def from_robot(path: Path) -> tuple[Robot, dict[str, str], Servos]:
     postures, gravity = _postures(robot)
     if is_own:
         rotors = [joint.motor.inertia * joint.motor.ratio**2 for joint in robot.driven if joint.motor is not None]
-        texts = {"study.yml": _study(robot, postures, gravity, np.array(rotors)), "robot.yml": yaml_text(robot)}
-        return robot, texts, servos
-    inertia, driven, comments = _with_guessed_drives(robot, postures, path)
+        inertia, driven, comments = np.array(rotors), robot, tuple[str, ...]()
+    else:
+        inertia, driven, comments = _with_guessed_drives(robot, postures, path)
     texts = {"study.yml": _study(driven, postures, gravity, inertia), "robot.yml": yaml_text(driven, comments)}
     return robot, texts, servos
 

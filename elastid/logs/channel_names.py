@@ -70,10 +70,9 @@ class ChannelGuess:
         """Split a name into the common part and the joint's identifier: numbers, else words that name no quantity."""
         bare = re.sub(r"[\[(][^\])\d]*[a-z°][^\])]*[\])]", "", self.name, flags=re.IGNORECASE).strip()
         bare = re.sub(r"0[.,]1\s*%", "", bare)  # of the rated torque
-        numbers = [*re.findall(r"\d+", bare), *([str(self.column)] if self.column else [])]
-        if numbers and not self.by_words:
+        words = [*re.findall(r"[^\W\d_]+|\d+", _split(bare)), *([str(self.column)] if self.column else [])]
+        if (numbers := [*filter(str.isdecimal, words)]) and not self.by_words:
             return re.sub(r"\d+", "#", bare), " ".join(numbers)
-        words = [*re.findall(r"[^\W\d_]+|\d+", _split(bare)), *numbers[len(re.findall(r"\d+", bare)) :]]
         nouns = [word for word in words if re.fullmatch(_WORDS.get(self.quantity, ""), word.lower())]
         others = [w for w in words if w not in nouns and not re.fullmatch(_COMMON, w.lower())] or nouns[1:]
         common = ["#" if word in others else word for word in words]

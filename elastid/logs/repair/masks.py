@@ -12,6 +12,7 @@ does not show it (Widrow and Kollar, Quantization Noise, 2008).
 """
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -63,17 +64,12 @@ def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
     result, steps = np.copy(signals), np.abs(np.diff(signals, axis=0))
     moves = np.abs(signals[MIN_RUN:] - signals[:-MIN_RUN])  # noise adds little over MIN_RUN samples
     for c, (x, changes) in enumerate(zip(signals.T, steps.T, strict=True)):
-        usual, size = changes[np.isfinite(changes) & (x[1:] != 0) & (x[:-1] != 0)], np.abs(x[np.isfinite(x) & (x != 0)])
+        usual = changes[np.isfinite(changes) & (x[1:] != 0) & (x[:-1] != 0)]
         if not usual.size:
             continue
-        q, median_step = step(x), max(float(np.median(usual)), 1e-300)
+        q = step(x)
         least = max(LEAP * float(np.quantile(usual, 0.99)), MIN_STEPS * q)
-        zeros = [(a, b) for a, b in runs(x == 0).tolist()]
-        beside = {(a, b): min(abs(x[a - 1]), abs(x[b])) for a, b in zeros if a > 0 and b < len(x)}
-        by_chance = np.sum(size <= median_step) * q / (2 * median_step)
-        min_size = max(MIN_RANGE * float(np.median(size)), MIN_STEPS * q)
-        if len(beside) >= MIN_PLACES * (1 + by_chance) and np.nanmedian([*beside.values(), 0.0]) > min_size:
-            beside = dict.fromkeys(zeros, np.inf) | {run: leap for run, leap in beside.items() if leap > least}
+        beside = _leaps_of_zeros(x, q, max(float(np.median(usual)), 1e-300), least)
         constant = [(a, b + 1) for a, b in runs(changes == 0, MIN_RUN - 1).tolist() if a > 0 and b < len(changes)]
         speed = np.nanmean(np.delete(moves, c, axis=1), axis=0) / MIN_RUN
         if sum(b - a for a, b in constant) > MAX_MISSING_FRACTION * len(x):  # a torque in steps
@@ -88,10 +84,25 @@ def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
     return result
 
 
+def _leaps_of_zeros(x: FloatArray, q: float, usual: float, least: float) -> dict[tuple[int, int], float]:
+    """Return the smaller leap at the ends of each run of zeros of a signal (n,), infinite for lost messages.
+
+    q: step of the converter.  usual: median step of the signal.  least: smallest leap.
+    """
+    zeros, size = [(a, b) for a, b in runs(x == 0).tolist()], np.abs(x[np.isfinite(x) & (x != 0)])
+    leaps = {(a, b): min(abs(x[a - 1]), abs(x[b])) for a, b in zeros if a > 0 and b < len(x)}
+    by_chance = np.sum(size <= usual) * q / (2 * usual)
+    min_size = max(MIN_RANGE * float(np.median(size)), MIN_STEPS * q)  # of samples beside a zero crossing
+    if len(leaps) >= MIN_PLACES * (1 + by_chance) and np.nanmedian([*leaps.values(), 0.0]) > min_size:
+        return dict.fromkeys(zeros, np.inf) | {run: leap for run, leap in leaps.items() if leap > least}
+    return leaps
+
+
 def far_outside(x: FloatArray) -> BoolArray:
     """Flag (n,) short runs of a signal (NaN if missing) far outside the range of the middle 96 % of its samples."""
     low, middle, high = np.nanquantile(x, [MAX_FRACTION, 0.5, 1 - MAX_FRACTION])
-    result = np.asarray(np.abs(x - middle) > MIN_OVER_USUAL * (high - low))
+    limit = MIN_OVER_USUAL * (high - low) or np.inf  # a channel at rest has no range
+    result = np.asarray(np.abs(x - middle) > limit)
     for start, end in runs(result, MIN_RUN):
         result[start:end] = False
     return result
@@ -185,19 +196,23 @@ def step(x: FloatArray) -> float:
     # steps of q is whole steps of a fraction of q, too.
     largest = 0.0
     for gaps in (np.diff(values), np.abs(np.diff(x[:STEP_SAMPLES]))):
-        gaps = gaps[gaps > smallest_gap]
-        for smallest in np.sort(gaps)[:STEP_CANDIDATES]:
-            for q in smallest / np.arange(1, 4):
-                # Text logs round each value: q is refined by gaps of more and more steps.
-                for most in (10, 100, 1000):
-                    near = gaps[gaps < most * q]
-                    q = near.sum() / np.round(near / q).sum()
-                counts = np.round(gaps / q)
-                is_whole = np.abs(gaps / q - counts) < STEP_TOLERANCE
-                if is_whole.mean() >= 1 - MAX_OFF_GRID:
-                    # Many steps together give a more exact size than one.
-                    largest = max(largest, float(gaps[is_whole].sum() / counts[is_whole].sum()))
+        gaps = np.sort(gaps[gaps > smallest_gap])
+        sizes = (map(partial(_exact_step, gaps), smallest / np.arange(1, 4)) for smallest in gaps[:STEP_CANDIDATES])
+        largest = max([largest, *(next(filter(None, each), 0.0) for each in sizes)])
     return largest
+
+
+def _exact_step(gaps: FloatArray, q: float) -> float:
+    """Return the step near q of which almost all rising gaps (n,) are whole multiples; 0 without one."""
+    for most in (10, 100, 1000):  # text logs round each value: the sum of many steps is more exact
+        near = gaps[: np.searchsorted(gaps, most * q)]
+        counts = np.round(near / q)
+        q = float(near.sum() / counts.sum())
+        if np.mean(np.abs(near / q - counts) < STEP_TOLERANCE) < 0.5:
+            return 0.0
+    counts = np.round(gaps / q)
+    is_whole = np.abs(gaps / q - counts) < STEP_TOLERANCE
+    return float(gaps[is_whole].sum() / counts[is_whole].sum()) if is_whole.mean() >= 1 - MAX_OFF_GRID else 0.0
 
 
 def report_steps(signals: FloatArray, L: int, sign: int, log: Log) -> None:

@@ -61,9 +61,8 @@ def without_spikes(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArr
         return signals
     channels = signals[: P * L, : len(log.names)].T
     spikes = [_spikes_of_periods(x, L, sign) for x in channels]
-    outvoted = [0] * len(spikes)
-    if P == MIN_PERIODS:
-        outvoted = [int(np.sum(_roughness(bridged(x))[at] <= 1)) for x, at in zip(channels, spikes, strict=True)]
+    pairs = zip(channels, spikes, strict=True) if P == MIN_PERIODS else ()
+    outvoted = [int(np.sum(_roughness(bridged(x))[at] <= 1)) for x, at in pairs]
     return _mask(signals, spikes, "the other periods", log, outvoted)
 
 

@@ -246,7 +246,7 @@ def rising(
         return time_s, signals
     place = log.time_of(jumps[0])
     if len(jumps) > max(1.0, MAX_WRONG_FRACTION * len(time_s)):
-        text = f"the time runs backwards in {len(jumps)} of {len(time_s) - 1} steps, the first at {place}"
+        text = f"the time runs backwards or jumps in {len(jumps)} of {len(time_s) - 1} steps, the first at {place}"
         raise log.error("records/clock", f"{text}. Sort the rows by time, or exclude that part by samples")
     order = np.argsort(time_s, kind="stable")
     steps = np.diff(time_s[order])
