@@ -225,7 +225,8 @@ def _command_files(
     A study of elasticity if the robot has elastic gears and the commands a period, else of friction.
     """
     names = robot.driven_names if robot is not None else [str(i + 1) for i in range(len(pairs))]
-    pairs = [pairs[i] for i in order_of_names(names, [y for y, _ in pairs])]
+    order, by_order = order_of_names(names, [y for y, _ in pairs])
+    pairs = [(replace(pairs[i][0], why=pairs[i][0].why + by_order), pairs[i][1]) for i in order]
     if clock.rate_hz is None:
         problem = "the log has no time stamps, to which inertia and delay refer. Add a channel time in s, or rate_hz"
         raise DataError("records/clock", problem, logs[0])

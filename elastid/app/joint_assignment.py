@@ -32,16 +32,18 @@ def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess
     If names state no units or sides of the gears, the first interpretation within all limits of the robot is used.
     """
     names, joints = robot.driven_names, guess.joints
-    ordered = [joints[i] for i in order_of_names(names, [joint.torque for joint in joints])]
+    order, why = order_of_names(names, [joint.torque for joint in joints])
+    ordered = [replace(joints[i], motion=replace(joints[i].motion, why=joints[i].motion.why + why)) for i in order]
     at = tuple(map(_at, robot.driven, ordered))
     readings = [_read_as(robot, at, unit, on_motor) for on_motor in (False, True) for unit in ("", "deg")]
     fitting = [reading for reading in readings if all(map(partial(_is_in_limits, positions), robot.driven, reading))]
     return replace(guess, joints=(fitting or readings)[0])
 
 
-def order_of_names(joints: Sequence[str], channels: Sequence[ChannelGuess]) -> list[int]:
+def order_of_names(joints: Sequence[str], channels: Sequence[ChannelGuess]) -> tuple[list[int], str]:
     """Return the index of each joint's channel: by words and numbers of both names, else by number, else in log order.
 
+    The text states an order that the names do not confirm; it is empty otherwise.
     Raises DataError if the words do not match, or if without words the numbers of channels and joints differ.
     """
     words = [rf"(?<![a-z0-9]){re.escape(name.lower())}(?![a-z0-9])" for name in joints]
@@ -50,14 +52,16 @@ def order_of_names(joints: Sequence[str], channels: Sequence[ChannelGuess]) -> l
     by_label = [[i for i, label in enumerate(labels) if label == of_joint] for of_joint in of_joints]
     for order in (by_name, by_label):
         if all(len(match) == 1 for match in order) and len({i for (i,) in order}) == len(joints):
-            return [i for (i,) in order]
+            return [i for (i,) in order], ""
     have_words = [any(not word.isdigit() for label in side for word in label) for side in (labels, of_joints)]
-    if all(have_words) or len(channels) != len(joints):
+    numbers = [[int(word) for word in label if word.isdigit()] for label in labels]
+    is_twice = all(numbers) and len({*map(tuple, numbers)}) < len(numbers)
+    if all(have_words) or is_twice or len(channels) != len(joints):
         columns = ", ".join(guess.name for guess in channels)
         text = f"{columns} do not identify joints {', '.join(joints)}. Log all joints, in columns with their names"
         raise DataError("records/channels", text)
-    numbers = [[int(word) for word in label if word.isdigit()] for label in labels]
-    return sorted(range(len(channels)), key=numbers.__getitem__) if all(numbers) else [*range(len(channels))]
+    indices = sorted(range(len(channels)), key=numbers.__getitem__) if all(numbers) else [*range(len(channels))]
+    return indices, f"; joint by the order of the {'numbers' if all(numbers) else 'log'}" * any(have_words)
 
 
 def _labels(guesses: Sequence[ChannelGuess]) -> list[list[str]]:

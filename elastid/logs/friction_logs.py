@@ -201,7 +201,8 @@ class _LogReader:
             model = formulate(with_point_mass(self.robot, self.payload))
             load_torque = np.abs(np.linalg.solve(E.T, equilibrium(model, model.theta, posture).u))
         holds = {_joint_of(c): c.hold or self.recorded.hold for c in self.recorded.channels if c.role == "u"}
-        delays = {(c.role, c.quantity == "position", _joint_of(c)): c.delay for c in self.recorded.channels}
+        channels = sorted(self.recorded.channels, key=lambda c: c.at.startswith("motor"))  # of two encoders the motor's
+        delays = {(c.role, c.quantity == "position", _joint_of(c)): c.delay for c in channels}
         path = None if self.recorded.controller is None else self.recorded.controller.reference
         command_hold: Hold = "zero-order" if path is None or path.interpolation == "hold" else "band-limited"
         return tuple(

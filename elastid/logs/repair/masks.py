@@ -71,7 +71,7 @@ def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
         least = max(LEAP * float(np.quantile(usual, 0.99)), MIN_STEPS * q)
         beside = _leaps_of_zeros(x, q, max(float(np.median(usual)), 1e-300), least)
         constant = [(a, b + 1) for a, b in runs(changes == 0, MIN_RUN - 1).tolist() if a > 0 and b < len(changes)]
-        speed = np.nanmean(np.delete(moves, c, axis=1), axis=0) / MIN_RUN
+        speed = np.nansum(np.delete(moves, c, axis=1), axis=0) / max(len(moves), 1) / MIN_RUN
         if sum(b - a for a, b in constant) > MAX_MISSING_FRACTION * len(x):  # a torque in steps
             constant, beside = [], {(a, b): leap for (a, b), leap in beside.items() if b - a < MIN_RUN}
         gaps = [(a, b) for (a, b), leap in beside.items() if leap > least and (b - a < MIN_RUN or leap < np.inf)]

@@ -251,7 +251,8 @@ def _spikes(
     n, d = NEIGHBOURS, _lone_distance(e)
     noise = np.quantile(d.reshape(-1, L), 0.75, axis=1) / QUANTILE_75
     sigma = np.hypot(noise, q / np.sqrt(12)).repeat(L)
-    least = np.maximum(MIN_SIGMAS * sigma, max(1e-7 * float(np.nanmax(x) - np.nanmin(x)), smallest))
+    rounding = 1e-7 * float(np.nanmax(x) - np.nanmin(x))  # of single precision, or of nine digits in a text
+    least = np.maximum(MIN_SIGMAS * sigma, max(rounding, smallest))
     if not np.any(d > least):
         return np.zeros(len(e), dtype=np.bool_)
     # A spike moves the running median beside it, by little where e is smooth.

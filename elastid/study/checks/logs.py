@@ -290,12 +290,13 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
     names = [recorded.time] if recorded.time else sorted(clocks) or [name for name in log.shapes() if is_time(name)]
     for name in names:
         stamps = stamps_of(log, name)[0]
-        steps = np.diff(without_jumps(stamps)[0])
+        t, _ = without_jumps(stamps)
+        steps = np.diff(t)
         if is_clock(-stamps):
             yield Problem((*_RECORDED, "time") if recorded.time else where, f"{name} {BACKWARDS}. Sort the rows by it")
         if not len(steps) or not steps.min() > 0 or np.all(steps == 1):  # a counter of samples shows no rate
             continue
-        hz = rate_of(without_jumps(stamps)[0]), 1 / float(np.median(steps))
+        hz = rate_of(t), 1 / float(np.median(steps))
         rates = {unit: (hz[0] / s, hz[1] / s) for unit, s in time_units(stamps).items()}
         unit, _ = stamp_size(stamps, rate_hz)
         if recorded.time and rates[unit][0] < 0.7 * rate_hz:
