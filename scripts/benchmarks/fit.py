@@ -24,13 +24,6 @@ least_squares with the same Jacobian, at worst 29 (faster_than_same_jacobian_at_
 than with CasADi's derivatives.
 """
 
-# One BLAS thread must be asked for before NumPy is loaded.
-# ruff: noqa: E402
-import os
-
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
-
 import argparse
 import json
 import statistics
@@ -39,10 +32,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from unittest.mock import patch
 
+import timing
 import casadi as ca
 import numpy as np
 from scipy.optimize import least_squares
-from timing import cpu_seconds, in_turn, machine
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.kernels import is_compiled
@@ -177,7 +170,7 @@ def kernel_times(
     """
     x, more = fit.parameters.x, inertial[0].parameters.x
     points = sum(len(part.measured) for part in fit.parts)
-    return in_turn(
+    return timing.in_turn(
         {
             BARE: bare_solves(fit),
             FLOOR: flop_floor(points),
@@ -364,7 +357,7 @@ def compare(Q: int, F: int, quick: bool, passes_only: bool) -> dict[str, float]:
     n, n_x = fit.parts[0].kernel.model.n, len(x0)
     print(f"Q = {Q}, F = {F}, n = {n}, P = {n_x}, {fit.n_residuals} real residuals, one BLAS thread")
     compiled = is_compiled()
-    print(f"{machine()}\n")
+    print(f"{timing.machine()}\n")
 
     plain, plain_inertial = without_compiled_loops(Q, F)
     inertial, relinearised = with_inertias(Q, F)
@@ -380,7 +373,7 @@ def compare(Q: int, F: int, quick: bool, passes_only: bool) -> dict[str, float]:
 
     lines = 4 if quick else 40
     sums, per_line_s = casadi_sums(fit.parts[0], lines), kernel[EVALUATION] / (Q * F)
-    casadi = cpu_seconds(lambda: sums(fit.parameters.x), 3) / lines / per_line_s
+    casadi = timing.cpu_seconds(lambda: sums(fit.parameters.x), 3) / lines / per_line_s
     print(f"one line by {CASADI}, over that of elastid: {casadi:.1f}\n")
 
     rng = np.random.default_rng(2)

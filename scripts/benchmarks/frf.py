@@ -16,13 +16,6 @@ Measured (CPU time, medians in turn, two cores): the odd lines take 1.00 (B_over
 82 (B_log_over_floor) times the floor of its FFT.
 """
 
-# One BLAS thread must be asked for before NumPy is loaded.
-# ruff: noqa: E402
-import os
-
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
-
 import argparse
 import json
 import tracemalloc
@@ -30,11 +23,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import timing
 import h5py
 import numpy as np
 from fit import build_robot
 from scipy.fft import rfft
-from timing import cpu_seconds, in_turn, machine
 
 from elastid.base.arrays import ComplexArray, IntArray
 from elastid.excitation.multisine import orthogonal_set, synthesise
@@ -132,7 +125,7 @@ def log_s(record: Record, repeats: int) -> float:
             file.update(zip((channel.channel for channel in channels), (*record.u.T, *record.y.T), strict=True))
         logged = RecordedSpec(RATE_HZ, tuple(channels), (FileSpec("log.h5", "c"),), record.period_samples / RATE_HZ)
         rig = RecordedRig(build_robot(), ExperimentSpec({"c": (0.0,) * 6}, recorded=logged), Path(folder))
-        return cpu_seconds(lambda: rig.measure(rig.experiments[0]), repeats)
+        return timing.cpu_seconds(lambda: rig.measure(rig.experiments[0]), repeats)
 
 
 def floors(records: Sequence[Record]) -> dict[str, Callable[[], None]]:
@@ -169,15 +162,15 @@ def case(name: str, lines: IntArray, size: tuple[int, int, int, int], repeats: i
         for kind, covariance in (("noise", response.noise), ("total", response.total))
     }
     orders = floors(records)
-    times = in_turn({**orders, "elastid": lambda: estimate(records, spec, lines)}, repeats)
+    times = timing.in_turn({**orders, "elastid": lambda: estimate(records, spec, lines)}, repeats)
     floor = min(times[order] for order in orders)
     times |= {"floor": floor, "data_gb": data_gb, "gb_above_data": above, **ratios}
     times["log"] = log_s(records[0], repeats) * len(records)
     if peers:
-        times["csd"] = cpu_seconds(lambda: by_csd(records, lines), min(repeats, 3))
+        times["csd"] = timing.cpu_seconds(lambda: by_csd(records, lines), min(repeats, 3))
         peer = by_peer(records, lines, M)
         if peer is not None:
-            times["best-linear-approximation"] = cpu_seconds(peer, min(repeats, 3))
+            times["best-linear-approximation"] = timing.cpu_seconds(peer, min(repeats, 3))
     print(f"\ncase {name}: {len(lines)} lines, {data_gb:.2f} GB of records, {above:.2f} GB above them")
     for what in (*orders, "elastid", "log", *PEERS):
         if what in times:
@@ -195,7 +188,7 @@ def main() -> None:
     parser.add_argument("--no-peers", action="store_true", help="floor and elastid only (a peer may need 12 GB)")
     arguments = parser.parse_args()
     size, repeats = ((512, 4, 3, 3), 1) if arguments.quick else ((16384, 8, 6, 6), 5)
-    print(machine())
+    print(timing.machine())
     N = size[0]
     cases = {"B": np.arange(1, min(400, N // 2), 2), "A": np.arange(1, N // 2)}
     results = {name: case(name, lines, size, repeats, not arguments.no_peers) for name, lines in cases.items()}

@@ -17,13 +17,6 @@ their logs: of references with 0.9 (references_configurations_cpu) and 0.2 (refe
 configurations; of commands with 1.0 (commands_samples_cpu) and 0.3 (commands_samples_memory) of the samples.
 """
 
-# One BLAS thread must be asked for before NumPy is loaded.
-# ruff: noqa: E402
-import os
-
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
-
 import argparse
 import json
 import sys
@@ -35,10 +28,10 @@ from multiprocessing import get_context
 from pathlib import Path
 from tempfile import mkdtemp
 
+import timing
 import numpy as np
 from fit import IDENTIFIED, build_robot, measured
 from frf import simulated
-from timing import machine
 
 from elastid.app.finished_run import run
 from elastid.fit.identify import identify
@@ -151,7 +144,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="two small sizes of one thing each, to see that it runs")
     is_quick, slopes = parser.parse_args().quick, dict[str, float]()
-    print(machine())
+    print(timing.machine())
     for name, over in SIZES.items():
         known = {key: USUAL[key] for key in (*over, *(SIZES["identify"] if name == "map" else ())) if key != "lines"}
         known |= {"lines": LINES[name]} if name in LINES else {}

@@ -14,15 +14,9 @@ process N and 64 workers would be, if each had a processor of its own and a netw
 The last line is one JSON object. Measured with a thousand: 1.41 GB of memory at the peak, in 233 CPU seconds.
 """
 
-# One BLAS thread must be asked for before NumPy is loaded.
-# ruff: noqa: E402
-import os
-
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
-
 import argparse
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -34,9 +28,9 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+import timing
 import numpy as np
 from fit import IDENTIFIED, build_robot, measured
-from timing import bare_work_s, machine
 
 from elastid.base.execution import Execution, persistent_workers
 from elastid.fit.identify import identify
@@ -77,7 +71,7 @@ def fit(path: Path, jobs: int) -> None:
             "V_over_expected": result.cost / result.cost_expected,
             "sha256": sha256(result.x.tobytes() + result.covariance.tobytes()).hexdigest()[:16],
         }
-    print(json.dumps(results | {"cpu_over_work": results["cpu_s"] / bare_work_s()}))
+    print(json.dumps(results | {"cpu_over_work": results["cpu_s"] / timing.bare_work_s()}))
 
 
 def run(path: Path, jobs: int) -> dict[str, Any]:
@@ -139,7 +133,7 @@ def main() -> None:
     elif args.fit:
         fit(args.fit, args.jobs)
     else:
-        print(machine(), flush=True)
+        print(timing.machine(), flush=True)
         with tempfile.TemporaryDirectory(dir=args.folder) as folder:
             path, size = Path(folder) / "frf.h5", ["--configurations", str(Q), *(["--quick"] if args.quick else [])]
             subprocess.run([sys.executable, __file__, "--write", path, *size], check=True)

@@ -11,20 +11,14 @@ Measured, in CPU seconds on two cores: 33 (all_s) in all; design 2.5 (design_s),
 (estimate_s), fit 6.3 (fit_s), validate 3.2 (validate_s), report 2.5 (report_s).
 """
 
-# One BLAS thread must be asked for before NumPy is loaded.
-# ruff: noqa: E402
-import os
-
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
-
 import argparse
 import json
+import os
 import random
 import tempfile
 from pathlib import Path
 
-from timing import bare_work_s, machine
+import timing
 
 from elastid.app.console import Console
 from elastid.app.run import Run, run_all
@@ -75,7 +69,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="two postures, one start")
     is_quick = parser.parse_args().quick
     text = study(2, 2, 1) if is_quick else study(10, 2, 20)
-    print(machine(), flush=True)
+    print(timing.machine(), flush=True)
     seconds = dict[str, float]()
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
@@ -87,7 +81,7 @@ def main() -> None:
             seconds[f"{stage}_s"] = cpu_s() - begun
             print(f"{stage:10s} {seconds[f'{stage}_s']:6.1f}", flush=True)
     seconds["all_s"] = sum(seconds.values())
-    seconds["all_over_work"] = seconds["all_s"] / bare_work_s()
+    seconds["all_over_work"] = seconds["all_s"] / timing.bare_work_s()
     print(json.dumps({name: round(value, 1) for name, value in seconds.items()}))
 
 

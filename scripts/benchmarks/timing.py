@@ -1,7 +1,13 @@
-"""CPU times of functions for the benchmarks: medians, of functions that are compared in turn; and the machine."""
+"""CPU times of functions for the benchmarks: medians, of functions that are compared in turn; and the machine.
+
+Scripts import it first: it asks for one BLAS thread, which NumPy reads when it is loaded.
+"""
+
+import os
+
+os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 import ctypes
-import os
 import platform
 import statistics
 import time

@@ -10,22 +10,14 @@ and the deviation that the fit states over the scatter. Then with a model that i
 one JSON object.
 """
 
-# One BLAS thread must be asked for before NumPy is loaded.
-# ruff: noqa: E402
-import os
-
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
-
-import argparse
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
+import study_run
 import numpy as np
-from study_plants import NOISE, Plant, Rig, demo, responses, three_mass
+from study_plants import NOISE, PLANTS, Plant, Rig, exact_responses, three_mass
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.execution import Execution
@@ -37,8 +29,9 @@ from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.spec import WeightSpec
 from elastid.response import Response
 
-ROBOTS: dict[str, Callable[[], Plant]] = {"three-mass": three_mass, "demo": demo}
+ROBOTS: dict[str, Callable[[], Plant]] = {"three-mass": three_mass, "demo": PLANTS["demo"]}
 WRONG = ("hidden mode", "masses 2 % off", "friction")
+RIGS: dict[str, Rig] = {}
 
 
 @dataclass(frozen=True)
@@ -51,10 +44,12 @@ class DataSets:
     wrong: str = ""
     floor: float = 0.0
 
-    @cached_property
+    @property
     def rig(self) -> Rig:
-        """Built once in a process."""
-        return _rig(self.plant.name, self.plant)
+        """The rig of the plant, built once in a process."""
+        if self.plant.name not in RIGS:
+            RIGS[self.plant.name] = Rig.of(self.plant)
+        return RIGS[self.plant.name]
 
     def __call__(self, number: int) -> FloatArray:
         """One data set; NaN where its fit did not converge."""
@@ -87,15 +82,6 @@ def _holds(optimum: RelinearisedOptimum, sure: Uncertainty, x: FloatArray) -> Bo
     return np.where(np.isnan(low), np.abs(there - x) < reach, (low < x) & (x < high))
 
 
-_RIGS: dict[str, Rig] = {}
-
-
-def _rig(name: str, plant: Plant) -> Rig:
-    if name not in _RIGS:
-        _RIGS[name] = Rig.of(plant)
-    return _RIGS[name]
-
-
 def _truth(rig: Rig, wrong: str, rng: np.random.Generator) -> tuple[Response, ...]:
     """Exact responses of a robot that the model does not describe, the wrong part drawn for each."""
     robot, freq_hz = rig.plant.robot, rig.plant.freq_hz
@@ -109,15 +95,14 @@ def _truth(rig: Rig, wrong: str, rng: np.random.Generator) -> tuple[Response, ..
         # A body keeps its shape: mass and inertia change together.
         scale = {body.name: 1 + 0.02 * rng.choice([-1, 1]) for body in robot.bodies}
         values = {n: robot.parameters()[n][0] * scale[n.split("_")[1]] for n in heavy if n.split("_")[1] in scale}
-        return responses(rig.plant, rig.linearisation, robot.with_parameters(values))
+        return tuple(exact_responses(rig.plant, robot.with_parameters(values), linearisation=rig.linearisation))
     if wrong == "friction":
         # Coulomb friction looks viscous to a multisine, in each configuration by another amount.
-        found = []
-        names = [name for name in robot.parameters() if name.startswith("fm_")]
+        viscous, responses = {n: v for n, (v, _) in robot.parameters().items() if n.startswith("fm_")}, []
         for i in range(len(rig.exact)):
-            values = {name: robot.parameters()[name][0] * float(rng.uniform(1, 3)) for name in names}
-            found.append(responses(rig.plant, rig.linearisation, robot.with_parameters(values))[i])
-        return tuple(found)
+            other = robot.with_parameters({name: value * float(rng.uniform(1, 3)) for name, value in viscous.items()})
+            responses.append(exact_responses(rig.plant, other, linearisation=rig.linearisation)[i])
+        return tuple(responses)
     return rig.exact
 
 
@@ -138,14 +123,8 @@ def calibrated(sets: DataSets, n_sets: int, jobs: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="few data sets of the smallest robot, to see that it runs")
-    parser.add_argument("--sets", type=int, default=1000)
-    parser.add_argument("--robot", nargs="*", default=list(ROBOTS), choices=list(ROBOTS))
-    parser.add_argument("--noise", type=float, default=NOISE, help="relative, of every element")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--jobs", type=int, default=2)
-    options = parser.parse_args()
+    quick = "few data sets of the smallest robot, to see that it runs"
+    options = study_run.options(__doc__, quick, sets=1000, robot=tuple(ROBOTS), noise=NOISE, seed=0, jobs=2)
     n_sets, jobs = (40, 1) if options.quick else (options.sets, options.jobs)
     names = ["three-mass"] if options.quick else options.robot
     plants = [replace(ROBOTS[name](), noise=options.noise) for name in names]

@@ -17,16 +17,7 @@ motors on elastic gears and the links of a planar arm under a sampled controller
 u: link side.  q_m: the encoder's.  c: a carrier.
 """
 
-# One BLAS thread must be asked for before NumPy is loaded.
-# ruff: noqa: E402
-import os
-
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
-
-import argparse
 import json
-import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
@@ -34,14 +25,13 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 
+import study_run
 import h5py
 import numpy as np
+from plants.outside_arm import Outside
 from scipy.linalg import expm
 from scipy.signal import lfilter
-from scipy.stats import beta
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
-from plants.outside_arm import Outside
+from scipy.stats import binomtest
 
 from elastid import api
 from elastid.base.arrays import FloatArray
@@ -307,18 +297,13 @@ def read(kind: Kind, folder: Path) -> list[Record]:
 
 
 def interval(count: int, of: int) -> tuple[float, float]:
-    """The 95 % interval of a rate (Clopper and Pearson, 1934)."""
-    low = float(beta.ppf(0.025, count, of - count + 1)) if count else 0.0
-    return low, float(beta.ppf(0.975, count + 1, of - count)) if count < of else 1.0
+    """Return the 95 % interval of a rate (Clopper and Pearson, 1934)."""
+    ends = binomtest(count, of).proportion_ci()
+    return float(ends.low), float(ends.high)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--logs", type=int, default=300)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--jobs", type=int, default=1)
-    options = parser.parse_args()
+    options = study_run.options(__doc__, "two sets", logs=300, seed=0, jobs=1)
     sets = 2 if options.quick else options.logs
     totals: Counter[str] = Counter()
     for _, (kind, codes) in Execution(options.jobs).unordered(partial(judged, seed=options.seed), range(sets)):

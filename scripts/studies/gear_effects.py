@@ -19,24 +19,13 @@ Found with `--draws 8 --seed 11`: in all 120 draws the effects are those of the 
 most 0.028 % off (ranges of torque), by load 0.019, all others 0.009; d 0.075 %.
 """
 
-# One BLAS thread must be asked for before NumPy is loaded.
-# ruff: noqa: E402
-import os
-
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
-
-import argparse
 import json
-import sys
 import time
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
+import study_run
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from plants.gear_levels import find_gear_effects
 from plants.two_mass_gear import LINES, Gear, records, robot
 
@@ -168,14 +157,9 @@ def coverage(name: str, z: FloatArray, results: list[dict[str, Any]]) -> dict[st
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="one draw of one case, to see that it runs")
-    parser.add_argument("--case", nargs="+", choices=CASES)
-    parser.add_argument("--draws", type=int, default=3)
-    parser.add_argument("--seed", type=int, default=1)
-    options = parser.parse_args()
-    names = QUICK if options.quick else tuple(CASES) if options.case is None else tuple(options.case)
-    draws = 1 if options.quick else options.draws
+    quick = "one draw of one case, to see that it runs"
+    options = study_run.options(__doc__, quick, case=tuple(CASES), draws=3, seed=1)
+    names, draws = (QUICK, 1) if options.quick else (options.case, options.draws)
     print(f"{'case':<26}{'linear fit: k, d %':>22}{'status':>12}{'with the effects %':>22}{'level %':>9}{'CPU s':>7}")
     results: dict[str, list[dict[str, Any]]] = {}
     covered: dict[str, dict[str, Any]] = {}

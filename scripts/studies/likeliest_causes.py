@@ -2,9 +2,9 @@
 
     python scripts/studies/likeliest_causes.py [--quick] [--only WORD] [--clean 50] [--seed 0] [--jobs 2]
 
-Causes of `causes`.py, `causes`.py and `causes`.py are injected one by one into exact responses of
-robots of two, three and six axes and of a linkage, on some 40 lines with 0.5 % of noise; of the last every other robot
-is off its file as CAD and data sheets are.  The fit takes the robot's file with its common tolerances, or as exact
+Causes of `causes.py` and `workshop.py` are injected one by one into exact responses of robots of two, three and six
+axes and of a linkage, on some 40 lines with 0.5 % of noise; of the last every other robot is off its file as CAD and
+data sheets are.  The fit takes the robot's file with its common tolerances, or as exact
 where the table says so.  A row has the injected cause, the first that the fit names, whether it is right, how certain
 it was stated, its share of the excess of V, its drop of V, the status, and the largest error of a stiffness over the
 half of its interval.
@@ -24,14 +24,6 @@ converged and names nothing.  The last line is one JSON object.
 A payload of 3 kg on two axes is taken up whole by the tolerances of a file that is not exact.
 """
 
-# One BLAS thread must be asked for before NumPy is loaded.
-# ruff: noqa: E402
-import os
-
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
-
-import argparse
 import json
 import math
 from collections import Counter
@@ -39,19 +31,21 @@ from dataclasses import asdict, dataclass, replace
 from fnmatch import fnmatch
 from functools import cache, partial
 
+import study_run
 import numpy as np
-from causes import FURTHER, INJECTIONS, exact, noisy, workshop
-from data_sheet_robots import PLANTS, Plant, drawn
+from causes import FURTHER, INJECTIONS
+from study_plants import PLANTS, Plant, exact_responses, within_data_sheet
+from workshop import workshop
 
 from elastid.base.execution import Execution
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
-from elastid.response import Response
+from elastid.response import Covariance, Response
 from elastid.robot import Tolerances
 
 CERTAIN = LIMITS.certain_fraction
-MIN_NAMED, STARTS, SILENT = 0.9, 2, 2.0
+NOISE, MIN_NAMED, STARTS, SILENT = 0.005, 0.9, 2, 2.0
 QUICK = ("torque constant 2 20 % off two-axis", "drive 2 late by 1 ms two-axis", "last u channels swapped linkage")
 
 
@@ -81,6 +75,16 @@ def plant(name: str) -> Plant:
 EVERY = (*INJECTIONS, *FURTHER, *workshop({name: plant(name) for name in PLANTS}))
 
 
+def noisy(responses: list[Response], rng: np.random.Generator) -> list[Response]:
+    """Add circular noise of known variance to responses."""
+    data = []
+    for G in responses:
+        std = NOISE * np.abs(G.G) + 0.1 * NOISE * np.abs(G.G).max(axis=0)
+        error = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / math.sqrt(2)
+        data.append(replace(G, G=G.G + error, total=Covariance(std**2, np.inf)))
+    return data
+
+
 def fitted(of: Plant, data: list[Response], is_exact: bool = False) -> Result:
     """The fit of a study with the file of the plant."""
     robot = of.robot if is_exact else replace(of.robot, tolerances=Tolerances())
@@ -91,9 +95,10 @@ def judged(number: int, seed: int) -> Row:
     """An injected cause by its number, fitted."""
     injection = EVERY[number]
     of, rng = plant(injection.plant), np.random.default_rng([seed, number])
-    true = replace(of, robot=drawn(of.robot, rng)) if injection.drawn else of
-    data = noisy(injection.measured(true), rng)
-    result = fitted(replace(of, robot=injection.file(of.robot)), data, injection.exact)
+    true = replace(of, robot=within_data_sheet(of.robot, rng)) if injection.is_off_sheet else of
+    data = noisy(injection.responses(true), rng)
+    model = of.robot if injection.has_payload else replace(of.robot, payload=None)
+    result = fitted(replace(of, robot=model), data, injection.is_exact)
     off = _off(true, result)
     first = next((index for index in result.indices if index.place == 1), None)
     if first is None or not any(note.code == "fit/likely-cause" for note in result.notes):
@@ -123,37 +128,26 @@ def _other(result: Result) -> str:
     return next((f"{note.code}: {str(note)[:90]}" for note in result.notes if note.code in codes), "")
 
 
-def _errors(of: Plant, result: Result) -> dict[str, float]:
-    """The error of each stiffness over the half of its interval on that side."""
-    truth, errors = of.robot.parameters(), {}
+def _off(of: Plant, result: Result) -> float:
+    """The largest error of a stiffness over the half of its interval on that side."""
+    truth, worst = of.robot.parameters(), 0.0
     for name in (p.name for p in result.parameters.of_interest if p.name.startswith("k_")):
         value, (low, high) = result.values[name], result.interval(name)
         end = low if truth[name][0] < value else high
-        errors[name] = abs(value - truth[name][0]) / max(abs(value - end), 1e-12 * value)
-    return errors
-
-
-def _off(of: Plant, result: Result) -> float:
-    """The largest of them."""
-    return max(_errors(of, result).values(), default=0.0)
+        worst = max(worst, abs(value - truth[name][0]) / max(abs(value - end), 1e-12 * value))
+    return worst
 
 
 def names_a_cause(number: int, seed: int) -> bool:
     """Whether a clean data set, of one robot after the other, has any cause."""
     of = plant(("two-axis", "demo")[number % 2])
-    data = noisy(exact(of, of.robot), np.random.default_rng([seed, 1, number]))
+    data = noisy(exact_responses(of), np.random.default_rng([seed, 1, number]))
     return any(note.code == "fit/likely-cause" for note in fitted(of, data).notes)
 
 
 def main() -> None:
     """A row for each cause, then one JSON line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="three causes, and one clean data set")
-    parser.add_argument("--only", default="", help="causes whose name or robot contains this")
-    parser.add_argument("--clean", type=int, default=50)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--jobs", type=int, default=2)
-    options = parser.parse_args()
+    options = study_run.options(__doc__, "three causes, and one clean data set", only="", clean=50, seed=0, jobs=2)
     named = [(n, f"{i.name} {i.plant}") for n, i in enumerate(EVERY)]
     chosen = [n for n, words in named if options.only in words and (words in QUICK or not options.quick)]
     print(f"{'cause':<40}{'robot':<10}{'verdict':<8}{'certain':<9}{'share':>6}{'drop':>10}  {'status':<13}"

@@ -29,17 +29,10 @@ for 95 % with that many modes, of which those of one record have noise in common
 random with seed 100, whose damping is held by 92.0 %, and segments, with 2 of 81 not found.
 """
 
-# One BLAS thread must be asked for before NumPy is loaded.
-# ruff: noqa: E402
-import os
-
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
-
-import argparse
 import json
 from dataclasses import dataclass
 
+import study_run
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
@@ -222,11 +215,6 @@ def main(draws: int, seed: int, kinds: list[str], quick: bool) -> dict[str, obje
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="3 draws of two excitations")
-    parser.add_argument("--draws", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--excitation", choices=list(SPECS), help="one of them alone")
-    asked = parser.parse_args()
-    kinds = [asked.excitation] if asked.excitation else list(SPECS)[:: 2 if asked.quick else 1]
-    print(json.dumps(main(3 if asked.quick else asked.draws, asked.seed, kinds, asked.quick)))
+    options = study_run.options(__doc__, "3 draws of two excitations", draws=100, seed=0, excitation=tuple(SPECS))
+    kinds = options.excitation[:: 2 if options.quick else 1]
+    print(json.dumps(main(3 if options.quick else options.draws, options.seed, kinds, options.quick)))

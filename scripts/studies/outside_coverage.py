@@ -22,25 +22,18 @@ converged, levels 0.05 to 0.66 % off of stated 0.62 to 1.45 %. `--coulomb 0.3 --
 come from records alone.)
 """
 
-# One BLAS thread must be asked for before NumPy is loaded.
-# ruff: noqa: E402
-import os
-import tempfile
-
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
-os.environ.setdefault("NUMBA_CACHE_DIR", tempfile.mkdtemp())
-
-import argparse
 import importlib
 import json
+import os
 import sys
+import tempfile
 from collections import Counter
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeAlias
 
+import study_run
 import numpy as np
 
 from elastid.base.arrays import FloatArray
@@ -68,7 +61,7 @@ COVERED, MISFITS, CHANCE = (0.93, 0.97), 0.01, 3.0
 Found: TypeAlias = dict[str, Any]
 
 
-@lru_cache(maxsize=1)
+@cache
 def study_of(rigs: Path) -> Study:
     """The study that the rig writes for its logs."""
     rig = rig_of(rigs)
@@ -77,10 +70,11 @@ def study_of(rigs: Path) -> Study:
         return load(Path(folder) / "study.yml").study
 
 
-@lru_cache(maxsize=1)
+@cache
 def rig_of(rigs: Path) -> Any:
     """The rig's module, used where it lies."""
     sys.dont_write_bytecode = True
+    os.environ.setdefault("NUMBA_CACHE_DIR", tempfile.mkdtemp())
     sys.path.insert(0, str(rigs))
     return importlib.import_module("two_axis_arm")
 
@@ -205,15 +199,8 @@ def line(row: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="few data sets of one case, to see that it runs")
-    parser.add_argument("--sets", type=int, default=20)
-    parser.add_argument("--coulomb", type=float, nargs="*", default=list(COULOMB), choices=list(COULOMB))
-    parser.add_argument("--realisations", type=int, nargs="*", default=[2, 3, 4])
-    parser.add_argument("--rest", action="store_true", help="without a carrier: the motors rest between reversals")
-    parser.add_argument("--rigs", type=Path, default=RIGS)
-    parser.add_argument("--jobs", type=int, default=1)
-    args = parser.parse_args()
+    sizes = {"sets": 20, "coulomb": tuple(COULOMB), "realisations": [2, 3, 4], "rest": False, "rigs": RIGS, "jobs": 1}
+    args = study_run.options(__doc__, "few data sets of one case, to see that it runs", **sizes)
     if not (args.rigs / "two_axis_arm.py").is_file():
         print(json.dumps({"skipped": "the rig two_axis_arm.py is in ../shared/rigs, which is not here"}))
         return

@@ -32,16 +32,13 @@ The median error of the response is 0.76 of the half width of its 95 % interval 
 the size of the residuals counts, too.
 """
 
-import argparse
 import json
-import sys
 from dataclasses import replace
-from pathlib import Path
 
+import study_run
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from plants.outside_arm import ASKED, LINES, TOOL, Outside
+from plants.paths import TEMPLATES
 
 import elastid as ei
 from elastid.fit.identify import fit_parameters, identify
@@ -51,7 +48,6 @@ from elastid.robot import Frame, Placement, Tolerances
 from elastid.study import load_robot
 from elastid.use.postures import random_postures
 
-HERE = Path(__file__).parents[2]
 NOISE = 3e-3  # of the largest element on a line
 MISFITS = ("misfit", "missing", "several")
 CASES = ("right", "file", *MISFITS)
@@ -103,7 +99,7 @@ def described(case: str, nominal: ei.Robot, rng: np.random.Generator) -> tuple[e
 def one_fit(case: str, seed: int, count: int) -> dict[str, np.ndarray]:
     """Relative errors and whether intervals hold, of `count` random postures of one fit."""
     rng = np.random.default_rng([seed, sum(map(ord, case))])
-    robot = load_robot(HERE / "elastid" / "app" / "templates" / "serial" / "robot.yml")
+    robot = load_robot(TEMPLATES / "serial" / "robot.yml")
     nominal = replace(robot, frames=(Frame("tool", "fore_arm", Placement(TOOL)),))
     true_robot, given = described(case, nominal, rng)
     true = Outside(true_robot)
@@ -140,18 +136,11 @@ def one_fit(case: str, seed: int, count: int) -> dict[str, np.ndarray]:
 
 def main() -> None:
     """Each case, and one JSON line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "--quick",
-        action="store_true",
-        help="one fit and two postures of a right model and a wrong one, to see that it runs",
-    )
-    parser.add_argument("--fits", type=int, default=0, help="of each case (default: 20), ten postures each")
-    parser.add_argument("--cases", nargs="+", default=[], choices=CASES)
-    options = parser.parse_args()
-    fits, count = (options.fits or 1, 2) if options.quick else (options.fits or 20, 10)
+    quick = "one fit and two postures of a right model and a wrong one, to see that it runs"
+    options = study_run.options(__doc__, quick, fits=20, cases=CASES)
+    fits, count, cases = (1, 2, (CASES[0], "misfit")) if options.quick else (options.fits, 10, options.cases)
     summary: dict[str, dict[str, float]] = {}
-    for case in options.cases or (CASES[0], "misfit") if options.quick else options.cases or CASES:
+    for case in cases:
         ends = []
         for seed in range(fits):
             ends.append(one_fit(case, seed, count))
