@@ -58,32 +58,14 @@ def simulated(lines: IntArray, N: int, P: int, M: int, n: int) -> list[Record]:
     records = []
     for m in range(M):
         for e, U in enumerate(orthogonal_set(np.full((len(lines), n), np.sqrt(2 / len(lines))), rng)):
-            u, y = (synthesise(lines, X, N) for X in (U, np.einsum("fyu,fu->fy", G, U)))
-            records.append(
-                Record(
-                    f"{m}-{e}",
-                    CONFIGURATION,
-                    m,
-                    e,
-                    RATE_HZ,
-                    N,
-                    places,
-                    places,
-                    ("acceleration",) * n,
-                    np.tile(u, (P, 1)) + NOISE_U * rng.standard_normal((P * N, n)),
-                    np.tile(y, (P, 1)) + NOISE_Y * rng.standard_normal((P * N, n)),
-                )
-            )
+            signals = ((U, NOISE_U), (np.einsum("fyu,fu->fy", G, U), NOISE_Y))
+            measured = [
+                np.tile(synthesise(lines, X, N), (P, 1)) + noise * rng.standard_normal((P * N, n))
+                for X, noise in signals
+            ]
+            experiment = (f"{m}-{e}", CONFIGURATION, m, e, RATE_HZ, N)
+            records.append(Record(*experiment, places, places, ("acceleration",) * n, *measured))
     return records
-
-
-def contiguous_periods(records: Sequence[Record]) -> list[np.ndarray]:
-    """(P, n, N) of u and y of every record."""
-    return [
-        np.ascontiguousarray(x.reshape(-1, r.period_samples, x.shape[1]).transpose(0, 2, 1))
-        for r in records
-        for x in (r.u, r.y)
-    ]
 
 
 def by_csd(records: Sequence[Record], lines: IntArray) -> ComplexArray:
@@ -130,18 +112,17 @@ def log_s(record: Record, repeats: int) -> float:
 
 def floors(records: Sequence[Record]) -> dict[str, Callable[[], None]]:
     """The bare FFT of the same data in two orders; memory holds the spectra of one record at a time."""
-    blocks = contiguous_periods(records)
     recorded = [x.reshape(-1, r.period_samples, x.shape[1]) for r in records for x in (r.u, r.y)]
+    blocks = [np.ascontiguousarray(x.transpose(0, 2, 1)) for x in recorded]
 
-    def at_once() -> None:
-        for block in blocks:
-            rfft(block, axis=2, workers=1)
+    def transform(arrays: Sequence[np.ndarray], axis: int) -> None:
+        for x in arrays:
+            rfft(x, axis=axis, workers=1)
 
-    def as_recorded() -> None:
-        for block in recorded:
-            rfft(block, axis=1, workers=1)
-
-    return {"floor, records": at_once, "floor, as recorded": as_recorded}
+    return {
+        "floor, records": lambda: transform(blocks, 2),
+        "floor, as recorded": lambda: transform(recorded, 1),
+    }
 
 
 def case(name: str, lines: IntArray, size: tuple[int, int, int, int], repeats: int, peers: bool) -> dict[str, float]:

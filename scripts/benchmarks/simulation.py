@@ -2,16 +2,15 @@
 
     python scripts/benchmarks/simulation.py [--quick]
 
-The three-axis robot of the demo and a six-axis arm of 18 coordinates, sampled at 1 kHz with two Runge-Kutta steps a
-sample, LuGre friction at every motor; compiled where there is a C compiler, and in CasADi's virtual machine, with the
-same bytes. MuJoCo, where it is installed, simulates the same robots without friction states, its controller a spring
-and a damper at every motor, in steps of 0.25 ms; all run in turns in one process on one core, and the median of their
-CPU times counts. Before that their accelerations are compared. The last line is JSON.
+The three-axis robot of the demo and the six-axis arm of fit.py with 18 coordinates, sampled at 1 kHz with two
+Runge-Kutta steps a sample, LuGre friction at every motor; compiled where there is a C compiler, and in CasADi's virtual
+machine, with the same bytes. MuJoCo, where it is installed, simulates the same robots without friction states, its
+controller a spring and a damper at every motor, in steps of 0.25 ms; all run in turns in one process on one core, and
+the median of their CPU times counts. Before that their accelerations are compared. The last line is JSON.
 """
 
 import argparse
 import json
-import statistics
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,13 +19,15 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import timing
 import numpy as np
+from fit import build_robot
 
 from elastid.friction.robot_friction import frictions
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import serial
 from elastid.record import JointLoop
-from elastid.robot import Body, Friction, Joint, LuGre, Motor, Placement, Robot, Spring
+from elastid.robot import Friction, LuGre, Robot
 from elastid.robot.simplified import with_joints
 from elastid.simulation.closed_loop import MIN_CALLS, Commands, Trajectory, closed_loop, compiler, simulate
 from elastid.simulation.controller import tune
@@ -38,26 +39,6 @@ from elastid.targets.mujoco import mjcf
 RATE_HZ, SUBSTEPS, MUJOCO_STEP = 1000.0, 2, 2.5e-4
 # Goals for the compiled step of the six-axis arm.
 MIN_TIMES_REAL_TIME, MAX_TIME_OVER_MUJOCO = 50.0, 3.0
-# Links of the six-axis arm: where the next joint is, mass, centre of mass, inertia, stiffness of gear and bearing.
-SIX = (
-    ("z", "x", (0.0, 0.0, 0.4), 250.0, (0.05, 0.0, 0.2), (15.0, 14.0, 18.0), 1.2e6, 2.0e6, 8e-3),
-    ("y", "x", (0.3, 0.0, 0.4), 120.0, (0.0, 0.0, 0.5), (12.0, 13.0, 3.0), 1.5e6, 1.6e6, 8e-3),
-    ("y", "z", (0.0, 0.0, 1.0), 90.0, (0.6, 0.0, 0.1), (2.0, 14.0, 14.0), 5e5, 8e5, 6e-3),
-    ("x", "y", (1.0, 0.0, 0.1), 30.0, (0.1, 0.0, 0.0), (0.5, 1.0, 1.0), 1e5, 3e5, 1e-3),
-    ("y", "z", (0.3, 0.0, 0.0), 15.0, (0.05, 0.0, 0.0), (0.2, 0.2, 0.2), 8e4, 2e5, 1e-3),
-    ("x", "y", (0.15, 0.0, 0.0), 20.0, (0.1, 0.0, 0.0), (0.3, 0.4, 0.4), 5e4, 1e5, 1e-3),
-)
-
-
-def six_axes() -> Robot:
-    """An arm with an elastic gear and an elastic bearing at each of six joints, its numbers made up."""
-    bodies, parent = [], "base"
-    for i, (axis, across, xyz, mass, center, inertia, k_gear, k_bearing, rotor) in enumerate(SIX, start=1):
-        driven = Joint(str(i), axis, Spring(k_gear, k_gear / 1500), Motor(rotor, 120.0, 2e-3))
-        bearing = Joint(f"{i}b", across, Spring(k_bearing, k_bearing / 1500))
-        bodies.append(Body(f"link{i}", parent, Placement(xyz), (driven, bearing), mass, center, inertia))
-        parent = f"link{i}"
-    return Robot("six axes", tuple(bodies))
 
 
 def rough(robot: Robot) -> Robot:
@@ -126,13 +107,6 @@ def same_accelerations(robot: Robot) -> float:
     return worst
 
 
-def cpu_s(run: Callable[[], object]) -> float:
-    """CPU time of one run."""
-    before = time.process_time()
-    run()
-    return time.process_time() - before
-
-
 def benched(robot: Robot, seconds: float, rounds: int, with_mujoco: bool) -> dict[str, float]:
     """Times faster than real time of both, and their ratio."""
     before = time.perf_counter()
@@ -148,11 +122,7 @@ def benched(robot: Robot, seconds: float, rounds: int, with_mujoco: bool) -> dic
     runs: dict[str, Callable[[], object]] = {"elastid": machine, "virtual_machine": virtual}
     if with_mujoco:
         runs["mujoco"] = mujoco_run(robot, gains, torque)
-    times: dict[str, list[float]] = {name: [] for name in runs}
-    for _ in range(rounds):
-        for name, run in runs.items():
-            times[name].append(cpu_s(run))
-    row = {f"{name}_times_real_time": seconds / statistics.median(values) for name, values in times.items()}
+    row = {f"{name}_times_real_time": seconds / cpu_s for name, cpu_s in timing.in_turn(runs, rounds).items()}
     row |= {"coordinates": model.n_q, "model_built_s": built, "loop_built_s": loaded}
     if with_mujoco:
         row["time_over_mujoco"] = row["mujoco_times_real_time"] / row["elastid_times_real_time"]
@@ -183,7 +153,7 @@ def main() -> None:
         with_mujoco = False
     robots = {
         "demo": load(Path(str(files("elastid") / "app/templates/serial/study.yml"))).study.robot,
-        "six_axes": six_axes(),
+        "six_axes": build_robot(),
     }
     seconds, rounds = (1.0, 1) if quick else (5.0, 9)
     results = {name: benched(robot, seconds, rounds, with_mujoco) for name, robot in robots.items()}
