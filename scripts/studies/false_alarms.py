@@ -40,14 +40,11 @@ from elastid.base.execution import Execution
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import Plan, make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.experiment.specs.simulated import CarrierSpec, ColoredNoiseSpec, NoiseSpec, SimulatedSpec
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.logs.rig import RecordedRig
 from elastid.record import Configuration, Record
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 from elastid.simulation.spec import ControllerSpec
@@ -284,16 +281,15 @@ def read(kind: Kind, folder: Path) -> list[Record]:
     for i, record in enumerate(kind.records()):
         with h5py.File(folder / f"{i}.h5", "w") as file:
             file["r"], file["u"], file["q"] = record.r, record.u, record.y * RATIO[: kind.axes]
-        files.append(FileSpec(f"{i}.h5", record.configuration.name, record.realisation, record.experiment))
+        run = {"realisation": record.realisation, "experiment": record.experiment}
+        files.append({"path": f"{i}.h5", "configuration": record.configuration.name, **run})
+    roles = {"r": {}, "u": {}, "y": {"channel": "q", "quantity": "position", "side": "motor"}}
     for j, place in enumerate(kind.robot.motor_locations, 1):
-        channels += [ChannelSpec("r", place, "r", column=j)] if kind.has_reference else []
-        channels += [ChannelSpec("u", place, "u", column=j)]
-        channels += [ChannelSpec("y", place, "q", column=j, quantity="position", side="motor")]
-    recorded = RecordedSpec(
-        RATE_HZ, tuple(channels), tuple(files), PERIOD / RATE_HZ, half_wave=kind.half_wave, hold="zero-order"
-    )
-    rig = RecordedRig(kind.robot, ExperimentSpec(kind.spec.configurations, recorded=recorded), folder)
-    return [rig.measure(experiment) for experiment in rig.experiments]
+        for role in "ruy" if kind.has_reference else "uy":
+            channels.append({"role": role, "at": place, "channel": role, "column": j} | roles[role])
+    logs = {"rate_hz": RATE_HZ, "period": PERIOD / RATE_HZ, "channels": channels, "files": files, "hold": "zero-order"}
+    logs |= {"configurations": kind.spec.configurations, "half_wave": kind.half_wave}
+    return [*api.read_records(kind.robot, folder=folder, **logs)]
 
 
 def interval(count: int, of: int) -> tuple[float, float]:
