@@ -4,6 +4,7 @@ Angles, inertias, stiffnesses and torques of joints are link-side. A joint with 
 the motor's angle and the twist of its gear; a bearing has a twist alone; a passive joint has its angle alone.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -86,8 +87,12 @@ class Robot:
         """All motors, from the base on."""
         return [joint.motor for joint in self.joints if joint.motor]
 
+    def with_joints(self, change: Callable[[Joint], Joint]) -> "Robot":
+        """Return the robot with changed joints."""
+        return replace(self, bodies=tuple(replace(b, joints=tuple(map(change, b.joints))) for b in self.bodies))
+
     def truth(self) -> dict[str, float]:
-        """The numbers that are scored."""
+        """Return the numbers that are scored."""
         springs = {f"{letter}_{j.name}": getattr(j, letter) for letter in "kd" for j in self.joints if j.k}
         return springs | ({"k_rod": self.rod.k} if self.rod else {})
 
@@ -188,24 +193,24 @@ def _linkage(row: Row, rng: np.random.Generator) -> Robot:
 
 def _elastic(row: Row, robot: Robot, rng: np.random.Generator) -> tuple[Robot, Array]:
     """Give each joint the stiffness of its frequency with locked motors, and motors that fit their links."""
-    inertia, hz = composite_inertia(robot, postures(row)["p1"]), iter(row.hz)
-    joints, torque = {}, []
-    for joint in robot.joints:
+    inertia, hz, torque = composite_inertia(robot, postures(row)["p1"]), iter(row.hz), []
+
+    def elastic(joint: Joint) -> Joint:
         if joint.name == "elbow":
-            continue
+            return joint
         load = inertia[joint.name]
         omega = 2 * np.pi * (next(hz) if joint.motor else 24.0) * rng.uniform(0.85, 1.15)
         k, zeta = load * omega**2, rng.uniform(0.02, 0.05)
         joint = replace(joint, k=k, d=2 * zeta * k / omega)
-        if joint.motor:
-            J = load * rng.uniform(0.3, 1.0)
-            rms = ACCELERATION * (load + J)
-            torque.append(rms)
-            motor = replace(joint.motor, J=J, f=J * rng.uniform(1.0, 3.0), F=row.friction * rms * rng.uniform(0.7, 1.3))
-            joint = _with_effect(row, replace(joint, motor=motor), rms, rng)
-        joints[joint.name] = joint
-    bodies = [replace(b, joints=tuple(joints.get(j.name, j) for j in b.joints)) for b in robot.bodies]
-    return replace(robot, bodies=tuple(bodies)), np.array(torque)
+        if not joint.motor:
+            return joint
+        J = load * rng.uniform(0.3, 1.0)
+        rms = ACCELERATION * (load + J)
+        torque.append(rms)
+        motor = replace(joint.motor, J=J, f=J * rng.uniform(1.0, 3.0), F=row.friction * rms * rng.uniform(0.7, 1.3))
+        return _with_effect(row, replace(joint, motor=motor), rms, rng)
+
+    return robot.with_joints(elastic), np.array(torque)
 
 
 def _with_effect(row: Row, joint: Joint, rms: float, rng: np.random.Generator) -> Joint:
@@ -248,10 +253,9 @@ def _sheet(row: Row, robot: Robot, rng: np.random.Generator) -> Robot:
 
 def tag(kind: str, *inside: str, **attributes: Any) -> str:
     """Write an element of a MuJoCo file."""
-    values = {
-        k: v if isinstance(v, str) else " ".join(f"{x:.17g}" for x in np.atleast_1d(v)) for k, v in attributes.items()
-    }
-    return f"<{kind} {' '.join(f'{name}={value!r}' for name, value in values.items())}>{''.join(inside)}</{kind}>\n"
+    words = [f"{k}={v if isinstance(v, str) else ' '.join(f'{x:.17g}' for x in np.atleast_1d(v))!r}"
+             for k, v in attributes.items()]  # fmt: skip
+    return f"<{kind} {' '.join(words)}>{''.join(inside)}</{kind}>\n"
 
 
 def mjcf(robot: Robot, step: float = 1 / 4000) -> str:
@@ -260,10 +264,9 @@ def mjcf(robot: Robot, step: float = 1 / 4000) -> str:
     axes = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 
     def joint(j: Joint) -> str:
-        motor = (
-            tag("joint", name=f"m{j.name}", axis=axes[j.axis], armature=j.motor.J, damping=j.motor.f) if j.motor else ""
-        )
-        return motor + tag("joint", name=f"s{j.name}", axis=axes[j.axis], stiffness=j.k, damping=j.d)
+        axis, m = axes[j.axis], j.motor
+        motor = tag("joint", name=f"m{j.name}", axis=axis, armature=m.J, damping=m.f) if m else ""
+        return motor + tag("joint", name=f"s{j.name}", axis=axis, stiffness=j.k, damping=j.d)
 
     def body(b: Body) -> str:
         inside = [joint(j) for j in b.joints] + [tag("inertial", pos=b.com, mass=b.mass, diaginertia=b.inertia)]
@@ -307,8 +310,8 @@ def composite_inertia(robot: Robot, posture: list[float]) -> dict[str, float]:
 
 
 def mass_matrix(model: Any, data: Any) -> Array:
-    """M (n, n) at the present state."""
-    columns = np.eye(model.nv)
-    for row, unit in zip(columns, np.eye(model.nv), strict=True):
-        mujoco.mj_mulM(model, data, row, unit)
-    return columns.T
+    """Return M (n, n) at the present state; `mj_fullM` has other arguments from MuJoCo 4 on."""
+    M = np.empty((model.nv, model.nv))
+    for column, unit in zip(M, np.eye(model.nv), strict=True):
+        mujoco.mj_mulM(model, data, column, unit)
+    return M.T
