@@ -152,14 +152,7 @@ def case(name: str, lines: IntArray, size: tuple[int, int, int, int], repeats: i
         peer = by_peer(records, lines, M)
         if peer is not None:
             times["best-linear-approximation"] = timing.cpu_seconds(peer, min(repeats, 3))
-    print(f"\ncase {name}: {len(lines)} lines, {data_gb:.2f} GB of records, {above:.2f} GB above them")
-    for what in (*orders, "elastid", "log", *PEERS):
-        if what in times:
-            print(f"  {what:<28}{times[what]:>9.3f} s {times[what] / floor:>8.2f} x floor")
-    print(
-        f"  error^2 over variance: noise {ratios['noise variance over true']:.3f}, "
-        f"total {ratios['total variance over true']:.3f}"
-    )
+    print(f"case {name}, {len(lines)} lines:", json.dumps({what: round(value, 3) for what, value in times.items()}))
     return times
 
 

@@ -54,9 +54,10 @@ SIZES = {
     "references": {"configurations": (2, 4, 8, 16)},
     "commands": {"samples": (2000, 4000, 8000, 16000)},
 }
-USUAL = {"records": 24, "samples": 4096, "configurations": 8, "coordinates": 18, "postures": 1000}
+# Sizes of what does not grow.
+FIT = {"configurations": 8, "lines": 100, "coordinates": 18}
+USUAL = {"estimate": {"records": 24, "lines": 512, "samples": 4096}, "identify": FIT, "map": {"postures": 1000, **FIT}}
 QUICK = {"records": (12, 24), "configurations": (3, 6), "postures": (50, 100), "samples": (500, 1000)}
-LINES = {"estimate": 512, "identify": 100, "map": 100}
 
 
 def of_estimate(records: int, lines: int, samples: int) -> Callable[[], object]:
@@ -130,8 +131,8 @@ def point(task: tuple[str, dict[str, int]]) -> tuple[float, float]:
     """CPU seconds and MB of one size: of its second run, and at the peak of its first with its data."""
     name, size = task
     before = memory_mb("VmRSS")
-    routes = {"references": of_references, "commands": of_commands}
-    work = ({"estimate": of_estimate, "identify": of_identify, "map": of_map} | routes)[name](**size)
+    studies = {"references": of_references, "commands": of_commands}
+    work = ({"estimate": of_estimate, "identify": of_identify, "map": of_map} | studies)[name](**size)
     Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     work()
     peak, begin = memory_mb("VmHWM"), time.process_time()
@@ -146,10 +147,9 @@ def main() -> None:
     is_quick, slopes = parser.parse_args().quick, dict[str, float]()
     print(timing.machine())
     for name, over in SIZES.items():
-        known = {key: USUAL[key] for key in (*over, *(SIZES["identify"] if name == "map" else ())) if key != "lines"}
-        known |= {"lines": LINES[name]} if name in LINES else {}
+        known = USUAL.get(name, {})
         if is_quick and "coordinates" in known:
-            known |= {"configurations": 3, "coordinates": 9}
+            known = known | {"configurations": 3, "coordinates": 9}
         for key, sizes in [*over.items()][: 1 if is_quick else None]:
             used = QUICK[key] if is_quick else sizes
             tasks = [(name, known | {key: size}) for size in used]

@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -141,28 +142,15 @@ def check(six: dict[str, float]) -> None:
 
 
 def main() -> None:
-    """The table, then the JSON line."""
-    parser = argparse.ArgumentParser()
+    """A line for each robot, then the JSON line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="one second once, to see that it runs")
-    quick = parser.parse_args().quick
-    try:
-        import mujoco  # noqa: F401
-
-        with_mujoco = True
-    except ImportError:
-        with_mujoco = False
-    robots = {
-        "demo": load(Path(str(files("elastid") / "app/templates/serial/study.yml"))).study.robot,
-        "six_axes": build_robot(),
-    }
-    seconds, rounds = (1.0, 1) if quick else (5.0, 9)
-    results = {name: benched(robot, seconds, rounds, with_mujoco) for name, robot in robots.items()}
-    print("times real time, CPU; the last column is elastid's time over MuJoCo's")
-    print(f"{'robot':10}{'coordinates':>12}{'elastid':>10}{'no compiler':>13}{'MuJoCo':>10}{'ratio':>8}")
-    for name, row in results.items():
-        peer = row.get("mujoco_times_real_time", float("nan"))
-        own, virtual = row["elastid_times_real_time"], row["virtual_machine_times_real_time"]
-        print(f"{name:10}{row['coordinates']:>12.0f}{own:>10.1f}{virtual:>13.1f}{peer:>10.1f}{peer / own:>8.2f}")
+    quick, with_mujoco = parser.parse_args().quick, find_spec("mujoco") is not None
+    demo = load(Path(str(files("elastid") / "app/templates/serial/study.yml"))).study.robot
+    seconds, rounds, results = *((1.0, 1) if quick else (5.0, 9)), dict[str, dict[str, float]]()
+    for name, robot in {"demo": demo, "six_axes": build_robot()}.items():
+        results[name] = benched(robot, seconds, rounds, with_mujoco)
+        print(name, json.dumps(results[name]), flush=True)
     if not quick:
         check(results["six_axes"])
     print(json.dumps(results))

@@ -6,7 +6,7 @@ A fault is of an axis in the middle of the robot, of its last body, or of its fi
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 
-import measurement_faults as measurement
+import measurement_faults as data
 import numpy as np
 import robot_faults as robot
 from causes import Injection
@@ -54,45 +54,38 @@ def causes(plant: Plant) -> Iterator[tuple[tuple[str, ...], Injection]]:
     yield row(OPEN, "ratio 5 % off", (f"ratio_{i}",), robot.wrong_ratio, axis, 0.95)
     yield row(SIX, "motor inertia twice", (f"Jm_{i}",), robot.numbers, 2.0, f"Jm_{i}")
     both = tuple(configuration.name for configuration in plant.configurations[:2])
-    yield row(OPEN, "two postures exchanged", ("*exchanged*", "configuration*"), measurement.exchanged, *both)
+    yield row(OPEN, "two postures exchanged", ("*exchanged*", "configuration*"), data.exchanged, *both)
     for factor, names in ((0.9, OPEN_SIX), (0.97, OPEN)):
         name, softer = f"spring {100 * (1 - factor):.0f} % softer in one file", (robot.numbers, factor, f"k_{i}")
-        yield row(names, name, (f"spring_{i}*",), measurement.in_one, second, *softer)
-    yield row(SIX, "last y channels swapped", ("y at motor * exchanged",), measurement.permuted, order, range(n))
-    yield row(ALL, "last u channels swapped", ("u at motor * exchanged",), measurement.permuted, range(n), order)
+        yield row(names, name, (f"spring_{i}*",), data.in_one, second, *softer)
+    yield row(SIX, "last y channels swapped", ("y at motor * exchanged",), data.permuted, order, range(n))
+    yield row(ALL, "last u channels swapped", ("u at motor * exchanged",), data.permuted, range(n), order)
     for gain in (1.03, 1.1, 0.9):
-        name, inverse = f"torque reads {100 * (gain - 1):+.0f} %", measurement.constant(1 / gain)
+        name, inverse = f"torque reads {100 * (gain - 1):+.0f} %", data.constant(1 / gain)
         names = SIX if gain == 1.1 else ALL
-        yield row(names, name, (f"gain_u_motor_{i}",), measurement.channel, "u", axis, inverse)
-    gain = measurement.constant(1.02)
-    yield row(ALL, "motion reads +2 %", (f"gain_y_motor_{i}",), measurement.channel, "y", axis, gain)
-    yield row(ALL, "torques in A", ("*times*", "gain_*"), measurement.motor_unit, CURRENT_NM_A)
-    yield row(ALL, "torques in % of rated", ("*times*", "gain_*"), measurement.motor_unit, RATED_NM / 100)
-    up = (-g for g in plant.robot.gravity)
-    yield row(ALL, "gravity upside down", ("gravity along *",), robot.mounted, *up)
-    yield row(SIX, "encoder behind the gear", ("*behind*",), measurement.encoder_behind_gear, axis)
+        yield row(names, name, (f"gain_u_motor_{i}",), data.channel, "u", axis, inverse)
+    yield row(ALL, "motion reads +2 %", (f"gain_y_motor_{i}",), data.channel, "y", axis, data.constant(1.02))
+    yield row(ALL, "torques in A", ("*times*", "gain_*"), data.motor_unit, CURRENT_NM_A)
+    yield row(ALL, "torques in % of rated", ("*times*", "gain_*"), data.motor_unit, RATED_NM / 100)
+    yield row(ALL, "gravity upside down", ("gravity along *",), robot.mounted, *(-g for g in plant.robot.gravity))
+    yield row(SIX, "encoder behind the gear", ("*behind*",), data.encoder_behind_gear, axis)
     for part in (5.0, 30.0):
         yield row(("demo",), f"base {part:g} times gear 1", ("base_*",), robot.soft_base_of_gear, "x", part)
         yield row(("demo",), f"bending {part:g} times the gear", ("torsion_*",), robot.torsion_of_gear, axis, part)
-    late, u_i = measurement.delay(SAMPLE_S / 2), (f"*_u_motor_{i}",)
-    yield row(SIX, "torque half a sample late", u_i, measurement.channel, "u", axis, late)
-    late = measurement.delay(SAMPLE_S)
-    yield row(ALL, "encoder a sample late", (f"*_y_motor_{i}",), measurement.channel, "y", axis, late)
-    loop = measurement.current_loop(200.0)
-    yield row(ALL, "current loop of 200 Hz", u_i, measurement.channel, "u", axis, loop)
-    filters = {"current loops of 100 Hz": measurement.current_loop(100.0)}
-    filters["encoders filtered by 250 Hz"] = measurement.low_pass(250.0)
-    for name, each in filters.items():
-        yield row(ALL, name, ("delay", "low_pass"), measurement.filtered, each)
-    one_late = measurement.filtered, measurement.delay(1e-3)
-    yield row(OPEN_SIX, "one file 1 ms late", (f"delay@{second}",), measurement.in_one, second, *one_late)
+    u_i, slow = (f"*_u_motor_{i}",), ("delay", "low_pass")
+    yield row(SIX, "torque half a sample late", u_i, data.channel, "u", axis, data.delay(SAMPLE_S / 2))
+    yield row(ALL, "encoder a sample late", (f"*_y_motor_{i}",), data.channel, "y", axis, data.delay(SAMPLE_S))
+    yield row(ALL, "current loop of 200 Hz", u_i, data.channel, "u", axis, data.current_loop(200.0))
+    yield row(ALL, "current loops of 100 Hz", slow, data.filtered, data.current_loop(100.0))
+    yield row(ALL, "encoders filtered by 250 Hz", slow, data.filtered, data.low_pass(250.0))
+    one_late = data.filtered, data.delay(1e-3)
+    yield row(OPEN_SIX, "one file 1 ms late", (f"delay@{second}",), data.in_one, second, *one_late)
     for rise in (0.3, 0.05):
         name = f"gear hardens by {100 * rise:.0f} %"
         yield row(OPEN, name, (f"load_{i}", f"play_{i}"), robot.hardening, axis, rise)
     yield row(OPEN, "backlash 0.8", (f"play_{i}", f"load_{i}"), robot.backlash, axis, 0.8)
-    yield row(ALL, "axis 1 deg off everywhere", (f"zero_{i}",), measurement.angles, turn(1.0))
-    one_turned = measurement.angles, turn(3.0)
-    name = "axis 3 deg off in one posture"
-    yield row(OPEN, name, (f"angle_{i}@{second}",), measurement.in_one, second, *one_turned)
+    yield row(ALL, "axis 1 deg off everywhere", (f"zero_{i}",), data.angles, turn(1.0))
+    one = data.in_one, second, data.angles, turn(3.0)
+    yield row(OPEN, "axis 3 deg off in one posture", (f"angle_{i}@{second}",), *one)
     turns = map(turn, (1.0, -2.0, 3.0, -1.5, 2.5))
-    yield row(OPEN_SIX, "angles off by 1 to 3 deg", ("angle*", f"zero_{i}"), measurement.angles, *turns)
+    yield row(OPEN_SIX, "angles off by 1 to 3 deg", ("angle*", f"zero_{i}"), data.angles, *turns)
