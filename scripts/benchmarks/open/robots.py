@@ -253,8 +253,10 @@ def _sheet(row: Row, robot: Robot, rng: np.random.Generator) -> Robot:
 
 def tag(kind: str, *inside: str, **attributes: Any) -> str:
     """Write an element of a MuJoCo file."""
-    words = [f"{k}={v if isinstance(v, str) else ' '.join(f'{x:.17g}' for x in np.atleast_1d(v))!r}"
-             for k, v in attributes.items()]  # fmt: skip
+    words = []
+    for name, value in attributes.items():
+        text = value if isinstance(value, str) else " ".join(f"{x:.17g}" for x in np.atleast_1d(value))
+        words.append(f"{name}={text!r}")
     return f"<{kind} {' '.join(words)}>{''.join(inside)}</{kind}>\n"
 
 
