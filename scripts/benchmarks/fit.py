@@ -74,7 +74,7 @@ INERTIAS = ("m_3", "m_4", "m_5", "m_6", "c_3_x", "c_4_z", "c_5_z", "I_3_xx", "I_
 
 
 def build_robot() -> Robot:
-    """Six driven elastic joints, each followed by an elastic rotation: 18 coordinates."""
+    """Return six driven elastic joints, each followed by an elastic rotation: 18 coordinates."""
     stiffness, bodies = np.array([9e5, 8e5, 5e5, 1.5e5, 1.2e5, 6e4]), []
     for i, (axis, further, height) in enumerate(zip("zyyxyx", "xxzyzy", (0.4, 0.4, 0.9, 0.5, 0.5, 0.15), strict=True)):
         scale, k, place = 0.5**i, stiffness[i], Placement((0.25 if i == 1 else 0.0, 0.0, height))
@@ -87,8 +87,8 @@ def build_robot() -> Robot:
     return Robot("18 coordinates", tuple(bodies))
 
 
-def measured(robot: Robot, n_configurations: int, freq_hz: FloatArray, full: bool = True) -> list[Response]:
-    """Responses of the robot with relative noise, configurations drawn at random."""
+def measure(robot: Robot, n_configurations: int, freq_hz: FloatArray, full: bool = True) -> list[Response]:
+    """Return responses of the robot with relative noise, configurations drawn at random."""
     rng = np.random.default_rng(0)
     model = serial(robot)
     linearisation = Linearisation.of(model)
@@ -115,12 +115,12 @@ def assemble(Q: int, F: int, names: Sequence[str] = IDENTIFIED) -> tuple[Assembl
     robot = build_robot()
     spec = FitSpec(parameters={name: ParameterSpec() for name in names}, weights=WeightSpec(model_error=0.0))
     parameters = choose(spec, robot)
-    assembly = Assembly.of(measured(robot, Q, np.linspace(2.0, 100.0, F)), robot, spec, parameters)
+    assembly = Assembly.of(measure(robot, Q, np.linspace(2.0, 100.0, F)), robot, spec, parameters)
     return assembly, assembly.at(parameters.x, "complex")
 
 
 def bare_solves(fit: ElasticFit) -> Callable[[], None]:
-    """numpy.linalg.solve of the same systems Z X = B, the matrices ready made."""
+    """Prepare numpy.linalg.solve of the same systems Z X = B, the matrices ready made."""
     systems = []
     for part in fit.parts:
         model, s = part.kernel.model, 2j * np.pi * part.kernel.freq_hz[:, None, None]
@@ -134,7 +134,7 @@ def bare_solves(fit: ElasticFit) -> Callable[[], None]:
 
 
 def flop_floor(n_points: int) -> Callable[[], None]:
-    """96 kflop a point in products of 96 x 96 complex matrices, of 8 * 96^3 each."""
+    """Prepare 96 kflop a point in products of 96 x 96 complex matrices, of 8 * 96^3 each."""
     A = np.random.default_rng(0).standard_normal((96, 96)) + 0j
     products = max(1, round(n_points * 96e3 / (8 * 96**3)))
 
@@ -148,7 +148,7 @@ def flop_floor(n_points: int) -> Callable[[], None]:
 def kernel_times(
     fit: ElasticFit, plain: ElasticFit, inertial: Sequence[LeastSquares], repeats: int
 ) -> dict[str, float]:
-    """Seconds for one pass over all configurations.
+    """Return the seconds of one pass over all configurations.
 
     plain: without compiled loops.  inertial: INERTIAS free, too, compiled, plain, and
     compiled and linearised again at every x, as the search does it.
@@ -168,7 +168,7 @@ def kernel_times(
 
 
 def small_jacobian(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> FloatArray:
-    """J as small as it can be: 21 residuals of 36, columns of rank one (`normal_equations`).
+    """Return J as small as it can be: 21 residuals of 36, columns of rank one (`normal_equations`).
 
     plain: the same fit, which has R as matrices.
     """
@@ -186,7 +186,7 @@ def small_jacobian(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> FloatAr
 
 
 def small_residual(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> FloatArray:
-    """The compressed residuals without their Jacobian."""
+    """Return the compressed residuals without their Jacobian."""
     residuals = []
     for part, with_R in zip(fit.parts, plain.parts, strict=True):
         data, (rows, columns) = with_R.normal.residuals.compressed, part.normal.columns.elements
@@ -200,7 +200,7 @@ def small_residual(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> FloatAr
 def fit_times(
     fit: ElasticFit, plain: ElasticFit, starts: Sequence[FloatArray]
 ) -> tuple[dict[str, list[float]], dict[str, float]]:
-    """CPU seconds of a whole fit from every start, from the first by the slow ones; final costs there."""
+    """Return CPU seconds of a whole fit from every start, from the first by the slow ones, and final costs there."""
     costs: dict[str, float] = {}
     constant = sum(float(part.normal.residuals.compressed.constant.sum()) for part in plain.parts)
     casadi = casadi_problem(fit)
@@ -232,14 +232,14 @@ def fit_times(
 
 
 def with_inertias(Q: int, F: int) -> tuple[LeastSquares, LeastSquares]:
-    """The fit with INERTIAS free, too, linearised once, and at every x; evaluated once, so that all is prepared."""
+    """Return the fit with INERTIAS free, too, linearised once, and at every x; evaluated once to prepare all."""
     assembly, fit = assemble(Q, F, (*IDENTIFIED, *INERTIAS))
     fit.rough(fit.parameters.x)
     return fit.problem, assembly.search_problem(fit)
 
 
 def without_compiled_loops(Q: int, F: int) -> tuple[ElasticFit, LeastSquares]:
-    """The fit in NumPy, and with INERTIAS free."""
+    """Return the fit in NumPy, and with INERTIAS free."""
     with patch("elastid.linear.response.kernel.is_compiled", return_value=False):
         _, plain = assemble(Q, F)
         plain.rough(plain.parameters.x)
@@ -248,7 +248,7 @@ def without_compiled_loops(Q: int, F: int) -> tuple[ElasticFit, LeastSquares]:
 
 
 def casadi_sums(part: Part, lines: int) -> Callable[[FloatArray], tuple[float, FloatArray, FloatArray]]:
-    """V, J^T r, J^T J of the first `lines` lines of one configuration at x, by automatic differentiation in MX."""
+    """Return V, J^T r, J^T J of the first `lines` lines of one configuration, by automatic differentiation in MX."""
     model, wanted = part.kernel.model, part.kernel.parameters
     x, s = ca.MX.sym("x", len(wanted)), ca.MX.sym("omega")
     theta0 = [model.theta_ref[model.parameters.index(name)] for name in wanted]
@@ -280,7 +280,7 @@ def casadi_sums(part: Part, lines: int) -> Callable[[FloatArray], tuple[float, F
 
 
 def casadi_problem(fit: ElasticFit) -> LeastSquares:
-    """The whole fit with CasADi instead of the kernel; the solver is the same."""
+    """Return the whole fit with CasADi instead of the kernel; the solver is the same."""
     parts = [casadi_sums(part, len(part.measured)) for part in fit.parts]
 
     def evaluate(x: FloatArray) -> Evaluation:
@@ -292,7 +292,7 @@ def casadi_problem(fit: ElasticFit) -> LeastSquares:
 
 
 def print_table(title: str, headings: Sequence[str], rows: dict[str, Sequence[str]]) -> None:
-    """A heading and a row for each name, numbers to the right."""
+    """Print a heading and a row for each name, numbers to the right."""
     for name, cells in {title: headings, **rows}.items():
         print(f"{name:<38}" + "".join(f"{cell:>14}" for cell in cells))
     print()
@@ -349,7 +349,7 @@ def compare(Q: int, F: int, quick: bool, passes_only: bool) -> dict[str, float]:
 
 
 def main() -> None:
-    """The tables, then one JSON line."""
+    """Print the tables, then one JSON line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="a small problem, to see that it runs")
     parser.add_argument("--passes", action="store_true", help="single passes alone")

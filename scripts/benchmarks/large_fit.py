@@ -31,7 +31,7 @@ from typing import Any
 
 import timing
 import numpy as np
-from fit import IDENTIFIED, build_robot, measured
+from fit import IDENTIFIED, build_robot, measure
 
 from elastid.base.execution import Execution, persistent_workers
 from elastid.fit.identify import identify
@@ -40,12 +40,12 @@ from elastid.store.measured import read_responses, write_responses
 
 
 def write(path: Path, Q: int, F: int) -> None:
-    """frf.h5 of Q configurations and F lines."""
-    write_responses(path, measured(build_robot(), Q, np.linspace(2.0, 100.0, F)))
+    """Write frf.h5 of Q configurations and F lines."""
+    write_responses(path, measure(build_robot(), Q, np.linspace(2.0, 100.0, F)))
 
 
 def fit(path: Path, jobs: int) -> dict[str, Any]:
-    """The fit of a file, and what it took."""
+    """Fit a file, and return what it took."""
     spec = FitSpec(
         parameters={name: ParameterSpec() for name in IDENTIFIED}, starts=2, seed=1, profile=(),
         weights=WeightSpec(model_error=0.01),
@@ -77,7 +77,7 @@ def fit(path: Path, jobs: int) -> dict[str, Any]:
 
 
 def in_process(function: Callable[..., Any], *arguments: object) -> tuple[Any, float]:
-    """The value of a function in a process of its own, and the CPU seconds of that one's descendants."""
+    """Return the value of a function in a process of its own, and the CPU seconds of that one's descendants."""
     seconds: dict[int, float] = {}
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:
         process, value = pool.submit(os.getpid).result(), pool.submit(function, *arguments)
@@ -88,7 +88,7 @@ def in_process(function: Callable[..., Any], *arguments: object) -> tuple[Any, f
 
 
 def cpu_of_descendants(pid: int) -> dict[int, float]:
-    """CPU seconds by process of all that a process has started, and of what those have."""
+    """Return CPU seconds by process of all that a process has started, and of what those have."""
     parents, seconds = dict[int, int](), dict[int, float]()
     for stat in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError):
@@ -103,7 +103,7 @@ def cpu_of_descendants(pid: int) -> dict[int, float]:
 
 
 def of_workers(one: dict[str, Any], many: dict[str, Any], theirs: float, jobs: int) -> dict[str, float]:
-    """What workers win, each with a processor of its own: the asking process works while they wait."""
+    """Compare fits without and with workers, each with its own processor; the asking process works while they wait."""
     assert one["sha256"] == many["sha256"]
     own = many["cpu_s"]
     return {
@@ -118,7 +118,7 @@ def of_workers(one: dict[str, Any], many: dict[str, Any], theirs: float, jobs: i
 
 
 def main() -> None:
-    """The figures, then one JSON line."""
+    """Print the figures, then one JSON line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="three configurations, to see that it runs")
     parser.add_argument("--configurations", type=int, default=1000)

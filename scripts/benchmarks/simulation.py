@@ -42,15 +42,15 @@ RATE_HZ, SUBSTEPS, MUJOCO_STEP = 1000.0, 2, 2.5e-4
 MIN_TIMES_REAL_TIME, MAX_TIME_OVER_MUJOCO = 50.0, 3.0
 
 
-def rough(robot: Robot) -> Robot:
-    """The robot with LuGre friction at every motor: 0.3 to 0.45 Nm on the motor side, bristles of 70 Nm/rad."""
+def with_friction(robot: Robot) -> Robot:
+    """Add LuGre friction to every motor: 0.3 to 0.45 Nm on the motor side, bristles of 70 Nm/rad."""
     law = Friction(0.3, 0.45, 1.5, lugre=LuGre(70.0, 0.02, 30.0))
     motors = {joint.name: replace(joint.motor, coulomb=0.0, friction=law) for joint in robot.driven if joint.motor}
     return with_joints(robot, lambda joint: replace(joint, motor=motors.get(joint.name)))
 
 
 def elastid_run(model: ElasticModel, gains: JointLoop, torque: np.ndarray, samples: int) -> Callable[[], Trajectory]:
-    """One run of the sampled loop, ready to go; samples: that decide whether it is compiled."""
+    """Prepare one run of the sampled loop; samples: that decide whether it is compiled."""
     n_u, rest = model.n_u, np.zeros(model.n_q)
     limits, drives = np.array([[-9.0, 9.0]] * n_u), Drives(np.zeros(n_u), np.full(n_u, np.inf))
     loop = closed_loop(
@@ -61,7 +61,7 @@ def elastid_run(model: ElasticModel, gains: JointLoop, torque: np.ndarray, sampl
 
 
 def in_mujoco(robot: Robot) -> Any:
-    """The robot as MuJoCo reads it, exported without friction states."""
+    """Load the robot into MuJoCo, exported without friction states."""
     import mujoco
 
     machine = mujoco.MjModel.from_xml_string(ElementTree.tostring(mjcf(robot), encoding="unicode"))
@@ -71,7 +71,7 @@ def in_mujoco(robot: Robot) -> Any:
 
 
 def mujoco_run(robot: Robot, gains: JointLoop, torque: np.ndarray) -> Callable[[], object]:
-    """The same time of the same robot in MuJoCo, rolled out by its own loop."""
+    """Prepare the same time of the same robot in MuJoCo, rolled out by its own loop."""
     import mujoco
     from mujoco import rollout
 
@@ -86,7 +86,7 @@ def mujoco_run(robot: Robot, gains: JointLoop, torque: np.ndarray) -> Callable[[
 
 
 def same_accelerations(robot: Robot) -> float:
-    """Largest relative difference of elastid's and MuJoCo's accelerations at random states."""
+    """Return the largest relative difference of elastid's and MuJoCo's accelerations at random states."""
     import mujoco
 
     machine, model = in_mujoco(robot), serial(robot)
@@ -108,10 +108,10 @@ def same_accelerations(robot: Robot) -> float:
     return worst
 
 
-def benched(robot: Robot, seconds: float, rounds: int, with_mujoco: bool) -> dict[str, float]:
-    """Times faster than real time of both, and their ratio."""
+def bench(robot: Robot, seconds: float, rounds: int, with_mujoco: bool) -> dict[str, float]:
+    """Measure times faster than real time of both, and their ratio."""
     before = time.perf_counter()
-    model = serial(rough(robot))
+    model = serial(with_friction(robot))
     built = time.perf_counter() - before
     gains = tune(model, np.zeros(model.n_q), 1.5, 0.8)
     torque = np.random.default_rng(1).normal(0.0, 30.0, (round(seconds * RATE_HZ), model.n_u))
@@ -132,7 +132,7 @@ def benched(robot: Robot, seconds: float, rounds: int, with_mujoco: bool) -> dic
 
 
 def check(six: dict[str, float]) -> None:
-    """The six-axis arm against the goals, where there is a compiler, and MuJoCo."""
+    """Assert the goals of the six-axis arm, where there is a compiler, and MuJoCo."""
     try:
         compiler()
     except OSError:
@@ -142,14 +142,14 @@ def check(six: dict[str, float]) -> None:
 
 
 def main() -> None:
-    """A line for each robot, then the JSON line."""
+    """Print a line for each robot, then the JSON line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="one second once, to see that it runs")
     quick, with_mujoco = parser.parse_args().quick, find_spec("mujoco") is not None
     demo = load(Path(str(files("elastid") / "app/templates/serial/study.yml"))).study.robot
     seconds, rounds, results = *((1.0, 1) if quick else (5.0, 9)), dict[str, dict[str, float]]()
     for name, robot in {"demo": demo, "six_axes": build_robot()}.items():
-        results[name] = benched(robot, seconds, rounds, with_mujoco)
+        results[name] = bench(robot, seconds, rounds, with_mujoco)
         print(name, json.dumps(results[name]), flush=True)
     if not quick:
         check(results["six_axes"])

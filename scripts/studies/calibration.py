@@ -52,10 +52,10 @@ class DataSets:
         return RIGS[self.plant.name]
 
     def __call__(self, number: int) -> FloatArray:
-        """One data set; NaN where its fit did not converge."""
+        """Fit one data set; NaN where its fit did not converge."""
         rng = np.random.default_rng([self.seed, number])
         spec = replace(self.plant.spec, weights=WeightSpec(model_error=self.floor))
-        data = self.rig.drawn(rng, _truth(self.rig, self.wrong, rng))
+        data = self.rig.draw(rng, _truth(self.rig, self.wrong, rng))
         assembly = self.rig.assembly(data, spec)
         x = self.plant.parameters.x
         optimum = relinearise(assembly, LocalOptimum(x, x, 0.0, 0, True, "the truth"), "complex")
@@ -65,8 +65,8 @@ class DataSets:
         return np.array([optimum.end.x - x, np.sqrt(np.diag(sure.covariance)), _holds(optimum, sure, x)])
 
     def bound(self) -> FloatArray:
-        """The Cramer-Rao bound of x (n_x,) at the truth."""
-        data = self.rig.drawn(np.random.default_rng(0))
+        """Return the Cramer-Rao bound of x (n_x,) at the truth."""
+        data = self.rig.draw(np.random.default_rng(0))
         exact = [replace(noisy, G=exact.G) for noisy, exact in zip(data, self.rig.exact, strict=True)]
         assembly = self.rig.assembly(exact, self.plant.spec)
         information = assembly.at(self.plant.parameters.x, "complex").evaluate(self.plant.parameters.x).hessian / 2
@@ -74,7 +74,7 @@ class DataSets:
 
 
 def _holds(optimum: RelinearisedOptimum, sure: Uncertainty, x: FloatArray) -> BoolArray:
-    """Whether each interval (n_x,) holds x, as a fit states it: by profile likelihood where V is not quadratic."""
+    """Return whether each interval (n_x,) holds x: by profile likelihood where V is not quadratic."""
     problem, there, variance = optimum.fit.problem, optimum.end.x, np.diag(sure.covariance)
     names, _ = choose_profiles(problem.parameters, variance)
     low, high = profile_likelihood(problem, there, variance, names).T
@@ -83,7 +83,7 @@ def _holds(optimum: RelinearisedOptimum, sure: Uncertainty, x: FloatArray) -> Bo
 
 
 def _truth(rig: Rig, wrong: str, rng: np.random.Generator) -> tuple[Response, ...]:
-    """Exact responses of a robot that the model does not describe, the wrong part drawn for each."""
+    """Return exact responses of a robot that the model does not describe, the wrong part drawn for each."""
     robot, freq_hz = rig.plant.robot, rig.plant.freq_hz
     if wrong == "hidden mode":
         place = float(np.exp(rng.uniform(np.log(freq_hz[0]), np.log(freq_hz[-1]))))
@@ -106,8 +106,8 @@ def _truth(rig: Rig, wrong: str, rng: np.random.Generator) -> tuple[Response, ..
     return rig.exact
 
 
-def calibrated(sets: DataSets, n_sets: int, jobs: int) -> dict[str, Any]:
-    """Coverage, scatter and stated deviations of n_sets data sets, for each of the free parameters."""
+def calibrate(sets: DataSets, n_sets: int, jobs: int) -> dict[str, Any]:
+    """Return coverage, scatter and stated deviations of n_sets data sets, for each of the free parameters."""
     rows = np.array(Execution(jobs).ordered(sets, range(n_sets)))
     good = np.isfinite(rows).all(axis=(1, 2))
     error, stated, holds = rows[good].swapaxes(0, 1)
@@ -128,13 +128,13 @@ def main() -> None:
     n_sets, jobs = (40, 1) if options.quick else (options.sets, options.jobs)
     names = ["three-mass"] if options.quick else options.robot
     plants = [replace(ROBOTS[name](), noise=options.noise) for name in names]
-    results = {plant.name: calibrated(DataSets(plant, options.seed), n_sets, jobs) for plant in plants}
+    results = {plant.name: calibrate(DataSets(plant, options.seed), n_sets, jobs) for plant in plants}
     wrong: dict[str, dict[str, Any]] = {}
     for plant in plants:
         for what in WRONG[:1] if options.quick else WRONG:
             for floor in (0.0, 0.01):
                 sets = DataSets(plant, options.seed + 1, what, floor)
-                row = calibrated(sets, max(20, n_sets // 10), jobs)
+                row = calibrate(sets, max(20, n_sets // 10), jobs)
                 wrong[f"{plant.name}: {what}, floor {floor:g}"] = row
     print(json.dumps({"calibration": results, "wrong_model": wrong}))
 

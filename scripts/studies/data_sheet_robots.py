@@ -33,19 +33,19 @@ from elastid.robot.tolerances import RATIO
 NOISE = 0.01
 
 
-def measured(plant: Plant, robot: Robot, rng: np.random.Generator) -> list[Response]:
-    """Responses of the robot with noise of known variance."""
+def measure(plant: Plant, robot: Robot, rng: np.random.Generator) -> list[Response]:
+    """Return responses of the robot with noise of known variance."""
     postures = {each.name: each.angles for each in plant.configurations}
     return responses_of(robot, postures, rng, plant.freq_hz, NOISE, 0.0, spec=plant.model)
 
 
-def judged(plant: Plant, draws: int, seed: int) -> dict[str, Any]:
-    """Counts over the draws of one plant."""
+def judge(plant: Plant, draws: int, seed: int) -> dict[str, Any]:
+    """Count intervals and statuses over the draws of one plant."""
     inside, states, worst = [], Counter[str](), 0.0
     for draw in range(draws):
         rng = np.random.default_rng([seed, draw])
         robot = within_data_sheet(plant.robot, rng)
-        data = measured(plant, robot, rng)
+        data = measure(plant, robot, rng)
         file, spec = replace(plant.robot, tolerances=Tolerances()), replace(plant.spec, seed=1)
         result = identify(data, file, spec, model=plant.model)
         truth = {name: value for name, (value, _) in robot.parameters().items()}
@@ -61,7 +61,7 @@ def judged(plant: Plant, draws: int, seed: int) -> dict[str, Any]:
 
 
 def with_transmission_errors(amplitude: float, postures: int, draws: int, seed: int) -> dict[str, Any]:
-    """Share of intervals of k that hold the truth, and stated std over std of the errors; two axes, low noise."""
+    """Return the share of intervals of k that hold the truth, and stated std over std of the errors; low noise."""
     plant, errors, stds, inside = PLANTS["two-axis"](), list[float](), list[float](), list[bool]()
     for draw in range(draws):
         rng = np.random.default_rng([seed, draw, postures, int(1e6 * amplitude)])
@@ -100,7 +100,7 @@ def main() -> None:
     names, draws = (["two-axis"], 1) if args.quick else (args.plants, args.draws)
     rows = {}
     for name in names:
-        rows[name] = judged(PLANTS[name](), draws, args.seed)
+        rows[name] = judge(PLANTS[name](), draws, args.seed)
         print(name, json.dumps(rows[name]), flush=True)
     if not args.quick:
         count = sum(each["of"] for each in rows.values())

@@ -39,7 +39,7 @@ from elastid.record import Record
 
 
 @dataclass(frozen=True)
-class Known:
+class Effect:
     """An effect of the plant: its level, and the end of a range or a gap or the bend of a hysteresis, rad."""
 
     kind: str
@@ -48,30 +48,30 @@ class Known:
 
 
 # Each gear, and the effects it has.
-CASES: dict[str, tuple[Gear, tuple[Known, ...]]] = {
+CASES: dict[str, tuple[Gear, tuple[Effect, ...]]] = {
     "none": (Gear(), ()),
-    "friction at the motor": (Gear(F_m=30.0), (Known("friction", 30.0),)),
-    "friction behind the gear": (Gear(F_l=30.0), (Known("behind", 30.0),)),
-    "friction on both sides": (Gear(F_m=20.0, F_l=12.0), (Known("friction", 20.0), Known("behind", 12.0))),
-    "hardening spring": (Gear(k_3=4e9), (Known("cubic", 4e9),)),
-    "progressive spring": (Gear(k_2s=2e7), (Known("progressive", 2e7),)),
+    "friction at the motor": (Gear(F_m=30.0), (Effect("friction", 30.0),)),
+    "friction behind the gear": (Gear(F_l=30.0), (Effect("behind", 30.0),)),
+    "friction on both sides": (Gear(F_m=20.0, F_l=12.0), (Effect("friction", 20.0), Effect("behind", 12.0))),
+    "hardening spring": (Gear(k_3=4e9), (Effect("cubic", 4e9),)),
+    "progressive spring": (Gear(k_2s=2e7), (Effect("progressive", 2e7),)),
     "ranges of torque": (
         Gear(ranges=((100.0, 1.4), (300.0, 1.7))),
-        (Known("range", 0.4 * 2e5, 100.0 / 2e5), Known("range", 0.3 * 2e5, 100.0 / 2e5 + 200.0 / 2.8e5)),
+        (Effect("range", 0.4 * 2e5, 100.0 / 2e5), Effect("range", 0.3 * 2e5, 100.0 / 2e5 + 200.0 / 2.8e5)),
     ),
-    "gap": (Gear(gap=1e-4), (Known("gap", 2e5, 1e-4),)),
-    "lost motion": (Gear(gap=1e-4, loose=0.3), (Known("gap", 0.7 * 2e5, 1e-4),)),
+    "gap": (Gear(gap=1e-4), (Effect("gap", 2e5, 1e-4),)),
+    "lost motion": (Gear(gap=1e-4, loose=0.3), (Effect("gap", 0.7 * 2e5, 1e-4),)),
     "lost motion and friction": (
         Gear(gap=1e-4, loose=0.3, F_m=20.0, F_l=12.0),
-        (Known("friction", 20.0), Known("behind", 12.0), Known("gap", 0.7 * 2e5, 1e-4)),
+        (Effect("friction", 20.0), Effect("behind", 12.0), Effect("gap", 0.7 * 2e5, 1e-4)),
     ),
-    "friction by load": (Gear(F_m=10.0, load=0.1), (Known("friction", 10.0), Known("load", 0.1))),
-    "hysteresis": (Gear(hysteresis=12.0), (Known("stop", 12.0, 2e-4),)),
-    "ripple": (Gear(ripple=5.0), (Known("ripple sine", 5.0),)),
-    "transmission error": (Gear(error=5e-5), (Known("error sine", 5e-5),)),
+    "friction by load": (Gear(F_m=10.0, load=0.1), (Effect("friction", 10.0), Effect("load", 0.1))),
+    "hysteresis": (Gear(hysteresis=12.0), (Effect("stop", 12.0, 2e-4),)),
+    "ripple": (Gear(ripple=5.0), (Effect("ripple sine", 5.0),)),
+    "transmission error": (Gear(error=5e-5), (Effect("error sine", 5e-5),)),
     "all at once": (
         Gear(F_m=20.0, F_l=12.0, k_3=2e9, error=2e-5),
-        (Known("friction", 20.0), Known("behind", 12.0), Known("cubic", 2e9), Known("error sine", 2e-5)),
+        (Effect("friction", 20.0), Effect("behind", 12.0), Effect("cubic", 2e9), Effect("error sine", 2e-5)),
     ),
 }
 QUICK = ("hardening spring",)
@@ -81,7 +81,7 @@ EXPERIMENTS, SUBSTEPS = 4, 64
 
 
 def sets_of(gear: Gear, draws: int, seed: int) -> list[tuple[Record, ...]]:
-    """Records of each draw, from one simulation of all of them side by side."""
+    """Simulate the records of all draws side by side."""
     every = records(gear, experiments=EXPERIMENTS * draws, seed=seed, substeps=SUBSTEPS)
     return [
         tuple(replace(each, realisation=m) for m, each in enumerate(every[EXPERIMENTS * i : EXPERIMENTS * (i + 1)]))
@@ -90,7 +90,7 @@ def sets_of(gear: Gear, draws: int, seed: int) -> list[tuple[Record, ...]]:
 
 
 def run(gear: Gear, measured: tuple[Record, ...]) -> dict[str, Any]:
-    """Errors of k and d without and with the effects, their std, and the effects: kind, level, std, scale, its std."""
+    """Return errors of k and d without and with effects, their std, and effects: kind, level, std, scale, its std."""
     response = estimate(measured, SPEC, LINES)
     parameters = dict.fromkeys(("k_*", "d_*", "fm_*"), ParameterSpec())
     spec = FitSpec(parameters=parameters, weights=WeightSpec(model_error=0.0), starts=1)
@@ -111,7 +111,7 @@ def run(gear: Gear, measured: tuple[Record, ...]) -> dict[str, Any]:
     }
 
 
-def check(name: str, expected: tuple[Known, ...], one: dict[str, Any]) -> tuple[float, list[float]]:
+def check(name: str, expected: tuple[Effect, ...], one: dict[str, Any]) -> tuple[float, list[float]]:
     """Assert the goals; return the largest error of a level, and errors of k, d and levels over their std."""
     effects = [effect for effect in one["effects"] if not effect[0].endswith("cosine")]
     cosine = max((abs(effect[1]) for effect in one["effects"] if effect[0].endswith("cosine")), default=0.0)

@@ -68,7 +68,7 @@ class Row:
 
 @cache
 def plant(name: str) -> Plant:
-    """A robot, built once in a process, on some 40 lines: more take longer and show no other cause."""
+    """Return a robot, built once in a process, on some 40 lines: more take longer and show no other cause."""
     of = PLANTS[name]()
     return replace(of, freq_hz=of.freq_hz[:: math.ceil(len(of.freq_hz) / 40)])
 
@@ -76,7 +76,7 @@ def plant(name: str) -> Plant:
 EVERY = (*INJECTIONS, *FURTHER, *workshop({name: plant(name) for name in PLANTS}))
 
 
-def noisy(responses: list[Response], rng: np.random.Generator) -> list[Response]:
+def add_noise(responses: list[Response], rng: np.random.Generator) -> list[Response]:
     """Add circular noise of known variance to responses."""
     data = []
     for G in responses:
@@ -85,20 +85,20 @@ def noisy(responses: list[Response], rng: np.random.Generator) -> list[Response]
     return data
 
 
-def fitted(of: Plant, data: list[Response], is_exact: bool = False) -> Result:
-    """The fit of a study with the file of the plant."""
+def fit_model(of: Plant, data: list[Response], is_exact: bool = False) -> Result:
+    """Fit the model of the plant as a study does."""
     robot = of.robot if is_exact else replace(of.robot, tolerances=Tolerances())
     return identify(data, robot, replace(of.spec, seed=1, starts=STARTS), model=of.model)
 
 
-def judged(number: int, seed: int) -> Row:
-    """An injected cause by its number, fitted."""
+def judge(number: int, seed: int) -> Row:
+    """Fit an injected cause by its number, and judge what is named."""
     injection = EVERY[number]
     of, rng = plant(injection.plant), np.random.default_rng([seed, number])
     true = replace(of, robot=within_data_sheet(of.robot, rng)) if injection.is_off_sheet else of
-    data = noisy(injection.responses(true), rng)
+    data = add_noise(injection.responses(true), rng)
     model = of.robot if injection.has_payload else replace(of.robot, payload=None)
-    result = fitted(replace(of, robot=model), data, injection.is_exact)
+    result = fit_model(replace(of, robot=model), data, injection.is_exact)
     off = _off(true, result)
     first = next((index for index in result.indices if index.place == 1), None)
     if first is None or not any(note.code == "fit/likely-cause" for note in result.notes):
@@ -123,13 +123,13 @@ def judged(number: int, seed: int) -> Row:
 
 
 def _other(result: Result) -> str:
-    """The first note on causes that V does not rank."""
+    """Return the first note on causes that V does not rank."""
     codes = ("fit/inconsistent-responses", "fit/frequency-unit")
     return next((f"{note.code}: {str(note)[:90]}" for note in result.notes if note.code in codes), "")
 
 
 def _off(of: Plant, result: Result) -> float:
-    """The largest error of a stiffness over the half of its interval on that side."""
+    """Return the largest error of a stiffness over the half of its interval on that side."""
     truth, worst = of.robot.parameters(), 0.0
     for name in (p.name for p in result.parameters.of_interest if p.name.startswith("k_")):
         value, (low, high) = result.values[name], result.interval(name)
@@ -139,19 +139,19 @@ def _off(of: Plant, result: Result) -> float:
 
 
 def names_a_cause(number: int, seed: int) -> bool:
-    """Whether a clean data set, of one robot after the other, has any cause."""
+    """Return whether a clean data set, of one robot after the other, has any cause."""
     of = plant(("two-axis", "demo")[number % 2])
-    data = noisy(exact_responses(of), np.random.default_rng([seed, 1, number]))
-    return any(note.code == "fit/likely-cause" for note in fitted(of, data).notes)
+    data = add_noise(exact_responses(of), np.random.default_rng([seed, 1, number]))
+    return any(note.code == "fit/likely-cause" for note in fit_model(of, data).notes)
 
 
 def main() -> None:
-    """A row for each cause, then one JSON line."""
+    """Print a row for each cause, then one JSON line."""
     options = study_run.options(__doc__, "three causes, and one clean data set", only="", clean=50, seed=0, jobs=2)
     named = [(n, f"{i.name} {i.plant}") for n, i in enumerate(EVERY)]
     chosen = [n for n, words in named if options.only in words and (words in QUICK or not options.quick)]
     rows = []
-    for _, row in Execution(options.jobs).unordered(partial(judged, seed=options.seed), chosen):
+    for _, row in Execution(options.jobs).unordered(partial(judge, seed=options.seed), chosen):
         rows.append(asdict(row))
         print(json.dumps(rows[-1]), flush=True)
     counts = Counter(row["verdict"] for row in rows)

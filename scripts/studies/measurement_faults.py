@@ -44,12 +44,12 @@ def current_loop(corner_hz: float) -> Filter:
     return lambda s: omega**2 / (s**2 + 2 * 0.7 * omega * s + omega**2)
 
 
-def filtered(plant: Plant, by: Filter) -> list[Response]:
+def apply_filter(plant: Plant, by: Filter) -> list[Response]:
     """Filter all responses."""
     return [replace(G, G=G.G * by(_s(G)[:, :, None])) for G in exact_responses(plant)]
 
 
-def channel(plant: Plant, role: str, place: int, by: Filter) -> list[Response]:
+def filter_channel(plant: Plant, role: str, place: int, by: Filter) -> list[Response]:
     """Filter one channel of outputs (y) or inputs (u)."""
     part, responses = (slice(None), *[slice(None)] * (role == "u"), place), []
     for G in exact_responses(plant):
@@ -68,7 +68,7 @@ def wrong_rate(plant: Plant, factor: float) -> list[Response]:
     return [replace(G, freq_hz=factor * G.freq_hz, G=factor**2 * G.G) for G in exact_responses(plant)]
 
 
-def scaled(plant: Plant, rows: Sequence[float], columns: Sequence[float]) -> list[Response]:
+def scale_channels(plant: Plant, rows: Sequence[float], columns: Sequence[float]) -> list[Response]:
     """Multiply outputs and inputs by constants."""
     return [replace(G, G=G.G * np.outer(rows, columns)) for G in exact_responses(plant)]
 
@@ -76,33 +76,33 @@ def scaled(plant: Plant, rows: Sequence[float], columns: Sequence[float]) -> lis
 def motor_unit(plant: Plant, unit_nm: float) -> list[Response]:
     """Read torques as N m at the link that are in a unit on the motor side."""
     ratios = [abs(joint.motor.ratio) for joint in plant.robot.driven if joint.motor is not None]
-    return scaled(plant, np.ones(len(ratios)), unit_nm * np.array(ratios))
+    return scale_channels(plant, np.ones(len(ratios)), unit_nm * np.array(ratios))
 
 
-def permuted(plant: Plant, rows: Sequence[int], columns: Sequence[int]) -> list[Response]:
+def exchange_channels(plant: Plant, rows: Sequence[int], columns: Sequence[int]) -> list[Response]:
     """Exchange channels of outputs and inputs."""
     return [replace(G, G=G.G[:, list(rows)][:, :, list(columns)]) for G in exact_responses(plant)]
 
 
-def exchanged(plant: Plant, first: str, second: str) -> list[Response]:
+def exchange_configurations(plant: Plant, first: str, second: str) -> list[Response]:
     """Exchange the names of two configurations."""
     order, responses = {first: second, second: first}, {G.configuration.name: G for G in exact_responses(plant)}
     return [replace(responses[order.get(n, n)], configuration=G.configuration) for n, G in responses.items()]
 
 
-def in_one(plant: Plant, name: str, fault: Fault, *arguments: object) -> list[Response]:
+def in_configuration(plant: Plant, name: str, fault: Fault, *arguments: object) -> list[Response]:
     """Confine a fault to one configuration."""
     pairs = zip(exact_responses(plant), fault(plant, *arguments), strict=True)
     return [faulty if right.configuration.name == name else right for right, faulty in pairs]
 
 
-def angles(plant: Plant, *by: Callable[[FloatArray], FloatArray]) -> list[Response]:
+def change_angles(plant: Plant, *by: Callable[[FloatArray], FloatArray]) -> list[Response]:
     """Measure at functions of the stated angles (n_q,), which the configurations take in turn."""
     pairs = zip(plant.configurations, by * len(plant.configurations), strict=False)
     return exact_responses(plant, angles={c.name: true(np.array(c.angles)) for c, true in pairs})
 
 
-def coarse(plant: Plant, resolution: float) -> list[Response]:
+def coarse_encoders(plant: Plant, resolution: float) -> list[Response]:
     """Round angles to encoder steps that are the same in every period, so that no scatter of periods shows them."""
     responses = []
     for G in exact_responses(plant):

@@ -70,7 +70,7 @@ class Structure:
 
     @classmethod
     def draw(cls, rng: np.random.Generator, n_y: int, n_u: int) -> "Structure":
-        """Modes at least two of their widths apart."""
+        """Draw modes at least two of their widths apart."""
         n = int(rng.integers(3, 13))
         while True:
             freq_hz = np.sort(rng.uniform(8, 0.36 * RATE_HZ, n))
@@ -80,28 +80,28 @@ class Structure:
                 return cls(freq_hz, zeta, rng.normal(size=(n_y, n)), n_u)
 
     def response(self, freq_hz: FloatArray) -> ComplexArray:
-        """G (F, n_y, n_u), acceleration per force."""
+        """Return G (F, n_y, n_u), acceleration per force."""
         w, natural = 2 * np.pi * freq_hz[:, None], 2 * np.pi * self.freq_hz
         modal = -(w**2) / (natural**2 - w**2 + 2j * self.zeta * natural * w)
         return np.einsum("ir,fr,jr->fij", self.shapes, modal, self.shapes[: self.n_u])
 
     def peak(self) -> FloatArray:
-        """|G| (n, n_y, n_u) of each mode by itself at its frequency."""
+        """Return |G| (n, n_y, n_u) of each mode by itself at its frequency."""
         shapes = self.shapes.T
         return np.abs(shapes[:, :, None] * shapes[:, None, : self.n_u]) / (2 * self.zeta[:, None, None])
 
-    def moved(self, u: FloatArray) -> FloatArray:
-        """Outputs (n, n_y) under forces (n, n_u), which repeat."""
+    def motion(self, u: FloatArray) -> FloatArray:
+        """Return outputs (n, n_y) under forces (n, n_u), which repeat."""
         spectrum = np.fft.rfft(u, axis=0)
         freq_hz = np.maximum(np.fft.rfftfreq(len(u), 1 / RATE_HZ), 1e-9)
         return np.fft.irfft(np.einsum("fij,fj->fi", self.response(freq_hz), spectrum), len(u), axis=0)
 
 
 def records(kind: str, structure: Structure, level: float, rng: np.random.Generator, noise_only: bool) -> list[Record]:
-    """Records of one excitation with noise on forces and outputs."""
+    """Simulate records of one excitation with noise on forces and outputs."""
     n_u, measured = structure.n_u, []
     for m, e, force, part in _forces(kind, n_u, rng):
-        u, y = force[part], structure.moved(force)[part]
+        u, y = force[part], structure.motion(force)[part]
         scale, period = level * y.std(axis=0), len(u)
         y = (0 if noise_only else y) + scale * rng.normal(size=y.shape)
         if kind == "multisine":
@@ -116,7 +116,7 @@ def records(kind: str, structure: Structure, level: float, rng: np.random.Genera
 
 
 def _forces(kind: str, n_u: int, rng: np.random.Generator) -> Iterator[tuple[int, int, FloatArray, slice]]:
-    """Realisation, experiment, force (n, n_u), and the part of it that is recorded."""
+    """Yield realisation, experiment, force (n, n_u), and the part of it that is recorded."""
     if kind == "multisine":
         N = 4096
         lines = np.arange(32, int(HIGHEST * N))
@@ -152,7 +152,7 @@ def _signal(lines: IntArray, spectrum: ComplexArray, N: int) -> FloatArray:
 
 
 def modes_of(kind: str, structure: Structure, level: float, rng: np.random.Generator, noise_only: bool = False):
-    """The response and its modes; no mode where the response is refused or has no coherence."""
+    """Estimate the response and its modes; no mode where the response is refused or has no coherence."""
     response = estimate(records(kind, structure, level, rng, noise_only), SPECS[kind])
     try:
         return response, estimate_modes(response)
@@ -160,8 +160,8 @@ def modes_of(kind: str, structure: Structure, level: float, rng: np.random.Gener
         return response, None
 
 
-def judged(structure: Structure, response: Response, modes: Modes | None):
-    """Strong modes, those found, false modes, and deviations (n, 2) of frequency and damping in standard deviations."""
+def judge(structure: Structure, response: Response, modes: Modes | None):
+    """Count strong, found and false modes; deviations (n, 2) of frequency and damping in standard deviations."""
     std = np.sqrt(response.uncertainty.variance)
     lines = np.clip(np.searchsorted(response.freq_hz, structure.freq_hz), 0, response.n_lines - 1)
     strong = np.any(structure.peak() > 3 * std[lines], axis=(1, 2))
@@ -179,7 +179,7 @@ def judged(structure: Structure, response: Response, modes: Modes | None):
 
 
 def main(draws: int, seed: int, kinds: list[str], quick: bool) -> dict[str, object]:
-    """The table, printed and asserted."""
+    """Print the table, and assert the goals."""
     table: dict[str, object] = {"draws": draws}
     for kind in kinds:
         counts, deviations, noise = np.zeros(3, int), [], 0
@@ -187,7 +187,7 @@ def main(draws: int, seed: int, kinds: list[str], quick: bool) -> dict[str, obje
             rng = np.random.default_rng(seed + draw)
             structure = Structure.draw(rng, *((1, 1), (3, 1), (4, 2))[draw % 3])
             level = 10 ** rng.uniform(-3, np.log10(0.03))
-            *each, z = judged(structure, *modes_of(kind, structure, level, rng))
+            *each, z = judge(structure, *modes_of(kind, structure, level, rng))
             counts += each
             deviations.append(z)
             if each[1] < each[0] or each[2]:

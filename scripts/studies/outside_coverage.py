@@ -58,12 +58,12 @@ COVERED, MISFITS, CHANCE = (0.93, 0.97), 0.01, 3.0
 
 # By fit: error of ln p, its stated deviation and whether the interval holds it, by name; V over expected; the status.
 # By "levels", error and deviation of each level over the true one.
-Found: TypeAlias = dict[str, Any]
+Fits: TypeAlias = dict[str, Any]
 
 
 @cache
 def study_of(rigs: Path) -> Study:
-    """The study that the rig writes for its logs."""
+    """Load the study that the rig writes for its logs."""
     rig = rig_of(rigs)
     with tempfile.TemporaryDirectory() as folder:
         rig.write(rig.dataset(seed=0, M=2), folder)
@@ -72,7 +72,7 @@ def study_of(rigs: Path) -> Study:
 
 @cache
 def rig_of(rigs: Path) -> Any:
-    """The rig's module, used where it lies."""
+    """Import the rig's module where it lies."""
     sys.dont_write_bytecode = True
     os.environ.setdefault("NUMBA_CACHE_DIR", tempfile.mkdtemp())
     sys.path.insert(0, str(rigs))
@@ -88,8 +88,8 @@ class Case:
     rigs: Path
     is_at_rest: bool = False
 
-    def __call__(self, number: int) -> Found:
-        """The fits of one data set."""
+    def __call__(self, number: int) -> Fits:
+        """Fit one data set."""
         groups, lines = self._records(number)
         spec = EstimatorSpec(friction="auto", transient_periods=0)
         friction = identify_motor_friction(groups, spec, lines)
@@ -97,17 +97,17 @@ class Case:
         study = study_of(self.rigs)
         true = dict(zip(friction.places, COULOMB[self.coulomb], strict=True))
         coulomb = [(place, *friction.coulomb_friction(place)) for place in friction.compensated_motors()]
-        found: Found = {
+        results: Fits = {
             "levels": [(level / true[place] - 1, std / true[place]) for place, level, std in coulomb if true[place]]
         }
         for name, is_exact in FITS.items():
             robot = replace(study.as_robot(), tolerances=None) if is_exact else study.as_robot()
             result = identify(responses, robot, with_model_error(replace(study.seeded_fit, starts=1), None))
-            found[name] = self._against_truth(result), result.cost / result.cost_expected, result.status
-        return found
+            results[name] = self._against_truth(result), result.cost / result.cost_expected, result.status
+        return results
 
     def _records(self, number: int) -> tuple[list[list[Record]], Any]:
-        """The records of each posture without their first period, and the excited lines."""
+        """Return records of each posture without their first period, and the excited lines."""
         rig, (first, second) = rig_of(self.rigs), COULOMB[self.coulomb]
         carrier = {"carrier": 0.0} if self.is_at_rest else {}
         logs = rig.dataset(5000 + number, M=self.realisations, fc1=first, fc2=second, **carrier)
@@ -131,35 +131,35 @@ class Case:
         return errors
 
 
-def figures(case: Case, found: list[Found], fit: str) -> dict[str, Any]:
-    """The figures of one fit over the data sets of a case."""
-    errors: FloatArray = np.array([each[fit][0] for each in found])
+def figures(case: Case, results: list[Fits], fit: str) -> dict[str, Any]:
+    """Return the figures of one fit over the data sets of a case."""
+    errors: FloatArray = np.array([each[fit][0] for each in results])
     z, stated, within = errors[:, :, 0], np.sqrt(np.mean(errors[:, :, 1] ** 2, axis=0)), errors[:, :, 2]
     # Data sets are independent, parameters of one are not; few sets may all have the same share.
-    chance = max(np.std(within.mean(axis=1), ddof=1), np.sqrt(0.05 * 0.95 / len(NAMES))) / np.sqrt(len(found))
+    chance = max(np.std(within.mean(axis=1), ddof=1), np.sqrt(0.05 * 0.95 / len(NAMES))) / np.sqrt(len(results))
     return {
         "coulomb": case.coulomb,
         "is_at_rest": case.is_at_rest,
-        **_of_levels([each["levels"] for each in found]),
+        **_of_levels([each["levels"] for each in results]),
         "realisations": case.realisations,
         "fit": fit,
-        "sets": len(found),
+        "sets": len(results),
         "coverage": float(within.mean()),
         "chance": float(chance),
         "bias_over_stated": (z.mean(axis=0) / stated).round(2).tolist(),
         "scatter_over_stated": (np.std(z, axis=0, ddof=1) / stated).round(2).tolist(),
         "stated_percent": (100 * stated).round(3).tolist(),
-        "cost_over_expected": float(np.mean([each[fit][1] for each in found])),
-        "statuses": dict(Counter(each[fit][2] for each in found)),
+        "cost_over_expected": float(np.mean([each[fit][1] for each in results])),
+        "statuses": dict(Counter(each[fit][2] for each in results)),
     }
 
 
-def _of_levels(found: list[list[tuple[float, float]]]) -> dict[str, Any]:
-    """Of levels, error and stated deviation over the true one: means in percent, and how many are right.
+def _of_levels(results: list[list[tuple[float, float]]]) -> dict[str, Any]:
+    """Return means of error and stated deviation of levels over the true one in percent, and how many are right.
 
     Only of data sets in which friction of all motors was taken out.
     """
-    taken = [levels for levels in found if len(levels) == max(map(len, found))]
+    taken = [levels for levels in results if len(levels) == max(map(len, results))]
     if not taken[0]:
         return {}
     off, std = np.moveaxis(np.array(taken), 2, 0)
@@ -171,7 +171,7 @@ def _of_levels(found: list[list[tuple[float, float]]]) -> dict[str, Any]:
     }
 
 
-def checked(row: dict[str, Any]) -> None:
+def check(row: dict[str, Any]) -> None:
     """Assert the goals of a row."""
     low, high = COVERED[0] - CHANCE * row["chance"], COVERED[1] + CHANCE * row["chance"]
     assert row["coverage"] >= low, row
@@ -190,12 +190,12 @@ def main() -> None:
     sets, levels, counts = (2, [0.3], [2]) if args.quick else (args.sets, args.coulomb, args.realisations)
     rows = []
     for case in (Case(level, M, args.rigs.resolve(), args.rest) for level in levels for M in counts):
-        found = Execution(args.jobs).ordered(case, range(sets))
+        results = Execution(args.jobs).ordered(case, range(sets))
         for fit in FITS:
-            rows.append(figures(case, found, fit))
+            rows.append(figures(case, results, fit))
             print(json.dumps(rows[-1]), flush=True)
     for row in rows:
-        checked(row)
+        check(row)
     print(json.dumps({"outside_coverage": rows}))
 
 

@@ -58,8 +58,8 @@ SHIFTS = {"several": {"c_fore_arm_x": 0.010, "c_upper_arm_z": -0.008}}
 POSTURES = np.radians([[0, 40, -10], [0, -20, 50], [60, -10, -70], [20, 60, -50], [-45, 75, 20]])
 
 
-def measured(robot: Outside, rng: np.random.Generator) -> list[ei.Response]:
-    """Responses of five postures with circular noise of known variance."""
+def measure(robot: Outside, rng: np.random.Generator) -> list[ei.Response]:
+    """Return responses of five postures with circular noise of known variance."""
     responses = []
     for i, angles in enumerate(POSTURES):
         G = robot.motor_response(angles)
@@ -72,8 +72,8 @@ def measured(robot: Outside, rng: np.random.Generator) -> list[ei.Response]:
     return responses
 
 
-def described(case: str, nominal: ei.Robot, rng: np.random.Generator) -> tuple[ei.Robot, ei.Robot]:
-    """The true robot and the file that the fit is given, its springs and dampers off."""
+def describe(case: str, nominal: ei.Robot, rng: np.random.Generator) -> tuple[ei.Robot, ei.Robot]:
+    """Draw the true robot and the model of the fit, its springs and dampers off."""
     numbers = {name: value for name, (value, _) in nominal.parameters().items()}
     truth = {n: v * np.exp(0.1 * rng.standard_normal()) for n, v in numbers.items() if n[0] in "kd"}
     if case == "file":
@@ -94,11 +94,11 @@ def described(case: str, nominal: ei.Robot, rng: np.random.Generator) -> tuple[e
 
 
 def one_fit(case: str, seed: int, count: int) -> dict[str, np.ndarray]:
-    """Relative errors and whether intervals hold, of `count` random postures of one fit."""
+    """Return relative errors and whether intervals hold, of `count` random postures of one fit."""
     rng = np.random.default_rng([seed, sum(map(ord, case))])
     robot = load_robot(TEMPLATES / "serial" / "robot.yml")
     nominal = replace(robot, frames=(Frame("tool", "fore_arm", Placement(TOOL)),))
-    true_robot, given = described(case, nominal, rng)
+    true_robot, model = describe(case, nominal, rng)
     true = Outside(true_robot)
     free = {"k_*": ParameterSpec(), "d_*": ParameterSpec(), "fm_*": ParameterSpec()}
     if case == "missing":
@@ -106,7 +106,7 @@ def one_fit(case: str, seed: int, count: int) -> dict[str, np.ndarray]:
     spec = FitSpec(parameters=free, starts=1, seed=seed, weights=WeightSpec(model_error=0.0))
     # What would explain a misfit widens its intervals, and is looked for by `identify` alone.
     fit = identify if case in MISFITS else fit_parameters
-    result = fit(measured(true, rng), given, spec)
+    result = fit(measure(true, rng), model, spec)
     rows: dict[str, list[np.ndarray]] = {}
     for angles in random_postures(nominal, count, seed):
         C, freq_hz, G = true.tool(angles)
@@ -114,7 +114,7 @@ def one_fit(case: str, seed: int, count: int) -> dict[str, np.ndarray]:
         stiff, modes, band = tool.stiffness(), tool.modes(), tool.response_band(ASKED)
         row = np.arange(3)
         error = np.abs(band.G - G)
-        judged = {
+        values_of = {
             "stiffness error": np.array(
                 [np.linalg.norm(stiff.compliance[:3, :3] - C[:3, :3]) / np.linalg.norm(C[:3, :3])]
             ),
@@ -126,12 +126,12 @@ def one_fit(case: str, seed: int, count: int) -> dict[str, np.ndarray]:
             "response error / half width": (error / band.pointwise)[:, row, row].ravel(),
             "band inside": np.all(error <= band.simultaneous, axis=0)[row, row],
         }
-        for key, value in judged.items():
+        for key, value in values_of.items():
             rows.setdefault(key, []).append(value)
     return {key: np.concatenate(values) for key, values in rows.items()} | {"status": np.array([result.status])}
 
 
-def summarised(ends: dict[str, np.ndarray]) -> dict[str, float]:
+def summarise(ends: dict[str, np.ndarray]) -> dict[str, float]:
     """Return medians and worst errors, fractions of intervals, and misfits of all postures of a case."""
     summary = {"misfits": float(np.mean(ends.pop("status") == "misfit"))}
     for key, values in ends.items():
@@ -146,7 +146,7 @@ def summarised(ends: dict[str, np.ndarray]) -> dict[str, float]:
 
 
 def main() -> None:
-    """Each case, and one JSON line."""
+    """Print each case, and one JSON line."""
     quick = "one fit and two postures of a right model and a wrong one, to see that it runs"
     options = study_run.options(__doc__, quick, fits=20, cases=CASES)
     fits, count, cases = (1, 2, (CASES[0], "misfit")) if options.quick else (options.fits, 10, options.cases)
@@ -157,7 +157,7 @@ def main() -> None:
             ends.append(one_fit(case, seed, count))
             fractions = (f"{key} {100 * v.mean():.0f} %" for key, v in ends[-1].items() if key.endswith("inside"))
             print(f"  {case}, fit {seed}: {', '.join(fractions)}", flush=True)
-        summary[case] = summarised({key: np.concatenate([end[key] for end in ends]) for key in ends[0]})
+        summary[case] = summarise({key: np.concatenate([end[key] for end in ends]) for key in ends[0]})
         print(case, summary[case], flush=True)
     print(json.dumps({"fits": fits, "postures": fits * count, **summary}))
     for case, own in summary.items():

@@ -16,38 +16,38 @@ from elastid.robot import Body, GearCoupling, Joint, Payload, Robot, Spring
 from elastid.robot.simplified import with_joints
 
 
-def numbers(plant: Plant, factor: float, *names: str, added: float = 0.0) -> list[Response]:
+def scale_numbers(plant: Plant, factor: float, *names: str, added: float = 0.0) -> list[Response]:
     """Multiply numbers of the robot by a factor, and add a constant."""
     values = plant.robot.parameters(tuple(plant.robot.geometry))
     changed = {name: factor * values[name][0] + added for name in names}
     return exact_responses(plant, plant.robot.with_parameters(changed))
 
 
-def shifted(plant: Plant, step: float, name: str) -> list[Response]:
+def shift_number(plant: Plant, step: float, name: str) -> list[Response]:
     """Add a constant to a number of the robot."""
-    return numbers(plant, 1.0, name, added=step)
+    return scale_numbers(plant, 1.0, name, added=step)
 
 
-def payload(plant: Plant, mass: float, at: Sequence[float], inertia: float | None = None) -> list[Response]:
+def add_payload(plant: Plant, mass: float, at: Sequence[float], inertia: float | None = None) -> list[Response]:
     """Mount a load (kg, m, kg m^2) on the last body, a cube of 0.15 m without an inertia."""
     inertia = mass * 0.15**2 / 6 if inertia is None else inertia
     load = Payload(mass, tuple(at), inertia, plant.robot.bodies[-1].name)
     return exact_responses(plant, replace(plant.robot, payload=load))
 
 
-def further_load(plant: Plant, fraction: float, along: float) -> list[Response]:
+def increase_payload(plant: Plant, fraction: float, along: float) -> list[Response]:
     """Add a fraction of the last body's mass, 1, 0.3 and 0.5 times `along` (m) from its centre, to the payload."""
     body, carried = plant.robot.bodies[-1], plant.robot.payload
     mass, at = fraction * body.mass, np.array(body.center_of_mass) + along * np.array([1.0, 0.3, 0.5])
     if carried is None:
-        return payload(plant, mass, at, 0.01 * mass)
+        return add_payload(plant, mass, at, 0.01 * mass)
     total = carried.mass + mass
     center = (carried.mass * np.array(carried.center_of_mass) + mass * at) / total
     load = replace(carried, mass=total, center_of_mass=tuple(center))
     return exact_responses(plant, replace(plant.robot, payload=load))
 
 
-def unloaded(plant: Plant) -> list[Response]:
+def remove_payload(plant: Plant) -> list[Response]:
     """Remove the payload."""
     return exact_responses(plant, replace(plant.robot, payload=None))
 
@@ -88,7 +88,7 @@ def static_deflections(plant: Plant, axis: int) -> tuple[Spring, list[float]]:
     return spring, [abs(torque) / spring.stiffness for torque in torques]  # type: ignore[return-value,union-attr]
 
 
-def coupled(plant: Plant, ratio: float, *pairs: tuple[str, str]) -> list[Response]:
+def couple_motors(plant: Plant, ratio: float, *pairs: tuple[str, str]) -> list[Response]:
     """Let motors turn along with other axes, as belts of a wrist do; the model takes motor angles for axis angles."""
     robot = replace(plant.robot, gears=tuple(GearCoupling(*pair, ratio) for pair in pairs))
     E = robot.mixing
@@ -128,6 +128,6 @@ def _with_elastic_joint(plant: Plant, body: Body, name: str, axis: str, stiffnes
     return exact_responses(plant, replace(plant.robot, bodies=bodies))
 
 
-def mounted(plant: Plant, *gravity: float) -> list[Response]:
+def change_gravity(plant: Plant, *gravity: float) -> list[Response]:
     """Change gravity (m/s^2) in the axes of the base."""
     return exact_responses(plant, replace(plant.robot, gravity=gravity))  # type: ignore[arg-type]

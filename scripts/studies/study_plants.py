@@ -56,7 +56,7 @@ class Plant:
 
 
 def three_mass() -> Plant:
-    """The axis of Wernholt & Gunnarsson (2006): motor, gear, arm; torque to motor velocity, 1 to 40 Hz."""
+    """Return the axis of Wernholt & Gunnarsson (2006): motor, gear, arm; torque to motor velocity, 1 to 40 Hz."""
     J, a_m, a_g = 0.03291699877416, 0.17910964111956, 0.61206166914114
     motor = Motor(J * a_m, 1.0, 0.00986346744839)
     on_gear = Joint("g", "z", Spring(20.59269827430799, 0.0624181404729), motor)
@@ -156,7 +156,7 @@ class Rig:
 
     @classmethod
     def of(cls, plant: Plant) -> "Rig":
-        """The exact responses of all configurations."""
+        """Return the rig with exact responses of all configurations."""
         linearisation = Linearisation.of(formulate(plant.robot, plant.model))
         exact = tuple(exact_responses(plant, linearisation=linearisation))
         rng = np.random.default_rng(0)
@@ -165,11 +165,11 @@ class Rig:
         covariance = mixing @ mixing.T
         return cls(plant, linearisation, exact, covariance / np.sqrt(np.outer(*2 * [np.diag(covariance)])))
 
-    def drawn(self, rng: np.random.Generator, truth: tuple[Response, ...] = ()) -> list[Response]:
-        """One data set of `truth`, the plant's own exact responses unless given, with the covariance of its noise."""
-        return [self._drawn(response, rng) for response in truth or self.exact]
+    def draw(self, rng: np.random.Generator, truth: tuple[Response, ...] = ()) -> list[Response]:
+        """Draw a data set of `truth`, by default the plant's exact responses, with the covariance of its noise."""
+        return [self._draw(response, rng) for response in truth or self.exact]
 
-    def _drawn(self, response: Response, rng: np.random.Generator) -> Response:
+    def _draw(self, response: Response, rng: np.random.Generator) -> Response:
         F, n_y, n_u = response.G.shape
         std = self.plant.noise * (np.abs(response.G) + FLOOR * np.abs(response.G).max())
         level = np.sqrt(np.mean(std**2, axis=2))
@@ -181,6 +181,6 @@ class Rig:
         return replace(response, G=response.G + e / np.sqrt(2), total=covariance)
 
     def assembly(self, data: list[Response], spec: FitSpec) -> Assembly:
-        """The fit of a data set, without building the model again."""
+        """Prepare the fit of a data set, without building the model again."""
         weights = tuple(weigh(response, spec) for response in data)
         return Assembly(tuple(data), weights, self.linearisation, self.plant.parameters, spec)

@@ -18,7 +18,7 @@ from scipy.signal import cont2discrete
 
 
 def responses(task: Task) -> dict[str, tuple[Array, Array]]:
-    """Mean of Y / U over the realisations (F, n, n), and its variance, smoothed over lines, of each posture."""
+    """Return the mean of Y / U over realisations (F, n, n), and its variance, smoothed over lines, by posture."""
     pairs: dict[tuple[str, int], list[list[Array]]] = {}
     for file, signals in task.logs("uq"):
         means = (x[task.period :].reshape(-1, task.period, x.shape[1]).mean(axis=0) for x in signals)

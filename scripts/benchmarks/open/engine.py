@@ -150,12 +150,12 @@ def simulate(
 
     @functools.cache
     def target(tick: int) -> Array:
-        """Reference position: the posture, a slow motion, and the multisine unless that is a torque."""
+        """Return the reference position: the posture, a slow motion, and the multisine unless that is a torque."""
         carrier = row.carrier * np.sin(slow * max(tick, 0) / law.hz + offset)
         return posture + carrier + (0 if is_torque else wave(tick))
 
     def interpolated(tick: int) -> Array:
-        """Linear between the references of two cycles, each reached one cycle later."""
+        """Interpolate linearly between the references of two cycles, each reached one cycle later."""
         j, part = divmod(tick, cycle)
         before, now = target((j - 1) * cycle), target(j * cycle)
         return target(tick) if cycle == 1 else np.asarray(before + (now - before) * part / cycle)

@@ -36,7 +36,7 @@ class Task:
         return round(PERIOD_S * self.experiment["rate_hz"])
 
     def logs(self, channels: str) -> Iterator[tuple[dict[str, Any], list[Array]]]:
-        """Each file with its channels (samples, n), such as "uq"."""
+        """Yield each file with its channels (samples, n), such as "uq"."""
         n = range(1, len(self.experiment["torque_rms"]) + 1)
         with h5py.File(self.folder / "logs.h5") as store:
             for file in self.experiment["files"]:

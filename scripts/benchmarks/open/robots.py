@@ -151,7 +151,7 @@ ACCELERATION = 2.5  # rad/s^2, rms of the torque over the inertia
 
 
 def postures(row: Row) -> dict[str, list[float]]:
-    """Motor angles in rad by the name of the posture."""
+    """Return motor angles in rad by the name of the posture."""
     angles = POSTURES[:, 0 if row.axes[0] == "z" else 1 :] if row.effect != "linkage" else LINKAGE_POSTURES
     return {f"p{i + 1}": q[: len(row.axes)].tolist() for i, q in enumerate(angles[: row.postures])}
 
@@ -180,7 +180,7 @@ def _serial(row: Row, rng: np.random.Generator) -> Robot:
 
 
 def _linkage(row: Row, rng: np.random.Generator) -> Robot:
-    """A lower arm, a crank about the same axis, and a fore arm that the crank moves by a rod."""
+    """Draw a lower arm, a crank about the same axis, and a fore arm that the crank moves by a rod."""
     (a, b, c), (n_1, n_2) = np.exp(0.1 * rng.standard_normal(3)), rng.choice([80.0, 100.0, 121.0], 2)
     joints = Joint("1", "y", motor=Motor(n_1, 1, 0, 0)), Joint("2", "y", motor=Motor(n_2, 1, 0, 0)), Joint("elbow", "y")
     lower = Body("lower", "base", (0.0, 0.0, 0.0), joints[:1], 30.0 * a, (0.05, 0.05, 0.35), (1.6, 1.6, 0.2))
@@ -227,7 +227,7 @@ def _with_effect(row: Row, joint: Joint, rms: float, rng: np.random.Generator) -
 
 
 def _sheet(row: Row, robot: Robot, rng: np.random.Generator) -> Robot:
-    """The robot as an entrant knows it: springs off by a factor, no friction but a viscous guess, no effects."""
+    """Draw the robot as an entrant knows it: springs off by a factor, no friction but a viscous guess, no effects."""
     size = 0.0 if row.sheet == "exact" else 1.0
 
     def off(name: str) -> float:
