@@ -103,12 +103,9 @@ def judge(number: int, seed: int) -> Row:
     first = next((index for index in result.indices if index.place == 1), None)
     if first is None or not any(note.code == "fit/likely-cause" for note in result.notes):
         text, family = _other(result), injection.right[0].partition("_")[0] if injection.right else ""
-        is_stated = bool(family) and any(
-            note.code == "fit/fixed-values" and f"{family}_" in note.text for note in result.notes
-        )
-        verdict = (
-            "none" if result.status != "converged" else "within" if off <= SILENT else "stated" if is_stated else "none"
-        )
+        fixed = " ".join(note.text for note in result.notes if note.code == "fit/fixed-values")
+        silent = "within" if off <= SILENT else "stated" if family and f"{family}_" in fixed else "none"
+        verdict = silent if result.status == "converged" else "none"
         return Row(injection.name, injection.plant, text, verdict, False, 0.0, 0.0, result.status, (), off)
 
     def is_right(name: str) -> bool:

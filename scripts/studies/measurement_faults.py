@@ -49,7 +49,7 @@ def apply_filter(plant: Plant, by: Filter) -> list[Response]:
     return [replace(G, G=G.G * by(_s(G)[:, :, None])) for G in exact_responses(plant)]
 
 
-def filter_channel(plant: Plant, role: str, place: int, by: Filter) -> list[Response]:
+def one_channel(plant: Plant, role: str, place: int, by: Filter) -> list[Response]:
     """Filter one channel of outputs (y) or inputs (u)."""
     part, responses = (slice(None), *[slice(None)] * (role == "u"), place), []
     for G in exact_responses(plant):
@@ -84,7 +84,7 @@ def exchange_channels(plant: Plant, rows: Sequence[int], columns: Sequence[int])
     return [replace(G, G=G.G[:, list(rows)][:, :, list(columns)]) for G in exact_responses(plant)]
 
 
-def exchange_configurations(plant: Plant, first: str, second: str) -> list[Response]:
+def swap_names(plant: Plant, first: str, second: str) -> list[Response]:
     """Exchange the names of two configurations."""
     order, responses = {first: second, second: first}, {G.configuration.name: G for G in exact_responses(plant)}
     return [replace(responses[order.get(n, n)], configuration=G.configuration) for n, G in responses.items()]

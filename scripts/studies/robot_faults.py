@@ -16,16 +16,16 @@ from elastid.robot import Body, GearCoupling, Joint, Payload, Robot, Spring
 from elastid.robot.simplified import with_joints
 
 
-def scale_numbers(plant: Plant, factor: float, *names: str, added: float = 0.0) -> list[Response]:
+def scale(plant: Plant, factor: float, *names: str, added: float = 0.0) -> list[Response]:
     """Multiply numbers of the robot by a factor, and add a constant."""
     values = plant.robot.parameters(tuple(plant.robot.geometry))
     changed = {name: factor * values[name][0] + added for name in names}
     return exact_responses(plant, plant.robot.with_parameters(changed))
 
 
-def shift_number(plant: Plant, step: float, name: str) -> list[Response]:
+def shift(plant: Plant, step: float, name: str) -> list[Response]:
     """Add a constant to a number of the robot."""
-    return scale_numbers(plant, 1.0, name, added=step)
+    return scale(plant, 1.0, name, added=step)
 
 
 def add_payload(plant: Plant, mass: float, at: Sequence[float], inertia: float | None = None) -> list[Response]:
@@ -47,7 +47,7 @@ def increase_payload(plant: Plant, fraction: float, along: float) -> list[Respon
     return exact_responses(plant, replace(plant.robot, payload=load))
 
 
-def remove_payload(plant: Plant) -> list[Response]:
+def unload(plant: Plant) -> list[Response]:
     """Remove the payload."""
     return exact_responses(plant, replace(plant.robot, payload=None))
 
@@ -128,6 +128,6 @@ def _with_elastic_joint(plant: Plant, body: Body, name: str, axis: str, stiffnes
     return exact_responses(plant, replace(plant.robot, bodies=bodies))
 
 
-def change_gravity(plant: Plant, *gravity: float) -> list[Response]:
+def set_gravity(plant: Plant, *gravity: float) -> list[Response]:
     """Change gravity (m/s^2) in the axes of the base."""
     return exact_responses(plant, replace(plant.robot, gravity=gravity))  # type: ignore[arg-type]

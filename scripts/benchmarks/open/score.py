@@ -95,7 +95,7 @@ def guesses(folder: Path, seed: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Print a table and one JSON object."""
+    """Print a row for each robot and one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("results", nargs="*", type=Path)
@@ -110,8 +110,7 @@ def main() -> None:
         for name, estimates in result["robots"].items():
             truth = json.loads((args.folder / "truth" / f"seed-{seed}" / f"{name}.json").read_text())
             row = {"entry": entry, "seed": seed, "robot": name, **score(truth, estimates, seed)}
-            cells = [f"{key} {value:.3g}" for key, value in row.items() if isinstance(value, float)]
-            print(f"{entry:8s} {seed} {name:18s} {row['inside']} of {row['of']} inside, {', '.join(cells)}", flush=True)
+            print(json.dumps(row), flush=True)
             rows.append(row)
     if args.save:
         args.save.write_text('{"open": [\n' + ",\n".join(map(json.dumps, rows)) + "\n]}\n")
