@@ -156,6 +156,16 @@ def test_motions_without_repetition_are_refused_with_remedy(period: dict[str, ob
     assert estimate([record], EstimatorSpec(method="local_rational", band_hz=(0.0, 10.0))).n_lines > 20
 
 
+def test_torques_under_a_reference_in_steps_have_no_period() -> None:
+    """A loop at 500 Hz under references every 20 ms: correlation 0.98 after 10 samples, and 0 after a second."""
+    rng = np.random.default_rng(0)
+    t, omega, phase = np.arange(8000), rng.uniform(1.0, 19.0, (6, 1)) / 500, rng.uniform(0, 6.3, (6, 1))
+    reference, position = (np.sum(np.sin(omega * x + phase), axis=0) for x in (t - t % 10, t - 6))
+    torque = reference - position
+    assert autocorrelation(torque)[10] > 0.95
+    assert find_period(torque[:, None]).best_samples == 0
+
+
 @pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(

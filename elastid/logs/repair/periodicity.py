@@ -172,8 +172,14 @@ def _anywhere(x: FloatArray) -> Repetition:
         period, correlation = _refine(all_lags, int(peak))
         if not _is_as_good(correlation, best):
             continue
-        if correlation >= MIN_CORRELATION or _remainder_is_noise(all_lags, period):
-            return Repetition(0.0, _from_later(all_lags, period), correlation)
+        if correlation < MIN_CORRELATION and not _remainder_is_noise(all_lags, period):
+            continue
+        period = _from_later(all_lags, period)
+        half = round(max(1, len(x) / period // 2) * period)
+        if (
+            np.max(all_lags[half - 1 : half + 2]) >= (1 - MAX_CORRELATION_CHANGE) * correlation
+        ):  # no steps of a reference
+            return Repetition(0.0, period, correlation)
     return Repetition(0.0, 0.0, best)
 
 
