@@ -20,7 +20,6 @@ from elastid.app.study_lines import channel_line, file_line, head_lines, joined,
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.escape import one_line
-from elastid.base.units import dimension_and_size
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.channel_guess import LogGuess, guess_commands, guess_log
 from elastid.logs.channel_names import ChannelGuess, guess_by_name
@@ -30,7 +29,7 @@ from elastid.logs.files.formats import is_text, opened_log
 from elastid.logs.files.text_format import described_format, guess_format
 from elastid.logs.files.universal import is_universal_file, time_histories
 from elastid.logs.headings import is_time
-from elastid.logs.log_signals import signals_of, wrong_cells
+from elastid.logs.log_signals import signals_of, wrong_cell
 from elastid.logs.repair.periodicity import find_period, repetition
 from elastid.robot import Robot
 from elastid.study.robots import Servos
@@ -71,7 +70,7 @@ def texts_from_logs(
     form = guess_format(first)
     with opened_log(first, form) as log:
         clock, signals, shapes = clock_of(log), signals_of(log, MAX_SAMPLES), log.shapes()
-        wrong = wrong_cells(log, [signal.name for signal, _ in signals], MAX_SAMPLES)
+        wrong = wrong_cell(log, [signal.name for signal, _ in signals], MAX_SAMPLES)
     if texts := texts_from_responses(logs, folder, robot):
         return texts
     signals = [(g, x) for g, x in signals if g.name != clock.name]
@@ -86,7 +85,7 @@ def texts_from_logs(
         guess = guess_log(of_pair, clock.rate_hz or 1.0)
         if guess is None:
             code, text = _without_pair([signal for signal, _ in signals], shapes)
-            raise DataError(code, "; ".join(filter(None, (text, *wrong[:1]))), first)
+            raise DataError(code, "; ".join(filter(None, (text, wrong))), first)
         source = replace(source, measurements=measurements, signals=of_pair, shapes={})
     guess = replace(guess, is_motion=guess.is_motion and clock.rate_hz is not None)  # without it there is no speed
     guess = guess if robot is None and not guess.is_motion else guess.with_separate_motions()
@@ -98,12 +97,12 @@ def texts_from_logs(
     guess = guess if robot is None else in_order_of(robot, guess, positions)
     unused = list(_unused(guess, [signal for signal, _ in source.signals], source.shapes, clock))
     unused += [f"# Torque sensors are not used: {one_line(guess.sensor_doubt)}"] if guess.sensor_doubt else []
-    unused += [f"# First cell without a number: {one_line(cell.partition('. ')[0])}" for cell in wrong]
+    unused += [f"# First cell without a number: {one_line(wrong.partition('. ')[0])}"] if wrong else []
     if guess.is_motion:
         _columns([measurement[0] for measurement in source.measurements], form, guess, False)
         paths = [relative_paths(measurement, folder) for measurement in source.measurements]
         content = [*head_lines("friction", first), *_study(guess, robot, clock), text, *_files(paths), *unused]
-        inertias = [(joint.slides, joint.relation.inertia) for joint in guess.joints]
+        inertias = [(joint.motion.slides, joint.relation.inertia) for joint in guess.joints]
         return {"study.yml": joined(content), "robot.yml": joined(_robot(inertias, "the torque"))}
     lines = _torque_study_lines(source, folder, guess, robot, frame, positions)
     return {"study.yml": joined([*head_lines("responses" if robot is None else "elasticity", first), *lines, *unused])}
@@ -266,9 +265,7 @@ def _command_files(
         lines += [channel_line("y", f"motor {name}", y), channel_line("reference", f"motor {name}", reference)]
     lines += [f"    controller: {{position_gain: [{numbers[0]}], velocity_gain: [{numbers[1]}]}} # {why}", text]
     content = {"study.yml": joined([*lines, *files, *end])}
-    inertias = [
-        (dimension_and_size(y.unit)[0].startswith("m"), x) for (y, _), x in zip(pairs, kd**2 / kp / 4, strict=True)
-    ]
+    inertias = [(y.slides, x) for (y, _), x in zip(pairs, kd**2 / kp / 4, strict=True)]
     return content if robot is not None else content | {"robot.yml": joined(_robot(inertias, "critical damping"))}
 
 
@@ -354,7 +351,7 @@ def _study(
             yield channel_line(role, place, spec)
         return
     for name, joint in zip(names, guess.joints, strict=True):
-        yield channel_line("u", f"motor {name}", joint.torque, "force" if joint.slides else "torque")
+        yield channel_line("u", f"motor {name}", joint.torque, "force" if joint.motion.slides else "torque")
         yield channel_line("y", f"motor {name}", joint.motion)
         if joint.sensor and not guess.sensor_doubt:
             line = channel_line("d", f"motor {name}", joint.sensor)

@@ -15,6 +15,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.units import dimension_and_size, of_translation, units_of, usual_spelling
 from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpec, Places
 from elastid.logs.channel_names import DRIVES, guess_by_name
+from elastid.logs.headings import in_brackets
 from elastid.logs.motion_relations import (
     MAX_EFFICIENCY,
     MIN_CORRELATION,
@@ -26,6 +27,7 @@ from elastid.logs.motion_relations import (
     travel,
 )
 from elastid.logs.repair import bridged
+from elastid.logs.repair.clock_drift import MIN_DELAY_CORRELATION
 from elastid.logs.units_and_sides import link_side_factor, to_joints, value_refusals
 from elastid.robot import Joint, Robot
 
@@ -62,10 +64,9 @@ def doubts_by_names(channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
             text = f"{guess.name} is a {guess.quantity} by its name, and {words[1]}, stated as a motion, a torque"
             yield Doubt(i, "channel", f"{text}: exchange them")
         unit = channel.unit or QUANTITY_UNIT[channel.quantity]
-        in_brackets = re.search(r"[\[(][^\])]+[\])]\s*$", channel.channel) is not None
         is_same_kind = (guess.quantity in MOTIONS and channel.role == "y") or guess.quantity == channel.quantity
         is_other = dimension_and_size(unit) != dimension_and_size(guess.unit or unit) and guess.scale == 1
-        if in_brackets and channel.scale == 1 and is_same_kind and is_other:
+        if in_brackets(channel.channel) and channel.scale == 1 and is_same_kind and is_other:
             key = "unit" if guess.quantity == channel.quantity else "quantity"
             text = f"the heading {guess.name} says {guess.quantity} in {guess.unit}"
             yield Doubt(i, key, f"{text}, and not {channel.quantity} in {unit}. Correct the heading or the channel")
@@ -93,7 +94,6 @@ def _family_doubts(members: Sequence[int], labels: Sequence[str], channels: Sequ
 
 
 # Limits of warnings about channels. 150 clean logs cause none (scripts/studies/results.csv).
-MAX_QUANTITY_CORRELATION = 0.5  # of one motion with another as the quantity that is stated
 # |log| of a gain that is as stated, and of its distance from a known factor.
 MAX_GAIN, MAX_FACTOR = 0.3, 0.1
 MAX_PLAY = 1.0  # |log| of a gain of two positions of a joint, whose spring may lie between them
@@ -184,7 +184,7 @@ def _motion_doubts(joint: JointSignals) -> Iterator[Doubt]:
         stated_order = joint.order(b) - joint.order(a)
         at_order, best = relations[stated_order], max(relations, key=lambda k: abs(relations[k].correlation))
         gain, order = abs(at_order.gain), joint.order(a) + best
-        if abs(at_order.correlation) < MAX_QUANTITY_CORRELATION and abs(relations[best].correlation) > MIN_CORRELATION:
+        if abs(at_order.correlation) < MIN_DELAY_CORRELATION and abs(relations[best].correlation) > MIN_CORRELATION:
             i, k = (b, order) if 0 <= order < len(MOTIONS) else (a, joint.order(b) - best)
             text = f"{joint.named(b)} is proportional to the derivative of order {best} of {joint.named(a)}"
             yield Doubt(

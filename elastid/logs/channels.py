@@ -149,21 +149,16 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     aligned = _align(at_rate, period, experiment)
     n = min(len(group.signals) for group in aligned)
     columns = {i: x[:n] for group in aligned for i, x in zip(group.members, group.signals.T, strict=True)}
-    firsts: dict[tuple[str, str], int] = {}  # a signal that two files hold is taken from the first
-    for i in sorted(range(len(channels)), key=lambda i: (channels[i].file, i)):
-        firsts.setdefault((channels[i].role, channels[i].at), i)
+    # A signal that two files hold is taken from the first.
+    by_file = sorted(range(len(channels)), key=lambda i: (channels[i].file, i), reverse=True)
+    firsts = {(channels[i].role, channels[i].at): i for i in by_file}
     keep = sorted(firsts.values(), key=lambda i: (channels[i].role == "d", i))
+    selection = tuple(channels[i] for i in keep)
     rows = groups[0].rows if len(groups) == 1 else None
-    drivers = [keep[j] for j in driver_columns([channels[i] for i in keep])]
-    log = replace(experiment.log(1, [channels[i].full_name for i in keep], known_hz), rows=rows)
-    begin = _begin(np.stack([columns[i] for i in drivers]).T, period, log)
-    return GatheredChannels(
-        signals=np.stack([columns[i][begin:] for i in keep]).T,
-        channels=tuple(channels[i] for i in keep),
-        rate_hz=lowest,
-        period=period,
-        log=log.after(begin),
-    )
+    log = replace(experiment.log(1, [channel.full_name for channel in selection], known_hz), rows=rows)
+    values = np.stack([columns[i] for i in keep]).T
+    begin = _begin(values[:, driver_columns(selection)], period, log)
+    return GatheredChannels(values[begin:], selection, lowest, period, log.after(begin))
 
 
 def report_unused_references(channels: Sequence[ChannelSpec], log: Log, used: Sequence[int] = ()) -> None:
@@ -179,14 +174,14 @@ def report_unused_references(channels: Sequence[ChannelSpec], log: Log, used: Se
 
 def _begin(drivers: FloatArray, period: float | None, log: Log) -> int:
     """Return the first sample of the first period in which the excitation (n, d) is not zero throughout."""
-    rest = 0 if period is None else samples_before_motion(drivers)
-    count = int(rest / period) if period else 0
-    if count == 0:
+    rest = samples_before_motion(drivers)
+    if period is None or rest < period:
         return 0
+    count = int(rest / period)
     periods = "period" if count == 1 else f"{count} periods"
     text = f"the excitation starts at {log.time_of(rest)}; {periods} before it, at zero velocity, are discarded"
     log.report("rest left out", count, text)
-    return math.ceil(count * (period or 0))
+    return math.ceil(count * period)
 
 
 def period_samples_of_channel(period_s: float, rate_hz: float, recorded: RecordedSpec, file: FileSpec) -> float:

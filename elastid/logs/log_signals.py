@@ -74,13 +74,15 @@ def _with_counts(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
     return replace(guess, why=f"? whole numbers without a unit: {remedy}")
 
 
-def wrong_cells(log: Log, names: Sequence[str], most: int) -> list[str]:
-    """Return message on the first cell of a text without a number: first among the signals, then in other columns."""
+def wrong_cell(log: Log, names: Sequence[str], most: int) -> str:
+    """Return message on the first cell of a text without a number, in columns with these names, if any, else in all.
+
+    Empty without such a cell, and for other formats.
+    """
     if not isinstance(log, TextLog):
-        return []
-    groups = [[i for i, name in enumerate(name for name, _ in log.named_columns()) if name in names]]
-    groups += [[*range(log.n_columns)]] if not groups[0] else []
-    return [cell for cell in [log.wrong_cell(groups[-1], slice(0, most))] if cell]
+        return ""
+    columns = [i for i, (name, _) in enumerate(log.named_columns()) if name in names]
+    return log.wrong_cell(columns or range(log.n_columns), slice(0, most))
 
 
 def _with_gravity(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[ChannelGuess, FloatArray]]:

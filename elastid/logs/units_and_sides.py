@@ -33,14 +33,11 @@ def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterato
     """Yield place, key and reason of each channel that is off the robot, in a wrong unit, or given twice."""
     motors, signals = places.motor_locations, set[tuple[str, str, int]]()
     for i, channel in enumerate(channels):
-        if channel.role == "d" and channel.at not in motors:
-            text = (
-                f"'{channel.at}' is no motor; a disturbance (role d) acts at a motor: "
-                f"{did_you_mean(channel.at, motors)}"
-            )
-            yield i, "at", text
-        elif channel.role in ("r", "u", "reference") and channel.at not in motors:
-            yield i, "at", f"no motor or input is called '{channel.at}'; {did_you_mean(channel.at, motors)}"
+        hint = "" if channel.at in motors else did_you_mean(channel.at, motors)
+        if channel.role == "d" and hint:
+            yield i, "at", f"'{channel.at}' is no motor; a disturbance (role d) acts at a motor: {hint}"
+        elif channel.role in ("r", "u", "reference") and hint:
+            yield i, "at", f"no motor or input is called '{channel.at}'; {hint}"
         else:
             try:
                 places.check_location(channel.at)
@@ -59,14 +56,12 @@ def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterato
         if signal in signals:
             yield i, "at", f"two channels have role {channel.role} at '{channel.at}'. Omit one"
         signals.add(signal)
-        has_torque = any(c.role == "u" and c.at == channel.at for c in channels)
-        if channel.role == "d" and channel.at in motors and not has_torque:
+        if channel.role == "d" and not hint and ("u", channel.at) not in {(c.role, c.at) for c in channels}:
             yield i, "at", f"d needs a channel of role u at '{channel.at}'. Add that channel"
-    at = {role: {c.at for c in channels if c.role == role} for role in ("r", "u")}
-    if at["r"] and at["r"] != at["u"]:
-        first = next(i for i, channel in enumerate(channels) if channel.role == "r")
-        text = f"channels with role r are at {', '.join(sorted(at['r']))}, channels with role u at"
-        yield first, "at", f"{text} {', '.join(sorted(at['u']))}. List r for every input or for none"
+    sent, acting = (sorted({c.at for c in channels if c.role == role}) for role in ("r", "u"))
+    if sent and sent != acting:
+        text = f"channels with role r are at {', '.join(sent)}, channels with role u at {', '.join(acting)}"
+        yield [c.role for c in channels].index("r"), "at", f"{text}. List r for every input or for none"
 
 
 def link_side_factor(channel: ChannelSpec, robot: Places) -> float:
@@ -178,15 +173,13 @@ def report_drives(channels: Sequence[ChannelSpec], signals: FloatArray, N: int |
     for channel, r in zip(channels, signals.T, strict=True):
         if channel.role != "r":
             continue
-        place, acting = channel.at, signals[:, u[channel.at]]
+        text, acting = f"u at {channel.at}", signals[:, u[channel.at]]
         if np.ptp(r) > 0 and np.array_equal(r, acting):
-            text = (
-                f"u at {place} equals r to the last bit: the command was logged twice, and u lacks feedback, drive "
-                "limits and delay. Log the acting torque, or omit the channel of role r without feedback"
-            )
+            text += " equals r to the last bit: the command was logged twice, and u lacks feedback, drive limits and "
+            text += "delay. Log the acting torque, or omit the channel of role r without feedback"
             log.note("records/same-signal", text)
         elif (rho := _at_once(r, acting, N)) <= -MIN_DELAY_CORRELATION:
-            text = f"u at {place} and r have opposite signs (correlation {rho:.2f}). Give the inverted channel sign: -1"
+            text += f" and r have opposite signs (correlation {rho:.2f}). Give the inverted channel sign: -1"
             log.note("records/torque", text)
     C = np.cov(signals, rowvar=False)
     compared = [i for i, c in enumerate(channels) if c.role in ("u", "y") and c.at.startswith("motor ") and C[i, i] > 0]
@@ -269,8 +262,9 @@ def hold_samples(recorded: RecordedSpec, channels: Sequence[ChannelSpec], rate_h
 
     A channel with a higher rate of its own, brought to rate_hz, is held for a sample of its own rate.
     """
-    torques = [channel for channel in channels if channel.role == "u"]
-    rates = [channel.rate_hz or recorded.rate_hz for channel in torques]
-    rates_hz = [rate_hz if isinstance(rate, str) else float(rate) for rate in rates]
-    are_zoh = [(channel.hold or recorded.hold) == "zero-order" for channel in torques]
-    return tuple(rate_hz / rate if is_zoh else 0.0 for is_zoh, rate in zip(are_zoh, rates_hz, strict=True))
+    default_hz = rate_hz if recorded.rate_hz == "unknown" else recorded.known_rate_hz
+    return tuple(
+        rate_hz / float(c.rate_hz or default_hz) if (c.hold or recorded.hold) == "zero-order" else 0.0
+        for c in channels
+        if c.role == "u"
+    )

@@ -189,22 +189,15 @@ class TextLog(Log):
                 raise DataError("records/channels", message + start + otherwise_written(self.path, self.format))
             if column not in (headed if len(headed) > 1 else (None, *headed)):
                 places = ", ".join(map(str, headed))
-                raise DataError(
-                    "records/channels",
-                    f"{self.path}: several columns have the heading '{channel.channel}', {places}. Give column, too"
-                    if column is None
-                    else (
-                        f"{self.path}: the heading '{channel.channel}' is not in column {column} but in column {places}"
-                    ),
-                )
+                text = f"several columns have the heading '{channel.channel}', {places}. Give column, too"
+                if column is not None:
+                    text = f"the heading '{channel.channel}' is not in column {column} but in column {places}"
+                raise DataError("records/channels", text, self.path)
             return (column or headed[0]) - 1
         column = column or 1
         if column > self.n_columns:
-            raise DataError(
-                "records/channels",
-                f"column {column} does not exist; the file has {self.n_columns}, counted from 1. Correct column",
-                self.path,
-            )
+            text = f"column {column} does not exist; the file has {self.n_columns}, counted from 1. Correct column"
+            raise DataError("records/channels", text, self.path)
         return column - 1
 
 
@@ -220,7 +213,10 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
     if problem:
         raise StudyError("study/recorded", problem, "text")
     lines, numbers = _lines(path, text)
-    numbers = _without_end(numbers, text)
+    last = numbers[-HEAD_LINES:]
+    ends = [i for i, line in enumerate(last, start=1) if any(map(is_number, split_line(line, text)))]
+    # EOF or a remark may follow the last line with a number.
+    numbers = _first_lines(numbers, len(numbers) - len(last) + ends[-1]) if ends else numbers
     first = find_data_start(numbers, text.header_lines, text)
     if first >= len(numbers) and not any(line.strip() for line in lines):
         raise DataError("records/text", "the file is empty. Export it again, or name another file", path)
@@ -237,14 +233,6 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
         problem = "channels have different sample times, and blanks do not show empty cells. Export the log with tabs"
         raise DataError("records/text", problem, path)
     yield TextLog(path, text, numbers, headings, first, n_columns, find_units(lines[:first], text, headings))
-
-
-def _without_end(numbers: Sequence[str], text: TextFormatSpec) -> Sequence[str]:
-    """Return lines up to the last one with a number: EOF or a remark may follow it."""
-    last = numbers[-HEAD_LINES:]
-    filled = [i for i, line in enumerate(last, start=1) if any(map(is_number, split_line(line, text)))]
-    n = len(numbers) - len(last) + filled[-1] if filled else len(numbers)
-    return _first_lines(numbers, n)
 
 
 def _first_lines(lines: Sequence[str], n: int) -> Sequence[str]:
@@ -264,9 +252,8 @@ def _lines(path: Path, text: TextFormatSpec) -> tuple[Sequence[str], Sequence[st
     if archive := next((name for mark, name in _ARCHIVES.items() if raw.startswith(mark)), ""):
         raise DataError("files/damaged", f"{archive} is not read. Unpack it, and give the path of the log", path)
     if b"\0" in raw[:4096] and not wide_encoding(raw):
-        raise DataError(
-            "files/damaged", "neither text nor a format that elastid reads. Export it as CSV, MATLAB or HDF5", path
-        )
+        problem = "neither text nor a format that elastid reads. Export it as CSV, MATLAB or HDF5"
+        raise DataError("files/damaged", problem, path)
     if is_large and b"\n" in raw and not wide_encoding(raw) and packing(path) is None:
         encoding = encoding_of(raw[: raw.rindex(b"\n")])
         return FileLines.of(path, encoding, str), FileLines.of(path, encoding, partial(plain_numbers, text=text))
