@@ -54,9 +54,8 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
         ends = zip(fleet.members, outcomes, strict=True)
         rows = [row for member, outcome in ends if not outcome.failed for row in rows_of(folder, member)]
         if not rows:
-            raise FitError(
-                "fleet/members", f"no member was identified: {first_of(_reasons(outcomes))}", f"fleet {fleet.name}"
-            )
+            text = f"no member was identified: {first_of(_reasons(outcomes))}"
+            raise FitError("fleet/members", text, f"fleet {fleet.name}")
         table, values = _write_table(folder, rows), _values(rows)
         findings = find_changes(values, fleet.false_discovery_rate)
         units = {row["parameter"]: row["unit"] for row in rows}
@@ -66,7 +65,12 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
         keep_checksums(folder, WRITTEN)
         for words in (*(f"fleet: {words}" for words in answer.sentences), str(table), str(page)):
             console.say(words)
-        _raise_for(fleet.name, outcomes)
+        failed = [outcome for outcome in outcomes if outcome.failed or outcome.status not in (*COMPARED, "misfit")]
+        misfits = [outcome for outcome in outcomes if outcome.status == "misfit"]
+        for kind, members, error in (("failed", failed, FitError), ("are misfits", misfits, MisfitError)):
+            if members:
+                text = f"{len(members)} of {len(outcomes)} members {kind} and are excluded from the comparison"
+                raise error("fleet/members", f"{text}: {first_of(_reasons(members))}", f"fleet {fleet.name}")
         return page
 
 
@@ -88,19 +92,6 @@ def _check(fleet: Fleet, folder: Path) -> None:
         raise ElastidError("files/folder", f"not writable ({reason}). Give another folder with --run", folder) from None
     for member in fleet.members:
         path_below(folder, MEMBERS, member.name)
-
-
-def _raise_for(name: str, outcomes: Sequence[Outcome]) -> None:
-    failed = [outcome for outcome in outcomes if outcome.failed or outcome.status not in (*COMPARED, "misfit")]
-    misfits = [outcome for outcome in outcomes if outcome.status == "misfit"]
-    for kind, members, error in (("failed", failed, FitError), ("are misfits", misfits, MisfitError)):
-        if members:
-            raise error(
-                "fleet/members",
-                f"{len(members)} of {len(outcomes)} members {kind} and are excluded from the comparison: "
-                f"{first_of(_reasons(members))}",
-                f"fleet {name}",
-            )
 
 
 def _reasons(outcomes: Sequence[Outcome]) -> list[str]:
@@ -170,12 +161,12 @@ def _numbers_of(number: Mapping[str, Any]) -> Row:
 
 def _values(rows: Sequence[Row]) -> tuple[FleetValue, ...]:
     names = {row["parameter"] for row in rows if row["value"]}
-    dated = [
-        row for row in rows if row["std_noise"] is not None and row["status"] in COMPARED and row["parameter"] in names
-    ]
+    keys = ("robot", "date", "parameter", "value", "std_noise")
+    compared = [[row[key] for key in keys] for row in rows if row["status"] in COMPARED and row["parameter"] in names]
     return tuple(
-        FleetValue(row["robot"], day, row["parameter"], row["value"], row["std_noise"])
-        for row, day in zip(dated, [float(date.fromisoformat(row["date"]).toordinal()) for row in dated], strict=True)
+        FleetValue(robot, float(date.fromisoformat(day).toordinal()), *number)
+        for robot, day, *number in compared
+        if number[-1] is not None
     )
 
 

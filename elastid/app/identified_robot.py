@@ -30,7 +30,12 @@ def with_identified_friction(robot: Robot, result: "FrictionResult") -> Robot:
 
     Bristles and elements that the study did not measure stay as the robot's file has them.
     """
-    return with_laws(robot, _identified(robot, result))
+    laws = {
+        joint.joint: (_with_presliding(robot, joint.joint, joint.friction, joint.viscous), joint.viscous)
+        for joint in result.joints
+        if joint.friction is not None and joint.viscous is not None
+    }
+    return with_laws(robot, laws)
 
 
 def robot_files(
@@ -81,14 +86,6 @@ def with_findings(robot: Robot, friction: CompensatedFriction | None, gears: Gea
     if gears is None or gears.refused:
         return with_laws(without_dry_friction(robot), _taken_out(robot, friction))
     return with_effects(robot, gears)
-
-
-def _identified(robot: Robot, result: "FrictionResult") -> dict[str, tuple[Friction, float]]:
-    return {
-        joint.joint: (_with_presliding(robot, joint.joint, joint.friction, joint.viscous), joint.viscous)
-        for joint in result.joints
-        if joint.friction is not None and joint.viscous is not None
-    }
 
 
 def _taken_out(robot: Robot, friction: CompensatedFriction | None) -> dict[str, tuple[Friction, float]]:

@@ -249,12 +249,9 @@ def _show(console: Console, replays: Sequence[Replay], joints: Sequence[JointErr
     console.table([["octave, all joints", "", *PREDICTORS], *bands])
     for test in [test for test in tests if test.is_in_doubt]:
         console.say(f"predict: test of {_words(test)}")
-    if tests_of_all := [test for test in tests if not test.joint and not test.is_in_doubt]:
-        removed, names = (
-            max(test.removed for test in tests_of_all),
-            ", ".join(sorted(test.quantity for test in tests_of_all)),
-        )
-        console.say(f"predict: tests of {names}: {removed:.1%} removed at most; limit {MAX_REMOVED:.0%}")
+    if removed := {test.quantity: test.removed for test in tests if not test.joint and not test.is_in_doubt}:
+        most = f"{max(removed.values()):.1%} removed at most; limit {MAX_REMOVED:.0%}"
+        console.say(f"predict: tests of {', '.join(sorted(removed))}: {most}")
 
 
 def _joint(row: JointError) -> dict[str, Any]:

@@ -250,11 +250,8 @@ class Run:
             return
         key = next((spec.needs for spec in stages_of(self.study.kind).values() if spec.name == name), "")
         advice = f"; give it the section {key}: {{}}, all of whose keys have defaults" if key else ""
-        raise StudyError(
-            "study/stage",
-            f"a study of kind {self.study.kind} has no stage `{name}`{advice}; its stages are {', '.join(self.stages)}",
-            self.loaded.path,
-        )
+        text = f"a study of kind {self.study.kind} has no stage `{name}`{advice}; its stages are"
+        raise StudyError("study/stage", f"{text} {', '.join(self.stages)}", self.loaded.path)
 
     def require(self, stage: str) -> None:
         """Raise StudyError with the command to run if the stage or its inputs are missing."""
@@ -269,10 +266,8 @@ class Run:
         stamp = read_stamp(path)
         command = f"Run `elastid run {self.loaded.path} {name}` first, with the same options"
         if stamp is None or stamp.inputs != required.inputs:
-            raise StudyError(
-                "run/earlier-stage",
-                f"{path} is missing, damaged, or made from another study, other data or other options. {command}",
-            )
+            text = f"{path} is missing, damaged, or made from another study, other data or other options"
+            raise StudyError("run/earlier-stage", f"{text}. {command}")
         why = "" if stamp.code == required.code else f"was made by other code or versions ({stamp.software})"
         if doubt := why or ("" if has_checksum(path) else "has no checksum, so that damage is not detectable"):
             again = f"To make it again: `elastid run {self.loaded.path} {name}`"

@@ -55,10 +55,8 @@ def doubts_by_names(channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
             is_one = (channel.channel, channel.column, channel.file) == (earlier.channel, earlier.column, earlier.file)
             if is_one and "t" not in (channel.role, earlier.role):
                 text = f"{channel.name_in_file} is the {earlier.quantity} at {earlier.at} (role {earlier.role}), and"
-                key = "channel" if channel.channel else "column"
-                yield Doubt(
-                    i, key, f"{text} cannot be the {channel.quantity} at {channel.at} (role {channel.role}), too"
-                )
+                text += f" cannot be the {channel.quantity} at {channel.at} (role {channel.role}), too"
+                yield Doubt(i, "channel" if channel.channel else "column", text)
         words = [n for n in (guess.name, *torques) if re.search(r"[a-z]{2}", n, re.IGNORECASE)]
         if channel.role == "u" and guess.quantity in MOTIONS and words[:1] == [guess.name] and words[1:]:
             text = f"{guess.name} is a {guess.quantity} by its name, and {words[1]}, stated as a motion, a torque"
@@ -168,12 +166,10 @@ def _travel_doubts(joint: JointSignals) -> Iterator[Doubt]:
         if not np.isfinite(limit):
             limit = np.inf if joint.joint.slides or abs(joint.ratio) < MAX_TURNS else 2 * np.pi * MAX_TURNS
         if extent > 1.2 * limit:
-            candidates = [text for factor, text in joint.factors(i) if factor > 1 and extent / factor < limit]
-            text = (
-                f"joint {joint.joint.name} would move over {extent:.4g} {joint.joint.unit}; its range is {limit:.4g}. "
-                f"Set {' or '.join(candidates) or 'the unit of its sensor'}"
-            )
-            yield Doubt(i, "side" if candidates == ["side: motor"] else "unit", text)
+            candidates = [keys for factor, keys in joint.factors(i) if factor > 1 and extent / factor < limit]
+            text = f"joint {joint.joint.name} would move over {extent:.4g} {joint.joint.unit}; its range is {limit:.4g}"
+            remedy = f"Set {' or '.join(candidates) or 'the unit of its sensor'}"
+            yield Doubt(i, "side" if candidates == ["side: motor"] else "unit", f"{text}. {remedy}")
 
 
 def _motion_doubts(joint: JointSignals) -> Iterator[Doubt]:
@@ -187,9 +183,8 @@ def _motion_doubts(joint: JointSignals) -> Iterator[Doubt]:
         if abs(at_order.correlation) < MIN_DELAY_CORRELATION and abs(relations[best].correlation) > MIN_CORRELATION:
             i, k = (b, order) if 0 <= order < len(MOTIONS) else (a, joint.order(b) - best)
             text = f"{joint.named(b)} is proportional to the derivative of order {best} of {joint.named(a)}"
-            yield Doubt(
-                i, "quantity", f"{text}; {joint.channels[i].name_in_file} is probably quantity: {MOTIONS[k % 3]}"
-            )
+            remedy = f"{joint.channels[i].name_in_file} is probably quantity: {MOTIONS[k % 3]}"
+            yield Doubt(i, "quantity", f"{text}; {remedy}")
             return
         if abs(at_order.correlation) < MIN_CORRELATION:
             continue
@@ -259,6 +254,5 @@ def _gain_doubts(joint: JointSignals, a: int, b: int, gain: float, order: int) -
         ratio = f"motor.ratio of joint {joint.joint.name} in the robot's file ({joint.ratio:g})"
         yield Doubt(b, "scale", f"{text}. Check {ratio}, and unit and scale of both")
     elif not candidates and order > 0:
-        yield Doubt(
-            None, "rate_hz", (f"{text}; the sampling rate is probably {gain ** (1 / order) * joint.rate_hz:.4g} Hz")
-        )
+        rate_hz = gain ** (1 / order) * joint.rate_hz
+        yield Doubt(None, "rate_hz", f"{text}; the sampling rate is probably {rate_hz:.4g} Hz")

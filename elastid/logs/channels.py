@@ -87,12 +87,9 @@ class _Experiment:
         scale = rate_hz / self.recorded.known_rate_hz
         first, last = (round(sample * scale) for sample in self.file.samples or (0, n / scale))
         if not 0 <= first < last <= n:
-            raise DataError(
-                "records/range",
-                f"samples [{first / scale:.0f}, {last / scale:.0f}] exceed the file; it has {n / scale:.0f} samples, "
-                "counted from 0, and last is exclusive. Correct samples",
-                self.paths[0],
-            )
+            text = f"samples [{first / scale:.0f}, {last / scale:.0f}] exceed the file; it has {n / scale:.0f} samples,"
+            advice = "counted from 0, and last is exclusive. Correct samples"
+            raise DataError("records/range", f"{text} {advice}", self.paths[0])
         return slice(first, last)
 
     def members(self) -> dict[_Key, list[int]]:
@@ -188,11 +185,9 @@ def period_samples_of_channel(period_s: float, rate_hz: float, recorded: Recorde
     """Return samples of a period at a channel's rate; StudyError if only the study's rate gives a whole number."""
     samples, nominal = (round_samples(period_s * rate) for rate in (rate_hz, recorded.known_rate_hz))
     if not samples.is_integer() and nominal.is_integer() and recorded.period_of(file) != "find":
-        raise StudyError(
-            "study/recorded",
-            f"at {rate_hz:g} Hz the period of {period_s:g} s is {samples:.6g} samples; a common grid with "
-            f"{recorded.rate_hz} Hz needs a whole number. Check rate_hz of the channels",
-        )
+        text = f"at {rate_hz:g} Hz the period of {period_s:g} s is {samples:.6g} samples; a common grid with"
+        advice = f"{recorded.rate_hz} Hz needs a whole number. Check rate_hz of the channels"
+        raise StudyError("study/recorded", f"{text} {advice}")
     return samples
 
 
@@ -274,10 +269,8 @@ def _at_rate(group: _Group, rate_hz: float, period_s: float | None, experiment: 
     names = [experiment.recorded.channels[i].full_name for i in group.members]
     ratio, signals, log = group.rate_hz / rate_hz, group.signals, experiment.log(group.file, names, group.rate_hz)
     times = np.arange(int(len(signals) / ratio), dtype=np.float64) * ratio
-    text = (
-        f"{', '.join(names)} resampled from {group.rate_hz:g} to {rate_hz:g} Hz, exact up to {PASSBAND * rate_hz:g} Hz"
-    )
-    log.report("channels brought to another rate", len(names), text)
+    text = f"{', '.join(names)} resampled from {group.rate_hz:g} to {rate_hz:g} Hz"
+    log.report("channels brought to another rate", len(names), f"{text}, exact up to {PASSBAND * rate_hz:g} Hz")
     if period_s is None:
         signals = resampled_with_gaps(signals, times, 1 / ratio, log)
     else:
@@ -318,11 +311,9 @@ def _align(groups: Sequence[_Group], period: float | None, experiment: _Experime
             signals = np.tile(signals[:N], (n // N + 3, 1))
         times = np.arange(start, n, dtype=np.float64) + shift
         inside = times[(times >= 0) & (times <= len(signals) - 1)]
-        if np.allclose(inside, np.round(inside), atol=1e-3):
-            # A shift of whole samples needs no interpolation.
-            signals = signals[np.round(inside).astype(int)]
-        else:
-            signals = at_times(signals, inside, period)
+        # A shift of whole samples needs no interpolation.
+        is_whole = np.allclose(inside, np.round(inside), atol=1e-3)
+        signals = signals[np.round(inside).astype(int)] if is_whole else at_times(signals, inside, period)
         result.append(replace(group, signals=signals))
     return result
 
@@ -380,16 +371,10 @@ def _file_delay(
         if agreement > max(MIN_DELAY_CORRELATION, 0.0 if shift is None else 2 * abs(match)):
             return lag, "torques and accelerations, to about a millisecond: add delay to fit.parameters"
     if shift is None:
-        raise DataError(
-            "records/period-mismatch",
-            f"its start time is not identifiable: the two clocks have nothing in common (best correlation "
-            f"{correlation:.2f}). Log r, reference or a motor position in both files, or give recorded.time if one "
-            "clock stamps both",
-            path,
-        )
-    if second.first_s is None:
-        return shift, "row number, since no signal is in both"
-    return shift, "time stamps, since no signal is in both"
+        text = "its start time is not identifiable: the two clocks have nothing in common (best correlation "
+        advice = "Log r, reference or a motor position in both files, or give recorded.time if one clock stamps both"
+        raise DataError("records/period-mismatch", f"{text}{correlation:.2f}). {advice}", path)
+    return shift, f"{'row number' if second.first_s is None else 'time stamps'}, since no signal is in both"
 
 
 def _clock_shift(first: _Group, second: _Group, has_excitation: bool) -> float | None:

@@ -153,12 +153,9 @@ def report_controller(match: Match, log: Log) -> None:
         factors = by_p / max(by_v, 1e-300), by_v
         wrong = [f"{n} = {f:.3g} times" for n, f in zip(names, factors, strict=True) if abs(f - 1) > _MAX_GAIN_ERROR]
         if wrong:
-            text = (
-                f"{channel.at}: the logged torques indicate {' and '.join(wrong)} the stated value (limit "
-                f"{100 * _MAX_GAIN_ERROR:.0f} % deviation). Correct experiment.recorded.controller, or the torque "
-                "constant if only velocity_gain deviates"
-            )
-            log.note("records/controller", text)
+            text = f"{channel.at}: the logged torques indicate {' and '.join(wrong)} the stated value"
+            text += f" (limit {100 * _MAX_GAIN_ERROR:.0f} % deviation). Correct experiment.recorded.controller,"
+            log.note("records/controller", f"{text} or the torque constant if only velocity_gain deviates")
 
 
 def _match(drives: Drives, f: FloatArray, U: ComplexArray, R: ComplexArray, Q: ComplexArray | None) -> Match:
@@ -199,9 +196,8 @@ def _match(drives: Drives, f: FloatArray, U: ComplexArray, R: ComplexArray, Q: C
     starts = [(tau, k * cycle) for k in cycles for tau in np.arange(-2, 4, 0.1) * cycle]
     start = np.array(min(starts, key=unexplained))
     simplex = start + 0.05 * cycle * np.array([[0, 0], [1, 0], [0, 1]])
-    end = minimize(
-        unexplained, start, method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": 1e-3 * cycle}
-    )
+    options = {"initial_simplex": simplex, "xatol": 1e-3 * cycle}
+    end = minimize(unexplained, start, method="Nelder-Mead", options=options)
     delays = float(end.x[0]), 0.0 if Q is None else float(end.x[1])
     C_fb_v, C_ff_v = drives.controlled(f, has_position=False)
     by_velocity = delayed(*delays, C_ff_v * R, 0 * feedback if Q is None else C_fb_v * Q)

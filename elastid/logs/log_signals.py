@@ -126,7 +126,7 @@ def _resample_to_slowest(
     spans = {guess.name: (1e-3 * t[0], 1e-3 * t[-1]) for guess, t, _ in result}
     begin, end = common_span(spans, getattr(log, "path", ""))
     at = np.arange(1e3 * begin, 1e3 * end + slowest / 2, slowest)
-    signals = [(guess, np.interp(at, t, x)) for guess, t, x in result]
+    signals = ((guess, np.interp(at, t, x)) for guess, t, x in result)
     return _with_commands([(guess, x) for guess, x in signals if np.ptp(x) > 0])
 
 

@@ -150,8 +150,7 @@ def responses_in(leaves: Mapping[str, StoredArray]) -> list[str]:
 def struct_table(path: Path, leaves: Mapping[str, StoredArray], name: str) -> ResponseTable:
     """Read the response in a struct; DataError where it or one of its fields is missing."""
     structs = structs_in(leaves)
-    if not name and len(structs) == 1:
-        name = structs[0]
+    name = structs[0] if not name and len(structs) == 1 else name
     if name not in structs:
         names = ", ".join(struct or "its own variables" for struct in structs) or f"none; {HOW_TO_SAVE}"
         raise table_error(path, f"no response '{name}' in it (name it with response); responses in it: {names}")
@@ -325,10 +324,8 @@ def _in_si(
     f_u = np.array([1.0 if n in has_own_unit else newton * (metre if turns.fullmatch(n) else 1.0) for n in inputs])
     if np.all(f_y == 1) and np.all(f_u == 1):
         return np.ones((len(outputs), len(inputs))), ()
-    text = (
-        f"its data set 164 states lengths of {metre:g} m and forces of {newton:g} N, which elastid converts to SI; a "
-        "channel with another unit, or with scale, overrides it"
-    )
+    text = f"its data set 164 states lengths of {metre:g} m and forces of {newton:g} N, which elastid converts to SI; a"
+    text += " channel with another unit, or with scale, overrides it"
     return f_y[:, None] / f_u, (Note("responses/units", text, path.name, severity="information"),)
 
 
@@ -337,10 +334,9 @@ def _responses(path: Path) -> list[dict[str, Any]]:
     responses = [data_set for data_set in sets if int(data_set["func_type"]) == 4]
     if not responses:
         counts = Counter(int(data_set["func_type"]) for data_set in sets)
-        types = (
-            ", ".join(f"{n} of type {kind} ({FUNCTIONS.get(kind, 'other')})" for kind, n in counts.items()) or "none"
-        )
-        text = f"it has no frequency response (function type 4) and no time history (type 1); its data sets 58: {types}"
+        types = (f"{n} of type {kind} ({FUNCTIONS.get(kind, 'other')})" for kind, n in counts.items())
+        text = "it has no frequency response (function type 4) and no time history (type 1); its data sets 58: "
+        text += ", ".join(types) or "none"
         raise table_error(path, f"{text}. Export frequency responses or time histories")
     return responses
 
