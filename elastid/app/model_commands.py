@@ -187,12 +187,12 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, samples: int
 
     rate_hz, delay: None for those of the study.
     """
-    experiment, excitation = run.study.experiment, run.study.excitation
-    study_hz, today = None if excitation is None else excitation.rate_hz, None
+    experiment, study_hz, today = run.study.experiment, None, None
     if (recorded := experiment.recorded) is not None:
         study_hz = None if recorded.rate_hz == "unknown" else recorded.known_rate_hz
         today = None if recorded.controller is None else recorded.controller.spec
     elif experiment.simulated is not None:
+        study_hz = None if run.study.excitation is None else run.study.excitation.rate_hz
         today = experiment.simulated.controller
     hz = rate_hz or study_hz
     if hz is None:
