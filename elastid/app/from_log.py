@@ -143,10 +143,8 @@ def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[in
     lengths = {max(shape): name for name, shape in reversed([*shapes.items()]) if guess_by_name(name, None).quantity}
     if len(lengths) > 1:
         lengths_text = ", ".join(f"{name} {n}" for n, name in lengths.items())
-        return (
-            "records/clock",
-            f"its signals differ in their numbers of samples ({lengths_text}). Export them with one clock",
-        )
+        text = f"its signals differ in their numbers of samples ({lengths_text}). Export them with one clock"
+        return "records/clock", text
     counts = Counter((signal.name, signal.quantity or "unknown") for signal in signals)
     varying = ", ".join(f"{n} {each[0]} ({each[1]})" for each, n in counts.most_common(8)) or "none"
     if any(re.match("psd", signal.name.lower()) for signal in signals):
@@ -154,15 +152,12 @@ def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[in
     elif any(re.search(r"putData\{\d", signal.name) for signal in signals):
         reason = "an iddata object of several experiments. Save each one, getexp(data, k), in a file of its own"
     elif signals and {signal.quantity for signal in signals} == {"acceleration"}:
-        reason = (
-            "accelerations without an input; modes need both. Record the force of a hammer or shaker with the same "
-            "clock, and name both files after --from"
-        )
+        reason = "accelerations without an input; modes need both. Record the force of a hammer or shaker with the same"
+        reason += " clock, and name both files after --from"
     else:
-        reason = (
-            "no input and output recognised: neither a torque (force) with a motion, nor a command for each position. "
-            "Name channels tau_1, q_1, cmd_1, ..., or list the second file under `also` in experiment.recorded.files"
-        )
+        reason = "no input and output recognised: neither a torque (force) with a motion, nor a command for each"
+        reason += " position. Name channels tau_1, q_1, cmd_1, ..., or list the second file under `also` in"
+        reason += " experiment.recorded.files"
     others = ", ".join(name for name in shapes if name not in {signal.name for signal in signals} and not is_time(name))
     varying += f"; constant or empty: {others}" if others else ""
     return "records/channels", f"{reason}. Varying channels: {varying}"
@@ -173,8 +168,9 @@ def _columns(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess, may_di
 
     Raises DataError for a log without one of the channels.
     """
-    names = {channel.name for joint in guess.joints for channel in (joint.torque, joint.motion) if channel.file == 1}
-    names |= {channel.name for channel in guess.further if channel.file == 1 and not guess.is_motion}
+    channels = [channel for joint in guess.joints for channel in (joint.torque, joint.motion)]
+    channels += () if guess.is_motion else guess.further
+    names = {channel.name for channel in channels if channel.file == 1}
     first, *others = (headings_of(path, form) for path in logs)
     for path, row in zip(logs[1:], others, strict=True):
         if (absent := names - {*row}) and not (may_differ and len(row) == len(first)):
@@ -187,8 +183,8 @@ def _controller(path: Path, n_u: int) -> FloatArray | None:
     """Return gains kp and kd (2, n_u) of a log; None unless both exist and are positive."""
     with opened_log(path, guess_format(path)) as log:
         gains = [values for name in GAINS if (values := gains_in(log, name, n_u)) is not None]
-    is_known = len(gains) == len(GAINS) and bool(np.all((np.array(gains) > 0) & np.isfinite(gains)))
-    return np.array(gains) if is_known else None
+    is_usable = len(gains) == len(GAINS) and bool(np.all((np.array(gains) > 0) & np.isfinite(gains)))
+    return np.array(gains) if is_usable else None
 
 
 def _unlike(
@@ -242,13 +238,13 @@ def _command_files(
     kp, kd = gains
     numbers = [", ".join(f"{x:.6g}" for x in values) for values in (kp / kd, kd)]
     paths = [[path] for path in relative_paths(logs, folder)]
-    files, end = list(_files(paths)), list[str]()
+    files, end = _files(paths), list[str]()
     if robot is not None and robot.flexible and "none" not in period[0]:
         runs, form = runs_by_name(logs), guess_format(logs[0])
         motions = [y for y, _ in pairs]
         positions = positions_of([[path] for path in logs], form, motions)
         states, configurations = _configurations(len(logs), motions, robot, positions, [run[0] for run in runs])
-        files = list(_files(paths, states, [Run({}, *run[1:]) for run in runs]))
+        files = _files(paths, states, [Run({}, *run[1:]) for run in runs])
         lines = [*head_lines("elasticity", logs[0]), "robot: robot.yml", "experiment:", *configurations]
         late = "# The delay of the commands is identified, too, unless stated: delay_r: {start: 5 ms, fixed: true}"
         few = "estimator: {method: auto} # one that needs fewer logs than inputs"
@@ -273,12 +269,11 @@ def _unused(
     guess: LogGuess, signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[int, ...]], clock: Clock
 ) -> Iterator[str]:
     """Yield a comment for each reason why columns of a log are not used."""
-    used_keys = {channel.key for joint in guess.joints for channel in (joint.torque, joint.motion)}
-    used_keys |= set() if guess.is_motion else {channel.key for channel in guess.further}
-    sensors = [joint.sensor for joint in guess.joints if joint.sensor]
-    used_keys |= {channel.key for channel in (*guess.references, *sensors)}
-    known_names, reasons = {clock.name, *(signal.name for signal in signals)}, dict[str, list[str]]()
-    if unused_names := [one_line(name) for name in shapes if name not in known_names]:
+    channels = [channel for joint in guess.joints for channel in (joint.torque, joint.motion, joint.sensor) if channel]
+    channels += [*guess.references, *(() if guess.is_motion else guess.further)]
+    used_keys, reasons = {channel.key for channel in channels}, dict[str, list[str]]()
+    signal_names = {clock.name, *(signal.name for signal in signals)}
+    if unused_names := [one_line(name) for name in shapes if name not in signal_names]:
         reasons["times, or no numbers that change"] = unused_names
     for signal in [signal for signal in signals if signal.key not in used_keys]:
         name = f"{signal.name} column {signal.column}".removesuffix(" column None")

@@ -78,9 +78,7 @@ def estimate_configuration(
             response = with_reference_loop(response, recorded, robot, records[0])
         else:
             response = with_image_errors(response, recorded, robot)
-    repairs: Counter[str] = Counter()
-    for record in records:
-        repairs.update(record.repairs)
+    repairs = sum((Counter(record.repairs) for record in records), Counter[str]())
     return replace(response, repairs=dict(repairs)), {*notes_of(records)}
 
 
@@ -146,11 +144,8 @@ def imported_responses(study: Study, base: Path) -> Iterator[Response]:
                 response = replace(response, notes=(*response.notes, Note("responses/hold", text, str(path))))
         else:
             if not spec.channels:
-                raise StudyError(
-                    "study/invalid",
-                    "the inputs and outputs of this file are not stated. List them in experiment.responses.channels",
-                    path,
-                )
+                text = "the inputs and outputs of this file are not stated. List them in experiment.responses.channels"
+                raise StudyError("study/invalid", text, path)
             with naming(path, f"its values are no frequency response; look at them with `elastid inspect {path}`"):
                 table = read_table(path, spec, file.response)
                 response = link_side_response(table, spec, configuration, study.places, estimator.quantity)
@@ -186,10 +181,6 @@ def _response_of_another_run(
         return replace(response, configuration=configuration)
     # Angles that differ by more than 1e-3 rad (positions: 1e-3 m) are another configuration.
     if angles.shape != planned.shape or np.any(np.abs(angles - planned) > 1e-3):
-        raise DataError(
-            "responses/table",
-            f"{name} was measured at {angles.tolist()}, the study's {configuration.name} is at "
-            f"{planned.tolist()}; correct experiment.configurations",
-            path,
-        )
+        text = f"{name} was measured at {angles.tolist()}, the study's {configuration.name} is at {planned.tolist()}"
+        raise DataError("responses/table", f"{text}; correct experiment.configurations", path)
     return replace(response, configuration=configuration)

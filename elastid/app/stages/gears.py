@@ -80,12 +80,9 @@ def on_straight_springs(
     if straight == robot:
         return result, robot
     names = sorted(set(result.parameters.free_names) - set(straight.parameters(straight.geometry)))
-    if terms := [name for name in names if name in robot.parameters()]:
-        raise StudyError(
-            "fit/parameters",
-            f"fit.parameters frees {', '.join(terms)}, and gears finds the law of a spring from the records; leave out "
-            f"{', '.join(terms)}, or the section gears",
-        )
+    if terms := ", ".join(name for name in names if name in robot.parameters()):
+        text = f"fit.parameters frees {terms}, and gears finds the law of a spring from the records"
+        raise StudyError("fit/parameters", f"{text}; leave out {terms}, or the section gears")
     bare = replace(spec, profile=(), bootstrap=0)
     start = identify(responses, straight, bare, model=model, execution=execution.quiet, hypotheses=WITHOUT_OTHER_ROBOTS)
     return start, straight

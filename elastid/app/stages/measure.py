@@ -118,9 +118,8 @@ def tests_of(study: Study, loads: LoadsSpec, responses: Sequence[Response]) -> t
         return tests
     truth = true_robot(study.as_robot(), experiment.simulated.truth)
     placed = tuple(load_of(load, truth) for load in tests)
-    model = formulate(
-        with_frames(truth, (name for load in placed for name in (load.frame, load.read_at))), experiment.simulated.model
-    )
+    frames = (name for load in placed for name in (load.frame, load.read_at))
+    model = formulate(with_frames(truth, frames), experiment.simulated.model)
     thetas = [model.theta] * len(placed)
     exact, _ = LoadedRobot.of(model, placed, thetas, ()).deflections(thetas)
     draws = np.random.SeedSequence([study.seed, len(tests)]).spawn(len(tests))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from elastid.app.console import Console
 from elastid.app.identified_robot import with_findings
-from elastid.app.run import Artefacts, Work
+from elastid.app.run import Artefacts, Work, Write
 from elastid.app.stages.estimate import tool_responses
 from elastid.app.summaries import as_json, validation_summary
 from elastid.base.arrays import FloatArray
@@ -79,15 +79,12 @@ def validate(study: Study, work: Work) -> Artefacts:
         for words in replace(log_comparison, balances=tuple(worst)).sentences:
             console.detail(f"validate: {words}")
 
-    return Artefacts(
-        {
-            "validation.json": as_json(validation_summary(study.name, judged, log_comparison)),
-            "validation.h5": lambda path, stamp: write_validation(
-                path, judged, stamp, log_comparison, measured_modes(fitted)
-            ),
-        },
-        report,
-    )
+    modes = partial(measured_modes, fitted)
+    files: dict[str, Write] = {
+        "validation.json": as_json(validation_summary(study.name, judged, log_comparison)),
+        "validation.h5": lambda path, stamp: write_validation(path, judged, stamp, log_comparison, modes()),
+    }
+    return Artefacts(files, report)
 
 
 def judge(

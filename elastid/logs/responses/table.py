@@ -25,7 +25,6 @@ from elastid.base.units import dimension_and_size
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import ResponsesSpec
-from elastid.logs.channel_names import STANDARD_GRAVITY
 from elastid.logs.files.log import StoredArray
 from elastid.logs.files.text import TextLog
 from elastid.logs.files.universal import FUNCTIONS, UFF_QUANTITIES, is_universal_file, place_of, sets_of
@@ -227,11 +226,10 @@ def _names(leaves: Mapping[str, StoredArray], name: str) -> tuple[str, ...]:
     return tuple(cells) if any(cells) else ()
 
 
-# Length in m and force in N of the unit codes of data set 164.
-_FOOT, _POUND, _KILOGRAM = 0.3048, 4.4482216152605, STANDARD_GRAVITY
+# Length and force of the unit codes of data set 164, by their names in scipy.constants; m and N have none.
 _UNITS = {
-    1: (1.0, 1.0), 2: (_FOOT, _POUND), 3: (1.0, _KILOGRAM), 4: (_FOOT, 0.138254954376), 5: (1e-3, 1e-3),
-    6: (1e-2, 1e-2), 7: (0.0254, _POUND), 8: (1e-3, _KILOGRAM), 10: (1e-3, 1.0)
+    1: "m N", 2: "foot lbf", 3: "m kgf", 4: "foot poundal", 5: "milli milli", 6: "centi centi", 7: "inch lbf",
+    8: "milli kgf", 10: "milli N"
 }  # fmt: skip
 
 
@@ -309,8 +307,13 @@ def _length_and_force(path: Path) -> tuple[float, float]:
     units = sets_of(path, 164)
     if not units:
         return 1.0, 1.0
-    # Of codes other than these the set has the factors, by which numbers are divided.
-    return _UNITS.get(int(units[0]["units_code"])) or (1 / float(units[0]["length"]), 1 / float(units[0]["force"]))
+    from scipy import constants
+
+    if (code := int(units[0]["units_code"])) not in _UNITS:  # the set has the factors, by which numbers are divided
+        return 1 / float(units[0]["length"]), 1 / float(units[0]["force"])
+    sizes = vars(constants) | {"m": 1.0, "N": 1.0, "poundal": constants.pound * constants.foot}
+    length, force = (float(sizes[name]) for name in _UNITS[code].split())
+    return length, force
 
 
 def _in_si(
