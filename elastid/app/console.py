@@ -166,8 +166,8 @@ def _lines(title: str) -> Progress:
             started = now
         if now - last >= INTERVAL_S and 0 < done < total:
             last = now
-            left_s = (now - started) / done * (total - done)
-            remaining = f", about {left_s:.0f} s to go" if done >= MIN_DONE else ""
+            remaining_s = (now - started) / done * (total - done)
+            remaining = f", about {remaining_s:.0f} s to go" if done >= MIN_DONE else ""
             print(f"{printable(title)}: {done} of {total} done{remaining}", file=sys.stderr, flush=True)
 
     return progress

@@ -30,7 +30,7 @@ def explain_name(name: str, study: Path | None = None, folder: Path | None = Non
         rows.append(f"In this run: {f'{result[name]} ({verdict})' if name in result else fixed}.")
         rows.append(f"{capital(remark)}." if (remark := result.base_remarks.get(name)) else "")
     if result is not None and gears.is_file():
-        numbers = () if (opened := read_gears(gears)) is None else opened.numbers
+        numbers = () if (gear_result := read_gears(gears)) is None else gear_result.numbers
         rows += [f"Stage gears: {row.sentence}." for row in numbers if row.name == name]
     if folder is not None and friction.is_file():
         friction_numbers = [row for row in read_friction_result(friction).numbers if row.name == name]

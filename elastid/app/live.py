@@ -179,8 +179,8 @@ class Session:
             stamp = read_stamp(path)
             if stamp is None or stamp.inputs != self.stamp.inputs:
                 text = f"{path} was planned for another study, other data or other options"
-                advice = f"Give another folder with --run, or remove {path.parent} to begin again"
-                raise StudyError("live/study", f"{text}. {advice}")
+                advice = "Give another folder with --run, or remove"
+                raise StudyError("live/study", f"{text}. {advice} {path.parent} to begin again")
             plan = read_plan(path)
         else:
             design, prior = self._design(plans), PriorEstimate.before(problem)
@@ -189,9 +189,9 @@ class Session:
             problem = replace(problem, design=design)
             candidates, robots = problem.candidates(design), self._robots(result, step)
             with self._execution(f"plan of x{step}") as execution:
-                left_s = self.budget_s * (1 + 1e-9) - sum(plan.robot_time_s for plan in plans)
+                remaining_s = self.budget_s * (1 + 1e-9) - sum(plan.robot_time_s for plan in plans)
                 proposal = next_experiment(
-                    problem, candidates, prior, self.goal, robots, f"x{step}", self._seed(step), execution, left_s
+                    problem, candidates, prior, self.goal, robots, f"x{step}", self._seed(step), execution, remaining_s
                 )
             if words := self._refusal(proposal, plans, result):
                 return words
@@ -230,7 +230,7 @@ class Session:
             name, ratio = proposal.option.floor
             goal = 100 * self.goal.widths[name]
             text = f"further measurements cannot narrow {name} below {ratio * goal:.2g} % (goal {goal:.3g} %). Reduce"
-            return f"{text} robot.tolerances, log more signals, or fix a parameter that is correlated with it"
+            return text + " robot.tolerances, log more signals, or fix a parameter that is correlated with it"
         if spent + proposal.plan.robot_time_s <= self.budget_s * (1 + 1e-9):
             return ""
         more = spent + max(proposal.option.more_s, proposal.plan.robot_time_s)
@@ -371,7 +371,7 @@ def require_one_robot_in_any_posture(study: Study) -> None:
         "fit.weights.factors": any(factor.configurations for factor in study.fit.weights.factors),
         "experiment.without_payload": study.experiment.without_payload,
     }
-    for place in (place for place, is_given in unsupported.items() if is_given):
+    for place in (place for place, is_present in unsupported.items() if is_present):
         raise StudyError(
             "live/study",
             "live plans for elasticity, chooses the configurations of one robot itself, without a carrier of constant "

@@ -201,8 +201,8 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, samples: int
     def work(result: Result) -> Used:
         """Analyse and design the loops of the fitted robot; returns them with their files."""
         family = PostureFamily.of(result, [linear.configuration for linear in result.linear], hz)
-        asked_delay = (0 if today is None else today.delay_samples) if delay is None else delay
-        loops = design_loops(run.study.name, result, family, asked_delay, samples, run.study.seed, today, study_hz)
+        delay_samples = (0 if today is None else today.delay_samples) if delay is None else delay
+        loops = design_loops(run.study.name, result, family, delay_samples, samples, run.study.seed, today, study_hz)
         files = {
             "loops.h5": lambda path: write_loops(path, loops, run.stamps["fit"]),
             "loops.yml": lambda path: write_text(path, loops_section(loops)),
@@ -308,9 +308,9 @@ def _elasticity(run: Run, path: Path) -> tuple[LogComparison, dict[str, Any], Se
     if lacking:
         text = f"the fit of another robot has no {', '.join(lacking[:3])}. Use a fit of this robot"
         raise DataError("predict/mismatch", text, f"--with {path}")
-    taken_out, laid_open = path.with_name("frf.h5"), path.with_name("gears.h5")
-    friction = read_friction(taken_out) if taken_out.is_file() else None
-    gears = read_gears(laid_open if laid_open.is_file() else None)
+    frf, gears_file = path.with_name("frf.h5"), path.with_name("gears.h5")
+    friction = read_friction(frf) if frf.is_file() else None
+    gears = read_gears(gears_file if gears_file.is_file() else None)
     model = FittedRobot.of(result, robot, responses, study.model)
     records = run.path("measure") if "measure" in run.stages else None
     validated = Validated(replace(study, validation=ValidationSpec()), model, friction, gears)

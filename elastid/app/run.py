@@ -131,8 +131,8 @@ def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
     for name, stage in stages_of_study(loaded.study).items():
         study, text = stage.sees(loaded.study), loaded.text if "text" in stage.keys.split() else ""
         contents = [[path, hash_of_file(loaded.path.parent / path)] for path in files_of(study)]
-        read = [[source, results[source].inputs] for source in stage.sources if source in results]
-        inputs = hash_of([name, study, text, contents, read])
+        earlier = [[source, results[source].inputs] for source in stage.sources if source in results]
+        inputs = hash_of([name, study, text, contents, earlier])
         results[name] = Stamp(inputs, code, __version__, loaded.study.seed, loaded.text, software())
     return results
 
@@ -205,19 +205,19 @@ class Run:
     def work(self, stage: str) -> Work:
         """Return the files of a stage and its ways of working; optional results that are missing are omitted."""
         row, stamp = self.stages[stage], self.stamps[stage]
-        there = {name: may_miss for name, may_miss in row.sources.items() if name in self.stages}
+        available = {name: may_miss for name, may_miss in row.sources.items() if name in self.stages}
         return Work(
             stage,
             self.partial(stage),
             stamp if "text" in row.keys.split() else replace(stamp, study=""),
             self.loaded.path.parent,
-            {name: self.path(name) for name, may_miss in there.items() if not may_miss or self.is_made(name)},
+            {name: self.path(name) for name, may_miss in available.items() if not may_miss or self.has_result(name)},
             self.jobs,
             self.console,
             "gears" in self.stages,
         )
 
-    def is_made(self, stage: str) -> bool:
+    def has_result(self, stage: str) -> bool:
         """True if the result of a stage is there, made from the same inputs by any version."""
         stamp = read_stamp(self.path(stage))
         return stamp is not None and stamp.inputs == self.stamps[stage].inputs

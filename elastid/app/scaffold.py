@@ -60,7 +60,7 @@ def from_robot(path: Path) -> tuple[Robot, dict[str, str], Servos]:
     if not path.is_file():
         raise StudyError("files/missing", "no such file", path)
     servos: Servos = {}
-    if is_own := path.suffix.lower() in _OF_ELASTID:
+    if is_native := path.suffix.lower() in _OF_ELASTID:
         robot = load_robot(path)
     elif path.suffix.lower() == ".urdf":
         robot = _links_of_urdf(path)
@@ -69,7 +69,7 @@ def from_robot(path: Path) -> tuple[Robot, dict[str, str], Servos]:
     if not robot.driven:
         raise StudyError("robot/file", "nothing drives a joint; give it actuators", path)
     postures, gravity = _postures(robot)
-    if is_own:
+    if is_native:
         rotors = [joint.motor.inertia * joint.motor.ratio**2 for joint in robot.driven if joint.motor is not None]
         inertia, driven, comments = np.array(rotors), robot, tuple[str, ...]()
     else:
@@ -142,8 +142,8 @@ def _with_drive(joint: Joint, of_links: float) -> Joint:
     squared, spring = joint.motor.ratio**2, joint.spring or Spring(float(f"{k:.2g}"), _damping(k))
     rotor = joint.motor.inertia if joint.motor.inertia >= _NO_ROTOR else of_links / squared
     of_file = joint.motor.viscous + joint.viscous / squared
-    is_known = 0 < of_file < (rotor + of_links / squared) / _SOONEST_S
-    viscous = of_file if is_known else float(f"{rotor:.2g}")
+    is_plausible = 0 < of_file < (rotor + of_links / squared) / _SOONEST_S
+    viscous = of_file if is_plausible else float(f"{rotor:.2g}")
     return replace(joint, motor=replace(joint.motor, inertia=rotor, viscous=viscous), spring=spring, viscous=0.0)
 
 

@@ -186,8 +186,8 @@ def period_samples_of_channel(period_s: float, rate_hz: float, recorded: Recorde
     samples, nominal = (round_samples(period_s * rate) for rate in (rate_hz, recorded.known_rate_hz))
     if not samples.is_integer() and nominal.is_integer() and recorded.period_of(file) != "find":
         text = f"at {rate_hz:g} Hz the period of {period_s:g} s is {samples:.6g} samples; a common grid with"
-        advice = f"{recorded.rate_hz} Hz needs a whole number. Check rate_hz of the channels"
-        raise StudyError("study/recorded", f"{text} {advice}")
+        advice = "Hz needs a whole number. Check rate_hz of the channels"
+        raise StudyError("study/recorded", f"{text} {recorded.rate_hz} {advice}")
     return samples
 
 

@@ -154,8 +154,9 @@ def report_controller(match: Match, log: Log) -> None:
         wrong = [f"{n} = {f:.3g} times" for n, f in zip(names, factors, strict=True) if abs(f - 1) > _MAX_GAIN_ERROR]
         if wrong:
             text = f"{channel.at}: the logged torques indicate {' and '.join(wrong)} the stated value"
-            text += f" (limit {100 * _MAX_GAIN_ERROR:.0f} % deviation). Correct experiment.recorded.controller,"
-            log.note("records/controller", f"{text} or the torque constant if only velocity_gain deviates")
+            text += f" (limit {100 * _MAX_GAIN_ERROR:.0f} % deviation)"
+            advice = "Correct experiment.recorded.controller, or the torque constant if only velocity_gain deviates"
+            log.note("records/controller", f"{text}. {advice}")
 
 
 def _match(drives: Drives, f: FloatArray, U: ComplexArray, R: ComplexArray, Q: ComplexArray | None) -> Match:

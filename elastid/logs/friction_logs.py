@@ -271,7 +271,7 @@ class _LogReader:
             return None if is_start or self.file.temperature is None else np.full(n, float(self.file.temperature))
         if float(degrees.max()) > IMPOSSIBLE_DEGC:
             text = f"the temperature of joint {joint} reaches {degrees.max():.4g} degC, which is implausible"
-            raise DataError("records/channels", f"{text}. Set the unit of that channel, K or degF", self.path)
+            raise DataError("records/channels", text + ". Set the unit of that channel, K or degF", self.path)
         return degrees
 
 

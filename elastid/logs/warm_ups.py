@@ -42,10 +42,10 @@ def heat_of(record: FrictionRecord) -> tuple[FloatArray, FloatArray, FloatArray]
     work = np.append(0.0, np.cumsum(acting * np.diff(q)))[edges]
     if abs(q[-1] - q[0]) > MAX_RETURN * np.ptp(q):
         text = f"it moves from {q[0]:.4g} to {q[-1]:.4g} {record.unit} without return, so that the work of gravity and"
-        raise _refusal(record, f"{text} the heat are confounded. Log a motion to and fro")
+        raise _refusal(record, text + " the heat are confounded. Log a motion to and fro")
     if work[-1] <= 0:
         text = f"its torque extracts {-work[-1]:.4g} J from the motion, so that friction would accelerate the joint"
-        raise _refusal(record, f"{text}. Correct the sign of torque or position")
+        raise _refusal(record, text + ". Correct the sign of torque or position")
     T = record.temperature
     readings = np.full(n + 1, np.nan) if T is None else _means(T, edges)
     return record.start_s + edges / rate_hz, np.diff(work) / (np.diff(edges) / rate_hz), readings
@@ -88,7 +88,7 @@ def warm_up_log(records: Sequence[FrictionRecord], files: Sequence[FileSpec]) ->
         pause = float(next_s[0] - time_s[-1])
         if pause < -1.5 / record.rate_hz:
             text = f"it starts at {next_s[0]:.4g} s, before the end of the previous log at {time_s[-1]:.4g} s"
-            raise DataError("friction/warm-up", f"{text}. Correct start, or the order of the files", record.place)
+            raise DataError("friction/warm-up", text + ". Correct start, or the order of the files", record.place)
         first = 0 if pause > 1.5 / record.rate_hz else 1
         power = np.concatenate([power, np.zeros(1 - first), next_power])
         time_s, readings = np.append(time_s, next_s[first:]), np.append(readings, next_readings[first:])
@@ -96,7 +96,7 @@ def warm_up_log(records: Sequence[FrictionRecord], files: Sequence[FileSpec]) ->
     count = max(0.0 if record.temperature is None else step(record.temperature) for record in records)
     if span < least:
         text = f"{span:.4g} s are too short for a warm-up; gears need 10 to 60 minutes. Log at least {least:g} s"
-        raise _refusal(records[0], f"{text}, better two hours, or set purpose: motion")
+        raise _refusal(records[0], text + ", better two hours, or set purpose: motion")
     if not valid.any():
         return WarmUpLog(joint, time_s, power, readings, 0.0, room, room if start is None else start)
     if np.ptp(readings[valid]) < max(count, 1e-9):

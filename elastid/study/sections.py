@@ -108,12 +108,8 @@ class Study:
         """Return the robot; StudyError for a study without one."""
         if self.robot is None:
             stages = "estimate" if self.experiment.responses is not None else "measure, estimate"
-            raise StudyError(
-                "study/stage",
-                f"its stages are {stages} and report; to fit a model give "
-                "robot (the path of its file) and fit.parameters",
-                f"study {self.name} has no robot",
-            )
+            text = f"its stages are {stages} and report; to fit a model give robot (the path of its file) and"
+            raise StudyError("study/stage", f"{text} fit.parameters", f"study {self.name} has no robot")
         return self.robot
 
     def as_friction(self) -> FrictionSpec:
@@ -146,9 +142,7 @@ class Study:
 
     def fitted(self, responses: Iterable[Response]) -> tuple[Response, ...]:
         """Return responses for the fit, without validation configurations."""
-        return tuple(
-            response for response in responses if response.configuration.name not in self.validation.configurations
-        )
+        return tuple(G for G in responses if G.configuration.name not in self.validation.configurations)
 
     @property
     def seeded_fit(self) -> FitSpec:

@@ -109,9 +109,9 @@ def constant_velocity(study: Study, work: Work) -> Artefacts:
 
 def friction(study: Study, work: Work) -> Artefacts:
     """Fit friction: friction.h5, summary.json, identified_robot.yml; a failure leaves a summary and FitError."""
-    name, robot, left_out = study.name, study.as_robot(), study.validation.configurations
+    name, robot, validation_names = study.name, study.as_robot(), study.validation.configurations
     joint_fits = stored.read_constant_velocity(work.sources["constant_velocity"])
-    measured, validation = stored.read_friction_records(work.sources["measure"]).divided(left_out)
+    measured, validation = stored.read_friction_records(work.sources["measure"]).divided(validation_names)
     simulated, recorded = study.experiment.simulated, study.experiment.recorded
     truth = None if simulated is None else true_robot(robot, simulated.truth)
     try:

@@ -55,13 +55,13 @@ def validate(study: Study, work: Work) -> Artefacts:
     records = work.sources.get("measure")
     if records is None and study.experiment.responses is None:
         work.console.say("validate: no simulation in time, because records.h5 is missing or outdated")
-    left_out = study.validation.configurations
+    validation_names = study.validation.configurations
     with work.execution() as execution:
-        judged, log_comparison = judge(basis, left_out, records, work.console, execution)
+        judged, log_comparison = judge(basis, validation_names, records, work.console, execution)
     has_tool = result.tool is not None and not result.tool.disagrees
     predictions = [predict_response(result, G) for G in tool_responses(study.validation.tool, study, work.base)]
     predictions += [
-        predict_response(result, G, is_fitted=has_tool and G.configuration.name not in left_out)
+        predict_response(result, G, is_fitted=has_tool and G.configuration.name not in validation_names)
         for G in tool_responses(study.tool, study, work.base)
     ]
     verdict = judged.verdict
@@ -88,7 +88,7 @@ def validate(study: Study, work: Work) -> Artefacts:
 
 
 def judge(
-    basis: Validated, left_out: Sequence[str], records: Path | None, console: Console, execution: Execution
+    basis: Validated, validation_names: Sequence[str], records: Path | None, console: Console, execution: Execution
 ) -> tuple[Validation, LogComparison]:
     """Compute errors of all responses, those for validation with the interval of a prediction, and of the simulation.
 
@@ -100,9 +100,9 @@ def judge(
     shifts = {
         name: fitted.at(name).response_shifts(G.freq_hz)
         for G in fitted.measured
-        if (name := G.configuration.name) in left_out
+        if (name := G.configuration.name) in validation_names
     }
-    return validate_responses(fitted.measured, fitted.responses, left_out, shifts), log_comparison
+    return validate_responses(fitted.measured, fitted.responses, validation_names, shifts), log_comparison
 
 
 def _balances(basis: Validated, path: Path, console: Console, execution: Execution) -> tuple[TorqueBalance, ...]:

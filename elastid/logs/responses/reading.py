@@ -135,8 +135,8 @@ def _hold_response(path: Path, freq_hz: FloatArray, inputs: Sequence[ChannelSpec
     for j, (channel, rate_hz) in enumerate((channel, _hold_rate_hz(channel, spec)) for channel in inputs):
         if 0 < rate_hz < 2 * freq_hz[-1]:
             text = f"its lines reach {freq_hz[-1]:g} Hz; the held command {channel.name_in_file} at {rate_hz:g} Hz"
-            advice = f"excites up to {rate_hz / 2:g} Hz. Correct rate_hz, or exclude the lines above"
-            raise DataError("responses/lines", f"{text} {advice}", path)
+            text += f" excites up to {rate_hz / 2:g} Hz"
+            raise DataError("responses/lines", text + ". Correct rate_hz, or exclude the lines above", path)
         H[:, j] = zero_order_hold(freq_hz / rate_hz) if rate_hz else 1.0
     return H
 

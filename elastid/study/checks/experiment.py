@@ -131,7 +131,8 @@ def check_excitation(study: Study) -> Iterator[Problem]:
     for key, band in (("estimator", study.estimator.band_hz), ("fit", study.fit.band_hz)):
         if band is not None and not any(band[0] <= f <= band[1] for f in freq_hz):
             text = f"none of the excited lines from {freq_hz[0]:g} to {freq_hz[-1]:g} Hz is within [{band[0]:g},"
-            yield Problem((key, "band_hz"), f"{text} {band[1]:g}] Hz. Widen this band, or excite lines in it")
+            advice = "Widen this band, or excite lines in it"
+            yield Problem((key, "band_hz"), f"{text} {band[1]:g}] Hz. {advice}")
 
 
 _CANDIDATES: KeyPath = ("design", "candidates")

@@ -53,7 +53,7 @@ def _check_groups(study: Study) -> Iterator[Problem]:
     absent = [name for name in study.experiment.configurations if name not in members]
     if fit.robots and absent:
         message = f"configuration {', '.join(absent)} is assigned to no robot"
-        yield Problem(("fit", "robots"), f"{message}. Assign it to the robot of its measurement", at_key=True)
+        yield Problem(("fit", "robots"), message + ". Assign it to the robot of its measurement", at_key=True)
 
 
 def check_loads(study: Study) -> Iterator[Problem]:

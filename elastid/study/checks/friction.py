@@ -115,4 +115,4 @@ def _check_file(study: Study, file: FileSpec, path: KeyPath) -> Iterator[Problem
     motors = sorted({channel.at for channel in study.experiment.channels if channel.role == "u"})
     if file.purpose in ("presliding_loops", "presliding_test") and not file.joint and len(motors) > 1:
         message = f"several motors are logged ({', '.join(motors)}), and in presliding all of them move a little"
-        yield Problem((*path, "purpose"), f"{message}. Set joint to the excited joint")
+        yield Problem((*path, "purpose"), message + ". Set joint to the excited joint")

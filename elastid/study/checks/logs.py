@@ -59,8 +59,8 @@ def _check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterato
     without = [file.path for file in recorded.files if recorded.period_of(file) is None]
     if without and study.estimator.method not in WITHOUT_PERIOD:
         message = f"{study.estimator.method} compares periods, and {without[0]} has no period. Give"
-        advice = "experiment.recorded.period (a time, or find), or choose a method without periods:"
-        yield Problem(("estimator", "method"), f"{message} {advice} {', '.join(WITHOUT_PERIOD)}")
+        advice = "experiment.recorded.period (a time, or find), or choose a method without periods"
+        yield Problem(("estimator", "method"), f"{message} {advice}: {', '.join(WITHOUT_PERIOD)}")
     yield from check_controller(study, recorded)
     if recorded.has_no_torque and study.robot is None:
         message = "no channel has role u (an input). Add the torques, or robot: references alone need its model"
@@ -136,7 +136,7 @@ def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> I
     inputs = robot.load_locations
     if tool.stiffness and len(tool.stiffness) != len(robot.driven):
         message = f"{len(tool.stiffness)} drives for {len(robot.driven)} driven joints of robot {robot.name}"
-        yield Problem((*section, "stiffness"), f"{message}. Give one per joint")
+        yield Problem((*section, "stiffness"), message + ". Give one per joint")
     for i, channel in enumerate(tool.responses.channels):
         place = (*path, "channels", i)
         if channel.role == "u" and channel.at not in inputs:
