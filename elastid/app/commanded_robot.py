@@ -49,14 +49,13 @@ def commanded_robot(robot: Robot, result: FrictionResult) -> Robot:
     If a study by commands has found the inertia of each joint as a whole, bodies on the base have the inertia and the
     gravity of the study; the bodies of other robots are replaced by pendulums about y.
     """
-    values = rigid_numbers(result)
     if not _has_whole_inertias(robot, result):
         return with_armatures(robot, result)
     identified = with_identified_friction(robot, result)
     if not _stands_on_base(robot, result):
         joints = (replace(joint, axis="x" if joint.slides else "y", spring=None) for joint in identified.driven)
         identified = Robot(robot.name, tuple(Body(f"{joint.name} body", joints=(joint,)) for joint in joints))
-    return _with_pendulums(identified, values)
+    return _with_pendulums(identified, rigid_numbers(result))
 
 
 def robot_of_friction(name: str, robot: Robot, result: FrictionResult) -> str:

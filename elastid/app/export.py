@@ -168,9 +168,9 @@ class _Fit(_Responses):
         return {label: robot_of_fit(*values, self.gears) for label, values in parts.items()}
 
     def actuators(self) -> Values:
-        gains, intervals = _gains(self.run.study), {k: fit_intervals(m, self.friction) for k, m in self.linear.items()}
-        robots = self.robot()
-        return {k: actuators_of(m.name, robots[k], intervals[k], gains) for k, m in self.linear.items()}
+        robots, gains = self.robot(), _gains(self.run.study)
+        parts = {k: (m.name, robots[k], fit_intervals(m, self.friction)) for k, m in self.linear.items()}
+        return {label: actuators_of(*values, gains) for label, values in parts.items()}
 
     def draws(self) -> Values:
         run, result, samples = self.run, self.result, {}

@@ -173,8 +173,7 @@ def _values(rows: Sequence[Row]) -> tuple[FleetValue, ...]:
 def _write_table(folder: Path, rows: Sequence[Row]) -> Path:
     """Write fleet.parquet, a row per parameter and member; fleet.csv if no reader of Parquet is installed."""
     if find_spec("pyarrow") is None:
-        path = folder / "fleet.csv"
-        write_rows(path, [rows[0].keys(), *(row.values() for row in rows)])
+        write_rows(path := folder / "fleet.csv", [rows[0].keys(), *(row.values() for row in rows)])
         return path
     import pyarrow
     import pyarrow.parquet

@@ -76,10 +76,9 @@ def texts_from_logs(
     signals = [(g, x) for g, x in signals if g.name != clock.name]
     guess = guess_log(signals, clock.rate_hz or 1.0)
     text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text(first) else ""
-    if guess is None and (pairs := guess_commands(signals, clock.rate_hz or 1.0)):
-        period = _period(np.stack([x for g, x in signals if g.key in {r.key for _, r in pairs}], axis=1))
-        return _command_files(logs, folder, pairs, clock, robot, text, period, servos)
     source = _Logs([(path,) for path in logs], form, text, clock, signals, shapes)
+    if guess is None and (pairs := guess_commands(signals, clock.rate_hz or 1.0)):
+        return _command_files(source, folder, pairs, robot, servos)
     if guess is None:
         measurements, of_pair = in_two_files(logs, form)
         guess = guess_log(of_pair, clock.rate_hz or 1.0)
@@ -206,19 +205,16 @@ def _unlike(
 
 
 def _command_files(
-    logs: Sequence[Path],
-    folder: Path,
-    pairs: Sequence[tuple[ChannelGuess, ChannelGuess]],
-    clock: Clock,
-    robot: Robot | None,
-    text: str,
-    period: Sequence[str],
-    servos: Servos,
+    source: _Logs, folder: Path, pairs: Sequence[tuple[ChannelGuess, ChannelGuess]], robot: Robot | None, servos: Servos
 ) -> dict[str, str]:
     """Draft the files of a study of logs with commands and positions (pairs of channels) and without torques.
 
     A study of elasticity if the robot has elastic gears and the commands a period, else of friction.
     """
+    logs, clock = [files[0] for files in source.measurements], source.clock
+    period, commands = list[str](), {reference.key for _, reference in pairs}
+    if robot is not None and robot.flexible:
+        period = _period(np.stack([x for g, x in source.signals if g.key in commands], axis=1))
     names = robot.driven_names if robot is not None else [str(i + 1) for i in range(len(pairs))]
     order, by_order = order_of_names(names, [y for y, _ in pairs])
     pairs = [(replace(pairs[i][0], why=pairs[i][0].why + by_order), pairs[i][1]) for i in order]
@@ -239,10 +235,9 @@ def _command_files(
     numbers = [", ".join(f"{x:.6g}" for x in values) for values in (kp / kd, kd)]
     paths = [[path] for path in relative_paths(logs, folder)]
     files, end = _files(paths), list[str]()
-    if robot is not None and robot.flexible and "none" not in period[0]:
-        runs, form = runs_by_name(logs), guess_format(logs[0])
-        motions = [y for y, _ in pairs]
-        positions = positions_of([[path] for path in logs], form, motions)
+    if robot is not None and period and "none" not in period[0]:
+        runs, motions = runs_by_name(logs), [y for y, _ in pairs]
+        positions = positions_of(source.measurements, source.form, motions)
         states, configurations = _configurations(len(logs), motions, robot, positions, [run[0] for run in runs])
         files = _files(paths, states, [Run({}, *run[1:]) for run in runs])
         lines = [*head_lines("elasticity", logs[0]), "robot: robot.yml", "experiment:", *configurations]
@@ -250,7 +245,7 @@ def _command_files(
         few = "estimator: {method: auto} # one that needs fewer logs than inputs"
         end = [late, *_FIT, *[few] * (len(names) > 1)]
     else:
-        lines, period = list(head_lines("friction", logs[0])), ()
+        lines, period = list(head_lines("friction", logs[0])), []
         lines += [
             "robot: robot.yml # guessed: geometry and ratios are not in the logs",
             "friction: {} # inertia, friction and command delay from commands and positions, without torque",
@@ -259,7 +254,7 @@ def _command_files(
     lines += ["  recorded:", f"    rate_hz: {clock.rate_hz:.6g} # guessed: {clock.why}", *period, "    channels:"]
     for name, (y, reference) in zip(names, pairs, strict=True):
         lines += [channel_line("y", f"motor {name}", y), channel_line("reference", f"motor {name}", reference)]
-    lines += [f"    controller: {{position_gain: [{numbers[0]}], velocity_gain: [{numbers[1]}]}} # {why}", text]
+    lines += [f"    controller: {{position_gain: [{numbers[0]}], velocity_gain: [{numbers[1]}]}} # {why}", source.text]
     content = {"study.yml": joined([*lines, *files, *end])}
     inertias = [(y.slides, x) for (y, _), x in zip(pairs, kd**2 / kp / 4, strict=True)]
     return content if robot is not None else content | {"robot.yml": joined(_robot(inertias, "critical damping"))}

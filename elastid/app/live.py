@@ -271,11 +271,8 @@ class Session:
         for run, rehearsal in zip(plan.experiments, rehearsals, strict=True):
             swings = problem.simulated.carrier is not None
             if words := contradiction(measured[run.name], plan, rehearsal, coulomb, swings):
-                raise DataError(
-                    "live/logs",
-                    f"{words}. Replace the log and repeat the command; all earlier logs are kept",
-                    f"{self.log(run)} contradicts its plan",
-                )
+                text = words + ". Replace the log and repeat the command; all earlier logs are kept"
+                raise DataError("live/logs", text, f"{self.log(run)} contradicts its plan")
 
     def _size(self, run: Experiment) -> int:
         """Return the size of a run's log in bytes; -1 without a log."""
@@ -371,12 +368,9 @@ def require_one_robot_in_any_posture(study: Study) -> None:
         "fit.weights.factors": any(factor.configurations for factor in study.fit.weights.factors),
         "experiment.without_payload": study.experiment.without_payload,
     }
+    text = "live plans for elasticity, chooses the configurations of one robot itself, without a carrier of constant"
+    text += " velocity, and reads the position of every motor; leave this key out"
     for place in (place for place, is_present in unsupported.items() if is_present):
-        raise StudyError(
-            "live/study",
-            "live plans for elasticity, chooses the configurations of one robot itself, without a carrier of constant "
-            "velocity, and reads the position of every motor; leave this key out",
-            place,
-        )
+        raise StudyError("live/study", text, place)
     if study.excitation is None:
         raise StudyError("study/stage", "this section is needed to plan an experiment", "excitation")

@@ -59,8 +59,7 @@ def _select(section: Any, keys: Iterable[str]) -> Any:
     values = {}
     for name in [field.name for field in fields(section)]:
         value = getattr(section, name)
-        below = [key.partition(".")[2] for key in keys if key.startswith(f"{name}.")]
-        without = [key.partition(".")[2] for key in keys if key.startswith(f"-{name}.")]
+        below, without = ([k.partition(".")[2] for k in keys if k.startswith(f"{sign}{name}.")] for sign in ("", "-"))
         if value is not None and name in keys and without:
             value = _select(value, [field.name for field in fields(value) if field.name not in without])
         elif value is not None and below:

@@ -225,14 +225,10 @@ def predicted(prediction: LogComparison) -> Content:
 
 
 def _rigid_body(body: "RigidBody") -> Content:
-    columns = (json_value(getattr(body, name)) for name in ("names", "units", "values", "std", "predicting"))
-    return {
-        "joints": list(body.joints),
-        "base_parameters": {
-            name: {"value": value, "std": std, "predicting": predicting, "unit": unit}
-            for name, unit, value, std, predicting in zip(*columns, strict=True)
-        },
-    }
+    keys = ("value", "std", "predicting", "unit")
+    columns = (json_value(getattr(body, name)) for name in ("values", "std", "predicting", "units"))
+    rows = (dict(zip(keys, row, strict=True)) for row in zip(*columns, strict=True))
+    return {"joints": list(body.joints), "base_parameters": dict(zip(body.names, rows, strict=True))}
 
 
 def failed_friction(name: str, message: str) -> Content:

@@ -79,13 +79,14 @@ def _family_doubts(members: Sequence[int], labels: Sequence[str], channels: Sequ
     units = [channels[i].unit or QUANTITY_UNIT[channels[i].quantity] for i in members]
     sizes = [dimension_and_size(unit) for unit in units]
     majority, count = Counter(sizes).most_common(1)[0]
+    first = sizes.index(majority)
     digits = [re.sub(r"\D", "", channels[i].at) for i in members]
     are_numbered = sorted(digits) == sorted(labels) and len({*digits}) == len(digits)
     for i, unit, size, label, number in zip(members, units, sizes, labels, digits, strict=True):
         name = channels[i].name_in_file
         if size != majority and size[0] == majority[0] and count == len(members) - 1 > 1:
-            text = f"{name} has unit {unit}, {channels[members[sizes.index(majority)]].name_in_file} and the others"
-            yield Doubt(i, "unit", f"{text} {units[sizes.index(majority)]}. Use one unit for all joints of a log")
+            text = f"{name} has unit {unit}, {channels[members[first]].name_in_file} and the others {units[first]}"
+            yield Doubt(i, "unit", text + ". Use one unit for all joints of a log")
         if are_numbered and label != number:
             text = f"{name} has number {label} in its name and is assigned to {channels[i].at}"
             yield Doubt(i, "at", f"{text}. Check the order of the channels")

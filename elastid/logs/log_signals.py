@@ -87,20 +87,17 @@ def wrong_cell(log: Log, names: Sequence[str], most: int) -> str:
 
 def _with_gravity(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[ChannelGuess, FloatArray]]:
     """Set the unit, g or mm/s^2, of three axes of an accelerometer without one, whose mean is gravity."""
-    axes = [
-        (g, float(np.mean(x)))
-        for g, x in signals
-        if g.quantity == "acceleration" and not (g.unit or g.why.startswith("?"))
-    ]
-    gravity = float(np.linalg.norm([mean for _, mean in axes]))
-    is_one = len(axes) == 3 and len({g.parts[0] for g, _ in axes}) == 1
-    units = {"g": ("m/s^2", STANDARD_GRAVITY, 1.0), "mm/s^2": ("mm/s^2", 1.0, 1e3 * STANDARD_GRAVITY)}
-    unit = next((name for name, row in units.items() if is_one and abs(gravity / row[2] - 1) < _MAX_GRAVITY_ERROR), "")
-    if not unit:
+    accelerations = [(g, x) for g, x in signals if g.quantity == "acceleration" and not g.unit]
+    axes = {g: np.mean(x) for g, x in accelerations if not g.why.startswith("?")}
+    if len(axes) != 3 or len({g.parts[0] for g in axes}) > 1:
         return signals
-    members, (si, scale, _) = {g.key for g, _ in axes}, units[unit]
-    why = f"unit {unit}: the mean acceleration is {gravity:.4g}"
-    return [(replace(g, unit=si, scale=scale, why=why) if g.key in members else g, x) for g, x in signals]
+    gravity = float(np.linalg.norm([*axes.values()]))
+    in_g, in_mm = ("g", "m/s^2", STANDARD_GRAVITY, 1.0), ("mm/s^2", "mm/s^2", 1.0, 1e3 * STANDARD_GRAVITY)
+    for name, unit, scale, size in (in_g, in_mm):
+        if abs(gravity / size - 1) < _MAX_GRAVITY_ERROR:
+            why = f"unit {name}: the mean acceleration is {gravity:.4g}"
+            return [(replace(g, unit=unit, scale=scale, why=why) if g in axes else g, x) for g, x in signals]
+    return signals
 
 
 def _resample_to_slowest(

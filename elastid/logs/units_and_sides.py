@@ -87,9 +87,8 @@ def unwrapped(values: FloatArray, turn: float) -> tuple[FloatArray, int]:
     # The shortest counter has 8 bits, and starts again near its ends.
     is_counter = span >= 2**8 - 2**4 and np.all(x == np.round(x))
     steps, whole = np.abs(np.diff(x)), 2.0 ** math.ceil(math.log2(span + 1)) if is_counter else turn
-    largest_step = float(np.max(steps, initial=0.0, where=steps < whole / 2))
-    jumps = steps[steps >= whole / 2]
-    if not jumps.size or largest_step > whole / 4 or np.any(np.abs(jumps - whole) > whole / 6):
+    jumps, others = steps[steps >= whole / 2], steps[steps < whole / 2]
+    if not jumps.size or others.max(initial=0.0) > whole / 4 or np.any(np.abs(jumps - whole) > whole / 6):
         return values, 0
     result = values.astype(np.float64)
     result[is_finite] = np.unwrap(x, period=whole)
@@ -185,11 +184,9 @@ def report_drives(channels: Sequence[ChannelSpec], signals: FloatArray, N: int |
     compared = [i for i, c in enumerate(channels) if c.role in ("u", "y") and c.at.startswith("motor ") and C[i, i] > 0]
     for a, b in combinations(compared, 2):
         if channels[a].role == channels[b].role and C[a, b] ** 2 >= (1 - MAX_DIFFERENCE**2) * C[a, a] * C[b, b]:
-            text = (
-                f"{channels[b].full_name} and {channels[a].full_name} have identical samples, so that one is not the "
-                "signal of its motor. Check channel and column in the study, and the wiring of the logger"
-            )
-            log.note("records/same-signal", text)
+            text = f"{channels[b].full_name} and {channels[a].full_name} have identical samples, so that one is not the"
+            advice = "Check channel and column in the study, and the wiring of the logger"
+            log.note("records/same-signal", f"{text} signal of its motor. {advice}")
 
 
 def _at_once(r: FloatArray, u: FloatArray, N: int | None) -> float:
@@ -220,11 +217,8 @@ def _gear_factor(channel: ChannelSpec, robot: Places) -> float:
         return 1.0
     kind, _, joint = channel.at.partition(" ")
     if kind not in ("motor", "joint") or joint not in robot.driven_names:
-        raise StudyError(
-            "study/recorded",
-            f"side: motor needs a gear; {channel.at} has no gear. Correct at: {', '.join(robot.motor_locations)}",
-            f"channel {channel.name_in_file}",
-        )
+        text = f"side: motor needs a gear; {channel.at} has no gear. Correct at: {', '.join(robot.motor_locations)}"
+        raise StudyError("study/recorded", text, f"channel {channel.name_in_file}")
     ratio = robot.ratio(joint)
     return 1 / ratio if channel.is_motion else ratio
 
@@ -234,13 +228,12 @@ def _place(channels: Sequence[ChannelSpec], like: ChannelSpec, motor: str) -> in
         same_kind = not like.is_motion or channel.quantity == like.quantity
         if (channel.role, channel.side, channel.at) == (like.role, like.side, motor) and same_kind:
             return place
-    raise StudyError(
-        "study/recorded",
-        f"{like.at} is coupled by gears with {motor}, which has no channel with role {like.role} and side: "
-        f"{like.side}{f' for the {like.quantity}' if like.is_motion else ''}. Log it too, or give the signal on the "
-        f"{'link' if like.side == 'motor' else 'motor'} side",
-        f"channel {like.name_in_file}",
+    text = f"{like.at} is coupled by gears with {motor}, which has no channel with role {like.role} and side:"
+    text += (
+        f" {like.side}{f' for the {like.quantity}' if like.is_motion else ''}. Log it too, or give the signal on the"
     )
+    side = "link" if like.side == "motor" else "motor"
+    raise StudyError("study/recorded", f"{text} {side} side", f"channel {like.name_in_file}")
 
 
 def on_one_side(channels: Sequence[ChannelSpec], signals: FloatArray, T: FloatArray) -> tuple[FloatArray, FloatArray]:

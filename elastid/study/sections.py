@@ -92,17 +92,16 @@ class Study:
     @property
     def display(self) -> Display:
         """Sections that are given, in words."""
-        configurations = ", ".join(self.experiment.configurations)
-        rows = [("robot", self.robot.name)] if self.robot is not None else []
-        rows += [("configurations", configurations)] if configurations else []
+        rows = {"robot": self.robot.name} if self.robot is not None else {}
+        rows["configurations"] = ", ".join(self.experiment.configurations)
         if self.excitation is not None:
             low, high = self.excitation.band_hz
-            rows.append(("excitation", f"{low:g} to {high:g} Hz at {self.excitation.rate_hz:g} Hz"))
-        if self.fit.parameters:
-            rows.append(("parameters", ", ".join(self.fit.parameters)))
+            rows["excitation"] = f"{low:g} to {high:g} Hz at {self.excitation.rate_hz:g} Hz"
+        rows["parameters"] = ", ".join(self.fit.parameters)
         if self.friction is not None:
-            rows.append(("friction of", ", ".join(self.friction.joints) or "all joints"))
-        return Display(f"Study '{self.name}' (kind: {self.kind}), seed {self.seed}", ("section", "content"), rows)
+            rows["friction of"] = ", ".join(self.friction.joints) or "all joints"
+        content = [row for row in rows.items() if row[1]]
+        return Display(f"Study '{self.name}' (kind: {self.kind}), seed {self.seed}", ("section", "content"), content)
 
     def as_robot(self) -> Robot:
         """Return the robot; StudyError for a study without one."""

@@ -103,17 +103,15 @@ def _artefacts(
         console.notes(note for note in notes if note.code != "frf/method")
         lines = {r.configuration.name: r.n_lines for r in responses}
         plural = "s" * (len(responses) != 1)
-        counts = sorted(set(lines.values()))
-        each = f"with {counts[0]} DFT lines{' each' * bool(plural)}" if len(counts) == 1 else ""
-        each = each or f"(DFT lines: {listed(lines)})"
-        console.say(f"estimate: FRF{plural} of {len(responses)} configuration{plural} {each}")
-        compensated = {}
-        for row in () if friction is None else friction_rows(friction):
-            if row.coulomb_torque is not None:
-                compensated[row.place] = f"{row.coulomb_torque:.4g} {row.unit} (std {row.std:.2g})"
-        if compensated:
+        sizes = f"(DFT lines: {listed(lines)})"
+        if len({*lines.values()}) == 1:
+            sizes = f"with {responses[0].n_lines} DFT lines{' each' * bool(plural)}"
+        console.say(f"estimate: FRF{plural} of {len(responses)} configuration{plural} {sizes}")
+        rows = [] if friction is None else [row for row in friction_rows(friction) if row.coulomb_torque is not None]
+        if rows:
+            torques = {row.place: f"{row.coulomb_torque:.4g} {row.unit} (std {row.std:.2g})" for row in rows}
             motors = "Coulomb friction of the motors (link-side values)"
-            console.say(f"estimate: {motors} subtracted from the torque: {listed(compensated)}")
+            console.say(f"estimate: {motors} subtracted from the torque: {listed(torques)}")
         for note in () if friction is None else friction.notes:  # warnings were printed before
             if note.severity == "information" and note.code != "nonlinear/friction-compensated":
                 console.say(f"estimate: {note.text}")

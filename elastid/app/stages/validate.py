@@ -79,10 +79,9 @@ def validate(study: Study, work: Work) -> Artefacts:
         for words in replace(log_comparison, balances=tuple(worst)).sentences:
             console.detail(f"validate: {words}")
 
-    modes = partial(measured_modes, fitted)
     files: dict[str, Write] = {
         "validation.json": as_json(validation_summary(study.name, judged, log_comparison)),
-        "validation.h5": lambda path, stamp: write_validation(path, judged, stamp, log_comparison, modes()),
+        "validation.h5": lambda p, stamp: write_validation(p, judged, stamp, log_comparison, measured_modes(fitted)),
     }
     return Artefacts(files, report)
 

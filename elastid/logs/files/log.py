@@ -185,9 +185,8 @@ class ArrayLog:
         if 0 in matrix.shape:
             raise self._refusal(f"channel {name} contains no samples. Measure again")
         if channel.column is None and columns > 1:
-            raise self._refusal(
-                f"channel {name} contains {columns} signals of {n} samples. Give column: 1 to {columns}"
-            )
+            text = f"channel {name} contains {columns} signals of {n} samples"
+            raise self._refusal(f"{text}. Give column: 1 to {columns}")
         column = channel.column or 1
         if column > columns:
             raise self._refusal(f"channel {name} has {columns} columns, counted from 1, not {column}. Correct column")

@@ -149,7 +149,8 @@ def serve() -> None:
                 opened.close()
                 last, signals = None, dict(opened.enter_context(file.opened()).arrays)
                 last = file
-            reply = _values(signals[name], span) if name else {n: _fields(x) for n, x in signals.items()}
+            rows = ((n, (x.shape, x.dtype, x.units, x.rate_hz, x.rows is not None, x.time)) for n, x in signals.items())
+            reply = _values(signals[name], span) if name else dict(rows)
         except MemoryError:
             amount = f"more than {limit / 1e9:.3g} GB of" if limit else "more"
             reply = ValueError(f"its reader needs {amount} memory")
@@ -182,10 +183,6 @@ def limit_memory() -> int:
     except (ValueError, OSError):
         return 0
     return limit
-
-
-def _fields(array: StoredArray) -> tuple[object, ...]:
-    return array.shape, array.dtype, array.units, array.rate_hz, array.rows is not None, array.time
 
 
 def _values(array: StoredArray, span: slice | None) -> NDArray[Any]:

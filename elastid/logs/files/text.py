@@ -143,9 +143,7 @@ class TextLog(Log):
         Dates and times of day are s.  Rows of words, such as headings, are no samples.
         """
         nonempty = [fields for line in lines if (fields := split_line(line, self.format))]
-        rows = [
-            fields for fields in nonempty if any(is_number(field) or TIME_STAMP.fullmatch(field) for field in fields)
-        ]
+        rows = [fields for fields in nonempty if any(is_number(cell) or TIME_STAMP.fullmatch(cell) for cell in fields)]
         columns = [cell_values([row[i] if i < len(row) else "" for row in rows]) for i in selection]
         is_wrong = np.any([is_missing for _, is_missing in columns], axis=0)
         return np.stack([x for x, _ in columns], axis=1), int(is_wrong.sum()) + len(nonempty) - len(rows)
@@ -160,20 +158,16 @@ class TextLog(Log):
 
     def _complaint(self, columns: Sequence[int], lines: Sequence[str], first: int) -> str:
         for number, line in enumerate(lines, start=first + 1):
-            fields = split_line(line, self.format)
+            fields, row = split_line(line, self.format), f"{self.path}, row {number}"
             for column in columns if fields else ():
                 title = f" ('{self.headings[column]}')" if column < len(self.headings) else ""
                 if column >= len(fields):
-                    return (
-                        f"{self.path}, row {number}: {len(fields)} columns; column {column + 1}{title} is needed. "
-                        "Correct the row, or exclude it by samples"
-                    )
+                    text = f"{row}: {len(fields)} columns; column {column + 1}{title} is needed"
+                    return text + ". Correct the row, or exclude it by samples"
                 if cell_values(fields[column : column + 1])[1].any():
-                    return (
-                        f"{self.path}, row {number}, column {column + 1}{title}: '{fields[column]}' is not a number. "
-                        "Check delimiter and decimal under text, or correct the "
-                        f"row{otherwise_written(self.path, self.format)}"
-                    )
+                    text = f"{row}, column {column + 1}{title}: '{fields[column]}' is not a number"
+                    advice = "Check delimiter and decimal under text, or correct the row"
+                    return f"{text}. {advice}{otherwise_written(self.path, self.format)}"
         return ""
 
     def _column(self, channel: ChannelSpec) -> int:
@@ -221,12 +215,10 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
     if first >= len(numbers) and not any(line.strip() for line in lines):
         raise DataError("records/text", "the file is empty. Export it again, or name another file", path)
     if first >= len(numbers):
-        raise DataError(
-            "records/text",
-            f"no numbers in its {len(lines)} lines after header_lines: {text.header_lines} with delimiter "
-            f"'{text.delimiter}'. Set delimiter, decimal and header_lines under text{otherwise_written(path, text)}",
-            path,
-        )
+        problem = f"no numbers in its {len(lines)} lines after header_lines: {text.header_lines} with delimiter"
+        advice = "Set delimiter, decimal and header_lines under text"
+        message = f"{problem} '{text.delimiter}'. {advice}{otherwise_written(path, text)}"
+        raise DataError("records/text", message, path)
     n_columns = len(split_line(numbers[first], text))
     headings = find_headings(lines[:first], text, n_columns)
     if delimiter is None and is_scope(headings) and len(split_line(numbers[-1], text)) < n_columns:

@@ -81,7 +81,7 @@ class Log:
 def blocks(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
     """Fold to X (P, L): the whole repetitions of a signal (n,), every second one with opposite sign if sign is -1."""
     X = folded(x, L)
-    return X if sign > 0 else X * float(sign) ** np.arange(len(X))[:, None]
+    return X * float(sign) ** np.arange(len(X))[:, None]
 
 
 def bridged(x: FloatArray) -> FloatArray:

@@ -140,12 +140,10 @@ def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Flo
         text = f"its period is {T:.3f} samples, not {N}, and the log contains fewer than two. Measure more periods"
         raise log.error("records/clock", text)
     result = at_times(signals, np.arange(periods * N, dtype=np.float64) * (T / N), T)
-    text = (
-        f"the period is {T:.4f} samples, not {N}: the clocks of generator and log differ by {1e6 * (T / N - 1):.1f} "
-        f"ppm; after resampling, {100 * drift.corrected_unexplained / drift.unexplained:.2g} % of the non-repeating "
-        "power remains"
-    )
-    log.report(RESAMPLED, len(result), text)
+    text = f"the period is {T:.4f} samples, not {N}: the clocks of generator and log differ by {1e6 * (T / N - 1):.1f}"
+    percent = f"{100 * drift.corrected_unexplained / drift.unexplained:.2g} %"
+    text += f" ppm; after resampling, {percent}"
+    log.report(RESAMPLED, len(result), text + " of the non-repeating power remains")
     return result
 
 

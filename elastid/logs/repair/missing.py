@@ -124,12 +124,9 @@ def bridge_gaps(signals: FloatArray, log: Log, max_fraction: float = MAX_WRONG_F
     is_refused = ~np.isfinite(result).all(axis=0) | (np.mean(~good, axis=0) > max_fraction)
     for c in np.flatnonzero(is_refused)[:1]:
         _, text = _missing_samples(good[:, c], log, int(c))
-        first, last = max(runs(np.asarray(good.all(axis=1))), key=np.ptp, default=(0, 0))
-        raise log.error(
-            "records/missing-samples",
-            f"{text}, and a record without a period cannot be interpolated. Use the longest range without gaps "
-            f"(samples: [{log.number(first)}, {log.number(last)}]), or measure again",
-        )
+        first, last = map(log.number, max(runs(np.asarray(good.all(axis=1))), key=np.ptp, default=(0, 0)))
+        text += ", and a record without a period cannot be interpolated. Use the longest range without gaps"
+        raise log.error("records/missing-samples", f"{text} (samples: [{first}, {last}])" + ", or measure again")
     return result
 
 
@@ -186,12 +183,9 @@ def _with_integer_period(signals: FloatArray, period: float, N: int, L: int, log
     n, n_missing = len(result), 2 * L - len(result)
     if n < MIN_PERIODS * L or n_missing <= 0:
         return result
-    text = (
-        f"{n} samples are {n / L:.2f} repetitions of {L}. The {n - L} repeated samples give the noise; the "
-        f"missing {n_missing} are copied from repetition 1"
-    )
+    text = f"{n} samples are {n / L:.2f} repetitions of {L}. The {n - L} repeated samples give the noise; the missing"
     end = np.full((n_missing, signals.shape[1]), np.nan)
-    log.report("incomplete periods", 1, text)
+    log.report("incomplete periods", 1, f"{text} {n_missing}" + " are copied from repetition 1")
     return np.concatenate([result, end])
 
 

@@ -102,10 +102,8 @@ def _mask(
         result[at, c] = np.nan
         log.report(MASKED, at.size, f"{text} and are interpolated. The first is {log.time_of(at[0])}")
         if any(outvoted[c : c + 1]):
-            text = (
-                f"{log.names[c]}: {outvoted[c]} spikes are no rougher than the signal, so that equal disturbances of "
-                "the two other periods have the same effect. Measure four periods or more"
-            )
+            text = f"{log.names[c]}: {outvoted[c]} spikes are no rougher than the signal, so that equal disturbances of"
+            text += " the two other periods have the same effect. Measure four periods or more"
             log.report(OUTVOTED, outvoted[c], text)
     return result
 

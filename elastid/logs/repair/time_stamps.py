@@ -290,11 +290,9 @@ def _check_band(knot_hz: float, rate_hz: float, time_s: FloatArray, log: Log) ->
     if knot_hz < MIN_RATE_FRACTION * rate_hz:
         unit = 10.0 ** (np.floor(np.log10(knot_hz)) - 1)
         advised_hz = np.floor(knot_hz / unit + 1e-9) * unit
-        raise log.error(
-            "records/clock",
-            f"time stamps have {describe_steps(time_s)}, sufficient up to {PASSBAND * knot_hz:.3g} Hz; rate_hz "
-            f"{rate_hz:g} needs {PASSBAND * rate_hz:.3g} Hz. Set rate_hz: {advised_hz:g}",
-        )
+        text = f"time stamps have {describe_steps(time_s)}, sufficient up to {PASSBAND * knot_hz:.3g} Hz; rate_hz"
+        remedy = f"{rate_hz:g} needs {PASSBAND * rate_hz:.3g} Hz"
+        raise log.error("records/clock", f"{text} {remedy}. Set rate_hz: {advised_hz:g}")
 
 
 def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> FloatArray:
