@@ -36,6 +36,7 @@ def write_bag(path: Path, log: LogArrays, storage: str = "SQLITE3", publishers: 
 
         states, commands, words = topic("/joint_states", State), topic("/arm/commands", Numbers), topic("/note", Word)
         forces = topic("/wrench", Wrench)
+        topic("/unused", Numbers)  # without messages
         for k in range(len(log["i1"])):
             ns = 1_700_000_000_000_000_000 + round(k * 1e9 / RATE)
             header = Header(Stamp(ns // 10**9, ns % 10**9), "")
