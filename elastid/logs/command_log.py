@@ -108,9 +108,8 @@ def read_study_log(path: Path, recorded: RecordedSpec, robot: Robot, rate_hz: fl
     velocity = forward * rate_hz * np.gradient(columns["reference"], axis=0)
     loop = None if controller is None else loop_of(controller, len(names))
     clock_hz = None if recorded.rate_hz == "unknown" else recorded.known_rate_hz
-    signals = columns["reference"], velocity, columns["y"]
     kp, kd = (None, None) if loop is None else (loop.kp, loop.kd)
-    return CommandLog(path.stem, rate_hz, *signals, kp, kd, clock_hz)
+    return CommandLog(path.stem, rate_hz, columns["reference"], velocity, columns["y"], kp, kd, clock_hz)
 
 
 def _channel(recorded: RecordedSpec, role: str, joint: str) -> ChannelSpec:

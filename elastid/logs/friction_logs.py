@@ -110,12 +110,13 @@ class _LogReader:
             measured = [i for i, c in enumerate(gathered.channels) if c.role in ("u", "y")]
             names = tuple(gathered.log.names[i] for i in measured)
             signals[:, measured] = without_dropouts(signals[:, measured], replace(gathered.log, names=names))
-        if self.file.purpose not in (*STILL, "warm_up"):
+        is_whole = self.file.purpose in (*STILL, "warm_up")
+        if not is_whole:
             torques = [i for i, c in enumerate(gathered.channels) if c.role == "u"]
             straight = dict.fromkeys(torques, round(gathered.rate_hz / (2 * PASSBAND_HZ)))  # half a period
             signals = bridge_short_gaps(signals, gathered.log, straight)
         gathered = replace(gathered, signals=signals)
-        segments = (gathered,) if self.file.purpose in (*STILL, "warm_up") else _segments(gathered)
+        segments = (gathered,) if is_whole else _segments(gathered)
         records = list[FrictionRecord]()
         for i, segment in enumerate(segments):
             name = f"{self.name} part {i + 1}" if i else self.name
@@ -134,10 +135,8 @@ class _LogReader:
         if self.recorded.controller is None:
             report_unused_references(gathered.channels, gathered.log)
         motors = [c.at for c in gathered.channels if c.role == "u"]
-        signals: dict[tuple[str, str, str], FloatArray] = {
-            (c.role, c.at, c.quantity if c.role == "y" else ""): np.ascontiguousarray(values[:, i])
-            for i, c in enumerate(gathered.channels)
-        }
+        keys = [(c.role, c.at, c.quantity if c.role == "y" else "") for c in gathered.channels]
+        signals: dict[tuple[str, str, str], FloatArray] = dict(zip(keys, np.ascontiguousarray(values.T), strict=True))
         signals |= {("d", at, ""): d for at, d in zip(motors, tau_d.T, strict=True) if d.any()}
         for channel in self._channels():
             if channel.role == "t":

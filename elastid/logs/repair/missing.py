@@ -60,7 +60,7 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
         is_reported = any(note.text.startswith(outliers) for note in log.findings.notes)
         log.report(FILLED, count, "" if is_reported else f"{text}; {REPLACED}")
     fraction = (~good).reshape(P, L, -1).mean(axis=1).max(axis=1)
-    discarded = sorted(unpredictable | set(np.flatnonzero(fraction > MAX_STATIONARY_FRACTION).tolist()))
+    discarded = sorted(unpredictable.union(np.flatnonzero(fraction > MAX_STATIONARY_FRACTION).tolist()))
     if not discarded:
         return result
     numbers = ", ".join(str(p + 1) for p in discarded)
@@ -91,8 +91,7 @@ def _interpolate(x: FloatArray, L: int, sign: int, log: Log, text: str) -> tuple
 def _missing_samples(good: BoolArray, log: Log, c: int) -> tuple[int, str]:
     """Return the number of missing samples of a channel, and a sentence on them."""
     gaps = np.flatnonzero(~good)
-    verb = "is" if gaps.size == 1 else "are"
-    text = f"{log.names[c]}: {gaps.size} of {len(good)} samples {verb} missing"
+    text = f"{log.names[c]}: {gaps.size} of {len(good)} samples {'is' if gaps.size == 1 else 'are'} missing"
     return gaps.size, f"{text}, the first is {log.time_of(gaps[0])}"
 
 
