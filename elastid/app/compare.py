@@ -235,5 +235,5 @@ def _fit_variant(
                 raise StudyError("compare/variants", f"{name}: {error}", "search") from None
             first = ComparedVariant(name, run.study.as_robot(), run.study.fit, run.study.model)
             cannot[model] = first, 2 * [Refit("failed", str(error), 0, math.inf, 0, {})]
-    fits = refitted(run, list(variants.values()), responses)
-    return dict(zip(variants, zip(variants.values(), fits, strict=True), strict=True)) | cannot
+    fits = zip(variants.values(), refitted(run, list(variants.values()), responses), strict=True)
+    return dict(zip(variants, fits, strict=True)) | cannot

@@ -110,9 +110,7 @@ def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[
             for index, outcome in surviving(work, todo, jobs, progress):
                 if outcome is not None:
                     outcomes[todo[index].name] = outcome
-    return tuple(
-        outcomes.get(member.name, Outcome(member.robot, member.date, "died", DIED)) for member in fleet.members
-    )
+    return tuple(outcomes.get(m.name, Outcome(m.robot, m.date, "died", DIED)) for m in fleet.members)
 
 
 def _identified(study: Path, folder: Path, member: Member) -> Outcome:
@@ -130,8 +128,7 @@ def _identified(study: Path, folder: Path, member: Member) -> Outcome:
 
 def _summary(folder: Path) -> dict[str, Any]:
     path = folder / "summary.json"
-    summary: dict[str, Any] = json.loads(path.read_bytes()) if path.is_file() else {}
-    return summary
+    return dict(json.loads(path.read_bytes())) if path.is_file() else {}
 
 
 def rows_of(folder: Path, member: Member) -> Iterator[Row]:

@@ -106,11 +106,10 @@ def _with_presliding(robot: Robot, joint: str, law: Friction, viscous: float) ->
     if nominal is None or law.lugre is not None or law.maxwell_slip is not None:
         return law
     completed = replace(law, lugre=nominal.lugre, maxwell_slip=nominal.maxwell_slip)
-    try:
+    with suppress(ValueError):
         through_gear(completed, ratio, to_motor=True).check_passive(viscous / ratio**2)
-    except ValueError:
-        return law
-    return completed
+        return completed
+    return law
 
 
 def write_robot(folder: Path, robot_file: str) -> tuple[Path]:

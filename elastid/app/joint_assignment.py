@@ -105,7 +105,7 @@ def _interpret(robot: Robot, joints: Sequence[JointGuess], unit: str, on_motor: 
 
 
 def _is_in_limits(positions: Positions, joint: Joint, guess: JointGuess) -> bool:
-    """True if the motion leaves the limits of its joint in no log by more than joints of one state differ."""
+    """Return True if the motion leaves the limits of its joint in no log by more than joints of one state differ."""
     extent = guess.motion.to_si * positions.get(guess.motion.key, np.zeros((1, 4)))[:, :2]
     low, high = joint.limits.angle
     return bool(np.min(extent) > low - MIN_TURN and np.max(extent) < high + MIN_TURN)

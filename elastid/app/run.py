@@ -167,7 +167,7 @@ def hash_of(document: Any) -> str:
 
 @dataclass(frozen=True)
 class Run:
-    """jobs: processes; the results do not depend on it."""
+    """A study, the folder of its results, and ways of working.  jobs: processes; results do not depend on them."""
 
     loaded: LoadedStudy
     folder: Path
@@ -218,12 +218,12 @@ class Run:
         )
 
     def has_result(self, stage: str) -> bool:
-        """True if the result of a stage is there, made from the same inputs by any version."""
+        """Return True if the result of a stage is there, made from the same inputs by any version."""
         stamp = read_stamp(self.path(stage))
         return stamp is not None and stamp.inputs == self.stamps[stage].inputs
 
     def is_current(self, stage: str) -> bool:
-        """True if the result of a stage is there as it was written, made from the same inputs by the same code."""
+        """Return True if a stage's result is there as it was written, made from the same inputs by the same code."""
         stamp_now, path, row = self.stamps[stage], self.path(stage), self.stages[stage]
         if not all(any(self.folder.glob(n)) for n in row.leaves) or changed_texts(self.folder, row.texts):
             return False
@@ -317,7 +317,7 @@ def run_all(run: Run, names: Sequence[str] = ()) -> None:
                 keep_checksums(run.folder, stage.texts)
             else:
                 path, damaged = run.path(name), [run.folder / file for file in changed_texts(run.folder, stage.texts)]
-                damaged += [path] if path.suffix == ".h5" and path.is_file() and not is_intact(path) else []
+                damaged += [path] * (path.suffix == ".h5" and path.is_file() and not is_intact(path))
                 for file in damaged:
                     run.console.warn(f"{file} was modified after it was written and is made again")
                 carry_out(run, name)
@@ -357,5 +357,5 @@ def carry_out(run: Run, name: str) -> None:
 
 
 def all_cores() -> int:
-    """Number of processors that this process may use."""
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

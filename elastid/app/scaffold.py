@@ -48,7 +48,7 @@ _OF_ELASTID = (".yml", ".yaml")
 
 
 def is_robot_file(path: Path) -> bool:
-    """True by the end of its name."""
+    """Return True for a robot model, by the end of its name."""
     return path.suffix.lower() in (".urdf", ".xml", ".mjcf", *_OF_ELASTID)
 
 

@@ -38,7 +38,7 @@ class Place:
 
 @dataclass(frozen=True)
 class YamlSource:
-    """data: plain dict, list, str, int, float, bool, None. places: by key path, positions of key and value."""
+    """Plain data (dict, list, str, int, float, bool, None) of a YAML text; places: of key and value by key path."""
 
     data: Any
     places: dict[KeyPath, tuple[Place, Place]]

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 from elastid.app.console import Console
@@ -115,13 +116,11 @@ def _balances(basis: Validated, path: Path, console: Console, execution: Executi
     except StudyError as error:
         console.say(f"validate: no torque balance: {error}")
         return ()
-    models = [
-        (parts, response)
-        for response in fitted.measured
-        if (name := response.configuration.name) in names and (parts := model_parts(fitted, rigid, name)) is not None
-    ]
-    of_each = execution.ordered(partial(_balanced, path, basis.friction, E, basis.study.estimator), models)
-    return tuple(balance for of_motors in of_each for balance in of_motors)
+    responses = [response for response in fitted.measured if response.configuration.name in names]
+    pairs = ((model_parts(fitted, rigid, response.configuration.name), response) for response in responses)
+    models = [(parts, response) for parts, response in pairs if parts is not None]
+    balances = execution.ordered(partial(_balanced, path, basis.friction, E, basis.study.estimator), models)
+    return tuple(chain.from_iterable(balances))
 
 
 def _balanced(

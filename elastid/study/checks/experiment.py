@@ -63,7 +63,7 @@ def check_payload(study: Study) -> Iterator[Problem]:
 def _swings(study: Study) -> list[float]:
     """Return amplitude of the superimposed slow motion at each driven joint; 0 without one, or for a wrong count."""
     n_u, simulated = len(study.as_robot().driven), study.experiment.simulated
-    carrier = simulated.carrier if simulated is not None else None
+    carrier = None if simulated is None else simulated.carrier
     if carrier is None or carrier.amplitude is None or np.size(carrier.amplitude) not in (1, n_u):
         return [0.0] * n_u
     return list(carrier.amplitudes(n_u).tolist())
