@@ -121,7 +121,7 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     if quantity != "position":
         return LogGuess(tuple(joints), tuple(outputs), is_motion=False)
     is_motion = all(_half_power_hz(u, y, rate_hz) < _MOTION_HZ for u, y in moving)
-    references = (command for _, command in _with_commands([joint.motion for joint in joints], guesses))
+    references = (command for _, command in _command_pairs([joint.motion for joint in joints], guesses))
     return LogGuess(tuple(joints), tuple(outputs), is_motion, tuple(references))
 
 
@@ -187,7 +187,7 @@ def guess_commands(
     values, guesses = {g.key: x for g, x in signals}, [g for g, _ in signals]
     positions = _best_family([g for g in guesses if g.rank >= 0], ("position",))
     positions = _with_common_unit([_with_unit(g, None, values, rate_hz, False) for g in positions])
-    pairs = _with_commands(positions, guesses)
+    pairs = _command_pairs(positions, guesses)
     return tuple(_sort(pairs, [g.parts[1] for g, _ in pairs]))
 
 
@@ -197,7 +197,7 @@ def _with_common_unit(motions: list[ChannelGuess]) -> list[ChannelGuess]:
     return motions
 
 
-def _with_commands(
+def _command_pairs(
     positions: Sequence[ChannelGuess], guesses: Sequence[ChannelGuess]
 ) -> list[tuple[ChannelGuess, ChannelGuess]]:
     """Pair each position with the commanded position of its joint by names; none unless each one has a command."""
