@@ -29,6 +29,7 @@ from elastid.store.results import read_fit, read_gears
 from elastid.study import Study
 from elastid.targets.actuators import actuators_of, fit_intervals, friction_intervals, with_total_inertias
 from elastid.targets.numbers import interval_lines
+from elastid.targets.target import VALUES
 from elastid.use.draws import draw_robots
 
 # A value of a target by the label of its robot or group of configurations; "" for all.
@@ -42,7 +43,8 @@ def export(run: Run, tag: str, count: int = 1000) -> tuple[Path, ...]:
     """
     study = run.study
     results = (_Friction if study.friction else _Responses if study.robot is None else _Fit)(run, count)
-    rows = [row for name in tags() for row in targets(name) if all(hasattr(results, need) for need in row.arguments)]
+    available = VALUES.keys() & {*dir(results)}
+    rows = [row for name in tags() for row in targets(name) if {*row.arguments} <= available]
     target = next((row for row in rows if row.tag == tag), None)
     if target is None:
         names = renamed(tag) or did_you_mean(tag, sorted({row.tag for row in rows}))

@@ -114,8 +114,8 @@ def _with_presliding(robot: Robot, joint: str, law: Friction, viscous: float) ->
 
 def write_robot(folder: Path, robot_file: str) -> tuple[Path]:
     """Write robot.yml."""
-    write_text(folder / "robot.yml", robot_file)
-    return (folder / "robot.yml",)
+    write_text(path := folder / "robot.yml", robot_file)
+    return (path,)
 
 
 TARGETS = (Target("robot", ("robot_file",), "robot model with the identified parameters", write_robot, True),)

@@ -7,7 +7,6 @@ resampled to the lowest rate. A start time that all channels share has no effect
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import TypeAlias, cast
 
@@ -214,13 +213,12 @@ def _read(experiment: _Experiment, key: _Key, members: Sequence[int], has_clocks
     recorded, file, path = experiment.recorded, experiment.file, experiment.paths[number - 1]
     channels = [recorded.channels[i] for i in members]
     channels += [ChannelSpec("y", "time", time, quantity="position")] if time else []
-    read = partial(read_channels, path, channels, recorded.text)
     if number > 1 or file.samples is None or has_clocks:
-        return read()
+        return read_channels(path, channels, recorded.text)
     first, last = (round(sample * file_rate_hz / recorded.known_rate_hz) for sample in file.samples)
-    values = read(slice(first, last))
+    values = read_channels(path, channels, recorded.text, slice(first, last))
     if not 0 <= first < last or len(values) < last - first:
-        experiment.range_at(file_rate_hz, len(read()))
+        experiment.range_at(file_rate_hz, len(read_channels(path, channels, recorded.text)))
     return values
 
 

@@ -92,8 +92,8 @@ def _with_gravity(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[
     if len(axes) != 3 or len({g.parts[0] for g in axes}) > 1:
         return signals
     gravity = float(np.linalg.norm([*axes.values()]))
-    in_g, in_mm = ("g", "m/s^2", STANDARD_GRAVITY, 1.0), ("mm/s^2", "mm/s^2", 1.0, 1e3 * STANDARD_GRAVITY)
-    for name, unit, scale, size in (in_g, in_mm):
+    cases = ("g", "m/s^2", STANDARD_GRAVITY, 1.0), ("mm/s^2", "mm/s^2", 1.0, 1e3 * STANDARD_GRAVITY)
+    for name, unit, scale, size in cases:
         if abs(gravity / size - 1) < _MAX_GRAVITY_ERROR:
             why = f"unit {name}: the mean acceleration is {gravity:.4g}"
             return [(replace(g, unit=unit, scale=scale, why=why) if g in axes else g, x) for g, x in signals]

@@ -78,7 +78,7 @@ def estimate_configuration(
             response = with_reference_loop(response, recorded, robot, records[0])
         else:
             response = with_image_errors(response, recorded, robot)
-    repairs = sum((Counter(record.repairs) for record in records), Counter[str]())
+    repairs = sum((Counter(record.repairs) for record in records), Counter())
     return replace(response, repairs=dict(repairs)), {*notes_of(records)}
 
 

@@ -141,8 +141,7 @@ def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Flo
         raise log.error("records/clock", text)
     result = at_times(signals, np.arange(periods * N, dtype=np.float64) * (T / N), T)
     text = f"the period is {T:.4f} samples, not {N}: the clocks of generator and log differ by {1e6 * (T / N - 1):.1f}"
-    percent = f"{100 * drift.corrected_unexplained / drift.unexplained:.2g} %"
-    text += f" ppm; after resampling, {percent}"
+    text += f" ppm; after resampling, {100 * drift.corrected_unexplained / drift.unexplained:.2g} %"
     log.report(RESAMPLED, len(result), text + " of the non-repeating power remains")
     return result
 
