@@ -43,26 +43,11 @@ import pytest
 ROOT = Path(__file__).parents[1]
 TABLE = ROOT / "tests" / "kills.csv"
 LIMIT_S = 60
-SWAPS: dict[type[ast.AST], type[ast.AST]] = {
-    ast.Add: ast.Sub,
-    ast.Sub: ast.Add,
-    ast.Mult: ast.Div,
-    ast.Div: ast.Mult,
-    ast.MatMult: ast.Mult,
-    ast.Pow: ast.Mult,
-    ast.Lt: ast.GtE,
-    ast.GtE: ast.Lt,
-    ast.Gt: ast.LtE,
-    ast.LtE: ast.Gt,
-    ast.Eq: ast.NotEq,
-    ast.NotEq: ast.Eq,
-    ast.Is: ast.IsNot,
-    ast.IsNot: ast.Is,
-    ast.In: ast.NotIn,
-    ast.NotIn: ast.In,
-    ast.And: ast.Or,
-    ast.Or: ast.And,
-}
+PAIRS: list[tuple[type[ast.AST], type[ast.AST]]] = [
+    (ast.Add, ast.Sub), (ast.Mult, ast.Div), (ast.Lt, ast.GtE), (ast.Gt, ast.LtE), (ast.Eq, ast.NotEq),
+    (ast.Is, ast.IsNot), (ast.In, ast.NotIn), (ast.And, ast.Or),
+]  # fmt: skip
+SWAPS = {a: b for pair in PAIRS for a, b in (pair, pair[::-1])} | {ast.MatMult: ast.Mult, ast.Pow: ast.Mult}
 
 
 def changes(tree: ast.Module) -> list[tuple[int, Callable[[], None]]]:

@@ -16,13 +16,6 @@ Measured (CPU time, medians in turn, two cores): the odd lines take 1.00 (B_over
 82 (B_log_over_floor) times the floor of its FFT.
 """
 
-# One BLAS thread must be asked for before NumPy is loaded.
-# ruff: noqa: E402
-import os
-
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
-
 import argparse
 import json
 import tracemalloc
@@ -30,11 +23,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import timing
 import h5py
 import numpy as np
 from fit import build_robot
 from scipy.fft import rfft
-from timing import cpu_seconds, in_turn, machine
 
 from elastid.base.arrays import ComplexArray, IntArray
 from elastid.excitation.multisine import orthogonal_set, synthesise
@@ -53,48 +46,30 @@ CONFIGURATION = Configuration("bench", np.zeros(6))
 
 
 def plant(F: int, n: int) -> ComplexArray:
-    """A random matrix at every line, diagonally dominant."""
+    """Draw a matrix at every line, diagonally dominant."""
     rng = np.random.default_rng(0)
     return rng.normal(size=(F, n, n)) + 1j * rng.normal(size=(F, n, n)) + 3 * np.eye(n)
 
 
-def simulated(lines: IntArray, N: int, P: int, M: int, n: int) -> list[Record]:
-    """Records of orthogonal multisines at lines (F,) through the plant, with noise on inputs and outputs."""
+def simulate(lines: IntArray, N: int, P: int, M: int, n: int) -> list[Record]:
+    """Simulate records of orthogonal multisines at lines (F,) through the plant, with noise on inputs and outputs."""
     rng, G = np.random.default_rng(1), plant(len(lines), n)
     places = tuple(f"motor {i + 1}" for i in range(n))
     records = []
     for m in range(M):
         for e, U in enumerate(orthogonal_set(np.full((len(lines), n), np.sqrt(2 / len(lines))), rng)):
-            u, y = (synthesise(lines, X, N) for X in (U, np.einsum("fyu,fu->fy", G, U)))
-            records.append(
-                Record(
-                    f"{m}-{e}",
-                    CONFIGURATION,
-                    m,
-                    e,
-                    RATE_HZ,
-                    N,
-                    places,
-                    places,
-                    ("acceleration",) * n,
-                    np.tile(u, (P, 1)) + NOISE_U * rng.standard_normal((P * N, n)),
-                    np.tile(y, (P, 1)) + NOISE_Y * rng.standard_normal((P * N, n)),
-                )
-            )
+            signals = ((U, NOISE_U), (np.einsum("fyu,fu->fy", G, U), NOISE_Y))
+            measured = [
+                np.tile(synthesise(lines, X, N), (P, 1)) + noise * rng.standard_normal((P * N, n))
+                for X, noise in signals
+            ]
+            experiment = (f"{m}-{e}", CONFIGURATION, m, e, RATE_HZ, N)
+            records.append(Record(*experiment, places, places, ("acceleration",) * n, *measured))
     return records
 
 
-def contiguous_periods(records: Sequence[Record]) -> list[np.ndarray]:
-    """(P, n, N) of u and y of every record."""
-    return [
-        np.ascontiguousarray(x.reshape(-1, r.period_samples, x.shape[1]).transpose(0, 2, 1))
-        for r in records
-        for x in (r.u, r.y)
-    ]
-
-
 def by_csd(records: Sequence[Record], lines: IntArray) -> ComplexArray:
-    """H1 of all records by scipy.signal.csd, every channel of which is transformed once and not for every pair."""
+    """Estimate H1 of all records by scipy.signal.csd, every channel transformed once and not for every pair."""
     from scipy.signal import csd
 
     n, N = records[0].u.shape[1], records[0].period_samples
@@ -107,7 +82,7 @@ def by_csd(records: Sequence[Record], lines: IntArray) -> ComplexArray:
 
 
 def by_peer(records: Sequence[Record], lines: IntArray, M: int) -> Callable[[], ComplexArray] | None:
-    """best-linear-approximation's noisy_input, its arrays ready made; None where it is not installed."""
+    """Prepare best-linear-approximation's noisy_input, its arrays ready made; None where it is not installed."""
     try:
         from best_linear_approximation.robust import noisy_input
     except ImportError:
@@ -124,7 +99,7 @@ def by_peer(records: Sequence[Record], lines: IntArray, M: int) -> Callable[[], 
 
 
 def log_s(record: Record, repeats: int) -> float:
-    """CPU time of the import of a record as an HDF5 log, with every check and repair."""
+    """Return the CPU time of the import of a record as an HDF5 log, with every check and repair."""
     channels = [ChannelSpec("u", place, f"u{i}") for i, place in enumerate(record.inputs)]
     channels += [ChannelSpec("y", place, f"y{i}", quantity="acceleration") for i, place in enumerate(record.outputs)]
     with TemporaryDirectory() as folder:
@@ -132,29 +107,28 @@ def log_s(record: Record, repeats: int) -> float:
             file.update(zip((channel.channel for channel in channels), (*record.u.T, *record.y.T), strict=True))
         logged = RecordedSpec(RATE_HZ, tuple(channels), (FileSpec("log.h5", "c"),), record.period_samples / RATE_HZ)
         rig = RecordedRig(build_robot(), ExperimentSpec({"c": (0.0,) * 6}, recorded=logged), Path(folder))
-        return cpu_seconds(lambda: rig.measure(rig.experiments[0]), repeats)
+        return timing.cpu_seconds(lambda: rig.measure(rig.experiments[0]), repeats)
 
 
 def floors(records: Sequence[Record]) -> dict[str, Callable[[], None]]:
-    """The bare FFT of the same data in two orders; memory holds the spectra of one record at a time."""
-    blocks = contiguous_periods(records)
+    """Prepare the bare FFT of the same data in two orders; memory holds the spectra of one record at a time."""
     recorded = [x.reshape(-1, r.period_samples, x.shape[1]) for r in records for x in (r.u, r.y)]
+    blocks = [np.ascontiguousarray(x.transpose(0, 2, 1)) for x in recorded]
 
-    def at_once() -> None:
-        for block in blocks:
-            rfft(block, axis=2, workers=1)
+    def transform(arrays: Sequence[np.ndarray], axis: int) -> None:
+        for x in arrays:
+            rfft(x, axis=axis, workers=1)
 
-    def as_recorded() -> None:
-        for block in recorded:
-            rfft(block, axis=1, workers=1)
-
-    return {"floor, records": at_once, "floor, as recorded": as_recorded}
+    return {
+        "floor, records": lambda: transform(blocks, 2),
+        "floor, as recorded": lambda: transform(recorded, 1),
+    }
 
 
 def case(name: str, lines: IntArray, size: tuple[int, int, int, int], repeats: int, peers: bool) -> dict[str, float]:
-    """Times of floor, elastid and peers on the records of one case."""
+    """Measure times of floor, elastid and peers on the records of one case."""
     N, P, M, n = size
-    records = simulated(lines, N, P, M, n)
+    records = simulate(lines, N, P, M, n)
     data_gb = sum(r.u.nbytes + r.y.nbytes for r in records) / 2**30
     spec = EstimatorSpec()
     tracemalloc.start()
@@ -169,23 +143,16 @@ def case(name: str, lines: IntArray, size: tuple[int, int, int, int], repeats: i
         for kind, covariance in (("noise", response.noise), ("total", response.total))
     }
     orders = floors(records)
-    times = in_turn({**orders, "elastid": lambda: estimate(records, spec, lines)}, repeats)
+    times = timing.in_turn({**orders, "elastid": lambda: estimate(records, spec, lines)}, repeats)
     floor = min(times[order] for order in orders)
     times |= {"floor": floor, "data_gb": data_gb, "gb_above_data": above, **ratios}
     times["log"] = log_s(records[0], repeats) * len(records)
     if peers:
-        times["csd"] = cpu_seconds(lambda: by_csd(records, lines), min(repeats, 3))
+        times["csd"] = timing.cpu_seconds(lambda: by_csd(records, lines), min(repeats, 3))
         peer = by_peer(records, lines, M)
         if peer is not None:
-            times["best-linear-approximation"] = cpu_seconds(peer, min(repeats, 3))
-    print(f"\ncase {name}: {len(lines)} lines, {data_gb:.2f} GB of records, {above:.2f} GB above them")
-    for what in (*orders, "elastid", "log", *PEERS):
-        if what in times:
-            print(f"  {what:<28}{times[what]:>9.3f} s {times[what] / floor:>8.2f} x floor")
-    print(
-        f"  error^2 over variance: noise {ratios['noise variance over true']:.3f}, "
-        f"total {ratios['total variance over true']:.3f}"
-    )
+            times["best-linear-approximation"] = timing.cpu_seconds(peer, min(repeats, 3))
+    print(f"case {name}, {len(lines)} lines:", json.dumps({what: round(value, 3) for what, value in times.items()}))
     return times
 
 
@@ -195,7 +162,7 @@ def main() -> None:
     parser.add_argument("--no-peers", action="store_true", help="floor and elastid only (a peer may need 12 GB)")
     arguments = parser.parse_args()
     size, repeats = ((512, 4, 3, 3), 1) if arguments.quick else ((16384, 8, 6, 6), 5)
-    print(machine())
+    print(timing.machine())
     N = size[0]
     cases = {"B": np.arange(1, min(400, N // 2), 2), "A": np.arange(1, N // 2)}
     results = {name: case(name, lines, size, repeats, not arguments.no_peers) for name, lines in cases.items()}

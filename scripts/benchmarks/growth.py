@@ -17,13 +17,6 @@ their logs: of references with 0.9 (references_configurations_cpu) and 0.2 (refe
 configurations; of commands with 1.0 (commands_samples_cpu) and 0.3 (commands_samples_memory) of the samples.
 """
 
-# One BLAS thread must be asked for before NumPy is loaded.
-# ruff: noqa: E402
-import os
-
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
-
 import argparse
 import json
 import sys
@@ -35,10 +28,10 @@ from multiprocessing import get_context
 from pathlib import Path
 from tempfile import mkdtemp
 
+import timing
 import numpy as np
-from fit import IDENTIFIED, build_robot, measured
-from frf import simulated
-from timing import machine
+from fit import IDENTIFIED, build_robot, measure
+from frf import simulate
 
 from elastid.app.finished_run import run
 from elastid.fit.identify import identify
@@ -61,43 +54,44 @@ SIZES = {
     "references": {"configurations": (2, 4, 8, 16)},
     "commands": {"samples": (2000, 4000, 8000, 16000)},
 }
-USUAL = {"records": 24, "samples": 4096, "configurations": 8, "coordinates": 18, "postures": 1000}
+# Sizes of what does not grow.
+FIT = {"configurations": 8, "lines": 100, "coordinates": 18}
+USUAL = {"estimate": {"records": 24, "lines": 512, "samples": 4096}, "identify": FIT, "map": {"postures": 1000, **FIT}}
 QUICK = {"records": (12, 24), "configurations": (3, 6), "postures": (50, 100), "samples": (500, 1000)}
-LINES = {"estimate": 512, "identify": 100, "map": 100}
 
 
 def of_estimate(records: int, lines: int, samples: int) -> Callable[[], object]:
-    """A response from records of six experiments each realisation."""
+    """Prepare a response from records of six experiments each realisation."""
     chosen = np.arange(1, lines + 1)
-    experiments = simulated(chosen, samples, 4, records // 6, 6)
+    experiments = simulate(chosen, samples, 4, records // 6, 6)
     return lambda: estimate(experiments, EstimatorSpec(), chosen)
 
 
 def of_identify(configurations: int, lines: int, coordinates: int) -> Callable[[], Result]:
-    """A fit of responses with noise."""
+    """Prepare a fit of responses with noise."""
     whole = build_robot()
     robot = replace(whole, bodies=whole.bodies[: coordinates // 3])
-    responses = measured(robot, configurations, np.linspace(2.0, 100.0, lines), full=False)
+    responses = measure(robot, configurations, np.linspace(2.0, 100.0, lines), full=False)
     names = {name: ParameterSpec() for name in IDENTIFIED if name[:2] in ("k_", "d_", "fm")}
     spec = FitSpec(parameters=names, starts=1, seed=1, profile=())
     return lambda: identify(responses, robot, spec)
 
 
 def of_map(postures: int, **fit: int) -> Callable[[], object]:
-    """Compliance, modes and stability with their intervals at random postures."""
+    """Prepare compliance, modes and stability with their intervals at random postures."""
     result = of_identify(**fit)()
     angles = random_postures(result.known_robot, postures, 1)
     return lambda: map_workspace(result, angles, frame=str(fit["coordinates"] // 3))
 
 
 def of_study(study: Path, *stages: str) -> Callable[[], object]:
-    """Stages from the logs to the numbers, in a new folder each time."""
+    """Prepare stages from the logs to the numbers, in a new folder each time."""
     folders = (study.parent / f"run{i}" for i in count())
     return lambda: run(study, next(folders), "measure", *stages, verbosity=-2)
 
 
 def of_references(configurations: int) -> Callable[[], object]:
-    """A study of references and encoders of three axes under sampled controllers."""
+    """Prepare a study of references and encoders of three axes under sampled controllers."""
     whole, rng = build_robot(), np.random.default_rng(0)
     robot = replace(whole, bodies=whole.bodies[:3])
     postures = {f"p{i}": rng.uniform(-1.2, 1.2, len(robot.driven)).tolist() for i in range(configurations)}
@@ -107,7 +101,7 @@ def of_references(configurations: int) -> Callable[[], object]:
 
 
 def of_commands(samples: int) -> Callable[[], object]:
-    """A friction study of commands and positions of two joints."""
+    """Prepare a friction study of commands and positions of two joints."""
     folder = Path(mkdtemp())
     r = commanded_joints.references(samples, 2, 0.5, 2.0)
     q = commanded_joints.positions(commanded_joints.two_joints, r, 0.0)
@@ -128,17 +122,17 @@ def of_commands(samples: int) -> Callable[[], object]:
 
 
 def memory_mb(name: str) -> float:
-    """VmRSS, what of this process is in memory, or VmHWM, the most since the mark was set back."""
+    """Read VmRSS, what of this process is in memory, or VmHWM, the most since the mark was set back."""
     status = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
     return float(next(line for line in status if line.startswith(name)).split()[1]) / 1024
 
 
 def point(task: tuple[str, dict[str, int]]) -> tuple[float, float]:
-    """CPU seconds and MB of one size: of its second run, and at the peak of its first with its data."""
+    """Measure CPU seconds and MB of one size: of its second run, and at the peak of its first with its data."""
     name, size = task
     before = memory_mb("VmRSS")
-    routes = {"references": of_references, "commands": of_commands}
-    work = ({"estimate": of_estimate, "identify": of_identify, "map": of_map} | routes)[name](**size)
+    studies = {"references": of_references, "commands": of_commands}
+    work = ({"estimate": of_estimate, "identify": of_identify, "map": of_map} | studies)[name](**size)
     Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     work()
     peak, begin = memory_mb("VmHWM"), time.process_time()
@@ -147,23 +141,22 @@ def point(task: tuple[str, dict[str, int]]) -> tuple[float, float]:
 
 
 def main() -> None:
-    """A line for each size, then the slopes."""
+    """Print a line for each size, then the slopes."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="two small sizes of one thing each, to see that it runs")
     is_quick, slopes = parser.parse_args().quick, dict[str, float]()
-    print(machine())
+    print(timing.machine())
     for name, over in SIZES.items():
-        known = {key: USUAL[key] for key in (*over, *(SIZES["identify"] if name == "map" else ())) if key != "lines"}
-        known |= {"lines": LINES[name]} if name in LINES else {}
-        if is_quick and "coordinates" in known:
-            known |= {"configurations": 3, "coordinates": 9}
+        usual = USUAL.get(name, {})
+        if is_quick and "coordinates" in usual:
+            usual = usual | {"configurations": 3, "coordinates": 9}
         for key, sizes in [*over.items()][: 1 if is_quick else None]:
             used = QUICK[key] if is_quick else sizes
-            tasks = [(name, known | {key: size}) for size in used]
+            tasks = [(name, usual | {key: size}) for size in used]
             with get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
-                found = np.array(pool.map(point, tasks, chunksize=1))
-            print(f"{name} over {key} {used}: CPU s, MB\n{found.round(2)}", flush=True)
-            for kind, values in zip(("cpu", "memory"), found.T, strict=True):
+                points = np.array(pool.map(point, tasks, chunksize=1))
+            print(f"{name} over {key} {used}: CPU s, MB\n{points.round(2)}", flush=True)
+            for kind, values in zip(("cpu", "memory"), points.T, strict=True):
                 slope = np.polyfit(np.log(used), np.log(np.maximum(values, 1e-3)), 1)[0]
                 slopes[f"{name}_{key}_{kind}"] = round(float(slope), 2)
     print(json.dumps(slopes))

@@ -14,29 +14,24 @@ process N and 64 workers would be, if each had a processor of its own and a netw
 The last line is one JSON object. Measured with a thousand: 1.41 GB of memory at the peak, in 233 CPU seconds.
 """
 
-# One BLAS thread must be asked for before NumPy is loaded.
-# ruff: noqa: E402
-import os
-
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
-
 import argparse
 import json
+import os
 import resource
-import subprocess
-import sys
 import tempfile
 import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from hashlib import sha256
+from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+import timing
 import numpy as np
-from fit import IDENTIFIED, build_robot, measured
-from timing import bare_work_s, machine
+from fit import IDENTIFIED, build_robot, measure
 
 from elastid.base.execution import Execution, persistent_workers
 from elastid.fit.identify import identify
@@ -45,12 +40,12 @@ from elastid.store.measured import read_responses, write_responses
 
 
 def write(path: Path, Q: int, F: int) -> None:
-    """frf.h5 of Q configurations and F lines."""
-    write_responses(path, measured(build_robot(), Q, np.linspace(2.0, 100.0, F)))
+    """Write frf.h5 of Q configurations and F lines."""
+    write_responses(path, measure(build_robot(), Q, np.linspace(2.0, 100.0, F)))
 
 
-def fit(path: Path, jobs: int) -> None:
-    """The fit of a file, and what it took, as JSON."""
+def fit(path: Path, jobs: int) -> dict[str, Any]:
+    """Fit a file, and return what it took."""
     spec = FitSpec(
         parameters={name: ParameterSpec() for name in IDENTIFIED}, starts=2, seed=1, profile=(),
         weights=WeightSpec(model_error=0.01),
@@ -66,35 +61,34 @@ def fit(path: Path, jobs: int) -> None:
     responses = read_responses(path)
     with persistent_workers():
         result = identify(responses, build_robot(), spec, execution=Execution(jobs))
-        results = {
+        cpu_s = time.process_time() - begin
+        return {
             "configurations": len(responses),
             "peak_gb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9,
-            "cpu_s": time.process_time() - begin,
+            "cpu_s": cpu_s,
             "wall_s": time.perf_counter() - wall,
             "sent_mb": sent[0] / 1e6,
             "status": result.status,
             "converged_starts": result.n_converged_starts,
             "V_over_expected": result.cost / result.cost_expected,
             "sha256": sha256(result.x.tobytes() + result.covariance.tobytes()).hexdigest()[:16],
+            "cpu_over_work": cpu_s / timing.bare_work_s(),
         }
-    print(json.dumps(results | {"cpu_over_work": results["cpu_s"] / bare_work_s()}))
 
 
-def run(path: Path, jobs: int) -> dict[str, Any]:
-    """The fit in a process of its own, and the CPU seconds of that one's descendants."""
-    command = [sys.executable, __file__, "--fit", str(path), "--jobs", str(jobs)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        seconds: dict[int, float] = {}
-        while process.poll() is None:
-            seconds |= cpu_of_descendants(process.pid)
+def in_process(function: Callable[..., Any], *arguments: object) -> tuple[Any, float]:
+    """Return the value of a function in a process of its own, and the CPU seconds of that one's descendants."""
+    seconds: dict[int, float] = {}
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        process, value = pool.submit(os.getpid).result(), pool.submit(function, *arguments)
+        while not value.done():
+            seconds |= cpu_of_descendants(process)
             time.sleep(0.2)
-        assert process.stdout is not None
-        results: dict[str, Any] = json.loads(process.stdout.read())
-    return results | {"workers_cpu_s": sum(seconds.values())}
+        return value.result(), sum(seconds.values())
 
 
 def cpu_of_descendants(pid: int) -> dict[int, float]:
-    """CPU seconds by process of all that a process has started, and of what those have."""
+    """Return CPU seconds by process of all that a process has started, and of what those have."""
     parents, seconds = dict[int, int](), dict[int, float]()
     for stat in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError):
@@ -108,10 +102,10 @@ def cpu_of_descendants(pid: int) -> dict[int, float]:
     return {child: seconds[child] for child in parents if descends(child)}
 
 
-def of_workers(one: dict[str, Any], many: dict[str, Any], jobs: int) -> dict[str, float]:
-    """What workers win, each with a processor of its own: the asking process works while they wait."""
+def of_workers(one: dict[str, Any], many: dict[str, Any], theirs: float, jobs: int) -> dict[str, float]:
+    """Compare fits without and with workers, each with its own processor; the asking process works while they wait."""
     assert one["sha256"] == many["sha256"]
-    own, theirs = many["cpu_s"], many["workers_cpu_s"]
+    own = many["cpu_s"]
     return {
         "asking_cpu_s": own,
         "workers_cpu_s": theirs,
@@ -124,30 +118,23 @@ def of_workers(one: dict[str, Any], many: dict[str, Any], jobs: int) -> dict[str
 
 
 def main() -> None:
-    """The figures, then one JSON line."""
+    """Print the figures, then one JSON line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="three configurations, to see that it runs")
     parser.add_argument("--configurations", type=int, default=1000)
     parser.add_argument("--jobs", type=int, default=1, help="worker processes of a second fit (default: none)")
     parser.add_argument("--folder", type=Path, help="for the file (default: a temporary one)")
-    parser.add_argument("--write", type=Path, help=argparse.SUPPRESS)
-    parser.add_argument("--fit", type=Path, help=argparse.SUPPRESS)
     args = parser.parse_args()
     Q, F = (3, 30) if args.quick else (args.configurations, 200)
-    if args.write:
-        write(args.write, Q, F)
-    elif args.fit:
-        fit(args.fit, args.jobs)
-    else:
-        print(machine(), flush=True)
-        with tempfile.TemporaryDirectory(dir=args.folder) as folder:
-            path, size = Path(folder) / "frf.h5", ["--configurations", str(Q), *(["--quick"] if args.quick else [])]
-            subprocess.run([sys.executable, __file__, "--write", path, *size], check=True)
-            results = run(path, 1)
-            if args.jobs > 1:
-                results |= of_workers(results, run(path, args.jobs), args.jobs)
-            results["file_gb"] = path.stat().st_size / 1e9
-        print(json.dumps({name: round(v, 3) if isinstance(v, float) else v for name, v in results.items()}))
+    print(timing.machine(), flush=True)
+    with tempfile.TemporaryDirectory(dir=args.folder) as folder:
+        path = Path(folder) / "frf.h5"
+        in_process(write, path, Q, F)
+        results, _ = in_process(fit, path, 1)
+        if args.jobs > 1:
+            results |= of_workers(results, *in_process(fit, path, args.jobs), args.jobs)
+        results["file_gb"] = path.stat().st_size / 1e9
+    print(json.dumps({name: round(v, 3) if isinstance(v, float) else v for name, v in results.items()}))
 
 
 if __name__ == "__main__":

@@ -2,31 +2,33 @@
 
     python scripts/benchmarks/simulation.py [--quick]
 
-The three-axis robot of the demo and a six-axis arm of 18 coordinates, sampled at 1 kHz with two Runge-Kutta steps a
-sample, LuGre friction at every motor; compiled where there is a C compiler, and in CasADi's virtual machine, with the
-same bytes. MuJoCo, where it is installed, simulates the same robots without friction states, its controller a spring
-and a damper at every motor, in steps of 0.25 ms; all run in turns in one process on one core, and the median of their
-CPU times counts. Before that their accelerations are compared. The last line is JSON.
+The three-axis robot of the demo and the six-axis arm of fit.py with 18 coordinates, sampled at 1 kHz with two
+Runge-Kutta steps a sample, LuGre friction at every motor; compiled where there is a C compiler, and in CasADi's virtual
+machine, with the same bytes. MuJoCo, where it is installed, simulates the same robots without friction states, its
+controller a spring and a damper at every motor, in steps of 0.25 ms; all run in turns in one process on one core, and
+the median of their CPU times counts. Before that their accelerations are compared. The last line is JSON.
 """
 
 import argparse
 import json
-import statistics
 import time
 from collections.abc import Callable
 from dataclasses import replace
 from importlib.resources import files
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import timing
 import numpy as np
+from fit import build_robot
 
 from elastid.friction.robot_friction import frictions
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import serial
 from elastid.record import JointLoop
-from elastid.robot import Body, Friction, Joint, LuGre, Motor, Placement, Robot, Spring
+from elastid.robot import Friction, LuGre, Robot
 from elastid.robot.simplified import with_joints
 from elastid.simulation.closed_loop import MIN_CALLS, Commands, Trajectory, closed_loop, compiler, simulate
 from elastid.simulation.controller import tune
@@ -38,37 +40,17 @@ from elastid.targets.mujoco import mjcf
 RATE_HZ, SUBSTEPS, MUJOCO_STEP = 1000.0, 2, 2.5e-4
 # Goals for the compiled step of the six-axis arm.
 MIN_TIMES_REAL_TIME, MAX_TIME_OVER_MUJOCO = 50.0, 3.0
-# Links of the six-axis arm: where the next joint is, mass, centre of mass, inertia, stiffness of gear and bearing.
-SIX = (
-    ("z", "x", (0.0, 0.0, 0.4), 250.0, (0.05, 0.0, 0.2), (15.0, 14.0, 18.0), 1.2e6, 2.0e6, 8e-3),
-    ("y", "x", (0.3, 0.0, 0.4), 120.0, (0.0, 0.0, 0.5), (12.0, 13.0, 3.0), 1.5e6, 1.6e6, 8e-3),
-    ("y", "z", (0.0, 0.0, 1.0), 90.0, (0.6, 0.0, 0.1), (2.0, 14.0, 14.0), 5e5, 8e5, 6e-3),
-    ("x", "y", (1.0, 0.0, 0.1), 30.0, (0.1, 0.0, 0.0), (0.5, 1.0, 1.0), 1e5, 3e5, 1e-3),
-    ("y", "z", (0.3, 0.0, 0.0), 15.0, (0.05, 0.0, 0.0), (0.2, 0.2, 0.2), 8e4, 2e5, 1e-3),
-    ("x", "y", (0.15, 0.0, 0.0), 20.0, (0.1, 0.0, 0.0), (0.3, 0.4, 0.4), 5e4, 1e5, 1e-3),
-)
 
 
-def six_axes() -> Robot:
-    """An arm with an elastic gear and an elastic bearing at each of six joints, its numbers made up."""
-    bodies, parent = [], "base"
-    for i, (axis, across, xyz, mass, center, inertia, k_gear, k_bearing, rotor) in enumerate(SIX, start=1):
-        driven = Joint(str(i), axis, Spring(k_gear, k_gear / 1500), Motor(rotor, 120.0, 2e-3))
-        bearing = Joint(f"{i}b", across, Spring(k_bearing, k_bearing / 1500))
-        bodies.append(Body(f"link{i}", parent, Placement(xyz), (driven, bearing), mass, center, inertia))
-        parent = f"link{i}"
-    return Robot("six axes", tuple(bodies))
-
-
-def rough(robot: Robot) -> Robot:
-    """The robot with LuGre friction at every motor: 0.3 to 0.45 Nm on the motor side, bristles of 70 Nm/rad."""
+def with_friction(robot: Robot) -> Robot:
+    """Add LuGre friction to every motor: 0.3 to 0.45 Nm on the motor side, bristles of 70 Nm/rad."""
     law = Friction(0.3, 0.45, 1.5, lugre=LuGre(70.0, 0.02, 30.0))
     motors = {joint.name: replace(joint.motor, coulomb=0.0, friction=law) for joint in robot.driven if joint.motor}
     return with_joints(robot, lambda joint: replace(joint, motor=motors.get(joint.name)))
 
 
 def elastid_run(model: ElasticModel, gains: JointLoop, torque: np.ndarray, samples: int) -> Callable[[], Trajectory]:
-    """One run of the sampled loop, ready to go; samples: that decide whether it is compiled."""
+    """Prepare one run of the sampled loop; samples: that decide whether it is compiled."""
     n_u, rest = model.n_u, np.zeros(model.n_q)
     limits, drives = np.array([[-9.0, 9.0]] * n_u), Drives(np.zeros(n_u), np.full(n_u, np.inf))
     loop = closed_loop(
@@ -79,7 +61,7 @@ def elastid_run(model: ElasticModel, gains: JointLoop, torque: np.ndarray, sampl
 
 
 def in_mujoco(robot: Robot) -> Any:
-    """The robot as MuJoCo reads it, exported without friction states."""
+    """Load the robot into MuJoCo, exported without friction states."""
     import mujoco
 
     machine = mujoco.MjModel.from_xml_string(ElementTree.tostring(mjcf(robot), encoding="unicode"))
@@ -89,7 +71,7 @@ def in_mujoco(robot: Robot) -> Any:
 
 
 def mujoco_run(robot: Robot, gains: JointLoop, torque: np.ndarray) -> Callable[[], object]:
-    """The same time of the same robot in MuJoCo, rolled out by its own loop."""
+    """Prepare the same time of the same robot in MuJoCo, rolled out by its own loop."""
     import mujoco
     from mujoco import rollout
 
@@ -104,7 +86,7 @@ def mujoco_run(robot: Robot, gains: JointLoop, torque: np.ndarray) -> Callable[[
 
 
 def same_accelerations(robot: Robot) -> float:
-    """Largest relative difference of elastid's and MuJoCo's accelerations at random states."""
+    """Return the largest relative difference of elastid's and MuJoCo's accelerations at random states."""
     import mujoco
 
     machine, model = in_mujoco(robot), serial(robot)
@@ -126,17 +108,10 @@ def same_accelerations(robot: Robot) -> float:
     return worst
 
 
-def cpu_s(run: Callable[[], object]) -> float:
-    """CPU time of one run."""
-    before = time.process_time()
-    run()
-    return time.process_time() - before
-
-
-def benched(robot: Robot, seconds: float, rounds: int, with_mujoco: bool) -> dict[str, float]:
-    """Times faster than real time of both, and their ratio."""
+def bench(robot: Robot, seconds: float, rounds: int, with_mujoco: bool) -> dict[str, float]:
+    """Measure times faster than real time of both, and their ratio."""
     before = time.perf_counter()
-    model = serial(rough(robot))
+    model = serial(with_friction(robot))
     built = time.perf_counter() - before
     gains = tune(model, np.zeros(model.n_q), 1.5, 0.8)
     torque = np.random.default_rng(1).normal(0.0, 30.0, (round(seconds * RATE_HZ), model.n_u))
@@ -148,11 +123,7 @@ def benched(robot: Robot, seconds: float, rounds: int, with_mujoco: bool) -> dic
     runs: dict[str, Callable[[], object]] = {"elastid": machine, "virtual_machine": virtual}
     if with_mujoco:
         runs["mujoco"] = mujoco_run(robot, gains, torque)
-    times: dict[str, list[float]] = {name: [] for name in runs}
-    for _ in range(rounds):
-        for name, run in runs.items():
-            times[name].append(cpu_s(run))
-    row = {f"{name}_times_real_time": seconds / statistics.median(values) for name, values in times.items()}
+    row = {f"{name}_times_real_time": seconds / cpu_s for name, cpu_s in timing.in_turn(runs, rounds).items()}
     row |= {"coordinates": model.n_q, "model_built_s": built, "loop_built_s": loaded}
     if with_mujoco:
         row["time_over_mujoco"] = row["mujoco_times_real_time"] / row["elastid_times_real_time"]
@@ -161,7 +132,7 @@ def benched(robot: Robot, seconds: float, rounds: int, with_mujoco: bool) -> dic
 
 
 def check(six: dict[str, float]) -> None:
-    """The six-axis arm against the goals, where there is a compiler, and MuJoCo."""
+    """Assert the goals of the six-axis arm, where there is a compiler, and MuJoCo."""
     try:
         compiler()
     except OSError:
@@ -171,28 +142,15 @@ def check(six: dict[str, float]) -> None:
 
 
 def main() -> None:
-    """The table, then the JSON line."""
-    parser = argparse.ArgumentParser()
+    """Print a line for each robot, then the JSON line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="one second once, to see that it runs")
-    quick = parser.parse_args().quick
-    try:
-        import mujoco  # noqa: F401
-
-        with_mujoco = True
-    except ImportError:
-        with_mujoco = False
-    robots = {
-        "demo": load(Path(str(files("elastid") / "app/templates/serial/study.yml"))).study.robot,
-        "six_axes": six_axes(),
-    }
-    seconds, rounds = (1.0, 1) if quick else (5.0, 9)
-    results = {name: benched(robot, seconds, rounds, with_mujoco) for name, robot in robots.items()}
-    print("times real time, CPU; the last column is elastid's time over MuJoCo's")
-    print(f"{'robot':10}{'coordinates':>12}{'elastid':>10}{'no compiler':>13}{'MuJoCo':>10}{'ratio':>8}")
-    for name, row in results.items():
-        peer = row.get("mujoco_times_real_time", float("nan"))
-        own, virtual = row["elastid_times_real_time"], row["virtual_machine_times_real_time"]
-        print(f"{name:10}{row['coordinates']:>12.0f}{own:>10.1f}{virtual:>13.1f}{peer:>10.1f}{peer / own:>8.2f}")
+    quick, with_mujoco = parser.parse_args().quick, find_spec("mujoco") is not None
+    demo = load(Path(str(files("elastid") / "app/templates/serial/study.yml"))).study.robot
+    seconds, rounds, results = *((1.0, 1) if quick else (5.0, 9)), dict[str, dict[str, float]]()
+    for name, robot in {"demo": demo, "six_axes": build_robot()}.items():
+        results[name] = bench(robot, seconds, rounds, with_mujoco)
+        print(name, json.dumps(results[name]), flush=True)
     if not quick:
         check(results["six_axes"])
     print(json.dumps(results))

@@ -11,20 +11,14 @@ Measured, in CPU seconds on two cores: 33 (all_s) in all; design 2.5 (design_s),
 (estimate_s), fit 6.3 (fit_s), validate 3.2 (validate_s), report 2.5 (report_s).
 """
 
-# One BLAS thread must be asked for before NumPy is loaded.
-# ruff: noqa: E402
-import os
-
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
-
 import argparse
 import json
+import os
 import random
 import tempfile
 from pathlib import Path
 
-from timing import bare_work_s, machine
+import timing
 
 from elastid.app.console import Console
 from elastid.app.run import Run, run_all
@@ -53,13 +47,13 @@ MIDDLE, REACH = (0, -80, 90, 0, 30, 0), (60, 30, 40, 80, 70, 90)
 
 
 def cpu_s() -> float:
-    """CPU time of this process and of those that have ended."""
+    """Return the CPU time of this process and of those that have ended."""
     times = os.times()
     return times.user + times.system + times.children_user + times.children_system
 
 
 def study(postures: int, realisations: int, starts: int) -> str:
-    """The text of the study."""
+    """Write the text of the study."""
     draw, ranges = random.Random(3), list(zip(MIDDLE, REACH, strict=True))
     rows = [
         ", ".join(f"{round(middle + draw.uniform(-reach, reach))} deg" for middle, reach in ranges)
@@ -70,12 +64,12 @@ def study(postures: int, realisations: int, starts: int) -> str:
 
 
 def main() -> None:
-    """The stages as they end, then one JSON line."""
+    """Print the stages as they end, then one JSON line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="two postures, one start")
     is_quick = parser.parse_args().quick
     text = study(2, 2, 1) if is_quick else study(10, 2, 20)
-    print(machine(), flush=True)
+    print(timing.machine(), flush=True)
     seconds = dict[str, float]()
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
@@ -87,7 +81,7 @@ def main() -> None:
             seconds[f"{stage}_s"] = cpu_s() - begun
             print(f"{stage:10s} {seconds[f'{stage}_s']:6.1f}", flush=True)
     seconds["all_s"] = sum(seconds.values())
-    seconds["all_over_work"] = seconds["all_s"] / bare_work_s()
+    seconds["all_over_work"] = seconds["all_s"] / timing.bare_work_s()
     print(json.dumps({name: round(value, 1) for name, value in seconds.items()}))
 
 

@@ -1,7 +1,13 @@
-"""CPU times of functions for the benchmarks: medians, of functions that are compared in turn; and the machine."""
+"""CPU times of functions for the benchmarks: medians, of functions that are compared in turn; and the machine.
+
+Scripts import it first: it asks for one BLAS thread, which NumPy reads when it is loaded.
+"""
+
+import os
+
+os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 import ctypes
-import os
 import platform
 import statistics
 import time
@@ -14,12 +20,12 @@ from elastid.base.kernels import description
 
 
 def cpu_seconds(function: Callable[[], object], repeats: int) -> float:
-    """Median CPU time of a call, after one that does not count; the machine may be shared."""
+    """Return the median CPU time of a call, after one that does not count; the machine may be shared."""
     return in_turn({"": function}, repeats)[""]
 
 
 def in_turn(functions: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, float]:
-    """Median CPU times of functions that take turns, so that what else the machine does meets all of them."""
+    """Return median CPU times of functions that take turns, so that what else the machine does meets all of them."""
     times: dict[str, list[float]] = {name: [] for name in functions}
     for repeat in range(repeats + 1):
         for name, function in functions.items():
@@ -31,7 +37,7 @@ def in_turn(functions: Mapping[str, Callable[[], object]], repeats: int) -> dict
 
 
 def bare_work_s() -> float:
-    """CPU time of a fixed mixture of FFT, products of matrices, copies and Python: a unit for programs on a machine."""
+    """Return the CPU time of a fixed mixture of FFT, products of matrices, copies and Python, a unit for programs."""
     far = np.zeros(1 << 24)  # 128 MB, in no cache: machines differ most in how fast memory is
     x = np.random.default_rng(0).standard_normal((6, 1 << 18))
     A = x[:, :15000].reshape(-1, 150, 150) + 0j
@@ -46,7 +52,7 @@ def bare_work_s() -> float:
 
 
 def machine() -> str:
-    """The processor, the kernels of this package, and those of BLAS with its number of threads, in words."""
+    """Name the processor, the kernels of this package, and those of BLAS with its number of threads."""
     return f"{_processor()}; {description()}; {_blas()}"
 
 
@@ -58,7 +64,7 @@ def _processor() -> str:
 
 
 def _blas() -> str:
-    """OpenBLAS says for which processor its kernels are, which it chooses when it is loaded."""
+    """Name the processor of OpenBLAS's kernels, which it chooses when it is loaded."""
     built = np.show_config(mode="dicts")["Build Dependencies"]["blas"]
     words = f"BLAS {built['name']} {built['version']}"
     for path in Path(np.__file__).parents[1].glob("numpy.libs/*openblas*"):

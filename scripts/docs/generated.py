@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import itertools
 import json
 import re
 from collections.abc import Iterator
@@ -11,7 +12,7 @@ from pathlib import Path
 import click
 import matplotlib.pyplot as plt
 import numpy as np
-from plain_text import escaped, restructured
+from plain_text import escaped, list_table, restructured
 
 import elastid
 from elastid.app.cli import cli, run_command
@@ -64,11 +65,9 @@ def commands() -> str:
 
 def export_targets() -> str:
     """Every target of `elastid export`: the content of its files, and the values that a row of a package may need."""
-    rows = [f"   * - ``{row.tag}``\n     - {escaped(row.content)}\n" for tag in MODULES for row in targets(tag)]
+    rows = [(f"``{row.tag}``", escaped(row.content)) for tag in MODULES for row in targets(tag)]
     values = [f"``{name}``\n   {escaped(meaning)}\n" for name, meaning in VALUES.items()]
-    return "\n".join(
-        [title("Targets of an export"), ".. list-table::\n   :widths: 20 80\n", *rows, _PACKAGE_TARGETS, *values]
-    )
+    return "\n".join([title("Targets of an export"), list_table(rows, ":widths: 20 80"), _PACKAGE_TARGETS, *values])
 
 
 def keys() -> dict[str, str]:
@@ -85,18 +84,14 @@ def keys() -> dict[str, str]:
             parts += [*heading, _explained(key)]
         pages[f"keys/{root}"] = "\n".join(parts)
     sections = [root for root in order if f"keys/{root}" in pages]
-    toc = "\n".join(f"   {root}" for root in sections)
-    table = "".join(f"   * - :doc:`{root}`\n     - {escaped(texts[root])}\n" for root in sections)
-    pages["keys/index"] = (
-        title("Keys of a study")
-        + f"\n{len(by_path)} keys in the order of a study. ``elastid explain KEY`` prints the same text, and "
+    head = (
+        f"{len(by_path)} keys in the order of a study. ``elastid explain KEY`` prints the same text, and "
         "editors show it with the study.schema.json of ``elastid new``. ``[]`` is the number of an entry, ``<name>`` a "
-        "name that you choose.\n\n.. list-table::\n   :widths: 20 80\n\n"
-        + table
-        + "\n.. toctree::\n   :hidden:\n\n"
-        + toc
-        + "\n"
+        "name that you choose.\n"
     )
+    table = list_table([(f":doc:`{root}`", escaped(texts[root])) for root in sections], ":widths: 20 80")
+    toc = ".. toctree::\n   :hidden:\n\n" + "".join(f"   {root}\n" for root in sections)
+    pages["keys/index"] = "\n".join([title("Keys of a study"), head, table, toc])
     return pages
 
 
@@ -244,35 +239,19 @@ SCORES = (
 
 def open_benchmark(folder: Path) -> str:
     """Results of the open benchmark by robot and entry, medians over the seeds, as a figure and a table."""
-    rows = json.loads((BENCHMARK / "results.json").read_text())["open"]
-    entries = list(dict.fromkeys(row["entry"] for row in rows))
-    robots = list(dict.fromkeys(row["robot"] for row in rows))
+    results = json.loads((BENCHMARK / "results.json").read_text())["open"]
+    entries, robots = (list(dict.fromkeys(row[key] for row in results)) for key in ("entry", "robot"))
     figure, axes = plt.subplots(figsize=(8, 4.5), layout="constrained")
-    head = [
-        "robot",
-        "entry",
-        "seeds",
-        "95 % intervals that contain the true value",
-        *(heading for heading, _ in SCORES),
-    ]
-    table = "".join(f"{'   * - ' if i == 0 else '     - '}{text}\n" for i, text in enumerate(head))
-    for robot in robots:
-        for entry in entries:
-            of = [row for row in rows if (row["robot"], row["entry"]) == (robot, entry)]
-            if not of:
-                continue
-            medians = {
-                key: np.median([row[key] for row in of if row[key] is not None] or [np.nan]) for _, key in SCORES
-            }
-            inside = f"{sum(row['inside'] for row in of)} of {sum(row['of'] for row in of)}"
-            cells = ["" if np.isnan(value) else f"{value:.2g}" for value in medians.values()]
-            table += "".join(
-                f"{'   * - ' if i == 0 else '     - '}{text}\n"
-                for i, text in enumerate([f"``{robot}``", entry, str(len(of)), inside, *cells])
-            )
-            axes.semilogy(
-                robots.index(robot), medians["k_percent"], "osD^"[entries.index(entry)], c=f"C{entries.index(entry)}"
-            )
+    rows = [["robot", "entry", "seeds", "95 % intervals that contain the true value", *(head for head, _ in SCORES)]]
+    for (x, robot), (index, entry) in itertools.product(enumerate(robots), enumerate(entries)):
+        of = [row for row in results if (row["robot"], row["entry"]) == (robot, entry)]
+        if not of:
+            continue
+        medians = {key: np.median([row[key] for row in of if row[key] is not None] or [np.nan]) for _, key in SCORES}
+        inside = f"{sum(row['inside'] for row in of)} of {sum(row['of'] for row in of)}"
+        numbers = ["" if np.isnan(value) else f"{value:.2g}" for value in medians.values()]
+        rows.append([f"``{robot}``", entry, str(len(of)), inside, *numbers])
+        axes.semilogy(x, medians["k_percent"], "osD^"[index], c=f"C{index}")
     for index, entry in enumerate(entries):
         axes.semilogy([], [], "osD^"[index], c=f"C{index}", label=entry)
     axes.set_xticks(range(len(robots)), robots, rotation=30, ha="right")
@@ -286,7 +265,6 @@ def open_benchmark(folder: Path) -> str:
         "error of all stiffnesses k and of all dampings d, median over the seeds. :doc:`/howto/neighbours` describes "
         "robots, entries and rules.\n"
     )
-    picture = (
-        ".. image:: /pictures/open_benchmark.png\n   :alt: Largest errors of the stiffnesses by robot and entry.\n"
-    )
-    return "\n".join([title("Open benchmark"), text, picture, ".. list-table::\n   :header-rows: 1\n", table])
+    alt = "Largest errors of the stiffnesses by robot and entry."
+    picture = f".. image:: /pictures/open_benchmark.png\n   :alt: {alt}\n"
+    return "\n".join([title("Open benchmark"), text, picture, list_table(rows)])

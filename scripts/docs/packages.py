@@ -7,6 +7,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 from matplotlib.patches import FancyArrowPatch
+from plain_text import list_table
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "elastid"
@@ -60,15 +61,14 @@ def draw(path: Path) -> None:
 def page(pictures: Path) -> str:
     """Page with drawing and table; a row for each package: subject, files, lines, packages that it imports."""
     draw(pictures / "packages.png")
-    below, rows = imports(), ""
+    below, rows = imports(), [("package", "subject", "files", "lines", "imports")]
     for name in (name for layer in layers() for name in layer):
         files = python_files(name)
         first = PACKAGE / name / "__init__.py" if len(files) > 1 else files[0]
         docstring = ast.get_docstring(ast.parse(first.read_text(encoding="utf-8"))) or ""
         lines = sum(len(path.read_text(encoding="utf-8").splitlines()) for path in files)
         used = ", ".join(imported for importer, imported in below if importer == name)
-        cells = (f"``{name}``", docstring.split("\n")[0], len(files), lines, used)
-        rows += "".join(f"{'   * - ' if i == 0 else '     - '}{cell}\n" for i, cell in enumerate(cells))
+        rows.append((f"``{name}``", docstring.split("\n")[0], str(len(files)), str(lines), used))
     return f"""Packages
 ========
 
@@ -79,12 +79,4 @@ import ``base``, without an arrow.
 .. image:: /pictures/packages.png
    :alt: The packages of elastid by layer, with an arrow for each import between two packages.
 
-.. list-table::
-   :header-rows: 1
-
-   * - package
-     - subject
-     - files
-     - lines
-     - imports
-{rows}"""
+{list_table(rows)}"""

@@ -1,6 +1,7 @@
 """Docstrings of the code as reStructuredText: equations and doctests stay, all other words are text and not markup."""
 
 import re
+from collections.abc import Iterable, Sequence
 from textwrap import dedent, indent
 
 _KEY = re.compile(r"(?:^|  )(?=(?:[a-z]\w*, )*[A-Za-z_]\w*(?: \([^()]*\))?: )")
@@ -23,6 +24,23 @@ def escaped(text: str) -> str:
         pieces.append(before + (match[0] if match[0].startswith(":math:") else f"``{match[1].strip()}``") + glued)
         end = match.end()
     return "".join(pieces) + _MARKUP.sub(r"\\\1", text[end:]).replace("`", r"\`")
+
+
+def list_table(rows: Iterable[Sequence[object]], option: str = ":header-rows: 1") -> str:
+    """Return a table of rows of cells as reStructuredText.
+
+    >>> print(list_table([("name", "unit"), ("k_1", "N m/rad")]))
+    .. list-table::
+       :header-rows: 1
+    <BLANKLINE>
+       * - name
+         - unit
+       * - k_1
+         - N m/rad
+    <BLANKLINE>
+    """
+    cells = ["   * - " + "\n     - ".join(map(str, row)) + "\n" for row in rows]
+    return f".. list-table::\n   {option}\n\n{''.join(cells)}"
 
 
 def restructured(doc: str) -> str:

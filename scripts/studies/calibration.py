@@ -10,22 +10,14 @@ and the deviation that the fit states over the scatter. Then with a model that i
 one JSON object.
 """
 
-# One BLAS thread must be asked for before NumPy is loaded.
-# ruff: noqa: E402
-import os
-
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
-
-import argparse
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
+import study_run
 import numpy as np
-from study_plants import NOISE, Plant, Rig, demo, responses, three_mass
+from study_plants import NOISE, PLANTS, Plant, Rig, exact_responses, three_mass
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.execution import Execution
@@ -37,8 +29,9 @@ from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.spec import WeightSpec
 from elastid.response import Response
 
-ROBOTS: dict[str, Callable[[], Plant]] = {"three-mass": three_mass, "demo": demo}
+ROBOTS: dict[str, Callable[[], Plant]] = {"three-mass": three_mass, "demo": PLANTS["demo"]}
 WRONG = ("hidden mode", "masses 2 % off", "friction")
+RIGS: dict[str, Rig] = {}
 
 
 @dataclass(frozen=True)
@@ -51,16 +44,18 @@ class DataSets:
     wrong: str = ""
     floor: float = 0.0
 
-    @cached_property
+    @property
     def rig(self) -> Rig:
-        """Built once in a process."""
-        return _rig(self.plant.name, self.plant)
+        """The rig of the plant, built once in a process."""
+        if self.plant.name not in RIGS:
+            RIGS[self.plant.name] = Rig.of(self.plant)
+        return RIGS[self.plant.name]
 
     def __call__(self, number: int) -> FloatArray:
-        """One data set; NaN where its fit did not converge."""
+        """Fit one data set; NaN where its fit did not converge."""
         rng = np.random.default_rng([self.seed, number])
         spec = replace(self.plant.spec, weights=WeightSpec(model_error=self.floor))
-        data = self.rig.drawn(rng, _truth(self.rig, self.wrong, rng))
+        data = self.rig.draw(rng, _truth(self.rig, self.wrong, rng))
         assembly = self.rig.assembly(data, spec)
         x = self.plant.parameters.x
         optimum = relinearise(assembly, LocalOptimum(x, x, 0.0, 0, True, "the truth"), "complex")
@@ -70,8 +65,8 @@ class DataSets:
         return np.array([optimum.end.x - x, np.sqrt(np.diag(sure.covariance)), _holds(optimum, sure, x)])
 
     def bound(self) -> FloatArray:
-        """The Cramer-Rao bound of x (n_x,) at the truth."""
-        data = self.rig.drawn(np.random.default_rng(0))
+        """Return the Cramer-Rao bound of x (n_x,) at the truth."""
+        data = self.rig.draw(np.random.default_rng(0))
         exact = [replace(noisy, G=exact.G) for noisy, exact in zip(data, self.rig.exact, strict=True)]
         assembly = self.rig.assembly(exact, self.plant.spec)
         information = assembly.at(self.plant.parameters.x, "complex").evaluate(self.plant.parameters.x).hessian / 2
@@ -79,7 +74,7 @@ class DataSets:
 
 
 def _holds(optimum: RelinearisedOptimum, sure: Uncertainty, x: FloatArray) -> BoolArray:
-    """Whether each interval (n_x,) holds x, as a fit states it: by profile likelihood where V is not quadratic."""
+    """Return whether each interval (n_x,) holds x: by profile likelihood where V is not quadratic."""
     problem, there, variance = optimum.fit.problem, optimum.end.x, np.diag(sure.covariance)
     names, _ = choose_profiles(problem.parameters, variance)
     low, high = profile_likelihood(problem, there, variance, names).T
@@ -87,17 +82,8 @@ def _holds(optimum: RelinearisedOptimum, sure: Uncertainty, x: FloatArray) -> Bo
     return np.where(np.isnan(low), np.abs(there - x) < reach, (low < x) & (x < high))
 
 
-_RIGS: dict[str, Rig] = {}
-
-
-def _rig(name: str, plant: Plant) -> Rig:
-    if name not in _RIGS:
-        _RIGS[name] = Rig.of(plant)
-    return _RIGS[name]
-
-
 def _truth(rig: Rig, wrong: str, rng: np.random.Generator) -> tuple[Response, ...]:
-    """Exact responses of a robot that the model does not describe, the wrong part drawn for each."""
+    """Return exact responses of a robot that the model does not describe, the wrong part drawn for each."""
     robot, freq_hz = rig.plant.robot, rig.plant.freq_hz
     if wrong == "hidden mode":
         place = float(np.exp(rng.uniform(np.log(freq_hz[0]), np.log(freq_hz[-1]))))
@@ -109,20 +95,19 @@ def _truth(rig: Rig, wrong: str, rng: np.random.Generator) -> tuple[Response, ..
         # A body keeps its shape: mass and inertia change together.
         scale = {body.name: 1 + 0.02 * rng.choice([-1, 1]) for body in robot.bodies}
         values = {n: robot.parameters()[n][0] * scale[n.split("_")[1]] for n in heavy if n.split("_")[1] in scale}
-        return responses(rig.plant, rig.linearisation, robot.with_parameters(values))
+        return tuple(exact_responses(rig.plant, robot.with_parameters(values), linearisation=rig.linearisation))
     if wrong == "friction":
         # Coulomb friction looks viscous to a multisine, in each configuration by another amount.
-        found = []
-        names = [name for name in robot.parameters() if name.startswith("fm_")]
+        viscous, responses = {n: v for n, (v, _) in robot.parameters().items() if n.startswith("fm_")}, []
         for i in range(len(rig.exact)):
-            values = {name: robot.parameters()[name][0] * float(rng.uniform(1, 3)) for name in names}
-            found.append(responses(rig.plant, rig.linearisation, robot.with_parameters(values))[i])
-        return tuple(found)
+            other = robot.with_parameters({name: value * float(rng.uniform(1, 3)) for name, value in viscous.items()})
+            responses.append(exact_responses(rig.plant, other, linearisation=rig.linearisation)[i])
+        return tuple(responses)
     return rig.exact
 
 
-def calibrated(sets: DataSets, n_sets: int, jobs: int) -> dict[str, Any]:
-    """Coverage, scatter and stated deviations of n_sets data sets, for each of the free parameters."""
+def calibrate(sets: DataSets, n_sets: int, jobs: int) -> dict[str, Any]:
+    """Return coverage, scatter and stated deviations of n_sets data sets, for each of the free parameters."""
     rows = np.array(Execution(jobs).ordered(sets, range(n_sets)))
     good = np.isfinite(rows).all(axis=(1, 2))
     error, stated, holds = rows[good].swapaxes(0, 1)
@@ -138,24 +123,18 @@ def calibrated(sets: DataSets, n_sets: int, jobs: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="few data sets of the smallest robot, to see that it runs")
-    parser.add_argument("--sets", type=int, default=1000)
-    parser.add_argument("--robot", nargs="*", default=list(ROBOTS), choices=list(ROBOTS))
-    parser.add_argument("--noise", type=float, default=NOISE, help="relative, of every element")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--jobs", type=int, default=2)
-    options = parser.parse_args()
+    quick = "few data sets of the smallest robot, to see that it runs"
+    options = study_run.options(__doc__, quick, sets=1000, robot=tuple(ROBOTS), noise=NOISE, seed=0, jobs=2)
     n_sets, jobs = (40, 1) if options.quick else (options.sets, options.jobs)
     names = ["three-mass"] if options.quick else options.robot
     plants = [replace(ROBOTS[name](), noise=options.noise) for name in names]
-    results = {plant.name: calibrated(DataSets(plant, options.seed), n_sets, jobs) for plant in plants}
+    results = {plant.name: calibrate(DataSets(plant, options.seed), n_sets, jobs) for plant in plants}
     wrong: dict[str, dict[str, Any]] = {}
     for plant in plants:
         for what in WRONG[:1] if options.quick else WRONG:
             for floor in (0.0, 0.01):
                 sets = DataSets(plant, options.seed + 1, what, floor)
-                row = calibrated(sets, max(20, n_sets // 10), jobs)
+                row = calibrate(sets, max(20, n_sets // 10), jobs)
                 wrong[f"{plant.name}: {what}, floor {floor:g}"] = row
     print(json.dumps({"calibration": results, "wrong_model": wrong}))
 

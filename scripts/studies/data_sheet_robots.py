@@ -14,89 +14,38 @@ for each draw, of random phase in each of some random postures: for each number 
 that hold, and the median stated std over that of the errors.
 """
 
-# One BLAS thread must be asked for before NumPy is loaded.
-# ruff: noqa: E402
-import os
-
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
-
-import argparse
 import json
 import math
-import sys
 from collections import Counter
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
+import study_run
 import numpy as np
-from study_plants import Plant, demo, of_study, six_axes
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
-from plants.data_sheet_arm import FREQ, POSTURES, arm
 from plants.measured_robots import responses_of
+from study_plants import PLANTS, Plant, within_data_sheet
 
 from elastid.fit.identify import identify
-from elastid.record import Configuration
 from elastid.response import Response
 from elastid.robot import Robot, Tolerances
 from elastid.robot.tolerances import RATIO
 
-ZERO = math.radians(0.2)
-RELATIVE = {"mass": 0.03, "motor_inertia": 0.05, "springs": 0.2}
-INERTIA, CENTRE_M, LENGTH_M, NOISE = 0.1, 0.01, 1e-3, 0.01
-TEMPLATES = Path(__file__).parents[2] / "elastid" / "app" / "templates"
+NOISE = 0.01
 
 
-def two_axes() -> Plant:
-    """Two links in a vertical plane with elastic gears."""
-    configurations = tuple(Configuration(f"c{i}", angles) for i, angles in enumerate(POSTURES))
-    return Plant("two-axis", arm(), configurations, FREQ, demo().spec)
-
-
-def linkage() -> Plant:
-    """The arm with a parallelogram of the template."""
-    return of_study(TEMPLATES / "parallel-linkage" / "study.yml", "linkage", 60)
-
-
-PLANTS = {"two-axis": two_axes, "demo": demo, "six-axis": six_axes, "linkage": linkage}
-
-
-def drawn(robot: Robot, rng: np.random.Generator) -> Robot:
-    """The robot as it is, off its file."""
-    factors, numbers = {body.name: math.exp(INERTIA * rng.standard_normal()) for body in robot.all_bodies}, {}
-    for name, (value, _) in robot.parameters(tuple(robot.geometry)).items():
-        z, owner = rng.standard_normal(), name.split("_", 1)[1]
-        if value == 0 and not name.startswith(("c_", "zero_")):
-            continue
-        if name.startswith("I_"):
-            numbers[name] = value * factors.get(owner, factors.get(owner.rpartition("_")[0], 1.0))
-        elif name.startswith("c_"):
-            numbers[name] = value + CENTRE_M * z
-        elif name.startswith("zero_"):
-            numbers[name] = ZERO * z
-        elif name in robot.geometry:
-            numbers[name] = value + LENGTH_M * z
-        elif name.startswith(("m_", "Jm_", "k_", "d_")):
-            kind = {"m": "mass", "J": "motor_inertia"}.get(name[0], "springs")
-            numbers[name] = value * math.exp(RELATIVE[kind] * z)
-    return robot.with_parameters(numbers)
-
-
-def measured(plant: Plant, robot: Robot, rng: np.random.Generator) -> list[Response]:
-    """Responses of the robot with noise of known variance."""
+def measure(plant: Plant, robot: Robot, rng: np.random.Generator) -> list[Response]:
+    """Return responses of the robot with noise of known variance."""
     postures = {each.name: each.angles for each in plant.configurations}
     return responses_of(robot, postures, rng, plant.freq_hz, NOISE, 0.0, spec=plant.model)
 
 
-def judged(plant: Plant, draws: int, seed: int) -> dict[str, Any]:
-    """Counts over the draws of one plant."""
+def judge(plant: Plant, draws: int, seed: int) -> dict[str, Any]:
+    """Count intervals and statuses over the draws of one plant."""
     inside, states, worst = [], Counter[str](), 0.0
     for draw in range(draws):
         rng = np.random.default_rng([seed, draw])
-        robot = drawn(plant.robot, rng)
-        data = measured(plant, robot, rng)
+        robot = within_data_sheet(plant.robot, rng)
+        data = measure(plant, robot, rng)
         file, spec = replace(plant.robot, tolerances=Tolerances()), replace(plant.spec, seed=1)
         result = identify(data, file, spec, model=plant.model)
         truth = {name: value for name, (value, _) in robot.parameters().items()}
@@ -112,12 +61,12 @@ def judged(plant: Plant, draws: int, seed: int) -> dict[str, Any]:
 
 
 def with_transmission_errors(amplitude: float, postures: int, draws: int, seed: int) -> dict[str, Any]:
-    """Share of intervals of k that hold the truth, and stated std over std of the errors; two axes, low noise."""
-    plant, errors, stds, inside = two_axes(), list[float](), list[float](), list[bool]()
+    """Return the share of intervals of k that hold the truth, and stated std over std of the errors; low noise."""
+    plant, errors, stds, inside = PLANTS["two-axis"](), list[float](), list[float](), list[bool]()
     for draw in range(draws):
         rng = np.random.default_rng([seed, draw, postures, int(1e6 * amplitude)])
         angles = rng.uniform((-1.2, 0.4), (0.8, 2.0), (postures, 2))
-        robot, data = drawn(plant.robot, rng), list[Response]()
+        robot, data = within_data_sheet(plant.robot, rng), list[Response]()
         e = rng.uniform(0, amplitude) * np.cos(rng.uniform(0, 2 * np.pi, (postures, 2)))
         for i, posture in enumerate(angles.tolist()):
             numbers = {f"{of}_{j + 1}": (1 + e[i, j]) ** 2 for of in ("Jm", "fm") for j in range(2)}
@@ -142,14 +91,8 @@ def with_transmission_errors(amplitude: float, postures: int, draws: int, seed: 
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--quick", action="store_true", help="one draw of two axes, without limits")
-    parser.add_argument("--draws", type=int, default=75, help="of each plant")
-    parser.add_argument("--plants", nargs="+", choices=PLANTS, default=list(PLANTS))
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--transmission", type=float, help="largest transmission error, over the ratio")
-    parser.add_argument("--postures", type=int, nargs="+", default=[2, 3, 5], help="of such gears")
-    args = parser.parse_args()
+    sizes = {"draws": 75, "plants": tuple(PLANTS), "seed": 0, "transmission": float, "postures": [2, 3, 5]}
+    args = study_run.options(__doc__, "one draw of two axes, without limits", **sizes)
     if args.transmission is not None:
         groups = {n: with_transmission_errors(args.transmission, n, args.draws, args.seed) for n in args.postures}
         print(json.dumps(groups))
@@ -157,7 +100,7 @@ def main() -> None:
     names, draws = (["two-axis"], 1) if args.quick else (args.plants, args.draws)
     rows = {}
     for name in names:
-        rows[name] = judged(PLANTS[name](), draws, args.seed)
+        rows[name] = judge(PLANTS[name](), draws, args.seed)
         print(name, json.dumps(rows[name]), flush=True)
     if not args.quick:
         count = sum(each["of"] for each in rows.values())

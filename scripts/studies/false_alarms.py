@@ -17,16 +17,7 @@ motors on elastic gears and the links of a planar arm under a sampled controller
 u: link side.  q_m: the encoder's.  c: a carrier.
 """
 
-# One BLAS thread must be asked for before NumPy is loaded.
-# ruff: noqa: E402
-import os
-
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
-
-import argparse
 import json
-import sys
 import tempfile
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
@@ -34,14 +25,13 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
 
+import study_run
 import h5py
 import numpy as np
+from plants.outside_arm import Outside
 from scipy.linalg import expm
 from scipy.signal import lfilter
-from scipy.stats import beta
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
-from plants.outside_arm import Outside
+from scipy.stats import binomtest
 
 from elastid import api
 from elastid.base.arrays import FloatArray
@@ -50,14 +40,11 @@ from elastid.base.execution import Execution
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import Plan, make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.experiment.specs.simulated import CarrierSpec, ColoredNoiseSpec, NoiseSpec, SimulatedSpec
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.logs.rig import RecordedRig
 from elastid.record import Configuration, Record
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 from elastid.simulation.spec import ControllerSpec
@@ -106,8 +93,8 @@ class Kind:
     half_wave: bool
 
     @classmethod
-    def drawn(cls, number: int, seed: int) -> "Kind":
-        """That of a set of logs by its number."""
+    def draw(cls, number: int, seed: int) -> "Kind":
+        """Draw the kind of a set of logs by its number."""
         rng, is_simulated = np.random.default_rng((seed, number)), bool(number % 2)
         grid = str(rng.choice(list(GRIDS)))
         axes, realisations = int(rng.integers(1, 3)), int(rng.integers(1, 4))
@@ -168,7 +155,7 @@ class Kind:
         return make_plan(excitation, self.spec, self.robot, self.number)
 
     def records(self) -> Iterator[Record]:
-        """Those of all experiments."""
+        """Return the records of all experiments."""
         if not self.is_simulated:
             return closed_form(self)
         rig = SimulatedRig(self.robot, self.spec, self.plan, self.number)
@@ -176,7 +163,7 @@ class Kind:
 
 
 def closed_form(kind: Kind) -> Iterator[Record]:
-    """Each run from three periods on: what it begins with has died out."""
+    """Yield each run from three periods on: what it begins with has died out."""
     rng, plan, rms = np.random.default_rng((kind.seed, kind.number, 3)), kind.plan, TORQUE_RMS[: kind.axes]
     places = ("position",) * kind.axes
     for run in plan.experiments:
@@ -190,7 +177,7 @@ def closed_form(kind: Kind) -> Iterator[Record]:
 
 
 def disturbance(kind: Kind, n: int, rng: np.random.Generator) -> FloatArray:
-    """Torque (n, n_u) of slow wander with a time constant of 5 s, and of a step somewhere."""
+    """Draw torque (n, n_u) of slow wander with a time constant of 5 s, and of a step somewhere."""
     decay = np.exp(-1 / (5.0 * RATE_HZ))
     white = rng.standard_normal((n, kind.axes)) * np.sqrt(1 - decay**2)
     slow, _ = lfilter([1.0], [1.0, -decay], white, axis=0, zi=decay * rng.standard_normal((1, kind.axes)))
@@ -201,7 +188,7 @@ def disturbance(kind: Kind, n: int, rng: np.random.Generator) -> FloatArray:
 def closed_loop(
     kind: Kind, posture: Configuration, r: FloatArray, w: FloatArray, noise: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Torques and read angles (n, n_u), link side, of a run."""
+    """Simulate a run: torques and read angles (n, n_u), link side."""
     M, D, K, _ = Outside(kind.robot).matrices(posture.angles)
     n, size = kind.axes, 4 * kind.axes
     A = np.zeros((5 * n, 5 * n))
@@ -225,9 +212,9 @@ def closed_loop(
     return u, q
 
 
-def judged(number: int, seed: int) -> tuple[Kind, dict[str, str]]:
-    """Codes of all alarms of a set of clean logs, with their sentences."""
-    kind, codes = Kind.drawn(number, seed), dict[str, str]()
+def judge(number: int, seed: int) -> tuple[Kind, dict[str, str]]:
+    """Return codes of all alarms of a set of clean logs, with their sentences."""
+    kind, codes = Kind.draw(number, seed), dict[str, str]()
     with tempfile.TemporaryDirectory() as name:
         try:
             for code, text in _alarms(read(kind, Path(name)), kind.robot, seed):
@@ -238,7 +225,7 @@ def judged(number: int, seed: int) -> tuple[Kind, dict[str, str]]:
 
 
 def true_of(kind: Kind) -> dict[str, str]:
-    """Alarms that are true of a kind, and why."""
+    """Return alarms that are true of a kind, and why."""
     true: dict[str, str] = {}
     if kind.step:
         true |= dict.fromkeys(("frf/periods-discarded", "frf/transient-discarded"), "the period with the step differs")
@@ -253,7 +240,7 @@ def true_of(kind: Kind) -> dict[str, str]:
 
 
 def _alarms(records: list[Record], robot: Robot, seed: int) -> Iterator[tuple[str, str]]:
-    """Codes with their sentences, of records, responses, fit and validation; a refusal ends them."""
+    """Yield codes with their sentences, of records, responses, fit and validation; a refusal ends them."""
     of_records = _codes(note for record in records for note in record.notes)
     yield from of_records.items()
     responses = api.estimate(records, robot)
@@ -272,7 +259,7 @@ def _alarms(records: list[Record], robot: Robot, seed: int) -> Iterator[tuple[st
 
 
 def _local(records: list[Record], robot: Robot) -> dict[str, str]:
-    """Of the local rational method; new phases in every experiment are no repeats."""
+    """Return alarms of the local rational method; new phases in every experiment are no repeats."""
     try:
         responses = api.estimate(records, robot, method="local_rational", friction="none")
     except ElastidError as error:
@@ -289,39 +276,33 @@ def _codes(notes: Iterable[Note]) -> dict[str, str]:
 
 
 def read(kind: Kind, folder: Path) -> list[Record]:
-    """The logs of a kind, written to files and read as a laboratory's are."""
+    """Write the logs of a kind to files and read them as a laboratory's are."""
     files, channels = [], []
     for i, record in enumerate(kind.records()):
         with h5py.File(folder / f"{i}.h5", "w") as file:
             file["r"], file["u"], file["q"] = record.r, record.u, record.y * RATIO[: kind.axes]
-        files.append(FileSpec(f"{i}.h5", record.configuration.name, record.realisation, record.experiment))
+        run = {"realisation": record.realisation, "experiment": record.experiment}
+        files.append({"path": f"{i}.h5", "configuration": record.configuration.name, **run})
+    roles = {"r": {}, "u": {}, "y": {"channel": "q", "quantity": "position", "side": "motor"}}
     for j, place in enumerate(kind.robot.motor_locations, 1):
-        channels += [ChannelSpec("r", place, "r", column=j)] if kind.has_reference else []
-        channels += [ChannelSpec("u", place, "u", column=j)]
-        channels += [ChannelSpec("y", place, "q", column=j, quantity="position", side="motor")]
-    recorded = RecordedSpec(
-        RATE_HZ, tuple(channels), tuple(files), PERIOD / RATE_HZ, half_wave=kind.half_wave, hold="zero-order"
-    )
-    rig = RecordedRig(kind.robot, ExperimentSpec(kind.spec.configurations, recorded=recorded), folder)
-    return [rig.measure(experiment) for experiment in rig.experiments]
+        for role in "ruy" if kind.has_reference else "uy":
+            channels.append({"role": role, "at": place, "channel": role, "column": j} | roles[role])
+    logs = {"rate_hz": RATE_HZ, "period": PERIOD / RATE_HZ, "channels": channels, "files": files, "hold": "zero-order"}
+    logs |= {"configurations": kind.spec.configurations, "half_wave": kind.half_wave}
+    return [*api.read_records(kind.robot, folder=folder, **logs)]
 
 
 def interval(count: int, of: int) -> tuple[float, float]:
-    """The 95 % interval of a rate (Clopper and Pearson, 1934)."""
-    low = float(beta.ppf(0.025, count, of - count + 1)) if count else 0.0
-    return low, float(beta.ppf(0.975, count + 1, of - count)) if count < of else 1.0
+    """Return the 95 % interval of a rate (Clopper and Pearson, 1934)."""
+    ends = binomtest(count, of).proportion_ci()
+    return float(ends.low), float(ends.high)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--logs", type=int, default=300)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--jobs", type=int, default=1)
-    options = parser.parse_args()
+    options = study_run.options(__doc__, "two sets", logs=300, seed=0, jobs=1)
     sets = 2 if options.quick else options.logs
     totals: Counter[str] = Counter()
-    for _, (kind, codes) in Execution(options.jobs).unordered(partial(judged, seed=options.seed), range(sets)):
+    for _, (kind, codes) in Execution(options.jobs).unordered(partial(judge, seed=options.seed), range(sets)):
         totals.update([*codes])
         for code, text in codes.items():
             print(f"{code}: {kind}: {text[:160]}", flush=True)

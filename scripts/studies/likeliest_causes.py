@@ -2,9 +2,9 @@
 
     python scripts/studies/likeliest_causes.py [--quick] [--only WORD] [--clean 50] [--seed 0] [--jobs 2]
 
-Causes of `causes`.py, `causes`.py and `causes`.py are injected one by one into exact responses of
-robots of two, three and six axes and of a linkage, on some 40 lines with 0.5 % of noise; of the last every other robot
-is off its file as CAD and data sheets are.  The fit takes the robot's file with its common tolerances, or as exact
+Causes of `causes.py` and `workshop.py` are injected one by one into exact responses of robots of two, three and six
+axes and of a linkage, on some 40 lines with 0.5 % of noise; of the last every other robot is off its file as CAD and
+data sheets are.  The fit takes the robot's file with its common tolerances, or as exact
 where the table says so.  A row has the injected cause, the first that the fit names, whether it is right, how certain
 it was stated, its share of the excess of V, its drop of V, the status, and the largest error of a stiffness over the
 half of its interval.
@@ -24,14 +24,6 @@ converged and names nothing.  The last line is one JSON object.
 A payload of 3 kg on two axes is taken up whole by the tolerances of a file that is not exact.
 """
 
-# One BLAS thread must be asked for before NumPy is loaded.
-# ruff: noqa: E402
-import os
-
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
-
-import argparse
 import json
 import math
 from collections import Counter
@@ -39,9 +31,12 @@ from dataclasses import asdict, dataclass, replace
 from fnmatch import fnmatch
 from functools import cache, partial
 
+import study_run
 import numpy as np
-from causes import FURTHER, INJECTIONS, exact, noisy, workshop
-from data_sheet_robots import PLANTS, Plant, drawn
+from causes import FURTHER, INJECTIONS
+from plants.two_mass import drawn
+from study_plants import PLANTS, Plant, exact_responses, within_data_sheet
+from workshop import workshop
 
 from elastid.base.execution import Execution
 from elastid.fit.diagnosis.limits import LIMITS
@@ -51,7 +46,7 @@ from elastid.response import Response
 from elastid.robot import Tolerances
 
 CERTAIN = LIMITS.certain_fraction
-MIN_NAMED, STARTS, SILENT = 0.9, 2, 2.0
+NOISE, MIN_NAMED, STARTS, SILENT = 0.005, 0.9, 2, 2.0
 QUICK = ("torque constant 2 20 % off two-axis", "drive 2 late by 1 ms two-axis", "last u channels swapped linkage")
 
 
@@ -73,7 +68,7 @@ class Row:
 
 @cache
 def plant(name: str) -> Plant:
-    """A robot, built once in a process, on some 40 lines: more take longer and show no other cause."""
+    """Return a robot, built once in a process, on some 40 lines: more take longer and show no other cause."""
     of = PLANTS[name]()
     return replace(of, freq_hz=of.freq_hz[:: math.ceil(len(of.freq_hz) / 40)])
 
@@ -81,29 +76,36 @@ def plant(name: str) -> Plant:
 EVERY = (*INJECTIONS, *FURTHER, *workshop({name: plant(name) for name in PLANTS}))
 
 
-def fitted(of: Plant, data: list[Response], is_exact: bool = False) -> Result:
-    """The fit of a study with the file of the plant."""
+def add_noise(responses: list[Response], rng: np.random.Generator) -> list[Response]:
+    """Add circular noise of known variance to responses."""
+    data = []
+    for G in responses:
+        values, total = drawn(G.G, NOISE * np.abs(G.G) + 0.1 * NOISE * np.abs(G.G).max(axis=0), rng)
+        data.append(replace(G, G=values, total=total))
+    return data
+
+
+def fit_model(of: Plant, data: list[Response], is_exact: bool = False) -> Result:
+    """Fit the model of the plant as a study does."""
     robot = of.robot if is_exact else replace(of.robot, tolerances=Tolerances())
     return identify(data, robot, replace(of.spec, seed=1, starts=STARTS), model=of.model)
 
 
-def judged(number: int, seed: int) -> Row:
-    """An injected cause by its number, fitted."""
+def judge(number: int, seed: int) -> Row:
+    """Fit an injected cause by its number, and judge what is named."""
     injection = EVERY[number]
     of, rng = plant(injection.plant), np.random.default_rng([seed, number])
-    true = replace(of, robot=drawn(of.robot, rng)) if injection.drawn else of
-    data = noisy(injection.measured(true), rng)
-    result = fitted(replace(of, robot=injection.file(of.robot)), data, injection.exact)
+    true = replace(of, robot=within_data_sheet(of.robot, rng)) if injection.is_off_sheet else of
+    data = add_noise(injection.responses(true), rng)
+    model = of.robot if injection.has_payload else replace(of.robot, payload=None)
+    result = fit_model(replace(of, robot=model), data, injection.is_exact)
     off = _off(true, result)
     first = next((index for index in result.indices if index.place == 1), None)
     if first is None or not any(note.code == "fit/likely-cause" for note in result.notes):
         text, family = _other(result), injection.right[0].partition("_")[0] if injection.right else ""
-        is_stated = bool(family) and any(
-            note.code == "fit/fixed-values" and f"{family}_" in note.text for note in result.notes
-        )
-        verdict = (
-            "none" if result.status != "converged" else "within" if off <= SILENT else "stated" if is_stated else "none"
-        )
+        fixed = " ".join(note.text for note in result.notes if note.code == "fit/fixed-values")
+        silent = "within" if off <= SILENT else "stated" if family and f"{family}_" in fixed else "none"
+        verdict = silent if result.status == "converged" else "none"
         return Row(injection.name, injection.plant, text, verdict, False, 0.0, 0.0, result.status, (), off)
 
     def is_right(name: str) -> bool:
@@ -118,69 +120,49 @@ def judged(number: int, seed: int) -> Row:
 
 
 def _other(result: Result) -> str:
-    """The first note on causes that V does not rank."""
+    """Return the first note on causes that V does not rank."""
     codes = ("fit/inconsistent-responses", "fit/frequency-unit")
     return next((f"{note.code}: {str(note)[:90]}" for note in result.notes if note.code in codes), "")
 
 
-def _errors(of: Plant, result: Result) -> dict[str, float]:
-    """The error of each stiffness over the half of its interval on that side."""
-    truth, errors = of.robot.parameters(), {}
+def _off(of: Plant, result: Result) -> float:
+    """Return the largest error of a stiffness over the half of its interval on that side."""
+    truth, worst = of.robot.parameters(), 0.0
     for name in (p.name for p in result.parameters.of_interest if p.name.startswith("k_")):
         value, (low, high) = result.values[name], result.interval(name)
         end = low if truth[name][0] < value else high
-        errors[name] = abs(value - truth[name][0]) / max(abs(value - end), 1e-12 * value)
-    return errors
-
-
-def _off(of: Plant, result: Result) -> float:
-    """The largest of them."""
-    return max(_errors(of, result).values(), default=0.0)
+        worst = max(worst, abs(value - truth[name][0]) / max(abs(value - end), 1e-12 * value))
+    return worst
 
 
 def names_a_cause(number: int, seed: int) -> bool:
-    """Whether a clean data set, of one robot after the other, has any cause."""
+    """Return whether a clean data set, of one robot after the other, has any cause."""
     of = plant(("two-axis", "demo")[number % 2])
-    data = noisy(exact(of, of.robot), np.random.default_rng([seed, 1, number]))
-    return any(note.code == "fit/likely-cause" for note in fitted(of, data).notes)
+    data = add_noise(exact_responses(of), np.random.default_rng([seed, 1, number]))
+    return any(note.code == "fit/likely-cause" for note in fit_model(of, data).notes)
 
 
 def main() -> None:
-    """A row for each cause, then one JSON line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="three causes, and one clean data set")
-    parser.add_argument("--only", default="", help="causes whose name or robot contains this")
-    parser.add_argument("--clean", type=int, default=50)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--jobs", type=int, default=2)
-    options = parser.parse_args()
+    """Print a row for each cause, then one JSON line."""
+    options = study_run.options(__doc__, "three causes, and one clean data set", only="", clean=50, seed=0, jobs=2)
     named = [(n, f"{i.name} {i.plant}") for n, i in enumerate(EVERY)]
     chosen = [n for n, words in named if options.only in words and (words in QUICK or not options.quick)]
-    print(f"{'cause':<40}{'robot':<10}{'verdict':<8}{'certain':<9}{'share':>6}{'drop':>10}  {'status':<13}"
-          f"{'off':>6}  first (or)")  # fmt: skip
     rows = []
-    for _, row in Execution(options.jobs).unordered(partial(judged, seed=options.seed), chosen):
-        rows.append(row)
-        certain = "certain" if row.is_certain else "doubted" if row.first else ""
-        numbers = f"{100 * min(row.share, 1):5.0f}%{row.drop:10.3g}"
-        judgement = f"{row.verdict:<8}{certain:<9}{numbers}  {row.status:<13}{row.off:6.1f}"
-        print(f"{row.cause:<40}{row.robot:<10}{judgement}  {' or '.join((row.first, *row.alike))}", flush=True)
-    counts = Counter(row.verdict for row in rows)
-    wrong = [row.cause for row in rows if row.verdict == "wrong" and row.is_certain]
-    silent = [row.cause for row in rows if row.verdict == "none" and row.status == "converged"]
+    for _, row in Execution(options.jobs).unordered(partial(judge, seed=options.seed), chosen):
+        rows.append(asdict(row))
+        print(json.dumps(rows[-1]), flush=True)
+    counts = Counter(row["verdict"] for row in rows)
+    wrong = [row["cause"] for row in rows if row["verdict"] == "wrong" and row["is_certain"]]
+    silent = [row["cause"] for row in rows if row["verdict"] == "none" and row["status"] == "converged"]
     clean = 1 if options.quick else 0 if options.only else options.clean
     alarms = sum(Execution(options.jobs).ordered(partial(names_a_cause, seed=options.seed), range(clean)))
-    total = counts["right"] + counts["apart"] + counts["doubt"] + counts["within"] + counts["stated"]
-    print(f"\n{total} of {len(rows)}: {counts['right']} first, {counts['apart']} not to be told apart, "
-          f"{counts['doubt']} without a hypothesis and doubted, {counts['within']} within the intervals, "
-          f"{counts['stated']} as far as stated; "
-          f"{len(wrong)} wrong and certain; {alarms} of {clean} clean data sets with a cause")  # fmt: skip
+    total = len(rows) - counts["wrong"] - counts["none"]
     assert options.only or total >= MIN_NAMED * len(rows), counts
     assert not wrong, wrong
     assert not silent, silent
     assert alarms <= 0.01 * clean, alarms
     print(json.dumps({"causes": len(rows), "verdicts": counts, "wrong and certain": wrong, "clean": clean,
-                      "false alarms": alarms, "rows": [asdict(row) for row in rows]}))  # fmt: skip
+                      "false alarms": alarms, "rows": rows}))  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -29,21 +29,18 @@ for 95 % with that many modes, of which those of one record have noise in common
 random with seed 100, whose damping is held by 92.0 %, and segments, with 2 of 81 not found.
 """
 
-# One BLAS thread must be asked for before NumPy is loaded.
-# ruff: noqa: E402
-import os
-
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
-
-import argparse
 import json
+from collections.abc import Iterator
 from dataclasses import dataclass
 
+import study_run
 import numpy as np
+from scipy.linalg import hadamard
+from scipy.signal import chirp
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError
+from elastid.excitation.multisine import synthesise
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.modal.estimate import estimate_modes
@@ -73,7 +70,7 @@ class Structure:
 
     @classmethod
     def draw(cls, rng: np.random.Generator, n_y: int, n_u: int) -> "Structure":
-        """Modes at least two of their widths apart."""
+        """Draw modes at least two of their widths apart."""
         n = int(rng.integers(3, 13))
         while True:
             freq_hz = np.sort(rng.uniform(8, 0.36 * RATE_HZ, n))
@@ -83,67 +80,61 @@ class Structure:
                 return cls(freq_hz, zeta, rng.normal(size=(n_y, n)), n_u)
 
     def response(self, freq_hz: FloatArray) -> ComplexArray:
-        """G (F, n_y, n_u), acceleration per force."""
+        """Return G (F, n_y, n_u), acceleration per force."""
         w, natural = 2 * np.pi * freq_hz[:, None], 2 * np.pi * self.freq_hz
         modal = -(w**2) / (natural**2 - w**2 + 2j * self.zeta * natural * w)
         return np.einsum("ir,fr,jr->fij", self.shapes, modal, self.shapes[: self.n_u])
 
     def peak(self) -> FloatArray:
-        """|G| (n, n_y, n_u) of each mode by itself at its frequency."""
+        """Return |G| (n, n_y, n_u) of each mode by itself at its frequency."""
         shapes = self.shapes.T
         return np.abs(shapes[:, :, None] * shapes[:, None, : self.n_u]) / (2 * self.zeta[:, None, None])
 
-    def moved(self, u: FloatArray) -> FloatArray:
-        """Outputs (n, n_y) under forces (n, n_u), which repeat."""
+    def motion(self, u: FloatArray) -> FloatArray:
+        """Return outputs (n, n_y) under forces (n, n_u), which repeat."""
         spectrum = np.fft.rfft(u, axis=0)
         freq_hz = np.maximum(np.fft.rfftfreq(len(u), 1 / RATE_HZ), 1e-9)
         return np.fft.irfft(np.einsum("fij,fj->fi", self.response(freq_hz), spectrum), len(u), axis=0)
 
 
 def records(kind: str, structure: Structure, level: float, rng: np.random.Generator, noise_only: bool) -> list[Record]:
-    """Records of one excitation with noise on forces and outputs."""
-    n_u, out = structure.n_u, []
-    for m, e, u, periodic, cut in _forces(kind, n_u, rng):
-        y = structure.moved(u)
-        u, y = u[cut], y[cut]
-        scale = y.std(axis=0)
-        y = (0 if noise_only else y) + level * scale * rng.normal(size=y.shape)
-        if periodic:
-            period, u, y = len(u), np.tile(u, (3, 1)), np.tile(y, (3, 1))
-            y = y + level * scale * rng.normal(size=y.shape)
-        else:
-            period = 0
+    """Simulate records of one excitation with noise on forces and outputs."""
+    n_u, measured = structure.n_u, []
+    for m, e, force, part in _forces(kind, n_u, rng):
+        u, y = force[part], structure.motion(force)[part]
+        scale, period = level * y.std(axis=0), len(u)
+        y = (0 if noise_only else y) + scale * rng.normal(size=y.shape)
+        if kind == "multisine":
+            u, y = np.tile(u, (3, 1)), np.tile(y, (3, 1))
+            y = y + scale * rng.normal(size=y.shape)
         u = u + 0.2 * level * u.std() * rng.normal(size=u.shape)
         names = tuple(f"u{j}" for j in range(n_u)), tuple(f"y{j}" for j in range(y.shape[1]))
-        quantities = ("acceleration",) * y.shape[1]
-        out.append(Record(f"{m}{e}", BENCH, m, e, RATE_HZ, period or len(u), *names, quantities, u, y,
-                          is_periodic=periodic))  # fmt: skip
-    return out
+        motion = (("acceleration",) * y.shape[1], u, y)
+        record = Record(f"{m}{e}", BENCH, m, e, RATE_HZ, period, *names, *motion, is_periodic=kind == "multisine")
+        measured.append(record)
+    return measured
 
 
-def _forces(kind: str, n_u: int, rng: np.random.Generator):
-    """Realisation, experiment, force (n, n_u), True for a period, and the part of it that is recorded."""
+def _forces(kind: str, n_u: int, rng: np.random.Generator) -> Iterator[tuple[int, int, FloatArray, slice]]:
+    """Yield realisation, experiment, force (n, n_u), and the part of it that is recorded."""
     if kind == "multisine":
         N = 4096
         lines = np.arange(32, int(HIGHEST * N))
         for m in range(2):
             X = np.exp(2j * np.pi * rng.random((len(lines), n_u)))
-            for e in range(n_u):
-                signs = np.array([(-1) ** bin(e & j).count("1") for j in range(n_u)])
-                yield m, e, _signal(lines, X * signs, N), True, slice(None)
+            for e, signs in enumerate(hadamard(n_u)):
+                yield m, e, _signal(lines, X * signs, N), slice(None)
     elif kind in ("random", "segments"):
         N, L = int(60 * RATE_HZ), int(90 * RATE_HZ)
         lines = np.arange(10, int(0.42 * L))
         X = rng.normal(size=(len(lines), n_u)) + 1j * rng.normal(size=(len(lines), n_u))
-        yield 0, 0, _signal(lines, X, L), False, slice(-N, None)
+        yield 0, 0, _signal(lines, X, L), slice(-N, None)
     elif kind == "sweep":
-        N, first, last = int(60 * RATE_HZ), 4.0, 0.42 * RATE_HZ
-        growth = np.log(last / first) / 60
-        phase = 2 * np.pi * first * np.expm1(growth * np.arange(N) / RATE_HZ) / growth
+        N = int(60 * RATE_HZ)
         for e in range(n_u):
             u = np.zeros((N + int(30 * RATE_HZ), n_u))
-            u[:N, e] = np.sin(phase)
-            yield 0, e, u, False, slice(0, N)
+            u[:N, e] = chirp(np.arange(N) / RATE_HZ, 4.0, 60, 0.42 * RATE_HZ, "logarithmic", phi=-90)
+            yield 0, e, u, slice(0, N)
     else:
         hits, gap = 6, 8.0
         N, t = int(hits * gap * RATE_HZ), np.arange(int((hits * gap + 40) * RATE_HZ)) / RATE_HZ
@@ -152,18 +143,16 @@ def _forces(kind: str, n_u: int, rng: np.random.Generator):
             for hit in range(hits):
                 x = (t - (hit + 0.1) * gap - rng.uniform(0, 0.3)) / 0.004
                 u[:, e] += rng.uniform(0.7, 1.3) * np.where((x > 0) & (x < 1), np.sin(np.pi * np.clip(x, 0, 1)), 0)
-            yield 0, e, u, False, slice(0, N)
+            yield 0, e, u, slice(0, N)
 
 
-def _signal(lines, spectrum, N):
-    X = np.zeros((N // 2 + 1, spectrum.shape[1]), complex)
-    X[lines] = spectrum
-    x = np.fft.irfft(X, N, axis=0)
+def _signal(lines: IntArray, spectrum: ComplexArray, N: int) -> FloatArray:
+    x = synthesise(lines, spectrum, N)
     return x / x.std()
 
 
 def modes_of(kind: str, structure: Structure, level: float, rng: np.random.Generator, noise_only: bool = False):
-    """The response and its modes; no mode where the response is refused or has no coherence."""
+    """Estimate the response and its modes; no mode where the response is refused or has no coherence."""
     response = estimate(records(kind, structure, level, rng, noise_only), SPECS[kind])
     try:
         return response, estimate_modes(response)
@@ -171,8 +160,8 @@ def modes_of(kind: str, structure: Structure, level: float, rng: np.random.Gener
         return response, None
 
 
-def judged(structure: Structure, response: Response, modes: Modes | None):
-    """Strong modes, those found, false modes, and deviations (n, 2) of frequency and damping in standard deviations."""
+def judge(structure: Structure, response: Response, modes: Modes | None):
+    """Count strong, found and false modes; deviations (n, 2) of frequency and damping in standard deviations."""
     std = np.sqrt(response.uncertainty.variance)
     lines = np.clip(np.searchsorted(response.freq_hz, structure.freq_hz), 0, response.n_lines - 1)
     strong = np.any(structure.peak() > 3 * std[lines], axis=(1, 2))
@@ -190,31 +179,29 @@ def judged(structure: Structure, response: Response, modes: Modes | None):
 
 
 def main(draws: int, seed: int, kinds: list[str], quick: bool) -> dict[str, object]:
-    """The table, printed and asserted."""
+    """Print the table, and assert the goals."""
     table: dict[str, object] = {"draws": draws}
     for kind in kinds:
-        strong = found = false = noise = noise_records = 0
-        deviations = []
+        counts, deviations, noise = np.zeros(3, int), [], 0
         for draw in range(draws):
             rng = np.random.default_rng(seed + draw)
             structure = Structure.draw(rng, *((1, 1), (3, 1), (4, 2))[draw % 3])
             level = 10 ** rng.uniform(-3, np.log10(0.03))
-            counts = judged(structure, *modes_of(kind, structure, level, rng))
-            strong, found, false = strong + counts[0], found + counts[1], false + counts[2]
-            deviations.append(counts[3])
-            if counts[1] < counts[0] or counts[2]:
-                print(f"  {kind} draw {draw}: {counts[:3]}, noise {level:.4f}", flush=True)
+            *each, z = judge(structure, *modes_of(kind, structure, level, rng))
+            counts += each
+            deviations.append(z)
+            if each[1] < each[0] or each[2]:
+                print(f"  {kind} draw {draw}: {each}, noise {level:.4f}", flush=True)
             silent = modes_of(kind, Structure.draw(rng, *((1, 1), (3, 1))[draw % 2]), 0.1, rng, noise_only=True)[1]
             noise += silent is not None and silent.n_modes > 0
-            noise_records += 1
-        z = np.concatenate(deviations)
+        z, (strong, found, false) = np.concatenate(deviations), counts.tolist()
         fractions = np.mean(np.abs(z) < 1.96, axis=0)
-        rates = {"noise": noise / noise_records, "found": found / strong, "false": false / max(found, 1)}
+        rates = {"noise": noise / draws, "found": found / strong, "false": false / max(found, 1)}
         squares = np.mean(z**2, axis=0).round(3).tolist()
         table[kind] = {**rates, "modes": strong, "held": fractions.round(4).tolist(), "squares": squares}
         print(kind, json.dumps(table[kind]), flush=True)
         few = 2 if quick else 0  # of a quick run one or two modes are many percent
-        assert noise <= max(0.01 * noise_records, few / 2)
+        assert noise <= max(0.01 * draws, few / 2)
         assert strong - found <= max(0.02 * strong, few)
         assert false <= max(0.01 * strong, few / 2)
         assert np.all(fractions > (0.85 if quick else 0.92))
@@ -222,11 +209,6 @@ def main(draws: int, seed: int, kinds: list[str], quick: bool) -> dict[str, obje
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="3 draws of two excitations")
-    parser.add_argument("--draws", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--excitation", choices=list(SPECS), help="one of them alone")
-    asked = parser.parse_args()
-    kinds = [asked.excitation] if asked.excitation else list(SPECS)[:: 2 if asked.quick else 1]
-    print(json.dumps(main(3 if asked.quick else asked.draws, asked.seed, kinds, asked.quick)))
+    options = study_run.options(__doc__, "3 draws of two excitations", draws=100, seed=0, excitation=tuple(SPECS))
+    kinds = options.excitation[:: 2 if options.quick else 1]
+    print(json.dumps(main(3 if options.quick else options.draws, options.seed, kinds, options.quick)))

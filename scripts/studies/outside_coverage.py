@@ -22,25 +22,18 @@ converged, levels 0.05 to 0.66 % off of stated 0.62 to 1.45 %. `--coulomb 0.3 --
 come from records alone.)
 """
 
-# One BLAS thread must be asked for before NumPy is loaded.
-# ruff: noqa: E402
-import os
-import tempfile
-
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ[variable] = "1"
-os.environ.setdefault("NUMBA_CACHE_DIR", tempfile.mkdtemp())
-
-import argparse
 import importlib
 import json
+import os
 import sys
+import tempfile
 from collections import Counter
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeAlias
 
+import study_run
 import numpy as np
 
 from elastid.base.arrays import FloatArray
@@ -58,29 +51,30 @@ RIGS = Path(__file__).resolve().parents[2].parent / "shared" / "rigs"
 # Coulomb friction of the motors in Nm, by its share of the rms torque.
 COULOMB = {0.0: (0.0, 0.0), 0.05: (3.0, 1.5), 0.16: (9.6, 4.8), 0.3: (18.0, 9.0)}
 NAMES = ("k_1", "k_2", "d_1", "d_2")
-# Of the fits: floor of the study, and whether the robot's file is said to be exact.
-FITS: dict[str, tuple[float | None, bool]] = {"default": (None, True), "file": (None, False)}
+# Of the fits: whether the robot's file is said to be exact.
+FITS = {"default": True, "file": False}
 COVERED, MISFITS, CHANCE = (0.93, 0.97), 0.01, 3.0
 
 
 # By fit: error of ln p, its stated deviation and whether the interval holds it, by name; V over expected; the status.
 # By "levels", error and deviation of each level over the true one.
-Found: TypeAlias = dict[str, Any]
+Fits: TypeAlias = dict[str, Any]
 
 
-@lru_cache(maxsize=1)
+@cache
 def study_of(rigs: Path) -> Study:
-    """The study that the rig writes for its logs."""
+    """Load the study that the rig writes for its logs."""
     rig = rig_of(rigs)
     with tempfile.TemporaryDirectory() as folder:
         rig.write(rig.dataset(seed=0, M=2), folder)
         return load(Path(folder) / "study.yml").study
 
 
-@lru_cache(maxsize=1)
+@cache
 def rig_of(rigs: Path) -> Any:
-    """The rig's module, used where it lies."""
+    """Import the rig's module where it lies."""
     sys.dont_write_bytecode = True
+    os.environ.setdefault("NUMBA_CACHE_DIR", tempfile.mkdtemp())
     sys.path.insert(0, str(rigs))
     return importlib.import_module("two_axis_arm")
 
@@ -94,8 +88,8 @@ class Case:
     rigs: Path
     is_at_rest: bool = False
 
-    def __call__(self, number: int) -> Found:
-        """The fits of one data set."""
+    def __call__(self, number: int) -> Fits:
+        """Fit one data set."""
         groups, lines = self._records(number)
         spec = EstimatorSpec(friction="auto", transient_periods=0)
         friction = identify_motor_friction(groups, spec, lines)
@@ -103,17 +97,17 @@ class Case:
         study = study_of(self.rigs)
         true = dict(zip(friction.places, COULOMB[self.coulomb], strict=True))
         coulomb = [(place, *friction.coulomb_friction(place)) for place in friction.compensated_motors()]
-        found: Found = {
+        results: Fits = {
             "levels": [(level / true[place] - 1, std / true[place]) for place, level, std in coulomb if true[place]]
         }
-        for name, (floor, is_exact) in FITS.items():
+        for name, is_exact in FITS.items():
             robot = replace(study.as_robot(), tolerances=None) if is_exact else study.as_robot()
-            result = identify(responses, robot, with_model_error(replace(study.seeded_fit, starts=1), floor))
-            found[name] = self._against_truth(result), result.cost / result.cost_expected, result.status
-        return found
+            result = identify(responses, robot, with_model_error(replace(study.seeded_fit, starts=1), None))
+            results[name] = self._against_truth(result), result.cost / result.cost_expected, result.status
+        return results
 
     def _records(self, number: int) -> tuple[list[list[Record]], Any]:
-        """The records of each posture without their first period, and the excited lines."""
+        """Return records of each posture without their first period, and the excited lines."""
         rig, (first, second) = rig_of(self.rigs), COULOMB[self.coulomb]
         carrier = {"carrier": 0.0} if self.is_at_rest else {}
         logs = rig.dataset(5000 + number, M=self.realisations, fc1=first, fc2=second, **carrier)
@@ -129,47 +123,43 @@ class Case:
         return list(groups.values()), np.asarray(rig.LINES, dtype=np.int64)
 
     def _against_truth(self, result: Result) -> list[list[float]]:
-        true, std = rig_of(self.rigs).TRUE, dict(zip(result.parameters.free_names, _std(result), strict=True))
-        ends = {name: result.interval(name) for name in NAMES}
-        return [
-            [np.log(result.values[name] / true[name]), std[name], float(ends[name][0] <= true[name] <= ends[name][1])]
-            for name in NAMES
-        ]
+        true, std = rig_of(self.rigs).TRUE, np.sqrt(np.diag(result.covariance)).tolist()
+        errors = []
+        for name in NAMES:
+            (low, high), i = result.interval(name), result.parameters.free_names.index(name)
+            errors.append([np.log(result.values[name] / true[name]), std[i], float(low <= true[name] <= high)])
+        return errors
 
 
-def _std(result: Result) -> list[float]:
-    return [float(value) for value in np.sqrt(np.diag(result.covariance))]
-
-
-def figures(case: Case, found: list[Found], fit: str) -> dict[str, Any]:
-    """The figures of one fit over the data sets of a case."""
-    errors: FloatArray = np.array([each[fit][0] for each in found])
+def figures(case: Case, results: list[Fits], fit: str) -> dict[str, Any]:
+    """Return the figures of one fit over the data sets of a case."""
+    errors: FloatArray = np.array([each[fit][0] for each in results])
     z, stated, within = errors[:, :, 0], np.sqrt(np.mean(errors[:, :, 1] ** 2, axis=0)), errors[:, :, 2]
     # Data sets are independent, parameters of one are not; few sets may all have the same share.
-    chance = max(np.std(within.mean(axis=1), ddof=1), np.sqrt(0.05 * 0.95 / len(NAMES))) / np.sqrt(len(found))
+    chance = max(np.std(within.mean(axis=1), ddof=1), np.sqrt(0.05 * 0.95 / len(NAMES))) / np.sqrt(len(results))
     return {
         "coulomb": case.coulomb,
         "is_at_rest": case.is_at_rest,
-        **_of_levels([each["levels"] for each in found]),
+        **_of_levels([each["levels"] for each in results]),
         "realisations": case.realisations,
         "fit": fit,
-        "sets": len(found),
+        "sets": len(results),
         "coverage": float(within.mean()),
         "chance": float(chance),
         "bias_over_stated": (z.mean(axis=0) / stated).round(2).tolist(),
         "scatter_over_stated": (np.std(z, axis=0, ddof=1) / stated).round(2).tolist(),
         "stated_percent": (100 * stated).round(3).tolist(),
-        "cost_over_expected": float(np.mean([each[fit][1] for each in found])),
-        "statuses": dict(Counter(each[fit][2] for each in found)),
+        "cost_over_expected": float(np.mean([each[fit][1] for each in results])),
+        "statuses": dict(Counter(each[fit][2] for each in results)),
     }
 
 
-def _of_levels(found: list[list[tuple[float, float]]]) -> dict[str, Any]:
-    """Of levels, error and stated deviation over the true one: means in percent, and how many are right.
+def _of_levels(results: list[list[tuple[float, float]]]) -> dict[str, Any]:
+    """Return means of error and stated deviation of levels over the true one in percent, and how many are right.
 
     Only of data sets in which friction of all motors was taken out.
     """
-    taken = [levels for levels in found if len(levels) == max(map(len, found))]
+    taken = [levels for levels in results if len(levels) == max(map(len, results))]
     if not taken[0]:
         return {}
     off, std = np.moveaxis(np.array(taken), 2, 0)
@@ -181,7 +171,7 @@ def _of_levels(found: list[list[tuple[float, float]]]) -> dict[str, Any]:
     }
 
 
-def checked(row: dict[str, Any]) -> None:
+def check(row: dict[str, Any]) -> None:
     """Assert the goals of a row."""
     low, high = COVERED[0] - CHANCE * row["chance"], COVERED[1] + CHANCE * row["chance"]
     assert row["coverage"] >= low, row
@@ -191,41 +181,21 @@ def checked(row: dict[str, Any]) -> None:
     assert row["statuses"].get("misfit", 0) <= expected + CHANCE * np.sqrt(expected), row
 
 
-def line(row: dict[str, Any]) -> str:
-    """One line of the table."""
-    of = {key: " ".join(map(str, row[key])) for key in ("bias_over_stated", "scatter_over_stated", "stated_percent")}
-    return (
-        f"{row['coulomb']:<5g}{' at rest' * row['is_at_rest']} M {row['realisations']} {row['fit']:<8} "
-        f"{row['sets']:>3} sets: covered {100 * row['coverage']:.1f} +- {100 * row['chance']:.1f} %; "
-        f"bias {of['bias_over_stated']}; scatter {of['scatter_over_stated']}; stated {of['stated_percent']} %; "
-        f"V {row['cost_over_expected']:.3f}; {row['statuses']}; "
-        f"levels off {row.get('levels_off_percent')} % of {row.get('levels_stated_percent')}, "
-        f"taken out in {row.get('taken_out', 0)}"
-    )
-
-
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="few data sets of one case, to see that it runs")
-    parser.add_argument("--sets", type=int, default=20)
-    parser.add_argument("--coulomb", type=float, nargs="*", default=list(COULOMB), choices=list(COULOMB))
-    parser.add_argument("--realisations", type=int, nargs="*", default=[2, 3, 4])
-    parser.add_argument("--rest", action="store_true", help="without a carrier: the motors rest between reversals")
-    parser.add_argument("--rigs", type=Path, default=RIGS)
-    parser.add_argument("--jobs", type=int, default=1)
-    args = parser.parse_args()
+    sizes = {"sets": 20, "coulomb": tuple(COULOMB), "realisations": [2, 3, 4], "rest": False, "rigs": RIGS, "jobs": 1}
+    args = study_run.options(__doc__, "few data sets of one case, to see that it runs", **sizes)
     if not (args.rigs / "two_axis_arm.py").is_file():
         print(json.dumps({"skipped": "the rig two_axis_arm.py is in ../shared/rigs, which is not here"}))
         return
     sets, levels, counts = (2, [0.3], [2]) if args.quick else (args.sets, args.coulomb, args.realisations)
     rows = []
     for case in (Case(level, M, args.rigs.resolve(), args.rest) for level in levels for M in counts):
-        found = Execution(args.jobs).ordered(case, range(sets))
+        results = Execution(args.jobs).ordered(case, range(sets))
         for fit in FITS:
-            rows.append(figures(case, found, fit))
-            print(line(rows[-1]), flush=True)
+            rows.append(figures(case, results, fit))
+            print(json.dumps(rows[-1]), flush=True)
     for row in rows:
-        checked(row)
+        check(row)
     print(json.dumps({"outside_coverage": rows}))
 
 

@@ -32,16 +32,13 @@ The median error of the response is 0.76 of the half width of its 95 % interval 
 the size of the residuals counts, too.
 """
 
-import argparse
 import json
-import sys
 from dataclasses import replace
-from pathlib import Path
 
+import study_run
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from plants.outside_arm import ASKED, LINES, TOOL, Outside
+from plants.paths import TEMPLATES
 
 import elastid as ei
 from elastid.fit.identify import fit_parameters, identify
@@ -51,15 +48,18 @@ from elastid.robot import Frame, Placement, Tolerances
 from elastid.study import load_robot
 from elastid.use.postures import random_postures
 
-HERE = Path(__file__).parents[2]
 NOISE = 3e-3  # of the largest element on a line
 MISFITS = ("misfit", "missing", "several")
 CASES = ("right", "file", *MISFITS)
+# Wrong numbers of the cases misfit and several.
+SEVERAL = {"m_fore_arm": 0.97, "m_upper_arm": 1.03, "Jm_1": 0.96, "I_turret_zz": 1.1}
+FACTORS = {"misfit": {"m_fore_arm": 1.06}, "several": SEVERAL}
+SHIFTS = {"several": {"c_fore_arm_x": 0.010, "c_upper_arm_z": -0.008}}
 POSTURES = np.radians([[0, 40, -10], [0, -20, 50], [60, -10, -70], [20, 60, -50], [-45, 75, 20]])
 
 
-def measured(robot: Outside, rng: np.random.Generator) -> list[ei.Response]:
-    """Responses of five postures with circular noise of known variance."""
+def measure(robot: Outside, rng: np.random.Generator) -> list[ei.Response]:
+    """Return responses of five postures with circular noise of known variance."""
     responses = []
     for i, angles in enumerate(POSTURES):
         G = robot.motor_response(angles)
@@ -72,40 +72,33 @@ def measured(robot: Outside, rng: np.random.Generator) -> list[ei.Response]:
     return responses
 
 
-def described(case: str, nominal: ei.Robot, rng: np.random.Generator) -> tuple[ei.Robot, ei.Robot]:
-    """The true robot and the file that the fit is given, its springs and dampers off."""
-    truth = {n: v * np.exp(0.1 * rng.standard_normal()) for n, (v, _) in nominal.parameters().items() if n[0] in "kd"}
-    other: dict[str, float] = {}
+def describe(case: str, nominal: ei.Robot, rng: np.random.Generator) -> tuple[ei.Robot, ei.Robot]:
+    """Draw the true robot and the model of the fit, its springs and dampers off."""
+    numbers = {name: value for name, (value, _) in nominal.parameters().items()}
+    truth = {n: v * np.exp(0.1 * rng.standard_normal()) for n, v in numbers.items() if n[0] in "kd"}
     if case == "file":
         bodies = nominal.bodies
-        other |= {f"m_{b.name}": b.mass * np.exp(0.03 * rng.standard_normal()) for b in bodies}
+        truth |= {f"m_{b.name}": b.mass * np.exp(0.03 * rng.standard_normal()) for b in bodies}
         for b in bodies:
             factor = np.exp(0.1 * rng.standard_normal())
-            axes = ("xx", "yy", "zz")
-            other |= {f"I_{b.name}_{a}": v * factor for a, v in zip(axes, b.inertia, strict=True)}
+            truth |= {f"I_{b.name}_{a}": v * factor for a, v in zip(("xx", "yy", "zz"), b.inertia, strict=True)}
             places = zip("xyz", b.center_of_mass, strict=True)
-            other |= {f"c_{b.name}_{a}": v + 0.01 * rng.standard_normal() for a, v in places}
+            truth |= {f"c_{b.name}_{a}": v + 0.01 * rng.standard_normal() for a, v in places}
         motors = [(f"Jm_{j.name}", j.motor.inertia) for j in nominal.driven if j.motor is not None]
-        other |= {name: value * np.exp(0.05 * rng.standard_normal()) for name, value in motors}
-    if case == "misfit":
-        other["m_fore_arm"] = 1.06 * nominal.parameters()["m_fore_arm"][0]
-    if case == "several":
-        given_numbers = nominal.parameters()
-        factors = {"m_fore_arm": 0.97, "m_upper_arm": 1.03, "Jm_1": 0.96, "I_turret_zz": 1.1}
-        other |= {name: factor * given_numbers[name][0] for name, factor in factors.items()}
-        shifts = {"c_fore_arm_x": 0.010, "c_upper_arm_z": -0.008}
-        other |= {name: given_numbers[name][0] + shift for name, shift in shifts.items()}
-    values = {"k_2x": 1e3 * nominal.parameters()["k_2x"][0]} if case == "missing" else {}
+        truth |= {name: value * np.exp(0.05 * rng.standard_normal()) for name, value in motors}
+    truth |= {name: factor * numbers[name] for name, factor in FACTORS.get(case, {}).items()}
+    truth |= {name: numbers[name] + shift for name, shift in SHIFTS.get(case, {}).items()}
+    values = {"k_2x": 1e3 * numbers["k_2x"]} if case == "missing" else {}
     tolerances = Tolerances(length="exact", angle="exact") if case == "file" else "exact"
-    return nominal.with_parameters(truth | other), replace(nominal.with_parameters(values), tolerances=tolerances)
+    return nominal.with_parameters(truth), replace(nominal.with_parameters(values), tolerances=tolerances)
 
 
 def one_fit(case: str, seed: int, count: int) -> dict[str, np.ndarray]:
-    """Relative errors and whether intervals hold, of `count` random postures of one fit."""
+    """Return relative errors and whether intervals hold, of `count` random postures of one fit."""
     rng = np.random.default_rng([seed, sum(map(ord, case))])
-    robot = load_robot(HERE / "elastid" / "app" / "templates" / "serial" / "robot.yml")
+    robot = load_robot(TEMPLATES / "serial" / "robot.yml")
     nominal = replace(robot, frames=(Frame("tool", "fore_arm", Placement(TOOL)),))
-    true_robot, given = described(case, nominal, rng)
+    true_robot, model = describe(case, nominal, rng)
     true = Outside(true_robot)
     free = {"k_*": ParameterSpec(), "d_*": ParameterSpec(), "fm_*": ParameterSpec()}
     if case == "missing":
@@ -113,7 +106,7 @@ def one_fit(case: str, seed: int, count: int) -> dict[str, np.ndarray]:
     spec = FitSpec(parameters=free, starts=1, seed=seed, weights=WeightSpec(model_error=0.0))
     # What would explain a misfit widens its intervals, and is looked for by `identify` alone.
     fit = identify if case in MISFITS else fit_parameters
-    result = fit(measured(true, rng), given, spec)
+    result = fit(measure(true, rng), model, spec)
     rows: dict[str, list[np.ndarray]] = {}
     for angles in random_postures(nominal, count, seed):
         C, freq_hz, G = true.tool(angles)
@@ -121,7 +114,7 @@ def one_fit(case: str, seed: int, count: int) -> dict[str, np.ndarray]:
         stiff, modes, band = tool.stiffness(), tool.modes(), tool.response_band(ASKED)
         row = np.arange(3)
         error = np.abs(band.G - G)
-        judged = {
+        values_of = {
             "stiffness error": np.array(
                 [np.linalg.norm(stiff.compliance[:3, :3] - C[:3, :3]) / np.linalg.norm(C[:3, :3])]
             ),
@@ -133,44 +126,39 @@ def one_fit(case: str, seed: int, count: int) -> dict[str, np.ndarray]:
             "response error / half width": (error / band.pointwise)[:, row, row].ravel(),
             "band inside": np.all(error <= band.simultaneous, axis=0)[row, row],
         }
-        for key, value in judged.items():
+        for key, value in values_of.items():
             rows.setdefault(key, []).append(value)
     return {key: np.concatenate(values) for key, values in rows.items()} | {"status": np.array([result.status])}
 
 
+def summarise(ends: dict[str, np.ndarray]) -> dict[str, float]:
+    """Return medians and worst errors, fractions of intervals, and misfits of all postures of a case."""
+    summary = {"misfits": float(np.mean(ends.pop("status") == "misfit"))}
+    for key, values in ends.items():
+        if key.endswith("width"):
+            summary[f"{key}, median"] = round(float(np.median(values)), 2)
+        elif key.endswith("error"):
+            summary[f"{key}, median %"] = round(100 * float(np.median(values)), 4)
+            summary[f"{key}, worst %"] = round(100 * float(values.max()), 4)
+        else:
+            summary[f"{key} %"] = round(100 * float(values.mean()), 1)
+    return summary
+
+
 def main() -> None:
-    """Each case, and one JSON line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "--quick",
-        action="store_true",
-        help="one fit and two postures of a right model and a wrong one, to see that it runs",
-    )
-    parser.add_argument("--fits", type=int, default=0, help="of each case (default: 20), ten postures each")
-    parser.add_argument("--cases", nargs="+", default=[], choices=CASES)
-    options = parser.parse_args()
-    fits, count = (options.fits or 1, 2) if options.quick else (options.fits or 20, 10)
+    """Print each case, and one JSON line."""
+    quick = "one fit and two postures of a right model and a wrong one, to see that it runs"
+    options = study_run.options(__doc__, quick, fits=20, cases=CASES)
+    fits, count, cases = (1, 2, (CASES[0], "misfit")) if options.quick else (options.fits, 10, options.cases)
     summary: dict[str, dict[str, float]] = {}
-    for case in options.cases or (CASES[0], "misfit") if options.quick else options.cases or CASES:
+    for case in cases:
         ends = []
         for seed in range(fits):
             ends.append(one_fit(case, seed, count))
             fractions = (f"{key} {100 * v.mean():.0f} %" for key, v in ends[-1].items() if key.endswith("inside"))
             print(f"  {case}, fit {seed}: {', '.join(fractions)}", flush=True)
-        own = {}
-        for key in ends[0]:
-            values = np.concatenate([end[key] for end in ends])
-            if key == "status":
-                own["misfits"] = float(np.mean(values == "misfit"))
-            elif key.endswith("width"):
-                own[f"{key}, median"] = round(float(np.median(values)), 2)
-            elif key.endswith("error"):
-                own[f"{key}, median %"] = round(100 * float(np.median(values)), 4)
-                own[f"{key}, worst %"] = round(100 * float(values.max()), 4)
-            else:
-                own[f"{key} %"] = round(100 * float(values.mean()), 1)
-        summary[case] = own
-        print(case, own, flush=True)
+        summary[case] = summarise({key: np.concatenate([end[key] for end in ends]) for key in ends[0]})
+        print(case, summary[case], flush=True)
     print(json.dumps({"fits": fits, "postures": fits * count, **summary}))
     for case, own in summary.items():
         inside = [value for key, value in own.items() if "inside" in key]

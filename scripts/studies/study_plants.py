@@ -1,20 +1,25 @@
-"""Robots whose numbers are known, and responses of them as a perfect measurement with known noise would give them.
+"""Robots whose numbers are known, in configurations, and their responses by a measurement with known noise.
 
 For the studies beside this file; it does nothing by itself.
 """
 
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from importlib.resources import files
+from functools import partial
 from pathlib import Path
+from typing import TypeAlias
 
+import study_run  # noqa: F401, the plants of the tests
 import numpy as np
+from plants.data_sheet_arm import FREQ, POSTURES, arm
+from plants.paths import ROBOTS, TEMPLATES
 
 from elastid.base.arrays import FloatArray
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.parameter_selection import choose
 from elastid.fit.problem.weights import weigh
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
-from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import EXACT, formulate
@@ -25,6 +30,8 @@ from elastid.response import Covariance, Response
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.study import load, load_robot
 
+# Responses of a plant with a fault, from the plant and arguments of the fault.
+Fault: TypeAlias = Callable[..., list[Response]]
 # Relative noise of every element, the share of it that the largest value adds, and the correlation of the outputs.
 NOISE, FLOOR, CORRELATION = 0.02, 0.01, 0.5
 
@@ -49,7 +56,7 @@ class Plant:
 
 
 def three_mass() -> Plant:
-    """The axis of Wernholt & Gunnarsson (2006): motor, gear, arm; torque to motor velocity, 1 to 40 Hz."""
+    """Return the axis of Wernholt & Gunnarsson (2006): motor, gear, arm; torque to motor velocity, 1 to 40 Hz."""
     J, a_m, a_g = 0.03291699877416, 0.17910964111956, 0.61206166914114
     motor = Motor(J * a_m, 1.0, 0.00986346744839)
     on_gear = Joint("g", "z", Spring(20.59269827430799, 0.0624181404729), motor)
@@ -61,8 +68,8 @@ def three_mass() -> Plant:
     return Plant("three-mass", robot, (Configuration("c1", (0.0,)),), np.arange(1, 40.01, 0.2), spec, "velocity")
 
 
-def of_study(path: Path, name: str, lines: int = 80) -> Plant:
-    """The robot, configurations and unknowns of a study, weighed by the inverse of the noise alone."""
+def of_study(path: Path, name: str, lines: int) -> Plant:
+    """Return the robot, configurations and unknowns of a study, weighed by the inverse of the noise alone."""
     study = load(path).study
     configurations = tuple(Configuration(key, angles) for key, angles in study.experiment.configurations.items())
     excitation = study.excitation
@@ -71,19 +78,71 @@ def of_study(path: Path, name: str, lines: int = 80) -> Plant:
     return Plant(name, study.robot, configurations, np.linspace(low, high, lines), spec, model=study.model)
 
 
-def demo() -> Plant:
-    """The robot of `elastid demo`."""
-    return of_study(Path(str(files("elastid") / "app" / "templates" / "serial" / "study.yml")), "demo")
+def two_axes() -> Plant:
+    """Return two links in a vertical plane with elastic gears."""
+    configurations = tuple(Configuration(f"c{i}", angles) for i, angles in enumerate(POSTURES))
+    return Plant("two-axis", arm(), configurations, FREQ, PLANTS["demo"]().spec)
 
 
-def six_axes(lines: int = 40) -> Plant:
-    """A published six-axis robot with twelve springs, each with its damper, in six configurations drawn at random."""
-    robot = load_robot(Path(__file__).parents[2] / "configs" / "robots" / "kr300_twelve_springs.yml")
+def six_axes() -> Plant:
+    """Return a published six-axis robot with twelve springs, each with its damper, in six random configurations."""
+    robot = load_robot(ROBOTS / "kr300_twelve_springs.yml")
     angles = np.random.default_rng(0).uniform(-1.2, 1.2, (6, 6))
     configurations = tuple(Configuration(f"c{i + 1}", tuple(row)) for i, row in enumerate(angles.tolist()))
-    wanted = {name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}
-    spec = FitSpec(parameters=wanted, weights=WeightSpec(model_error=0.0))
-    return Plant("six-axis", robot, configurations, np.linspace(3, 60, lines), spec)
+    parameters = {name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}
+    spec = FitSpec(parameters=parameters, weights=WeightSpec(model_error=0.0))
+    return Plant("six-axis", robot, configurations, np.linspace(3, 60, 40), spec)
+
+
+# The robot of `elastid demo`, and the arm with a parallelogram.
+PLANTS = {
+    "two-axis": two_axes,
+    "demo": partial(of_study, TEMPLATES / "serial" / "study.yml", "demo", 80),
+    "six-axis": six_axes,
+    "linkage": partial(of_study, TEMPLATES / "parallel-linkage" / "study.yml", "linkage", 60),
+}
+# Standard deviations of numbers of a data sheet: relative; centres and lengths in m, zeros in rad.
+RELATIVE = {"m": 0.03, "Jm": 0.05, "k": 0.2, "d": 0.2}
+INERTIA, CENTRE_M, LENGTH_M, ZERO = 0.1, 0.01, 1e-3, math.radians(0.2)
+
+
+def within_data_sheet(robot: Robot, rng: np.random.Generator) -> Robot:
+    """Draw the true robot of a model whose numbers are of CAD and data sheets; a body has one factor of inertia."""
+    factors, numbers = {body.name: math.exp(INERTIA * rng.standard_normal()) for body in robot.all_bodies}, {}
+    for name, (value, _) in robot.parameters(tuple(robot.geometry)).items():
+        z, (kind, _, owner) = rng.standard_normal(), name.partition("_")
+        if value == 0 and kind not in ("c", "zero"):
+            continue
+        if kind == "I":
+            numbers[name] = value * factors.get(owner, factors.get(owner.rpartition("_")[0], 1.0))
+        elif kind in RELATIVE:
+            numbers[name] = value * math.exp(RELATIVE[kind] * z)
+        elif kind == "c" or name in robot.geometry:
+            numbers[name] = value + {"c": CENTRE_M, "zero": ZERO}.get(kind, LENGTH_M) * z
+    return robot.with_parameters(numbers)
+
+
+def exact_responses(
+    plant: Plant,
+    robot: Robot | None = None,
+    angles: Mapping[str, Sequence[float]] | None = None,
+    outputs: tuple[str, ...] = (),
+    linearisation: Linearisation | None = None,
+) -> list[Response]:
+    """Return the responses without noise of the plant's robot, or of another one, in the plant's configurations.
+
+    angles: true ones of some configurations by name; the responses state those of the plant.  outputs: locations of
+    measured motions, by default the motors.  linearisation: of a robot whose numbers alone differ.
+    """
+    robot = plant.robot if robot is None else robot
+    linearisation = linearisation or Linearisation.of(formulate(robot, plant.model))
+    theta, responses = np.array([value for value, _ in robot.parameters().values()]), []
+    for configuration in plant.configurations:
+        true = replace(configuration, angles=tuple((angles or {}).get(configuration.name, configuration.angles)))
+        linear = linearisation.at(true, theta, outputs or robot.motor_locations, plant.quantity)
+        response = to_response(linear, np.append(theta, 0.0), plant.freq_hz)
+        responses.append(replace(response, configuration=configuration))
+    return responses
 
 
 @dataclass(frozen=True)
@@ -97,20 +156,20 @@ class Rig:
 
     @classmethod
     def of(cls, plant: Plant) -> "Rig":
-        """The exact responses of all configurations."""
+        """Return the rig with exact responses of all configurations."""
         linearisation = Linearisation.of(formulate(plant.robot, plant.model))
-        exact = responses(plant, linearisation, plant.robot)
+        exact = tuple(exact_responses(plant, linearisation=linearisation))
         rng = np.random.default_rng(0)
         n_y = exact[0].G.shape[1]
         mixing = CORRELATION * rng.standard_normal((n_y, n_y)) + np.eye(n_y)
         covariance = mixing @ mixing.T
         return cls(plant, linearisation, exact, covariance / np.sqrt(np.outer(*2 * [np.diag(covariance)])))
 
-    def drawn(self, rng: np.random.Generator, truth: tuple[Response, ...] = ()) -> list[Response]:
-        """One data set of `truth`, the plant's own exact responses unless given, with the covariance of its noise."""
-        return [self._drawn(response, rng) for response in truth or self.exact]
+    def draw(self, rng: np.random.Generator, truth: tuple[Response, ...] = ()) -> list[Response]:
+        """Draw a data set of `truth`, by default the plant's exact responses, with the covariance of its noise."""
+        return [self._draw(response, rng) for response in truth or self.exact]
 
-    def _drawn(self, response: Response, rng: np.random.Generator) -> Response:
+    def _draw(self, response: Response, rng: np.random.Generator) -> Response:
         F, n_y, n_u = response.G.shape
         std = self.plant.noise * (np.abs(response.G) + FLOOR * np.abs(response.G).max())
         level = np.sqrt(np.mean(std**2, axis=2))
@@ -122,16 +181,6 @@ class Rig:
         return replace(response, G=response.G + e / np.sqrt(2), total=covariance)
 
     def assembly(self, data: list[Response], spec: FitSpec) -> Assembly:
-        """The fit of a data set, without building the model again."""
+        """Prepare the fit of a data set, without building the model again."""
         weights = tuple(weigh(response, spec) for response in data)
         return Assembly(tuple(data), weights, self.linearisation, self.plant.parameters, spec)
-
-
-def responses(plant: Plant, linearisation: Linearisation, robot: Robot) -> tuple[Response, ...]:
-    """Exact responses of a robot like the plant's, its numbers possibly others."""
-    theta = np.array([value for value, _ in robot.parameters().values()])
-    measured = []
-    for configuration in plant.configurations:
-        linear: LinearModel = linearisation.at(configuration, theta, robot.motor_locations, plant.quantity)
-        measured.append(to_response(linear, np.append(theta, 0.0), plant.freq_hz))
-    return tuple(measured)

@@ -23,7 +23,7 @@ def study() -> Iterator[ModuleType]:
 def test_intervals_cover_truth_in_93_to_97_percent(study: ModuleType) -> None:
     """Of the three-mass axis, all parameters alike; the estimates scatter by the Cramer-Rao bound."""
     plant = study.three_mass()
-    found = study.calibrated(study.DataSets(plant, 2), 1000, 1)
+    found = study.calibrate(study.DataSets(plant, 2), 1000, 1)
     assert (found["sets"], found["failed"]) == (1000, 0)
     assert 0.93 < found["coverage"] < 0.97
     np.testing.assert_allclose(found["coverage_by_parameter"], 0.95, atol=0.03)
@@ -35,7 +35,7 @@ def test_intervals_cover_truth_in_93_to_97_percent(study: ModuleType) -> None:
 def test_clean_logs_of_both_generators_raise_no_alarm(study: ModuleType) -> None:
     """Read, estimated, and the first of them fitted."""
     for number in (0, 1):
-        assert import_module("false_alarms").judged(number, 0)[1] == {}
+        assert import_module("false_alarms").judge(number, 0)[1] == {}
 
 
 def test_no_alarm_in_300_has_upper_bound_1_2_percent(study: ModuleType) -> None:

@@ -4,90 +4,85 @@ uv run --all-groups python scripts/benchmarks/open/by_elastid.py FOLDER [--seed 
 """
 
 import json
+from collections.abc import Iterator
 from typing import Any
 
 import yaml
 from entry import Task, enter
+from robots import Joint
 
 from elastid.app.cli import run_command
 
 
-def robot_file(robot: dict[str, Any], is_sensed: bool) -> dict[str, Any]:
-    """Robot model of the data sheet; motors before torque sensors are left out."""
-    bodies = []
-    for body in robot["bodies"]:
-        joints = []
-        for j in body["joints"]:
-            row: dict[str, Any] = {"name": j["name"], "axis": j["axis"]}
-            if motor := j["motor"]:
-                ratio = motor["ratio"]
-                rotor = {"inertia": motor["J"] / ratio**2, "ratio": ratio, "viscous": motor["f"] / ratio**2}
-                row["motor"] = {"inertia": 1e-8} if is_sensed else rotor
-            if j["k"]:
-                row["spring"] = {"stiffness": j["k"], "damping": j["d"]}
-            joints.append(row)
-        place = {"parent": body["parent"], "placement": {"xyz": body["xyz"]}}
-        inertia = {"mass": body["mass"], "center_of_mass": body["com"], "inertia": body["inertia"]}
-        bodies.append({"name": body["name"], **place, "joints": joints, **inertia})
-    file = {"name": robot["name"], "bodies": bodies}
-    if rod := robot["rod"]:
+def robot_file(task: Task, is_sensed: bool) -> dict[str, Any]:
+    """Return the robot model of the data sheet; motors before torque sensors are left out."""
+
+    def joint(j: Joint) -> dict[str, Any]:
+        row: dict[str, Any] = {"name": j.name, "axis": j.axis}
+        if m := j.motor:
+            rotor = {"inertia": m.J / m.ratio**2, "ratio": m.ratio, "viscous": m.f / m.ratio**2}
+            row["motor"] = {"inertia": 1e-8} if is_sensed else rotor
+        return row | ({"spring": {"stiffness": j.k, "damping": j.d}} if j.k else {})
+
+    bodies = [
+        {"name": b.name, "parent": b.parent, "placement": {"xyz": b.xyz}, "joints": [joint(j) for j in b.joints],
+         "mass": b.mass, "center_of_mass": b.com, "inertia": b.inertia}
+        for b in task.sheet.bodies
+    ]  # fmt: skip
+    file = {"name": task.robot["name"], "bodies": bodies}
+    if rod := task.robot["rod"]:
         ends = [{"body": name, "point": point} for name, point in zip(rod["bodies"], rod["points"], strict=True)]
         inertia = rod["mass"] * (rod["length"] / 2) ** 2  # the mass is in both ends
         numbers = {"length": rod["length"], "mass": rod["mass"], "center": 0.5, "inertia": inertia}
         file["loops"] = [{"name": "rod", "ends": ends, "rod": numbers | {"stiffness": rod["k"], "damping": rod["d"]}}]
-    return file if robot["tolerances"] else file | {"tolerances": "exact"}
+    return file if task.robot["tolerances"] else file | {"tolerances": "exact"}
 
 
-def study(task: Task) -> dict[str, Any]:
-    """Study of the records: all springs, viscous friction, and the delay of references or of the torque's log."""
-    experiment = task.experiment
-    route, is_sensed = experiment["route"], "sensor" in experiment["channels"]
-    roles = {"r": "r", "u": "u", "q": "y"} if route == "torque" else {"r": "reference", "u": "u", "q": "y"}
-    roles = {"sensor": "u", "q": "y", "joint": "y"} if is_sensed else roles
-    channels = [
-        {"role": role, "at": f"{'joint' if name == 'joint' else 'motor'} {i + 1}", "channel": f"{name}_{i + 1}",
-         "quantity": "torque" if experiment["channels"][name]["unit"] == "N*m" else "position",
-         "side": experiment["channels"][name]["side"]}
-        for name, role in roles.items() if name in experiment["channels"]
-        for i in range(len(experiment["torque_rms"]))
-    ]  # fmt: skip
-    if is_sensed:
-        channels = [c | ({"side": "link"} if c["at"].startswith("motor") else {}) for c in channels]
-        ratios = [motor.ratio for motor in task.sheet.motors]
-        channels = [
-            c | {"scale": 1 / ratios[int(c["at"][-1]) - 1]} if c["channel"].startswith("q") else c for c in channels
-        ]
-    record: dict[str, Any] = {"rate_hz": experiment["rate_hz"], "period": experiment["period_s"], "channels": channels}
-    record["files"] = [
-        {
-            "path": f"logs/{f['file']}",
-            "configuration": f["posture"],
-            "realisation": f["realisation"],
-            "experiment": f["experiment"],
-        }
-        for f in experiment["files"]
+def channels(task: Task, is_sensed: bool) -> Iterator[dict[str, Any]]:
+    """Yield the channels: torque sensors and link angles instead of motor torques, where there are sensors."""
+    reference = "r" if task.experiment["route"] == "torque" else "reference"
+    roles = {"sensor": "u", "q": "y", "joint": "y"} if is_sensed else {"r": reference, "u": "u", "q": "y"}
+    for name in [name for name in roles if name in task.experiment["channels"]]:
+        channel = task.experiment["channels"][name]
+        for i, motor in enumerate(task.sheet.motors, 1):
+            row = {
+                "role": roles[name],
+                "at": f"{'joint' if name == 'joint' else 'motor'} {i}",
+                "channel": f"{name}_{i}",
+            }
+            row["quantity"] = "torque" if channel["unit"] == "N*m" else "position"
+            link = {"side": "link"} | ({"scale": 1 / motor.ratio} if name == "q" else {})
+            yield row | (link if is_sensed else {"side": channel["side"]})
+
+
+def study(task: Task, is_sensed: bool) -> dict[str, Any]:
+    """Return the study: all springs, viscous friction, and the delay of references or of the torque's log."""
+    experiment, route = task.experiment, task.experiment["route"]
+    keys = {"configuration": "posture", "realisation": "realisation", "experiment": "experiment"}
+    files = [
+        {"path": f"logs/{log['file']}"} | {key: log[name] for key, name in keys.items()} for log in experiment["files"]
     ]
+    record: dict[str, Any] = {"rate_hz": experiment["rate_hz"], "period": experiment["period_s"], "files": files}
+    record["channels"] = [*channels(task, is_sensed)]
     free: dict[str, Any] = {"k_*": {}, "d_*": {}} | ({} if is_sensed else {"fm_*": {}})
-    gains = {key: experiment["controller"][key] for key in ("position_gain", "velocity_gain")}
     if route == "torque" and not is_sensed:
         record["hold"] = "zero-order"
     elif route != "torque":
-        gains["position_gain"] = [p / v for p, v in zip(gains["position_gain"], gains["velocity_gain"], strict=True)]
-        path = {"reference": {"cycle": 1 / experiment["rate_hz"]}} if route == "position" else {}
-        record["controller"] = gains | path
+        kp, kd = (experiment["controller"][key] for key in ("position_gain", "velocity_gain"))
+        record["controller"] = {"position_gain": [p / d for p, d in zip(kp, kd, strict=True)], "velocity_gain": kd}
+        if route == "position":
+            record["controller"]["reference"] = {"cycle": 1 / experiment["rate_hz"]}
         free["delay_r" if route == "command" else "delay_u"] = {}
-    file = {
-        "name": task.robot["name"], "robot": "robot.yml",
-        "experiment": {"configurations": experiment["postures"], "recorded": record}, "fit": {"parameters": free},
-    }  # fmt: skip
+    file = {"name": task.robot["name"], "robot": "robot.yml", "fit": {"parameters": free}}
+    file["experiment"] = {"configurations": experiment["postures"], "recorded": record}
     # A slow motion over turns of the motor is there to separate transmission errors and hysteresis.
     return file | {"gears": {}} if route == "torque" and experiment["carrier_rad"] else file
 
 
 def identify(task: Task) -> dict[str, Any]:
     """Write both files beside the records and run them."""
-    files = {"robot": robot_file(task.robot, "sensor" in task.experiment["channels"]), "study": study(task)}
-    for name, content in files.items():
+    is_sensed = "sensor" in task.experiment["channels"]
+    for name, content in {"robot": robot_file(task, is_sensed), "study": study(task, is_sensed)}.items():
         (task.folder / f"{name}.yml").write_text(yaml.safe_dump(content, sort_keys=False))
     run = task.folder / "run"
     code = run_command(["run", str(task.folder / "study.yml"), "-q", "--jobs", "1", "--run", str(run)])

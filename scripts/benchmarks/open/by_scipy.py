@@ -12,13 +12,13 @@ import numpy as np
 from engine import LINES, PERIOD_S, Array, Plant, build, equilibrium
 from entry import Task, enter
 from robots import mass_matrix
-from scipy.linalg import expm
 from scipy.ndimage import uniform_filter1d
 from scipy.optimize import least_squares
+from scipy.signal import cont2discrete
 
 
 def responses(task: Task) -> dict[str, tuple[Array, Array]]:
-    """Mean of Y / U over the realisations (F, n, n), and its variance, smoothed over lines, of each posture."""
+    """Return the mean of Y / U over realisations (F, n, n), and its variance, smoothed over lines, by posture."""
     pairs: dict[tuple[str, int], list[list[Array]]] = {}
     for file, signals in task.logs("uq"):
         means = (x[task.period :].reshape(-1, task.period, x.shape[1]).mean(axis=0) for x in signals)
@@ -37,19 +37,18 @@ def responses(task: Task) -> dict[str, tuple[Array, Array]]:
 
 
 def linear(plant: Plant, posture: Array) -> tuple[Array, Array, Array]:
-    """M, D and K of the data sheet at the posture, by differences."""
+    """Return M, D and K of the data sheet at the posture, by differences."""
     model, data = plant.model, mujoco.MjData(plant.model)
     equilibrium(plant, posture, data)
-    q, n = data.qpos.copy(), model.nv
+    q, steps, zero = data.qpos.copy(), 1e-6 * np.eye(model.nv), np.zeros(model.nv)
 
     def force(q: Array, v: Array) -> Array:
         data.qpos[:], data.qvel[:] = q, v
         mujoco.mj_forward(model, data)
         return np.asarray(data.qfrc_bias - data.qfrc_passive)
 
-    zero = np.zeros(n)
-    K = np.stack([(force(q + h, zero) - force(q - h, zero)) / 2e-6 for h in 1e-6 * np.eye(n)], axis=1)
-    D = np.stack([(force(q, h) - force(q, -h)) / 2e-6 for h in 1e-6 * np.eye(n)], axis=1)
+    K = np.stack([(force(q + h, zero) - force(q - h, zero)) / 2e-6 for h in steps], axis=1)
+    D = np.stack([(force(q, h) - force(q, -h)) / 2e-6 for h in steps], axis=1)
     force(q, zero)
     return mass_matrix(model, data), D, K
 
@@ -77,10 +76,8 @@ def identify(task: Task) -> dict[str, Any] | None:
         A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
         B = np.vstack([np.zeros((n, m)), np.linalg.inv(M)[:, plant.motors]])
         if is_held:
-            E = expm(np.block([[A, B], [np.zeros((m, 2 * n + m))]]) * T)
-            A, B, p = E[: 2 * n, : 2 * n], E[: 2 * n, 2 * n :], z
-        else:
-            p = np.log(z) / T
+            A, B, *_ = cont2discrete((A, B, np.eye(2 * n), np.zeros((2 * n, m))), T)
+        p = z if is_held else np.log(z) / T
         X = np.linalg.solve(p * np.eye(2 * n) - A, np.broadcast_to(B, (len(z), 2 * n, m)))
         late = np.exp(np.log(z) / T * delay)
         return np.asarray(X[:, plant.motors] * ratio[:, None] * late)

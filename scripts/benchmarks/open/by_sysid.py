@@ -20,18 +20,8 @@ from robots import Joint, Robot
 STEP_S = 5e-4
 
 
-def changed(robot: Robot, factors: dict[str, float]) -> Robot:
-    """Return the robot with factors of k, d and f by joint."""
-
-    def joint(j: Joint) -> Joint:
-        k, d, f = (factors.get(f"{c}_{j.name}", 1.0) for c in "kdf")
-        return replace(j, k=j.k * k, d=j.d * d, motor=j.motor and replace(j.motor, f=j.motor.f * f))
-
-    return replace(robot, bodies=tuple(replace(b, joints=tuple(map(joint, b.joints))) for b in robot.bodies))
-
-
 def replay(robot: Robot, losses: Array, experiment: dict[str, Any], posture: Array, r: Array) -> Array:
-    """Motor angles (samples, n), link side, under references (samples, n)."""
+    """Return motor angles (samples, n), link side, under references (samples, n)."""
     plant = build(robot)
     plant.model.opt.timestep = STEP_S
     plant.model.dof_frictionloss[plant.motors] = losses
@@ -73,9 +63,13 @@ def identify(task: Task) -> dict[str, Any] | None:
 
     def deviation(x: Array) -> Array:
         factors = dict(zip(names, x, strict=True))
-        losses = size * [factors[f"F_{name}"] for name in driven]
-        own = changed(sheet, factors)
-        return np.concatenate([(q - replay(own, losses, experiment, p, r))[N:] * weight for p, r, q in logs]).ravel()
+
+        def joint(j: Joint) -> Joint:
+            k, d, f = (factors.get(f"{c}_{j.name}", 1.0) for c in "kdf")
+            return replace(j, k=j.k * k, d=j.d * d, motor=j.motor and replace(j.motor, f=j.motor.f * f))
+
+        losses, robot = size * [factors[f"F_{name}"] for name in driven], sheet.with_joints(joint)
+        return np.concatenate([(q - replay(robot, losses, experiment, p, r))[N:] * weight for p, r, q in logs]).ravel()
 
     def residuals(x: Array, _: Any) -> tuple[list[Array], None, None]:
         columns = [deviation(row) for row in np.atleast_2d(x.T)]

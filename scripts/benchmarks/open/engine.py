@@ -9,7 +9,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from robots import Array, Robot, Row, mjcf
+from robots import ACCELERATION, Array, Robot, Row, mjcf
 from scipy.optimize import root
 
 PERIOD_S, PERIODS, COUNTS = 2.0, 3, 2**17  # of a period; logged behind one that settles; of the encoder, per turn
@@ -26,11 +26,6 @@ class Plant:
     model: Any
     motors: Array
     twists: Array
-
-    @property
-    def others(self) -> list[int]:
-        """Coordinates that no motor holds."""
-        return [i for i in range(self.model.nv) if i not in set(self.motors.tolist())]
 
 
 def build(robot: Robot) -> Plant:
@@ -85,19 +80,17 @@ def physics(plant: Plant) -> Iterator[None]:
         mujoco.set_mjcb_act_dyn(None)
 
 
-def equilibrium(plant: Plant, posture: Array, data: Any, force: Array | None = None) -> Array:
-    """Put data to rest with its motors at the posture, under a force (3,) at the tool; the motors' torques (n,)."""
-    others, start = plant.others, np.zeros(len(plant.others))
+def equilibrium(plant: Plant, posture: Array, data: Any) -> Array:
+    """Put data to rest with its motors at the posture, and return the torques of the motors (n,)."""
+    others = [i for i in range(plant.model.nv) if i not in plant.motors]
+    start = np.zeros(len(others))
     if plant.robot.rod:
         start[others.index(int(plant.model.joint("selbow").dofadr[0]))] = posture[1] - posture[0]
 
     def balance(x: Array) -> Array:
         data.qvel[:], data.qpos[plant.motors], data.qpos[others] = 0.0, posture, x
-        data.qfrc_applied[:] = 0.0
         mujoco.mj_forward(plant.model, data)
-        if force is not None:
-            push(plant, data, force)
-        return np.asarray(data.qfrc_bias - data.qfrc_passive - data.qfrc_applied)
+        return np.asarray(data.qfrc_bias - data.qfrc_passive)
 
     scale = 1 + np.abs(balance(start)).max()
     end = root(lambda x: balance(x)[others] / scale, start, method="hybr", tol=1e-13)
@@ -115,43 +108,41 @@ def push(plant: Plant, data: Any, force: Array) -> None:
     mujoco.mj_applyFT(plant.model, data, force, np.zeros(3), site.xpos, body, data.qfrc_applied)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Controller:
     """u = hold + r + k_p (q_r - q) - k_d q', q' from two encoder positions; delays of references and logs in s."""
 
-    kp: list[float]
-    kd: list[float]
+    kp: Array
+    kd: Array
     hz: int
     reference_delay: float = 0.0
     torque_delay: float = 0.0
 
 
-def controller(row: Row, plant: Plant, torque: Array, rng: np.random.Generator) -> Controller:
+def controller(row: Row, torque: Array, rng: np.random.Generator) -> Controller:
     """Choose a PD controller of 2 Hz, for references of 3 Hz."""
-    inertia = torque / 2.5
+    inertia = torque / ACCELERATION
     if row.route == "torque":
-        return Controller((inertia * (2 * np.pi * 2) ** 2).tolist(), (1.4 * inertia * 2 * np.pi * 2).tolist(), 500)
+        return Controller(inertia * (2 * np.pi * 2) ** 2, 1.4 * inertia * 2 * np.pi * 2, 500)
     kd = inertia * 2 * np.pi * 3
     if row.route == "command":
-        return Controller((kd * 15).tolist(), kd.tolist(), 500, reference_delay=float(rng.integers(0, 5)) / 500)
-    return Controller((kd * 15).tolist(), kd.tolist(), STEPS_HZ, torque_delay=float(rng.integers(2, 24)) / STEPS_HZ)
-
-
-def multisine(row: Row, law: Controller, torque: Array, phases: Array, signs: Array) -> Array:
-    """Draw amplitudes (F, n) of torques, or of the references that lead to such torques at a stiff robot."""
-    amplitudes = np.exp(1j * phases) * signs * torque * np.sqrt(2 / len(LINES))
-    return np.asarray(amplitudes if row.route == "torque" else amplitudes / law.kp)
+        return Controller(kd * 15, kd, 500, reference_delay=float(rng.integers(0, 5)) / 500)
+    return Controller(kd * 15, kd, STEPS_HZ, torque_delay=float(rng.integers(2, 24)) / STEPS_HZ)
 
 
 def simulate(
-    row: Row, plant: Plant, law: Controller, posture: Array, amplitudes: Array, torque: Array, rng: np.random.Generator
+    row: Row, plant: Plant, law: Controller, posture: Array, phases: Array, torque: Array, rng: np.random.Generator
 ) -> dict[str, Array]:
-    """Run one experiment from rest; signals (samples, n) at the rate of the logs, its settling period included."""
-    data, motors, gears = mujoco.MjData(plant.model), plant.motors, [j for j in plant.robot.joints if j.motor]
-    ratio, k, d = (np.array(x) for x in zip(*((j.motor.ratio, j.k, j.d) for j in gears if j.motor), strict=True))
-    kp, kd, count, phase = np.array(law.kp), np.array(law.kd), 2 * np.pi / COUNTS / ratio, np.arange(len(posture))
-    cycle, ticks = law.hz // RATES_HZ[row.route], round((PERIODS + 1) * PERIOD_S * law.hz)
-    slow = 2 * np.pi / PERIOD_S
+    """Run one experiment with a multisine of complex phases (F, n); signals (samples, n) at the rate of the logs.
+
+    The amplitudes are of torques, or of references that lead to such torques at a stiff robot. The experiment begins at
+    rest, and the settling period is included.
+    """
+    data, motors, is_torque = mujoco.MjData(plant.model), plant.motors, row.route == "torque"
+    ratio, k, d = np.array([(j.motor.ratio, j.k, j.d) for j in plant.robot.joints if j.motor]).T
+    count, offset = 2 * np.pi / COUNTS / ratio, np.arange(len(posture))
+    cycle, slow = law.hz // RATES_HZ[row.route], 2 * np.pi / PERIOD_S
+    amplitudes = phases * torque * np.sqrt(2 / len(LINES)) / (1.0 if is_torque else law.kp)
 
     @functools.cache
     def wave(tick: int) -> Array:
@@ -159,12 +150,12 @@ def simulate(
 
     @functools.cache
     def target(tick: int) -> Array:
-        """Reference position: the posture, a slow motion, and the multisine unless that is a torque."""
-        carrier = row.carrier * np.sin(slow * max(tick, 0) / law.hz + phase)
-        return posture + carrier + (0 if row.route == "torque" else wave(tick))
+        """Return the reference position: the posture, a slow motion, and the multisine unless that is a torque."""
+        carrier = row.carrier * np.sin(slow * max(tick, 0) / law.hz + offset)
+        return posture + carrier + (0 if is_torque else wave(tick))
 
     def interpolated(tick: int) -> Array:
-        """Linear between the references of two cycles, each reached one cycle later."""
+        """Interpolate linearly between the references of two cycles, each reached one cycle later."""
         j, part = divmod(tick, cycle)
         before, now = target((j - 1) * cycle), target(j * cycle)
         return target(tick) if cycle == 1 else np.asarray(before + (now - before) * part / cycle)
@@ -173,13 +164,13 @@ def simulate(
     logs, torques = [], []
     with physics(plant):
         hold, before = equilibrium(plant, target(0), data), target(0)
-        for tick in range(ticks):
+        for tick in range(round((PERIODS + 1) * PERIOD_S * law.hz)):
             q = np.round(data.qpos[motors] / count) * count
-            u = hold + kp * (interpolated(tick - late) - q) - kd * (q - before) * law.hz
-            torques.append(u + wave(tick) if row.route == "torque" else u)
+            u = hold + law.kp * (interpolated(tick - late) - q) - law.kd * (q - before) * law.hz
+            torques.append(u + wave(tick) if is_torque else u)
             if tick % cycle == 0:
                 twist, speed = data.qpos[plant.twists], data.qvel[plant.twists]
-                r = wave(tick) if row.route == "torque" else target(tick)
+                r = wave(tick) if is_torque else target(tick)
                 logs.append((r, torques[max(tick - lag, 0)], q, -k * twist - d * speed, data.qpos[motors] + twist))
             before = q
             data.qfrc_applied[motors] = torques[-1] + 0.01 * torque * rng.standard_normal(len(u))

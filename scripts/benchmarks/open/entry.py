@@ -28,7 +28,7 @@ class Task:
     @property
     def sheet(self) -> Robot:
         """The data sheet."""
-        return read_robot({key: value for key, value in self.robot.items() if key != "tolerances"})
+        return read_robot(self.robot)
 
     @property
     def period(self) -> int:
@@ -36,11 +36,11 @@ class Task:
         return round(PERIOD_S * self.experiment["rate_hz"])
 
     def logs(self, channels: str) -> Iterator[tuple[dict[str, Any], list[Array]]]:
-        """Each file with its channels (samples, n), such as "uq"."""
+        """Yield each file with its channels (samples, n), such as "uq"."""
         n = range(1, len(self.experiment["torque_rms"]) + 1)
         with h5py.File(self.folder / "logs.h5") as store:
             for file in self.experiment["files"]:
-                log = store[file["file"].removesuffix(".csv")]
+                log = store[Path(file["file"]).stem]
                 yield file, [np.stack([log[f"{c}_{i}"][()] for i in n], axis=1) for c in channels]
 
 
@@ -53,6 +53,12 @@ def read_robot(row: Mapping[str, Any]) -> Robot:
     return Robot(row["name"], tuple(bodies), row["rod"] and Rod(**row["rod"]))
 
 
+def tasks(folder: Path, seed: int) -> Iterator[Task]:
+    """Yield the tasks below FOLDER/seed-<seed>."""
+    for place in sorted((folder / f"seed-{seed}").iterdir()):
+        yield Task(place, *(json.loads((place / file).read_text()) for file in ("robot.json", "experiment.json")))
+
+
 def enter(name: str, identify: Callable[[Task], dict[str, Any] | None]) -> None:
     """Identify the robots below FOLDER/seed-<seed>; None: the method does not apply. Other robots' results stay."""
     parser = argparse.ArgumentParser()
@@ -63,12 +69,9 @@ def enter(name: str, identify: Callable[[Task], dict[str, Any] | None]) -> None:
     path = options.folder / "results" / f"{name}-{options.seed}.json"
     path.parent.mkdir(exist_ok=True)
     result = json.loads(path.read_text()) if path.exists() else {"entry": name, "seed": options.seed, "robots": {}}
-    for folder in sorted((options.folder / f"seed-{options.seed}").iterdir()):
-        if options.robots and folder.name not in options.robots:
-            continue
-        task = Task(folder, *(json.loads((folder / file).read_text()) for file in ("robot.json", "experiment.json")))
-        begin = time.process_time()
-        if estimates := identify(task):
-            result["robots"][folder.name] = estimates | {"cpu_s": time.process_time() - begin}
-            print(folder.name, {key: value for key, value in estimates.items() if key != "parameters"}, flush=True)
+    for task in tasks(options.folder, options.seed):
+        robot, begin = task.folder.name, time.process_time()
+        if robot in (options.robots or [robot]) and (estimates := identify(task)):
+            result["robots"][robot] = estimates | {"cpu_s": time.process_time() - begin}
+            print(robot, {key: value for key, value in estimates.items() if key != "parameters"}, flush=True)
             path.write_text(json.dumps(result, indent=1))

@@ -45,7 +45,7 @@ UNITS = np.array([1.0, 1.0, 10.0, 0.3, 5.0, 0.3])  # steps of the search, kg, N,
 
 
 def simulate(numbers: FloatArray, u: FloatArray, y_init: FloatArray) -> FloatArray:
-    """Position (N,) in free run from the first positions y_init."""
+    """Return the position (N,) in free run from the first positions y_init."""
     J, F_c, f, dF_c, df, o = numbers.tolist()
     step_s = 1 / RATE_HZ
     v, q = float(np.polyfit(np.arange(len(y_init)), y_init, 1)[0]) * RATE_HZ, float(y_init[0])
@@ -61,7 +61,7 @@ def simulate(numbers: FloatArray, u: FloatArray, y_init: FloatArray) -> FloatArr
 
 
 def friction_study(u: FloatArray, y: FloatArray) -> FloatArray:
-    """The six numbers from voltage u (N,) and position y (N,), by a friction study of elastid."""
+    """Estimate the six numbers from voltage u (N,) and position y (N,), by a friction study of elastid."""
     with tempfile.TemporaryDirectory() as folder:
         study = Path(folder) / "study.yml"
         study.write_text(STUDY.replace("RATE", str(RATE_HZ)), encoding="utf-8")
@@ -72,7 +72,7 @@ def friction_study(u: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def output_error(u: FloatArray, y: FloatArray) -> FloatArray:
-    """The six numbers with which the free run is nearest to y (N,), from the numbers of the friction study."""
+    """Fit the six numbers to y (N,) in free run, from the numbers of the friction study."""
     start = friction_study(u, y)
 
     def errors_mm(x: FloatArray) -> FloatArray:
@@ -82,14 +82,14 @@ def output_error(u: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def model_by(identify: Callable[[FloatArray, FloatArray], FloatArray], context: Any) -> Callable[..., FloatArray]:
-    """Model (u (N, 1), y_init, attributes) -> y (N, 1) of identibench, fitted to its training log."""
+    """Return the model (u (N, 1), y_init, attributes) -> y (N, 1) of identibench, fitted to its training log."""
     log = next(iter(context.get_train_valid_sequences()))
     numbers = identify(np.ravel(log[0]), np.ravel(log[1]))
     return lambda u, y_init, *_: simulate(numbers, np.ravel(u), np.ravel(y_init))[:, None]
 
 
 def main() -> None:
-    """The benchmark's own evaluation of both, then one JSON line."""
+    """Run the benchmark's own evaluation of both, then print one JSON line."""
     from identibench import BenchmarkEMPS_Simulation, run_benchmark
 
     scores = {

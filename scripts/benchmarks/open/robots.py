@@ -4,6 +4,7 @@ Angles, inertias, stiffnesses and torques of joints are link-side. A joint with 
 the motor's angle and the twist of its gear; a bearing has a twist alone; a passive joint has its angle alone.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -86,8 +87,12 @@ class Robot:
         """All motors, from the base on."""
         return [joint.motor for joint in self.joints if joint.motor]
 
+    def with_joints(self, change: Callable[[Joint], Joint]) -> "Robot":
+        """Return the robot with changed joints."""
+        return replace(self, bodies=tuple(replace(b, joints=tuple(map(change, b.joints))) for b in self.bodies))
+
     def truth(self) -> dict[str, float]:
-        """The numbers that are scored."""
+        """Return the numbers that are scored."""
         springs = {f"{letter}_{j.name}": getattr(j, letter) for letter in "kd" for j in self.joints if j.k}
         return springs | ({"k_rod": self.rod.k} if self.rod else {})
 
@@ -146,7 +151,7 @@ ACCELERATION = 2.5  # rad/s^2, rms of the torque over the inertia
 
 
 def postures(row: Row) -> dict[str, list[float]]:
-    """Motor angles in rad by the name of the posture."""
+    """Return motor angles in rad by the name of the posture."""
     angles = POSTURES[:, 0 if row.axes[0] == "z" else 1 :] if row.effect != "linkage" else LINKAGE_POSTURES
     return {f"p{i + 1}": q[: len(row.axes)].tolist() for i, q in enumerate(angles[: row.postures])}
 
@@ -175,7 +180,7 @@ def _serial(row: Row, rng: np.random.Generator) -> Robot:
 
 
 def _linkage(row: Row, rng: np.random.Generator) -> Robot:
-    """A lower arm, a crank about the same axis, and a fore arm that the crank moves by a rod."""
+    """Draw a lower arm, a crank about the same axis, and a fore arm that the crank moves by a rod."""
     (a, b, c), (n_1, n_2) = np.exp(0.1 * rng.standard_normal(3)), rng.choice([80.0, 100.0, 121.0], 2)
     joints = Joint("1", "y", motor=Motor(n_1, 1, 0, 0)), Joint("2", "y", motor=Motor(n_2, 1, 0, 0)), Joint("elbow", "y")
     lower = Body("lower", "base", (0.0, 0.0, 0.0), joints[:1], 30.0 * a, (0.05, 0.05, 0.35), (1.6, 1.6, 0.2))
@@ -188,24 +193,24 @@ def _linkage(row: Row, rng: np.random.Generator) -> Robot:
 
 def _elastic(row: Row, robot: Robot, rng: np.random.Generator) -> tuple[Robot, Array]:
     """Give each joint the stiffness of its frequency with locked motors, and motors that fit their links."""
-    inertia, hz = composite_inertia(robot, postures(row)["p1"]), iter(row.hz)
-    joints, torque = {}, []
-    for joint in robot.joints:
+    inertia, hz, torque = composite_inertia(robot, postures(row)["p1"]), iter(row.hz), []
+
+    def elastic(joint: Joint) -> Joint:
         if joint.name == "elbow":
-            continue
+            return joint
         load = inertia[joint.name]
         omega = 2 * np.pi * (next(hz) if joint.motor else 24.0) * rng.uniform(0.85, 1.15)
         k, zeta = load * omega**2, rng.uniform(0.02, 0.05)
         joint = replace(joint, k=k, d=2 * zeta * k / omega)
-        if joint.motor:
-            J = load * rng.uniform(0.3, 1.0)
-            rms = ACCELERATION * (load + J)
-            torque.append(rms)
-            motor = replace(joint.motor, J=J, f=J * rng.uniform(1.0, 3.0), F=row.friction * rms * rng.uniform(0.7, 1.3))
-            joint = _with_effect(row, replace(joint, motor=motor), rms, rng)
-        joints[joint.name] = joint
-    bodies = [replace(b, joints=tuple(joints.get(j.name, j) for j in b.joints)) for b in robot.bodies]
-    return replace(robot, bodies=tuple(bodies)), np.array(torque)
+        if not joint.motor:
+            return joint
+        J = load * rng.uniform(0.3, 1.0)
+        rms = ACCELERATION * (load + J)
+        torque.append(rms)
+        motor = replace(joint.motor, J=J, f=J * rng.uniform(1.0, 3.0), F=row.friction * rms * rng.uniform(0.7, 1.3))
+        return _with_effect(row, replace(joint, motor=motor), rms, rng)
+
+    return robot.with_joints(elastic), np.array(torque)
 
 
 def _with_effect(row: Row, joint: Joint, rms: float, rng: np.random.Generator) -> Joint:
@@ -222,7 +227,7 @@ def _with_effect(row: Row, joint: Joint, rms: float, rng: np.random.Generator) -
 
 
 def _sheet(row: Row, robot: Robot, rng: np.random.Generator) -> Robot:
-    """The robot as an entrant knows it: springs off by a factor, no friction but a viscous guess, no effects."""
+    """Draw the robot as an entrant knows it: springs off by a factor, no friction but a viscous guess, no effects."""
     size = 0.0 if row.sheet == "exact" else 1.0
 
     def off(name: str) -> float:
@@ -248,10 +253,11 @@ def _sheet(row: Row, robot: Robot, rng: np.random.Generator) -> Robot:
 
 def tag(kind: str, *inside: str, **attributes: Any) -> str:
     """Write an element of a MuJoCo file."""
-    values = {
-        k: v if isinstance(v, str) else " ".join(f"{x:.17g}" for x in np.atleast_1d(v)) for k, v in attributes.items()
-    }
-    return f"<{kind} {' '.join(f'{name}={value!r}' for name, value in values.items())}>{''.join(inside)}</{kind}>\n"
+    words = []
+    for name, value in attributes.items():
+        text = value if isinstance(value, str) else " ".join(f"{x:.17g}" for x in np.atleast_1d(value))
+        words.append(f"{name}={text!r}")
+    return f"<{kind} {' '.join(words)}>{''.join(inside)}</{kind}>\n"
 
 
 def mjcf(robot: Robot, step: float = 1 / 4000) -> str:
@@ -260,10 +266,9 @@ def mjcf(robot: Robot, step: float = 1 / 4000) -> str:
     axes = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 
     def joint(j: Joint) -> str:
-        motor = (
-            tag("joint", name=f"m{j.name}", axis=axes[j.axis], armature=j.motor.J, damping=j.motor.f) if j.motor else ""
-        )
-        return motor + tag("joint", name=f"s{j.name}", axis=axes[j.axis], stiffness=j.k, damping=j.d)
+        axis, m = axes[j.axis], j.motor
+        motor = tag("joint", name=f"m{j.name}", axis=axis, armature=m.J, damping=m.f) if m else ""
+        return motor + tag("joint", name=f"s{j.name}", axis=axis, stiffness=j.k, damping=j.d)
 
     def body(b: Body) -> str:
         inside = [joint(j) for j in b.joints] + [tag("inertial", pos=b.com, mass=b.mass, diaginertia=b.inertia)]
@@ -307,8 +312,8 @@ def composite_inertia(robot: Robot, posture: list[float]) -> dict[str, float]:
 
 
 def mass_matrix(model: Any, data: Any) -> Array:
-    """M (n, n) at the present state."""
-    columns = np.eye(model.nv)
-    for row, unit in zip(columns, np.eye(model.nv), strict=True):
-        mujoco.mj_mulM(model, data, row, unit)
-    return columns.T
+    """Return M (n, n) at the present state; `mj_fullM` has other arguments from MuJoCo 4 on."""
+    M = np.empty((model.nv, model.nv))
+    for column, unit in zip(M, np.eye(model.nv), strict=True):
+        mujoco.mj_mulM(model, data, column, unit)
+    return M.T

@@ -19,22 +19,21 @@ from typing import Any
 import mujoco
 import numpy as np
 from engine import Array, build, equilibrium, physics, push
-from entry import read_robot
+from entry import read_robot, tasks
 from robots import Joint, Robot
 
 PULSE_S, TIME_S, POSTURES = 0.02, 0.5, 50
 
 
 def with_springs(robot: Robot, values: Mapping[str, float]) -> Robot:
-    """Return the robot with other springs and dampers."""
+    """Return the robot with other springs and dampers, locked motors and without effects of gears."""
 
     def joint(j: Joint) -> Joint:
         k, d = values.get(f"k_{j.name}", j.k), values.get(f"d_{j.name}", j.d)
-        locked = j.motor and replace(j.motor, J=1e9)
-        return replace(j, k=k, d=d, motor=locked, hysteresis=0.0, error=0.0)
+        return replace(j, k=k, d=d, motor=j.motor and replace(j.motor, J=1e9), hysteresis=0.0, error=0.0)
 
     rod = robot.rod and replace(robot.rod, k=values.get("k_rod", robot.rod.k))
-    return replace(robot, bodies=tuple(replace(b, joints=tuple(map(joint, b.joints))) for b in robot.bodies), rod=rod)
+    return replace(robot.with_joints(joint), rod=rod)
 
 
 def tool_motion(robot: Robot, postures: Array, forces: Array) -> Array:
@@ -90,15 +89,13 @@ def score(truth: Mapping[str, Any], estimates: Mapping[str, Any], seed: int) -> 
 
 def guesses(folder: Path, seed: int) -> dict[str, Any]:
     """Return the entry `start`: the start values of the data sheet."""
-    rows = {}
-    for file in sorted((folder / f"seed-{seed}").glob("*/robot.json")):
-        robot = read_robot({key: value for key, value in json.loads(file.read_text()).items() if key != "tolerances"})
-        rows[file.parent.name] = {"parameters": {name: (value, 0.0) for name, value in robot.truth().items()}}
+    rows = {task.folder.name: {"parameters": {n: (v, 0.0) for n, v in task.sheet.truth().items()}}
+            for task in tasks(folder, seed)}  # fmt: skip
     return {"entry": "start", "seed": seed, "robots": rows}
 
 
 def main() -> None:
-    """Print a table and one JSON object."""
+    """Print a row for each robot and one JSON object."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("results", nargs="*", type=Path)
@@ -113,8 +110,7 @@ def main() -> None:
         for name, estimates in result["robots"].items():
             truth = json.loads((args.folder / "truth" / f"seed-{seed}" / f"{name}.json").read_text())
             row = {"entry": entry, "seed": seed, "robot": name, **score(truth, estimates, seed)}
-            cells = [f"{key} {value:.3g}" for key, value in row.items() if isinstance(value, float)]
-            print(f"{entry:8s} {seed} {name:18s} {row['inside']} of {row['of']} inside, {', '.join(cells)}", flush=True)
+            print(json.dumps(row), flush=True)
             rows.append(row)
     if args.save:
         args.save.write_text('{"open": [\n' + ",\n".join(map(json.dumps, rows)) + "\n]}\n")
