@@ -349,11 +349,11 @@ def live(study: Path, goals: tuple[str, ...], simulate: bool, robot_time: float 
     contains the results of `elastid run` for the study DIR/live/study.yml. Default of --run: runs/<name of the
     study>-live, with --simulate runs/<name of the study>-live-simulated.
     """
-    given, request = options["folder"], run_of(study, options)
+    folder, request = options["folder"], run_of(study, options)
     from elastid.app.live import live_study
 
     # Simulated logs are never in the folder of the logs of the robot.
-    folder = given or Path("runs") / f"{request.study.name}-live{'-simulated' * simulate}"
+    folder = folder or Path("runs") / f"{request.study.name}-live{'-simulated' * simulate}"
     live_study(replace(request, folder=folder), goals, simulate, robot_time)
 
 

@@ -49,14 +49,13 @@ def commanded_robot(robot: Robot, result: FrictionResult) -> Robot:
     If a study by commands has found the inertia of each joint as a whole, bodies on the base have the inertia and the
     gravity of the study; the bodies of other robots are replaced by pendulums about y.
     """
-    values = rigid_numbers(result)
     if not _has_whole_inertias(robot, result):
         return with_armatures(robot, result)
     identified = with_identified_friction(robot, result)
     if not _stands_on_base(robot, result):
         joints = (replace(joint, axis="x" if joint.slides else "y", spring=None) for joint in identified.driven)
         identified = Robot(robot.name, tuple(Body(f"{joint.name} body", joints=(joint,)) for joint in joints))
-    return _with_pendulums(identified, values)
+    return _with_pendulums(identified, rigid_numbers(result))
 
 
 def robot_of_friction(name: str, robot: Robot, result: FrictionResult) -> str:
@@ -72,31 +71,25 @@ def robot_of_friction(name: str, robot: Robot, result: FrictionResult) -> str:
         f"joints {', '.join(usable_joints) or 'none'}.",
         f"{MOTOR_SIDE}; `measured` are the ranges outside which they are unknown.",
     ]
-    if is_whole:
-        comments.append(
-            "Inertia and gravity of each joint are identified. Half of the inertia is assigned to the rotor."
-            if _stands_on_base(robot, result)
-            else "This file does not contain the identified total inertia J of each joint. Its masses and inertias are "
-            "copied from the robot model."
-        )
-    comments += [
-        "Link-side values, with standard deviation and 95 % interval:",
-        *(
-            f"  {row.name} = {row.value:.9g} {row.unit}, std {row.std:.3g}, {row.low:.6g} to {row.high:.6g}"
-            for row in result.numbers
-        ),
-    ]
+    if is_whole and _stands_on_base(robot, result):
+        comments += ["Inertia and gravity of each joint are identified. Half of the inertia is assigned to the rotor."]
+    elif is_whole:
+        remark = "This file does not contain the identified total inertia J of each joint. Its masses and inertias are"
+        comments += [f"{remark} copied from the robot model."]
+    comments += ["Link-side values, with standard deviation and 95 % interval:"]
+    for n in result.numbers:
+        comments.append(f"  {n.name} = {n.value:.9g} {n.unit}, std {n.std:.3g}, {n.low:.6g} to {n.high:.6g}")
     return yaml_text(identified, tuple(comments))
 
 
 def _has_whole_inertias(robot: Robot, result: FrictionResult) -> bool:
-    """True for a study by commands that has found the inertia of every driven joint with its link."""
+    """Return True for a study by commands that has found the inertia of every driven joint with its link."""
     values = rigid_numbers(result)
     return command_delay(result) is not None and all((name, "inertia") in values for name in robot.driven_names)
 
 
 def _stands_on_base(robot: Robot, result: FrictionResult) -> bool:
-    """True if every body stands on the base, with one driven joint across whose axis an identified gravity acts."""
+    """Return True if each body is on the base, with one driven joint, across whose axis an identified gravity acts."""
     values = rigid_numbers(result)
     return all(
         body.parent == BASE

@@ -56,12 +56,8 @@ def compare(run: Run, studies: Sequence[LoadedStudy] = ()) -> Comparison:
     with logged_in(run.folder, run.jobs, run.console):
         models = list(variants(run.loaded, studies))
         if len(models) < 2:
-            raise StudyError(
-                "compare/variants",
-                "nothing to compare: the study has one model without optional parts. Give compare.variants, or a "
-                "second study",
-                run.loaded.path,
-            )
+            text = "nothing to compare: the study has one model without optional parts"
+            raise StudyError("compare/variants", text + ". Give compare.variants, or a second study", run.loaded.path)
         responses = read_responses(run.path("estimate"))
         comparison = rank(responses.names, models, refitted(run, models, responses))
         finish(run, comparison)
@@ -96,14 +92,14 @@ def variants(loaded: LoadedStudy, studies: Sequence[LoadedStudy] = ()) -> Iterat
 
 def comparison_table(comparison: Comparison) -> list[list[str]]:
     """Return headings, then a row for each model, the best first."""
-    left_out = any(math.isfinite(row.mean_misfit) for row in comparison.rows)
+    has_validation = any(math.isfinite(row.mean_misfit) for row in comparison.rows)
     rows = [["model", "note", "parameters", "QAIC above best", "residuals / noise"]]
-    rows[0] += ["left out: error / sigma", "magnitude dB", "phase deg", "misfit above best"] if left_out else []
+    rows[0] += ["left out: error / sigma", "magnitude dB", "phase deg", "misfit above best"] if has_validation else []
     best = comparison.rows[0]
     for row in comparison.rows:
         ratio = math.sqrt(row.cost / row.dof) if row.dof else math.nan
         line = [row.name, row.note, str(row.n_free), number(row.criterion, 4), number(ratio, 3)]
-        if left_out:
+        if has_validation:
             line += [number(v, 3) for v in (math.sqrt(row.mean_misfit), row.rms_log_db, row.phase_rms_deg)]
             line.append("–" if row is best else "{} ± {}".format(*(number(v, 2) for v in row.behind(best))))
         rows.append(line)
@@ -146,12 +142,12 @@ def _loop_variants(study: Study) -> tuple[VariantSpec, ...]:
 
 def variant(loaded: LoadedStudy, spec: VariantSpec) -> ComparedVariant:
     """Return the study's own model with changes; raise StudyError for an invalid one."""
-    given = loaded.study
-    study = load(loaded.path, (*loaded.overrides, *spec.set)).study if spec.set else given
+    original = loaded.study
+    study = load(loaded.path, (*loaded.overrides, *spec.set)).study if spec.set else original
     robot = study.as_robot() if spec.motor_coupling else without_motor_coupling(study.as_robot())
     robot = stiffened(robot, spec.rigid)
-    fit = restrict(_weighed_as(given, study), robot, study.as_robot())
-    if study.model != given.model:
+    fit = restrict(_weighed_as(original, study), robot, study.as_robot())
+    if study.model != original.model:
         fit = fix(fit, robot, unseen(robot, study.model.variant))
     choose(fit, robot)
     # Independent coordinates are a choice for the study's own robot, and without influence on its response.
@@ -190,11 +186,8 @@ def search_elasticity(run: Run) -> None:
         responses = read_responses(run.path("estimate"))
         names = responses.names
         if len(names) < 2:
-            raise StudyError(
-                "compare/variants",
-                "cross-validation needs two configurations or more, and there is one. Measure further configurations",
-                run.loaded.path,
-            )
+            text = "cross-validation needs two configurations or more, and there is one. Measure further configurations"
+            raise StudyError("compare/variants", text, run.loaded.path)
         fits: _Fits = {}
 
         def fitted(models: Sequence[Elastic]) -> Mapping[Elastic, ComparedModel]:
@@ -220,12 +213,9 @@ def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
     robot, unknown = loaded.study.as_robot(), unseen(loaded.study.as_robot(), loaded.study.model.variant)
     coordinates = [spring for spring in elastic_coordinates(robot) if f"k_{spring.name}" not in unknown]
     if not coordinates:
-        raise StudyError(
-            "compare/variants",
-            f"nothing to search: robot {robot.name} has no elastic part. Give springs to the gears and passive "
-            "joints, and stiffness to the rods, that may be elastic",
-            loaded.path,
-        )
+        text = f"nothing to search: robot {robot.name} has no elastic part"
+        advice = "Give springs to the gears and passive joints, and stiffness to the rods, that may be elastic"
+        raise StudyError("compare/variants", f"{text}. {advice}", loaded.path)
     start = tuple(spring.label for spring in coordinates if spring.kind == "gear")
     return {spring.label: spring.name for spring in coordinates}, start
 
@@ -245,5 +235,5 @@ def _fit_variant(
                 raise StudyError("compare/variants", f"{name}: {error}", "search") from None
             first = ComparedVariant(name, run.study.as_robot(), run.study.fit, run.study.model)
             cannot[model] = first, 2 * [Refit("failed", str(error), 0, math.inf, 0, {})]
-    fits = refitted(run, list(variants.values()), responses)
-    return dict(zip(variants, zip(variants.values(), fits, strict=True), strict=True)) | cannot
+    fits = zip(variants.values(), refitted(run, list(variants.values()), responses), strict=True)
+    return dict(zip(variants, fits, strict=True)) | cannot

@@ -25,7 +25,7 @@ LOG_NAME = "run.log"
 
 
 class Console:
-    """verbosity: -2 nothing but the log, -1 only warnings, 0 a line a stage, 1 every detail."""
+    """Terminal and log of a run.  verbosity: -2 log alone, -1 only warnings, 0 a row for each stage, 1 all details."""
 
     def __init__(self, verbosity: int = 0) -> None:
         self.verbosity = verbosity
@@ -166,8 +166,8 @@ def _lines(title: str) -> Progress:
             started = now
         if now - last >= INTERVAL_S and 0 < done < total:
             last = now
-            left_s = (now - started) / done * (total - done)
-            remaining = f", about {left_s:.0f} s to go" if done >= MIN_DONE else ""
+            remaining_s = (now - started) / done * (total - done)
+            remaining = f", about {remaining_s:.0f} s to go" if done >= MIN_DONE else ""
             print(f"{printable(title)}: {done} of {total} done{remaining}", file=sys.stderr, flush=True)
 
     return progress

@@ -29,14 +29,10 @@ def explain_name(name: str, study: Path | None = None, folder: Path | None = Non
         fixed = f"fixed at {result.values[name]:g}"
         rows.append(f"In this run: {f'{result[name]} ({verdict})' if name in result else fixed}.")
         rows.append(f"{capital(remark)}." if (remark := result.base_remarks.get(name)) else "")
-    if result is not None and gears.is_file():
-        numbers = () if (opened := read_gears(gears)) is None else opened.numbers
-        rows += [f"Stage gears: {row.sentence}." for row in numbers if row.name == name]
+    if result is not None and (gear_result := read_gears(gears if gears.is_file() else None)) is not None:
+        rows += [f"Stage gears: {row.sentence}." for row in gear_result.numbers if row.name == name]
     if folder is not None and friction.is_file():
-        friction_numbers = [row for row in read_friction_result(friction).numbers if row.name == name]
-        rows += [
-            f"In this run: {row.value:.6g} {row.unit}, 95 % {row.low:.6g} to {row.high:.6g}."
-            for row in friction_numbers
-        ]
+        numbers = [row for row in read_friction_result(friction).numbers if row.name == name]
+        rows += [f"In this run: {n.value:.6g} {n.unit}, 95 % {n.low:.6g} to {n.high:.6g}." for n in numbers]
     rows = [*filter(None, rows)]
     return "\n  ".join([name, *rows]) if rows else explain(name)

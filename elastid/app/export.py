@@ -1,6 +1,6 @@
 """export: results of a run -> export/<target>/ in its folder, for another tool."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -29,7 +29,7 @@ from elastid.store.results import read_fit, read_gears
 from elastid.study import Study
 from elastid.targets.actuators import actuators_of, fit_intervals, friction_intervals, with_total_inertias
 from elastid.targets.numbers import interval_lines
-from elastid.targets.target import VALUES, Target
+from elastid.targets.target import VALUES
 from elastid.use.draws import draw_robots
 
 # A value of a target by the label of its robot or group of configurations; "" for all.
@@ -43,7 +43,13 @@ def export(run: Run, tag: str, count: int = 1000) -> tuple[Path, ...]:
     """
     study = run.study
     results = (_Friction if study.friction else _Responses if study.robot is None else _Fit)(run, count)
-    target = _target(study, tag, {name for name in VALUES if hasattr(results, name)})
+    available = VALUES.keys() & {*dir(results)}
+    rows = [row for name in tags() for row in targets(name) if {*row.arguments} <= available]
+    target = next((row for row in rows if row.tag == tag), None)
+    if target is None:
+        names = renamed(tag) or did_you_mean(tag, sorted({row.tag for row in rows}))
+        code = "study/stage" if tag in tags() else "export/target"
+        raise StudyError(code, f"study {study.name} of kind {study.kind}: {names}", f"--to {tag}")
     for stage in dict.fromkeys(stage for name in target.arguments for stage in STAGES.get(name, results.stages)):
         run.require_stage(stage)
         run.require_result(stage)
@@ -60,15 +66,6 @@ def export(run: Run, tag: str, count: int = 1000) -> tuple[Path, ...]:
     for path in paths:
         run.console.say(f"export: {path}")
     return tuple(paths)
-
-
-def _target(study: Study, tag: str, available: Collection[str]) -> Target:
-    rows = [row for name in tags() for row in targets(name) if {*row.arguments} <= {*available}]
-    if target := next((row for row in rows if row.tag == tag), None):
-        return target
-    names = renamed(tag) or did_you_mean(tag, sorted({row.tag for row in rows}))
-    code = "study/stage" if tag in tags() else "export/target"
-    raise StudyError(code, f"study {study.name} of kind {study.kind}: {names}", f"--to {tag}")
 
 
 # Stages of values that do not depend on the stages of all others.
@@ -169,18 +166,13 @@ class _Fit(_Responses):
         return {label: with_findings(m.robot, self.friction, self.gears) for label, m in self.linear.items()}
 
     def robot_file(self) -> Values:
-        texts = self.known()
-        return {
-            label: robot_of_fit(m.name, m.robot, self.friction, texts[label], self.gears)
-            for label, m in self.linear.items()
-        }
+        parts = {label: (m.name, m.robot, self.friction, interval_lines(m)) for label, m in self.linear.items()}
+        return {label: robot_of_fit(*values, self.gears) for label, values in parts.items()}
 
     def actuators(self) -> Values:
         robots, gains = self.robot(), _gains(self.run.study)
-        return {
-            label: actuators_of(m.name, robots[label], fit_intervals(m, self.friction), gains)
-            for label, m in self.linear.items()
-        }
+        parts = {k: (m.name, robots[k], fit_intervals(m, self.friction)) for k, m in self.linear.items()}
+        return {label: actuators_of(*values, gains) for label, values in parts.items()}
 
     def draws(self) -> Values:
         run, result, samples = self.run, self.result, {}

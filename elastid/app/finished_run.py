@@ -186,8 +186,8 @@ class FinishedRun:
     @property
     def display(self) -> Display:
         """The study, its folder and the files there."""
-        rows = [(stage, self.run.folder / row.leaves[0]) for stage, row in self.run.stages.items()]
-        return Display(f"Study {self.run.study.name}", ("stage", "result"), [(s, str(path)) for s, path in rows])
+        rows = [(stage, str(self.run.path(stage))) for stage in self.run.stages]
+        return Display(f"Study {self.run.study.name}", ("stage", "result"), rows)
 
     @property
     def records(self) -> tuple[Record, ...]:

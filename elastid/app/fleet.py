@@ -54,9 +54,8 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
         ends = zip(fleet.members, outcomes, strict=True)
         rows = [row for member, outcome in ends if not outcome.failed for row in rows_of(folder, member)]
         if not rows:
-            raise FitError(
-                "fleet/members", f"no member was identified: {first_of(_reasons(outcomes))}", f"fleet {fleet.name}"
-            )
+            text = f"no member was identified: {first_of(_reasons(outcomes))}"
+            raise FitError("fleet/members", text, f"fleet {fleet.name}")
         table, values = _write_table(folder, rows), _values(rows)
         findings = find_changes(values, fleet.false_discovery_rate)
         units = {row["parameter"]: row["unit"] for row in rows}
@@ -66,7 +65,12 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
         keep_checksums(folder, WRITTEN)
         for words in (*(f"fleet: {words}" for words in answer.sentences), str(table), str(page)):
             console.say(words)
-        _raise_for(fleet.name, outcomes)
+        failed = [outcome for outcome in outcomes if outcome.failed or outcome.status not in (*COMPARED, "misfit")]
+        misfits = [outcome for outcome in outcomes if outcome.status == "misfit"]
+        for kind, members, error in (("failed", failed, FitError), ("are misfits", misfits, MisfitError)):
+            if members:
+                text = f"{len(members)} of {len(outcomes)} members {kind} and are excluded from the comparison"
+                raise error("fleet/members", f"{text}: {first_of(_reasons(members))}", f"fleet {fleet.name}")
         return page
 
 
@@ -90,19 +94,6 @@ def _check(fleet: Fleet, folder: Path) -> None:
         path_below(folder, MEMBERS, member.name)
 
 
-def _raise_for(name: str, outcomes: Sequence[Outcome]) -> None:
-    failed = [outcome for outcome in outcomes if outcome.failed or outcome.status not in (*COMPARED, "misfit")]
-    misfits = [outcome for outcome in outcomes if outcome.status == "misfit"]
-    for kind, members, error in (("failed", failed, FitError), ("are misfits", misfits, MisfitError)):
-        if members:
-            raise error(
-                "fleet/members",
-                f"{len(members)} of {len(outcomes)} members {kind} and are excluded from the comparison: "
-                f"{first_of(_reasons(members))}",
-                f"fleet {name}",
-            )
-
-
 def _reasons(outcomes: Sequence[Outcome]) -> list[str]:
     return [f"{outcome.label}: {outcome.message}" for outcome in outcomes]
 
@@ -119,9 +110,7 @@ def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[
             for index, outcome in surviving(work, todo, jobs, progress):
                 if outcome is not None:
                     outcomes[todo[index].name] = outcome
-    return tuple(
-        outcomes.get(member.name, Outcome(member.robot, member.date, "died", DIED)) for member in fleet.members
-    )
+    return tuple(outcomes.get(m.name, Outcome(m.robot, m.date, "died", DIED)) for m in fleet.members)
 
 
 def _identified(study: Path, folder: Path, member: Member) -> Outcome:
@@ -139,8 +128,7 @@ def _identified(study: Path, folder: Path, member: Member) -> Outcome:
 
 def _summary(folder: Path) -> dict[str, Any]:
     path = folder / "summary.json"
-    summary: dict[str, Any] = json.loads(path.read_bytes()) if path.is_file() else {}
-    return summary
+    return dict(json.loads(path.read_bytes())) if path.is_file() else {}
 
 
 def rows_of(folder: Path, member: Member) -> Iterator[Row]:
@@ -170,20 +158,19 @@ def _numbers_of(number: Mapping[str, Any]) -> Row:
 
 def _values(rows: Sequence[Row]) -> tuple[FleetValue, ...]:
     names = {row["parameter"] for row in rows if row["value"]}
-    dated = [
-        row for row in rows if row["std_noise"] is not None and row["status"] in COMPARED and row["parameter"] in names
-    ]
+    keys = ("robot", "date", "parameter", "value", "std_noise")
+    compared = [[row[key] for key in keys] for row in rows if row["status"] in COMPARED and row["parameter"] in names]
     return tuple(
-        FleetValue(row["robot"], day, row["parameter"], row["value"], row["std_noise"])
-        for row, day in zip(dated, [float(date.fromisoformat(row["date"]).toordinal()) for row in dated], strict=True)
+        FleetValue(robot, float(date.fromisoformat(day).toordinal()), *number)
+        for robot, day, *number in compared
+        if number[-1] is not None
     )
 
 
 def _write_table(folder: Path, rows: Sequence[Row]) -> Path:
     """Write fleet.parquet, a row per parameter and member; fleet.csv if no reader of Parquet is installed."""
     if find_spec("pyarrow") is None:
-        path = folder / "fleet.csv"
-        write_rows(path, [rows[0].keys(), *(row.values() for row in rows)])
+        write_rows(path := folder / "fleet.csv", [rows[0].keys(), *(row.values() for row in rows)])
         return path
     import pyarrow
     import pyarrow.parquet

@@ -20,7 +20,6 @@ from elastid.app.study_lines import channel_line, file_line, head_lines, joined,
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.escape import one_line
-from elastid.base.units import dimension_and_size
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.channel_guess import LogGuess, guess_commands, guess_log
 from elastid.logs.channel_names import ChannelGuess, guess_by_name
@@ -30,7 +29,7 @@ from elastid.logs.files.formats import is_text, opened_log
 from elastid.logs.files.text_format import described_format, guess_format
 from elastid.logs.files.universal import is_universal_file, time_histories
 from elastid.logs.headings import is_time
-from elastid.logs.log_signals import signals_of, wrong_cells
+from elastid.logs.log_signals import signals_of, wrong_cell
 from elastid.logs.repair.periodicity import find_period, repetition
 from elastid.robot import Robot
 from elastid.study.robots import Servos
@@ -71,22 +70,21 @@ def texts_from_logs(
     form = guess_format(first)
     with opened_log(first, form) as log:
         clock, signals, shapes = clock_of(log), signals_of(log, MAX_SAMPLES), log.shapes()
-        wrong = wrong_cells(log, [signal.name for signal, _ in signals], MAX_SAMPLES)
+        wrong = wrong_cell(log, [signal.name for signal, _ in signals], MAX_SAMPLES)
     if texts := texts_from_responses(logs, folder, robot):
         return texts
     signals = [(g, x) for g, x in signals if g.name != clock.name]
     guess = guess_log(signals, clock.rate_hz or 1.0)
     text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text(first) else ""
-    if guess is None and (pairs := guess_commands(signals, clock.rate_hz or 1.0)):
-        period = _period(np.stack([x for g, x in signals if g.key in {r.key for _, r in pairs}], axis=1))
-        return _command_files(logs, folder, pairs, clock, robot, text, period, servos)
     source = _Logs([(path,) for path in logs], form, text, clock, signals, shapes)
+    if guess is None and (pairs := guess_commands(signals, clock.rate_hz or 1.0)):
+        return _command_files(source, folder, pairs, robot, servos)
     if guess is None:
         measurements, of_pair = in_two_files(logs, form)
         guess = guess_log(of_pair, clock.rate_hz or 1.0)
         if guess is None:
             code, text = _without_pair([signal for signal, _ in signals], shapes)
-            raise DataError(code, "; ".join(filter(None, (text, *wrong[:1]))), first)
+            raise DataError(code, "; ".join(filter(None, (text, wrong))), first)
         source = replace(source, measurements=measurements, signals=of_pair, shapes={})
     guess = replace(guess, is_motion=guess.is_motion and clock.rate_hz is not None)  # without it there is no speed
     guess = guess if robot is None and not guess.is_motion else guess.with_separate_motions()
@@ -98,12 +96,12 @@ def texts_from_logs(
     guess = guess if robot is None else in_order_of(robot, guess, positions)
     unused = list(_unused(guess, [signal for signal, _ in source.signals], source.shapes, clock))
     unused += [f"# Torque sensors are not used: {one_line(guess.sensor_doubt)}"] if guess.sensor_doubt else []
-    unused += [f"# First cell without a number: {one_line(cell.partition('. ')[0])}" for cell in wrong]
+    unused += [f"# First cell without a number: {one_line(wrong.partition('. ')[0])}"] if wrong else []
     if guess.is_motion:
         _columns([measurement[0] for measurement in source.measurements], form, guess, False)
         paths = [relative_paths(measurement, folder) for measurement in source.measurements]
         content = [*head_lines("friction", first), *_study(guess, robot, clock), text, *_files(paths), *unused]
-        inertias = [(joint.slides, joint.relation.inertia) for joint in guess.joints]
+        inertias = [(joint.motion.slides, joint.relation.inertia) for joint in guess.joints]
         return {"study.yml": joined(content), "robot.yml": joined(_robot(inertias, "the torque"))}
     lines = _torque_study_lines(source, folder, guess, robot, frame, positions)
     return {"study.yml": joined([*head_lines("responses" if robot is None else "elasticity", first), *lines, *unused])}
@@ -144,10 +142,8 @@ def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[in
     lengths = {max(shape): name for name, shape in reversed([*shapes.items()]) if guess_by_name(name, None).quantity}
     if len(lengths) > 1:
         lengths_text = ", ".join(f"{name} {n}" for n, name in lengths.items())
-        return (
-            "records/clock",
-            f"its signals differ in their numbers of samples ({lengths_text}). Export them with one clock",
-        )
+        text = f"its signals differ in their numbers of samples ({lengths_text}). Export them with one clock"
+        return "records/clock", text
     counts = Counter((signal.name, signal.quantity or "unknown") for signal in signals)
     varying = ", ".join(f"{n} {each[0]} ({each[1]})" for each, n in counts.most_common(8)) or "none"
     if any(re.match("psd", signal.name.lower()) for signal in signals):
@@ -155,15 +151,12 @@ def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[in
     elif any(re.search(r"putData\{\d", signal.name) for signal in signals):
         reason = "an iddata object of several experiments. Save each one, getexp(data, k), in a file of its own"
     elif signals and {signal.quantity for signal in signals} == {"acceleration"}:
-        reason = (
-            "accelerations without an input; modes need both. Record the force of a hammer or shaker with the same "
-            "clock, and name both files after --from"
-        )
+        reason = "accelerations without an input; modes need both. Record the force of a hammer or shaker with the same"
+        reason += " clock, and name both files after --from"
     else:
-        reason = (
-            "no input and output recognised: neither a torque (force) with a motion, nor a command for each position. "
-            "Name channels tau_1, q_1, cmd_1, ..., or list the second file under `also` in experiment.recorded.files"
-        )
+        reason = "no input and output recognised: neither a torque (force) with a motion, nor a command for each"
+        reason += " position. Name channels tau_1, q_1, cmd_1, ..., or list the second file under `also` in"
+        reason += " experiment.recorded.files"
     others = ", ".join(name for name in shapes if name not in {signal.name for signal in signals} and not is_time(name))
     varying += f"; constant or empty: {others}" if others else ""
     return "records/channels", f"{reason}. Varying channels: {varying}"
@@ -174,8 +167,9 @@ def _columns(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess, may_di
 
     Raises DataError for a log without one of the channels.
     """
-    names = {channel.name for joint in guess.joints for channel in (joint.torque, joint.motion) if channel.file == 1}
-    names |= {channel.name for channel in guess.further if channel.file == 1 and not guess.is_motion}
+    channels = [channel for joint in guess.joints for channel in (joint.torque, joint.motion)]
+    channels += () if guess.is_motion else guess.further
+    names = {channel.name for channel in channels if channel.file == 1}
     first, *others = (headings_of(path, form) for path in logs)
     for path, row in zip(logs[1:], others, strict=True):
         if (absent := names - {*row}) and not (may_differ and len(row) == len(first)):
@@ -188,8 +182,8 @@ def _controller(path: Path, n_u: int) -> FloatArray | None:
     """Return gains kp and kd (2, n_u) of a log; None unless both exist and are positive."""
     with opened_log(path, guess_format(path)) as log:
         gains = [values for name in GAINS if (values := gains_in(log, name, n_u)) is not None]
-    is_known = len(gains) == len(GAINS) and bool(np.all((np.array(gains) > 0) & np.isfinite(gains)))
-    return np.array(gains) if is_known else None
+    is_usable = len(gains) == len(GAINS) and bool(np.all((np.array(gains) > 0) & np.isfinite(gains)))
+    return np.array(gains) if is_usable else None
 
 
 def _unlike(
@@ -211,19 +205,16 @@ def _unlike(
 
 
 def _command_files(
-    logs: Sequence[Path],
-    folder: Path,
-    pairs: Sequence[tuple[ChannelGuess, ChannelGuess]],
-    clock: Clock,
-    robot: Robot | None,
-    text: str,
-    period: Sequence[str],
-    servos: Servos,
+    source: _Logs, folder: Path, pairs: Sequence[tuple[ChannelGuess, ChannelGuess]], robot: Robot | None, servos: Servos
 ) -> dict[str, str]:
     """Draft the files of a study of logs with commands and positions (pairs of channels) and without torques.
 
     A study of elasticity if the robot has elastic gears and the commands a period, else of friction.
     """
+    logs, clock = [files[0] for files in source.measurements], source.clock
+    period, commands = list[str](), {reference.key for _, reference in pairs}
+    if robot is not None and robot.flexible:
+        period = _period(np.stack([x for g, x in source.signals if g.key in commands], axis=1))
     names = robot.driven_names if robot is not None else [str(i + 1) for i in range(len(pairs))]
     order, by_order = order_of_names(names, [y for y, _ in pairs])
     pairs = [(replace(pairs[i][0], why=pairs[i][0].why + by_order), pairs[i][1]) for i in order]
@@ -243,19 +234,18 @@ def _command_files(
     kp, kd = gains
     numbers = [", ".join(f"{x:.6g}" for x in values) for values in (kp / kd, kd)]
     paths = [[path] for path in relative_paths(logs, folder)]
-    files, end = list(_files(paths)), list[str]()
-    if robot is not None and robot.flexible and "none" not in period[0]:
-        runs, form = runs_by_name(logs), guess_format(logs[0])
-        motions = [y for y, _ in pairs]
-        positions = positions_of([[path] for path in logs], form, motions)
+    files, end = _files(paths), list[str]()
+    if robot is not None and period and "none" not in period[0]:
+        runs, motions = runs_by_name(logs), [y for y, _ in pairs]
+        positions = positions_of(source.measurements, source.form, motions)
         states, configurations = _configurations(len(logs), motions, robot, positions, [run[0] for run in runs])
-        files = list(_files(paths, states, [Run({}, *run[1:]) for run in runs]))
+        files = _files(paths, states, [Run({}, *run[1:]) for run in runs])
         lines = [*head_lines("elasticity", logs[0]), "robot: robot.yml", "experiment:", *configurations]
         late = "# The delay of the commands is identified, too, unless stated: delay_r: {start: 5 ms, fixed: true}"
         few = "estimator: {method: auto} # one that needs fewer logs than inputs"
         end = [late, *_FIT, *[few] * (len(names) > 1)]
     else:
-        lines, period = list(head_lines("friction", logs[0])), ()
+        lines, period = list(head_lines("friction", logs[0])), []
         lines += [
             "robot: robot.yml # guessed: geometry and ratios are not in the logs",
             "friction: {} # inertia, friction and command delay from commands and positions, without torque",
@@ -264,11 +254,9 @@ def _command_files(
     lines += ["  recorded:", f"    rate_hz: {clock.rate_hz:.6g} # guessed: {clock.why}", *period, "    channels:"]
     for name, (y, reference) in zip(names, pairs, strict=True):
         lines += [channel_line("y", f"motor {name}", y), channel_line("reference", f"motor {name}", reference)]
-    lines += [f"    controller: {{position_gain: [{numbers[0]}], velocity_gain: [{numbers[1]}]}} # {why}", text]
+    lines += [f"    controller: {{position_gain: [{numbers[0]}], velocity_gain: [{numbers[1]}]}} # {why}", source.text]
     content = {"study.yml": joined([*lines, *files, *end])}
-    inertias = [
-        (dimension_and_size(y.unit)[0].startswith("m"), x) for (y, _), x in zip(pairs, kd**2 / kp / 4, strict=True)
-    ]
+    inertias = [(y.slides, x) for (y, _), x in zip(pairs, kd**2 / kp / 4, strict=True)]
     return content if robot is not None else content | {"robot.yml": joined(_robot(inertias, "critical damping"))}
 
 
@@ -276,12 +264,11 @@ def _unused(
     guess: LogGuess, signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[int, ...]], clock: Clock
 ) -> Iterator[str]:
     """Yield a comment for each reason why columns of a log are not used."""
-    used_keys = {channel.key for joint in guess.joints for channel in (joint.torque, joint.motion)}
-    used_keys |= set() if guess.is_motion else {channel.key for channel in guess.further}
-    sensors = [joint.sensor for joint in guess.joints if joint.sensor]
-    used_keys |= {channel.key for channel in (*guess.references, *sensors)}
-    known_names, reasons = {clock.name, *(signal.name for signal in signals)}, dict[str, list[str]]()
-    if unused_names := [one_line(name) for name in shapes if name not in known_names]:
+    channels = [channel for joint in guess.joints for channel in (joint.torque, joint.motion, joint.sensor) if channel]
+    channels += [*guess.references, *(() if guess.is_motion else guess.further)]
+    used_keys, reasons = {channel.key for channel in channels}, dict[str, list[str]]()
+    signal_names = {clock.name, *(signal.name for signal in signals)}
+    if unused_names := [one_line(name) for name in shapes if name not in signal_names]:
         reasons["times, or no numbers that change"] = unused_names
     for signal in [signal for signal in signals if signal.key not in used_keys]:
         name = f"{signal.name} column {signal.column}".removesuffix(" column None")
@@ -354,7 +341,7 @@ def _study(
             yield channel_line(role, place, spec)
         return
     for name, joint in zip(names, guess.joints, strict=True):
-        yield channel_line("u", f"motor {name}", joint.torque, "force" if joint.slides else "torque")
+        yield channel_line("u", f"motor {name}", joint.torque, "force" if joint.motion.slides else "torque")
         yield channel_line("y", f"motor {name}", joint.motion)
         if joint.sensor and not guess.sensor_doubt:
             line = channel_line("d", f"motor {name}", joint.sensor)

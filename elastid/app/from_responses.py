@@ -79,10 +79,8 @@ def texts_from_responses(paths: Sequence[Path], folder: Path, robot: Robot | Non
         return {}
     drives = () if robot is None else robot.driven_names
     if robot is not None and len(drives) != len(table.inputs):
-        text = (
-            f"the response has {len(table.inputs)} inputs, the robot model {len(drives)} motors. Choose another model"
-        )
-        raise DataError("responses/table", text, paths[0])
+        text = f"the response has {len(table.inputs)} inputs, the robot model {len(drives)} motors"
+        raise DataError("responses/table", f"{text}. Choose another model", paths[0])
     lines = [*head_lines("responses" if robot is None else "elasticity", paths[0]), "robot: robot.yml" * bool(drives)]
     files = [(path, response) for path in relative_paths(paths, folder) for response in table.responses]
     names = ["bench"] if len(files) == 1 else [f"bench_{i + 1}" for i in range(len(files))]
@@ -106,7 +104,9 @@ def _channels(table: _Table, drives: Sequence[str]) -> Iterator[str]:
         quantity = guess.quantity or ("torque" if drives else "force")
         why = guess.why if guess.quantity else f"a {quantity} is assumed"
         yield channel_line("u", place, replace(guess, quantity=quantity, why=why))
-    slope = float(np.polyfit(np.log(table.freq), np.log(np.abs(table.G).mean(axis=(1, 2)) + 1e-300), 1)[0])
+    is_used = (table.freq > 0) & np.isfinite(table.G).all(axis=(1, 2))
+    size = np.abs(table.G[is_used]).mean(axis=(1, 2)) + 1e-300
+    slope = float(np.polyfit(np.log(table.freq[is_used]), np.log(size), 1)[0])
     by_slope = "position" if slope < _POSITION else "velocity" if slope < _VELOCITY else "acceleration"
     for i, guess in enumerate(table.outputs):
         place = f"motor {drives[i]}" if i < len(drives) else guess.name or f"output {i + 1}"
@@ -126,7 +126,7 @@ def _array_table(path: Path, arrays: Mapping[str, StoredArray]) -> _Table | None
         outputs = _named(first.outputs, first.G.shape[1], arrays, f"{prefix}OutputUnit")
         inputs = _named(first.inputs, first.G.shape[2], arrays, f"{prefix}InputUnit")
         keys = {} if first.frequency_unit else {"frequency_unit": "Hz # guessed: the file states none"}
-        return _table(first.freq, first.G, keys, outputs, inputs, tuple(alike) if len(alike) > 1 else ("",))
+        return _Table(first.freq, first.G, keys, outputs, inputs, tuple(alike) if len(alike) > 1 else ("",))
     for name in responses_in(arrays):
         G = complex_array(arrays, name)
         is_log = any(is_time(key) and arrays[key].is_signal for key in arrays)  # one of complex numbers, too
@@ -141,7 +141,7 @@ def _array_table(path: Path, arrays: Mapping[str, StoredArray]) -> _Table | None
             columns = mapping({"response": quoted(name), "frequency": quoted(key)})
             keys = {"columns": columns, "frequency_unit": f"{unit} # guessed by the name {key}"}
             outputs, inputs = (_named((), n, arrays, "") for n in matrix.shape[1:])
-            return _table(freq.astype(float), matrix, keys, outputs, inputs)
+            return _Table(freq.astype(float), matrix, keys, outputs, inputs)
     return None
 
 
@@ -168,36 +168,18 @@ def _text_table(log: TextLog) -> _Table | None:
             continue
         labels = [re.sub(r"(\d+)(\D+)(\d+)(\D*)$", r"{y}\2{u}\4", name) for name in (first[0], second[0])]
         x, y = (log.columns([log.headings.index(name) for name in side]) for side in (first, second))
-        parts = dict(zip(("real", "imaginary"), map(quoted, labels), strict=True))
-        parts = parts if words is _PAIRS[0] else _polar(labels, x, y)
-        x = 10 ** (x / 20) if parts.get("magnitude_unit") == "dB" else x
-        G = (x + 1j * y if words is _PAIRS[0] else x).astype(np.complex128)
+        is_polar = words is not _PAIRS[0]
+        names = ("magnitude", "phase") if is_polar else ("real", "imaginary")
+        parts = dict(zip(names, map(quoted, labels), strict=True))
+        if is_polar:  # dB if any magnitude is negative, degrees if any phase is beyond pi
+            parts["magnitude_unit"] = "dB" if x.min() < 0 else quoted("1")
+            parts["phase_unit"] = "deg" if np.abs(y).max() > np.pi + 0.01 else "rad"
+            x = 10 ** (x / 20) if x.min() < 0 else x
+        G = (x if is_polar else x + 1j * y).astype(np.complex128)
         unit = "rad/s" if _RADIANS.fullmatch(frequency) else "Hz"
         columns_text = mapping({"frequency": quoted(frequency)} | parts)
         keys = {"columns": columns_text, "frequency_unit": f"{unit} # guessed by the name {frequency}"}
         outputs, inputs = (tuple(ChannelGuess("", int(n), "", "", 0, "") for n in side) for side in (rows, columns))
         freq = log.columns([log.headings.index(frequency)])[:, 0]
-        return _table(freq, G.reshape(len(x), len(rows), len(columns)), keys, outputs, inputs)
+        return _Table(freq, G.reshape(len(x), len(rows), len(columns)), keys, outputs, inputs)
     return None
-
-
-def _polar(labels: Sequence[str], magnitude: FloatArray, phase: FloatArray) -> dict[str, str]:
-    """Return names and units of magnitude and phase: dB if any is negative, degrees if any is beyond pi."""
-    return {
-        **dict(zip(("magnitude", "phase"), map(quoted, labels), strict=True)),
-        "magnitude_unit": "dB" if magnitude.min() < 0 else quoted("1"),
-        "phase_unit": "deg" if np.abs(phase).max() > np.pi + 0.01 else "rad",
-    }
-
-
-def _table(
-    freq: FloatArray,
-    G: ComplexArray,
-    keys: Mapping[str, str],
-    outputs: tuple[ChannelGuess, ...],
-    inputs: tuple[ChannelGuess, ...],
-    responses: tuple[str, ...] = ("",),
-) -> _Table:
-    """Return the table at its positive frequencies."""
-    is_used = (freq > 0) & np.isfinite(G).all(axis=(1, 2))
-    return _Table(freq[is_used], G[is_used], keys, outputs, inputs, responses)

@@ -30,7 +30,12 @@ def with_identified_friction(robot: Robot, result: "FrictionResult") -> Robot:
 
     Bristles and elements that the study did not measure stay as the robot's file has them.
     """
-    return with_laws(robot, _identified(robot, result))
+    laws = {
+        joint.joint: (_with_presliding(robot, joint.joint, joint.friction, joint.viscous), joint.viscous)
+        for joint in result.joints
+        if joint.friction is not None and joint.viscous is not None
+    }
+    return with_laws(robot, laws)
 
 
 def robot_files(
@@ -67,7 +72,7 @@ def robot_of_fit(
         comments.append(f"{MOTOR_SIDE}, of `gear` on that of the link; friction and gears were found in the records:")
         comments += [f"  {number.sentence}" for number in gears.numbers]
         return yaml_text(with_effects(robot, gears), (*comments, *intervals))
-    laws = _taken_out(robot, friction)
+    laws = _compensated_laws(robot, friction)
     if laws:
         comments.append(f"{MOTOR_SIDE}; Coulomb friction of joints {', '.join(laws)} was found in the records.")
     return yaml_text(with_laws(robot, laws), (*comments, *intervals))
@@ -79,19 +84,11 @@ def with_findings(robot: Robot, friction: CompensatedFriction | None, gears: Gea
     The friction of the robot model is in the fitted viscous coefficients if it was not compensated in the responses.
     """
     if gears is None or gears.refused:
-        return with_laws(without_dry_friction(robot), _taken_out(robot, friction))
+        return with_laws(without_dry_friction(robot), _compensated_laws(robot, friction))
     return with_effects(robot, gears)
 
 
-def _identified(robot: Robot, result: "FrictionResult") -> dict[str, tuple[Friction, float]]:
-    return {
-        joint.joint: (_with_presliding(robot, joint.joint, joint.friction, joint.viscous), joint.viscous)
-        for joint in result.joints
-        if joint.friction is not None and joint.viscous is not None
-    }
-
-
-def _taken_out(robot: Robot, friction: CompensatedFriction | None) -> dict[str, tuple[Friction, float]]:
+def _compensated_laws(robot: Robot, friction: CompensatedFriction | None) -> dict[str, tuple[Friction, float]]:
     laws: dict[str, tuple[Friction, float]] = {}
     motors = {f"motor {joint.name}": joint for joint in robot.driven}
     for row in () if friction is None else friction_rows(friction):
@@ -105,21 +102,20 @@ def _taken_out(robot: Robot, friction: CompensatedFriction | None) -> dict[str, 
 
 
 def _with_presliding(robot: Robot, joint: str, law: Friction, viscous: float) -> Friction:
-    given, ratio = law_of(robot, joint), robot.ratio(joint)
-    if given is None or law.lugre is not None or law.maxwell_slip is not None:
+    nominal, ratio = law_of(robot, joint), robot.ratio(joint)
+    if nominal is None or law.lugre is not None or law.maxwell_slip is not None:
         return law
-    completed = replace(law, lugre=given.lugre, maxwell_slip=given.maxwell_slip)
-    try:
+    completed = replace(law, lugre=nominal.lugre, maxwell_slip=nominal.maxwell_slip)
+    with suppress(ValueError):
         through_gear(completed, ratio, to_motor=True).check_passive(viscous / ratio**2)
-    except ValueError:
-        return law
-    return completed
+        return completed
+    return law
 
 
 def write_robot(folder: Path, robot_file: str) -> tuple[Path]:
     """Write robot.yml."""
-    write_text(folder / "robot.yml", robot_file)
-    return (folder / "robot.yml",)
+    write_text(path := folder / "robot.yml", robot_file)
+    return (path,)
 
 
 TARGETS = (Target("robot", ("robot_file",), "robot model with the identified parameters", write_robot, True),)

@@ -1,6 +1,7 @@
 """The content of a log of another program or of a result: names, shapes, units, rates, first and extreme values."""
 
 import json
+import math
 from collections.abc import Iterator
 from contextlib import suppress
 from itertools import chain
@@ -16,6 +17,7 @@ from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.clocks import is_clock
 from elastid.logs.files.formats import is_log, naming, opened_log
+from elastid.logs.files.log import StoredArray
 from elastid.logs.files.text import BLOCK_LINES, TextLog
 from elastid.logs.files.text_format import described_format, guess_format
 from elastid.logs.files.universal import is_universal_file
@@ -143,10 +145,9 @@ def _log_lines(path: Path) -> list[str]:
     return lines
 
 
-def _describe_array(array: Any) -> str:
-    shape = " x ".join(map(str, array.shape)) or "one"
-    if array.dtype.kind not in "fiubcU" or np.prod(array.shape, dtype=int) > 1:
-        return f"{array.dtype} ({shape})"
+def _describe_array(array: StoredArray) -> str:
+    if array.dtype.kind not in "fiubcU" or math.prod(array.shape) > 1:
+        return f"{array.dtype} ({' x '.join(map(str, array.shape)) or 'one'})"
     try:
         return format_values(np.asarray(array.read()))
     except DataError as error:

@@ -35,9 +35,10 @@ def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess
     order, why = order_of_names(names, [joint.torque for joint in joints])
     ordered = [replace(joints[i], motion=replace(joints[i].motion, why=joints[i].motion.why + why)) for i in order]
     at = tuple(map(_at, robot.driven, ordered))
-    readings = [_read_as(robot, at, unit, on_motor) for on_motor in (False, True) for unit in ("", "deg")]
-    fitting = [reading for reading in readings if all(map(partial(_is_in_limits, positions), robot.driven, reading))]
-    return replace(guess, joints=(fitting or readings)[0])
+    interpretations = [_interpret(robot, at, unit, on_motor) for on_motor in (False, True) for unit in ("", "deg")]
+    is_in_limits = partial(_is_in_limits, positions)
+    possible = [joints for joints in interpretations if all(map(is_in_limits, robot.driven, joints))]
+    return replace(guess, joints=(possible or interpretations)[0])
 
 
 def order_of_names(joints: Sequence[str], channels: Sequence[ChannelGuess]) -> tuple[list[int], str]:
@@ -84,8 +85,8 @@ def _at(joint: Joint, guess: JointGuess) -> JointGuess:
     return replace(guess, motion=replace(guess.motion, unit=unit))
 
 
-def _read_as(robot: Robot, joints: Sequence[JointGuess], unit: str, on_motor: bool) -> tuple[JointGuess, ...]:
-    """Read joints with one unit for all positions without a unit, and all signals on one side of the gears.
+def _interpret(robot: Robot, joints: Sequence[JointGuess], unit: str, on_motor: bool) -> tuple[JointGuess, ...]:
+    """Interpret joints with one unit for all positions without a unit, and all signals on one side of the gears.
 
     Torques are motor-side if at the link one of them would be too small for the inertia of its rotor.
     """
@@ -104,7 +105,7 @@ def _read_as(robot: Robot, joints: Sequence[JointGuess], unit: str, on_motor: bo
 
 
 def _is_in_limits(positions: Positions, joint: Joint, guess: JointGuess) -> bool:
-    """True if the motion leaves the limits of its joint in no log by more than joints of one state differ."""
+    """Return True if the motion leaves the limits of its joint in no log by more than joints of one state differ."""
     extent = guess.motion.to_si * positions.get(guess.motion.key, np.zeros((1, 4)))[:, :2]
     low, high = joint.limits.angle
     return bool(np.min(extent) > low - MIN_TURN and np.max(extent) < high + MIN_TURN)

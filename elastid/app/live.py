@@ -178,11 +178,9 @@ class Session:
         if path.is_file():
             stamp = read_stamp(path)
             if stamp is None or stamp.inputs != self.stamp.inputs:
-                raise StudyError(
-                    "live/study",
-                    f"{path} was planned for another study, other data or other options. Give another folder with "
-                    f"--run, or remove {path.parent} to begin again",
-                )
+                text = f"{path} was planned for another study, other data or other options"
+                advice = "Give another folder with --run, or remove"
+                raise StudyError("live/study", f"{text}. {advice} {path.parent} to begin again")
             plan = read_plan(path)
         else:
             design, prior = self._design(plans), PriorEstimate.before(problem)
@@ -191,9 +189,9 @@ class Session:
             problem = replace(problem, design=design)
             candidates, robots = problem.candidates(design), self._robots(result, step)
             with self._execution(f"plan of x{step}") as execution:
-                left_s = self.budget_s * (1 + 1e-9) - sum(plan.robot_time_s for plan in plans)
+                remaining_s = self.budget_s * (1 + 1e-9) - sum(plan.robot_time_s for plan in plans)
                 proposal = next_experiment(
-                    problem, candidates, prior, self.goal, robots, f"x{step}", self._seed(step), execution, left_s
+                    problem, candidates, prior, self.goal, robots, f"x{step}", self._seed(step), execution, remaining_s
                 )
             if words := self._refusal(proposal, plans, result):
                 return words
@@ -230,12 +228,9 @@ class Session:
         spent = sum(plan.robot_time_s for plan in plans)
         if math.isinf(proposal.option.more_s):
             name, ratio = proposal.option.floor
-            width = 100 * ratio * self.goal.widths[name]
-            return (
-                f"further measurements cannot narrow {name} below {width:.2g} % (goal "
-                f"{100 * self.goal.widths[name]:.3g} %). Reduce robot.tolerances, log more signals, or fix a parameter "
-                "that is correlated with it"
-            )
+            goal = 100 * self.goal.widths[name]
+            text = f"further measurements cannot narrow {name} below {ratio * goal:.2g} % (goal {goal:.3g} %). Reduce"
+            return text + " robot.tolerances, log more signals, or fix a parameter that is correlated with it"
         if spent + proposal.plan.robot_time_s <= self.budget_s * (1 + 1e-9):
             return ""
         more = spent + max(proposal.option.more_s, proposal.plan.robot_time_s)
@@ -262,7 +257,10 @@ class Session:
                 f"{logs} under the same names; columns: {', '.join(c.channel for c in self.channels)}"
             )
         for run in plan.experiments:
-            self._wait(run)
+            last = -1  # bytes; the log is whole once it no longer grows
+            while (size := self._size(run)) < 0 or size != last:
+                last = size
+                time.sleep(POLL_S)
 
     def _check(self, plan: Plan, records: Path, problem: DesignProblem) -> None:
         """Refuse a record that contradicts its plan; DataError."""
@@ -273,17 +271,8 @@ class Session:
         for run, rehearsal in zip(plan.experiments, rehearsals, strict=True):
             swings = problem.simulated.carrier is not None
             if words := contradiction(measured[run.name], plan, rehearsal, coulomb, swings):
-                raise DataError(
-                    "live/logs",
-                    f"{words}. Replace the log and repeat the command; all earlier logs are kept",
-                    f"{self.log(run)} contradicts its plan",
-                )
-
-    def _wait(self, run: Experiment) -> None:
-        last = -1
-        while last != (size := self._size(run)) or size < 0:
-            last = size
-            time.sleep(POLL_S)
+                text = words + ". Replace the log and repeat the command; all earlier logs are kept"
+                raise DataError("live/logs", text, f"{self.log(run)} contradicts its plan")
 
     def _size(self, run: Experiment) -> int:
         """Return the size of a run's log in bytes; -1 without a log."""
@@ -315,11 +304,8 @@ class Session:
         logs = [path for path in sorted((self.path / "logs").glob(f"{run.name}.*")) if is_log(path)]
         if len(logs) > 1:
             names = ", ".join(path.name for path in logs)
-            raise DataError(
-                "live/logs",
-                f"{names} are logs of the same experiment. Keep the log that followed its reference",
-                f"{self.path / 'logs'}",
-            )
+            text = f"{names} are logs of the same experiment. Keep the log that followed its reference"
+            raise DataError("live/logs", text, self.path / "logs")
         return logs[0] if logs else None
 
     @property
@@ -382,12 +368,9 @@ def require_one_robot_in_any_posture(study: Study) -> None:
         "fit.weights.factors": any(factor.configurations for factor in study.fit.weights.factors),
         "experiment.without_payload": study.experiment.without_payload,
     }
-    for place in (place for place, is_given in unsupported.items() if is_given):
-        raise StudyError(
-            "live/study",
-            "live plans for elasticity, chooses the configurations of one robot itself, without a carrier of constant "
-            "velocity, and reads the position of every motor; leave this key out",
-            place,
-        )
+    text = "live plans for elasticity, chooses the configurations of one robot itself, without a carrier of constant"
+    text += " velocity, and reads the position of every motor; leave this key out"
+    for place in (place for place, is_present in unsupported.items() if is_present):
+        raise StudyError("live/study", text, place)
     if study.excitation is None:
         raise StudyError("study/stage", "this section is needed to plan an experiment", "excitation")

@@ -78,12 +78,15 @@ def hit_runs(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> lis
     """
     headings = [headings_of(path, form) for path in logs]
     if len(set(headings)) > 1:
-        by_log = [_by_headings(headings[0], row, guess) for row in headings]
+        drive = guess.joints[0].torque
+        places = {drive.name: hit_place(guess)} | {motion.name: motion.place for motion in guess.motions}
+        columns = [(place, headings[0].index(name)) for name, place in places.items()]
+        by_log = [{place: guess_by_name(row[i], None).place for place, i in columns} for row in headings]
+        by_log = [{place: name for place, name in at.items() if name != place} for at in by_log]
     elif not (by_log := _by_names(logs, guess)):
         by_log = [{hit_place(guess): point} for point in _points_by_response(logs, form, guess)]
-    places = [tuple(at.items()) for at in by_log]
-    first = list(dict.fromkeys(places))
-    runs = [Run(dict(at), places[:i].count(at), first.index(at)) for i, at in enumerate(places)]
+    first = [at for i, at in enumerate(by_log) if at not in by_log[:i]]
+    runs = [Run(at, by_log[:i].count(at), first.index(at)) for i, at in enumerate(by_log)]
     return runs if len(first) > 1 else []
 
 
@@ -97,14 +100,6 @@ def hit_place(guess: LogGuess) -> str:
     """Return the location of the input, with a name that no output has."""
     place = guess.joints[0].torque.place
     return "hammer" if place in {motion.place for motion in guess.motions} else place
-
-
-def _by_headings(first: Sequence[str], row: Sequence[str], guess: LogGuess) -> dict[str, str]:
-    """Return locations by the headings of a log, if they differ from the headings of the channels."""
-    drive = guess.joints[0].torque
-    of_channels = {drive.name: hit_place(guess)} | {motion.name: motion.place for motion in guess.motions}
-    names = {place: guess_by_name(row[first.index(name)], None).place for name, place in of_channels.items()}
-    return {place: name for place, name in names.items() if place != name}
 
 
 def _by_names(logs: Sequence[Path], guess: LogGuess) -> list[dict[str, str]]:

@@ -87,16 +87,13 @@ def gains_of(model: Any) -> dict[str, tuple[float, float]]:
     gains = {}
     for i in range(model.njnt):
         gears = _gears(model, i)
-        of_joint = [model.actuator_biasprm[a, 1:3] * -(gear**2) for a, gear in gears.items() if _is_servo(model, a)]
-        if of_joint:
-            kp, kd = np.sum(of_joint, axis=0).tolist()
+        # An affine bias whose stiffness is the gain of the control, as of <position>.
+        bias, gain = model.actuator_biasprm, model.actuator_gainprm
+        servos = [a for a in gears if model.actuator_biastype[a] == 1 and bias[a, 1] == -gain[a, 0] != 0]
+        if servos:
+            kp, kd = np.sum([bias[a, 1:3] * -(gears[a] ** 2) for a in servos], axis=0).tolist()
             gains[model.joint(i).name or f"joint {i}"] = (kp, kd)
     return gains
-
-
-def _is_servo(model: Any, a: int) -> bool:
-    """True for an affine bias whose stiffness is the gain of the control, as of <position>."""
-    return bool(model.actuator_biastype[a] == 1 and model.actuator_biasprm[a, 1] == -model.actuator_gainprm[a, 0] != 0)
 
 
 def _gears(model: Any, i: int) -> dict[int, float]:

@@ -34,13 +34,11 @@ from elastid.report.figures.fit import octaves_figure
 from elastid.report.figures.use import loops_figure, move_figure, workspace_figure
 from elastid.report.page.page_of_use import map_data, write_page_of_answer
 from elastid.robot import Robot
-from elastid.simulation.spec import ControllerSpec
 from elastid.store.files import keep_checksums, write_rows, write_text
 from elastid.store.friction_study import read_friction_records, read_friction_result
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears, write_loops, write_map, write_map_table, write_tune
 from elastid.store.values import SCHEMA, write_json
-from elastid.study import Study
 from elastid.study.robots import yaml_text
 from elastid.study.source import read_source
 from elastid.targets.fmu import write_move_fmu
@@ -134,7 +132,7 @@ def tune_study(
 
     def work(result: Result) -> Used:
         """Move of the fitted robot, with its files."""
-        robots = _given(run, result, frame, samples, (rate_hz, bandwidth_hz, error_mm / 1e3))
+        robots = _move_robots(run, result, frame, samples, rate_hz, bandwidth_hz, error_mm / 1e3)
         move = read_move(path, robots.identified, robots.frame, 0.0 if fastest else duration)
         with run.console.progress("tune") as progress:
             tuned = tune_move(robots, move, run.study.name, progress)
@@ -151,12 +149,11 @@ def tune_study(
     use_fit(run, "tune", work)
 
 
-def _given(
-    run: Run, result: Result, frame: str | None, draws: int, asked: tuple[float | None, float, float]
+def _move_robots(
+    run: Run, result: Result, frame: str | None, draws: int, rate_hz: float | None, bandwidth_hz: float, error_m: float
 ) -> MoveRobots:
-    """Return the robots of a study with the requested frame. asked: rate and bandwidth in Hz, error in m."""
-    study, (rate_hz, bandwidth_hz, error_m) = run.study, asked
-    family = result.family(posture.PredictionPorts(frame=frame))
+    """Return the robots of a study with the requested frame."""
+    study, family = run.study, result.family(posture.PredictionPorts(frame=frame))
     friction = read_friction(run.path("estimate")) if run.path("estimate").exists() else None
 
     def framed(robot: Robot) -> Robot:
@@ -190,7 +187,13 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, samples: int
 
     rate_hz, delay: None for those of the study.
     """
-    study_hz, today = _todays(run.study)
+    experiment, study_hz, today = run.study.experiment, None, None
+    if (recorded := experiment.recorded) is not None:
+        study_hz = None if recorded.rate_hz == "unknown" else recorded.known_rate_hz
+        today = None if recorded.controller is None else recorded.controller.spec
+    elif experiment.simulated is not None:
+        study_hz = None if run.study.excitation is None else run.study.excitation.rate_hz
+        today = experiment.simulated.controller
     hz = rate_hz or study_hz
     if hz is None:
         raise StudyError("options/invalid", "the study has no rate of the controller. Give --rate", run.loaded.path)
@@ -198,8 +201,8 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, samples: int
     def work(result: Result) -> Used:
         """Analyse and design the loops of the fitted robot; returns them with their files."""
         family = PostureFamily.of(result, [linear.configuration for linear in result.linear], hz)
-        asked_delay = (0 if today is None else today.delay_samples) if delay is None else delay
-        loops = design_loops(run.study.name, result, family, asked_delay, samples, run.study.seed, today, study_hz)
+        delay_samples = (0 if today is None else today.delay_samples) if delay is None else delay
+        loops = design_loops(run.study.name, result, family, delay_samples, samples, run.study.seed, today, study_hz)
         files = {
             "loops.h5": lambda path: write_loops(path, loops, run.stamps["fit"]),
             "loops.yml": lambda path: write_text(path, loops_section(loops)),
@@ -208,16 +211,6 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, samples: int
         return Used(answer, files, figure)
 
     use_fit(run, "loops", work)
-
-
-def _todays(study: Study) -> tuple[float | None, ControllerSpec | None]:
-    simulated, recorded = study.experiment.simulated, study.experiment.recorded
-    if simulated is not None:
-        return (None if study.excitation is None else study.excitation.rate_hz), simulated.controller
-    if recorded is None:
-        return None, None
-    rate_hz = None if recorded.rate_hz == "unknown" else recorded.known_rate_hz
-    return rate_hz, None if recorded.controller is None else recorded.controller.spec
 
 
 def loops_section(loops: Loops) -> str:
@@ -244,11 +237,8 @@ def on_logs(study: Path, logs: Sequence[Path], options: Mapping[str, Any]) -> di
     experiment = data.get("experiment") if isinstance(data, Mapping) else None
     recorded = experiment.get("recorded") if isinstance(experiment, Mapping) else None
     if not isinstance(recorded, Mapping) or not recorded:
-        raise StudyError(
-            "options/invalid",
-            "--log needs the section experiment.recorded, which is missing. Add it with channels and rate_hz",
-            study,
-        )
+        text = "--log needs the section experiment.recorded, which is missing. Add it with channels and rate_hz"
+        raise StudyError("options/invalid", text, study)
     files = recorded.get("files") or [{}]
     entries = [
         {key: value for key, value in files[min(i, len(files) - 1)].items() if key not in _OF_ONE_LOG}
@@ -287,17 +277,11 @@ def _result_of(run: Run, source: Path, name: str) -> Path:
     path = source / name if source.is_dir() else source
     if not path.is_file():
         kind = "friction" if run.study.friction is not None else "elasticity"
-        raise StudyError(
-            "files/missing",
-            f"{path.name} is missing. The study identifies {kind}: give the run folder of another study of {kind}",
-            f"--with {source}",
-        )
+        text = f"{path.name} is missing. The study identifies {kind}: give the run folder of another study of {kind}"
+        raise StudyError("files/missing", text, f"--with {source}")
     if path.resolve().parent == run.folder.resolve() and not run.is_current(name.removesuffix(".h5")):
-        raise StudyError(
-            "options/invalid",
-            "this is the run folder of STUDY, whose logs would be replaced. Give another folder with --run",
-            f"--with {source}",
-        )
+        text = "this is the run folder of STUDY, whose logs would be replaced. Give another folder with --run"
+        raise StudyError("options/invalid", text, f"--with {source}")
     run.study.as_robot()
     return path
 
@@ -305,8 +289,8 @@ def _result_of(run: Run, source: Path, name: str) -> Path:
 def _friction(run: Run, path: Path) -> tuple[LogComparison, dict[str, Any], Sequence[str]]:
     result, measured = read_friction_result(path), read_friction_records(run.path("measure"))
     recorded = run.study.experiment.recorded
-    robot, controller = run.study.as_robot(), None if recorded is None else recorded.controller
-    identified = with_identified_friction(robot, result)
+    controller = None if recorded is None else recorded.controller
+    identified = with_identified_friction(run.study.as_robot(), result)
     prediction = predict_logs(identified, result.joints, measured, controller, Execution(run.jobs))
     for joint, reason in prediction.missing.items():
         run.console.warn(f"joint {joint}: no prediction, {reason}")
@@ -324,9 +308,9 @@ def _elasticity(run: Run, path: Path) -> tuple[LogComparison, dict[str, Any], Se
     if lacking:
         text = f"the fit of another robot has no {', '.join(lacking[:3])}. Use a fit of this robot"
         raise DataError("predict/mismatch", text, f"--with {path}")
-    taken_out, laid_open = path.with_name("frf.h5"), path.with_name("gears.h5")
-    friction = read_friction(taken_out) if taken_out.is_file() else None
-    gears = read_gears(laid_open if laid_open.is_file() else None)
+    frf, gears_file = path.with_name("frf.h5"), path.with_name("gears.h5")
+    friction = read_friction(frf) if frf.is_file() else None
+    gears = read_gears(gears_file if gears_file.is_file() else None)
     model = FittedRobot.of(result, robot, responses, study.model)
     records = run.path("measure") if "measure" in run.stages else None
     validated = Validated(replace(study, validation=ValidationSpec()), model, friction, gears)

@@ -77,10 +77,8 @@ def _margin(study: Study, excitation: MultisineSpec) -> str:
 
     problem = problem_of(study)
     use = expected_use(problem.rig(problem.plan(study.experiment)), excitation.margin)
-    return (
-        f"  {use.closest}: peak of the slow motion plus peak of the multisine, for loop-gain errors up to 30 %. The "
-        "stage design simulates the runs near a limit"
-    )
+    text = "peak of the slow motion plus peak of the multisine, for loop-gain errors up to 30 %. The stage design"
+    return f"  {use.closest}: {text} simulates the runs near a limit"
 
 
 def _plural(number: int, noun: str) -> str:

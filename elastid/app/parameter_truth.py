@@ -23,18 +23,18 @@ def mixed_numbers(robot: Robot, is_simulated: bool, friction: CompensatedFrictio
     friction in the robot model, and never of a motor with compensated friction.
     """
     rigid = {*robot.driven_names} - {joint.name for joint in robot.flexible}
-    rough = set(robot.motor_locations)
+    mixed = {f"fm_{name}" for name in robot.driven_names}
     if is_simulated:
-        motors = [joint.name for joint in robot.driven if joint.motor is not None and joint.motor.dry_friction]
-        rough = {f"motor {name}" for name in motors}
-        rough |= {f"joint {joint.name}" for joint in robot.joints if joint.friction is not None}
-    for place in () if friction is None else friction.compensated_motors():
-        joint = place.removeprefix("motor ")
-        rough -= {place} | ({f"joint {joint}"} & {f"joint {name}" for name in rigid})
-    sliding = {place.replace("motor ", "fm_").replace("joint ", "f_") for place in rough}
-    return frozenset(
-        sliding | {f"{f}_{name}" for name in rigid for f in ("f", "fm") if {f"motor {name}", f"joint {name}"} & rough}
-    )
+        mixed = {f"fm_{joint.name}" for joint in robot.driven if joint.motor is not None and joint.motor.dry_friction}
+        mixed |= {f"f_{joint.name}" for joint in robot.joints if joint.friction is not None}
+    for name in _compensated_joints(friction):
+        mixed -= {f"fm_{name}", f"f_{name}"} if name in rigid else {f"fm_{name}"}
+    pairs = ({f"f_{name}", f"fm_{name}"} for name in rigid)
+    return frozenset(mixed.union(*(pair for pair in pairs if pair & mixed)))
+
+
+def _compensated_joints(friction: CompensatedFriction | None) -> list[str]:
+    return [] if friction is None else [place.removeprefix("motor ") for place in friction.compensated_motors()]
 
 
 def contents(
@@ -49,10 +49,9 @@ def contents(
     In responses to references, viscous friction and an error of the controller's k_d are alike.
     """
     mixed = mixed_numbers(robot, is_simulated, friction)
-    of_motors = {place.replace("motor ", "fm_") for place in robot.motor_locations}
-    motors = () if friction is None else friction.compensated_motors()
+    of_motors = {f"fm_{name}" for name in robot.driven_names}
     tested = () if friction is None or not friction.configurations else friction.places
-    words = {place.replace("motor ", "fm_"): SLOPE for place in motors} | dict.fromkeys(mixed, WITH_COULOMB)
+    words = {f"fm_{name}": SLOPE for name in _compensated_joints(friction)} | dict.fromkeys(mixed, WITH_COULOMB)
     words |= {name: NOT_SIGNIFICANT for place in tested if (name := place.replace("motor ", "fm_")) in mixed}
     words |= {f"fm_{effect.joint}": SLOPE for effect in (gears.effects if gears else ()) if effect.kind == "friction"}
     and_gain = OF_LOOP if channel_name(DELAY, "r") in parameters.names else ""

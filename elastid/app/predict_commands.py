@@ -131,7 +131,7 @@ def predict_from_commands(
             "schema": SCHEMA, "model": str(model_path), "status": "misfit" if problem else "passed", "message": problem,
             "joints": [_joint(row) for row in joints],
             "tests": [asdict(t) | {"removed_fraction": t.removed, "in_doubt": t.is_in_doubt} for t in tests],
-            "logs": [_log(row) for row in replays], "rms": dict(zip(PREDICTORS, overall(joints), strict=True)),
+            "logs": [_log(row) for row in replays], "rms": _by_predictor(overall(joints)),
         }  # fmt: skip
         write_json(summary := folder / "prediction.json", content)
         command_errors_figure(joints).savefig(folder / "prediction.png")
@@ -151,11 +151,9 @@ def _motion(model: Model, path: Path, settings: CommandSettings, console: Consol
     else:
         log = read_study_log(path, settings.recorded, model.robot, settings.rate_hz)
     if log.clock_hz is not None and abs(log.clock_hz / log.rate_hz - 1) > 0.01:
-        factor = log.rate_hz / log.clock_hz
-        console.warn(
-            f"{path}: its clock says {log.clock_hz:g} Hz, --rate says {log.rate_hz:g} Hz: the period of the log is "
-            f"{factor:.4g} times the given one. Omit --rate, unless the clock is wrong"
-        )
+        factor = f"{log.rate_hz / log.clock_hz:.4g} times the given one"
+        text = f"{path}: its clock says {log.clock_hz:g} Hz, --rate says {log.rate_hz:g} Hz: the period of the log is"
+        console.warn(f"{text} {factor}" + ". Omit --rate, unless the clock is wrong")
     loop = _gains(model, log, settings, path, console)
     controller = ControllerSpec()
     if settings.recorded is not None and settings.recorded.controller is not None:
@@ -249,23 +247,21 @@ def _show(console: Console, replays: Sequence[Replay], joints: Sequence[JointErr
     console.table([["octave, all joints", "", *PREDICTORS], *bands])
     for test in [test for test in tests if test.is_in_doubt]:
         console.say(f"predict: test of {_words(test)}")
-    if tests_of_all := [test for test in tests if not test.joint and not test.is_in_doubt]:
-        removed, names = (
-            max(test.removed for test in tests_of_all),
-            ", ".join(sorted(test.quantity for test in tests_of_all)),
-        )
-        console.say(f"predict: tests of {names}: {removed:.1%} removed at most; limit {MAX_REMOVED:.0%}")
+    if removed := {test.quantity: test.removed for test in tests if not test.joint and not test.is_in_doubt}:
+        most = f"{max(removed.values()):.1%} removed at most; limit {MAX_REMOVED:.0%}"
+        console.say(f"predict: tests of {', '.join(sorted(removed))}: {most}")
 
 
 def _joint(row: JointError) -> dict[str, Any]:
-    octaves = [
-        {"low_hz": low, "high_hz": high, "rms": dict(zip(PREDICTORS, errors, strict=True))}
-        for low, high, errors in row.octaves
-    ]
-    rms = dict(zip(PREDICTORS, row.rms, strict=True))
+    octaves = [{"low_hz": low, "high_hz": high, "rms": _by_predictor(errors)} for low, high, errors in row.octaves]
+    rms = _by_predictor(row.rms)
     return {"joint": row.joint, "unit": row.unit, "rms": rms, "command_delay_s": row.delay_s, "octaves": octaves}
 
 
 def _log(row: Replay) -> dict[str, Any]:
-    rms = dict(zip(PREDICTORS, overall(row.joints), strict=True))
-    return {"log": row.log, "rate_hz": row.rate_hz, "rms": rms, "joints": [_joint(joint) for joint in row.joints]}
+    joints = [_joint(joint) for joint in row.joints]
+    return {"log": row.log, "rate_hz": row.rate_hz, "rms": _by_predictor(overall(row.joints)), "joints": joints}
+
+
+def _by_predictor(errors: Sequence[float]) -> dict[str, float]:
+    return dict(zip(PREDICTORS, errors, strict=True))

@@ -131,8 +131,8 @@ def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
     for name, stage in stages_of_study(loaded.study).items():
         study, text = stage.sees(loaded.study), loaded.text if "text" in stage.keys.split() else ""
         contents = [[path, hash_of_file(loaded.path.parent / path)] for path in files_of(study)]
-        read = [[source, results[source].inputs] for source in stage.sources if source in results]
-        inputs = hash_of([name, study, text, contents, read])
+        earlier = [[source, results[source].inputs] for source in stage.sources if source in results]
+        inputs = hash_of([name, study, text, contents, earlier])
         results[name] = Stamp(inputs, code, __version__, loaded.study.seed, loaded.text, software())
     return results
 
@@ -167,7 +167,7 @@ def hash_of(document: Any) -> str:
 
 @dataclass(frozen=True)
 class Run:
-    """jobs: processes; the results do not depend on it."""
+    """A study, the folder of its results, and ways of working.  jobs: processes; results do not depend on them."""
 
     loaded: LoadedStudy
     folder: Path
@@ -205,25 +205,25 @@ class Run:
     def work(self, stage: str) -> Work:
         """Return the files of a stage and its ways of working; optional results that are missing are omitted."""
         row, stamp = self.stages[stage], self.stamps[stage]
-        there = {name: may_miss for name, may_miss in row.sources.items() if name in self.stages}
+        available = {name: may_miss for name, may_miss in row.sources.items() if name in self.stages}
         return Work(
             stage,
             self.partial(stage),
             stamp if "text" in row.keys.split() else replace(stamp, study=""),
             self.loaded.path.parent,
-            {name: self.path(name) for name, may_miss in there.items() if not may_miss or self.is_made(name)},
+            {name: self.path(name) for name, may_miss in available.items() if not may_miss or self.has_result(name)},
             self.jobs,
             self.console,
             "gears" in self.stages,
         )
 
-    def is_made(self, stage: str) -> bool:
-        """True if the result of a stage is there, made from the same inputs by any version."""
+    def has_result(self, stage: str) -> bool:
+        """Return True if the result of a stage is there, made from the same inputs by any version."""
         stamp = read_stamp(self.path(stage))
         return stamp is not None and stamp.inputs == self.stamps[stage].inputs
 
     def is_current(self, stage: str) -> bool:
-        """True if the result of a stage is there as it was written, made from the same inputs by the same code."""
+        """Return True if a stage's result is there as it was written, made from the same inputs by the same code."""
         stamp_now, path, row = self.stamps[stage], self.path(stage), self.stages[stage]
         if not all(any(self.folder.glob(n)) for n in row.leaves) or changed_texts(self.folder, row.texts):
             return False
@@ -250,11 +250,8 @@ class Run:
             return
         key = next((spec.needs for spec in stages_of(self.study.kind).values() if spec.name == name), "")
         advice = f"; give it the section {key}: {{}}, all of whose keys have defaults" if key else ""
-        raise StudyError(
-            "study/stage",
-            f"a study of kind {self.study.kind} has no stage `{name}`{advice}; its stages are {', '.join(self.stages)}",
-            self.loaded.path,
-        )
+        text = f"a study of kind {self.study.kind} has no stage `{name}`{advice}; its stages are"
+        raise StudyError("study/stage", f"{text} {', '.join(self.stages)}", self.loaded.path)
 
     def require(self, stage: str) -> None:
         """Raise StudyError with the command to run if the stage or its inputs are missing."""
@@ -269,10 +266,8 @@ class Run:
         stamp = read_stamp(path)
         command = f"Run `elastid run {self.loaded.path} {name}` first, with the same options"
         if stamp is None or stamp.inputs != required.inputs:
-            raise StudyError(
-                "run/earlier-stage",
-                f"{path} is missing, damaged, or made from another study, other data or other options. {command}",
-            )
+            text = f"{path} is missing, damaged, or made from another study, other data or other options"
+            raise StudyError("run/earlier-stage", f"{text}. {command}")
         why = "" if stamp.code == required.code else f"was made by other code or versions ({stamp.software})"
         if doubt := why or ("" if has_checksum(path) else "has no checksum, so that damage is not detectable"):
             again = f"To make it again: `elastid run {self.loaded.path} {name}`"
@@ -322,7 +317,7 @@ def run_all(run: Run, names: Sequence[str] = ()) -> None:
                 keep_checksums(run.folder, stage.texts)
             else:
                 path, damaged = run.path(name), [run.folder / file for file in changed_texts(run.folder, stage.texts)]
-                damaged += [path] if path.suffix == ".h5" and path.is_file() and not is_intact(path) else []
+                damaged += [path] * (path.suffix == ".h5" and path.is_file() and not is_intact(path))
                 for file in damaged:
                     run.console.warn(f"{file} was modified after it was written and is made again")
                 carry_out(run, name)
@@ -362,5 +357,5 @@ def carry_out(run: Run, name: str) -> None:
 
 
 def all_cores() -> int:
-    """Number of processors that this process may use."""
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

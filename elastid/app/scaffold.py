@@ -48,7 +48,7 @@ _OF_ELASTID = (".yml", ".yaml")
 
 
 def is_robot_file(path: Path) -> bool:
-    """True by the end of its name."""
+    """Return True for a robot model, by the end of its name."""
     return path.suffix.lower() in (".urdf", ".xml", ".mjcf", *_OF_ELASTID)
 
 
@@ -60,7 +60,7 @@ def from_robot(path: Path) -> tuple[Robot, dict[str, str], Servos]:
     if not path.is_file():
         raise StudyError("files/missing", "no such file", path)
     servos: Servos = {}
-    if is_own := path.suffix.lower() in _OF_ELASTID:
+    if is_native := path.suffix.lower() in _OF_ELASTID:
         robot = load_robot(path)
     elif path.suffix.lower() == ".urdf":
         robot = _links_of_urdf(path)
@@ -69,7 +69,7 @@ def from_robot(path: Path) -> tuple[Robot, dict[str, str], Servos]:
     if not robot.driven:
         raise StudyError("robot/file", "nothing drives a joint; give it actuators", path)
     postures, gravity = _postures(robot)
-    if is_own:
+    if is_native:
         rotors = [joint.motor.inertia * joint.motor.ratio**2 for joint in robot.driven if joint.motor is not None]
         inertia, driven, comments = np.array(rotors), robot, tuple[str, ...]()
     else:
@@ -133,22 +133,18 @@ def _links_of_urdf(path: Path, ratio: float = _RATIO) -> Robot:
 
 
 def _with_drive(joint: Joint, of_links: float) -> Joint:
+    """Return a joint with its spring and motor, else guessed from the inertia of its links, to two digits."""
     if joint.motor is None:
         if joint.spring is None or joint.spring.damping:
             return joint
         return replace(joint, spring=replace(joint.spring, damping=_damping(joint.spring.stiffness)))
-    squared, spring = joint.motor.ratio**2, Spring(*_gear(of_links)) if joint.spring is None else joint.spring
+    k = of_links * (2 * math.pi * _HELD_HZ) ** 2
+    squared, spring = joint.motor.ratio**2, joint.spring or Spring(float(f"{k:.2g}"), _damping(k))
     rotor = joint.motor.inertia if joint.motor.inertia >= _NO_ROTOR else of_links / squared
     of_file = joint.motor.viscous + joint.viscous / squared
-    is_known = 0 < of_file < (rotor + of_links / squared) / _SOONEST_S
-    viscous = of_file if is_known else float(f"{rotor:.2g}")
+    is_plausible = 0 < of_file < (rotor + of_links / squared) / _SOONEST_S
+    viscous = of_file if is_plausible else float(f"{rotor:.2g}")
     return replace(joint, motor=replace(joint.motor, inertia=rotor, viscous=viscous), spring=spring, viscous=0.0)
-
-
-def _gear(of_links: float) -> tuple[float, float]:
-    """Guess stiffness and damping, to two digits, of a gear from the inertia of its links."""
-    k = of_links * (2 * math.pi * _HELD_HZ) ** 2
-    return float(f"{k:.2g}"), _damping(k)
 
 
 def _damping(stiffness: float) -> float:
@@ -210,9 +206,8 @@ def read_mjcf_servos(path: Path) -> tuple[Robot, Servos]:
             )  # fmt: skip
             reply: dict[str, Any] = json.loads(process.stdout)
         except (subprocess.TimeoutExpired, ValueError):
-            raise StudyError(
-                "robot/file", "MuJoCo ends without an answer on this file; load it in `simulate` first", path
-            ) from None
+            text = "MuJoCo ends without an answer on this file; load it in `simulate` first"
+            raise StudyError("robot/file", text, path) from None
         if "wrong" in reply:
             raise StudyError("robot/file", reply["wrong"], path)
         file = Path(folder) / "robot.yml"
@@ -249,9 +244,8 @@ def new_from_logs(folder: Path, logs: Sequence[Path], more: Sequence[Path] = ())
     robots = [path for path in (*logs, *more) if is_robot_file(path)]
     records = [path for path in (*logs, *more) if not is_robot_file(path)]
     if len(robots) > 1:
-        raise StudyError(
-            "options/invalid", f"{robots[0]} and {robots[1]} are two robots, and a study has one; give either"
-        )
+        text = f"{robots[0]} and {robots[1]} are two robots, and a study has one; give either"
+        raise StudyError("options/invalid", text)
     robot, texts, servos = from_robot(robots[0]) if robots else (None, {}, {})
     if records:
         from elastid.app.from_log import texts_from_logs
@@ -262,9 +256,8 @@ def new_from_logs(folder: Path, logs: Sequence[Path], more: Sequence[Path] = ())
 
 def _check_new(folder: Path) -> None:
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise StudyError(
-            "options/invalid", f"{folder} exists and is not empty; nothing was written. Give the name of a new folder"
-        )
+        text = f"{folder} exists and is not empty; nothing was written. Give the name of a new folder"
+        raise StudyError("options/invalid", text)
 
 
 def demo(folder: Path) -> Path:

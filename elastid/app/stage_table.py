@@ -51,20 +51,19 @@ class Stage:
     def sees(self, study: "Study") -> "Study":
         """Return the study with the keys that the stage reads, all others at their defaults."""
         study_of_name = study if "name" in self.keys.split() else replace(study, name="study")
-        selection: Study = _seen(study_of_name, ["name", "experiment", *self.keys.split()])
+        selection: Study = _select(study_of_name, ["name", "experiment", *self.keys.split()])
         return selection
 
 
-def _seen(section: Any, keys: Iterable[str]) -> Any:
+def _select(section: Any, keys: Iterable[str]) -> Any:
     values = {}
     for name in [field.name for field in fields(section)]:
         value = getattr(section, name)
-        below = [key.partition(".")[2] for key in keys if key.startswith(f"{name}.")]
-        without = [key.partition(".")[2] for key in keys if key.startswith(f"-{name}.")]
+        below, without = ([k.partition(".")[2] for k in keys if k.startswith(f"{sign}{name}.")] for sign in ("", "-"))
         if value is not None and name in keys and without:
-            value = _seen(value, [field.name for field in fields(value) if field.name not in without])
+            value = _select(value, [field.name for field in fields(value) if field.name not in without])
         elif value is not None and below:
-            value = _seen(value, below)
+            value = _select(value, below)
         if name in keys or below:
             values[name] = value
     return type(section)(**values)

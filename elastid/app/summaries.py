@@ -99,7 +99,7 @@ def summary(
 
     name, robot: of the study.  rows: of the free parameters.
     """
-    every = (*result.notes, *(friction.notes if friction is not None else ()), *notes)
+    all_notes = (*result.notes, *(friction.notes if friction is not None else ()), *notes)
     names, r, n_of_interest = result.parameters.free_names, result.correlation, len(result.parameters.of_interest)
     above = np.argwhere(np.triu(np.abs(r[:n_of_interest, :n_of_interest]), 1) > 0.9)
     return failure(name, len(result.starts), result.message) | {
@@ -136,11 +136,7 @@ def summary(
         ],
         "assumed_rigid": [
             section(part, "name stiffness detection_limit")
-            | {
-                "changes": dict(
-                    zip((p.name for p in result.parameters.of_interest), json_value(part.changes), strict=True)
-                )
-            }
+            | {"changes": dict(zip(names[:n_of_interest], json_value(part.changes), strict=True))}
             for part in result.assumed_rigid
         ],
         # Load tests in m, and responses at the tool, compared with the responses of the motors.
@@ -152,8 +148,8 @@ def summary(
         and section(result.tool, _AGAINST, responses="configuration motors inputs outputs rms_log_db"),
         "modes": [section(row, "configuration frequency_hz damping_ratio") for row in mode_rows],
         "frf_error": [section(agreement, f"configuration {_ERRORS}") for agreement in agreements],
-        "warnings": [str(group) for group in grouped(every)],
-        "notes": listed(every),
+        "warnings": [str(group) for group in grouped(all_notes)],
+        "notes": listed(all_notes),
     }
 
 
@@ -183,14 +179,14 @@ def friction_study_summary(
     name: str,
     result: "FrictionResult",
     log_comparison: LogComparison = NO_COMPARISON,
-    left_out: LogComparison = NO_COMPARISON,
+    validation: LogComparison = NO_COMPARISON,
 ) -> Content:
     """Return summary.json of a friction study: parameters with interval and origin, unidentified ones, measured ranges.
 
     log_comparison: torque fractions of the model's parts, and simulation errors along the logs.
-    left_out: the same quantities for validation logs.  rigid_bodies: base parameters of joints that moved together.
+    validation: the same quantities for validation logs.  rigid_bodies: base parameters of joints that moved together.
     """
-    every = (*result.notes, *notes_of(result.joints))
+    all_notes = (*result.notes, *notes_of(result.joints))
     measured = {joint.joint: joint.friction and joint.friction.measured for joint in result.joints}
     return _head(name, result.status, result.message) | {
         "parameters": {
@@ -213,13 +209,13 @@ def friction_study_summary(
         },
         "rigid_bodies": [_rigid_body(body) for body in result.rigid_bodies],
         **_log_comparison(log_comparison),
-        "validation": predicted(left_out),
+        "validation": predicted(validation),
         "measured": {
             joint: {name: json_value(ranges and getattr(ranges, name)) for name in ("speed", "load", "temperature")}
             for joint, ranges in measured.items()
         },
-        "warnings": [str(group) for group in grouped(every) if group.first.severity == "warning"],
-        "notes": listed(every),
+        "warnings": [str(group) for group in grouped(all_notes) if group.first.severity == "warning"],
+        "notes": listed(all_notes),
     }
 
 
@@ -229,14 +225,10 @@ def predicted(prediction: LogComparison) -> Content:
 
 
 def _rigid_body(body: "RigidBody") -> Content:
-    columns = (json_value(getattr(body, name)) for name in ("names", "units", "values", "std", "predicting"))
-    return {
-        "joints": list(body.joints),
-        "base_parameters": {
-            name: {"value": value, "std": std, "predicting": predicting, "unit": unit}
-            for name, unit, value, std, predicting in zip(*columns, strict=True)
-        },
-    }
+    keys = ("value", "std", "predicting", "unit")
+    columns = (json_value(getattr(body, name)) for name in ("values", "std", "predicting", "units"))
+    rows = (dict(zip(keys, row, strict=True)) for row in zip(*columns, strict=True))
+    return {"joints": list(body.joints), "base_parameters": dict(zip(body.names, rows, strict=True))}
 
 
 def failed_friction(name: str, message: str) -> Content:
@@ -288,11 +280,7 @@ def _shared(balance: TorqueBalance, value: TorqueBalance | BandBalance, names: s
 def _parameters(result: Result, rows: Sequence[ParameterRow]) -> dict[str, Content]:
     return {
         row.name: section(row, "value=estimate std interval95=interval unit at_bound start")
-        | {
-            name: getattr(row, name)
-            for name in ("truth", "contains", "verdict")
-            if getattr(row, name) not in (None, "")
-        }
+        | {k: value for k in ("truth", "contains", "verdict") if (value := getattr(row, k)) not in (None, "")}
         | {name: json_value(part) for name, part in row.std_contributions.items()}
         | ({"std_with_base": json_value(result.std_with_base[row.name])} if result.assumed_rigid else {})
         | {

@@ -15,6 +15,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.units import dimension_and_size, of_translation, units_of, usual_spelling
 from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpec, Places
 from elastid.logs.channel_names import DRIVES, guess_by_name
+from elastid.logs.headings import in_brackets
 from elastid.logs.motion_relations import (
     MAX_EFFICIENCY,
     MIN_CORRELATION,
@@ -26,6 +27,7 @@ from elastid.logs.motion_relations import (
     travel,
 )
 from elastid.logs.repair import bridged
+from elastid.logs.repair.clock_drift import MIN_DELAY_CORRELATION
 from elastid.logs.units_and_sides import link_side_factor, to_joints, value_refusals
 from elastid.robot import Joint, Robot
 
@@ -53,19 +55,16 @@ def doubts_by_names(channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
             is_one = (channel.channel, channel.column, channel.file) == (earlier.channel, earlier.column, earlier.file)
             if is_one and "t" not in (channel.role, earlier.role):
                 text = f"{channel.name_in_file} is the {earlier.quantity} at {earlier.at} (role {earlier.role}), and"
-                key = "channel" if channel.channel else "column"
-                yield Doubt(
-                    i, key, f"{text} cannot be the {channel.quantity} at {channel.at} (role {channel.role}), too"
-                )
+                text += f" cannot be the {channel.quantity} at {channel.at} (role {channel.role}), too"
+                yield Doubt(i, "channel" if channel.channel else "column", text)
         words = [n for n in (guess.name, *torques) if re.search(r"[a-z]{2}", n, re.IGNORECASE)]
         if channel.role == "u" and guess.quantity in MOTIONS and words[:1] == [guess.name] and words[1:]:
             text = f"{guess.name} is a {guess.quantity} by its name, and {words[1]}, stated as a motion, a torque"
             yield Doubt(i, "channel", f"{text}: exchange them")
         unit = channel.unit or QUANTITY_UNIT[channel.quantity]
-        in_brackets = re.search(r"[\[(][^\])]+[\])]\s*$", channel.channel) is not None
         is_same_kind = (guess.quantity in MOTIONS and channel.role == "y") or guess.quantity == channel.quantity
         is_other = dimension_and_size(unit) != dimension_and_size(guess.unit or unit) and guess.scale == 1
-        if in_brackets and channel.scale == 1 and is_same_kind and is_other:
+        if in_brackets(channel.channel) and channel.scale == 1 and is_same_kind and is_other:
             key = "unit" if guess.quantity == channel.quantity else "quantity"
             text = f"the heading {guess.name} says {guess.quantity} in {guess.unit}"
             yield Doubt(i, key, f"{text}, and not {channel.quantity} in {unit}. Correct the heading or the channel")
@@ -80,20 +79,20 @@ def _family_doubts(members: Sequence[int], labels: Sequence[str], channels: Sequ
     units = [channels[i].unit or QUANTITY_UNIT[channels[i].quantity] for i in members]
     sizes = [dimension_and_size(unit) for unit in units]
     majority, count = Counter(sizes).most_common(1)[0]
+    first = sizes.index(majority)
     digits = [re.sub(r"\D", "", channels[i].at) for i in members]
     are_numbered = sorted(digits) == sorted(labels) and len({*digits}) == len(digits)
     for i, unit, size, label, number in zip(members, units, sizes, labels, digits, strict=True):
         name = channels[i].name_in_file
         if size != majority and size[0] == majority[0] and count == len(members) - 1 > 1:
-            text = f"{name} has unit {unit}, {channels[members[sizes.index(majority)]].name_in_file} and the others"
-            yield Doubt(i, "unit", f"{text} {units[sizes.index(majority)]}. Use one unit for all joints of a log")
+            text = f"{name} has unit {unit}, {channels[members[first]].name_in_file} and the others {units[first]}"
+            yield Doubt(i, "unit", text + ". Use one unit for all joints of a log")
         if are_numbered and label != number:
             text = f"{name} has number {label} in its name and is assigned to {channels[i].at}"
             yield Doubt(i, "at", f"{text}. Check the order of the channels")
 
 
 # Limits of warnings about channels. 150 clean logs cause none (scripts/studies/results.csv).
-MAX_QUANTITY_CORRELATION = 0.5  # of one motion with another as the quantity that is stated
 # |log| of a gain that is as stated, and of its distance from a known factor.
 MAX_GAIN, MAX_FACTOR = 0.3, 0.1
 MAX_PLAY = 1.0  # |log| of a gain of two positions of a joint, whose spring may lie between them
@@ -168,12 +167,10 @@ def _travel_doubts(joint: JointSignals) -> Iterator[Doubt]:
         if not np.isfinite(limit):
             limit = np.inf if joint.joint.slides or abs(joint.ratio) < MAX_TURNS else 2 * np.pi * MAX_TURNS
         if extent > 1.2 * limit:
-            candidates = [text for factor, text in joint.factors(i) if factor > 1 and extent / factor < limit]
-            text = (
-                f"joint {joint.joint.name} would move over {extent:.4g} {joint.joint.unit}; its range is {limit:.4g}. "
-                f"Set {' or '.join(candidates) or 'the unit of its sensor'}"
-            )
-            yield Doubt(i, "side" if candidates == ["side: motor"] else "unit", text)
+            candidates = [keys for factor, keys in joint.factors(i) if factor > 1 and extent / factor < limit]
+            text = f"joint {joint.joint.name} would move over {extent:.4g} {joint.joint.unit}; its range is {limit:.4g}"
+            remedy = f"Set {' or '.join(candidates) or 'the unit of its sensor'}"
+            yield Doubt(i, "side" if candidates == ["side: motor"] else "unit", f"{text}. {remedy}")
 
 
 def _motion_doubts(joint: JointSignals) -> Iterator[Doubt]:
@@ -184,12 +181,11 @@ def _motion_doubts(joint: JointSignals) -> Iterator[Doubt]:
         stated_order = joint.order(b) - joint.order(a)
         at_order, best = relations[stated_order], max(relations, key=lambda k: abs(relations[k].correlation))
         gain, order = abs(at_order.gain), joint.order(a) + best
-        if abs(at_order.correlation) < MAX_QUANTITY_CORRELATION and abs(relations[best].correlation) > MIN_CORRELATION:
+        if abs(at_order.correlation) < MIN_DELAY_CORRELATION and abs(relations[best].correlation) > MIN_CORRELATION:
             i, k = (b, order) if 0 <= order < len(MOTIONS) else (a, joint.order(b) - best)
             text = f"{joint.named(b)} is proportional to the derivative of order {best} of {joint.named(a)}"
-            yield Doubt(
-                i, "quantity", f"{text}; {joint.channels[i].name_in_file} is probably quantity: {MOTIONS[k % 3]}"
-            )
+            remedy = f"{joint.channels[i].name_in_file} is probably quantity: {MOTIONS[k % 3]}"
+            yield Doubt(i, "quantity", f"{text}; {remedy}")
             return
         if abs(at_order.correlation) < MIN_CORRELATION:
             continue
@@ -259,6 +255,5 @@ def _gain_doubts(joint: JointSignals, a: int, b: int, gain: float, order: int) -
         ratio = f"motor.ratio of joint {joint.joint.name} in the robot's file ({joint.ratio:g})"
         yield Doubt(b, "scale", f"{text}. Check {ratio}, and unit and scale of both")
     elif not candidates and order > 0:
-        yield Doubt(
-            None, "rate_hz", (f"{text}; the sampling rate is probably {gain ** (1 / order) * joint.rate_hz:.4g} Hz")
-        )
+        rate_hz = gain ** (1 / order) * joint.rate_hz
+        yield Doubt(None, "rate_hz", f"{text}; the sampling rate is probably {rate_hz:.4g} Hz")

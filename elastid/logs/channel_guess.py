@@ -56,11 +56,6 @@ class JointGuess:
             return ""
         return f"{self.torque.name} is {gain:.3g} times {self.sensor.name}. State unit, and side or ratio, of both"
 
-    @property
-    def slides(self) -> bool:
-        """True if the motion has a unit of translation."""
-        return dimension_and_size(self.motion.unit)[0].startswith("m")
-
 
 @dataclass(frozen=True)
 class LogGuess:
@@ -119,12 +114,15 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     kinds = MOTIONS if slides and len(drives) < len(measured) else (quantity,)  # of a structure all of them
     outputs = [g for g in measured.values() if g.quantity in kinds and g.key not in motor_motions]
     outputs = [_with_unit(g, None, values, rate_hz, slides) for g in outputs]
-    torques = [values[joint.torque.key] for joint in joints]
-    pairs = [(u, _in_si(joint.motion, values), joint.slides) for u, joint in zip(torques, joints, strict=True)]
-    moving = [(u, y) for u, y, slides in pairs if travel(y) > (REST_TRAVEL_M if slides else REST_TRAVEL_RAD)]
-    moving = moving or [(u, u) for u in torques]  # no joint moves: noise counts
-    is_motion = quantity == "position" and all(_half_power_hz(u, y, rate_hz) < _MOTION_HZ for u, y in moving)
-    return LogGuess(tuple(joints), tuple(outputs), is_motion, _references(guesses, joints))
+    pairs = [(values[joint.torque.key], _in_si(joint.motion, values)) for joint in joints]
+    rests = [REST_TRAVEL_M if joint.motion.slides else REST_TRAVEL_RAD for joint in joints]
+    moving = [pair for pair, rest in zip(pairs, rests, strict=True) if travel(pair[1]) > rest]
+    moving = moving or [(u, u) for u, _ in pairs]  # no joint moves: noise counts
+    if quantity != "position":
+        return LogGuess(tuple(joints), tuple(outputs), is_motion=False)
+    is_motion = all(_half_power_hz(u, y, rate_hz) < _MOTION_HZ for u, y in moving)
+    references = (command for _, command in _command_pairs([joint.motion for joint in joints], guesses))
+    return LogGuess(tuple(joints), tuple(outputs), is_motion, tuple(references))
 
 
 def _half_power_hz(u: FloatArray, y: FloatArray, rate_hz: float) -> float:
@@ -150,11 +148,10 @@ def _with_sensors(
     """Add torque sensors behind the gears to joints by numbers in their names; none unless each joint has one."""
     sensors = _best_family([g for g in guesses if g.is_torque_sensor and g.rank >= 0], ("torque",))
     by_number = {tuple(re.findall(r"\d+", g.parts[1])): g for g in sensors}
-    pairs = [(by_number.get(tuple(re.findall(r"\d+", joint.torque.parts[1]))), joint) for joint in joints]
-    if len(sensors) != len(joints):
+    matches = [by_number.get(tuple(re.findall(r"\d+", joint.torque.parts[1]))) for joint in joints]
+    if len(sensors) != len(joints) or None in matches:
         return list(joints)
-    result = [_with_sensor(joint, sensor, values, rate_hz) for sensor, joint in pairs if sensor]
-    return result if len(result) == len(joints) else list(joints)
+    return [_with_sensor(*pair, values, rate_hz) for pair in zip(joints, filter(None, matches), strict=True)]
 
 
 def _with_sensor(joint: JointGuess, sensor: ChannelGuess, values: Values, rate_hz: float) -> JointGuess:
@@ -190,10 +187,8 @@ def guess_commands(
     values, guesses = {g.key: x for g, x in signals}, [g for g, _ in signals]
     positions = _best_family([g for g in guesses if g.rank >= 0], ("position",))
     positions = _with_common_unit([_with_unit(g, None, values, rate_hz, False) for g in positions])
-    commanded = _commanded_positions(guesses)
-    pairs = [(g, commanded[g.parts[1]]) for g in positions if g.parts[1] in commanded]
-    pairs = _sort(pairs, [g.parts[1] for g, _ in pairs])
-    return tuple((y, replace(r, unit=r.unit or y.unit)) for y, r in pairs) if len(pairs) == len(positions) else ()
+    pairs = _command_pairs(positions, guesses)
+    return tuple(_sort(pairs, [g.parts[1] for g, _ in pairs]))
 
 
 def _with_common_unit(motions: list[ChannelGuess]) -> list[ChannelGuess]:
@@ -202,17 +197,13 @@ def _with_common_unit(motions: list[ChannelGuess]) -> list[ChannelGuess]:
     return motions
 
 
-def _commanded_positions(guesses: Sequence[ChannelGuess]) -> dict[str, ChannelGuess]:
-    return {g.parts[1]: g for g in _best_family([g for g in guesses if g.rank < 0], ("position",))}
-
-
-def _references(guesses: Sequence[ChannelGuess], joints: Sequence[JointGuess]) -> tuple[ChannelGuess, ...]:
-    """Return commanded positions by their names, one for each joint whose position is known; else none."""
-    commanded = _commanded_positions(guesses)
-    members = [commanded.get(joint.motion.parts[1]) for joint in joints if joint.motion.quantity == "position"]
-    if len(members) < len(joints) or None in members:
-        return ()
-    return tuple(replace(g, unit=g.unit or joint.motion.unit) for g, joint in zip(members, joints, strict=True) if g)
+def _command_pairs(
+    positions: Sequence[ChannelGuess], guesses: Sequence[ChannelGuess]
+) -> list[tuple[ChannelGuess, ChannelGuess]]:
+    """Pair each position with the commanded position of its joint by names; none unless each one has a command."""
+    commands = {g.parts[1]: g for g in _best_family([g for g in guesses if g.rank < 0], ("position",))}
+    pairs = [(y, commands[y.parts[1]]) for y in positions if y.parts[1] in commands]
+    return [(y, replace(r, unit=r.unit or y.unit)) for y, r in pairs] if len(pairs) == len(positions) else []
 
 
 def _complete(

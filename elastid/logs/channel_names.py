@@ -61,6 +61,11 @@ class ChannelGuess:
         return self.sign * self.scale * dimension_and_size(self.unit)[1] / self.ratio
 
     @property
+    def slides(self) -> bool:
+        """True for a motion in a unit of translation."""
+        return dimension_and_size(self.unit)[0].startswith("m")
+
+    @property
     def key(self) -> ChannelKey:
         """Name, column and file, which no two signals of a measurement share."""
         return self.name, self.column, self.file

@@ -87,12 +87,9 @@ class _Experiment:
         scale = rate_hz / self.recorded.known_rate_hz
         first, last = (round(sample * scale) for sample in self.file.samples or (0, n / scale))
         if not 0 <= first < last <= n:
-            raise DataError(
-                "records/range",
-                f"samples [{first / scale:.0f}, {last / scale:.0f}] exceed the file; it has {n / scale:.0f} samples, "
-                "counted from 0, and last is exclusive. Correct samples",
-                self.paths[0],
-            )
+            text = f"samples [{first / scale:.0f}, {last / scale:.0f}] exceed the file; it has {n / scale:.0f} samples,"
+            advice = "counted from 0, and last is exclusive. Correct samples"
+            raise DataError("records/range", f"{text} {advice}", self.paths[0])
         return slice(first, last)
 
     def members(self) -> dict[_Key, list[int]]:
@@ -149,21 +146,16 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     aligned = _align(at_rate, period, experiment)
     n = min(len(group.signals) for group in aligned)
     columns = {i: x[:n] for group in aligned for i, x in zip(group.members, group.signals.T, strict=True)}
-    firsts: dict[tuple[str, str], int] = {}  # a signal that two files hold is taken from the first
-    for i in sorted(range(len(channels)), key=lambda i: (channels[i].file, i)):
-        firsts.setdefault((channels[i].role, channels[i].at), i)
+    # A signal that two files hold is taken from the first.
+    by_file = sorted(range(len(channels)), key=lambda i: (channels[i].file, i), reverse=True)
+    firsts = {(channels[i].role, channels[i].at): i for i in by_file}
     keep = sorted(firsts.values(), key=lambda i: (channels[i].role == "d", i))
+    selection = tuple(channels[i] for i in keep)
     rows = groups[0].rows if len(groups) == 1 else None
-    drivers = [keep[j] for j in driver_columns([channels[i] for i in keep])]
-    log = replace(experiment.log(1, [channels[i].full_name for i in keep], known_hz), rows=rows)
-    begin = _begin(np.stack([columns[i] for i in drivers]).T, period, log)
-    return GatheredChannels(
-        signals=np.stack([columns[i][begin:] for i in keep]).T,
-        channels=tuple(channels[i] for i in keep),
-        rate_hz=lowest,
-        period=period,
-        log=log.after(begin),
-    )
+    log = replace(experiment.log(1, [channel.full_name for channel in selection], known_hz), rows=rows)
+    values = np.stack([columns[i] for i in keep]).T
+    begin = _begin(values[:, driver_columns(selection)], period, log)
+    return GatheredChannels(values[begin:], selection, lowest, period, log.after(begin))
 
 
 def report_unused_references(channels: Sequence[ChannelSpec], log: Log, used: Sequence[int] = ()) -> None:
@@ -179,25 +171,23 @@ def report_unused_references(channels: Sequence[ChannelSpec], log: Log, used: Se
 
 def _begin(drivers: FloatArray, period: float | None, log: Log) -> int:
     """Return the first sample of the first period in which the excitation (n, d) is not zero throughout."""
-    rest = 0 if period is None else samples_before_motion(drivers)
-    count = int(rest / period) if period else 0
-    if count == 0:
+    rest = samples_before_motion(drivers)
+    if period is None or rest < period:
         return 0
+    count = int(rest / period)
     periods = "period" if count == 1 else f"{count} periods"
     text = f"the excitation starts at {log.time_of(rest)}; {periods} before it, at zero velocity, are discarded"
     log.report("rest left out", count, text)
-    return math.ceil(count * (period or 0))
+    return math.ceil(count * period)
 
 
 def period_samples_of_channel(period_s: float, rate_hz: float, recorded: RecordedSpec, file: FileSpec) -> float:
     """Return samples of a period at a channel's rate; StudyError if only the study's rate gives a whole number."""
     samples, nominal = (round_samples(period_s * rate) for rate in (rate_hz, recorded.known_rate_hz))
     if not samples.is_integer() and nominal.is_integer() and recorded.period_of(file) != "find":
-        raise StudyError(
-            "study/recorded",
-            f"at {rate_hz:g} Hz the period of {period_s:g} s is {samples:.6g} samples; a common grid with "
-            f"{recorded.rate_hz} Hz needs a whole number. Check rate_hz of the channels",
-        )
+        text = f"at {rate_hz:g} Hz the period of {period_s:g} s is {samples:.6g} samples; a common grid with"
+        advice = "Hz needs a whole number. Check rate_hz of the channels"
+        raise StudyError("study/recorded", f"{text} {recorded.rate_hz} {advice}")
     return samples
 
 
@@ -279,10 +269,8 @@ def _at_rate(group: _Group, rate_hz: float, period_s: float | None, experiment: 
     names = [experiment.recorded.channels[i].full_name for i in group.members]
     ratio, signals, log = group.rate_hz / rate_hz, group.signals, experiment.log(group.file, names, group.rate_hz)
     times = np.arange(int(len(signals) / ratio), dtype=np.float64) * ratio
-    text = (
-        f"{', '.join(names)} resampled from {group.rate_hz:g} to {rate_hz:g} Hz, exact up to {PASSBAND * rate_hz:g} Hz"
-    )
-    log.report("channels brought to another rate", len(names), text)
+    text = f"{', '.join(names)} resampled from {group.rate_hz:g} to {rate_hz:g} Hz"
+    log.report("channels brought to another rate", len(names), f"{text}, exact up to {PASSBAND * rate_hz:g} Hz")
     if period_s is None:
         signals = resampled_with_gaps(signals, times, 1 / ratio, log)
     else:
@@ -323,11 +311,9 @@ def _align(groups: Sequence[_Group], period: float | None, experiment: _Experime
             signals = np.tile(signals[:N], (n // N + 3, 1))
         times = np.arange(start, n, dtype=np.float64) + shift
         inside = times[(times >= 0) & (times <= len(signals) - 1)]
-        if np.allclose(inside, np.round(inside), atol=1e-3):
-            # A shift of whole samples needs no interpolation.
-            signals = signals[np.round(inside).astype(int)]
-        else:
-            signals = at_times(signals, inside, period)
+        # A shift of whole samples needs no interpolation.
+        is_whole = np.allclose(inside, np.round(inside), atol=1e-3)
+        signals = signals[np.round(inside).astype(int)] if is_whole else at_times(signals, inside, period)
         result.append(replace(group, signals=signals))
     return result
 
@@ -385,16 +371,10 @@ def _file_delay(
         if agreement > max(MIN_DELAY_CORRELATION, 0.0 if shift is None else 2 * abs(match)):
             return lag, "torques and accelerations, to about a millisecond: add delay to fit.parameters"
     if shift is None:
-        raise DataError(
-            "records/period-mismatch",
-            f"its start time is not identifiable: the two clocks have nothing in common (best correlation "
-            f"{correlation:.2f}). Log r, reference or a motor position in both files, or give recorded.time if one "
-            "clock stamps both",
-            path,
-        )
-    if second.first_s is None:
-        return shift, "row number, since no signal is in both"
-    return shift, "time stamps, since no signal is in both"
+        text = "its start time is not identifiable: the two clocks have nothing in common (best correlation "
+        advice = "Log r, reference or a motor position in both files, or give recorded.time if one clock stamps both"
+        raise DataError("records/period-mismatch", f"{text}{correlation:.2f}). {advice}", path)
+    return shift, f"{'row number' if second.first_s is None else 'time stamps'}, since no signal is in both"
 
 
 def _clock_shift(first: _Group, second: _Group, has_excitation: bool) -> float | None:

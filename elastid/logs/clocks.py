@@ -14,7 +14,7 @@ from elastid.logs.files.log import Log
 from elastid.logs.files.text import TextLog
 from elastid.logs.headings import is_time
 from elastid.logs.repair import MAX_WRONG_FRACTION
-from elastid.logs.repair.masks import MAX_MISSING_FRACTION
+from elastid.logs.repair.masks import MAX_FRACTION, MAX_MISSING_FRACTION
 from elastid.logs.repair.time_stamps import MAX_RATE_RATIO, MIN_GAP, even_grid, stamp_line, without_jumps
 
 # Samples that are read of a log, and those that it needs.
@@ -22,8 +22,7 @@ MAX_SAMPLES, MIN_SAMPLES = 1 << 17, 100
 _RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
 _PERIODS = ("ts", "t_s", "sample_time", "sampletime")  # in s
 BACKWARDS = "runs backwards: it falls from sample to sample"
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-_MAX_UNEVEN_FRACTION = 0.02  # fraction of the steps of a clock that may be gaps
+TIME_UNITS = {unit: 10.0 ** (-3 * i) for i, unit in enumerate(("s", "ms", "us", "ns"))}
 MAX_RATE_LOG = 0.26  # |log| of the ratio of two rates: stamps in ms, us or ns, and study
 _MAX_WRONG_DISTANCE = 5.0  # of a stamp from the median of its neighbours, in steps of the clock
 
@@ -47,7 +46,7 @@ def is_clock(x: FloatArray) -> bool:
     if len(x) < 20 or not np.isfinite(x).all() or not steps.min() > 0:
         return False
     gap_fraction = float(np.mean(steps > MIN_GAP * np.median(steps)))
-    return even_grid(x) is not None or gap_fraction < _MAX_UNEVEN_FRACTION
+    return even_grid(x) is not None or gap_fraction < MAX_FRACTION
 
 
 def stamps_of(log: Log, name: str) -> tuple[FloatArray, IntArray]:

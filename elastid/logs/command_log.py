@@ -79,12 +79,9 @@ def read_command_log(path: Path, joints: Sequence[str], rate_hz: float | None = 
     command, position = (_find_signals(signals, "position", is_command, joints) for is_command in (True, False))
     if command is None or position is None:
         names = ", ".join(dict.fromkeys(guess.name for guess, _ in signals)) or "none"
-        raise DataError(
-            "records/channels",
-            f"each of {len(joints)} joints needs one commanded and one measured position. Name them command and "
-            f"position, one column per joint ({', '.join(joints)}), or give --study. Channels: {names}",
-            path,
-        )
+        text = f"each of {len(joints)} joints needs one commanded and one measured position. Name them command and"
+        advice = f"position, one column per joint ({', '.join(joints)}), or give --study. Channels: {names}"
+        raise DataError("records/channels", f"{text} {advice}", path)
     rate_hz = rate_hz or clock.rate_hz
     if rate_hz is None:
         raise DataError("records/clock", "the log has no time stamps. Give --rate", path)
@@ -111,9 +108,8 @@ def read_study_log(path: Path, recorded: RecordedSpec, robot: Robot, rate_hz: fl
     velocity = forward * rate_hz * np.gradient(columns["reference"], axis=0)
     loop = None if controller is None else loop_of(controller, len(names))
     clock_hz = None if recorded.rate_hz == "unknown" else recorded.known_rate_hz
-    signals = columns["reference"], velocity, columns["y"]
     kp, kd = (None, None) if loop is None else (loop.kp, loop.kd)
-    return CommandLog(path.stem, rate_hz, *signals, kp, kd, clock_hz)
+    return CommandLog(path.stem, rate_hz, columns["reference"], velocity, columns["y"], kp, kd, clock_hz)
 
 
 def _channel(recorded: RecordedSpec, role: str, joint: str) -> ChannelSpec:

@@ -104,23 +104,19 @@ def positive(freq_hz: FloatArray) -> FloatArray:
 class Match:
     """Commanded torques of drives (F, n_u) that fit logged ones U best, with their scale (n_u,) and delay.
 
-    commanded, by_velocity (F, n_u): without scale and images, and their part by the velocity gain.  explained: part of
-    the power of U.
+    terms: commanded torques (F, n_u) by position and by velocity gain, without scale and images, and U without images.
+    explained: part of the power of U.
     """
 
     drives: Drives
-    U: ComplexArray
-    commanded: ComplexArray
-    by_velocity: ComplexArray
-    images: ComplexArray
+    terms: tuple[ComplexArray, ComplexArray, ComplexArray]
     scale: FloatArray
     delay_s: float
     explained: float
 
     def gains(self, motor: int) -> tuple[FloatArray, float]:
         """Fit factors (2,) of the terms of position and velocity gain of a motor; also explained power."""
-        terms = self.commanded - self.by_velocity, self.by_velocity, self.U - self.images * self.scale
-        *columns, u = (np.concatenate([z[:, motor].real, z[:, motor].imag]) for z in terms)
+        *columns, u = (np.concatenate([z[:, motor].real, z[:, motor].imag]) for z in self.terms)
         A = np.stack(columns, axis=1)
         factors = np.linalg.lstsq(A, u)[0]
         return factors, 1 - float(np.sum((u - A @ factors) ** 2)) / max(float(u @ u), 1e-300)
@@ -153,12 +149,10 @@ def report_controller(match: Match, log: Log) -> None:
         factors = by_p / max(by_v, 1e-300), by_v
         wrong = [f"{n} = {f:.3g} times" for n, f in zip(names, factors, strict=True) if abs(f - 1) > _MAX_GAIN_ERROR]
         if wrong:
-            text = (
-                f"{channel.at}: the logged torques indicate {' and '.join(wrong)} the stated value (limit "
-                f"{100 * _MAX_GAIN_ERROR:.0f} % deviation). Correct experiment.recorded.controller, or the torque "
-                "constant if only velocity_gain deviates"
-            )
-            log.note("records/controller", text)
+            text = f"{channel.at}: the logged torques indicate {' and '.join(wrong)} the stated value"
+            text += f" (limit {100 * _MAX_GAIN_ERROR:.0f} % deviation)"
+            advice = "Correct experiment.recorded.controller, or the torque constant if only velocity_gain deviates"
+            log.note("records/controller", f"{text}. {advice}")
 
 
 def _match(drives: Drives, f: FloatArray, U: ComplexArray, R: ComplexArray, Q: ComplexArray | None) -> Match:
@@ -199,11 +193,11 @@ def _match(drives: Drives, f: FloatArray, U: ComplexArray, R: ComplexArray, Q: C
     starts = [(tau, k * cycle) for k in cycles for tau in np.arange(-2, 4, 0.1) * cycle]
     start = np.array(min(starts, key=unexplained))
     simplex = start + 0.05 * cycle * np.array([[0, 0], [1, 0], [0, 1]])
-    end = minimize(
-        unexplained, start, method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": 1e-3 * cycle}
-    )
+    options = {"initial_simplex": simplex, "xatol": 1e-3 * cycle}
+    end = minimize(unexplained, start, method="Nelder-Mead", options=options)
     delays = float(end.x[0]), 0.0 if Q is None else float(end.x[1])
     C_fb_v, C_ff_v = drives.controlled(f, has_position=False)
     by_velocity = delayed(*delays, C_ff_v * R, 0 * feedback if Q is None else C_fb_v * Q)
-    terms = delayed(*delays, forward, feedback), by_velocity, images(*delays)
-    return Match(drives, U, *terms, scaled(*delays)[1], sum(delays), 1 - float(end.fun))
+    commanded, K = delayed(*delays, forward, feedback), scaled(*delays)[1]
+    terms = commanded - by_velocity, by_velocity, U - images(*delays) * K
+    return Match(drives, terms, K, sum(delays), 1 - float(end.fun))

@@ -63,17 +63,14 @@ def read_friction_logs(
     postures = spec.postures
     records, notes, start_s = list[FrictionRecord](), list[Note](), 0.0
     heated: dict[str, list[tuple[FrictionRecord, FileSpec]]] = {}
-    for done, (name, file) in enumerate(zip(recorded.log_names, recorded.files, strict=True)):
-        progress(done, len(recorded.files))
+    for i, (name, file) in enumerate(zip(recorded.log_names, recorded.files, strict=True)):
+        progress(i, len(recorded.files))
         angles = postures[file.configuration].angles if file.configuration else np.zeros(len(robot.driven))
         payload, start_s = payloads.get(file.load, 0.0), start_s if file.start is None else float(file.start)
         motions = _LogReader(name, robot, recorded, file, base, angles, start_s, payload).records()
         if not any(record.joint in joints for record in motions):
-            raise DataError(
-                "friction/no-record",
-                f"none of the joints {', '.join(joints)} moves in it. Correct friction.joints, or omit the file",
-                f"{base / file.path}",
-            )
+            text = f"none of the joints {', '.join(joints)} moves in it. Correct friction.joints, or omit the file"
+            raise DataError("friction/no-record", text, base / file.path)
         start_s = max(record.start_s + record.duration_s for record in motions)
         if file.purpose == "warm_up":
             notes += motions[0].notes
@@ -113,28 +110,24 @@ class _LogReader:
             measured = [i for i, c in enumerate(gathered.channels) if c.role in ("u", "y")]
             names = tuple(gathered.log.names[i] for i in measured)
             signals[:, measured] = without_dropouts(signals[:, measured], replace(gathered.log, names=names))
-        if self.file.purpose not in (*STILL, "warm_up"):
+        is_whole = self.file.purpose in (*STILL, "warm_up")
+        if not is_whole:
             torques = [i for i, c in enumerate(gathered.channels) if c.role == "u"]
             straight = dict.fromkeys(torques, round(gathered.rate_hz / (2 * PASSBAND_HZ)))  # half a period
             signals = bridge_short_gaps(signals, gathered.log, straight)
         gathered = replace(gathered, signals=signals)
-        segments = (gathered,) if self.file.purpose in (*STILL, "warm_up") else _segments(gathered)
+        segments = (gathered,) if is_whole else _segments(gathered)
         records = list[FrictionRecord]()
         for i, segment in enumerate(segments):
             name = f"{self.name} part {i + 1}" if i else self.name
             offset_s = (segment.log.first - gathered.log.first) / recorded.known_rate_hz
-            records += replace(self, name=name, start_s=self.start_s + offset_s, offset_s=offset_s)._segment_records(
-                segment
-            )
+            part = replace(self, name=name, start_s=self.start_s + offset_s, offset_s=offset_s)
+            records += part._segment_records(segment)
         if records:
             return tuple(records)
-        raise DataError(
-            "records/channels",
-            "no moving joint has both torque and position in it. Log role u (or role reference, with the gains as "
-            "controller), and role y with quantity position, "
-            f"at one of {', '.join(self.robot.motor_locations)}",
-            self.path,
-        )
+        text = "no moving joint has both torque and position in it. Log role u (or role reference, with the gains as"
+        advice = f"role y with quantity position, at one of {', '.join(self.robot.motor_locations)}"
+        raise DataError("records/channels", f"{text} controller), and {advice}", self.path)
 
     def _segment_records(self, gathered: GatheredChannels) -> tuple[FrictionRecord, ...]:
         repaired, N, rate_hz = self._repair(gathered)
@@ -142,10 +135,8 @@ class _LogReader:
         if self.recorded.controller is None:
             report_unused_references(gathered.channels, gathered.log)
         motors = [c.at for c in gathered.channels if c.role == "u"]
-        signals: dict[tuple[str, str, str], FloatArray] = {
-            (c.role, c.at, c.quantity if c.role == "y" else ""): np.ascontiguousarray(values[:, i])
-            for i, c in enumerate(gathered.channels)
-        }
+        keys = [(c.role, c.at, c.quantity if c.role == "y" else "") for c in gathered.channels]
+        signals: dict[tuple[str, str, str], FloatArray] = dict(zip(keys, np.ascontiguousarray(values.T), strict=True))
         signals |= {("d", at, ""): d for at, d in zip(motors, tau_d.T, strict=True) if d.any()}
         for channel in self._channels():
             if channel.role == "t":
@@ -184,11 +175,8 @@ class _LogReader:
     def _of_joints(
         self, signals: Signals, rate_hz: float, period: int | None, notes: tuple[Note, ...]
     ) -> tuple[FrictionRecord, ...]:
-        positions = {
-            joint.name: position
-            for joint in self.robot.driven
-            if (position := _signal(signals, "y", joint.name, "position")) is not None
-        }
+        candidates = {joint.name: _signal(signals, "y", joint.name, "position") for joint in self.robot.driven}
+        positions = {name: position for name, position in candidates.items() if position is not None}
         moving = self._moving_joints(positions, signals)
         if not moving:
             return ()
@@ -246,15 +234,11 @@ class _LogReader:
     def _moving_joints(self, positions: Mapping[str, FloatArray], signals: Signals) -> list[Joint]:
         driving = "u" if self.recorded.controller is None or any(role == "u" for role, *_ in signals) else "reference"
         joints = [j for j in self.robot.driven if j.name in positions and (driving, f"motor {j.name}", "") in signals]
-        is_any = self.file.purpose in STILL
-        moving = [joint for joint in joints if is_any or self._moves(joint, positions[joint.name])]
+        moving = [joint for joint in joints if self._moves(joint, positions[joint.name])]
         if self.file.purpose == "warm_up" and len(moving) > 1:
-            raise DataError(
-                "friction/no-record",
-                f"joints {', '.join(joint.name for joint in moving)} move in it and exchange work. Warm up one joint "
-                "at a time, or name the joint that is heated: joint",
-                self.path,
-            )
+            text = f"joints {', '.join(joint.name for joint in moving)} move in it and exchange work"
+            advice = "Warm up one joint at a time, or name the joint that is heated: joint"
+            raise DataError("friction/no-record", f"{text}. {advice}", self.path)
         return moving
 
     def _command(self, joint: Joint, signals: Signals, rate_hz: float) -> dict[str, Any]:
@@ -277,7 +261,7 @@ class _LogReader:
 
     def _moves(self, joint: Joint, position: FloatArray) -> bool:
         rest = REST_TRAVEL_M if joint.slides else REST_TRAVEL_RAD
-        return joint.name == self.file.joint or float(np.ptp(position)) > rest
+        return self.file.purpose in STILL or joint.name == self.file.joint or float(np.ptp(position)) > rest
 
     def _temperature(self, signals: Signals, joint: str, n: int) -> FloatArray | None:
         degrees = _signal(signals, "t", joint)
@@ -285,12 +269,8 @@ class _LogReader:
             is_start = self.file.purpose == "warm_up"  # of the log, not of all its samples
             return None if is_start or self.file.temperature is None else np.full(n, float(self.file.temperature))
         if float(degrees.max()) > IMPOSSIBLE_DEGC:
-            raise DataError(
-                "records/channels",
-                f"the temperature of joint {joint} reaches {degrees.max():.4g} degC, which is implausible. Set the "
-                "unit of that channel, K or degF",
-                self.path,
-            )
+            text = f"the temperature of joint {joint} reaches {degrees.max():.4g} degC, which is implausible"
+            raise DataError("records/channels", text + ". Set the unit of that channel, K or degF", self.path)
         return degrees
 
 
@@ -310,13 +290,10 @@ def _segments(gathered: GatheredChannels) -> tuple[GatheredChannels, ...]:
     for start in gaps[:1, 0]:
         text = f"gaps of more than {MAX_BRIDGED} samples: {len(gaps)}, the first at {log.time_of(start)}"
         log.report("logs divided at gaps", len(gaps), f"{text}; parts between them that are used: {len(long)}")
+    findings = [log.findings, *(Findings() for _ in long[1:])]
     return tuple(
-        replace(
-            gathered,
-            signals=gathered.signals[first:end],
-            log=log.after(first) if i == 0 else replace(log.after(first), findings=Findings()),
-        )
-        for i, (first, end) in enumerate(long)
+        replace(gathered, signals=gathered.signals[first:end], log=replace(log.after(first), findings=finding))
+        for (first, end), finding in zip(long, findings, strict=True)
     )
 
 

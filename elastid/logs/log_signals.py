@@ -74,31 +74,30 @@ def _with_counts(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
     return replace(guess, why=f"? whole numbers without a unit: {remedy}")
 
 
-def wrong_cells(log: Log, names: Sequence[str], most: int) -> list[str]:
-    """Return message on the first cell of a text without a number: first among the signals, then in other columns."""
+def wrong_cell(log: Log, names: Sequence[str], most: int) -> str:
+    """Return message on the first cell of a text without a number, in columns with these names, if any, else in all.
+
+    Empty without such a cell, and for other formats.
+    """
     if not isinstance(log, TextLog):
-        return []
-    groups = [[i for i, name in enumerate(name for name, _ in log.named_columns()) if name in names]]
-    groups += [[*range(log.n_columns)]] if not groups[0] else []
-    return [cell for cell in [log.wrong_cell(groups[-1], slice(0, most))] if cell]
+        return ""
+    columns = [i for i, (name, _) in enumerate(log.named_columns()) if name in names]
+    return log.wrong_cell(columns or range(log.n_columns), slice(0, most))
 
 
 def _with_gravity(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[ChannelGuess, FloatArray]]:
     """Set the unit, g or mm/s^2, of three axes of an accelerometer without one, whose mean is gravity."""
-    axes = [
-        (g, float(np.mean(x)))
-        for g, x in signals
-        if g.quantity == "acceleration" and not (g.unit or g.why.startswith("?"))
-    ]
-    gravity = float(np.linalg.norm([mean for _, mean in axes]))
-    is_one = len(axes) == 3 and len({g.parts[0] for g, _ in axes}) == 1
-    units = {"g": ("m/s^2", STANDARD_GRAVITY, 1.0), "mm/s^2": ("mm/s^2", 1.0, 1e3 * STANDARD_GRAVITY)}
-    unit = next((name for name, row in units.items() if is_one and abs(gravity / row[2] - 1) < _MAX_GRAVITY_ERROR), "")
-    if not unit:
+    accelerations = [(g, x) for g, x in signals if g.quantity == "acceleration" and not g.unit]
+    axes = {g: np.mean(x) for g, x in accelerations if not g.why.startswith("?")}
+    if len(axes) != 3 or len({g.parts[0] for g in axes}) > 1:
         return signals
-    members, (si, scale, _) = {g.key for g, _ in axes}, units[unit]
-    why = f"unit {unit}: the mean acceleration is {gravity:.4g}"
-    return [(replace(g, unit=si, scale=scale, why=why) if g.key in members else g, x) for g, x in signals]
+    gravity = float(np.linalg.norm([*axes.values()]))
+    cases = ("g", "m/s^2", STANDARD_GRAVITY, 1.0), ("mm/s^2", "mm/s^2", 1.0, 1e3 * STANDARD_GRAVITY)
+    for name, unit, scale, size in cases:
+        if abs(gravity / size - 1) < _MAX_GRAVITY_ERROR:
+            why = f"unit {name}: the mean acceleration is {gravity:.4g}"
+            return [(replace(g, unit=unit, scale=scale, why=why) if g in axes else g, x) for g, x in signals]
+    return signals
 
 
 def _resample_to_slowest(
@@ -124,7 +123,7 @@ def _resample_to_slowest(
     spans = {guess.name: (1e-3 * t[0], 1e-3 * t[-1]) for guess, t, _ in result}
     begin, end = common_span(spans, getattr(log, "path", ""))
     at = np.arange(1e3 * begin, 1e3 * end + slowest / 2, slowest)
-    signals = [(guess, np.interp(at, t, x)) for guess, t, x in result]
+    signals = ((guess, np.interp(at, t, x)) for guess, t, x in result)
     return _with_commands([(guess, x) for guess, x in signals if np.ptp(x) > 0])
 
 

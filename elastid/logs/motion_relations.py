@@ -185,4 +185,4 @@ def _relation_at(
 
 def travel(x: FloatArray) -> float:
     """Return the range of a signal (n,) without single spikes."""
-    return float(np.percentile(x, 99.9) - np.percentile(x, 0.1))
+    return float(np.ptp(np.percentile(x, [0.1, 99.9])))

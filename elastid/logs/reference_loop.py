@@ -51,8 +51,7 @@ def with_reference_loop(response: Response, recorded: RecordedSpec, robot: Robot
         z_inverse = np.exp(-2j * np.pi * freq_hz[:, None] / rate_hz)
         feedback[1] *= 2 / (1 + z_inverse)
     sampled = tuple(place.startswith(("motor ", "joint ")) for place in response.outputs)
-    motion = response.motion
-    if motion is not None:
+    if (motion := response.motion) is not None:
         at = [motors.index(motor) for motor in motion.motors]
         terms = loop.kp * loop.ki, loop.kp + loop.kd * loop.ki, loop.kd
         motion = replace(motion, feedback=np.stack([np.diag(term[at]) for term in terms]))

@@ -48,9 +48,7 @@ def join_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
         starts=tuple(starts[1:-1]),
         notes=(*dict.fromkeys(notes_of(aligned)), note),
         repairs=dict(repairs),
-        discarded_periods=tuple(
-            start + p for start, log in zip(starts, aligned, strict=False) for p in log.discarded_periods
-        ),
+        discarded_periods=tuple(n + p for n, log in zip(starts, aligned, strict=False) for p in log.discarded_periods),
     )
 
 
@@ -58,15 +56,10 @@ def _align_record(first: Record, record: Record, claim: str) -> Record:
     """Align a record with the phase and the means of the first; DataError for another excitation."""
     N = first.period_samples
     if record.period_samples != N or abs(record.rate_hz / first.rate_hz - 1) > MAX_CLOCK_ERROR:
-        raise DataError(
-            "records/inconsistent",
-            f"{claim}, with periods of {N} and {record.period_samples} samples at {first.rate_hz:g} and "
-            f"{record.rate_hz:g} Hz. {_ADVICE}",
-        )
-    has_references = first.r is not None and record.r is not None
-    (a, var_a), (b, var_b) = (
-        _mean_with_variance(x.r if has_references and x.r is not None else x.u, N) for x in (first, record)
-    )
+        text = f"{claim}, with periods of {N} and {record.period_samples} samples at {first.rate_hz:g} and"
+        raise DataError("records/inconsistent", f"{text} {record.rate_hz:g} Hz. {_ADVICE}")
+    drivers = (first.u, record.u) if first.r is None or record.r is None else (first.r, record.r)
+    (a, var_a), (b, var_b) = (_mean_with_variance(x, N) for x in drivers)
     delays = [delay(x, y, N) for x, y in zip(a.T, b.T, strict=True)]
     best = max(range(len(delays)), key=lambda i: delays[i][1])
     lag = delays[best][0]

@@ -116,9 +116,8 @@ class RecordedRig:
 
         try:
             record = joined(measured, log.bounds, log.dtype)
-        except DataError:
-            # Reading all of it shows if that piece spoils the record.
-            return None
+        except DataError:  # reading all of it shows if that piece spoils the record
+            record = None
         if record is None:
             return None
         end = Log("", ())
@@ -135,13 +134,11 @@ class RecordedRig:
         log, repairs = gathered.log, gathered.log.findings.repairs
         report_unused_references(channels, log, roles["r"] or roles["u"])
         report_drives(channels, signals, N, log)
-        if N is not None:
-            n = len(gathered.signals)
-            excess = int(n * N / (gathered.period or N)) - len(signals)
-            if STOPPED not in repairs:
-                report_end(excess, n, N // 2 if recorded.half_wave else N, log)
-        elif "none" not in (file.period, recorded.period):
+        if N is None and "none" not in (file.period, recorded.period):
             report_unstated_period(signals[:, roles["r"] or roles["u"]], log)
+        elif N is not None and STOPPED not in repairs:
+            n = len(gathered.signals)
+            report_end(int(n * N / (gathered.period or N)) - len(signals), n, N // 2 if recorded.half_wave else N, log)
         signals = without_step_images(signals, channels, roles, recorded, rate_hz, self.robot, log)
         signals, _ = on_one_side(channels, signals, to_joints(channels, self.robot))
         hold_lengths = hold_samples(recorded, channels, rate_hz)
@@ -230,11 +227,11 @@ def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...
 
 
 def _lags(difference: FloatArray, mean: FloatArray) -> bool:
-    """Return True if the lag between two mean periods (N,) exceeds MAX_LAG and its noise."""
-    slope = (np.roll(mean, -1) - np.roll(mean, 1)) / 2
+    """Return True if the lag between two mean periods (N,) exceeds MAX_LAG and six of its standard deviations."""
+    slope = np.gradient(np.pad(mean, 1, "wrap"))[1:-1]
     along, steepness = float(difference @ slope), float(slope @ slope)
     is_long = abs(along) > MAX_LAG * steepness
-    return is_long and along**2 * len(mean) > 36 * steepness * float(difference @ difference)  # 6 of its deviations
+    return is_long and along**2 * len(mean) > 36 * steepness * float(difference @ difference)
 
 
 def joined(

@@ -33,14 +33,11 @@ def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterato
     """Yield place, key and reason of each channel that is off the robot, in a wrong unit, or given twice."""
     motors, signals = places.motor_locations, set[tuple[str, str, int]]()
     for i, channel in enumerate(channels):
-        if channel.role == "d" and channel.at not in motors:
-            text = (
-                f"'{channel.at}' is no motor; a disturbance (role d) acts at a motor: "
-                f"{did_you_mean(channel.at, motors)}"
-            )
-            yield i, "at", text
-        elif channel.role in ("r", "u", "reference") and channel.at not in motors:
-            yield i, "at", f"no motor or input is called '{channel.at}'; {did_you_mean(channel.at, motors)}"
+        hint = "" if channel.at in motors else did_you_mean(channel.at, motors)
+        if channel.role == "d" and hint:
+            yield i, "at", f"'{channel.at}' is no motor; a disturbance (role d) acts at a motor: {hint}"
+        elif channel.role in ("r", "u", "reference") and hint:
+            yield i, "at", f"no motor or input is called '{channel.at}'; {hint}"
         else:
             try:
                 places.check_location(channel.at)
@@ -59,14 +56,12 @@ def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterato
         if signal in signals:
             yield i, "at", f"two channels have role {channel.role} at '{channel.at}'. Omit one"
         signals.add(signal)
-        has_torque = any(c.role == "u" and c.at == channel.at for c in channels)
-        if channel.role == "d" and channel.at in motors and not has_torque:
+        if channel.role == "d" and not hint and ("u", channel.at) not in {(c.role, c.at) for c in channels}:
             yield i, "at", f"d needs a channel of role u at '{channel.at}'. Add that channel"
-    at = {role: {c.at for c in channels if c.role == role} for role in ("r", "u")}
-    if at["r"] and at["r"] != at["u"]:
-        first = next(i for i, channel in enumerate(channels) if channel.role == "r")
-        text = f"channels with role r are at {', '.join(sorted(at['r']))}, channels with role u at"
-        yield first, "at", f"{text} {', '.join(sorted(at['u']))}. List r for every input or for none"
+    sent, acting = (sorted({c.at for c in channels if c.role == role}) for role in ("r", "u"))
+    if sent and sent != acting:
+        text = f"channels with role r are at {', '.join(sent)}, channels with role u at {', '.join(acting)}"
+        yield [c.role for c in channels].index("r"), "at", f"{text}. List r for every input or for none"
 
 
 def link_side_factor(channel: ChannelSpec, robot: Places) -> float:
@@ -92,9 +87,8 @@ def unwrapped(values: FloatArray, turn: float) -> tuple[FloatArray, int]:
     # The shortest counter has 8 bits, and starts again near its ends.
     is_counter = span >= 2**8 - 2**4 and np.all(x == np.round(x))
     steps, whole = np.abs(np.diff(x)), 2.0 ** math.ceil(math.log2(span + 1)) if is_counter else turn
-    largest_step = float(np.max(steps, initial=0.0, where=steps < whole / 2))
-    jumps = steps[steps >= whole / 2]
-    if not jumps.size or largest_step > whole / 4 or np.any(np.abs(jumps - whole) > whole / 6):
+    jumps, others = steps[steps >= whole / 2], steps[steps < whole / 2]
+    if not jumps.size or others.max(initial=0.0) > whole / 4 or np.any(np.abs(jumps - whole) > whole / 6):
         return values, 0
     result = values.astype(np.float64)
     result[is_finite] = np.unwrap(x, period=whole)
@@ -178,25 +172,21 @@ def report_drives(channels: Sequence[ChannelSpec], signals: FloatArray, N: int |
     for channel, r in zip(channels, signals.T, strict=True):
         if channel.role != "r":
             continue
-        place, acting = channel.at, signals[:, u[channel.at]]
+        text, acting = f"u at {channel.at}", signals[:, u[channel.at]]
         if np.ptp(r) > 0 and np.array_equal(r, acting):
-            text = (
-                f"u at {place} equals r to the last bit: the command was logged twice, and u lacks feedback, drive "
-                "limits and delay. Log the acting torque, or omit the channel of role r without feedback"
-            )
+            text += " equals r to the last bit: the command was logged twice, and u lacks feedback, drive limits and "
+            text += "delay. Log the acting torque, or omit the channel of role r without feedback"
             log.note("records/same-signal", text)
         elif (rho := _at_once(r, acting, N)) <= -MIN_DELAY_CORRELATION:
-            text = f"u at {place} and r have opposite signs (correlation {rho:.2f}). Give the inverted channel sign: -1"
+            text += f" and r have opposite signs (correlation {rho:.2f}). Give the inverted channel sign: -1"
             log.note("records/torque", text)
     C = np.cov(signals, rowvar=False)
     compared = [i for i, c in enumerate(channels) if c.role in ("u", "y") and c.at.startswith("motor ") and C[i, i] > 0]
     for a, b in combinations(compared, 2):
         if channels[a].role == channels[b].role and C[a, b] ** 2 >= (1 - MAX_DIFFERENCE**2) * C[a, a] * C[b, b]:
-            text = (
-                f"{channels[b].full_name} and {channels[a].full_name} have identical samples, so that one is not the "
-                "signal of its motor. Check channel and column in the study, and the wiring of the logger"
-            )
-            log.note("records/same-signal", text)
+            text = f"{channels[b].full_name} and {channels[a].full_name} have identical samples, so that one is not the"
+            advice = "Check channel and column in the study, and the wiring of the logger"
+            log.note("records/same-signal", f"{text} signal of its motor. {advice}")
 
 
 def _at_once(r: FloatArray, u: FloatArray, N: int | None) -> float:
@@ -227,11 +217,8 @@ def _gear_factor(channel: ChannelSpec, robot: Places) -> float:
         return 1.0
     kind, _, joint = channel.at.partition(" ")
     if kind not in ("motor", "joint") or joint not in robot.driven_names:
-        raise StudyError(
-            "study/recorded",
-            f"side: motor needs a gear; {channel.at} has no gear. Correct at: {', '.join(robot.motor_locations)}",
-            f"channel {channel.name_in_file}",
-        )
+        text = f"side: motor needs a gear; {channel.at} has no gear. Correct at: {', '.join(robot.motor_locations)}"
+        raise StudyError("study/recorded", text, f"channel {channel.name_in_file}")
     ratio = robot.ratio(joint)
     return 1 / ratio if channel.is_motion else ratio
 
@@ -241,13 +228,12 @@ def _place(channels: Sequence[ChannelSpec], like: ChannelSpec, motor: str) -> in
         same_kind = not like.is_motion or channel.quantity == like.quantity
         if (channel.role, channel.side, channel.at) == (like.role, like.side, motor) and same_kind:
             return place
-    raise StudyError(
-        "study/recorded",
-        f"{like.at} is coupled by gears with {motor}, which has no channel with role {like.role} and side: "
-        f"{like.side}{f' for the {like.quantity}' if like.is_motion else ''}. Log it too, or give the signal on the "
-        f"{'link' if like.side == 'motor' else 'motor'} side",
-        f"channel {like.name_in_file}",
+    text = f"{like.at} is coupled by gears with {motor}, which has no channel with role {like.role} and side:"
+    text += (
+        f" {like.side}{f' for the {like.quantity}' if like.is_motion else ''}. Log it too, or give the signal on the"
     )
+    side = "link" if like.side == "motor" else "motor"
+    raise StudyError("study/recorded", f"{text} {side} side", f"channel {like.name_in_file}")
 
 
 def on_one_side(channels: Sequence[ChannelSpec], signals: FloatArray, T: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -269,8 +255,9 @@ def hold_samples(recorded: RecordedSpec, channels: Sequence[ChannelSpec], rate_h
 
     A channel with a higher rate of its own, brought to rate_hz, is held for a sample of its own rate.
     """
-    torques = [channel for channel in channels if channel.role == "u"]
-    rates = [channel.rate_hz or recorded.rate_hz for channel in torques]
-    rates_hz = [rate_hz if isinstance(rate, str) else float(rate) for rate in rates]
-    are_zoh = [(channel.hold or recorded.hold) == "zero-order" for channel in torques]
-    return tuple(rate_hz / rate if is_zoh else 0.0 for is_zoh, rate in zip(are_zoh, rates_hz, strict=True))
+    default_hz = rate_hz if recorded.rate_hz == "unknown" else recorded.known_rate_hz
+    return tuple(
+        rate_hz / float(c.rate_hz or default_hz) if (c.hold or recorded.hold) == "zero-order" else 0.0
+        for c in channels
+        if c.role == "u"
+    )

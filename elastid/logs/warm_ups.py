@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.experiment.specs.logs import FileSpec
 from elastid.friction_record import FrictionRecord, WarmUpLog
@@ -29,41 +29,30 @@ MIN_READINGS = 10
 START_STD = 1.0  # K, of the temperature at the start, before readings are fitted
 
 
-@frozen_value
-class Heat:
-    """Heat in one log: power (n,), W, between time_s (n + 1,), readings (n + 1,), degC, of a step of `count`."""
+def heat_of(record: FrictionRecord) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Compute the heat of a log: time_s (n + 1,), power (n,) between them in W, temperatures (n + 1,) in degC.
 
-    time_s: FloatArray
-    power: FloatArray
-    readings: FloatArray
-    count: float
-
-
-def heat_of(record: FrictionRecord) -> Heat:
-    """Compute the heat of a log in steps; DataError where the joint never returns, or its torque does no work on it."""
+    DataError where the joint never returns, or its torque does no work on it.
+    """
     q, u, rate_hz = record.position, record.torque, record.rate_hz
-    where = f"{record.place}: warm-up of joint {record.joint}"
     n = max(1, min(MAX_STEPS, int(len(q) / rate_hz / STEP_S)))
     edges = np.linspace(0, len(q) - 1, n + 1).round().astype(int)
     # A held torque acts until the next sample, a band-limited one changes on the way.
     acting = u[:-1] if record.hold == "zero-order" else (u[:-1] + u[1:]) / 2
-    work, text = np.append(0.0, np.cumsum(acting * np.diff(q)))[edges], ""
+    work = np.append(0.0, np.cumsum(acting * np.diff(q)))[edges]
     if abs(q[-1] - q[0]) > MAX_RETURN * np.ptp(q):
-        text = (
-            f"it moves from {q[0]:.4g} to {q[-1]:.4g} {record.unit} without return, so that the work of gravity and "
-            "the heat are confounded. Log a motion to and fro"
-        )
-    elif work[-1] <= 0:
-        text = (
-            f"its torque extracts {-work[-1]:.4g} J from the motion, so that friction would accelerate the joint. "
-            "Correct the sign of torque or position"
-        )
-    if text:
-        raise DataError("friction/warm-up", text, where)
+        text = f"it moves from {q[0]:.4g} to {q[-1]:.4g} {record.unit} without return, so that the work of gravity and"
+        raise _refusal(record, text + " the heat are confounded. Log a motion to and fro")
+    if work[-1] <= 0:
+        text = f"its torque extracts {-work[-1]:.4g} J from the motion, so that friction would accelerate the joint"
+        raise _refusal(record, text + ". Correct the sign of torque or position")
     T = record.temperature
     readings = np.full(n + 1, np.nan) if T is None else _means(T, edges)
-    power = np.diff(work) / (np.diff(edges) / rate_hz)
-    return Heat(record.start_s + edges / rate_hz, power, readings, 0.0 if T is None else step(T))
+    return record.start_s + edges / rate_hz, np.diff(work) / (np.diff(edges) / rate_hz), readings
+
+
+def _refusal(record: FrictionRecord, text: str) -> DataError:
+    return DataError("friction/warm-up", text, f"{record.place}: warm-up of joint {record.joint}")
 
 
 def _means(x: FloatArray, edges: np.ndarray) -> FloatArray:
@@ -91,39 +80,29 @@ def warm_up_log(records: Sequence[FrictionRecord], files: Sequence[FileSpec]) ->
 
     DataError where they overlap, are too short for any gear, or a thermometer reads the same throughout.
     """
-    joint, place = records[0].joint, f"{records[0].place}: warm-up of joint {records[0].joint}"
-    heats, start = [heat_of(record) for record in records], files[0].temperature
+    joint, start = records[0].joint, files[0].temperature
+    heats = [heat_of(record) for record in records]
     room = next((float(file.ambient) for file in files if file.ambient is not None), float("nan"))
-    time_s, power, readings = heats[0].time_s, heats[0].power, heats[0].readings
-    for record, heat in zip(records[1:], heats[1:], strict=True):
-        pause = float(heat.time_s[0] - time_s[-1])
+    time_s, power, readings = heats[0]
+    for record, (next_s, next_power, next_readings) in zip(records[1:], heats[1:], strict=True):
+        pause = float(next_s[0] - time_s[-1])
         if pause < -1.5 / record.rate_hz:
-            raise DataError(
-                "friction/warm-up",
-                f"it starts at {heat.time_s[0]:.4g} s, before the end of the previous log at {time_s[-1]:.4g} s. "
-                "Correct start, or the order of the files",
-                record.place,
-            )
+            text = f"it starts at {next_s[0]:.4g} s, before the end of the previous log at {time_s[-1]:.4g} s"
+            raise DataError("friction/warm-up", text + ". Correct start, or the order of the files", record.place)
         first = 0 if pause > 1.5 / record.rate_hz else 1
-        power = np.concatenate([power, np.zeros(1 - first), heat.power])
-        time_s, readings = np.append(time_s, heat.time_s[first:]), np.append(readings, heat.readings[first:])
-    span = float(time_s[-1] - time_s[0])
-    least = MIN_STEPS * STEP_S
-    valid, count, text = np.isfinite(readings), max(heat.count for heat in heats), ""
+        power = np.concatenate([power, np.zeros(1 - first), next_power])
+        time_s, readings = np.append(time_s, next_s[first:]), np.append(readings, next_readings[first:])
+    span, least, valid = float(time_s[-1] - time_s[0]), MIN_STEPS * STEP_S, np.isfinite(readings)
+    count = max(0.0 if record.temperature is None else step(record.temperature) for record in records)
     if span < least:
-        text = (
-            f"{span:.4g} s are too short for a warm-up; gears need 10 to 60 minutes. Log at least {least:g} s, better "
-            "two hours, or set purpose: motion"
-        )
-    elif valid.any() and np.ptp(readings[valid]) < max(count, 1e-9):
-        text = (
-            f"the thermometer reads {readings[valid][0]:.4g} degC throughout while {power.mean():.3g} W heat the joint."
-            " Omit its channel (test runs show the heat as well), or mount the sensor at the joint"
-        )
-    if text:
-        raise DataError("friction/warm-up", text, place)
+        text = f"{span:.4g} s are too short for a warm-up; gears need 10 to 60 minutes. Log at least {least:g} s"
+        raise _refusal(records[0], text + ", better two hours, or set purpose: motion")
     if not valid.any():
         return WarmUpLog(joint, time_s, power, readings, 0.0, room, room if start is None else start)
+    if np.ptp(readings[valid]) < max(count, 1e-9):
+        text = f"the thermometer reads {readings[valid][0]:.4g} degC throughout while {power.mean():.3g} W heat the"
+        advice = "Omit its channel (test runs show the heat as well), or mount the sensor at the joint"
+        raise _refusal(records[0], f"{text} joint. {advice}")
     noise = float(np.std(np.diff(readings[valid], 2)) / np.sqrt(6))  # of white noise on a slow signal
     std, at_start = max(noise, count / np.sqrt(12)), float(readings[valid][0])
     if noise < count / np.sqrt(12):  # readings of one count have one error

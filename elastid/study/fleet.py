@@ -49,9 +49,8 @@ def load_fleet(path: Path) -> Fleet:
     """Read a fleet of a YAML file; StudyError with a line for each error, and where a robot has one date twice."""
     source = read_source(path, str(path))
     if not isinstance(source.data, dict):
-        raise StudyError(
-            "files/table", "a fleet is a mapping with the keys name, study and members or table", f"{path}:1:1"
-        )
+        text = "a fleet is a mapping with the keys name, study and members or table"
+        raise StudyError("files/table", text, f"{path}:1:1")
     spec, problems = validate(source.data, FleetSpec)
     if problems:
         raise make_error(source, problems)

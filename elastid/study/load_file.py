@@ -22,9 +22,8 @@ _SINGLE = ("mass", "deflection", "std")  # deflections and their std also of dia
 def existing_file(key: str, path: Path, place: Place) -> Path:
     """Return a path that a study states under a key; StudyError if no file has it."""
     if not os.path.isfile(path):
-        raise StudyError(
-            "files/missing", f"{key}: no such file (looked for {path}; the path is relative to the study)", place
-        )
+        text = f"{key}: no such file (looked for {path}; the path is relative to the study)"
+        raise StudyError("files/missing", text, place)
     return path
 
 
@@ -67,11 +66,8 @@ def _column(place: str, head: str, joints: Sequence[str]) -> tuple[str, str]:
     name, unit = name_and_unit(head)
     columns = [*_TEXTS, *_SINGLE, *(word for names in _ENTRIES.values() for word in names)]
     if name not in (*columns, *joints):
-        raise StudyError(
-            "files/table",
-            f"a CSV file of load tests has no column '{name}'; {did_you_mean(name, [*columns, *joints])}",
-            place,
-        )
+        text = f"a CSV file of load tests has no column '{name}'; {did_you_mean(name, [*columns, *joints])}"
+        raise StudyError("files/table", text, place)
     return f"joint {name}" * (name in joints) or name, unit
 
 

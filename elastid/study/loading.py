@@ -254,20 +254,22 @@ def _read(path: Path, overrides: Sequence[str]) -> tuple[YamlSource, str]:
     try:
         source = _with_robot_file(source, path)
     except StudyError as error:
-        robot_errors = str(error)
-        source = replace(source, data={key: value for key, value in source.data.items() if key != "robot"})
+        source, robot_errors = _without_robot(source), str(error)
     for keys, value, option in pairs:
         if keys != ("robot",):
             source = _override(source, keys, value, option)
-    text = "".join([source.text, *(comment_lines(f"--set {override}") for override in overrides)])
-    source = replace(source, text=text)
+    source = replace(source, text=source.text + "".join(comment_lines(f"--set {override}") for override in overrides))
     try:
         source = with_robot(source, folder)
     except StudyError as error:
-        return replace(source, data={key: value for key, value in source.data.items() if key != "robot"}), str(error)
+        return _without_robot(source), str(error)
     loads = source.data.get("loads")
     has_file = isinstance(loads, dict) and isinstance(loads.get("file"), str)
     return with_load_file(source, path.parent) if has_file else source, robot_errors
+
+
+def _without_robot(source: YamlSource) -> YamlSource:
+    return replace(source, data={key: value for key, value in source.data.items() if key != "robot"})
 
 
 def _with_robot_file(source: YamlSource, path: Path) -> YamlSource:
@@ -315,9 +317,8 @@ def _put(data: Any, keys: KeyPath, value: Any, option: str) -> tuple[Any, KeyPat
     step, rest = keys[0], keys[1:]
     if isinstance(data, list):
         if not str(step).isdigit() or int(step) >= len(data):
-            raise StudyError(
-                "options/invalid", f"'{step}' must be a number from 0 to {len(data) - 1}, the index of a list", option
-            )
+            text = f"'{step}' must be a number from 0 to {len(data) - 1}, the index of a list"
+            raise StudyError("options/invalid", text, option)
         index = int(step)
         entry, path = _put(data[index], rest, value, option)
         return [*data[:index], entry, *data[index + 1 :]], (index, *path)

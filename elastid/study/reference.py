@@ -216,7 +216,8 @@ def explain(query: str) -> str:
             text = renamed(query) or f"no error or note has the code {query}; {did_you_mean(query, codes())}"
             raise StudyError("study/unknown-key", text)
         return f"{query}\n  {codes()[query].meaning}\n  {codes()[query].remedy}"
-    keys = {key.path: key for key in all_keys()}
+    fleet = StudyKey("fleet", FleetSpec, "fleet", FleetSpec, text_of(FleetSpec), "", MISSING)
+    keys = {key.path: key for key in (*list_keys(), fleet, *keys_below(FleetSpec, "fleet."))}
     steps, target = {path: _steps(path) for path in keys}, _steps(query)
     if any(_agree(path[: len(target)], target) and path[len(target) - 1] == "<name>" for path in steps.values()):
         target = target[:-1]  # of a name the mapping that holds it
@@ -279,13 +280,6 @@ def _default(value: Any) -> str:
     if isinstance(value, tuple):
         return f"[{', '.join(_default(entry) for entry in value)}]"
     return "{}" if is_dataclass(value) or value == {} else str(value)
-
-
-def all_keys() -> Iterator[StudyKey]:
-    """Yield every key of a study, of a robot's file and of a fleet's."""
-    yield from list_keys()
-    yield StudyKey("fleet", FleetSpec, "fleet", FleetSpec, text_of(FleetSpec), "", MISSING)
-    yield from keys_below(FleetSpec, "fleet.")
 
 
 def _steps(path: str) -> list[str]:

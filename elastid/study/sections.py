@@ -92,28 +92,23 @@ class Study:
     @property
     def display(self) -> Display:
         """Sections that are given, in words."""
-        configurations = ", ".join(self.experiment.configurations)
-        rows = [("robot", self.robot.name)] if self.robot is not None else []
-        rows += [("configurations", configurations)] if configurations else []
+        rows = {"robot": self.robot.name} if self.robot is not None else {}
+        rows["configurations"] = ", ".join(self.experiment.configurations)
         if self.excitation is not None:
             low, high = self.excitation.band_hz
-            rows.append(("excitation", f"{low:g} to {high:g} Hz at {self.excitation.rate_hz:g} Hz"))
-        if self.fit.parameters:
-            rows.append(("parameters", ", ".join(self.fit.parameters)))
+            rows["excitation"] = f"{low:g} to {high:g} Hz at {self.excitation.rate_hz:g} Hz"
+        rows["parameters"] = ", ".join(self.fit.parameters)
         if self.friction is not None:
-            rows.append(("friction of", ", ".join(self.friction.joints) or "all joints"))
-        return Display(f"Study '{self.name}' (kind: {self.kind}), seed {self.seed}", ("section", "content"), rows)
+            rows["friction of"] = ", ".join(self.friction.joints) or "all joints"
+        content = [row for row in rows.items() if row[1]]
+        return Display(f"Study '{self.name}' (kind: {self.kind}), seed {self.seed}", ("section", "content"), content)
 
     def as_robot(self) -> Robot:
         """Return the robot; StudyError for a study without one."""
         if self.robot is None:
             stages = "estimate" if self.experiment.responses is not None else "measure, estimate"
-            raise StudyError(
-                "study/stage",
-                f"its stages are {stages} and report; to fit a model give "
-                "robot (the path of its file) and fit.parameters",
-                f"study {self.name} has no robot",
-            )
+            text = f"its stages are {stages} and report; to fit a model give robot (the path of its file) and"
+            raise StudyError("study/stage", f"{text} fit.parameters", f"study {self.name} has no robot")
         return self.robot
 
     def as_friction(self) -> FrictionSpec:
@@ -146,9 +141,7 @@ class Study:
 
     def fitted(self, responses: Iterable[Response]) -> tuple[Response, ...]:
         """Return responses for the fit, without validation configurations."""
-        return tuple(
-            response for response in responses if response.configuration.name not in self.validation.configurations
-        )
+        return tuple(G for G in responses if G.configuration.name not in self.validation.configurations)
 
     @property
     def seeded_fit(self) -> FitSpec:

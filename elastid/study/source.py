@@ -38,7 +38,7 @@ class Place:
 
 @dataclass(frozen=True)
 class YamlSource:
-    """data: plain dict, list, str, int, float, bool, None. places: by key path, positions of key and value."""
+    """Plain data (dict, list, str, int, float, bool, None) of a YAML text; places: of key and value by key path."""
 
     data: Any
     places: dict[KeyPath, tuple[Place, Place]]
@@ -65,9 +65,8 @@ def read_source(path: Path, name: str, rank: int = 0) -> YamlSource:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line, column = _line_column(raw[: error.start].decode("latin-1"))
-        raise StudyError(
-            "study/yaml", f"not a YAML text in UTF-8 (byte 0x{raw[error.start]:02x})", f"{name}:{line}:{column}"
-        ) from None
+        message = f"not a YAML text in UTF-8 (byte 0x{raw[error.start]:02x})"
+        raise StudyError("study/yaml", message, f"{name}:{line}:{column}") from None
     return parse(text, name, rank)
 
 

@@ -35,7 +35,7 @@ def write_bag(path: Path, log: LogArrays, storage: str = "SQLITE3", publishers: 
             return lambda at, message: writer.write(connection, at, store.serialize_cdr(message, kind.__msgtype__))
 
         states, commands, words = topic("/joint_states", State), topic("/arm/commands", Numbers), topic("/note", Word)
-        forces = topic("/wrench", Wrench)
+        forces, _ = topic("/wrench", Wrench), topic("/unused", Numbers)  # the latter without messages
         for k in range(len(log["i1"])):
             ns = 1_700_000_000_000_000_000 + round(k * 1e9 / RATE)
             header = Header(Stamp(ns // 10**9, ns % 10**9), "")
@@ -43,11 +43,9 @@ def write_bag(path: Path, log: LogArrays, storage: str = "SQLITE3", publishers: 
             efforts = {"shoulder": log["i1"][k], "elbow": log["i2"][k]}
             joints = JOINTS if k % 2 else JOINTS[::-1]
             for names in [joints] if publishers == 1 else [(joint,) for joint in JOINTS]:
-                arrays = (np.array([each[joint] for joint in names]) for each in (positions, efforts))
-                position, effort = arrays
+                position, effort = (np.array([each[joint] for joint in names]) for each in (positions, efforts))
                 # The bag receives each message late and unevenly.
-                late = ns + 10**6 * (1 + k % 3)
-                states(late, State(header, list(names), position, np.zeros(0), effort))
+                states(ns + 10**6 * (1 + k % 3), State(header, list(names), position, np.zeros(0), effort))
             commands(ns, Numbers(Layout([], 0), np.array([log["i1"][k], log["i2"][k]])))
             words(ns, Word("going on"))
             forces(ns, Wrench(header, Force(Vector(k, 0.0, -k), Vector(0.0, 0.5, 0.0))))
@@ -60,15 +58,14 @@ def write_topics(path: Path, topics: dict[str, tuple[np.ndarray, dict[str, np.nd
     from rosbags.typesys import Stores, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    Stamp, Header = store.types["builtin_interfaces/msg/Time"], store.types["std_msgs/msg/Header"]
-    State = store.types["sensor_msgs/msg/JointState"]
+    kinds = ("builtin_interfaces/msg/Time", "std_msgs/msg/Header", "sensor_msgs/msg/JointState")
+    Stamp, Header, State = (store.types[kind] for kind in kinds)
     with Writer(path, version=9) as writer:
         for name, (t, fields) in topics.items():
             connection = writer.add_connection(name, State.__msgtype__, typestore=store)
             for k, ns in enumerate((1_700_000_000_000_000_000 + np.round(t * 1e9).astype(np.int64)).tolist()):
-                arrays = (fields[key][k : k + 1] if key in fields else np.zeros(0) for key in ("position", "effort"))
-                position, effort = arrays
+                position, effort = (fields.get(key, np.zeros(0))[k : k + 1] for key in ("position", "effort"))
                 message = State(Header(Stamp(ns // 10**9, ns % 10**9), ""), ["axis"], position, np.zeros(0), effort)
-                received = 1_700_000_000_000_000_000 + k  # in the order of the rows, whatever the stamps are
-                writer.write(connection, received, store.serialize_cdr(message, State.__msgtype__))
+                # Received in the order of the rows, whatever the stamps are.
+                writer.write(connection, k, store.serialize_cdr(message, State.__msgtype__))
     return path

@@ -49,10 +49,8 @@ def design(study: Study, work: Work) -> Artefacts:
         )
         played = "one trajectory per experiment, one row per cycle"
         if plan.inject == "torque":
-            played = (
-                "one period of the torque signals per experiment. Add them to the controller's torques and play "
-                f"{plan.periods + plan.transient_periods} periods without a gap"
-            )
+            played = "one period of the torque signals per experiment. Add them to the controller's torques and play"
+            played += f" {plan.periods + plan.transient_periods} periods without a gap"
         # A run of all stages simulates the experiment: only a user who measures plays the signals.
         say = console.say if console.shows_tables else console.detail
         say(f"design: {limit_use.closest}")

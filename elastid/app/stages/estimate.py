@@ -78,9 +78,7 @@ def estimate_configuration(
             response = with_reference_loop(response, recorded, robot, records[0])
         else:
             response = with_image_errors(response, recorded, robot)
-    repairs: Counter[str] = Counter()
-    for record in records:
-        repairs.update(record.repairs)
+    repairs = sum((Counter(record.repairs) for record in records), Counter())
     return replace(response, repairs=dict(repairs)), {*notes_of(records)}
 
 
@@ -105,17 +103,15 @@ def _artefacts(
         console.notes(note for note in notes if note.code != "frf/method")
         lines = {r.configuration.name: r.n_lines for r in responses}
         plural = "s" * (len(responses) != 1)
-        counts = sorted(set(lines.values()))
-        each = f"with {counts[0]} DFT lines{' each' * bool(plural)}" if len(counts) == 1 else ""
-        each = each or f"(DFT lines: {listed(lines)})"
-        console.say(f"estimate: FRF{plural} of {len(responses)} configuration{plural} {each}")
-        compensated = {}
-        for row in () if friction is None else friction_rows(friction):
-            if row.coulomb_torque is not None:
-                compensated[row.place] = f"{row.coulomb_torque:.4g} {row.unit} (std {row.std:.2g})"
-        if compensated:
+        sizes = f"(DFT lines: {listed(lines)})"
+        if len({*lines.values()}) == 1:
+            sizes = f"with {responses[0].n_lines} DFT lines{' each' * bool(plural)}"
+        console.say(f"estimate: FRF{plural} of {len(responses)} configuration{plural} {sizes}")
+        rows = [] if friction is None else [row for row in friction_rows(friction) if row.coulomb_torque is not None]
+        if rows:
+            torques = {row.place: f"{row.coulomb_torque:.4g} {row.unit} (std {row.std:.2g})" for row in rows}
             motors = "Coulomb friction of the motors (link-side values)"
-            console.say(f"estimate: {motors} subtracted from the torque: {listed(compensated)}")
+            console.say(f"estimate: {motors} subtracted from the torque: {listed(torques)}")
         for note in () if friction is None else friction.notes:  # warnings were printed before
             if note.severity == "information" and note.code != "nonlinear/friction-compensated":
                 console.say(f"estimate: {note.text}")
@@ -146,11 +142,8 @@ def imported_responses(study: Study, base: Path) -> Iterator[Response]:
                 response = replace(response, notes=(*response.notes, Note("responses/hold", text, str(path))))
         else:
             if not spec.channels:
-                raise StudyError(
-                    "study/invalid",
-                    "the inputs and outputs of this file are not stated. List them in experiment.responses.channels",
-                    path,
-                )
+                text = "the inputs and outputs of this file are not stated. List them in experiment.responses.channels"
+                raise StudyError("study/invalid", text, path)
             with naming(path, f"its values are no frequency response; look at them with `elastid inspect {path}`"):
                 table = read_table(path, spec, file.response)
                 response = link_side_response(table, spec, configuration, study.places, estimator.quantity)
@@ -186,10 +179,6 @@ def _response_of_another_run(
         return replace(response, configuration=configuration)
     # Angles that differ by more than 1e-3 rad (positions: 1e-3 m) are another configuration.
     if angles.shape != planned.shape or np.any(np.abs(angles - planned) > 1e-3):
-        raise DataError(
-            "responses/table",
-            f"{name} was measured at {angles.tolist()}, the study's {configuration.name} is at "
-            f"{planned.tolist()}; correct experiment.configurations",
-            path,
-        )
+        text = f"{name} was measured at {angles.tolist()}, the study's {configuration.name} is at {planned.tolist()}"
+        raise DataError("responses/table", f"{text}; correct experiment.configurations", path)
     return replace(response, configuration=configuration)

@@ -52,7 +52,7 @@ def fit(study: Study, work: Work) -> Artefacts:
 
     An interrupted fit leaves its finished starts in fit.partial, from where the next is resumed.
     """
-    robot, spec, left_out = study.as_robot(), study.seeded_fit, study.validation.configurations
+    robot, spec, validation = study.as_robot(), study.seeded_fit, study.validation.configurations
     responses, friction = read_responses(work.sources["estimate"]), read_friction(work.sources["estimate"])
     recorded, loop = study.experiment.recorded, None
     if recorded is not None and recorded.has_no_torque and recorded.controller is not None:
@@ -69,7 +69,7 @@ def fit(study: Study, work: Work) -> Artefacts:
         tapped = [
             replace(G, configuration=replace(G.configuration, name=G.configuration.name + AT_TOOL))
             for G in tool_responses(study.tool, study, work.base)
-            if G.configuration.name not in left_out
+            if G.configuration.name not in validation
         ]
     try:
         with work.execution(work.checkpoint()) as execution:
@@ -84,7 +84,7 @@ def fit(study: Study, work: Work) -> Artefacts:
     result = replace(result, notes=(*noted, *notes_of(tapped), *loop_notes, *combination_notes(result)))
     model_of_all = FittedRobot.of(result, robot, responses, study.model)
     modelled = model_of_all.responses_by(effects)
-    agreements = [agreement(m, G, m.configuration.name in left_out) for m, G in zip(responses, modelled, strict=True)]
+    agreements = [agreement(m, G, m.configuration.name in validation) for m, G in zip(responses, modelled, strict=True)]
     notes = notes_of(responses)
     rows = fitted_rows(study, result, friction)
     modes = modes_of(model_of_all)
@@ -92,11 +92,11 @@ def fit(study: Study, work: Work) -> Artefacts:
     figures = {"modes": (modes, MODES), "dense": (dense_models(model_of_all), DENSE)}
 
     def report(console: Console) -> None:
-        every = work.unanswered(result.shown_notes)
+        all_notes = work.unanswered(result.shown_notes)
         # The end of the run has the first cause.
         is_last = console.verbosity >= 0 and not work.has_gears and bool(result.cause[0])
         first = "".join(result.cause) if is_last else ""
-        console.notes((note for note in every if str(note) != first), on_page=True)
+        console.notes((note for note in all_notes if str(note) != first), on_page=True)
         seconds = (second.sentence for second in (result.static, result.tool) if second is not None)
         reason = "the residuals exceed the noise" if result.exceeds_noise else "the data contradict the robot model"
         status = f"misfit ({reason})" if result.status == "misfit" else result.status.replace("_", " ")
@@ -137,25 +137,25 @@ def conclude(run: Run) -> None:
 
     MisfitError for a significant model error, FitError for a fit without a usable optimum.
     """
-    opened = read_gears(run.path("gears")) if "gears" in run.stages and run.path("gears").exists() else None
+    gear_result = read_gears(run.path("gears")) if "gears" in run.stages and run.path("gears").exists() else None
     linear, say = read_fit(run.path("fit")), run.console.say
-    result = linear if opened is None else with_gears(linear, opened)
+    result = linear if gear_result is None else with_gears(linear, gear_result)
     estimated = run.path("estimate").exists()  # a kept fit does not need it
     friction = read_friction(run.path("estimate")) if estimated else None
-    rows = fitted_rows(run.study, result, friction, opened)
+    rows = fitted_rows(run.study, result, friction, gear_result)
     run.console.table(result_table(result.display, rows))
     for line in _legend(run.study.as_robot(), result, rows, friction):
         say(line)
-    if opened is not None and not opened.refused:
-        run.console.table(gear_table(opened))
-        say(f"gears: {gear_line(opened)}")
+    if gear_result is not None and not gear_result.refused:
+        run.console.table(gear_table(gear_result))
+        say(f"gears: {gear_line(gear_result)}")
     for note in result.notes:
         if note.code == COMBINATION:
             say(note.text)
     if estimated and (mixed := ", ".join(row.name for row in rows if row.has_coulomb)):
         say(f"{mixed}: {WITH_COULOMB}")
     explained = result.status != linear.status
-    for line in _with_gears(result, rows, opened) if explained else _answers(run, result, rows, opened):
+    for line in _with_gears(result, rows, gear_result) if explained else _answers(run, result, rows, gear_result):
         say(line)
     run.say_files([*run.stages["report"].leaves, run.stages["fit"].leaves[1]])
     status, meaning = result.status.replace("_", " "), result.meaning

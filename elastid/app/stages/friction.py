@@ -103,17 +103,15 @@ def constant_velocity(study: Study, work: Work) -> Artefacts:
         for fit in joint_fits:
             console.say(f"constant_velocity: joint {fit.joint}: {_level_words(fit)}")
 
-    def write(path: Path, stamp: Stamp) -> None:
-        stored.write_constant_velocity(path, joint_fits, stamp)
-
-    return Artefacts({"constant_velocity.h5": write}, report)
+    file = {"constant_velocity.h5": lambda path, stamp: stored.write_constant_velocity(path, joint_fits, stamp)}
+    return Artefacts(file, report)
 
 
 def friction(study: Study, work: Work) -> Artefacts:
     """Fit friction: friction.h5, summary.json, identified_robot.yml; a failure leaves a summary and FitError."""
-    name, robot, left_out = study.name, study.as_robot(), study.validation.configurations
+    name, robot, validation_names = study.name, study.as_robot(), study.validation.configurations
     joint_fits = stored.read_constant_velocity(work.sources["constant_velocity"])
-    measured, validation = stored.read_friction_records(work.sources["measure"]).divided(left_out)
+    measured, validation = stored.read_friction_records(work.sources["measure"]).divided(validation_names)
     simulated, recorded = study.experiment.simulated, study.experiment.recorded
     truth = None if simulated is None else true_robot(robot, simulated.truth)
     try:
@@ -133,16 +131,12 @@ def friction(study: Study, work: Work) -> Artefacts:
         for words in (*log_comparison.sentences, *(f"validation: {words}" for words in judged.sentences)):
             console.say(f"friction: {words}")
 
-    return Artefacts(
-        {
-            "summary.json": as_json(friction_study_summary(name, result, log_comparison, judged)),
-            "identified_robot.yml": text(robot_of_friction(name, robot, result)),
-            "friction.h5": lambda path, stamp: stored.write_friction_result(
-                path, result, stamp, log_comparison, judged
-            ),
-        },
-        report,
-    )
+    files: dict[str, Write] = {
+        "summary.json": as_json(friction_study_summary(name, result, log_comparison, judged)),
+        "identified_robot.yml": text(robot_of_friction(name, robot, result)),
+        "friction.h5": lambda path, stamp: stored.write_friction_result(path, result, stamp, log_comparison, judged),
+    }
+    return Artefacts(files, report)
 
 
 def report_friction(study: Study, work: Work) -> Artefacts:
@@ -187,18 +181,14 @@ def conclude(run: Run) -> None:
 def _level_words(joint: SlidingFriction) -> str:
     unit = "m/s" if joint.slides else "rad/s"
     parts = []
-    if joint.constant_velocity is not None:
-        curve = joint.constant_velocity
+    if (curve := joint.constant_velocity) is not None:
         parts.append(f"{curve.n_conditions} velocities from {curve.speed.min():.3g} to {curve.speed.max():.3g} {unit}")
     if joint.motion is not None:
         parts.append(f"trajectories, unexplained torque {joint.motion.regression.relative_error:.1%}")
         parts.append(joint.motion.time_summary)
-    if joint.commanded is not None:
-        fit, distance = joint.commanded, "m" if joint.slides else "rad"
-        parts.append(
-            f"{fit.seconds:.3g} s of commands, error of simulated position {number(fit.rms, 2)} {distance} rms "
-            f"({fit.relative_error:.1%})"
-        )
+    if (fit := joint.commanded) is not None:
+        size = f"{number(fit.rms, 2)} {unit.removesuffix('/s')} rms ({fit.relative_error:.1%})"
+        parts.append(f"{fit.seconds:.3g} s of commands, error of simulated position {size}")
     return ", ".join(parts) or "no log with sliding"
 
 

@@ -42,28 +42,29 @@ from elastid.study import Study
 def gears(study: Study, work: Work) -> Artefacts:
     """Write gears.h5, and add the effects to summary.json and identified_robot.yml of the fit."""
     robot, model, files_of = study.as_robot(), study.model, work.sources
-    every, friction = read_responses(files_of["estimate"]), read_friction(files_of["estimate"])
-    responses, result = study.fitted(every), read_fit(files_of["fit"])
+    measured, friction = read_responses(files_of["estimate"]), read_friction(files_of["estimate"])
+    responses, result = study.fitted(measured), read_fit(files_of["fit"])
     planned = read_plan(files_of["design"]).lines if "design" in files_of else None
     records = [RecordsOnShafts(files_of["measure"], response.configuration.name, None) for response in responses]
     with work.execution() as execution:
         start = on_straight_springs(robot, responses, result, model, study.seeded_fit, execution)
         spec = study.gears or GearsSpec()
-        opened = identify_gears(records, responses, *start, study.estimator, spec, execution, model, planned)
-    final, summary = with_gears(result, opened), _summary(files_of["fit"].with_name("summary.json"))
-    content = with_gear_section(summary, result, fitted_rows(study, final, friction, opened), opened)
+        gear_result = identify_gears(records, responses, *start, study.estimator, spec, execution, model, planned)
+    final, summary = with_gears(result, gear_result), _summary(files_of["fit"].with_name("summary.json"))
+    content = with_gear_section(summary, result, fitted_rows(study, final, friction, gear_result), gear_result)
+    robots = robot_files(study.name, robot, final, friction, measured.names, gear_result)
     files: dict[str, Write] = {
         "summary.json": as_json(content),
-        **{file: text(spec) for file, spec in robot_files(study.name, robot, final, friction, every.names, opened)},
-        "gears.h5": lambda path, stamp: write_gears(path, opened, stamp),
+        **{file: text(robot_file) for file, robot_file in robots},
+        "gears.h5": lambda path, stamp: write_gears(path, gear_result, stamp),
     }
 
     def report(console: Console) -> None:
         linear = [*result.notes, *notes_of(responses)]
-        console.notes(opened.unanswered_notes(note for note in linear if note.code in ANSWERED))
-        console.notes(opened.notes)
-        if opened.refused:  # the end of the run has the effects
-            console.warn(f"gears: {gear_line(opened)}")
+        console.notes(gear_result.unanswered_notes(note for note in linear if note.code in ANSWERED))
+        console.notes(gear_result.notes)
+        if gear_result.refused:  # the end of the run has the effects
+            console.warn(f"gears: {gear_line(gear_result)}")
 
     return Artefacts(files, report)
 
@@ -80,12 +81,9 @@ def on_straight_springs(
     if straight == robot:
         return result, robot
     names = sorted(set(result.parameters.free_names) - set(straight.parameters(straight.geometry)))
-    if terms := [name for name in names if name in robot.parameters()]:
-        raise StudyError(
-            "fit/parameters",
-            f"fit.parameters frees {', '.join(terms)}, and gears finds the law of a spring from the records; leave out "
-            f"{', '.join(terms)}, or the section gears",
-        )
+    if terms := ", ".join(name for name in names if name in robot.parameters()):
+        text = f"fit.parameters frees {terms}, and gears finds the law of a spring from the records"
+        raise StudyError("fit/parameters", f"{text}; leave out {terms}, or the section gears")
     bare = replace(spec, profile=(), bootstrap=0)
     start = identify(responses, straight, bare, model=model, execution=execution.quiet, hypotheses=WITHOUT_OTHER_ROBOTS)
     return start, straight

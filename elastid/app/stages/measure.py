@@ -11,11 +11,10 @@ import numpy as np
 
 from elastid.app.console import Console
 from elastid.app.run import Artefacts, Work
-from elastid.base.arrays import FloatArray
 from elastid.base.errors import Note
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.fit.load_tests import LoadsSpec, LoadTest
+from elastid.fit.load_tests import LoadsSpec
 from elastid.fit.problem.static_loads import PlacedTest, load_of, placed_tests
 from elastid.friction_record import FrictionRecord
 from elastid.linear.static_deflection import LoadedRobot
@@ -118,18 +117,16 @@ def tests_of(study: Study, loads: LoadsSpec, responses: Sequence[Response]) -> t
         return tests
     truth = true_robot(study.as_robot(), experiment.simulated.truth)
     placed = tuple(load_of(load, truth) for load in tests)
-    model = formulate(
-        with_frames(truth, (name for load in placed for name in (load.frame, load.read_at))), experiment.simulated.model
-    )
+    frames = (name for load in placed for name in (load.frame, load.read_at))
+    model = formulate(with_frames(truth, frames), experiment.simulated.model)
     thetas = [model.theta] * len(placed)
     exact, _ = LoadedRobot.of(model, placed, thetas, ()).deflections(thetas)
     draws = np.random.SeedSequence([study.seed, len(tests)]).spawn(len(tests))
-    return tuple(
-        load if load.test.deflection is not None else replace(load, test=_measured(load.test, y, draw))
-        for load, y, draw in zip(tests, exact, draws, strict=True)
-    )
-
-
-def _measured(test: LoadTest, exact: FloatArray, draw: np.random.SeedSequence) -> LoadTest:
-    values = np.random.default_rng(draw).normal(exact, test.deviations).tolist()
-    return replace(test, deflection=values[0] if test.n_readings == 1 else tuple(values))
+    readings = []
+    for load, y, draw in zip(tests, exact, draws, strict=True):
+        test = load.test
+        if test.deflection is None:
+            values = np.random.default_rng(draw).normal(y, test.deviations).tolist()
+            test = replace(test, deflection=values[0] if test.n_readings == 1 else tuple(values))
+        readings.append(replace(load, test=test))
+    return tuple(readings)

@@ -3,11 +3,12 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 from elastid.app.console import Console
 from elastid.app.identified_robot import with_findings
-from elastid.app.run import Artefacts, Work
+from elastid.app.run import Artefacts, Work, Write
 from elastid.app.stages.estimate import tool_responses
 from elastid.app.summaries import as_json, validation_summary
 from elastid.base.arrays import FloatArray
@@ -55,13 +56,13 @@ def validate(study: Study, work: Work) -> Artefacts:
     records = work.sources.get("measure")
     if records is None and study.experiment.responses is None:
         work.console.say("validate: no simulation in time, because records.h5 is missing or outdated")
-    left_out = study.validation.configurations
+    validation_names = study.validation.configurations
     with work.execution() as execution:
-        judged, log_comparison = judge(basis, left_out, records, work.console, execution)
+        judged, log_comparison = judge(basis, validation_names, records, work.console, execution)
     has_tool = result.tool is not None and not result.tool.disagrees
     predictions = [predict_response(result, G) for G in tool_responses(study.validation.tool, study, work.base)]
     predictions += [
-        predict_response(result, G, is_fitted=has_tool and G.configuration.name not in left_out)
+        predict_response(result, G, is_fitted=has_tool and G.configuration.name not in validation_names)
         for G in tool_responses(study.tool, study, work.base)
     ]
     verdict = judged.verdict
@@ -79,19 +80,15 @@ def validate(study: Study, work: Work) -> Artefacts:
         for words in replace(log_comparison, balances=tuple(worst)).sentences:
             console.detail(f"validate: {words}")
 
-    return Artefacts(
-        {
-            "validation.json": as_json(validation_summary(study.name, judged, log_comparison)),
-            "validation.h5": lambda path, stamp: write_validation(
-                path, judged, stamp, log_comparison, measured_modes(fitted)
-            ),
-        },
-        report,
-    )
+    files: dict[str, Write] = {
+        "validation.json": as_json(validation_summary(study.name, judged, log_comparison)),
+        "validation.h5": lambda p, stamp: write_validation(p, judged, stamp, log_comparison, measured_modes(fitted)),
+    }
+    return Artefacts(files, report)
 
 
 def judge(
-    basis: Validated, left_out: Sequence[str], records: Path | None, console: Console, execution: Execution
+    basis: Validated, validation_names: Sequence[str], records: Path | None, console: Console, execution: Execution
 ) -> tuple[Validation, LogComparison]:
     """Compute errors of all responses, those for validation with the interval of a prediction, and of the simulation.
 
@@ -103,9 +100,9 @@ def judge(
     shifts = {
         name: fitted.at(name).response_shifts(G.freq_hz)
         for G in fitted.measured
-        if (name := G.configuration.name) in left_out
+        if (name := G.configuration.name) in validation_names
     }
-    return validate_responses(fitted.measured, fitted.responses, left_out, shifts), log_comparison
+    return validate_responses(fitted.measured, fitted.responses, validation_names, shifts), log_comparison
 
 
 def _balances(basis: Validated, path: Path, console: Console, execution: Execution) -> tuple[TorqueBalance, ...]:
@@ -119,13 +116,11 @@ def _balances(basis: Validated, path: Path, console: Console, execution: Executi
     except StudyError as error:
         console.say(f"validate: no torque balance: {error}")
         return ()
-    models = [
-        (parts, response)
-        for response in fitted.measured
-        if (name := response.configuration.name) in names and (parts := model_parts(fitted, rigid, name)) is not None
-    ]
-    of_each = execution.ordered(partial(_balanced, path, basis.friction, E, basis.study.estimator), models)
-    return tuple(balance for of_motors in of_each for balance in of_motors)
+    responses = [response for response in fitted.measured if response.configuration.name in names]
+    pairs = ((model_parts(fitted, rigid, response.configuration.name), response) for response in responses)
+    models = [(parts, response) for parts, response in pairs if parts is not None]
+    balances = execution.ordered(partial(_balanced, path, basis.friction, E, basis.study.estimator), models)
+    return tuple(chain.from_iterable(balances))
 
 
 def _balanced(

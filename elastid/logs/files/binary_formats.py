@@ -132,26 +132,16 @@ def open_tdms(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     with nptdms.TdmsFile.open(path) as file:
         channels = {f"{c.group_name}/{c.name}": c for group in file.groups() for c in group.channels() if len(c) > 0}
         arrays = {name: _channel(c) for name, c in channels.items()}
-        starts = {n: s for n, c in channels.items() if arrays[n].rate_hz and (s := _start_s(c.properties)) is not None}
+        waves = {n: c.properties for n, c in channels.items() if arrays[n].rate_hz and "wf_start_time" in c.properties}
+        stamps = np.array([p["wf_start_time"] for p in waves.values()], "datetime64[us]")
+        offsets_s = np.array([float(p.get("wf_start_offset", 0.0)) for p in waves.values()])
+        starts = dict(zip(waves, (seconds(stamps, stamps[:1]) + offsets_s).tolist(), strict=True))
         for name, start_s in starts.items() if len({*starts.values()}) > 1 else ():
             rate_hz, n, first_s = arrays[name].rate_hz or 1.0, len(channels[name]), start_s - min(starts.values())
             times = partial(np.linspace, first_s, first_s + n / rate_hz, n, False)
             arrays[name] = replace(arrays[name], time=f"{name}/time")
             arrays[f"{name}/time"] = StoredArray((n,), np.dtype(np.float64), times, "s")
         yield ArrayLog(path, arrays)
-
-
-def _start_s(properties: Mapping[str, Any]) -> float | None:
-    """Return the time of the first sample of a waveform in s, None if unknown."""
-    start = properties.get("wf_start_time")
-    if start is None:
-        return None
-    return float((np.datetime64(start) - _EPOCH) / np.timedelta64(1, "us")) * 1e-6 + float(
-        properties.get("wf_start_offset", 0.0)
-    )
-
-
-_EPOCH = np.datetime64("2000-01-01T00:00:00", "us")
 
 
 def _channel(channel: Any) -> StoredArray:

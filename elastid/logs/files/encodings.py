@@ -64,8 +64,8 @@ def encoding_of(raw: bytes) -> str:
     return "utf-8-sig"
 
 
-_MARKS = {codecs.BOM_UTF32_LE: "utf-32", codecs.BOM_UTF32_BE: "utf-32", codecs.BOM_UTF16_LE: "utf-16"}
-_MARKS |= {codecs.BOM_UTF16_BE: "utf-16"}
+# The longer marks first: that of UTF-32 begins as that of UTF-16.
+_MARKS = {getattr(codecs, f"BOM_UTF{n}_{end}"): f"utf-{n}" for n in ("32", "16") for end in ("LE", "BE")}
 
 
 def wide_encoding(raw: bytes) -> str:

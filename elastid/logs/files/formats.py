@@ -143,9 +143,8 @@ def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Log]:
     """Open a log file, whatever its format; arrays are read while it is open."""
     if not is_log(path):
         problem = "is a folder but not a ROS 2 bag (it has no metadata.yaml)" if os.path.isdir(path) else "is not there"
-        raise StudyError(
-            "files/missing", f"log file {path} {problem}. Check path under files (relative to the study's folder)"
-        )
+        advice = "Check path under files (relative to the study's folder)"
+        raise StudyError("files/missing", f"log file {path} {problem}. {advice}")
     log_format = _format_of(path)
     damage = f"damaged, truncated or not a {log_format.name} file"
     guard = partial(_refuse_errors, lambda error: f"{path}: {damage} ({error}); {log_format.advice}")

@@ -140,10 +140,8 @@ class ArrayLog:
         lengths = [len(signal) for signal in signals]
         if len(set(lengths)) > 1:
             table = ", ".join(f"{c.name_in_file} {n}" for c, n in zip(channels, lengths, strict=True))
-            raise self._refusal(
-                f"the channels have different lengths: {table} samples. Choose channels of one recording, or state "
-                "rate_hz of those at another rate"
-            )
+            advice = "Choose channels of one recording, or state rate_hz of those at another rate"
+            raise self._refusal(f"the channels have different lengths: {table} samples. {advice}")
         return np.stack(signals).T  # each signal in one piece, as all that follows takes them
 
     def time_of(self, channel: ChannelSpec) -> str:
@@ -176,9 +174,8 @@ class ArrayLog:
             # A piece may hold fewer samples than signals.
             return self._column(channel, name, values.reshape(len(values), -1))
         if values.ndim > 2:
-            raise self._refusal(
-                f"channel {name} has {values.ndim} axes {values.shape}; at most 2 are allowed. Choose another variable"
-            )
+            problem = f"channel {name} has {values.ndim} axes {values.shape}; at most 2 are allowed"
+            raise self._refusal(f"{problem}. Choose another variable")
         # Samples outnumber signals: a matrix with its samples along a row is transposed.
         matrix = np.atleast_2d(values).T if values.ndim == 1 or values.shape[0] < values.shape[1] else values
         return self._column(channel, name, matrix)[span]
@@ -188,14 +185,12 @@ class ArrayLog:
         if 0 in matrix.shape:
             raise self._refusal(f"channel {name} contains no samples. Measure again")
         if channel.column is None and columns > 1:
-            raise self._refusal(
-                f"channel {name} contains {columns} signals of {n} samples. Give column: 1 to {columns}"
-            )
-        if channel.column is not None and channel.column > columns:
-            raise self._refusal(
-                f"channel {name} has {columns} columns, counted from 1, not {channel.column}. Correct column"
-            )
-        return matrix[:, (channel.column or 1) - 1]
+            text = f"channel {name} contains {columns} signals of {n} samples"
+            raise self._refusal(f"{text}. Give column: 1 to {columns}")
+        column = channel.column or 1
+        if column > columns:
+            raise self._refusal(f"channel {name} has {columns} columns, counted from 1, not {column}. Correct column")
+        return matrix[:, column - 1]
 
     def _refusal(self, text: str) -> DataError:
         return DataError("records/channels", text, self.path)

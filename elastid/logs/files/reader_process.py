@@ -35,6 +35,10 @@ _one_request = RLock()
 _log = logging.getLogger(__name__)
 
 
+# Opens a file as a log.
+Opener: TypeAlias = Callable[[Path, TextFormatSpec], AbstractContextManager[ArrayLog]]
+
+
 @dataclass(frozen=True)
 class _File:
     """A file by its path from a folder, the function that opens it, by module and name, and its version."""
@@ -48,14 +52,8 @@ class _File:
     def opened(self) -> AbstractContextManager[ArrayLog]:
         """Return the log, in the process that reads."""
         os.chdir(self.folder)
-        log: AbstractContextManager[ArrayLog] = getattr(import_module(self.module), self.name)(
-            self.path, TextFormatSpec()
-        )
-        return log
-
-
-# Opens a file as a log.
-Opener: TypeAlias = Callable[[Path, TextFormatSpec], AbstractContextManager[ArrayLog]]
+        opener: Opener = getattr(import_module(self.module), self.name)
+        return opener(self.path, TextFormatSpec())
 
 
 def guarded(reader: Opener) -> Opener:
@@ -64,9 +62,8 @@ def guarded(reader: Opener) -> Opener:
     @contextmanager
     def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
         members = sorted(path.iterdir()) if path.is_dir() else [path]
-        version = tuple(
-            (member.name, s.st_ino, s.st_size, s.st_mtime_ns) for member in members for s in [member.stat()]
-        )
+        stats = [(member.name, member.stat()) for member in members]
+        version = tuple((name, s.st_ino, s.st_size, s.st_mtime_ns) for name, s in stats)
         file, arrays = _File(reader.__module__, reader.__name__, os.getcwd(), path, version), {}
         for name, (shape, dtype, units, rate_hz, has_rows, time) in _ask(file).items():
             values = partial(_ask, file, name)
@@ -152,7 +149,8 @@ def serve() -> None:
                 opened.close()
                 last, signals = None, dict(opened.enter_context(file.opened()).arrays)
                 last = file
-            reply = _values(signals[name], span) if name else {n: _description(x) for n, x in signals.items()}
+            rows = ((n, (x.shape, x.dtype, x.units, x.rate_hz, x.rows is not None, x.time)) for n, x in signals.items())
+            reply = _values(signals[name], span) if name else dict(rows)
         except MemoryError:
             amount = f"more than {limit / 1e9:.3g} GB of" if limit else "more"
             reply = ValueError(f"its reader needs {amount} memory")
@@ -185,10 +183,6 @@ def limit_memory() -> int:
     except (ValueError, OSError):
         return 0
     return limit
-
-
-def _description(array: StoredArray) -> tuple[object, ...]:
-    return array.shape, array.dtype, array.units, array.rate_hz, array.rows is not None, array.time
 
 
 def _values(array: StoredArray, span: slice | None) -> NDArray[Any]:

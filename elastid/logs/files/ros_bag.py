@@ -58,20 +58,19 @@ class _Topic:
 
     def arrays(self, begin_ns: int) -> Iterator[tuple[str, StoredArray]]:
         """Yield name and array of each signal; times are from begin_ns on."""
-        if self.first is None:
-            return
         if self.is_joint_state:
             yield from self._joint_arrays(begin_ns)
+        if self.is_joint_state or not self.first:
             return
         columns, time = _numbers(self.first[0][1]), f"{self.name}.time"
         n = sum(connection.msgcount for connection in self.connections)
         if columns:
-            yield time, _stored((n,), lambda: _seconds(self._columns[0], begin_ns), "s")
+            yield time, _stored((n,), partial(self._times, begin_ns), "s")
         for field, values in columns.items():
             yield f"{self.name}.{field}", _stored((n, *values.shape), partial(self._column, field), "", time)
 
     def _joint_arrays(self, begin_ns: int) -> Iterator[tuple[str, StoredArray]]:
-        times, columns = _seconds(self._columns[0], begin_ns), self._columns[1]
+        times, columns = self._times(begin_ns), self._columns[1]
         shared, time = all(len(numbers) == len(times) for numbers, _ in columns.values()), f"{self.name}.time"
         if shared:
             yield time, _stored((len(times),), lambda: times, "s")
@@ -95,6 +94,10 @@ class _Topic:
                 numbers.append(number)
                 values.append(value)
         return stamps, columns
+
+    def _times(self, begin_ns: int) -> NDArray[np.float64]:
+        # Differences come first, since ns since 1970 exceed float64.
+        return np.array([stamp - begin_ns for stamp in self._columns[0]]) * 1e-9
 
     def _column(self, field: str) -> NDArray[Any]:
         """Return values (n,) or (n, columns); ValueError if a sequence changes its length."""
@@ -133,11 +136,6 @@ def _numbers(message: Any, prefix: str = "") -> dict[str, NDArray[Any]]:
         elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and 0 < value.size <= 64:
             columns[name] = np.array(value, dtype=np.float64)
     return columns
-
-
-def _seconds(stamps: list[int], begin_ns: int) -> NDArray[np.float64]:
-    # Differences come first, since ns since 1970 exceed float64.
-    return np.array([stamp - begin_ns for stamp in stamps]) * 1e-9
 
 
 def _stored(shape: tuple[int, ...], read: Callable[[], NDArray[Any]], units: str = "", time: str = "") -> StoredArray:

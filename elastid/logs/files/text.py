@@ -143,9 +143,7 @@ class TextLog(Log):
         Dates and times of day are s.  Rows of words, such as headings, are no samples.
         """
         nonempty = [fields for line in lines if (fields := split_line(line, self.format))]
-        rows = [
-            fields for fields in nonempty if any(is_number(field) or TIME_STAMP.fullmatch(field) for field in fields)
-        ]
+        rows = [fields for fields in nonempty if any(is_number(cell) or TIME_STAMP.fullmatch(cell) for cell in fields)]
         columns = [cell_values([row[i] if i < len(row) else "" for row in rows]) for i in selection]
         is_wrong = np.any([is_missing for _, is_missing in columns], axis=0)
         return np.stack([x for x, _ in columns], axis=1), int(is_wrong.sum()) + len(nonempty) - len(rows)
@@ -160,20 +158,16 @@ class TextLog(Log):
 
     def _complaint(self, columns: Sequence[int], lines: Sequence[str], first: int) -> str:
         for number, line in enumerate(lines, start=first + 1):
-            fields = split_line(line, self.format)
+            fields, row = split_line(line, self.format), f"{self.path}, row {number}"
             for column in columns if fields else ():
                 title = f" ('{self.headings[column]}')" if column < len(self.headings) else ""
                 if column >= len(fields):
-                    return (
-                        f"{self.path}, row {number}: {len(fields)} columns; column {column + 1}{title} is needed. "
-                        "Correct the row, or exclude it by samples"
-                    )
+                    text = f"{row}: {len(fields)} columns; column {column + 1}{title} is needed"
+                    return text + ". Correct the row, or exclude it by samples"
                 if cell_values(fields[column : column + 1])[1].any():
-                    return (
-                        f"{self.path}, row {number}, column {column + 1}{title}: '{fields[column]}' is not a number. "
-                        "Check delimiter and decimal under text, or correct the "
-                        f"row{otherwise_written(self.path, self.format)}"
-                    )
+                    text = f"{row}, column {column + 1}{title}: '{fields[column]}' is not a number"
+                    advice = "Check delimiter and decimal under text, or correct the row"
+                    return f"{text}. {advice}{otherwise_written(self.path, self.format)}"
         return ""
 
     def _column(self, channel: ChannelSpec) -> int:
@@ -189,22 +183,15 @@ class TextLog(Log):
                 raise DataError("records/channels", message + start + otherwise_written(self.path, self.format))
             if column not in (headed if len(headed) > 1 else (None, *headed)):
                 places = ", ".join(map(str, headed))
-                raise DataError(
-                    "records/channels",
-                    f"{self.path}: several columns have the heading '{channel.channel}', {places}. Give column, too"
-                    if column is None
-                    else (
-                        f"{self.path}: the heading '{channel.channel}' is not in column {column} but in column {places}"
-                    ),
-                )
+                text = f"several columns have the heading '{channel.channel}', {places}. Give column, too"
+                if column is not None:
+                    text = f"the heading '{channel.channel}' is not in column {column} but in column {places}"
+                raise DataError("records/channels", text, self.path)
             return (column or headed[0]) - 1
         column = column or 1
         if column > self.n_columns:
-            raise DataError(
-                "records/channels",
-                f"column {column} does not exist; the file has {self.n_columns}, counted from 1. Correct column",
-                self.path,
-            )
+            text = f"column {column} does not exist; the file has {self.n_columns}, counted from 1. Correct column"
+            raise DataError("records/channels", text, self.path)
         return column - 1
 
 
@@ -220,31 +207,24 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
     if problem:
         raise StudyError("study/recorded", problem, "text")
     lines, numbers = _lines(path, text)
-    numbers = _without_end(numbers, text)
+    last = numbers[-HEAD_LINES:]
+    ends = [i for i, line in enumerate(last, start=1) if any(map(is_number, split_line(line, text)))]
+    # EOF or a remark may follow the last line with a number.
+    numbers = _first_lines(numbers, len(numbers) - len(last) + ends[-1]) if ends else numbers
     first = find_data_start(numbers, text.header_lines, text)
     if first >= len(numbers) and not any(line.strip() for line in lines):
         raise DataError("records/text", "the file is empty. Export it again, or name another file", path)
     if first >= len(numbers):
-        raise DataError(
-            "records/text",
-            f"no numbers in its {len(lines)} lines after header_lines: {text.header_lines} with delimiter "
-            f"'{text.delimiter}'. Set delimiter, decimal and header_lines under text{otherwise_written(path, text)}",
-            path,
-        )
+        problem = f"no numbers in its {len(lines)} lines after header_lines: {text.header_lines} with delimiter"
+        advice = "Set delimiter, decimal and header_lines under text"
+        message = f"{problem} '{text.delimiter}'. {advice}{otherwise_written(path, text)}"
+        raise DataError("records/text", message, path)
     n_columns = len(split_line(numbers[first], text))
     headings = find_headings(lines[:first], text, n_columns)
     if delimiter is None and is_scope(headings) and len(split_line(numbers[-1], text)) < n_columns:
         problem = "channels have different sample times, and blanks do not show empty cells. Export the log with tabs"
         raise DataError("records/text", problem, path)
     yield TextLog(path, text, numbers, headings, first, n_columns, find_units(lines[:first], text, headings))
-
-
-def _without_end(numbers: Sequence[str], text: TextFormatSpec) -> Sequence[str]:
-    """Return lines up to the last one with a number: EOF or a remark may follow it."""
-    last = numbers[-HEAD_LINES:]
-    filled = [i for i, line in enumerate(last, start=1) if any(map(is_number, split_line(line, text)))]
-    n = len(numbers) - len(last) + filled[-1] if filled else len(numbers)
-    return _first_lines(numbers, n)
 
 
 def _first_lines(lines: Sequence[str], n: int) -> Sequence[str]:
@@ -264,9 +244,8 @@ def _lines(path: Path, text: TextFormatSpec) -> tuple[Sequence[str], Sequence[st
     if archive := next((name for mark, name in _ARCHIVES.items() if raw.startswith(mark)), ""):
         raise DataError("files/damaged", f"{archive} is not read. Unpack it, and give the path of the log", path)
     if b"\0" in raw[:4096] and not wide_encoding(raw):
-        raise DataError(
-            "files/damaged", "neither text nor a format that elastid reads. Export it as CSV, MATLAB or HDF5", path
-        )
+        problem = "neither text nor a format that elastid reads. Export it as CSV, MATLAB or HDF5"
+        raise DataError("files/damaged", problem, path)
     if is_large and b"\n" in raw and not wide_encoding(raw) and packing(path) is None:
         encoding = encoding_of(raw[: raw.rindex(b"\n")])
         return FileLines.of(path, encoding, str), FileLines.of(path, encoding, partial(plain_numbers, text=text))

@@ -24,7 +24,6 @@ _EXPONENT = re.compile(rb"(\d\.\d+)[Dd]([+-]\d\d)")
 _DIRECTIONS = ("", "x", "y", "z", "rx", "ry", "rz")
 UFF_QUANTITIES = {8: "position", 11: "velocity", 12: "acceleration"}
 _UNITS = {8: "m", 11: "m/s", 12: "m/s^2", 13: "N"}
-TIME_HISTORY = 1
 # Functions of a data set 58 by their type.
 FUNCTIONS = {
     0: "unknown", 2: "auto spectrum", 3: "cross spectrum", 5: "transmissibility", 6: "coherence", 9: "power spectral "
@@ -78,7 +77,7 @@ def time_histories(path: Path) -> dict[str, dict[str, Any]]:
     """Return data sets of time histories, by node, direction and, where one has several, number."""
     histories: dict[str, dict[str, Any]] = {}
     for data_set in sets_of(path, 58):
-        if int(data_set["func_type"]) == TIME_HISTORY:
+        if int(data_set["func_type"]) == 1:
             name = place_of(data_set, "rsp")
             histories[name if name not in histories else f"{name} {len(histories) + 1}"] = data_set
     return histories
@@ -89,9 +88,8 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     """Return time histories as a log, with rate and unit; raise DataError without any."""
     histories = time_histories(path)
     if not histories:
-        raise DataError(
-            "records/channels", "no time histories in it. List frequency responses under experiment.responses", path
-        )
+        problem = "no time histories in it. List frequency responses under experiment.responses"
+        raise DataError("records/channels", problem, path)
     yield ArrayLog(path, {name: _array(data_set) for name, data_set in histories.items()})
 
 

@@ -14,10 +14,6 @@ from elastid.base.arrays import FloatArray, IntArray, folded
 from elastid.base.errors import DataError, Note, Severity
 
 MAX_WRONG_FRACTION = 0.01  # of samples, cells or steps of a clock that may be wrong, which are then missing
-_CODES = {  # of findings without a repair
-    "quantised channels": "records/quantised",
-    "samples at a limit": "records/clipped",
-}
 
 
 @dataclass
@@ -57,10 +53,10 @@ class Log:
         """Return the error of a log that is of no use."""
         return DataError(code, text, self.where)
 
-    def report(self, kind: str, count: SupportsInt, text: str) -> None:
+    def report(self, kind: str, count: SupportsInt, text: str, code: str = "records/corrected") -> None:
         """Count the samples or repetitions of a fault by kind, and add a note on it unless `text` is empty."""
         if text:
-            self.note(_CODES.get(kind, "records/corrected"), text)
+            self.note(code, text)
         self.findings.repairs[kind] += int(count)
 
     def after(self, first: int) -> "Log":
@@ -85,7 +81,7 @@ class Log:
 def blocks(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
     """Fold to X (P, L): the whole repetitions of a signal (n,), every second one with opposite sign if sign is -1."""
     X = folded(x, L)
-    return X if sign > 0 else X * float(sign) ** np.arange(len(X))[:, None]
+    return X * float(sign) ** np.arange(len(X))[:, None]
 
 
 def bridged(x: FloatArray) -> FloatArray:
@@ -107,10 +103,3 @@ def without_line(X: FloatArray) -> FloatArray:
     away = X - np.where(good, X, 0.0).sum(axis=-1, keepdims=True) / n
     slope = np.nansum(t_centred * away, axis=-1) / np.maximum(np.sum(t_centred**2, axis=-1), 1e-300)
     return np.asarray(away - t_centred * slope[..., None])
-
-
-def scaled(drivers: FloatArray, N: int) -> FloatArray:
-    """Fold to X (P, N, d): the flat periods of drivers (n, d), each of which has an rms of 1, or is zero."""
-    X = np.stack([flat(x, N) for x in drivers.T], axis=2)
-    size = np.sqrt(np.mean(X**2, axis=(0, 1)))
-    return X / np.where(size > 0, size, 1.0)

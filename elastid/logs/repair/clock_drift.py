@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, folded
-from elastid.logs.repair import Log, scaled
+from elastid.logs.repair import Log, flat
 from elastid.logs.repair.resampling import RESAMPLED, at_times
 
 # Correlation at the best delay at least; below, the signals are not the same.
@@ -105,7 +105,9 @@ class ClockDrift:
 
 def clock_drift(drivers: FloatArray, N: int) -> ClockDrift:
     """Estimate the excess of the period over N samples, from signals (n, c) that the generator sends."""
-    Z = np.fft.rfft(scaled(drivers, N), axis=1)
+    X = np.stack([flat(x, N) for x in drivers.T], axis=2)
+    size = np.sqrt(np.mean(X**2, axis=(0, 1)))
+    Z = np.fft.rfft(X / np.where(size > 0, size, 1.0), axis=1)  # each driver has an rms of 1, or is zero
     # The first period may hold a transient.
     Z = Z[1:] if len(Z) > 3 else Z
     far = max(1, len(Z) // 2)
@@ -138,12 +140,9 @@ def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Flo
         text = f"its period is {T:.3f} samples, not {N}, and the log contains fewer than two. Measure more periods"
         raise log.error("records/clock", text)
     result = at_times(signals, np.arange(periods * N, dtype=np.float64) * (T / N), T)
-    text = (
-        f"the period is {T:.4f} samples, not {N}: the clocks of generator and log differ by {1e6 * (T / N - 1):.1f} "
-        f"ppm; after resampling, {100 * drift.corrected_unexplained / drift.unexplained:.2g} % of the non-repeating "
-        "power remains"
-    )
-    log.report(RESAMPLED, len(result), text)
+    text = f"the period is {T:.4f} samples, not {N}: the clocks of generator and log differ by {1e6 * (T / N - 1):.1f}"
+    text += f" ppm; after resampling, {100 * drift.corrected_unexplained / drift.unexplained:.2g} %"
+    log.report(RESAMPLED, len(result), text + " of the non-repeating power remains")
     return result
 
 

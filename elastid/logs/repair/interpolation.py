@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
+from statistics import NormalDist
 
 import numpy as np
 
@@ -23,7 +24,10 @@ from elastid.base.statistics import STD_OVER_MAD, runs
 # Degree of the polynomial, and samples on each side of the gap that it is fitted to.
 _POLYNOMIALS = ((0, 16), (3, 2), (1, 2))
 _TRIALS = 32  # samples on each side of the gap in which trial gaps lie
-QUANTILE_75 = 1.150349  # of the size of a normal variable, in standard deviations
+# A fraction of deviations that damaged samples leave as it is, and its quantile of the size of a normal variable in
+# standard deviations.
+QUIET_FRACTION = 0.75
+QUIET_STD = NormalDist().inv_cdf((1 + QUIET_FRACTION) / 2)
 _TRIAL_GAP = 8  # samples of a trial gap at most
 MAX_BRIDGED = 2  # longest gap in samples that a polynomial bridges without another period
 _MAX_STEP = 2.0  # of an interpolated sample, over the largest step of the signal
@@ -117,7 +121,7 @@ def _weights(offsets: tuple[int, ...], g: int, degree: int) -> FloatArray:
 def _trial_error(e: FloatArray, offsets: IntArray, weights: FloatArray) -> float:
     """Estimate the error of weights (g, k) on gaps that begin at any other sample of e (m,).
 
-    From the quantile of 75 %: a few damaged samples nearby do not count, a transient on one side does.
+    From the quantile of QUIET_FRACTION: a few damaged samples nearby do not count, a transient on one side does.
     """
     inner = np.arange(len(weights))
     first, last = -min(int(offsets.min()), 0), max(int(offsets.max()), len(weights) - 1)
@@ -126,7 +130,7 @@ def _trial_error(e: FloatArray, offsets: IntArray, weights: FloatArray) -> float
     windows = np.lib.stride_tricks.sliding_window_view(e, first + last + 1)
     errors = windows[:, first + inner] - windows[:, first + offsets] @ weights.T
     errors = errors[np.isfinite(errors).all(axis=1)]
-    return float(np.quantile(np.abs(errors), 0.75) / QUANTILE_75) if errors.size else np.inf
+    return float(np.quantile(np.abs(errors), QUIET_FRACTION) / QUIET_STD) if errors.size else np.inf
 
 
 def period_noise(x: FloatArray, L: int, sign: int) -> float:

@@ -38,7 +38,8 @@ MAX_STATIONARY_FRACTION = 0.1
 MAX_FRACTION, MIN_OVER_USUAL = 0.02, 3.0
 MAX_MISSING_FRACTION = 1 / 3  # a channel that lacks more than this part is refused
 # Of clipping and quantisation.
-MIN_NOISE_FRACTION = 2e-3  # noise of steps is reported from this part of the signal on
+# Noise of steps is reported from this part of the signal on, and limits from this part of the samples.
+MIN_REPORTED_FRACTION = 2e-3
 STEP_SAMPLES = 20_000  # in which steps are looked for
 STEP_CANDIDATES = 5  # smallest differences of values, one of which is one to three steps
 MAX_OFF_GRID = 0.05  # part of the differences that are no whole number of steps
@@ -49,8 +50,7 @@ MAX_STEP_FRACTION = 0.01
 MIN_EQUAL = 2  # so many equal samples in a row are no peak
 MIN_DEPARTURE = 0.05  # between two visits to a limit the signal leaves it by this part of its span
 MIN_PLACES = 3  # a single peak of a period may be flat; a limit is met at several places of a period
-# Parts of a channel at its limits from which on they are reported, and from which on the response is spoilt.
-MIN_CLIPPED_FRACTION, MAX_CLIPPED_FRACTION = 0.002, 0.05
+MAX_CLIPPED_FRACTION = 0.05  # part of a channel at its limits from which on the response is spoilt
 EQUAL_TOLERANCE = 1e-9  # values this close, as a part of the span, are equal
 
 
@@ -191,7 +191,7 @@ CLIPPED = "samples at a limit"
 
 def step(x: FloatArray) -> float:
     """Return the step q of a signal (n,) whose finite values are whole steps apart but for spikes; else 0."""
-    values, smallest_gap = (np.unique(x[:: max(1, len(x) // STEP_SAMPLES)]), 1e-9 * np.nanmax(np.abs(x), initial=0))
+    values, smallest_gap = np.unique(x[:: max(1, len(x) // STEP_SAMPLES)]), 1e-9 * np.nanmax(np.abs(x), initial=0)
     # Spikes off the grid are many among the different values of a coarse grid, but few among the changes. What is whole
     # steps of q is whole steps of a fraction of q, too.
     largest = 0.0
@@ -218,39 +218,31 @@ def _exact_step(gaps: FloatArray, q: float) -> float:
 def report_steps(signals: FloatArray, L: int, sign: int, log: Log) -> None:
     """Report each channel of signals (n, c) with a noise of steps that counts relative to its repeating part."""
     for c, name in enumerate(log.names):
-        q = step(signals[:, c])
-        mean = flat(signals[:, c], L, sign).mean(axis=0)
-        if q == 0 or np.ptp(mean) < (MIN_VALUES - 1.5) * q:
-            continue
+        q, mean = step(signals[:, c]), flat(signals[:, c], L, sign).mean(axis=0)
         size, noise = float(mean.std()), q / np.sqrt(12)
-        if noise < MIN_NOISE_FRACTION * size:
+        if q == 0 or np.ptp(mean) < (MIN_VALUES - 1.5) * q or noise < MIN_REPORTED_FRACTION * size:
             continue
-        text = (
-            f"{name}: the resolution of {q:.4g} adds noise of {noise:.3g} rms, {100 * noise / max(size, 1e-300):.2g} % "
-            "of the signal, which the scatter of the periods can underestimate"
-        )
-        log.report("quantised channels", 1, text)
+        percent = f"{100 * noise / max(size, 1e-300):.2g} % of the signal"
+        text = f"{name}: the resolution of {q:.4g} adds noise of {noise:.3g} rms, {percent}, which the scatter of the"
+        log.report("quantised channels", 1, f"{text} periods can underestimate", "records/quantised")
 
 
 def report_clipping(signals: FloatArray, L: int, log: Log) -> None:
     """Report each channel of finite signals (n, c) that meets its limits; DataError above 5 % of its samples."""
     for c, name in enumerate(log.names):
         x = signals[:, c]
-        at_limit = _at_limit(x)
-        if not at_limit.any():
-            continue
         is_clipped = np.zeros(len(x), dtype=np.bool_)
-        for start, end in runs(at_limit, MIN_EQUAL):
+        for start, end in runs(_at_limit(x), MIN_EQUAL):
             is_clipped[start:end] = True
         fraction, n_clipped = float(is_clipped.mean()), int(is_clipped.sum())
-        if fraction < MIN_CLIPPED_FRACTION or _visits(x, is_clipped) < MIN_PLACES * max(1, len(x) // L):
+        if fraction < MIN_REPORTED_FRACTION or _visits(x, is_clipped) < MIN_PLACES * max(1, len(x) // L):
             continue
         text = f"{name}: {n_clipped} of {len(x)} samples ({100 * fraction:.2g} %) are at its limits of "
         text += f"{np.min(x):.4g} and {np.max(x):.4g}"
         if fraction > MAX_CLIPPED_FRACTION:
             text += "; it is clipped. Measure again with less torque or a wider range"
             raise log.error("records/clipped", text)
-        log.report(CLIPPED, n_clipped, f"{text}; clipped there. Measure with less torque")
+        log.report(CLIPPED, n_clipped, f"{text}; clipped there. Measure with less torque", "records/clipped")
 
 
 def _at_limit(x: FloatArray) -> BoolArray:
@@ -259,7 +251,7 @@ def _at_limit(x: FloatArray) -> BoolArray:
     near = EQUAL_TOLERANCE * (high - low)
     # Exactly 0 is rest, not a limit: of the force of a hammer under a force window.
     at_limit = (x != 0) & ((high - x <= near) | (x - low <= near))
-    is_limit = at_limit.mean() >= MIN_CLIPPED_FRACTION and step(x) <= MAX_STEP_FRACTION * (high - low)
+    is_limit = at_limit.mean() >= MIN_REPORTED_FRACTION and step(x) <= MAX_STEP_FRACTION * (high - low)
     return np.asarray(at_limit & is_limit)
 
 

@@ -60,7 +60,7 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
         is_reported = any(note.text.startswith(outliers) for note in log.findings.notes)
         log.report(FILLED, count, "" if is_reported else f"{text}; {REPLACED}")
     fraction = (~good).reshape(P, L, -1).mean(axis=1).max(axis=1)
-    discarded = sorted(unpredictable | set(np.flatnonzero(fraction > MAX_STATIONARY_FRACTION).tolist()))
+    discarded = sorted(unpredictable.union(np.flatnonzero(fraction > MAX_STATIONARY_FRACTION).tolist()))
     if not discarded:
         return result
     numbers = ", ".join(str(p + 1) for p in discarded)
@@ -91,8 +91,7 @@ def _interpolate(x: FloatArray, L: int, sign: int, log: Log, text: str) -> tuple
 def _missing_samples(good: BoolArray, log: Log, c: int) -> tuple[int, str]:
     """Return the number of missing samples of a channel, and a sentence on them."""
     gaps = np.flatnonzero(~good)
-    verb = "is" if gaps.size == 1 else "are"
-    text = f"{log.names[c]}: {gaps.size} of {len(good)} samples {verb} missing"
+    text = f"{log.names[c]}: {gaps.size} of {len(good)} samples {'is' if gaps.size == 1 else 'are'} missing"
     return gaps.size, f"{text}, the first is {log.time_of(gaps[0])}"
 
 
@@ -124,12 +123,9 @@ def bridge_gaps(signals: FloatArray, log: Log, max_fraction: float = MAX_WRONG_F
     is_refused = ~np.isfinite(result).all(axis=0) | (np.mean(~good, axis=0) > max_fraction)
     for c in np.flatnonzero(is_refused)[:1]:
         _, text = _missing_samples(good[:, c], log, int(c))
-        first, last = max(runs(np.asarray(good.all(axis=1))), key=np.ptp, default=(0, 0))
-        raise log.error(
-            "records/missing-samples",
-            f"{text}, and a record without a period cannot be interpolated. Use the longest range without gaps "
-            f"(samples: [{log.number(first)}, {log.number(last)}]), or measure again",
-        )
+        first, last = map(log.number, max(runs(np.asarray(good.all(axis=1))), key=np.ptp, default=(0, 0)))
+        text += ", and a record without a period cannot be interpolated. Use the longest range without gaps"
+        raise log.error("records/missing-samples", f"{text} (samples: [{first}, {last}])" + ", or measure again")
     return result
 
 
@@ -186,12 +182,9 @@ def _with_integer_period(signals: FloatArray, period: float, N: int, L: int, log
     n, n_missing = len(result), 2 * L - len(result)
     if n < MIN_PERIODS * L or n_missing <= 0:
         return result
-    text = (
-        f"{n} samples are {n / L:.2f} repetitions of {L}. The {n - L} repeated samples give the noise; the "
-        f"missing {n_missing} are copied from repetition 1"
-    )
+    text = f"{n} samples are {n / L:.2f} repetitions of {L}. The {n - L} repeated samples give the noise; the missing"
     end = np.full((n_missing, signals.shape[1]), np.nan)
-    log.report("incomplete periods", 1, text)
+    log.report("incomplete periods", 1, f"{text} {n_missing}" + " are copied from repetition 1")
     return np.concatenate([result, end])
 
 

@@ -26,7 +26,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.statistics import runs
 from elastid.logs.repair import Log, blocks, bridged, flat
-from elastid.logs.repair.interpolation import MAX_BRIDGED, QUANTILE_75, interpolations, period_noise
+from elastid.logs.repair.interpolation import MAX_BRIDGED, QUIET_FRACTION, QUIET_STD, interpolations, period_noise
 from elastid.logs.repair.masks import MASKED, MAX_FRACTION, MIN_OVER_USUAL, step
 
 OUTVOTED = "spikes by two periods against one"
@@ -40,12 +40,13 @@ MIN_EXCESS = 8.0
 MAX_BY_CHANCE = 0.01  # repeated values, or zeros, in a channel
 MIN_OVER_CHANCE = 3.0  # number of them over the number by chance plus two, from which most are lost messages
 MIN_PERIODS = 3
-# Samples: of the running median, of a spike at most, and of neighbours on each side.
-MEDIAN_WINDOW, MAX_RUN, NEIGHBOURS = 11, 3, 6
+# Samples: of a spike at most, of neighbours on each side that are twice as many, and of the running median.
+MAX_RUN = 3
+NEIGHBOURS = 2 * MAX_RUN
+MEDIAN_WINDOW = 2 * NEIGHBOURS - 1
 # Samples of a change from period to period that stay below the size by which transients are told; of a pulse in them,
 # over the largest step that repeats.
 TRANSIENT_FRACTION, JUMP_MARGIN = 0.95, 1.2
-QUIET_FRACTION = 0.75  # of twice as many neighbours that a spike is compared with: others may be spikes, too
 # A usual distance is that of this fraction of the samples, in the median of parts of the log.
 USUAL_FRACTION, SECTIONS = 0.9, 20
 ROUNDS = 8  # large spikes are replaced before smaller ones beside them are judged
@@ -101,10 +102,8 @@ def _mask(
         result[at, c] = np.nan
         log.report(MASKED, at.size, f"{text} and are interpolated. The first is {log.time_of(at[0])}")
         if any(outvoted[c : c + 1]):
-            text = (
-                f"{log.names[c]}: {outvoted[c]} spikes are no rougher than the signal, so that equal disturbances of "
-                "the two other periods have the same effect. Measure four periods or more"
-            )
+            text = f"{log.names[c]}: {outvoted[c]} spikes are no rougher than the signal, so that equal disturbances of"
+            text += " the two other periods have the same effect. Measure four periods or more"
             log.report(OUTVOTED, outvoted[c], text)
     return result
 
@@ -244,12 +243,13 @@ def _spikes(
     """Flag (n,) the spikes of up to max_run samples of a signal x (n,), of those that are judged (n,).
 
     e (n,): its difference to a reference, finite, with a noise of its own in each period of L.  smallest: least d of
-    a spike.  q: step of the converter.
+    a spike.  q: step of the converter.  quantile: of the neighbours that a spike is compared with; others may be
+    spikes, too.
     """
     from scipy.ndimage import maximum_filter
 
     n, d = NEIGHBOURS, _lone_distance(e)
-    noise = np.quantile(d.reshape(-1, L), 0.75, axis=1) / QUANTILE_75
+    noise = np.quantile(d.reshape(-1, L), QUIET_FRACTION, axis=1) / QUIET_STD
     sigma = np.hypot(noise, q / np.sqrt(12)).repeat(L)
     rounding = 1e-7 * float(np.nanmax(x) - np.nanmin(x))  # of single precision, or of nine digits in a text
     least = np.maximum(MIN_SIGMAS * sigma, max(rounding, smallest))

@@ -15,7 +15,7 @@ from elastid.base.errors import DataError
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.logs.repair import Log, flat
 from elastid.logs.repair.clock_drift import MAX_CLOCK_ERROR, MAX_REMAINING_FRACTION, MIN_DELAY_CORRELATION
-from elastid.logs.repair.masks import CHECK_CELLS, MAX_MISSING_FRACTION
+from elastid.logs.repair.masks import CHECK_CELLS, MAX_MISSING_FRACTION, MIN_OVER_USUAL
 from elastid.logs.repair.resampling import at_times
 
 # Limits of the judgement that a signal repeats.
@@ -31,7 +31,6 @@ MAX_UNEXPLAINED_RATIO, UNEXPLAINED_MARGIN = 1.2, 0.01
 MIN_PERIODS = 1.9  # so many periods of the log are two of them, of which the second may end early
 # Larger shifts by lost samples, as a part of the period, have other causes.
 MAX_SHIFT, MAX_LOST = 0.02, 50
-USUAL_CHANGE = 3.0  # of the median one, from one repetition to the next, no samples are lost
 MIN_FRACTION_OF_BEST = 0.8  # peaks with at least this part of the highest one are refined
 
 
@@ -103,11 +102,8 @@ def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repe
         result = replace(result, correlation=correlation, best_correlation=float(near.max(initial=0.0)))
         if not result.matches_stated_period:
             # Estimators leave the first repetition out where it differs.
-            if (
-                starts
-                and n >= 3 * lag
-                and (later := _repetition(x[lag:], lag, sign, starts=False)).matches_stated_period
-            ):
+            later = _repetition(x[lag:], lag, sign, starts=False) if starts and n >= 3 * lag else _NONE
+            if later.matches_stated_period:
                 return later
             period = max((_anywhere(residual), _best(x)), key=lambda result: result.rank)
             return replace(period, correlation=correlation)
@@ -247,12 +243,8 @@ def period_samples(recorded: RecordedSpec, file: FileSpec, rate_hz: float, drive
         return round_samples(period * rate_hz / recorded.known_rate_hz)
     best = find_period(drivers)
     if not best.best_samples:
-        raise DataError(
-            "records/period-mismatch",
-            f"no period was detected (best correlation {best.best_correlation:.2f}; at least "
-            f"{MIN_CORRELATION:g} with two periods). {NO_LINES}",
-            file.path,
-        )
+        text = f"no period was detected (best correlation {best.best_correlation:.2f}; at least {MIN_CORRELATION:g}"
+        raise DataError("records/period-mismatch", f"{text} with two periods). {NO_LINES}", file.path)
     N = round(best.best_samples)
     # The generator's clock is right where its periods are whole: the log is then resampled to it.
     is_whole = len(drivers) >= 2 * N and abs(best.best_samples - N) <= MAX_CLOCK_ERROR * N
@@ -264,11 +256,9 @@ def report_unstated_period(drivers: FloatArray, log: Log) -> None:
     best = find_period(drivers)
     if best.best_correlation < MIN_CORRELATION or not best.best_samples:
         return
-    text = (
-        f"no period is stated, but the torques repeat every {round(best.best_samples, 2):.8g} samples. Set period: "
-        "find to estimate the noise from the periods, or period: none for one transient"
-    )
-    log.note("records/period-mismatch", text)
+    text = f"no period is stated, but the torques repeat every {round(best.best_samples, 2):.8g} samples. Set period:"
+    advice = "find to estimate the noise from the periods, or period: none for one transient"
+    log.note("records/period-mismatch", f"{text} {advice}")
 
 
 def grid_samples(period: float, half_wave: bool) -> int:
@@ -300,27 +290,21 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
     if result.matches_stated_period and shift is None:
         return
     pairs = "second half minus first" if half_wave else "one period to the next"
-    problem = (
-        f"the excitation does not repeat with the stated period of {_span(N, log)} (correlation "
-        f"{result.correlation:.3f}, {pairs})"
-    )
+    problem = f"the excitation does not repeat with the stated period of {_span(N, log)} (correlation"
+    problem += f" {result.correlation:.3f}, {pairs})"
     if shift is not None:
         loss = f"{abs(shift[0])} samples are {'missing' if shift[0] < 0 else 'duplicated'} near {log.time_of(shift[1])}"
-        text = (
-            f"{loss}; before and after, the excitation repeats. Measure again, or exclude the shorter part by samples"
-        )
+        advice = "Measure again, or exclude the shorter part by samples"
+        text = f"{loss}; before and after, the excitation repeats. {advice}"
     elif result.best_samples:
         lag = f"it repeats every {_span(result.best_samples, log)} (correlation {result.best_correlation:.3f})"
         text = f"{lag}. Correct the period or the rate"
     elif not half_wave and repetition(excitation[: 2 * repeat], repeat, sign=-1).matches_stated_period:
-        text = (
-            f"the second half of {_span(2 * N, log)} is minus the first. Set period_samples: {2 * N}, half_wave: true"
-        )
+        text = f"the second half of {_span(2 * N, log)} is minus the first. Set period_samples: {2 * N}"
+        text += ", half_wave: true"
     else:
-        text = (
-            f"nor at any other lag (best correlation {result.best_correlation:.3f}); a stated period needs a periodic "
-            f"excitation. {NO_LINES}"
-        )
+        text = f"nor at any other lag (best correlation {result.best_correlation:.3f}); a stated period needs a"
+        text += f" periodic excitation. {NO_LINES}"
     raise log.error("records/period-mismatch", f"{problem}; {text}")
 
 
@@ -335,7 +319,7 @@ def _sample_shift(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] 
         return None
     power = np.mean((x[N:] - sign * x[:-N]) ** 2, axis=1)
     change = np.array([*folded(power, N).mean(axis=1), power[-N:].mean()])
-    if len(x) >= 4 * N and change.max() < USUAL_CHANGE * np.median(change):
+    if len(x) >= 4 * N and change.max() < MIN_OVER_USUAL * np.median(change):
         return None
     lags, starts = list[int](), range(0, len(x) - N - L - reach, L)
     for start in starts:

@@ -28,7 +28,7 @@ from elastid.logs.repair.interpolation import MAX_BRIDGED
 from elastid.logs.repair.missing import resampled_with_gaps
 from elastid.logs.repair.resampling import HALF_WIDTH, PASSBAND, RESAMPLED, at_times, kernel
 
-JITTER = "time stamps with jitter"
+JITTER, GAPS, SET_BACK = "time stamps with jitter", "samples missing in time", "clock set"
 # Half the last digit of rounded stamps, and the tilt of the fitted line where halves are rounded up, then down.
 MAX_ROUNDING = 0.8
 # Longer steps, in medians, are gaps.
@@ -42,17 +42,12 @@ SMOOTHER, JUDGED_FRACTION = 0.8, 0.9
 MAX_RATE_RATIO = 20.0
 # Smallest mean resultant length of the phases of uniform stamps (1: no jitter); stamps for the first period estimate.
 MIN_CONCENTRATION, FIRST_STAMPS = 0.25, 512
-
-
-GAPS, SET_BACK = "samples missing in time", "clock set"
 # Knots that are solved for together, and those beyond either end that are solved for and not used.
 _KNOTS, _OVERLAP = 16384, 4 * HALF_WIDTH
 _TOLERANCE = 1e-8  # below the noise of any sensor
 # Damping of the least squares: knots beyond the ends are barely constrained by any sample, and noise of 1e-3 would
 # become more than the signal in the last samples. Within the record it costs the square of it, 1e-6 of a signal.
 _DAMPING = 1e-3
-
-
 # Stamps among which the last digit of one is nonzero.
 LAST = 20
 
@@ -176,13 +171,13 @@ def sampling_times(
     line = stamp_line(time_s) if len(time_s) > 2 else None
     if line is None or not (line.is_exact or _is_smoother_on(line, time_s, signals)):
         return time_s, signals
-    names, away_ms = ", ".join(log.names), 1e3 * float(np.ptp(line.delays_s))
+    text, away_ms = f"time stamps of {', '.join(log.names)}", 1e3 * float(np.ptp(line.delays_s))
     if not line.is_exact:
-        text = f"time stamps of {names} jitter by up to {away_ms:.3g} ms about a uniform {line.rate_hz:.6g} Hz grid"
+        text += f" jitter by up to {away_ms:.3g} ms about a uniform {line.rate_hz:.6g} Hz grid"
         text += "; the signals are smoother on this grid, so that elastid assumes uniform sampling"
         log.report(JITTER, len(time_s), text)
     elif has_clocks and away_ms * line.rate_hz > 2e3 * MAX_GRID_DEVIATION:
-        text = f"time stamps of {names} are rounded: the delay to other clocks is uncertain by +-{away_ms / 2:.2g} ms, "
+        text += f" are rounded: the delay to other clocks is uncertain by +-{away_ms / 2:.2g} ms, "
         text += "an error that the intervals of inertia and viscous friction do not include. Log more decimals"
         log.note("records/clock", text)
     return line.times_s, signals
@@ -202,21 +197,18 @@ def to_rate(
     begin, time_s = 0.0 if begin_s is None else begin_s - float(time_s[0]), time_s - time_s[0]
     if not 1 / MAX_RATE_RATIO < (len(time_s) - 1) / (time_s[-1] * rate_hz) < MAX_RATE_RATIO:
         after = log.time_of(int(np.argmax(np.diff(time_s))))
-        raise log.error(
-            "records/clock",
-            f"its {len(time_s)} time stamps have {describe_steps(time_s)}, the longest after {after}; rate_hz is "
-            f"{rate_hz:g}. Give the time in s, correct rate_hz, or exclude a jump by samples",
-        )
-    grid = even_grid(time_s)
-    if grid is None:
+        text = f"its {len(time_s)} time stamps have {describe_steps(time_s)}, the longest after {after}; rate_hz is"
+        advice = "Give the time in s, correct rate_hz, or exclude a jump by samples"
+        raise log.error("records/clock", f"{text} {rate_hz:g}. {advice}")
+    if (grid := even_grid(time_s)) is None:
         return _at_instants(time_s - begin, signals, rate_hz, log)
     rows, grid_hz = grid
     _check_band(grid_hz, rate_hz, time_s, log)
     first = 0.0 if begin_s is None else (begin - float(np.mean(time_s - rows / grid_hz))) * grid_hz
     allowed = MAX_CLOCK_ERROR if begin_s is None else MAX_GRID_DEVIATION / len(rows)
-    count, result = int(rows[-1]) + 1 - len(signals), np.full((int(rows[-1]) + 1, signals.shape[1]), np.nan)
+    result = np.full((int(rows[-1]) + 1, signals.shape[1]), np.nan)
     result[rows] = signals
-    _report_gaps(count, np.flatnonzero(np.diff(rows) > 1), log)
+    _report_gaps(len(result) - len(signals), np.flatnonzero(np.diff(rows) > 1), log)
     if abs(grid_hz / rate_hz - 1) <= allowed and abs(first - round(first)) <= MAX_GRID_DEVIATION:
         return result[round(first) :]
     _report_resampling(time_s, len(result), rate_hz, grid_hz, log)
@@ -262,13 +254,14 @@ def rising(
 def without_jumps(t: FloatArray, gap: int = 1) -> tuple[FloatArray, IntArray]:
     """Return stamps (n,) without jumps of the clock, and the sample (k,) after each jump.
 
-    A jump is a fall, or a rise of more than MAX_RATE_RATIO times the sum of all other rises.  gap: length of a
-    jump afterwards, in median steps.
+    A jump is a fall, or a rise of more than MAX_RATE_RATIO times the sum of all other rises, if there are any.  gap:
+    length of a jump afterwards, in median steps.
     """
     rises = np.diff(t, prepend=t[:1])
-    is_rise = rises > 0
-    is_jump = (rises < 0) | (rises > MAX_RATE_RATIO * (rises[is_rise].sum() - rises))
-    rises[is_jump] = gap * float(np.median(rises[is_rise & ~is_jump])) if np.any(is_rise & ~is_jump) else 0.0
+    others = rises[rises > 0].sum() - rises
+    is_jump = (rises < 0) | ((rises > MAX_RATE_RATIO * others) & (others > 0))
+    steps = rises[(rises > 0) & ~is_jump]
+    rises[is_jump] = gap * float(np.median(steps)) if steps.size else 0.0
     return t[:1] + np.cumsum(rises), np.flatnonzero(is_jump)
 
 
@@ -297,11 +290,9 @@ def _check_band(knot_hz: float, rate_hz: float, time_s: FloatArray, log: Log) ->
     if knot_hz < MIN_RATE_FRACTION * rate_hz:
         unit = 10.0 ** (np.floor(np.log10(knot_hz)) - 1)
         advised_hz = np.floor(knot_hz / unit + 1e-9) * unit
-        raise log.error(
-            "records/clock",
-            f"time stamps have {describe_steps(time_s)}, sufficient up to {PASSBAND * knot_hz:.3g} Hz; rate_hz "
-            f"{rate_hz:g} needs {PASSBAND * rate_hz:.3g} Hz. Set rate_hz: {advised_hz:g}",
-        )
+        text = f"time stamps have {describe_steps(time_s)}, sufficient up to {PASSBAND * knot_hz:.3g} Hz; rate_hz"
+        remedy = f"{rate_hz:g} needs {PASSBAND * rate_hz:.3g} Hz"
+        raise log.error("records/clock", f"{text} {remedy}. Set rate_hz: {advised_hz:g}")
 
 
 def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> FloatArray:

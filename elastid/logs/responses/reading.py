@@ -94,10 +94,8 @@ def link_side_response(
         good &= np.isfinite(variance).all(axis=(1, 2))
     notes = (*table.notes, *_discarded_lines_notes(table, freq_hz, good))
     freq_hz, G = freq_hz[good], G[good]
-    if np.any(np.diff(freq_hz) == 0):
-        raise DataError(
-            "responses/lines", f"{freq_hz[:-1][np.diff(freq_hz) == 0][0]:g} Hz occurs twice. Keep one line", table.path
-        )
+    for twice_hz in freq_hz[1:][np.diff(freq_hz) == 0][:1]:
+        raise DataError("responses/lines", f"{twice_hz:g} Hz occurs twice. Keep one line", table.path)
     gain = laplace_variable(freq_hz[:, None]) ** powers * f_y
     gain_of_elements = gain[:, :, None] / (f_u * _hold_response(table.path, freq_hz, inputs, spec))[:, None, :]
     T_y, T_u = to_joints(outputs, robot), np.linalg.inv(to_joints(inputs, robot))
@@ -134,18 +132,12 @@ def _hold_rate_hz(channel: ChannelSpec, spec: ResponsesSpec) -> float:
 def _hold_response(path: Path, freq_hz: FloatArray, inputs: Sequence[ChannelSpec], spec: ResponsesSpec) -> ComplexArray:
     """Compute H (F, n_u) of inputs, 1 if not held; DataError for lines above half the rate of a command."""
     H = np.ones((len(freq_hz), len(inputs)), dtype=np.complex128)
-    for j, channel in enumerate(inputs):
-        rate_hz = _hold_rate_hz(channel, spec)
-        if not rate_hz:
-            continue
-        if freq_hz[-1] > rate_hz / 2:
-            raise DataError(
-                "responses/lines",
-                f"its lines reach {freq_hz[-1]:g} Hz; the held command {channel.name_in_file} at {rate_hz:g} Hz "
-                f"excites up to {rate_hz / 2:g} Hz. Correct rate_hz, or exclude the lines above",
-                path,
-            )
-        H[:, j] = zero_order_hold(freq_hz / rate_hz)
+    for j, (channel, rate_hz) in enumerate((channel, _hold_rate_hz(channel, spec)) for channel in inputs):
+        if 0 < rate_hz < 2 * freq_hz[-1]:
+            text = f"its lines reach {freq_hz[-1]:g} Hz; the held command {channel.name_in_file} at {rate_hz:g} Hz"
+            text += f" excites up to {rate_hz / 2:g} Hz"
+            raise DataError("responses/lines", text + ". Correct rate_hz, or exclude the lines above", path)
+        H[:, j] = zero_order_hold(freq_hz / rate_hz) if rate_hz else 1.0
     return H
 
 
@@ -156,9 +148,8 @@ def _discarded_lines_notes(table: ResponseTable, freq_hz: FloatArray, good: Bool
     if good.all():
         return ()
     if not good.any():
-        raise DataError(
-            "responses/lines", f"none of its {len(good)} lines is finite, plausible and above 0 Hz", table.path
-        )
+        text = f"none of its {len(good)} lines is finite, plausible and above 0 Hz"
+        raise DataError("responses/lines", text, table.path)
     n_out, static = int(np.sum(~good)), int(np.sum(freq_hz <= 0))
     reasons = [f"{n} {reason}" for n, reason in ((static, "at 0 Hz"), (n_out - static, _UNUSABLE)) if n]
     text = f"{n_out} of {len(good)} lines are discarded: {' and '.join(reasons)}"

@@ -25,7 +25,6 @@ from elastid.base.units import dimension_and_size
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import ResponsesSpec
-from elastid.logs.channel_names import STANDARD_GRAVITY
 from elastid.logs.files.log import StoredArray
 from elastid.logs.files.text import TextLog
 from elastid.logs.files.universal import FUNCTIONS, UFF_QUANTITIES, is_universal_file, place_of, sets_of
@@ -150,8 +149,7 @@ def responses_in(leaves: Mapping[str, StoredArray]) -> list[str]:
 def struct_table(path: Path, leaves: Mapping[str, StoredArray], name: str) -> ResponseTable:
     """Read the response in a struct; DataError where it or one of its fields is missing."""
     structs = structs_in(leaves)
-    if not name and len(structs) == 1:
-        name = structs[0]
+    name = structs[0] if not name and len(structs) == 1 else name
     if name not in structs:
         names = ", ".join(struct or "its own variables" for struct in structs) or f"none; {HOW_TO_SAVE}"
         raise table_error(path, f"no response '{name}' in it (name it with response); responses in it: {names}")
@@ -228,11 +226,10 @@ def _names(leaves: Mapping[str, StoredArray], name: str) -> tuple[str, ...]:
     return tuple(cells) if any(cells) else ()
 
 
-# Length in m and force in N of the unit codes of data set 164.
-_FOOT, _POUND, _KILOGRAM = 0.3048, 4.4482216152605, STANDARD_GRAVITY
+# Length and force of the unit codes of data set 164, by their names in scipy.constants; m and N have none.
 _UNITS = {
-    1: (1.0, 1.0), 2: (_FOOT, _POUND), 3: (1.0, _KILOGRAM), 4: (_FOOT, 0.138254954376), 5: (1e-3, 1e-3),
-    6: (1e-2, 1e-2), 7: (0.0254, _POUND), 8: (1e-3, _KILOGRAM), 10: (1e-3, 1.0)
+    1: "m N", 2: "foot lbf", 3: "m kgf", 4: "foot poundal", 5: "milli milli", 6: "centi centi", 7: "inch lbf",
+    8: "milli kgf", 10: "milli N"
 }  # fmt: skip
 
 
@@ -310,8 +307,13 @@ def _length_and_force(path: Path) -> tuple[float, float]:
     units = sets_of(path, 164)
     if not units:
         return 1.0, 1.0
-    # Of codes other than these the set has the factors, by which numbers are divided.
-    return _UNITS.get(int(units[0]["units_code"])) or (1 / float(units[0]["length"]), 1 / float(units[0]["force"]))
+    from scipy import constants
+
+    if (code := int(units[0]["units_code"])) not in _UNITS:  # the set has the factors, by which numbers are divided
+        return 1 / float(units[0]["length"]), 1 / float(units[0]["force"])
+    sizes = vars(constants) | {"m": 1.0, "N": 1.0, "poundal": constants.pound * constants.foot}
+    length, force = (float(sizes[name]) for name in _UNITS[code].split())
+    return length, force
 
 
 def _in_si(
@@ -319,16 +321,14 @@ def _in_si(
 ) -> tuple[FloatArray, tuple[Note, ...]]:
     """Return factors (n_y, n_u) by the units of a file (data set 164), 1 where a channel states one; and a note."""
     metre, newton = _length_and_force(path)
-    has_own_unit = {label(c) for c in channels if dimension_and_size(c.unit)[1] != 1}
+    stated = {label(c) for c in channels if dimension_and_size(c.unit)[1] != 1}
     turns = re.compile(r"\d+r[xyz]")
-    f_y = np.array([1.0 if name in has_own_unit or turns.fullmatch(name) else metre for name in outputs])
-    f_u = np.array([1.0 if n in has_own_unit else newton * (metre if turns.fullmatch(n) else 1.0) for n in inputs])
+    f_y = np.array([1.0 if name in stated or turns.fullmatch(name) else metre for name in outputs])
+    f_u = np.array([1.0 if n in stated else newton * (metre if turns.fullmatch(n) else 1.0) for n in inputs])
     if np.all(f_y == 1) and np.all(f_u == 1):
         return np.ones((len(outputs), len(inputs))), ()
-    text = (
-        f"its data set 164 states lengths of {metre:g} m and forces of {newton:g} N, which elastid converts to SI; a "
-        "channel with another unit, or with scale, overrides it"
-    )
+    text = f"its data set 164 states lengths of {metre:g} m and forces of {newton:g} N, which elastid converts to SI; a"
+    text += " channel with another unit, or with scale, overrides it"
     return f_y[:, None] / f_u, (Note("responses/units", text, path.name, severity="information"),)
 
 
@@ -337,10 +337,9 @@ def _responses(path: Path) -> list[dict[str, Any]]:
     responses = [data_set for data_set in sets if int(data_set["func_type"]) == 4]
     if not responses:
         counts = Counter(int(data_set["func_type"]) for data_set in sets)
-        types = (
-            ", ".join(f"{n} of type {kind} ({FUNCTIONS.get(kind, 'other')})" for kind, n in counts.items()) or "none"
-        )
-        text = f"it has no frequency response (function type 4) and no time history (type 1); its data sets 58: {types}"
+        types = (f"{n} of type {kind} ({FUNCTIONS.get(kind, 'other')})" for kind, n in counts.items())
+        text = "it has no frequency response (function type 4) and no time history (type 1); its data sets 58: "
+        text += ", ".join(types) or "none"
         raise table_error(path, f"{text}. Export frequency responses or time histories")
     return responses
 

@@ -4,7 +4,7 @@ A check yields a Problem with the key path at which it stands. What the first st
 repeated here.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
@@ -53,10 +53,8 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
     configurations, validation = list(experiment.configurations), study.validation.configurations
     yield from check_names(("validation", "configurations"), "configuration", validation, configurations)
     if configurations and study.design is None and set(validation) >= set(configurations):
-        yield Problem(
-            ("validation", "configurations"),
-            ("every configuration is reserved for validation. Leave at least one for the fit"),
-        )
+        text = "every configuration is reserved for validation. Leave at least one for the fit"
+        yield Problem(("validation", "configurations"), text)
 
 
 # Kinds of study: dotted keys that they do not use, * for the entries of a list.
@@ -88,22 +86,20 @@ def check_unused(study: Study) -> Iterator[Problem]:
     if study.robot is None and study.experiment.simulated is not None:
         return
     for key in (key for kinds, keys in UNUSED if study.kind in kinds for key in keys):
-        for path in _changed_keys(study, tuple(key.split("."))):
+        for path in _changed_keys(study, key.split(".")):
             yield Problem(path, f"no stage of a study of kind {study.kind} uses it. Remove it", at_key=True)
 
 
-def _changed_keys(value: Any, steps: tuple[str, ...], path: KeyPath = ()) -> Iterator[KeyPath]:
+def _changed_keys(value: Any, steps: Sequence[str], path: KeyPath = ()) -> Iterator[KeyPath]:
     step, *rest = steps
     if value is None:
         return
     if step == "*":
         for i, entry in enumerate(value):
-            yield from _changed_keys(entry, tuple(rest), (*path, i))
-        return
-    field = next(member for member in fields(value) if member.name == step)
-    default = field.default if field.default_factory is MISSING else field.default_factory()
-    content = getattr(value, step)
-    if rest:
-        yield from _changed_keys(content, tuple(rest), (*path, step))
-    elif content != default:
-        yield (*path, step)
+            yield from _changed_keys(entry, rest, (*path, i))
+    elif rest:
+        yield from _changed_keys(getattr(value, step), rest, (*path, step))
+    else:
+        field = next(member for member in fields(value) if member.name == step)
+        default = field.default if field.default_factory is MISSING else field.default_factory()
+        yield from [(*path, step)] if getattr(value, step) != default else []

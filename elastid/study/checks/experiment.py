@@ -24,11 +24,8 @@ def check_count(study: Study) -> Iterator[Problem]:
         return
     least = estimator.experiments_needed(n_u, experiment.realisations)
     if not least <= count <= n_u:
-        yield Problem(
-            path,
-            f"{count} experiments in each of {experiment.realisations} realisations; estimator.method "
-            f"{estimator.method} needs {least} to {n_u} for {n_u} motors",
-        )
+        text = f"{count} experiments in each of {experiment.realisations} realisations; estimator.method"
+        yield Problem(path, f"{text} {estimator.method} needs {least} to {n_u} for {n_u} motors")
 
 
 def check_configurations(study: Study) -> Iterator[Problem]:
@@ -36,9 +33,8 @@ def check_configurations(study: Study) -> Iterator[Problem]:
     for name, angles in study.experiment.configurations.items():
         path = ("experiment", "configurations", name)
         if posture_of(name) != name:
-            yield Problem(
-                path, ("names of configurations must not end in `amplitude` and a number. Rename it"), at_key=True
-            )
+            text = "names of configurations must not end in `amplitude` and a number. Rename it"
+            yield Problem(path, text, at_key=True)
         if refusal := study.places.count_refusal(len(angles)):
             yield Problem(path, refusal)
             continue
@@ -67,7 +63,7 @@ def check_payload(study: Study) -> Iterator[Problem]:
 def _swings(study: Study) -> list[float]:
     """Return amplitude of the superimposed slow motion at each driven joint; 0 without one, or for a wrong count."""
     n_u, simulated = len(study.as_robot().driven), study.experiment.simulated
-    carrier = simulated.carrier if simulated is not None else None
+    carrier = None if simulated is None else simulated.carrier
     if carrier is None or carrier.amplitude is None or np.size(carrier.amplitude) not in (1, n_u):
         return [0.0] * n_u
     return list(carrier.amplitudes(n_u).tolist())
@@ -104,16 +100,13 @@ def _check_controller(study: Study, simulated: SimulatedSpec) -> Iterator[Proble
 
 def check_structure(study: Study) -> Iterator[Problem]:
     """Yield every contradiction between the sections of a study without a robot, its files and channels excepted."""
-    experiment = study.experiment
-    if experiment.simulated is not None:
+    if study.experiment.simulated is not None:
         message = "the experiment is simulated and needs a robot. Give the path of its file"
         yield Problem(("robot",), message, at_key=True)
         return
-    if not experiment.configurations:
-        message = (
-            "no configuration is given; name each state of the structure that was measured, for example {bench: []}"
-        )
-        yield Problem(("experiment", "configurations"), message)
+    if not study.experiment.configurations:
+        message = "no configuration is given; name each state of the structure that was measured, for example"
+        yield Problem(("experiment", "configurations"), f"{message} {{bench: []}}")
     yield from check_configurations(study)
 
 
@@ -137,11 +130,9 @@ def check_excitation(study: Study) -> Iterator[Problem]:
             yield Problem((*_SIMULATED, "carrier"), refusal)
     for key, band in (("estimator", study.estimator.band_hz), ("fit", study.fit.band_hz)):
         if band is not None and not any(band[0] <= f <= band[1] for f in freq_hz):
-            yield Problem(
-                (key, "band_hz"),
-                f"none of the excited lines from {freq_hz[0]:g} to {freq_hz[-1]:g} Hz is within [{band[0]:g}, "
-                f"{band[1]:g}] Hz. Widen this band, or excite lines in it",
-            )
+            text = f"none of the excited lines from {freq_hz[0]:g} to {freq_hz[-1]:g} Hz is within [{band[0]:g},"
+            advice = "Widen this band, or excite lines in it"
+            yield Problem((key, "band_hz"), f"{text} {band[1]:g}] Hz. {advice}")
 
 
 _CANDIDATES: KeyPath = ("design", "candidates")

@@ -52,10 +52,8 @@ def _check_groups(study: Study) -> Iterator[Problem]:
     members = {name for names in fit.robots.values() for name in names}
     absent = [name for name in study.experiment.configurations if name not in members]
     if fit.robots and absent:
-        message = (
-            f"configuration {', '.join(absent)} is assigned to no robot. Assign it to the robot of its measurement"
-        )
-        yield Problem(("fit", "robots"), message, at_key=True)
+        message = f"configuration {', '.join(absent)} is assigned to no robot"
+        yield Problem(("fit", "robots"), message + ". Assign it to the robot of its measurement", at_key=True)
 
 
 def check_loads(study: Study) -> Iterator[Problem]:
@@ -82,7 +80,5 @@ def _check_test(study: Study, test: LoadTest, path: KeyPath) -> Iterator[Problem
         if name and name not in places:
             yield unknown((*path, key), "frame or body", name, dict.fromkeys(places))
     if test.deflection is None and study.experiment.simulated is None:
-        yield Problem(
-            (*path, "deflection"),
-            ("the load test has no deflection; only a simulated rig measures it. Give deflection"),
-        )
+        text = "the load test has no deflection; only a simulated rig measures it. Give deflection"
+        yield Problem((*path, "deflection"), text)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from elastid.base.errors import did_you_mean
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
-from elastid.friction_study.spec import ConstantVelocitySpec, FrictionSpec, LoadSpec
+from elastid.friction_study.spec import ConstantVelocitySpec, FrictionSpec
 from elastid.robot import Joint
 from elastid.study.checks.experiment import check_configurations, check_count, check_simulated
 from elastid.study.checks.logs import check_channels, check_controller, check_files
@@ -26,8 +26,14 @@ def check_friction(study: Study, base: Path) -> Iterator[Problem]:
         yield Problem(_FRICTION, "a friction study needs a robot. Give the path of its file", at_key=True)
         return
     yield from _check_joints(study, spec)
+    names = list(experiment.configurations)
     for i, load in enumerate(spec.loads):
-        yield from _check_load(study, load, (*_FRICTION, "loads", i))
+        path = (*_FRICTION, "loads", i)
+        if load.configuration is not None and load.configuration not in names:
+            yield unknown((*path, "configuration"), "configuration", load.configuration, names)
+        if load.payload and not study.robot.frames:
+            advice = f"frames: [{{name: tool, body: {study.robot.bodies[-1].name}}}]"
+            yield Problem((*path, "payload"), f"the robot has no frame for a payload. Add {advice}")
     if experiment.recorded is not None:
         yield from check_friction_logs(study, experiment.recorded, base)
         return
@@ -62,25 +68,13 @@ def _check_passes(spec: FrictionSpec, joint: Joint) -> Iterator[Problem]:
             if refusal := joint.refusal_of(value):
                 yield Problem((*_PASSES, name, i), refusal)
     if passes.window is not None and not limits.angle[0] <= passes.window[0] < passes.window[1] <= limits.angle[1]:
-        yield Problem(
-            (*_PASSES, "window"),
-            f"the window exceeds the limits of joint {joint.name}, {limits.angle[0]:.4g} to {limits.angle[1]:.4g} "
-            f"{joint.unit}. Narrow it",
-        )
+        message = f"the window exceeds the limits of joint {joint.name}, {limits.angle[0]:.4g} to {limits.angle[1]:.4g}"
+        yield Problem((*_PASSES, "window"), f"{message} {joint.unit}. Narrow it")
     if passes.speeds is not None and passes.speeds[1] > limits.velocity:
         message = f"joint {joint.name} is limited to {limits.velocity:.4g} {joint.unit}/s. Lower the highest speed"
         yield Problem((*_PASSES, "speeds", 1), message)
     if spec.warm_up is not None and (refusal := joint.refusal_of(spec.warm_up.speed)):
         yield Problem((*_FRICTION, "warm_up", "speed"), refusal)
-
-
-def _check_load(study: Study, load: LoadSpec, path: KeyPath) -> Iterator[Problem]:
-    names = list(study.experiment.configurations)
-    if load.configuration is not None and load.configuration not in names:
-        yield unknown((*path, "configuration"), "configuration", load.configuration, names)
-    if load.payload and not (robot := study.as_robot()).frames:
-        advice = f"frames: [{{name: tool, body: {robot.bodies[-1].name}}}]"
-        yield Problem((*path, "payload"), f"the robot has no frame for a payload. Add {advice}")
 
 
 def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Iterator[Problem]:
@@ -98,18 +92,14 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
         yield from _check_file(study, file, (*_RECORDED, "files", i))
     has_degc = [c.role == "t" for c in recorded.channels] + [file.temperature is not None for file in recorded.files]
     if study.as_friction().law.temperature == "yes" and not any(has_degc):
-        yield Problem(
-            ("friction", "law", "temperature"),
-            "no log has a temperature. Add a channel of role t, or give files[].temperature",
-        )
+        message = "no log has a temperature. Add a channel of role t, or give files[].temperature"
+        yield Problem(("friction", "law", "temperature"), message)
     pairs = zip(recorded.log_names, recorded.files, strict=True)
     motions, validation = [name for name, file in pairs if file.purpose == "motion"], study.validation.configurations
     yield from check_names(("validation", "configurations"), "log of a motion", validation, motions)
     if set(validation) >= set(recorded.log_names):
-        yield Problem(
-            ("validation", "configurations"),
-            ("every log is reserved for validation. Leave at least one for identification"),
-        )
+        message = "every log is reserved for validation. Leave at least one for identification"
+        yield Problem(("validation", "configurations"), message)
 
 
 def _check_file(study: Study, file: FileSpec, path: KeyPath) -> Iterator[Problem]:
@@ -120,13 +110,9 @@ def _check_file(study: Study, file: FileSpec, path: KeyPath) -> Iterator[Problem
     if file.joint and file.joint not in driven:
         yield unknown((*path, "joint"), "driven joint", file.joint, driven)
     if file.ambient is not None and file.purpose != "warm_up":
-        yield Problem(
-            (*path, "ambient"), ("ambient is the room temperature of a warm-up. Give the joint's as temperature")
-        )
+        message = "ambient is the room temperature of a warm-up. Give the joint's as temperature"
+        yield Problem((*path, "ambient"), message)
     motors = sorted({channel.at for channel in study.experiment.channels if channel.role == "u"})
     if file.purpose in ("presliding_loops", "presliding_test") and not file.joint and len(motors) > 1:
-        message = (
-            f"several motors are logged ({', '.join(motors)}), and in presliding all of them move a little. Set joint "
-            "to the excited joint"
-        )
-        yield Problem((*path, "purpose"), message)
+        message = f"several motors are logged ({', '.join(motors)}), and in presliding all of them move a little"
+        yield Problem((*path, "purpose"), message + ". Set joint to the excited joint")

@@ -58,12 +58,9 @@ def _check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterato
     yield from check_channels(study, recorded.channels, path)
     without = [file.path for file in recorded.files if recorded.period_of(file) is None]
     if without and study.estimator.method not in WITHOUT_PERIOD:
-        yield Problem(
-            ("estimator", "method"),
-            f"{study.estimator.method} compares periods, and {without[0]} has no period. Give "
-            "experiment.recorded.period (a time, or find), or choose a method without periods: "
-            f"{', '.join(WITHOUT_PERIOD)}",
-        )
+        message = f"{study.estimator.method} compares periods, and {without[0]} has no period. Give"
+        advice = "experiment.recorded.period (a time, or find), or choose a method without periods"
+        yield Problem(("estimator", "method"), f"{message} {advice}: {', '.join(WITHOUT_PERIOD)}")
     yield from check_controller(study, recorded)
     if recorded.has_no_torque and study.robot is None:
         message = "no channel has role u (an input). Add the torques, or robot: references alone need its model"
@@ -86,9 +83,8 @@ def _check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterato
 def check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
     """Check gains for each driven joint; `elastid loops` reads them."""
     if recorded.controller is not None and study.robot is not None:
-        for keys, refusal in recorded.controller.refusals(
-            study.as_robot().driven_names, recorded.controller.tick_hz or recorded.known_rate_hz
-        ):
+        rate_hz = recorded.controller.tick_hz or recorded.known_rate_hz
+        for keys, refusal in recorded.controller.refusals(study.robot.driven_names, rate_hz):
             yield Problem((*_RECORDED, "controller", *keys), refusal)
 
 
@@ -100,11 +96,9 @@ def _check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iter
     claimed: dict[str, str] = {}
     for i, file in enumerate(responses.files):
         if file.configuration in claimed:
-            yield Problem(
-                (*path, "files", i),
-                f"{claimed[file.configuration]} and {file.path} both belong to configuration {file.configuration}; "
-                "each has one response. Omit one, or give it its own configuration",
-            )
+            text = f"{claimed[file.configuration]} and {file.path} both belong to configuration {file.configuration};"
+            advice = "each has one response. Omit one, or give it its own configuration"
+            yield Problem((*path, "files", i), f"{text} {advice}")
         claimed[file.configuration] = file.path
 
 
@@ -141,11 +135,8 @@ def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> I
     robot = study.as_robot()
     inputs = robot.load_locations
     if tool.stiffness and len(tool.stiffness) != len(robot.driven):
-        message = (
-            f"{len(tool.stiffness)} drives for {len(robot.driven)} driven joints of robot {robot.name}. Give one per "
-            "joint"
-        )
-        yield Problem((*section, "stiffness"), message)
+        message = f"{len(tool.stiffness)} drives for {len(robot.driven)} driven joints of robot {robot.name}"
+        yield Problem((*section, "stiffness"), message + ". Give one per joint")
     for i, channel in enumerate(tool.responses.channels):
         place = (*path, "channels", i)
         if channel.role == "u" and channel.at not in inputs:
@@ -157,10 +148,8 @@ def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> I
                 yield Problem((*place, "at"), f"{channel.at} is locked and does not move. Omit it")
         elif channel.quantity != ("force" if channel.at.startswith("force ") else "torque"):
             kind = channel.at.partition(" ")[0]
-            message = (
-                f"the channel contains a {channel.quantity}, and a {kind} acts at {channel.at}. Set quantity: {kind}"
-            )
-            yield Problem((*place, "quantity"), message)
+            message = f"the channel contains a {channel.quantity}, and a {kind} acts at {channel.at}"
+            yield Problem((*place, "quantity"), f"{message}. Set quantity: {kind}")
 
 
 def check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath) -> Iterator[Problem]:
@@ -191,18 +180,13 @@ def check_logs(study: Study, base: Path) -> Iterator[Problem]:
             counts[problem.path] += 1
     least = min(2, len(selection))
     yield from (p for p in problems.values() if not p.is_weak or counts[p.path] >= least)
-    several = next((i for i, file in enumerate(recorded.files) if file.also), None)
-    if several is not None and not problems and study.friction is None:
-        yield from _check_start(study, recorded, several, base)
-
-
-def _check_start(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iterator[Problem]:
-    """Check that the logs of one experiment have a common signal or clock, which the stage measure needs."""
-    file = recorded.files[i]
-    if sum((base / name).stat().st_size for name in (file.path, *file.also)) > _MAX_BYTES:
+    if problems or study.friction is not None:
         return
-    if refusal := refusal_of(gather_channels, recorded, file, base, study.places):
-        yield Problem((*_RECORDED, "files", i, "also"), refusal)
+    # The logs of one experiment have a common signal or clock, which the stage measure needs.
+    for i, file in [(i, file) for i, file in enumerate(recorded.files) if file.also][:1]:
+        n_bytes = sum((base / name).stat().st_size for name in (file.path, *file.also))
+        refusal = "" if n_bytes > _MAX_BYTES else refusal_of(gather_channels, recorded, file, base, study.places)
+        yield from [Problem((*_RECORDED, "files", i, "also"), refusal)] if refusal else []
 
 
 def _check_log(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iterator[Problem]:
@@ -249,9 +233,8 @@ def _check_content(
     span = slice(first, first + most if end is None else min(end, first + most))
     values = without_placeholders(log.values(channels, span))
     if end is not None and len(values) < min(end - first, most):
-        yield Problem(
-            (*path, "samples"), (f"the log ends after sample {first + len(values)}, counted from 0. Correct samples")
-        )
+        text = f"the log ends after sample {first + len(values)}, counted from 0. Correct samples"
+        yield Problem((*path, "samples"), text)
         return
     rates = list(_check_rate(recorded, log))
     yield from rates
@@ -300,20 +283,17 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
         rates = {unit: (hz[0] / s, hz[1] / s) for unit, s in time_units(stamps).items()}
         unit, _ = stamp_size(stamps, rate_hz)
         if recorded.time and rates[unit][0] < 0.7 * rate_hz:
-            is_unit_certain = all(
-                _differs(hz, rate_hz) for other, pair in rates.items() if other != unit for hz in pair
-            )
+            others = [hz for other, pair in rates.items() if other != unit for hz in pair]
+            is_unit_certain = all(_differs(hz, rate_hz) for hz in others)
             advice = "lower rate_hz to that" if is_unit_certain else "correct rate_hz, or give the time in s"
             yield Problem(where, f"{name} has a mean rate of {rates[unit][0]:.5g} Hz in {unit}. {advice}")
         elif not recorded.time and all(_differs(hz, rate_hz) for pair in rates.values() for hz in pair):
             unit = min(rates, key=lambda unit: abs(np.log(rates[unit][0] / rate_hz)))
             yield Problem(where, f"its time {name} (in {unit}) has a mean rate of {rates[unit][0]:.6g} Hz")
         return
-    rates_hz = [getattr(log.arrays.get(channel.channel), "rate_hz", None) for channel in recorded.channels]
-    if clashes := [
-        hz for hz, c in zip(rates_hz, recorded.channels, strict=True) if hz and _differs(hz, c.rate_hz or rate_hz)
-    ]:
-        yield Problem(where, f"the log states a rate of {clashes[0]:.6g} Hz for its channels")
+    pairs = [(getattr(log.arrays.get(c.channel), "rate_hz", None), c.rate_hz or rate_hz) for c in recorded.channels]
+    for hz in [hz for hz, stated_hz in pairs if hz and _differs(hz, stated_hz)][:1]:
+        yield Problem(where, f"the log states a rate of {hz:.6g} Hz for its channels")
 
 
 def _differs(hz: float, rate_hz: float) -> bool:
