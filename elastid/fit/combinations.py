@@ -1,19 +1,37 @@
-"""Combinations of parameters that the data identify, although they do not identify each of the parameters."""
+"""Parameters that the data do not tell apart: indistinguishable pairs, and combinations that are identified."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, number
 from elastid.base.errors import Note
-from elastid.base.statistics import QUANTILE_95, identifiable_combinations
+from elastid.base.statistics import QUANTILE_95, correlation_of, identifiable_combinations
 from elastid.fit.result import Result
 from elastid.record import JointLoop
 from elastid.robot import Robot, channel_name
 
+CORRELATED = 0.99  # beyond which two parameters cannot be distinguished
 COMBINATION = "fit/combination"
 # Relative std of a parameter, from which on its combination with others is stated.
 _WIDE = 0.25
+
+
+def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:
+    """Return C_xx - C_xn C_nn^-1 C_nx (n, n), the conditional covariance of the first n variables given the others."""
+    cross = C[:n, n:]
+    if not np.isfinite(C).all():  # parameters that the data do not reach
+        return C[:n, :n].copy()
+    return C[:n, :n] - cross @ np.linalg.solve(C[n:, n:], cross.T)
+
+
+def correlated(names: Sequence[str], covariance: FloatArray) -> Iterator[Note]:
+    """Return a note for each indistinguishable pair.  covariance: by noise, since errors of a robot model move all."""
+    correlation = np.triu(np.nan_to_num(correlation_of(covariance)), 1)
+    for i, j in np.argwhere(np.abs(correlation) > CORRELATED):
+        text = f"{names[i]} and {names[j]} are indistinguishable (correlation {correlation[i, j]:.4f}). Fix one of them"
+        yield Note("fit/correlated", text)
 
 
 def combination_notes(result: Result) -> Iterator[Note]:

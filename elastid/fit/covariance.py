@@ -38,12 +38,11 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, quotient
 from elastid.base.execution import Execution
-from elastid.base.statistics import small_sample_factors
+from elastid.base.statistics import exceeds_noise, small_sample_factors
 from elastid.fit.gear_ratios import RatioScatter, scatter_of_ratios
 from elastid.fit.problem.frf_residuals import ElasticFit, chunked, each_at_home
 from elastid.fit.problem.systematic_errors import find_factors
 from elastid.fit.problem.weights import Weights
-from elastid.fit.residual_test import exceeds_noise
 from elastid.fit.robust_covariance import (
     LineSums,
     block_variance,
@@ -258,7 +257,7 @@ def sum_up(
     bare = replace(fit, parts=(), loads=None)  # to other processes each chunk goes by itself
     static_r, static_J = fit.static(x)
     static_J = np.pad(static_J, ((0, 0), (0, len(factors))))  # no factor of the responses moves load tests
-    prior_J = np.diag(np.concatenate([fit.prior_slopes, np.ones(len(factors))]))
+    prior_J = np.diag(np.concatenate([fit.parameters.prior_slopes, np.ones(len(factors))]))
     configurations = list(zip(fit.parts, responses, weights, strict=True))
     R = np.vstack([prior_J, static_J])
     for block in home.at_home(partial(triangle, bare, x, factors), chunked(configurations)):  # R of the stacked J = Q R
@@ -344,7 +343,8 @@ def prior_variance(sums: Sums, nuisance: Sequence[int]) -> tuple[FloatArray, Flo
 # Relative std of a stiffness, a damping and a viscous friction by the compensation of friction or of gear effects.
 # Amplitudes are estimated to 0.5 to 1 % (`nonlinear.variable_projection`); k was within 0.05 %, d within 0.5 %
 # (scripts/studies/results.csv).
-STIFFNESS_ERROR, DAMPING_ERROR, FRICTION_ERROR = 2e-4, 2e-3, 1e-2
+STIFFNESS_ERROR, FRICTION_ERROR = 2e-4, 1e-2
+DAMPING_ERROR = 10 * STIFFNESS_ERROR
 # Error by unexplained distortion with relaxing springs of motors, over that without.
 RELAXATION_ERROR = 0.1
 

@@ -13,6 +13,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,7 +31,6 @@ from elastid.fit.problem.least_squares import (
     distance,
     is_far_from_noise,
 )
-from elastid.fit.problem.static_loads import PlacedTest, StaticLoads
 from elastid.fit.problem.systematic_errors import errors_of, find_factors, next_factors, shares_of, with_modelled_bias
 from elastid.fit.problem.weights import Weights, weigh, with_model_error
 from elastid.fit.solve.solvers import FINE, solve
@@ -46,6 +46,9 @@ from elastid.parameters import Parameters
 from elastid.record import Configuration
 from elastid.response import STEP_IMAGES, SYSTEMATIC_ERRORS, Response
 from elastid.robot import Robot
+
+if TYPE_CHECKING:
+    from elastid.fit.problem.static_loads import PlacedTest, StaticLoads  # of studies with load tests
 
 # Standard deviations of real and imaginary part beyond which an element is an outlier: all but 5 % of good data count
 # with their square.
@@ -75,19 +78,23 @@ class Assembly:
     parameters: Parameters
     spec: FitSpec
     model: ModelSpec = EXACT
-    loads: StaticLoads | None = None
+    loads: "StaticLoads | None" = None
     home: Execution = HERE
 
     @classmethod
     def of(
         cls, responses: Sequence[Response], robot: Robot, spec: FitSpec, parameters: Parameters,
-        model: ModelSpec = EXACT, loads: Sequence[PlacedTest] = (), weights: Sequence[Weights] | None = None,
+        model: ModelSpec = EXACT, loads: "Sequence[PlacedTest]" = (), weights: Sequence[Weights] | None = None,
         home: Execution = HERE, presliding: tuple[RelaxingSpring, ...] = (),
     ) -> "Assembly":  # fmt: skip
         """Weigh the responses, unless their weights are known, and build the model, under the static loads, too."""
         weights = tuple(weights or (weigh(response, spec) for response in responses))
         linearisation = Linearisation.of_robot(robot, model, parameters.names, presliding)
-        static = StaticLoads.of(loads, robot, model, parameters) if loads else None
+        static = None
+        if loads:
+            from elastid.fit.problem.static_loads import StaticLoads
+
+            static = StaticLoads.of(loads, robot, model, parameters)
         assembly = cls(tuple(responses), weights, linearisation, parameters, spec, model, static)
         if linearisation.is_affine_in(assembly._dependent):
             return assembly if linearisation.follows else replace(assembly, home=home)

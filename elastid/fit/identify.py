@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -28,7 +28,6 @@ from elastid.fit.diagnosis.hypothesis import Evidence, Hypothesis
 from elastid.fit.diagnosis.priors import contradicted_priors, contradicted_tolerances
 from elastid.fit.diagnosis.rank_hypotheses import RESIDUALS, diagnose, rank_causes
 from elastid.fit.diagnosis.refit import thinning
-from elastid.fit.diagnosis.static_and_tool_data import static_agreement, tool_agreement
 from elastid.fit.frf_problem import (
     Assembly,
     NoRestError,
@@ -45,7 +44,6 @@ from elastid.fit.presliding import are_identified, find_presliding, without_pres
 from elastid.fit.problem.frf_residuals import ElasticFit, each_at_home, home_of
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
-from elastid.fit.problem.static_loads import PlacedTest
 from elastid.fit.problem.weights import check_factors, weigh, with_model_error
 from elastid.fit.result import Result
 from elastid.fit.solve.solvers import FINE, NEAR, multistart, solve, spread
@@ -58,6 +56,9 @@ from elastid.record import REFERENCE
 from elastid.response import Response
 from elastid.robot import Robot, channel_name
 
+if TYPE_CHECKING:
+    from elastid.fit.problem.static_loads import PlacedTest
+
 
 def identify(
     responses: Sequence[Response],
@@ -68,7 +69,7 @@ def identify(
     execution: Execution | None = None,
     hypotheses: tuple[Hypothesis, ...] | None = None,
     parameters: Parameters | None = None,
-    loads: Sequence[PlacedTest] = (),
+    loads: "Sequence[PlacedTest]" = (),
 ) -> Result:
     """Return the parameters of `robot` that explain the responses of all configurations, and the static load tests.
 
@@ -88,7 +89,7 @@ def identify(
 def identified(
     responses: Sequence[Response], robot: Robot, spec: FitSpec, model: ModelSpec = EXACT,
     execution: Execution | None = None, hypotheses: tuple[Hypothesis, ...] | None = None,
-    parameters: Parameters | None = None, loads: Sequence[PlacedTest] = (),
+    parameters: Parameters | None = None, loads: "Sequence[PlacedTest]" = (),
 ) -> tuple[Result, dict[str, ComplexArray]]:  # fmt: skip
     """Return the result of `identify`, and by configuration the motion-induced bias (F, n_y, n_u) of its response."""
     execution = execution or Execution()
@@ -142,18 +143,15 @@ def _with_springs(evidence: Evidence, spec: FitSpec, ends: "_Ends", hypotheses: 
     return trial if trial.result.status in ("converged", "at_bound", "misfit") and not is_new_bound else evidence
 
 
-def fit_parameters(
-    responses: Sequence[Response], robot: Robot, spec: FitSpec, *, model: ModelSpec = EXACT,
-    loads: Sequence[PlacedTest] = (),
-) -> Result:  # fmt: skip
+def fit_parameters(responses: Sequence[Response], robot: Robot, spec: FitSpec, *, model: ModelSpec = EXACT) -> Result:
     """Fit without the intervals and causes that take longer than the fit, for the comparison of many fits."""
     bare = replace(spec, profile=(), bootstrap=0)
-    return identify(responses, robot, bare, model=model, hypotheses=WITHOUT_OTHER_ROBOTS, loads=loads)
+    return identify(responses, robot, bare, model=model, hypotheses=WITHOUT_OTHER_ROBOTS)
 
 
 def _search(
     responses: Sequence[Response], robot: Robot, spec: FitSpec, model: ModelSpec, execution: Execution,
-    parameters: Parameters | None = None, loads: Sequence[PlacedTest] = (),
+    parameters: Parameters | None = None, loads: "Sequence[PlacedTest]" = (),
 ) -> "tuple[Assembly, _Ends]":  # fmt: skip
     check_kind(spec, FitSpec, "spec", "FitSpec() has the defaults, and a study has one as study.seeded_fit")
     check_kind(parameters, Parameters | None, "parameters", "elastid.choose(robot, 'k_*') makes them")
@@ -264,13 +262,14 @@ def _check_robot(response: Response, robot: Robot) -> None:
 
 def check_effects(fit: ElasticFit, robot: Robot) -> None:
     """Raise FitError if free parameters have no effect on the responses; it names them."""
-    information = np.diag(replace(fit, inertias=()).evaluate(fit.parameters.x).hessian) / 2 - fit.prior_slopes**2
+    parameters = fit.parameters
+    information = np.diag(replace(fit, inertias=()).evaluate(parameters.x).hessian) / 2 - parameters.prior_slopes**2
     # A plausible change of x: a factor e, or the range of the bounds of a linear parameter.
-    spans = [1.0 if p.log or not np.isfinite(p.upper - p.lower) else p.upper - p.lower for p in fit.parameters.free]
+    spans = [1.0 if p.log or not np.isfinite(p.upper - p.lower) else p.upper - p.lower for p in parameters.free]
     effect = np.sqrt(np.maximum(information, 0.0)) * np.array(spans)
     without = effect <= 1e-9 * effect.max()  # rounding leaves about 1e-16
     if without.any():
-        names = ", ".join(name for name, none in zip(fit.parameters.free_names, without, strict=True) if none)
+        names = ", ".join(name for name, none in zip(parameters.free_names, without, strict=True) if none)
         places = any(name.partition("@")[0] in robot.geometry for name in names.split(", "))
         hint = ". Coordinates along the axis of a joint have no effect" * places
         raise FitError(
@@ -298,7 +297,7 @@ COST_RATIO, ATTEMPTS = 1.5, 4
 
 
 def free_nuisance_parameters(
-    assembly: Assembly, starts: tuple[LocalOptimum, ...], robot: Robot, loads: Sequence[PlacedTest]
+    assembly: Assembly, starts: tuple[LocalOptimum, ...], robot: Robot, loads: "Sequence[PlacedTest]"
 ) -> tuple[Assembly, tuple[LocalOptimum, ...]]:
     """Free the nuisance parameters within their tolerances; return the assembly and the starts, the best first.
 
@@ -378,6 +377,8 @@ def _with_agreements(estimate: _Estimate, assembly: Assembly, spec: FitSpec, end
     alone, at_tool = assembly.only(of_tool=False), assembly.only(of_tool=True)
     if (assembly.loads is None and not at_tool.responses) or not alone.responses:
         return estimate
+    from elastid.fit.diagnosis.static_and_tool_data import static_agreement, tool_agreement
+
     starts, n_converged = ends
     begin = replace(starts[0], x=estimate[1].end.x)
 

@@ -38,8 +38,8 @@ from elastid.response import UNEXPLAINED, Response
 RESIDUALS = 6_000  # real ones of the search
 # Std of the logarithms of a stiffness and of a relaxation time about their starts.
 STIFFNESS_STD, TIME_STD = 3.0, 1.5
-# Bounds of a rate over the lowest and the highest angular frequency, and where between these rates start.
-RATE_BOUNDS, STARTS = (1e-3, 2.4), (0.0, 1 / 3, 2 / 3, 1.0)
+# Bounds of a rate over the lowest and the highest angular frequency, and the number of rates between these that start.
+RATE_BOUNDS, N_RATES = (1e-3, 2.4), 4
 # Of the median of torque over angle of a motor, at which its stiffness starts, at least or where no linear step is.
 FIRST_FRACTIONS = (1e-3, 0.1)
 SOUGHT = 0.1  # probability of V by the noise alone, below which springs are sought
@@ -71,7 +71,7 @@ def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
     with_springs = with_presliding(
         assembly, dict(sorted(last.springs.items(), key=lambda pair: joints.index(pair[0].joint)))
     )
-    return with_springs, _start(with_springs.parameters, last.parameters, last.x)
+    return with_springs, _start(with_springs.parameters, last.fit.parameters, last.x)
 
 
 def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:
@@ -125,11 +125,6 @@ class _State:
         return cls(base, signs, {}, fit, end.x, end.cost, fraction)
 
     @property
-    def parameters(self) -> Parameters:
-        """Parameters, springs included."""
-        return self.fit.parameters
-
-    @property
     def cost_ratio(self) -> float:
         """V over its degrees of freedom, 1 at least."""
         return max(self.cost / self.fit.problem.dof, 1.0)
@@ -177,7 +172,7 @@ class _State:
             rows.append(-evaluated.whitened(evaluated.free))
             residuals.append(evaluated.residual)
             columns.append(dict(_columns(evaluated, rates)))
-        distance, slope = self.fit.priors(self.x)
+        distance, slope = self.fit.parameters.priors(self.x)
         none = np.zeros((len(rates), len(distance)))  # priors have none
         measured = [joint for joint in columns[0] if all(joint in each for each in columns)]
         of_springs = {joint: np.hstack([*(each[joint] for each in columns), none]) for joint in measured}
@@ -189,7 +184,7 @@ class _State:
         for spring, stiffness, a in self.starts(joint):
             every = {**self.springs, spring: (stiffness, a)}
             assembly = with_presliding(self.base, every)
-            start = _start(assembly.parameters, self.parameters, self.x)
+            start = _start(assembly.parameters, self.fit.parameters, self.x)
             fit, _ = _thinned(assembly, start)
             try:
                 end = solve(fit.problem, start, ROUGH, 2 * LIMITS.iterations)
@@ -246,8 +241,7 @@ def _torque_per_angle(responses: Sequence[Response], place: str) -> float:
 
 def _rates(responses: Sequence[Response]) -> FloatArray:
     """Return the rates (n_a,) of the starts, 1/s."""
-    low, high = rate_band(responses)
-    return low * (high / low) ** np.array(STARTS)
+    return np.geomspace(*rate_band(responses), N_RATES)
 
 
 def rate_band(responses: Sequence[Response]) -> tuple[float, float]:

@@ -121,7 +121,7 @@ def sum_lines(
         power = float(np.einsum("faa->", S).real)
         # (1 + repeats) sum_k tr(S_k^2), S = T C~ T^H: of circular errors, and of the covariance measured with them.
         is_exact = weights.noise.smooth is weights.noise.measured
-        smooth = S if is_exact else T @ weights.noise.covariance @ T.mT.conj()
+        smooth = S if is_exact else T @ weights.noise.smooth.full() @ T.mT.conj()
         dof = weights.noise.measured.dof
         together_in_power = max(together, weights.noise.measured.averaging_lines)
         spread = together_in_power * ((1 + weights.noise.repeats) * float(np.sum(np.abs(smooth) ** 2)))

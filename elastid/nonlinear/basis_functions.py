@@ -31,13 +31,8 @@ def sign_of(v: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
     means = sliding_means(np.append(v, v[0])[None], [(BasisFunction("", "sign", scale), 1.0)])[0]
     step, phi = next_point(v) - v, np.tanh(v / scale) if scale else np.sign(v)
     slope = np.divide(next_point(phi) - phi, step, out=np.zeros_like(v), where=np.abs(step) > 1e-9 * np.abs(v).max())
-    return points_of_means(means), (slope + np.concatenate([slope[-1:], slope[:-1]])) / 2
-
-
-def points_of_means(means: FloatArray) -> FloatArray:
-    """Return values at the points (n,) of a period by means over the cells that begin there."""
-    n = len(means)
-    return irfft(rfft(means) * _from_means(n), n)
+    at_points = irfft(rfft(means) * _from_means(len(v)), len(v))
+    return at_points, (slope + np.concatenate([slope[-1:], slope[:-1]])) / 2
 
 
 @lru_cache(maxsize=4)
@@ -198,11 +193,6 @@ def along_period(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatAr
     """
     if effect.kind in ("friction", "load", "behind"):
         return sign_of(x, effect.scale)
-    return implicit_law(effect, x)
-
-
-def implicit_law(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return Phi and dPhi / dx (n,) of a spring or a hysteresis along its deflection x (n,) over a period."""
     if effect.kind == "cubic":
         return x**3, 3 * x**2
     if effect.kind == "progressive":

@@ -34,7 +34,7 @@ from elastid.nonlinear.basis_functions import (
     WIDTH,
     GearEffect,
     SheetNumber,
-    implicit_law,
+    along_period,
 )
 from elastid.nonlinear.gear_estimation import GearData, GearEstimate
 from elastid.nonlinear.gear_model_selection import Group, choose_effects, magnitude_bounds
@@ -265,7 +265,7 @@ class JointEffects:
         tau, rows = k * delta, delta[:, None] * row
         for i, effect, f in self.effects:
             if effect.kind in SPRINGS or (hysteresis and effect.kind in LOOPS):
-                phi = implicit_law(effect, delta)[0]
+                phi = along_period(effect, delta)[0]
                 tau = tau + f * phi
                 rows = rows + phi[:, None] * self.magnitudes({i: 1.0})[1]
         return tau, rows
@@ -351,7 +351,7 @@ def _torque_numbers(gear: JointEffects, reach: float) -> list[GearNumber]:
     for i, effect, _ in gear.effects:
         entry, weight = effect.row.number, 1.0
         if entry == HYSTERESIS:
-            phi = implicit_law(effect, path)[0]
+            phi = along_period(effect, path)[0]
             weight = float(phi[100] - phi[301]) / 2
         elif entry == LOST_MOTION:
             weight = 2 * effect.scale
@@ -403,7 +403,7 @@ def _bounded(effect: GearEffect, bound: float, k: float, reach: float) -> list[G
         # None of a gear that never crosses it.
         return [_named_number(entry, joint, bound=bound * 2 * effect.scale / k)] if bound <= k else []
     if entry == STIFFENING:
-        bound *= abs(float(implicit_law(effect, np.array([0.0, reach]))[0][1])) / (k * reach)
+        bound *= abs(float(along_period(effect, np.array([0.0, reach]))[0][1])) / (k * reach)
     if entry != HYSTERESIS:
         return [_named_number(entry, joint, effect.order, bound=bound)]
     # Within the records it does not reach its magnitude where it bends over more than they bend the gear.

@@ -254,12 +254,8 @@ def normal_equations(
 
 def priors(parameters: Parameters, x: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
     """Return the terms of the priors in A (n, n) and b (n,) at x (n_x,)."""
-    mean = np.array([0.0 if p.prior is None else p.to_x(p.prior.mean) for p in parameters.free])
-    slope = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in parameters.free])
-    A, b = np.zeros((n, n)), np.zeros(n)
-    A[: len(x), : len(x)] = np.diag(slope**2)
-    b[: len(x)] = slope**2 * (mean - x)
-    return A, b
+    distance, slope = parameters.priors(x)
+    return np.diag(np.pad(slope**2, (0, n - len(x)))), np.pad(-slope * distance, (0, n - len(x)))
 
 
 def _jacobian(

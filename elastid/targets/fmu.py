@@ -87,7 +87,7 @@ class Subject:
     name: str
     model: ElasticModel
     postures: tuple[Configuration, ...]
-    known: Mapping[str, str]
+    intervals: Mapping[str, str]
     move: TunedMove | None = None
     kp: FloatArray | None = None
     kd: FloatArray | None = None
@@ -172,8 +172,8 @@ def _at_frames(robot: Robot, name: str, causality: Causality, text: str) -> list
 
 
 def _stiffnesses(subject: Subject) -> list[Variable]:
-    units = {name: unit for name, (_, unit) in subject.model.robot.parameters().items()}
-    texts = {name: f"{name} of the robot, {units.get(name, 'SI')}; {subject.known.get(name, FIXED)}" for name in units}
+    rows = subject.model.robot.parameters().items()
+    texts = {name: f"{name} of the robot, {unit}; {subject.intervals.get(name, FIXED)}" for name, (_, unit) in rows}
     return [
         Variable(name, "parameter", "tunable", texts.get(name, name), float(value))
         for name, value in zip(subject.model.parameters, subject.model.theta, strict=True)
@@ -225,8 +225,8 @@ def _describe_2(variables: ET.Element, structure: ET.Element, layout: Layout, na
     for reference, variable in enumerate(layout.variables):
         scalar = ET.SubElement(variables, "ScalarVariable", _attributes(variable, reference))
         ET.SubElement(scalar, "Real", _start_of(variable))
-    chosen = ET.SubElement(variables, "ScalarVariable", _configuration(len(layout.variables), names))
-    ET.SubElement(chosen, "Integer", start="1", min="1", max=str(len(names)))
+    posture = ET.SubElement(variables, "ScalarVariable", _configuration(len(layout.variables), names))
+    ET.SubElement(posture, "Integer", start="1", min="1", max=str(len(names)))
     for part in ("Outputs", "InitialUnknowns"):
         section = ET.SubElement(structure, part)
         for reference in layout.outputs:

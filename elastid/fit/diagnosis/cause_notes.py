@@ -85,7 +85,7 @@ def _remedy(index: ModificationIndex, evidence: Evidence) -> str:
     if _is_motor_friction(index):
         return FREE_MOTORS
     step = max(np.abs(index.steps).tolist(), default=0.0)  # which the prior must not contradict
-    usual = min(max(hypothesis.size.usual if hypothesis else 0.1, float(f"{1.1 * step:.1g}")), LIMITS.prior_std)
+    usual = min(max(hypothesis.size.usual if hypothesis else 0.1, float(f"{1.1 * step:.1g}")), LIMITS.stiffness_std)
     # The common factor of an inertia's entries is no parameter of a study; they are.
     is_factor = index.name.startswith("I_") and index.name not in evidence.assembly.linearisation.model.parameters
     name = f"{index.name}_*" if is_factor and not index.name.endswith("*") else index.name

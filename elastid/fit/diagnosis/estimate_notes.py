@@ -9,10 +9,11 @@ from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.display import capital, percent
 from elastid.base.errors import Note
 from elastid.base.names import posture_of
+from elastid.base.statistics import max_cost_ratio
+from elastid.fit.combinations import correlated, covariance_by_noise
 from elastid.fit.diagnosis.hypothesis import Evidence
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.residual_test import max_cost_ratio
-from elastid.fit.result import Result, correlated, covariance_by_noise
+from elastid.fit.result import Result
 from elastid.parameters import Parameters
 
 NEAR_BOUND = 1e-4  # share of a range within which x is at its bound

@@ -141,7 +141,7 @@ class ModelResponse:
 
     def value(self, name: str) -> float:
         """Return the value of a parameter of the equations; 0 if absent."""
-        return float(self.theta[self.model.parameters.index(name)]) if name in self.model.parameters else 0.0
+        return self.model.number(self.theta, name, absent=0.0)
 
 
 def evaluate_extended(

@@ -16,6 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.execution import HERE
+from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.problem.frf_residuals import ElasticFit, Part
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares, as_real
 from elastid.fit.solve.solvers import ROUGH, trust_region
@@ -49,8 +50,6 @@ class Evaluated:
 Change: TypeAlias = Callable[[Evaluated, ComplexArray], ComplexArray]  # of arrays (..., F, n_y, n_u)
 
 STEP_STD = 0.5  # of the prior of ln p that keeps a step near, and a stiffness near its start, at residuals of a misfit
-
-STEPS = 12  # of the solver with a reading
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +126,7 @@ def squares(evaluated: Sequence[Evaluated]) -> list[float]:
 
 
 def predict(
-    misreading: Misreading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray
+    misreading: Misreading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray | bool = True
 ) -> tuple[float, FloatArray]:
     """Return V after one Gauss-Newton step (n_x,) of the free parameters, and that; prior (n_x,): 1 / s of theirs."""
     V, b, A = _normal_equations(misreading, evaluated, prior, free)
@@ -137,29 +136,31 @@ def predict(
 
 
 def _normal_equations(
-    misreading: Misreading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray
+    misreading: Misreading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray | bool
 ) -> tuple[float, FloatArray, FloatArray]:
     """Return V, J^T r (n_x,) and J^T J (n_x, n_x) of a misreading, its priors centred on its present value."""
     V, b, A = 0.0, np.zeros(len(prior)), np.diag(prior**2)
     for i, measured in enumerate(evaluated):
         model = evaluated[misreading.order[i]] if misreading.order else measured
         changed = replace(measured, G=misreading.change(measured, model.G))
-        r, J = changed.residual, -changed.whitened(misreading.change(measured, model.free)) * free[:, None]
+        r, J = changed.residual, -changed.whitened(misreading.change(measured, model.free)) * np.reshape(free, (-1, 1))
         V, b, A = V + float(r @ r), b + J @ r, A + J @ J.T
     return V, b, A
 
 
-def settle(misreading: Misreading, fit: ElasticFit, x: FloatArray, free: BoolArray) -> tuple[float, FloatArray]:
+def settle(
+    misreading: Misreading, fit: ElasticFit, x: FloatArray, free: BoolArray | bool = True
+) -> tuple[float, FloatArray]:
     """Return V and x (n_x,) of an optimum that the solver reaches from x, of the logarithms first."""
 
     def evaluation(problem: ElasticFit, x: FloatArray) -> Evaluation:
-        V, b, A = _normal_equations(misreading, evaluate(problem, x), fit.prior_slopes, free)
+        V, b, A = _normal_equations(misreading, evaluate(problem, x), fit.parameters.prior_slopes, free)
         return Evaluation(V, 2 * b, 2 * A)
 
-    V = math.inf
+    V, fixed = math.inf, np.logical_not(np.broadcast_to(free, len(x)))
     for problem in (replace(fit, parts=tuple(map(logarithmic, fit.parts))), fit):
         at = partial(evaluation, problem)
-        end = trust_region(LeastSquares(fit.parameters, fit.n_residuals, at), x, at(x), ROUGH, STEPS, ~free)
+        end = trust_region(LeastSquares(fit.parameters, fit.n_residuals, at), x, at(x), ROUGH, LIMITS.iterations, fixed)
         V, x = end.evaluation.cost, end.x
     return V, x
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, laplace_variable
 from elastid.base.errors import FitError
-from elastid.base.statistics import chi_square_limit
+from elastid.base.statistics import FALSE_ALARM_RATE, chi_square_limit, max_cost_ratio
 from elastid.covariance import scaled
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.refit import evaluate
@@ -29,7 +29,6 @@ from elastid.fit.load_tests import Agreement, LoadReading, StaticAgreement, Tool
 from elastid.fit.problem.frf_residuals import ElasticFit, Part
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.problem.static_loads import StaticLoads
-from elastid.fit.residual_test import max_cost_ratio
 from elastid.fit.result import Result
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.parameters import Parameter, Parameters
@@ -98,7 +97,7 @@ def agreement(now: SecondSource, alone: Result) -> tuple[Agreement, float]:
     scale = alone.inflation_factor**2 if alone.exceeds_noise else 1.0
     dof, T = now.n_residuals, now.least()[0]
     least, by, std = now.least(with_factor=True)
-    is_other_size = by**2 > scale * chi_square_limit(1, LIMITS.tail) * std**2
+    is_other_size = by**2 > scale * chi_square_limit(1, FALSE_ALARM_RATE) * std**2
     is_beyond = scale * dof * max_cost_ratio(dof) < T or is_other_size
     ratio = (1 + by, std) if np.isfinite(std) else (np.nan, std)
     return Agreement(*ratio, T, dof, _UNKNOWN if is_beyond else ""), least if explains(now, T, least) else np.inf
@@ -123,10 +122,11 @@ def _residuals(
 def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
     """Load tests next to the deflections of `alone`, the fit of the responses without them."""
     now = SecondSource.of(alone, partial(_residuals, loads, alone.parameters), loads.n_residuals)
-    compared, least = agreement(now, alone)
-    if compared.disagrees and np.isfinite(least):
-        why = "stiffer under static load (gear friction)" if compared.ratio < 1 else "softer (gear hysteresis)"
-        compared = replace(compared, cause=f"check the scales of loads and gauge; if correct, all springs are {why}")
+    comparison, least = agreement(now, alone)
+    if comparison.disagrees and np.isfinite(least):
+        why = "stiffer under static load (gear friction)" if comparison.ratio < 1 else "softer (gear hysteresis)"
+        cause = f"check the scales of loads and gauge; if correct, all springs are {why}"
+        comparison = replace(comparison, cause=cause)
     predicted, slopes = loads.predicted(alone.parameters, alone.x)
     rows = [row for load in loads.robot.loads for row in load.directions.tolist()]
     by_responses_std = np.linalg.norm(slopes @ now.root, axis=1)
@@ -135,7 +135,7 @@ def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
         LoadReading(loads.robot.loads[i].configuration.name, loads.robot.loads[i].read_at, (x, y, z), *row)
         for i, (x, y, z), row in zip(loads.owners, rows, numbers, strict=True)
     )
-    return StaticAgreement(**vars(compared), readings=readings)
+    return StaticAgreement(**vars(comparison), readings=readings)
 
 
 def _tool_residuals(
@@ -167,8 +167,8 @@ def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:
             )  # fmt: skip
             result = replace(result, cause=misreading)
         result = replace(result, cause=misreading if is_misread else result.cause)
-    compared = tuple(_compared(G, part, fit, alone.x) for G, part in zip(assembly.responses, fit.parts, strict=True))
-    return ToolAgreement(**vars(result), responses=compared, is_misread=is_misread)
+    comparison = tuple(_compared(G, part, fit, alone.x) for G, part in zip(assembly.responses, fit.parts, strict=True))
+    return ToolAgreement(**vars(result), responses=comparison, is_misread=is_misread)
 
 
 def _source(assembly: Assembly, alone: Result) -> tuple[ElasticFit, SecondSource]:

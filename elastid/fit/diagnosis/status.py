@@ -30,7 +30,7 @@ from elastid.fit.diagnosis.cause_notes import fault, phrase
 from elastid.fit.diagnosis.estimate_notes import contradictions, is_weak, listed
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.priors import contradicted_priors, contradicted_tolerances, prior_moves
+from elastid.fit.diagnosis.priors import contradicted_priors, contradicted_tolerances
 from elastid.fit.result import Result
 from elastid.fit.result_rows import ModificationIndex
 from elastid.fit.solve.solvers import DAMPING_UNITS
@@ -205,7 +205,7 @@ def _beyond_declared(evidence: Evidence) -> str:
 
 def _by_prior(evidence: Evidence) -> str:
     result = evidence.result
-    if np.abs(prior_moves(result)).max() <= LIMITS.prior:
+    if np.abs(result.parameters.priors(result.x)[0]).max() <= LIMITS.prior:
         return ""
     if evidence.cause is not None:
         return fault(evidence.cause, evidence)

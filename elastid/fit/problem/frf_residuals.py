@@ -13,7 +13,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import chain
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -24,7 +24,6 @@ from elastid.base.workers import Kept
 from elastid.fit.problem.compressed_residuals import CompressedResiduals, NormalEquations
 from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares, ResidualKind, difference, error_gain
-from elastid.fit.problem.static_loads import StaticLoads
 from elastid.fit.problem.weights import Weights, Whitening
 from elastid.linear.linear_model import LinearModel, is_load
 from elastid.linear.linearise import Linearisation
@@ -35,6 +34,9 @@ from elastid.linear.response.transfer import zoh_aliases
 from elastid.parameters import Parameters
 from elastid.record import REFERENCE
 from elastid.response import Response
+
+if TYPE_CHECKING:
+    from elastid.fit.problem.static_loads import StaticLoads  # of studies with load tests
 
 # Configurations of a chunk.
 CHUNK = 4
@@ -191,7 +193,7 @@ class ElasticFit:
     parameters: Parameters
     parts: tuple[Part, ...]
     inertias: tuple[BodyInertia, ...] = ()
-    loads: StaticLoads | None = None
+    loads: "StaticLoads | None" = None
     home: Execution = HERE
 
     def evaluated_by(self, execution: Execution) -> Execution:
@@ -217,7 +219,7 @@ class ElasticFit:
             r, J = self.static(x)
         except np.linalg.LinAlgError:
             return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
-        distance, slope = self.priors(x)
+        distance, slope = self.parameters.priors(x)
         b, b_slope, b_curvature = barrier(self.inertias, self.parameters, x)
         V, g, A = V + float(r @ r) + float(distance @ distance), g + J.T @ r + slope * distance, A + J.T @ J
         return Evaluation(V + b, 2 * g + b_slope, 2 * (A + np.diag(slope**2)) + b_curvature)
@@ -246,17 +248,6 @@ class ElasticFit:
         G, dG = part.columns.evaluate(part.theta(self.parameters, x))
         dr = part.slopes(G, dG, mixing)
         return part.residual(G, mixing), np.tensordot(part.chain(self.parameters, x).T, dr, axes=1)
-
-    @property
-    def prior_slopes(self) -> FloatArray:
-        """1 / s (n_x,) of the priors, zero where nothing is known beforehand."""
-        return np.array([0.0 if p.prior is None else 1 / p.prior.std for p in self.parameters.free])
-
-    def priors(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return (x - m) / s and 1 / s (n_x,), zero where nothing is known beforehand."""
-        mean = [0.0 if p.prior is None else p.to_x(p.prior.mean) for p in self.parameters.free]
-        slope = self.prior_slopes
-        return (x - np.array(mean)) * slope, slope
 
 
 @dataclass(frozen=True, eq=False)

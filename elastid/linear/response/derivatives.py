@@ -153,7 +153,7 @@ class Columns(Kept):
     def is_symmetric(self) -> bool:
         """True if G = G^T: outputs in the directions of the inputs, no tilting accelerometer, exact channels."""
         model = self.kernel.model
-        is_moved = model.tilt.any() or model.output_parameters or model.channel_numbers or model.controller is not None
+        is_moved = model.T.any() or model.output_parameters or model.channel_numbers or model.controller is not None
         return np.array_equal(model.B.T, model.C) and not is_moved
 
     @cached_property
