@@ -222,7 +222,11 @@ class Parameters:
     @property
     def x(self) -> FloatArray:
         """The solver's start (n_x,)."""
-        return np.array([parameter.to_x(parameter.value) for parameter in self.free], dtype=float)
+        return self.x_with({})
+
+    def x_with(self, values: Mapping[str, float]) -> FloatArray:
+        """Return x (n_x,) with values of x by name, others at the start."""
+        return np.array([values.get(p.name, p.to_x(p.value)) for p in self.free], dtype=float)
 
     @cached_property
     def x_bounds(self) -> tuple[FloatArray, FloatArray]:

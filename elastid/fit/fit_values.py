@@ -136,8 +136,7 @@ class FitValues:
     @property
     def std(self) -> dict[str, float]:
         """Standard deviations of the free parameters in SI (first order for logarithmic ones)."""
-        free = zip(self.parameters.free, self.x, self.std_of_x, strict=True)
-        return Named("free parameter", {p.name: float(s * (np.exp(xi) if p.log else 1.0)) for p, xi, s in free})
+        return self._in_si(self.std_of_x)
 
     @property
     def std_of_x(self) -> FloatArray:
@@ -155,12 +154,12 @@ class FitValues:
 
         Compare dates, or robots of one type, by this contribution: they share the errors of the robot model.
         """
-        return self._part(self._shared(self.averaging_fraction, 1.0))
+        return self._contribution(self.averaging_fraction, 1.0)
 
     @property
     def std_prior(self) -> dict[str, float]:
         """Contribution to `std` of the robot model's tolerances that no amount of data reduces."""
-        return self._part(self._shared(self.persistent_fraction, 0.0))
+        return self._contribution(self.persistent_fraction, 0.0)
 
     @property
     def std_systematic(self) -> dict[str, float]:
@@ -169,7 +168,7 @@ class FitValues:
         Errors that repeated measurements share: the assumed model error, residuals above the noise, tolerances that
         more data narrow, errors of the friction compensation, and unexplained distortion.
         """
-        return self._part(self._shared(1 - self.averaging_fraction - self.persistent_fraction, 0.0))
+        return self._contribution(1 - self.averaging_fraction - self.persistent_fraction, 0.0)
 
     @property
     def std_contributions(self) -> dict[str, dict[str, float]]:
@@ -182,18 +181,19 @@ class FitValues:
         """`std` of each parameter of interest, including the uncertainty of an unmodelled base of typical stiffness."""
         n = len(self.parameters.of_interest)
         base = sum((part.changes**2 for part in self.assumed_rigid), np.zeros(n))
-        return self._part(np.diag(self.covariance)[:n] + base)
+        return self._in_si(np.sqrt(np.diag(self.covariance)[:n] + base))
 
-    def _shared(self, fraction: FloatArray, without: float) -> FloatArray:
-        """Return contributions (n_asked,) to the variance by `fraction`, else `without`; infinite if unidentifiable."""
+    def _contribution(self, fraction: FloatArray, without: float) -> dict[str, float]:
+        """Return the root of a fraction (n_x,) of the variances, else of `without`; infinite if unidentifiable."""
         variance = np.diag(self.covariance)[: len(self.parameters.of_interest)]
         part = fraction[: len(variance)] if len(fraction) else np.full(len(variance), without)
-        return np.where(np.isinf(variance), np.inf if without else 0.0, np.nan_to_num(variance, posinf=0.0) * part)
+        power = np.where(np.isinf(variance), np.inf if without else 0.0, np.nan_to_num(variance, posinf=0.0) * part)
+        return self._in_si(np.sqrt(np.maximum(power, 0.0)))
 
-    def _part(self, variance: FloatArray) -> dict[str, float]:
-        of_interest, std = self.parameters.of_interest, np.sqrt(np.maximum(variance, 0.0))
-        scale = [math.exp(x) if p.log else 1.0 for p, x in zip(of_interest, self.x, strict=False)]
-        return Named("parameter", {p.name: float(s * e) for p, s, e in zip(of_interest, std, scale, strict=True)})
+    def _in_si(self, std: FloatArray) -> dict[str, float]:
+        """Return standard deviations of x (n,), of the first free parameters, in SI by name (first order)."""
+        free = zip(self.parameters.free, self.x, std, strict=False)
+        return Named("free parameter", {p.name: float(s * (np.exp(xi) if p.log else 1.0)) for p, xi, s in free})
 
     def interval(self, name: str) -> tuple[float, float]:
         """Return the 95 % interval of a free parameter in SI, by profile likelihood if computed, else symmetric in x.

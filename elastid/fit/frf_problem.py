@@ -118,11 +118,6 @@ class Assembly:
     def _dependent(self) -> set[str]:
         return {name for G in self.responses for name in self.parameters.dependent_names(G.configuration.name)}
 
-    @property
-    def notes(self) -> tuple[Note, ...]:
-        """Notes on lines that the weights left out."""
-        return notes_of(self.weights)
-
     def at(self, x: FloatArray, criterion: ResidualKind) -> ElasticFit:
         """Return the fit with every configuration linearised at x (n_x,)."""
         part = partial(_part, self.linearisation, self.parameters, x, criterion)

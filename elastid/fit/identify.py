@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.errors import DataError, FitError, StudyError, check_kind
+from elastid.base.arrays import ComplexArray, FloatArray, named
+from elastid.base.errors import DataError, FitError, StudyError, check_kind, notes_of
 from elastid.base.execution import Execution, persistent_workers
 from elastid.fit.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.diagnosis.delay_hypotheses import common_delay
@@ -105,10 +105,10 @@ def identified(
         except StudyError as error:  # the robot finds no rest on the way
             raise NoRestError(error) from None
         if robot.tolerances is None or not (result.has_tolerances and evidence.result.status == "model_error"):
-            result = diagnose(evidence, (*assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x)))
-            result = add_intervals(result, optimum, spec, execution)
-            contradicted = (*contradicted_priors(result), *contradicted_tolerances(result))
-            result = replace(result, notes=(*result.notes, *contradicted))
+            notes = *notes_of(assembly.weights), *optimum.notes, *assembly.spring_notes(optimum.end.x)
+            result = add_intervals(diagnose(evidence, notes), optimum, spec, execution)
+            notes = *result.notes, *contradicted_priors(result), *contradicted_tolerances(result)
+            result = replace(result, notes=notes)
             result = without_presliding(result, assembly, before)
             pairs = zip(assembly.responses, optimum.responses, strict=True)
             effects = {G.configuration.name: G.G - rested.G for G, rested in pairs if rested.G is not G.G}
@@ -168,7 +168,7 @@ def _search(
     assembly = Assembly.of(responses, robot, searched, parameters, model, loads, weights, home)
     fit = assembly.at(parameters.x, spec.criterion)
     if fit.n_residuals == 0:
-        reason = "; ".join(map(str, assembly.notes)) or "fit.band_hz and the factors of fit.weights leave no line"
+        reason = "; ".join(map(str, notes_of(weights))) or "fit.band_hz and the factors of fit.weights leave no line"
         raise DataError("fit/not-identifiable", reason, "nothing is left to fit")
     if fit.problem.dof < 1:
         few = f"{fit.n_residuals} real numbers are left to fit {len(fit.parameters.free)} parameters"
@@ -307,12 +307,9 @@ def free_nuisance_parameters(
     numbers without an equilibrium, all stay fixed: the diagnosis names the cause.
     """
     parameters = with_tolerances(assembly.parameters, robot, assembly.spec)
-    places = [parameters.free_names.index(name) for name in assembly.parameters.free_names]
 
     def widened(x: FloatArray) -> FloatArray:
-        wide = parameters.x
-        wide[places] = x
-        return wide
+        return parameters.x_with(named(assembly.parameters.free_names, x))
 
     ends = [replace(start, x_start=widened(start.x_start), x=widened(start.x)) for start in starts]
     nuisance = Assembly.of(

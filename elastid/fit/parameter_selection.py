@@ -314,7 +314,7 @@ def tolerances_of(robot: Robot) -> Iterator[Tolerance]:
 
 
 def _turns_all(robot: Robot, path: Path) -> bool:
-    """True of a zero with which the whole robot turns about gravity, so that no response shows it."""
+    """Return True for a zero with which the whole robot turns about gravity, so that no response shows it."""
     if path[-1] != "zero" or robot.loops or robot.compensators:
         return False
     body, joint = robot.bodies[int(path[1])], robot.bodies[int(path[1])].joints[int(path[3])]

@@ -71,7 +71,7 @@ def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
     with_springs = with_presliding(
         assembly, dict(sorted(last.springs.items(), key=lambda pair: joints.index(pair[0].joint)))
     )
-    return with_springs, _start(with_springs.parameters, last.fit.parameters, last.x)
+    return with_springs, with_springs.parameters.x_with(named(last.fit.parameters.free_names, last.x))
 
 
 def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:
@@ -90,7 +90,7 @@ def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:
 
 
 def _is_beaten(evidence: Evidence, first: "_State", last: "_State") -> bool:
-    """True where springs leave too much of the excess of V, or another cause has better odds than theirs by the BIC."""
+    """Return True if springs leave too much of the excess of V, or another cause has better odds by the BIC."""
     drop, scores, cause = first.cost - last.cost, evidence.scores, evidence.cause
     if evidence.is_unexplained and drop < LIMITS.sufficient_fraction * (
         first.cost - last.cost_ratio * first.fit.problem.dof
@@ -131,7 +131,7 @@ class _State:
 
     def predicted(self, joint: str) -> float:
         """Predict the decrease of V by a linear step in parameters and springs of a motor; infinite if undetermined."""
-        if not self._sees(joint):
+        if joint not in self._rows[0]:
             return math.inf
         C, _, _, r = self._steps(joint)
         return float(np.sum((np.linalg.qr(C.T)[0].T @ r) ** 2))
@@ -142,7 +142,7 @@ class _State:
         All signs at two rates where the motion is not measured.
         """
         usual, (least, middle) = _torque_per_angle(self.base.responses, f"motor {joint}"), FIRST_FRACTIONS
-        if not self._sees(joint):
+        if joint not in self._rows[0]:
             rates = _rates(self.base.responses)[1:-1].tolist()
             return [(RelaxingSpring(joint, sign), middle * usual, a) for sign in self.signs for a in rates]
         C, steps, rates_of_steps, r = self._steps(joint)
@@ -160,9 +160,6 @@ class _State:
         steps = -(C @ r) / np.maximum(np.sum(C**2, axis=1), 1e-300)
         is_allowed = np.isin(np.sign(steps), self.signs)
         return C[is_allowed], steps[is_allowed], _rates(self.base.responses)[is_allowed], r
-
-    def _sees(self, joint: str) -> bool:
-        return all(f"motor {joint}" in part.kernel.model.outputs for part in self.fit.parts)
 
     @cached_property
     def _rows(self) -> tuple[dict[str, FloatArray], FloatArray]:
@@ -184,7 +181,7 @@ class _State:
         for spring, stiffness, a in self.starts(joint):
             every = {**self.springs, spring: (stiffness, a)}
             assembly = with_presliding(self.base, every)
-            start = _start(assembly.parameters, self.fit.parameters, self.x)
+            start = assembly.parameters.x_with(named(self.fit.parameters.free_names, self.x))
             fit, _ = _thinned(assembly, start)
             try:
                 end = solve(fit.problem, start, ROUGH, 2 * LIMITS.iterations)
@@ -251,7 +248,7 @@ def rate_band(responses: Sequence[Response]) -> tuple[float, float]:
 
 
 def relaxation(joint: str) -> str:
-    """Name of the relaxation time 1 / a of a motor's friction, s."""
+    """Return the name of the relaxation time 1 / a of a motor's friction, s."""
     return f"relaxation_{joint}"
 
 
@@ -280,12 +277,6 @@ def with_relaxing_springs(parameters: Parameters, springs: Springs, band: tuple[
     every = parameters.parameters
     at = [p.name for p in every].index(DELAY)
     return Parameters((*every[:at], *numbers, *every[at:]))
-
-
-def _start(parameters: Parameters, before: Parameters, x: FloatArray) -> FloatArray:
-    """Return x (n_x,) of parameters: as in x of `before`, else their start."""
-    values = named(before.free_names, x)
-    return np.array([values.get(p.name, p.to_x(p.value)) for p in parameters.free])
 
 
 def are_identified(result: Result, springs: Sequence[RelaxingSpring]) -> bool:
@@ -336,7 +327,7 @@ def without_presliding(result: Result, assembly: Assembly, before: Result) -> Re
 
 
 def _has_moved(before: Result, after: Result) -> bool:
-    """True if a stiffness or a damping has moved by more than counts as an effect."""
+    """Return True if a stiffness or a damping has moved by more than counts as an effect."""
     limits = {"N*m/rad": LIMITS.effect, "N/m": LIMITS.effect} | dict.fromkeys(DAMPING_UNITS, LIMITS.effect_on_damping)
     moves = zip(after.parameters.of_interest, np.abs(after.x - before.x).tolist(), strict=False)
     return any(p.log and move > limits.get(p.unit, math.inf) for p, move in moves)

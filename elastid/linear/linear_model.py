@@ -77,11 +77,8 @@ class DifferenceElement:
 
     def response(self, s: ComplexArray, T: float) -> ComplexArray:
         """Return H(s T) of the shape of s."""
-        half = s * T / 2  # e^(-x/2) sinh(x/2) / (x/2) keeps its digits where x is small
-        small = np.abs(half) < 1e-4
-        safe = np.where(small, 1.0, half)
-        sinhc = np.where(small, 1 + half**2 / 6, np.sinh(safe) / safe)
-        return np.asarray(np.exp(-half) * sinhc, dtype=np.complex128)
+        x = np.asarray(s * T, np.complex128)
+        return np.divide(-np.expm1(-x), x, out=np.ones_like(x), where=x != 0)
 
     def log_slope(self, s: ComplexArray, T: float) -> ComplexArray:
         """Return d ln H / dT = s (1 / (e^x - 1) - 1 / x), which is -s / 2 where x is small."""

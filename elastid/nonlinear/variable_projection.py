@@ -192,17 +192,11 @@ def select_basis(
 ) -> tuple[Basis, IntArray]:
     """Select basis functions by cross-validation; return them and their indices (n,) among the candidates."""
     motor_of = _motors(candidates, places)
-    choices = _choices(estimate_coefficients(data, motor_of)[1], candidates, identifiable_basis(data, motor_of))
+    equations, groups = estimate_coefficients(data, motor_of)[1], identifiable_basis(data, motor_of)
+    choices = [select_motor_basis(equations, i, members, candidates) for i, members in enumerate(groups)]
     choices = [pair if not auto or pair[1] <= MAX_RESIDUAL_FRACTION else (pair[0][:0], 1.0) for pair in choices]
     indices, ratios = np.concatenate([members for members, _ in choices]), np.array([ratio for _, ratio in choices])
     return Basis(tuple(candidates[i] for i in indices), motor_of[indices], ratios), indices
-
-
-def _choices(
-    equations: NormalEquations, candidates: Sequence[BasisFunction], groups: Sequence[IntArray]
-) -> list[tuple[IntArray, float]]:
-    """Return candidates of each motor's group that explain its torque, and the share of the power that they leave."""
-    return [select_motor_basis(equations, i, members, candidates) for i, members in enumerate(groups)]
 
 
 # Of the power that a choice leaves: above, any delay of the torque is looked for, which must leave so much less.
@@ -230,7 +224,7 @@ def torque_delay(
 
     def power(delay_s: float) -> float:
         _, equations = estimate_coefficients(delay_spectra(data, delay_s), motor_of, DELAY_ITERATIONS)
-        ratios = [ratio for _, ratio in _choices(equations, candidates, groups)]
+        ratios = [select_motor_basis(equations, i, rows, candidates)[1] for i, rows in enumerate(groups)]
         return float(np.mean(np.log(np.maximum(ratios, 1e-12))))
 
     step = 1 / (8 * max(float(spectra.freq_hz[spectra.excited].max()) for spectra in data))

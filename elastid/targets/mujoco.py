@@ -64,7 +64,6 @@ def write_mujoco(folder: Path, linear_model: FittedRobot, geared: Robot | None =
     Raises StudyError if MJCF cannot represent the robot.
     """
     model = linear_model
-    _check(model.robot)
     points = [equilibrium(model.model, model.theta[:-1], linear.configuration) for linear in model.linear]
     start = rod_poses(model.robot, points[0].q[: len(model.robot.joints)])
     root = mjcf(model.robot, start)

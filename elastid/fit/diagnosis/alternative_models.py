@@ -140,7 +140,7 @@ def _motor_inertias(robot: Robot) -> Iterator[_Other]:
     every = {name: value / robot.ratio(name.removeprefix("Jm_")) ** 2 for name, value in inertias.items()}
     groups = {f"inertia of motor {name.removeprefix('Jm_')}": {name: value} for name, value in every.items()}
     for name, numbers in (groups | ({"inertias of all motors": every} if len(every) > 1 else {})).items():
-        words = f"{name} study on the link side, or in kg cm^2"
+        words = f"{name} given on the link side, or in kg cm^2"
         yield words, "side of the gear", robot.with_parameters(numbers), numbers
 
 
@@ -172,7 +172,7 @@ def _about(parameters: Parameters, numbers: Mapping[str, float]) -> Parameters:
 
 
 def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
-    """Load on the body where it explains most, fitted from there with its mass, place and inertia free.
+    """Fit a load on the body where it explains most, from there with its mass, place and inertia free.
 
     Resonances move farther with it than they are wide, so that its linear step is only a start.
     """
@@ -220,8 +220,7 @@ def _carrying(
     every = {p.name: p for p in (*file, *numbers)}
     in_order = tuple(every.pop(name) for name in robot.parameters(every) if name in every)
     parameters = Parameters((*in_order, *every.values()))
-    of_interest = {p.name for p in file.free if not p.is_nuisance}
-    x = np.array([estimates[p.name] if p.name in of_interest else p.to_x(p.value) for p in parameters.free])
+    x = parameters.x_with({p.name: estimates[p.name] for p in file.of_interest})
     try:
         assembly = _with_robot(study, robot, parameters)
         for _ in range(LIMITS.rounds):

@@ -96,7 +96,7 @@ def _remedy(index: ModificationIndex, evidence: Evidence) -> str:
 
 
 def _is_motor_friction(index: ModificationIndex) -> bool:
-    """True for viscous friction of a motor that the robot's file lacks, as no motor does."""
+    """Return True for viscous friction of a motor that the robot's file lacks, as no motor does."""
     return index.name.startswith("fm_") and bool(index.members) and not np.any(index.values)
 
 

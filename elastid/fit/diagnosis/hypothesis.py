@@ -209,7 +209,7 @@ def against(
 
 
 def axis(index: ModificationIndex) -> str:
-    """Name of the axis that an index is of: 2 of friction_2@c1."""
+    """Return the name of the axis that an index is of: 2 of friction_2@c1."""
     return index.name.partition("@")[0].partition("_")[2]
 
 

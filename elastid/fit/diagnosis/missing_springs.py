@@ -68,7 +68,7 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
         trials = []
         for k in _stiffnesses(name, models, few).tolist():
             sprung = _with_spring(few, name, k, ratio, models, assembly)
-            start = np.array([estimates.get(p.name, p.to_x(p.value)) for p in sprung.parameters.free])
+            start = sprung.parameters.x_with(estimates)
             cost, step = predict(AS_MEASURED, evaluate(sprung, start), sprung.parameters.prior_slopes)
             trials.append(_Spring(name, k, ratio, np.clip(start + step, *sprung.parameters.x_bounds), cost))
         least = _minima(np.array([spring.predicted for spring in trials]), LIMITS.variances * scores.variance_ratio)

@@ -291,15 +291,15 @@ def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = LIMITS.r
 
 
 def _step(test: ScoreTest, candidate: Candidate, scores: Scores) -> tuple[FloatArray, float, float]:
-    tau2 = temper(scores)
+    tau2, none = temper(scores), (np.zeros(len(candidate.places)), 0.0, 0.0)
     # A smaller drop is neither significant nor equivalent to a significant cause.
     if test.most(candidate) < LIMITS.equal_drop * min(scores.significant.values()):
-        return np.zeros(len(candidate.places)), 0.0, 0.0
+        return none
     if candidate.name.startswith("payload_"):
         least = max(scores.significant[4], LIMITS.min_cause_fraction * scores.excess)
         load = find_load(test, candidate, scores.variance_ratio, least)
         if load is None:
-            return np.zeros(len(candidate.places)), 0.0, 0.0
+            return none
         W = np.array([MASS_KG, *3 * [DISTANCE_M]])
         sizes = (load.mass / MASS_KG, *load.place / DISTANCE_M)
         return load.steps, load.drop, occam_factor(load.information / tau2, W, np.array(sizes))

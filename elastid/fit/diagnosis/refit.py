@@ -107,8 +107,8 @@ def evaluate(fit: ElasticFit, x: FloatArray) -> list[Evaluated]:
     evaluated = []
     for part in (part for part in fit.parts if part.n_residuals):
         G, slopes = part.columns.evaluate(part.theta(fit.parameters, x))
-        chain = fit.parameters.jacobian(x, part.configuration)[part.kernel.places]
-        evaluated.append(Evaluated(part, part.mixing, G, np.tensordot(chain.T, slopes, axes=1)))
+        free = np.tensordot(part.chain(fit.parameters, x).T, slopes, axes=1)
+        evaluated.append(Evaluated(part, part.mixing, G, free))
     return evaluated
 
 

@@ -120,7 +120,7 @@ def _residuals(
 
 
 def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
-    """Load tests next to the deflections of `alone`, the fit of the responses without them."""
+    """Compare load tests with the deflections of `alone`, the fit of the responses without them."""
     now = SecondSource.of(alone, partial(_residuals, loads, alone.parameters), loads.n_residuals)
     comparison, least = agreement(now, alone)
     if comparison.disagrees and np.isfinite(least):

@@ -162,7 +162,7 @@ def decisive_index(
 
 
 def _blocks_disagree(evidence: Evidence) -> bool:
-    """True if configurations and bands disagree about the parameters by more than noise and model error together."""
+    """Return True if configurations and bands disagree about the parameters by more than noise and model error."""
     result = evidence.result
     excess = result.cost / result.cost_expected
     is_structured = evidence.uncertainty.disagreement > max(LIMITS.disagreement, LIMITS.structure * excess)

@@ -108,7 +108,7 @@ class Part(Kept):
     @property
     def for_sums(self) -> "Part":
         """The part for `normal` alone, without the covariances of its lines, most of its numbers."""
-        residuals = self.normal.residuals.worked_out
+        residuals = self.normal.residuals.without_whitening
         return replace(self, whitening=residuals.whitening, compressed=residuals)
 
     def linearised(self, model: LinearModel, parameters: Parameters) -> "Part":

@@ -308,10 +308,11 @@ def _for_weights(variance: FloatArray, dof: float, width: int) -> FloatArray:
 
 
 def smooth_variance(variance: FloatArray, G: ComplexArray, dof: float) -> tuple[FloatArray, FloatArray]:
-    r"""Sample variances (F, ...) of elements as `smooth_covariance` smooths them, and kappa of each; zeros stay zeros.
+    r"""Smooth sample variances (F, ...) of elements as `smooth_covariance` does; return them and kappa of each.
 
     The model of the noise is |G|^{2 a}, its exponent a in [0, 1] found by regression: 0 where noise ignores the
-    resonances, 1 where it follows them.  A line of zero variance takes its neighbours'.
+    resonances, 1 where it follows them.  A line of zero variance takes its neighbours'; an element without variance
+    has none.
     """
     positive = np.any(variance > 0, axis=0)
     variances = np.apply_along_axis(without_gaps, 0, np.where(positive, variance, 1.0))

@@ -263,7 +263,7 @@ class Columns(Kept):
 
 
 def _first_alike(E: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Factor (N,) and first row (N,) of which each row of E (N, m) is a multiple; positive of a first row."""
+    """Return factors (N,) and first rows (N,) of which the rows of E (N, m) are multiples; positive of a first row."""
     size, first = np.sqrt(np.einsum("nm,nm->n", E, E)), np.arange(len(E))
     unit = E / size[:, None]
     cosine = unit @ unit.T
