@@ -15,7 +15,7 @@ influences d_k of m logs have a significantly larger covariance, it is used inst
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -40,6 +40,9 @@ SETTLE, SMOOTH_S = 15.0, 0.06
 # Perturbation of a number for its sensitivity, relative to its scale, and that of the delay in s.
 PERTURBATION, DELAY_STEP_S = 1e-3, 2e-4
 MAX_ITERATIONS, TOLERANCE = 15, 1e-5
+# Start values of stick time, s, and creep. Both are 0 unless Coulomb friction, and stick time less a step of the
+# simulation, exceed so many stds.
+START_STICKING, STICKING_STDS = ((0.003, 0.0), (0.01, 0.1), (0.02, 0.6)), 3.0
 # Chance of a larger scatter between logs than within them by noise alone, below which it counts.
 CHANCE = 0.1
 
@@ -137,12 +140,16 @@ class CommandedJoint(Estimate):
 
 @dataclass(frozen=True)
 class _Problem:
-    """All logs side by side: a column (S,) for each joint and log, padded to the longest.  window: samples per mean."""
+    """All logs side by side: a column (S,) for each joint and log, padded to the longest.
+
+    window: samples per mean.  soft: joints that may not stick exactly.
+    """
 
     logs: tuple[CommandedLog, ...]
     joints: tuple[str, ...]
     commanded: CommandedJoints
     window: int
+    soft: frozenset[str]
 
     @classmethod
     def of(cls, logs: Sequence[CommandedLog]) -> "_Problem":
@@ -164,7 +171,8 @@ class _Problem:
             logs[0].is_zoh
         )  # fmt: skip
         highest = max(_upper_end(log) for log in logs)
-        return cls(tuple(logs), joints, commanded, max(1, int(rate_hz / max(MEANS_HZ, MEANS_IN_PERIOD * highest))))
+        window = max(1, int(rate_hz / max(MEANS_HZ, MEANS_IN_PERIOD * highest)))
+        return cls(tuple(logs), joints, commanded, window, frozenset(joints))
 
     @property
     def index(self) -> list[int]:
@@ -172,17 +180,22 @@ class _Problem:
         return [self.joints.index(joint) for log in self.logs for joint in log.joints]
 
     def simulated(self, numbers: FloatArray, delay_s: FloatArray) -> list[FloatArray]:
-        """Return means (n_k, K, m_k) of each log for candidates: numbers (K, m, 6) and delays (K,)."""
+        """Return means (n_k, K, m_k) of each log for candidates: numbers (K, m, 8) and delays (K,)."""
         means = self.commanded.simulate(numbers[:, self.index], delay_s, self.window)
         ends = np.cumsum([len(log.joints) for log in self.logs])[:-1]
         return [part[self._settled(log)] for log, part in zip(self.logs, np.split(means, ends, axis=2), strict=True)]
+
+    def step_s(self, numbers: FloatArray) -> float:
+        """Return step of the simulation with numbers (m, 8), in s."""
+        inertia = numbers[self.index, 0] + self.commanded.coupled_inertia
+        return 1 / self.commanded.rate_hz / self.commanded.steps(inertia)
 
     def errors(self, simulations: Sequence[FloatArray], candidate: int = 0) -> list[FloatArray]:
         """Return errors (n_k, m_k) of the means of each log, simulated with the numbers of a candidate."""
         return [q - sim[:, candidate] for q, sim in zip(self.measured, simulations, strict=True)]
 
     def errors_of(self, numbers: FloatArray, delay_s: float) -> list[FloatArray]:
-        """Return errors of the means of each log, simulated with numbers (m, 6)."""
+        """Return errors of the means of each log, simulated with numbers (m, 8)."""
         return self.errors(self.simulated(numbers[None], np.array([delay_s])))
 
     @cached_property
@@ -196,11 +209,11 @@ class _Problem:
 
     @cached_property
     def is_free(self) -> BoolArray:
-        """Numbers (m, 6) that are unknown: gravity where it changes with the angle."""
+        """Numbers (m, 8) that are unknown: gravity where it changes with the angle, and how a soft joint sticks."""
         turns = {
             joint: turn for log in self.logs for joint, turn in zip(log.joints, log.has_gravity.tolist(), strict=True)
         }
-        return np.array([[not name.startswith("gravity") or turns[joint] for name in NUMBERS] for joint in self.joints])
+        return np.array([[True] * 4 + [turns[joint]] * 2 + [joint in self.soft] * 2 for joint in self.joints])
 
 
 def simulate_commanded(log: CommandedLog, joints: Mapping[str, CommandedJoint]) -> FloatArray:
@@ -222,6 +235,25 @@ def fit_commanded(logs: Sequence[CommandedLog]) -> dict[str, CommandedJoint]:
     """Estimate the numbers of each joint of logs at one rate; DataError where the search finds no response."""
     problem = _Problem.of(logs)
     numbers, delay_s = _start(problem)
+    while True:
+        numbers, delay_s = _search(problem, numbers, delay_s)
+        fits = _fit(problem, numbers, delay_s)
+        step_s = problem.step_s(numbers)
+        soft = frozenset(joint for joint in problem.soft if _is_soft(fits[joint], step_s))
+        if soft == problem.soft:
+            return fits
+        problem = replace(problem, soft=soft)
+        numbers[~problem.is_free] = 0.0
+
+
+def _is_soft(fit: CommandedJoint, step_s: float) -> bool:
+    """Return True if Coulomb friction and stick time are significant; within a step of it no joint sticks sooner."""
+    least = {"coulomb": 0.0, "stick_time": step_s}
+    return all(fit[name] > size + STICKING_STDS * fit.std(name) for name, size in least.items())
+
+
+def _search(problem: _Problem, numbers: FloatArray, delay_s: float) -> tuple[FloatArray, float]:
+    """Return numbers (m, 8) and delay of the least squares, by Gauss-Newton steps."""
     cost = np.inf
     for _ in range(MAX_ITERATIONS):
         end, before, part = _linearised(problem, numbers, delay_s), cost, 1.0
@@ -236,16 +268,16 @@ def fit_commanded(logs: Sequence[CommandedLog]) -> dict[str, CommandedJoint]:
         else:
             break
         numbers, delay_s = trial, late
-    return _fit(problem, numbers, delay_s)
+    return numbers, delay_s
 
 
 def _scales(problem: _Problem) -> FloatArray:
-    """Return typical sizes (m, 6) of the numbers, from gains and motion."""
+    """Return typical sizes (m, 8) of the numbers, from gains and motion."""
     rows = np.zeros((len(problem.joints), len(NUMBERS)))
     for i, column in enumerate(map(problem.index.index, range(len(problem.joints)))):
         kp, kd = problem.commanded.kp[column], problem.commanded.kd[column]
         torque = kp * max(float(np.std(problem.commanded.command[:, column])) / kp, 1e-3)
-        rows[i] = [max(kd**2 / kp, 1e-9) / 4, max(kd, 1e-9) / 4, torque / 4, torque / 4, torque, torque]
+        rows[i] = [max(kd**2 / kp, 1e-9) / 4, max(kd, 1e-9) / 4, torque / 4, torque / 4, torque, torque, 0.01, 0.1]
     return rows
 
 
@@ -256,6 +288,7 @@ def _next_numbers(
     trial[is_free] += step[:-1]
     trial[:, 0] = np.maximum(trial[:, 0], np.where(numbers[:, 0] > 0, numbers[:, 0] / 4, numbers[:, 0]))  # inertia
     trial[:, 2] = np.maximum(trial[:, 2], 0.0)  # Coulomb friction
+    trial[:, 6:] = np.clip(trial[:, 6:], [0.0, 0.0], [0.5, 0.9])  # stick time, creep
     return trial, delay_s + float(np.clip(step[-1], -0.02, 0.02))
 
 
@@ -288,7 +321,8 @@ class _Linearised:
 
 def _linearised(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Linearised:
     is_free, scales = problem.is_free, PERTURBATION * _scales(problem)
-    changes = np.eye(len(NUMBERS))[:, None] * scales
+    varied = np.flatnonzero(is_free.any(axis=0))
+    changes = np.eye(len(NUMBERS))[varied, None] * scales
     candidates = np.stack([numbers, *(numbers + changes), numbers])
     delays = np.full(len(candidates), delay_s)
     delays[-1] += DELAY_STEP_S
@@ -303,7 +337,8 @@ def _linearised(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Line
             i = problem.joints.index(joint)
             free, std = np.flatnonzero(is_free[i]), np.sqrt(variance[i])
             change = sim[:, 1:, column] - sim[:, :1, column]
-            X = np.hstack([change[:, free] / scales[i, free], change[:, -1:] / DELAY_STEP_S]) / std
+            sensitivity = change[:, np.searchsorted(varied, free)] / scales[i, free]
+            X = np.hstack([sensitivity, change[:, -1:] / DELAY_STEP_S]) / std
             joint_rows = np.append(place[i, free], n_x - 1)
             normal[np.ix_(joint_rows, joint_rows)] += X.T @ X
             score[:, joint_rows] += X * (error[:, column] / std)[:, None]
@@ -314,12 +349,20 @@ def _linearised(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Line
 
 
 def _start(problem: _Problem) -> tuple[FloatArray, float]:
-    """Return numbers (m, 6) and delay of the best of START_DELAYS, each with its regression of the gains' torque."""
-    candidates = np.stack([_regress(problem, delay) for delay in START_DELAYS.tolist()])
-    simulated = problem.simulated(candidates, START_DELAYS)
-    costs = [_log_squares(problem, problem.errors(simulated, k)) for k in range(len(START_DELAYS))]
-    best = int(np.argmin(np.nan_to_num(costs, nan=np.inf)))
-    return candidates[best], float(START_DELAYS[best])
+    """Return numbers (m, 8) and delay of the best of START_DELAYS, each with its regression of the gains' torque.
+
+    Each joint has the best of START_STICKING.
+    """
+    regressions = np.stack([_regress(problem, delay) for delay in START_DELAYS.tolist()])
+    candidates = np.repeat(regressions[:, None], len(START_STICKING), axis=1)
+    candidates[..., -2:] = np.array(START_STICKING)[:, None]
+    shape = candidates.shape[:3]
+    delays = np.repeat(START_DELAYS, len(START_STICKING))
+    simulated = problem.simulated(candidates.reshape(-1, *shape[2:], len(NUMBERS)), delays)
+    squares = [_mean_squares(problem, problem.errors(simulated, k)) for k in range(len(delays))]
+    costs = np.log(np.maximum(np.nan_to_num(squares, nan=np.inf), 1e-300)).reshape(shape)
+    best = int(np.argmin(costs.min(axis=1).sum(axis=1)))
+    return candidates[best, costs[best].argmin(axis=0), np.arange(shape[2])], float(START_DELAYS[best])
 
 
 def smoothed_motion(position: FloatArray, rate_hz: float) -> tuple[list[FloatArray], int]:
@@ -329,7 +372,7 @@ def smoothed_motion(position: FloatArray, rate_hz: float) -> tuple[list[FloatArr
 
 
 def _regress(problem: _Problem, delay_s: float) -> FloatArray:
-    """Return start values (m, 6) by regression of the torque of gains and encoder, the commands late by delay_s."""
+    """Return start values (m, 8) by regression of the torque of gains and encoder, the commands late by delay_s."""
     scales, rows = _scales(problem), dict[str, list[tuple[FloatArray, FloatArray]]]()
     for log in problem.logs:
         n, (q, v, a), width = len(log.position), *smoothed_motion(log.position, log.rate_hz)

@@ -5,24 +5,30 @@ r"""Rigid joints under sampled references through a continuous joint controller,
 
 c: the command, held from sample to sample or linear between samples, and T_d late; a fraction of a sample is exact,
 since each step takes the mean of the command over it. tau: torque of the rest of the robot, linear between samples. A
-step is the trapezoidal rule in the linear part and implicit in sgn (soft threshold), so that a joint sticks exactly:
+step is the trapezoidal rule in the linear part and implicit in sgn, so that a joint sticks exactly:
 
-.. math:: a\, \dot q_+ = S\bigl(b\, \dot q + h [\bar c - k_p q - g(q + h \dot q / 2)],\; h F_c\bigr), \quad
-          a = J + \tfrac{h}{2} (f + k_d) + \tfrac{h^2}{4} k_p, \quad b = 2 J - a
+.. math:: \dot q_+ = \dot q_0 - \mathrm{clip}\bigl((1 - c) (\dot q_0 - e^{-h / \tau} \dot q), \pm h F_c / a\bigr), \quad
+          a\, \dot q_0 = b\, \dot q + h [\bar c - k_p q - g(q + h \dot q / 2)]
 
-(Acary and Brogliato, Numerical Methods for Nonsmooth Dynamical Systems, 2008, chapter 10.)
+with a = J + h (f + k_d) / 2 + h^2 k_p / 4, b = 2 J - a, and tau = c = 0 (Acary and Brogliato, Numerical Methods for
+Nonsmooth Dynamical Systems, 2008, chapter 10). Where friction is a soft constraint, as in MuJoCo, the velocity of a
+sticking joint decays with a time constant tau, and a fraction c of the torque on it still accelerates it.
 """
 
 import math
+from functools import cached_property
 
+import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
 
-# Numbers of a joint, in the order of their axis, link side: J, f, F_c, o, G, H.
-NUMBERS = ("inertia", "viscous", "coulomb", "offset", "gravity.cos", "gravity.sin")
+# Numbers of a joint, in the order of their axis, link side: J, f, F_c, o, G, H, tau, c.
+NUMBERS = ("inertia", "viscous", "coulomb", "offset", "gravity.cos", "gravity.sin", "stick_time", "creep")
 # Radians of the loop's natural motion in a step, and the most steps in a sample.
 STEP_RAD, MAX_STEPS = 0.05, 64
+# Steps that one call simulates; to build a call takes as long as to simulate some thousand.
+BLOCK = 500
 
 
 @frozen_value
@@ -54,51 +60,58 @@ class CommandedJoints:
     def simulate(self, numbers: FloatArray, delay_s: FloatArray, window: int = 1) -> FloatArray:
         """Simulate positions (n // window, K, S) of K candidates, means over windows of samples.
 
-        numbers (K, S, 6): as NUMBERS.  delay_s (K,): T_d, from 0.
+        numbers (K, S, 8): as NUMBERS.  delay_s (K,): T_d, from 0.
         """
-        (n, S), K, T = self.command.shape, len(delay_s), 1 / self.rate_hz
-        J, f, F_c, o, G, H = np.moveaxis(np.broadcast_to(numbers, (K, S, len(NUMBERS))), -1, 0)
-        J = np.maximum(J + self.coupled_inertia, 0.0)  # late feedback takes some off
-        steps = self.steps(J)
-        h = T / steps
-        a = J + h / 2 * (f + self.kd) + h * h / 4 * self.kp
-        b, gain, threshold = (2 * J - a) / a, h / a, h * F_c / a
-        spring = gain * self.kp
-        has_gravity = bool(np.any(G) or np.any(H))
-        slope = np.vstack([self.load[1:] - self.load[:-1], np.zeros((1, S))])
-        x, v = (np.array(np.broadcast_to(start, (K, S))) for start in (self.position, self.velocity))
-        means, total = np.empty((n // window, K, S)), np.zeros((K, S))
-        integral, growth = self._integral
-        before = self._integrate(integral, growth, -delay_s)
-        for k in range(n // window * window):
-            total += x
-            for i in range(steps):
-                after = self._integrate(integral, growth, k * T + (i + 1) * h - delay_s)
-                torque = (after - before) / h - o - self.load[k] - (i + 0.5) / steps * slope[k]
-                before = after
-                if has_gravity:
-                    middle = x + h / 2 * v
-                    torque -= G * np.cos(middle) + H * np.sin(middle)
-                free = b * v + gain * torque - spring * x
-                v_next = free - np.clip(free, -threshold, threshold)
-                x = x + h / 2 * (v + v_next)
-                v = v_next
-            if (k + 1) % window == 0:
-                means[k // window], total = total / window, np.zeros((K, S))
-        return means
+        (n, S), K = self.command.shape, len(delay_s)
+        numbers = np.broadcast_to(numbers, (K, S, len(NUMBERS)))
+        steps = self.steps(np.maximum(numbers[..., 0] + self.coupled_inertia, 0.0))
+        step, block = self._step(numbers, 1 / self.rate_hz / steps), max(1, BLOCK // steps)
+        march, sums = step.mapaccum(block * steps), np.zeros((n // window, K, S))
+        state = np.stack([np.broadcast_to(start, (K, S)) for start in (self.position, self.velocity)])
+        for first in range(0, len(sums) * window, block):
+            torque = self._torque(first, first + block, steps, delay_s) - numbers[..., 3]
+            states = march(state.ravel(), torque.reshape(len(torque), -1).T).full().T.reshape(-1, *state.shape)
+            samples = np.arange(first, min(first + block, len(sums) * window))
+            at_samples = np.concatenate([state[None, 0], states[steps - 1 :: steps, 0]])[: len(samples)]
+            np.add.at(sums, samples // window, at_samples)
+            state = states[-1]
+        return sums / window
 
-    @property
+    def _step(self, numbers: FloatArray, h: float) -> ca.Function:
+        """Return step by h of positions and velocities (2 K S,) under a torque (K S,)."""
+        J, f, F_c, _, G, H, tau, creep = np.moveaxis(numbers, -1, 0)
+        J = np.maximum(J + self.coupled_inertia, 0.0)  # late feedback takes some off
+        a = J + h / 2 * (f + self.kd) + h * h / 4 * self.kp
+        rows = [(2 * J - a) / a, h / a, h / a * self.kp, h * F_c / a, 1 - creep, np.exp(-h / np.maximum(tau, 1e-300))]
+        b, gain, spring, threshold, grip, decay, G, H = (ca.DM(row.ravel()) for row in (*rows, G, H))
+        x, v, torque = (ca.SX.sym(name, a.size) for name in ("x", "v", "torque"))
+        middle = x + h / 2 * v
+        free = b * v + gain * (torque - G * ca.cos(middle) - H * ca.sin(middle)) - spring * x
+        v_next = free - ca.fmax(ca.fmin(grip * (free - decay * v), threshold), -threshold)
+        after = ca.vertcat(x + h / 2 * (v + v_next), v_next)
+        return ca.Function("step", [ca.vertcat(x, v), torque], [after])
+
+    def _torque(self, first: int, last: int, steps: int, delay_s: FloatArray) -> FloatArray:
+        """Return mean of late command less load (N, K, S) in each step of the samples first to last."""
+        fine = np.arange(first * steps, last * steps + 1) / steps
+        late = self._integrate(fine[:, None] / self.rate_hz - delay_s)
+        middle, samples = (fine[:-1] + fine[1:]) / 2, np.arange(len(self.load))
+        load = np.stack([np.interp(middle, samples, column) for column in self.load.T], axis=1)
+        return np.asarray(np.diff(late, axis=0) * steps * self.rate_hz - load[:, None])
+
+    @cached_property
     def _integral(self) -> tuple[FloatArray, FloatArray]:
         """Integral of the command up to each sample and the end (n + 1, S), and its quadratic part in each (n, S)."""
         c, T, start = self.command, 1 / self.rate_hz, np.zeros((1, self.command.shape[1]))
         growth = np.zeros_like(c) if self.is_zoh else np.vstack([np.diff(c, axis=0), start]) * T / 2
         return np.vstack([start, np.cumsum(c * T + growth, axis=0)]), growth
 
-    def _integrate(self, integral: FloatArray, growth: FloatArray, time_s: FloatArray) -> FloatArray:
-        """Integrate the command (K, S) up to times (K,) from the first sample on; before it the first holds."""
+    def _integrate(self, time_s: FloatArray) -> FloatArray:
+        """Integrate the command (N, K, S) up to times (N, K) from the first sample on; before it the first holds."""
+        integral, growth = self._integral
         sample = time_s * self.rate_hz
         k = np.clip(np.floor(sample).astype(int), 0, len(growth) - 1)
-        fraction = (sample - k)[:, None]
+        fraction = (sample - k)[..., None]
         bend = np.where((fraction >= 0) & (fraction <= 1), fraction * (fraction - 1), 0.0) * growth[k]
         straight = np.where(fraction < 0, self.command[0] / self.rate_hz, integral[k + 1] - integral[k])
         return np.asarray(integral[k] + fraction * straight + bend)

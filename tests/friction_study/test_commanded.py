@@ -80,7 +80,7 @@ def test_one_joint_is_recovered_at_every_delay(delay_s: float, tmp_path: Path) -
     result = found(robot_of(ONE_ROBOT, tmp_path), log(q, r, np.array(GAINS[:1])))
     assert result.status == "identified"
     assert_recovered(commanded(result)["1"], 0, delay_s)
-    assert {"J_m1", "f_m1", "Fc_m1", "T_d_m1"} <= {number.name for number in result.numbers}
+    assert {number.name for number in result.numbers} == {"J_m1", "f_m1", "Fc_m1", "o_m1", "T_d_m1"}
     fit = commanded(result)["1"]
     assert fit.rms < 1.1e-4
     truth, std = np.array([TRUE[name][0] for name in fit.names[:3]]), np.sqrt(np.diag(fit.covariance))[:3]
@@ -90,6 +90,19 @@ def test_one_joint_is_recovered_at_every_delay(delay_s: float, tmp_path: Path) -
     moved = simulated_commands(robot_of(ONE_ROBOT, tmp_path), {"1": log(q, r, np.array(GAINS[:1]))[0]}, {"1": fit})
     assert np.std(moved - q) < 1.2e-4
     assert 1e-4 < fit.relative_error < 1e-3
+
+
+def test_friction_as_a_soft_constraint_is_recovered(tmp_path: Path) -> None:
+    """Of a joint that creeps while it sticks; friction that sticks exactly has neither number."""
+    r = references(1200, 1, 0.35, 4.0)
+    q = positions(one_joint, r, 0.005, steps=10, soft=(0.02, 0.1)) + np.random.default_rng(3).normal(0, 1e-5, r.shape)
+    result = found(robot_of(ONE_ROBOT, tmp_path), log(q, r, np.array(GAINS[:1])))
+    fit = commanded(result)["1"]
+    assert result.status == "identified"
+    assert_recovered(fit, 0, 0.005)
+    assert fit["coulomb"] == pytest.approx(TRUE["coulomb"][0], rel=0.01)
+    assert (fit["stick_time"], fit["creep"]) == pytest.approx((0.02, 0.1), rel=0.05)
+    assert {"tau_m1", "c_m1"} <= {number.name for number in result.numbers}
 
 
 def test_late_feedback_acts_as_less_damping_and_as_inertia():

@@ -75,12 +75,14 @@ Plant = Callable[[Sequence[float], Sequence[float], Sequence[float]], tuple[floa
 
 
 def positions(
-    plant: Plant, reference: FloatArray, delay_s: float, steps: int = 25, tick: int = 0, differentiates: bool = False
-) -> FloatArray:
+    plant: Plant, reference: FloatArray, delay_s: float, steps: int = 25, tick: int = 0, differentiates: bool = False,
+    soft: tuple[float, float] | None = None,
+) -> FloatArray:  # fmt: skip
     """Positions (n, m) at the samples under references that are held and delay_s late, by Runge-Kutta's method.
 
     tick: of the steps, for which a sampled controller holds its feedback, with differences of positions if it
-    differentiates; 0 for a continuous one.
+    differentiates; 0 for a continuous one.  soft: time constant and creep of friction that is a soft constraint, as in
+    MuJoCo's documentation (a_1 = c a_0 - (1 - c) v / tau while a joint sticks), of joints without coupling.
     """
     n, m = reference.shape
     rows, h, smooth = reference.tolist(), 1 / RATE_HZ / steps, 2e-3
@@ -90,13 +92,16 @@ def positions(
     def acceleration(v: list[float], q: list[float], r: list[float]) -> tuple[float, ...]:
         read = held or [q, v]
         torque = [
-            kp * (r[i] - read[0][i])
-            - kd * read[1][i]
-            - TRUE["viscous"][i] * v[i]
-            - TRUE["coulomb"][i] * math.tanh(v[i] / smooth)
+            kp * (r[i] - read[0][i]) - kd * read[1][i] - TRUE["viscous"][i] * v[i]
             for i, (kp, kd) in enumerate(GAINS[:m])
         ]
-        return plant(v, q, torque)
+        return plant(v, q, [u - dry(i, v[i], u) for i, u in enumerate(torque)])
+
+    def dry(i: int, v: float, torque: float) -> float:
+        F_c = TRUE["coulomb"][i]
+        if soft is None:
+            return F_c * math.tanh(v / smooth)
+        return min(max((1 - soft[1]) * (torque + TRUE["inertia"][i] * v / soft[0]), -F_c), F_c)
 
     def ahead(x: list[float], rate: Sequence[float], h: float) -> list[float]:
         return [a + h * b for a, b in zip(x, rate, strict=True)]

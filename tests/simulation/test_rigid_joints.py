@@ -1,6 +1,7 @@
 """Rigid joints under commands against closed forms and SciPy's integration."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -23,7 +24,7 @@ def joints(reference: FloatArray, held: bool = True) -> CommandedJoints:
 def test_delayed_step_response_agrees_with_closed_form(delay_s: float) -> None:
     """A fraction of a sample counts as such: the poles of J s^2 + (f + k_d) s + k_p after the delay."""
     reference = np.where(np.arange(200) >= 20, 1.0, 0.0)
-    moved = joints(reference).simulate(np.array([[[J, f, 0, 0, 0, 0]]]), np.array([delay_s]))[:, 0, 0]
+    moved = joints(reference).simulate(np.array([[[J, f, 0, 0, 0, 0, 0, 0]]]), np.array([delay_s]))[:, 0, 0]
     t = np.maximum(np.arange(200) / 200 - 0.1 - delay_s, 0.0)
     decay, beat = (f + kd) / (2 * J), math.sqrt(kp / J - ((f + kd) / (2 * J)) ** 2)
     exact = 1 - np.exp(-decay * t) * (np.cos(beat * t) + decay / beat * np.sin(beat * t))
@@ -37,7 +38,7 @@ def test_linear_commands_agree_with_integration_by_scipy() -> None:
     reference, load = 0.3 * np.sin(2 * np.pi * t), 0.2 * t
     commanded = joints(reference, held=False)
     object.__setattr__(commanded, "load", load[:, None])
-    moved = commanded.simulate(np.array([[[J, f, 0, 0.05, 0.4, 0.7]]]), np.array([0.004]))[:, 0, 0]
+    moved = commanded.simulate(np.array([[[J, f, 0, 0.05, 0.4, 0.7, 0, 0]]]), np.array([0.004]))[:, 0, 0]
 
     def rate(time: float, x: FloatArray) -> list[float]:
         r = float(np.interp(time - 0.004, t, reference))
@@ -51,15 +52,27 @@ def test_linear_commands_agree_with_integration_by_scipy() -> None:
 def test_a_joint_sticks_where_its_command_is_below_coulomb_friction() -> None:
     """Exactly, without creep; beyond it the joint ends where friction holds the rest of the command."""
     reference = np.full(400, 0.02)
-    moved = joints(reference).simulate(np.array([[[J, f, 0.41, 0, 0, 0]], [[J, f, 0.1, 0, 0, 0]]]), np.zeros(2))
+    moved = joints(reference).simulate(
+        np.array([[[J, f, 0.41, 0, 0, 0, 0, 0]], [[J, f, 0.1, 0, 0, 0, 0, 0]]]), np.zeros(2)
+    )
     assert np.all(moved[:, 0] == 0)
     assert 0.015 <= moved[-1, 1, 0] <= 0.025
+
+
+def test_a_joint_that_sticks_softly_creeps_at_a_constant_velocity() -> None:
+    """c T / J = (1 - c) v / tau, with a torque T below Coulomb friction that stays; c = 0 does not move."""
+    T, tau, c = 0.2, 0.02, 0.1
+    commanded = replace(joints(np.full(2000, T / kp)), kp=np.full(1, 1e-9))
+    numbers = np.array([[[J, 0, 2 * T, 0, 0, 0, tau, creep]] for creep in (c, 0.0)])
+    moved = replace(commanded, kd=np.zeros(1)).simulate(numbers, np.zeros(2))[:, :, 0]
+    velocity = (moved[-1] - moved[1000]) / (999 / 200)
+    assert velocity == pytest.approx([c * T / J * tau / (1 - c), 0.0], rel=0.1)
 
 
 def test_candidates_move_as_each_alone() -> None:
     """Together and alone they are the same to rounding; means over windows are means of samples."""
     reference = 0.3 * np.sin(np.arange(300) / 15)
-    numbers = np.array([[[J, f, 0.1, 0, 0, 0]], [[J, 2 * f, 0.2, 0, 0.3, 0]]])
+    numbers = np.array([[[J, f, 0.1, 0, 0, 0, 0.01, 0.1]], [[J, 2 * f, 0.2, 0, 0.3, 0, 0, 0]]])
     delays = np.array([0.0, 0.01])
     together = joints(reference).simulate(numbers, delays)
     for k in range(2):
