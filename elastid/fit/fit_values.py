@@ -25,25 +25,7 @@ LONE_CAUSE = 0.95  # explained fraction of the excess of V, from which on a caus
 
 @frozen_value
 class FitValues:
-    """The estimate x (n_x,) with the covariance (n_x, n_x) of its variables, and where they came from.
-
-    parameters: names, units, scale, bounds and starts.  covariance: of x, the largest of several estimates
-    (`estimate_uncertainty`); infinite variances where the data do not reach.  cost: V.  cost_expected: the V that the
-    measured noise alone would leave; 2 / cost_dof is the relative variance of V over it for a true model, NaN where no
-    noise was measured.  singular_values: of the Jacobian with columns scaled to unit length, largest
-    first.  starts: sorted by V.  n_converged_starts: of them that reached the best V.
-    profile95, bootstrap95 (n_x, 2): further intervals in SI, NaN for parameters without, no rows where none has one.
-    indices: of fixed numbers, in sequence and alone, if V exceeds the noise.
-    assumed_rigid: parts assumed rigid, whose elasticity no response shows; empty without a diagnosis.
-    presliding: friction of motors that was estimated, too; the covariance includes it.
-    verdicts (n,): on each parameter of interest, in words; empty if the fit ended without an optimum.
-    model_error: relative to abs(G) in weights and covariance, the largest of the responses.
-    configurations, information_fraction (Q, n_x), information_band_hz (n_x, 2), averaging_fraction (n_x,),
-    persistent_fraction (n_x,): as `Uncertainty`.
-    linear: the model of each configuration, linearised at the estimate; empty where models are only compared.
-    robot, equations: those that were fitted, for postures that were not measured.
-    static, tool: static load tests, and responses at the tool, next to the responses of the motors; None without any.
-    """
+    """The estimate x (n_x,) with the covariance (n_x, n_x) of its variables: `Result` has the meaning of each field."""
 
     parameters: Parameters
     x: FloatArray = labelled("estimate as the variable of the solver (ln p where log)", "", "free_names")

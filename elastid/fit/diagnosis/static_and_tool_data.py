@@ -39,8 +39,8 @@ _UNKNOWN = (
     "check location, direction, sign, unit and std of the largest residual, the angles, and the state of the motors "
     "(no single cause explains it; a gear with friction or backlash has another stiffness for small motions)"
 )
-# r (n,) and its slopes (n, n_z) at x (n_x,) along a root of C, with a factor 1 + c, None without one, by parts.
-Residuals: TypeAlias = Callable[[FloatArray, FloatArray, float | None], Iterable[tuple[FloatArray, FloatArray]]]
+# r (n,) and its slopes (n, n_z + 1) at x (n_x,) along a root of C, and to c of a factor 1 + c, by parts.
+Residuals: TypeAlias = Callable[[FloatArray, FloatArray, float], Iterable[tuple[FloatArray, FloatArray]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,13 +78,14 @@ class SecondSource:
         return end.cost, float(end.x[-1]), float(std)
 
     def _at(self, z: FloatArray) -> Evaluation:
-        """Evaluate T and its derivatives at z (n,)."""
+        """Evaluate T and its derivatives at z (n,), or at z and c (n + 1,)."""
         n = self.root.shape[1]
         x, prior = self.x + self.root @ z[:n], np.where(np.arange(len(z)) < n, z, 0.0)
         cost, gradient, H = float(prior @ prior), prior, np.diag(np.where(np.arange(len(z)) < n, 1.0, 0.0))
         with np.errstate(all="ignore"):
             try:
-                for r, J in self.residuals(x, self.root, float(z[-1]) if len(z) > n else None):
+                for r, every_slope in self.residuals(x, self.root, float(z[n:].sum())):
+                    J = every_slope[:, : len(z)]
                     cost, gradient, H = cost + float(r @ r), gradient + J.T @ r, H + J.T @ J
             except np.linalg.LinAlgError:  # no robot stands there
                 cost = np.inf
@@ -109,14 +110,12 @@ def explains(now: SecondSource, T: float, least: float) -> bool:
 
 
 def _residuals(
-    loads: StaticLoads, parameters: Parameters, x: FloatArray, root: FloatArray, factor: float | None
+    loads: StaticLoads, parameters: Parameters, x: FloatArray, root: FloatArray, c: float
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Return whitened residuals (n,) and their slopes."""
     y, slopes = loads.predicted(parameters, x)
-    J = slopes @ root
-    if factor is not None:
-        y, J = (1 + factor) * y, np.column_stack([(1 + factor) * J, y])
-    yield (loads.measured - y) / loads.std, -J / loads.std[:, None]
+    J = np.column_stack([(1 + c) * (slopes @ root), y])
+    yield (loads.measured - (1 + c) * y) / loads.std, -J / loads.std[:, None]
 
 
 def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
@@ -139,15 +138,13 @@ def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
 
 
 def _tool_residuals(
-    fit: ElasticFit, x: FloatArray, root: FloatArray, factor: float | None
+    fit: ElasticFit, x: FloatArray, root: FloatArray, c: float
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Return whitened residuals (N,) of each response and their slopes (N, n)."""
     for model in evaluate(fit, x):
-        slopes = np.tensordot(root.T, model.free, axes=1)
-        if factor is not None:
-            slopes = np.concatenate([(1 + factor) * slopes, model.G[None]])
-            model = replace(model, G=(1 + factor) * model.G)
-        yield model.residual, -model.whitened(slopes).T
+        slopes = np.concatenate([(1 + c) * np.tensordot(root.T, model.free, axes=1), model.G[None]])
+        with_factor = replace(model, G=(1 + c) * model.G)
+        yield with_factor.residual, -with_factor.whitened(slopes).T
 
 
 def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:
