@@ -27,7 +27,7 @@ def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:
 
 
 def correlated(names: Sequence[str], covariance: FloatArray) -> Iterator[Note]:
-    """Return a note for each indistinguishable pair.  covariance: by noise, since errors of a robot model move all."""
+    """Yield a note for each indistinguishable pair.  covariance: by noise, since errors of a robot model move all."""
     correlation = np.triu(np.nan_to_num(correlation_of(covariance)), 1)
     for i, j in np.argwhere(np.abs(correlation) > CORRELATED):
         text = f"{names[i]} and {names[j]} are indistinguishable (correlation {correlation[i, j]:.4f}). Fix one of them"
@@ -35,7 +35,7 @@ def correlated(names: Sequence[str], covariance: FloatArray) -> Iterator[Note]:
 
 
 def combination_notes(result: Result) -> Iterator[Note]:
-    """Return a note for each pair or triple of weakly identified parameters with a well identified combination."""
+    """Yield a note for each pair or triple of weakly identified parameters with a well identified combination."""
     names, std, values = result.parameters.free_names, result.std, result.values
     x, scale = np.array([values[name] for name in names]), np.array([std[name] for name in names])
     correlation = result.covariance / np.sqrt(np.outer(*[np.diag(result.covariance)] * 2))
@@ -44,7 +44,7 @@ def combination_notes(result: Result) -> Iterator[Note]:
         relative = [std[name] / max(abs(values[name]), 1e-300) for name in members]
         if max(relative) < _WIDE:
             continue
-        rest = (
+        terms = (
             f"{'-' if w < 0 else '+'} {abs(w):.2g} {name}"
             for w, name in zip(combination.weights[1:], members[1:], strict=True)
         )
@@ -52,7 +52,7 @@ def combination_notes(result: Result) -> Iterator[Note]:
         singles = ", ".join(f"{name} {x:.0%}" for name, x in zip(members, relative, strict=True))
         interval = f"{_interval(combination.value, combination.std)} {unit} (95 % interval)"
         text = (
-            f"only the combination {' '.join([members[0], *rest])} = {interval} is well identified. Relative std of "
+            f"only the combination {' '.join([members[0], *terms])} = {interval} is well identified. Relative std of "
             f"each parameter: {singles}. To separate them, add a configuration, an output or a wider band"
         )
         yield Note(COMBINATION, text, severity="information")

@@ -70,11 +70,11 @@ def information(
     sums = [np.sum(lines, axis=0) for lines in power]
     total = np.sum(sums, axis=0)
     total[total == 0] = np.nan
-    every = np.concatenate(freq_hz)
-    order = np.argsort(every, kind="stable")
+    frequencies = np.concatenate(freq_hz)
+    order = np.argsort(frequencies, kind="stable")
     rising = np.cumsum(np.concatenate(power)[order], axis=0) / total
     places = np.array([np.searchsorted(column, (0.25, 0.75)) for column in np.nan_to_num(rising.T, nan=1.0)])
-    band = every[order][np.minimum(places, len(every) - 1)]
+    band = frequencies[order][np.minimum(places, len(frequencies) - 1)]
     return np.array([lines / (total + load_power) for lines in sums]), band
 
 
@@ -153,14 +153,14 @@ def estimate_uncertainty(
     dof = noise_dof(power, [part.noise_dof for part in parts], sums.load_power)
     dof = dof / np.maximum(quotient(averaging, np.diag(noise), 1.0), 1e-6) ** 2
     blocks = block_variance([part.blocks for part in parts], half)
-    every = Contributions(
+    contributions = Contributions(
         noise=noise, widening=small_sample_factors(dof), residuals=sandwich_variance(sums),
         blocks=np.maximum(blocks, jackknife_variance(parts, half)) if is_excess else np.zeros(len(x)),
         model_error=model_error_covariance(sums, cost, expected_cost, cost_dof), ratios=ratios.covariance,
         friction=friction_variance(fit.parameters, responses, is_compensated),
     )  # fmt: skip
-    covariance = every.covariance(half)
-    random_fraction = every.random_fraction(covariance, is_excess) / every.random
+    covariance = contributions.covariance(half)
+    random_fraction = contributions.random_fraction(covariance, is_excess) / contributions.random
     covariance[unreached] = covariance[:, unreached] = np.nan
     covariance[unreached, unreached] = np.inf
     fraction, band_hz = information(power, [part.freq_hz for part in parts], sums.load_power)
@@ -168,9 +168,9 @@ def estimate_uncertainty(
         covariance=covariance, singular_values=sums.singular_values, unreached=unreached,
         expected_cost=expected_cost, cost_dof=cost_dof, information_fraction=fraction, information_band_hz=band_hz,
         disagreement=disagreement([part.disagreement for part in parts], len(half)),
-        shift=np.where(unreached, 0.0, np.sqrt(blocks / (every.random + np.diag(every.model_error)))),
+        shift=np.where(unreached, 0.0, np.sqrt(blocks / (contributions.random + np.diag(contributions.model_error)))),
         averaging_fraction=averaging * random_fraction,
-        persistent_fraction=(np.minimum(persistent, by_prior) + np.diag(every.ratios)) * random_fraction,
+        persistent_fraction=(np.minimum(persistent, by_prior) + np.diag(contributions.ratios)) * random_fraction,
         costs=np.array([part.cost for part in parts]), power=power, ratios=ratios,
     )  # fmt: skip
 

@@ -153,8 +153,8 @@ class Assembly:
 
     def at_rest(self, x: FloatArray) -> "Assembly":
         """Return the assembly without the motion-induced bias of the responses at x (n_x,)."""
-        rested = partial(_at_rest, self.linearisation, self.parameters, x)
-        return replace(self, responses=tuple(each_at_home(rested, self.responses, self.home)))
+        to_rest = partial(_at_rest, self.linearisation, self.parameters, x)
+        return replace(self, responses=tuple(each_at_home(to_rest, self.responses, self.home)))
 
     def spring_notes(self, x: FloatArray) -> tuple[Note, ...]:
         """Return notes on springs that no single stiffness describes at the equilibrium of x (n_x,)."""
@@ -295,17 +295,17 @@ def relinearise(
     """
     is_square = assembly.spec.weights.loss == "square"
     rounds = 10 if is_square else 30
-    end, c, rested = start, np.zeros(len(find_factors(assembly.responses))), assembly
+    end, c, at_rest = start, np.zeros(len(find_factors(assembly.responses))), assembly
     if near is not None:
         pairs = zip(assembly.responses, near.responses, strict=True)
-        c, rested = near.factors, replace(assembly, responses=tuple(replace(G, G=at_rest.G) for G, at_rest in pairs))
+        c, at_rest = near.factors, replace(assembly, responses=tuple(replace(G, G=other.G) for G, other in pairs))
     change, is_settled, history = math.inf, False, list[tuple[FloatArray, FloatArray]]()
     for i in range(rounds):
         try:
             # std: most effects of a motion do not move the optimum so far
             if (i == 1 and near is None) or (i == 1 + (near is None) and change > 3):
-                rested, history = assembly.at_rest(end.x), []
-            current = rested.reweighted(end.x)
+                at_rest, history = assembly.at_rest(end.x), []
+            current = at_rest.reweighted(end.x)
             fit = current.at(end.x, criterion)
         except StudyError as error:
             return _where_it_stands(assembly, end, criterion, error)
@@ -379,6 +379,6 @@ def robust_factors(fit: ElasticFit, weights: Sequence[Weights], x: FloatArray) -
         is_used = part.gain > 0
         gain = np.divide(part.gain, np.sqrt(weight.factor), out=np.zeros_like(part.gain), where=is_used)
         distances.append(np.where(is_used, gain * np.abs(np.where(is_used, e, 0.0)), 0.0))
-    every = np.concatenate([z[part.gain > 0] for z, part in zip(distances, fit.parts, strict=True)])
-    reach = OUTLIER_STDS * max(1.0, float(np.median(every)) / RAYLEIGH_MEDIAN)
+    moduli = np.concatenate([z[part.gain > 0] for z, part in zip(distances, fit.parts, strict=True)])
+    reach = OUTLIER_STDS * max(1.0, float(np.median(moduli)) / RAYLEIGH_MEDIAN)
     return tuple(np.minimum(1.0, reach / np.maximum(z, 1e-300)) for z in distances)

@@ -162,17 +162,17 @@ def _search(
     parameters = parameters or choose(spec, robot, names, has_references)
     check_factors(responses, spec)
     # A search by noise alone would follow lines at resonances into false valleys.
-    searched = with_model_error(spec, TYPICAL_MODEL_ERROR) if spec.weights.model_error is None else spec
+    search_spec = with_model_error(spec, TYPICAL_MODEL_ERROR) if spec.weights.model_error is None else spec
     home = home_of(responses, execution)
-    weights = tuple(each_at_home(partial(weigh, spec=searched), responses, home))
-    assembly = Assembly.of(responses, robot, searched, parameters, model, loads, weights, home)
+    weights = tuple(each_at_home(partial(weigh, spec=search_spec), responses, home))
+    assembly = Assembly.of(responses, robot, search_spec, parameters, model, loads, weights, home)
     fit = assembly.at(parameters.x, spec.criterion)
     if fit.n_residuals == 0:
         reason = "; ".join(map(str, notes_of(weights))) or "fit.band_hz and the factors of fit.weights leave no line"
         raise DataError("fit/not-identifiable", reason, "nothing is left to fit")
     if fit.problem.dof < 1:
-        few = f"{fit.n_residuals} real numbers are left to fit {len(fit.parameters.free)} parameters"
-        raise DataError("fit/not-identifiable", f"{few}; fix some, or use more lines")
+        counts = f"{fit.n_residuals} real numbers are left to fit {len(fit.parameters.free)} parameters"
+        raise DataError("fit/not-identifiable", f"{counts}; fix some, or use more lines")
     check_effects(fit, robot)
     assembly, fit = _from_common_delay(assembly, fit, spec)
     starts, n_converged = _from_all_starts(assembly, fit, spec, execution)
@@ -308,10 +308,10 @@ def free_nuisance_parameters(
     """
     parameters = with_tolerances(assembly.parameters, robot, assembly.spec)
 
-    def widened(x: FloatArray) -> FloatArray:
+    def widen(x: FloatArray) -> FloatArray:
         return parameters.x_with(named(assembly.parameters.free_names, x))
 
-    ends = [replace(start, x_start=widened(start.x_start), x=widened(start.x)) for start in starts]
+    ends = [replace(start, x_start=widen(start.x_start), x=widen(start.x)) for start in starts]
     nuisance = Assembly.of(
         assembly.responses, robot, assembly.spec, parameters, assembly.model, loads, assembly.weights
     )
@@ -359,11 +359,11 @@ def _with_model_error(
     is_distorted = any(map(is_distorted_by_friction, assembly.responses))
     if estimate[0].end.converged and not estimate[2].exceeds_noise and not is_distorted:
         return bare, *estimate
-    floored = assembly.with_model_error(
+    with_floor = assembly.with_model_error(
         TYPICAL_MODEL_ERROR if is_distorted else model_error_of_residuals(bare, estimate[0])
     )
     del bare, estimate  # its weights are most of the memory of a fit
-    return floored, *_estimate(floored, ends, execution, near)
+    return with_floor, *_estimate(with_floor, ends, execution, near)
 
 
 def _with_agreements(estimate: _Estimate, assembly: Assembly, spec: FitSpec, ends: _Ends) -> _Estimate:
@@ -379,28 +379,28 @@ def _with_agreements(estimate: _Estimate, assembly: Assembly, spec: FitSpec, end
     starts, n_converged = ends
     begin = replace(starts[0], x=estimate[1].end.x)
 
-    def fitted(refitted: Assembly, searched: bool = False) -> _Estimate:
-        if not searched:
-            return _with_model_error(refitted, spec, ((begin, *starts[1:]), n_converged), Execution())
-        ends = _from_all_starts(refitted, refitted.at(begin.x, spec.criterion), spec, Execution())
-        return _with_model_error(refitted, spec, ends, Execution())
+    def refit(part: Assembly, is_global: bool = False) -> _Estimate:
+        if not is_global:
+            return _with_model_error(part, spec, ((begin, *starts[1:]), n_converged), Execution())
+        ends = _from_all_starts(part, part.at(begin.x, spec.criterion), spec, Execution())
+        return _with_model_error(part, spec, ends, Execution())
 
-    def compared(motors: Result) -> tuple[StaticAgreement | None, ToolAgreement | None]:
+    def compare(motors: Result) -> tuple[StaticAgreement | None, ToolAgreement | None]:
         tool = tool_agreement(at_tool, motors) if at_tool.responses else None
         return None if assembly.loads is None else static_agreement(assembly.loads, motors), tool
 
-    of_motors = fitted(alone)
-    if of_motors[3].exceeds_noise or any(map(_disagree, compared(of_motors[3]))):
+    of_motors = refit(alone)
+    if of_motors[3].exceeds_noise or any(map(_disagree, compare(of_motors[3]))):
         # A reading in a wrong unit pulls both into a valley that the responses alone would never end in, where the
         # robot may find no rest under its loads.
-        of_motors = min(of_motors, fitted(alone, searched=True), key=lambda each: (each[3].model_error, each[3].cost))
-    static, tool = compared(of_motors[3])
+        of_motors = min(of_motors, refit(alone, is_global=True), key=lambda each: (each[3].model_error, each[3].cost))
+    static, tool = compare(of_motors[3])
     if not (_disagree(static) or _disagree(tool)):
         return *estimate[:3], replace(estimate[3], static=static, tool=tool)
     if tool is not None and not tool.disagrees:
-        consistent = fitted(replace(assembly, loads=None))
+        consistent = refit(replace(assembly, loads=None))
     else:
-        consistent = of_motors if _disagree(static) or static is None else fitted(replace(alone, loads=assembly.loads))
+        consistent = of_motors if _disagree(static) or static is None else refit(replace(alone, loads=assembly.loads))
     pulls = _disagree(static) or (tool is not None and tool.disagrees and not tool.is_misread)
     step = (estimate[3].x - consistent[3].x) * pulls
     covariance = consistent[3].covariance + np.outer(step, step)

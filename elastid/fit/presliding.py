@@ -179,8 +179,8 @@ class _State:
     def trials(self, joint: str) -> "Iterator[_State]":
         """Return the states with a spring of another motor, from all starts."""
         for spring, stiffness, a in self.starts(joint):
-            every = {**self.springs, spring: (stiffness, a)}
-            assembly = with_presliding(self.base, every)
+            hypothesis = {**self.springs, spring: (stiffness, a)}
+            assembly = with_presliding(self.base, hypothesis)
             start = assembly.parameters.x_with(named(self.fit.parameters.free_names, self.x))
             fit, _ = _thinned(assembly, start)
             try:
@@ -190,7 +190,7 @@ class _State:
             values, place = fit.parameters.as_dict(end.x), fit.parameters.free_names.index(relaxation(joint))
             margin = np.min(np.abs([ends[place] - end.x[place] for ends in fit.parameters.x_bounds]))
             if margin > 1e-3:  # else it is a spring or a damper
-                springs = {s: (values[s.names[0]], 1 / values[relaxation(s.joint)]) for s in every}
+                springs = {s: (values[s.names[0]], 1 / values[relaxation(s.joint)]) for s in hypothesis}
                 yield replace(self, springs=springs, fit=fit, x=end.x, cost=end.cost)
 
 
@@ -274,9 +274,9 @@ def with_relaxing_springs(parameters: Parameters, springs: Springs, band: tuple[
             Parameter(damping, s / a, "N*m*s/rad", log=True, tie=Tie(stiffness, 1.0, time)),
             Parameter(time, start, "s", *times, True, prior=middle, ratio=True, is_nuisance=True),
         ]
-    every = parameters.parameters
-    at = [p.name for p in every].index(DELAY)
-    return Parameters((*every[:at], *numbers, *every[at:]))
+    members = parameters.parameters
+    at = [p.name for p in members].index(DELAY)
+    return Parameters((*members[:at], *numbers, *members[at:]))
 
 
 def are_identified(result: Result, springs: Sequence[RelaxingSpring]) -> bool:
@@ -346,7 +346,7 @@ def _presliding(result: Result, spring: RelaxingSpring, assembly: Assembly) -> P
 
 
 def _between_reversals(response: Response, place: str) -> Iterator[float]:
-    """Return the mean time between two reversals in Gaussian motion, pi sigma_v / sigma_a, s (Rice, 1945)."""
+    """Yield the mean time between two reversals in Gaussian motion, pi sigma_v / sigma_a, s (Rice, 1945)."""
     motion = response.motion
     if motion is not None and place in motion.motors:
         j, omega = motion.motors.index(place), 2 * np.pi * motion.freq_hz

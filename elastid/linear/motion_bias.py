@@ -251,8 +251,8 @@ def _mean(
     expansion: _Expansion, motion: MotorMotion, angles: FloatArray, measured: IntArray, at: list[int]
 ) -> FloatArray:
     """Return E[R'(z_0 + e)] - R' + R''[mean of e_2] (n + n_y, n_z), e Gaussian, and the motors at their mean angles."""
-    every = _amplitudes(expansion, 2 * np.pi * motion.freq_hz, motion.power[:, at][:, :, at], measured)
-    rows = every.reshape(-1, every.shape[2])
+    amplitudes = _amplitudes(expansion, 2 * np.pi * motion.freq_hz, motion.power[:, at][:, :, at], measured)
+    rows = amplitudes.reshape(-1, amplitudes.shape[2])
     covariance = (rows.T @ rows.conj()).real
     shift = np.zeros_like(angles)
     shift[measured] = motion.mean[at] - angles[measured]

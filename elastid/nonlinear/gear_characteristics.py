@@ -283,22 +283,22 @@ class JointEffects:
 def sheet_of(gear: JointEffects, result: Result, bounds: Mapping[Group, float]) -> GearSheet:
     """Return characteristics of a gear, with the linear fit's, and its torsion curve. bounds: by groups of effects."""
     reach = gear.largest()
-    rated = next(driven.limits.torque for driven in gear.robot.driven if driven.name == gear.joint)
+    rated_torque = next(driven.limits.torque for driven in gear.robot.driven if driven.name == gear.joint)
     numbers = [*_springs(gear, result, reach), *_torque_numbers(gear, reach), *_periodic(gear)]
     names = {number.name for number in numbers}
     numbers += [row for row in _unseen(gear, bounds, reach) if row.name not in names]
     for i, row in enumerate(numbers):
-        if row.kind == "torque" and math.isfinite(rated):
-            numbers[i] = replace(row, rated_fraction=(row.value if row.is_significant else row.bound) / rated)
+        if row.kind == "torque" and math.isfinite(rated_torque):
+            numbers[i] = replace(row, rated_fraction=(row.value if row.is_significant else row.bound) / rated_torque)
     flank = reach * np.linspace(-1, 1, 200)
     delta = np.concatenate([flank, -flank])
     tau, rows = gear.torque(delta, hysteresis=True)
     slope = np.maximum(np.gradient(gear.torque(flank, hysteresis=False)[0], flank), 1e-300)
     std = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, gear.estimate.covariance, rows), 0.0))
-    ordered = sorted(numbers, key=lambda row: _ORDER.index(row.name.partition("_")[0].rstrip("0123456789.")))
+    rows_in_order = sorted(numbers, key=lambda row: _ORDER.index(row.name.partition("_")[0].rstrip("0123456789.")))
     # Within a gap a torque says nothing of the torsion.
     torsion_std = np.minimum(std / np.concatenate([slope, slope[::-1]]), reach)
-    return GearSheet(gear.joint, tuple(ordered), gear.peak, tau, delta, torsion_std)
+    return GearSheet(gear.joint, tuple(rows_in_order), gear.peak, tau, delta, torsion_std)
 
 
 # Letters of names in the order of a sheet.

@@ -290,14 +290,14 @@ def equations(model: ElasticModel, contacts: Contacts) -> tuple[ca.Function, ...
     torque = B @ u - contacts.torque(v, z, friction) - gear_forces(model, q, v, theta)
     torque += ca.jacobian(places, q).T @ force
     accelerate = free_acceleration(model, theta=theta)
-    built = [
+    functions = [
         dense("acceleration", [q, v, z, u, force, theta, friction], [accelerate(q, v, torque, theta)]),
         dense("bristles", [z, v, friction, step], [contacts.advanced(v, z, friction, step)]),
         dense("readings", [q, v], [B.T @ q, B.T @ v, q[:n_l], places]),
     ]
     if model.n_c:
-        built.append(dense("closing", [q, v, theta], list(projection(model, theta)(q, v, theta))))
-    return tuple(built)
+        functions.append(dense("closing", [q, v, theta], list(projection(model, theta)(q, v, theta))))
+    return tuple(functions)
 
 
 def origins(model: ElasticModel, q: ca.SX) -> ca.SX:
@@ -361,8 +361,8 @@ def unit_sources(subject: Subject) -> tuple[dict[str, str], dict[int, str]]:
     token = f"{{{uuid.uuid5(uuid.NAMESPACE_OID, ''.join([*sources.values(), sizes]))}}}"
     sources["sizes.h"] = sizes + f'#define GUID "{token}"\n'
     described = (subject.name, token, variables, tuple(point.configuration.name for point in points), 1 / rate_hz)
-    needed = {version: _compiled_sources(version, move is not None) for version in (2, 3)}
-    return sources, {version: description(version, needed[version], *described) for version in (2, 3)}
+    compiled_sources = {version: _compiled_sources(version, move is not None) for version in (2, 3)}
+    return sources, {version: description(version, compiled_sources[version], *described) for version in (2, 3)}
 
 
 def compile_library(compiler: str, sources: Mapping[str, str], names: Sequence[str]) -> bytes:

@@ -61,8 +61,8 @@ def interval_lines(model: FittedRobot) -> tuple[str, ...]:
 
 def lines_of(result: Result, configuration: str) -> tuple[str, ...]:
     """Return the header of an exported file: status of the fit, then a row per free parameter."""
-    every = [_known_number(result, parameter) for parameter in parameters_of(result, configuration)]
-    numbers = [number for number in every if number.interval_text != FIXED]
+    candidates = [_known_number(result, parameter) for parameter in parameters_of(result, configuration)]
+    numbers = [number for number in candidates if number.interval_text != FIXED]
     status = result.status.replace("_", " ")
     head = f"Numbers of the fit ({status}), SI, with standard deviation and 95 % interval; all others were fixed:"
     rows = [f"  {number.name} = {number.value:.9g} {number.unit}, {number.interval_text}" for number in numbers]

@@ -116,10 +116,10 @@ def _encoders(evidence: Evidence) -> Iterator[AlternativeModel]:
     """Yield studies with encoders of an axis, or of all axes, on the other side of the elastic gear."""
     assembly = evidence.assembly
     elastic = [joint.name for joint in assembly.linearisation.model.robot.driven if joint.is_flexible]
-    for side, now, then in (("behind", "motor", "joint"), ("before", "joint", "motor")):
-        other_sides = {f"{now} {name}": f"{then} {name}" for name in elastic}
-        read = [place for place in other_sides if any(place in G.outputs for G in assembly.responses)]
-        for places in (*([place] for place in read), *([read] if len(read) > 1 else ())):
+    for side, origin, opposite in (("behind", "motor", "joint"), ("before", "joint", "motor")):
+        other_sides = {f"{origin} {name}": f"{opposite} {name}" for name in elastic}
+        encoders = [place for place in other_sides if any(place in G.outputs for G in assembly.responses)]
+        for places in (*([place] for place in encoders), *([encoders] if len(encoders) > 1 else ())):
             whose = f"encoder of axis {places[0].partition(' ')[2]}" if len(places) == 1 else "encoders of all axes"
             outputs = {place: other_sides[place] for place in places}
             responses = tuple(
@@ -137,9 +137,9 @@ _Other: TypeAlias = tuple[str, str, Robot, Mapping[str, float]]
 def _motor_inertias(robot: Robot) -> Iterator[_Other]:
     """Yield robots with the inertia of one motor or of all motors referred to the link side of the gear."""
     inertias = {name: value for name, (value, _) in robot.parameters().items() if name.startswith("Jm_") and value > 0}
-    every = {name: value / robot.ratio(name.removeprefix("Jm_")) ** 2 for name, value in inertias.items()}
-    groups = {f"inertia of motor {name.removeprefix('Jm_')}": {name: value} for name, value in every.items()}
-    for name, numbers in (groups | ({"inertias of all motors": every} if len(every) > 1 else {})).items():
+    motor_side = {name: value / robot.ratio(name.removeprefix("Jm_")) ** 2 for name, value in inertias.items()}
+    groups = {f"inertia of motor {name.removeprefix('Jm_')}": {name: value} for name, value in motor_side.items()}
+    for name, numbers in (groups | ({"inertias of all motors": motor_side} if len(motor_side) > 1 else {})).items():
         words = f"{name} given on the link side, or in kg cm^2"
         yield words, "side of the gear", robot.with_parameters(numbers), numbers
 
@@ -177,8 +177,8 @@ def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     Resonances move farther with it than they are wide, so that its linear step is only a start.
     """
     bodies = (c for c in scores.candidates if c.family == "payload" and c.directions.shape[1] > 1)
-    every = {c.name.removeprefix("payload_"): find_load(scores.test, c, scores.variance_ratio, 0.0) for c in bodies}
-    loads = {name: load for name, load in every.items() if load is not None}
+    estimates = {c.name.removeprefix("payload_"): find_load(scores.test, c, scores.variance_ratio, 0.0) for c in bodies}
+    loads = {name: load for name, load in estimates.items() if load is not None}
     body = max(loads, key=lambda name: loads[name].drop, default="")
     if evidence.assembly.linearisation.model.robot.payload is not None or not body or not loads[body].mass > 0:
         return []
@@ -217,9 +217,9 @@ def _carrying(
         Parameter("I_payload", inertia, "kg*m^2", log=True, prior=Prior(inertia, LIMITS.load_std)),
     )  # fmt: skip
     file, estimates = study.parameters, named(study.parameters.free_names, evidence.result.x)
-    every = {p.name: p for p in (*file, *numbers)}
-    in_order = tuple(every.pop(name) for name in robot.parameters(every) if name in every)
-    parameters = Parameters((*in_order, *every.values()))
+    by_name = {p.name: p for p in (*file, *numbers)}
+    in_order = tuple(by_name.pop(name) for name in robot.parameters(by_name) if name in by_name)
+    parameters = Parameters((*in_order, *by_name.values()))
     x = parameters.x_with({p.name: estimates[p.name] for p in file.of_interest})
     try:
         assembly = _with_robot(study, robot, parameters)

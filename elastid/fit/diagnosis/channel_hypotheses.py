@@ -98,7 +98,7 @@ def _channels(evaluated: Sequence[Evaluated]) -> tuple[tuple[str, ...], tuple[st
 
 
 def signs(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Misreading]:
-    """Return the hypotheses of a channel with the opposite sign."""
+    """Yield the hypotheses of a channel with the opposite sign."""
     outputs, inputs = _channels(evaluated)
     for place in outputs:
         yield Misreading(f"y at {place} with the other sign", "sign", partial(_times, {place: -1.0}, {}))
@@ -107,7 +107,7 @@ def signs(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Misreading]
 
 
 def directions(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Misreading]:
-    """Return the hypotheses of a motor that counts torque and motion in the opposite direction."""
+    """Yield the hypotheses of a motor that counts torque and motion in the opposite direction."""
     outputs, inputs = _channels(evaluated)
     for place in (place for place in inputs if place in outputs):
         name = f"{place} counted in the other direction, torque and motion"
@@ -123,7 +123,7 @@ def _times(
 
 
 def exchanged_channels(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Misreading]:
-    """Return the hypotheses of two exchanged channels."""
+    """Yield the hypotheses of two exchanged channels."""
     (outputs, inputs), family = _channels(evaluated), "exchanged channels"
     for a, b in combinations(outputs, 2):
         yield Misreading(f"y at {a} and at {b} exchanged", family, partial(_permuted, {a: b, b: a}, {}))
@@ -149,7 +149,7 @@ def _permuted(
 
 
 def exchanged_postures(evaluated: Sequence[Evaluated], costs: FloatArray) -> Iterator[Misreading]:
-    """Return the hypotheses of two exchanged configurations that fit worst and have equal lines and channels."""
+    """Yield the hypotheses of two exchanged configurations that fit worst and have equal lines and channels."""
     kernels = [e.part.kernel for e in evaluated]
     for a, b in combinations(sorted(np.argsort(-costs)[: LIMITS.exchanged].tolist()), 2):
         first, second = kernels[a].model, kernels[b].model
@@ -162,13 +162,13 @@ def exchanged_postures(evaluated: Sequence[Evaluated], costs: FloatArray) -> Ite
 
 
 def conjugates(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Misreading]:
-    """Return responses with phases by exp(-j omega t), also negated by an odd power of j omega."""
+    """Yield responses with phases by exp(-j omega t), also negated by an odd power of j omega."""
     yield Misreading("all phases negated", "phase", lambda _, values: values.conj())
     yield Misreading("all phases negated", "phase", lambda _, values: -values.conj())
 
 
 def quantities(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Misreading]:
-    """Return the hypotheses of a confused position, velocity or acceleration."""
+    """Yield the hypotheses of a confused position, velocity or acceleration."""
     for power in (1, 2, -1, -2):
         count, direction = "once" if abs(power) == 1 else "twice", "less" if power > 0 else "more"
         name = f"responses differentiated {count} {direction} in time"

@@ -70,7 +70,7 @@ def fit_delay_forms(
     evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray | bool, near: str,
     channel: tuple[str, str], T_0: float,
 ) -> Iterator[TimeDelay]:  # fmt: skip
-    """Return the best T of each form near a delay of that name and size T_0.
+    """Yield the best T of each form near a delay of that name and size T_0.
 
     channel: y or u with the place; ("", "") of all.  prior (n_x,): 1 / s of the priors.  free (n_x,): flags.
     """
@@ -106,8 +106,8 @@ def common_delay(fit: ElasticFit, x: FloatArray) -> float:
     A global search: V is periodic in the delay at each line, and a solver finds the nearest minimum only.  Logarithmic
     criterion; steps of an eighth of the shortest period, up to half the inverse of the distance of two lines.
     """
-    few = thinned(fit, LIMITS.residuals)
-    evaluated = evaluate(replace(few, parts=tuple(map(logarithmic, few.parts))), x)
+    subset = thinned(fit, LIMITS.residuals)
+    evaluated = evaluate(replace(subset, parts=tuple(map(logarithmic, subset.parts))), x)
     step = 0.125 / max(e.part.kernel.freq_hz[-1] for e in evaluated)
     far = min(MAX_TIME[1], *(0.5 / float(np.diff(e.part.kernel.freq_hz).max(initial=1.0)) for e in evaluated))
     delays = step * np.array(sorted(range(-int(far / step), int(far / step) + 1), key=abs))

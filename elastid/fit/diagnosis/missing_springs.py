@@ -57,17 +57,17 @@ class _Spring:
 
 def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
     assembly, optimum, extended = evidence.assembly, evidence.optimum, scores.extended
-    every, x = spread_out(len(optimum.fit.parts)), optimum.end.x
-    models = _models(evidence, extended, assembly.responses[every])
+    selection, x = spread_out(len(optimum.fit.parts)), optimum.end.x
+    models = _models(evidence, extended, assembly.responses[selection])
     springs = [joint.spring for joint in assembly.linearisation.model.robot.joints if joint.spring is not None]
-    damped = [spring.damping / spring.stiffness for spring in springs if spring.damping > 0]
-    few = thinned(replace(optimum.fit, parts=optimum.fit.parts[every]), LIMITS.residuals)
-    ratio = float(np.median(damped)) if damped else 1e-3
-    V, estimates = sum(squares(evaluate(few, x))), named(assembly.parameters.free_names, x)
+    time_constants = [spring.damping / spring.stiffness for spring in springs if spring.damping > 0]
+    subset = thinned(replace(optimum.fit, parts=optimum.fit.parts[selection]), LIMITS.residuals)
+    ratio = float(np.median(time_constants)) if time_constants else 1e-3
+    V, estimates = sum(squares(evaluate(subset, x))), named(assembly.parameters.free_names, x)
     for name in extended.rigid:
         trials = []
-        for k in _stiffnesses(name, models, few).tolist():
-            sprung = _with_spring(few, name, k, ratio, models, assembly)
+        for k in _stiffnesses(name, models, subset).tolist():
+            sprung = _with_spring(subset, name, k, ratio, models, assembly)
             start = sprung.parameters.x_with(estimates)
             cost, step = predict(AS_MEASURED, evaluate(sprung, start), sprung.parameters.prior_slopes)
             trials.append(_Spring(name, k, ratio, np.clip(start + step, *sprung.parameters.x_bounds), cost))

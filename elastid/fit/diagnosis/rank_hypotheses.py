@@ -69,14 +69,14 @@ def score(evidence: Evidence) -> Scores:
     assembly, fit, x = evidence.assembly, evidence.optimum.fit, evidence.optimum.end.x
     extended = ExtendedModel.of(assembly, fit.parts[0].kernel.model)
     # Each configuration brings some twenty numbers.
-    few = replace(fit, parts=fit.parts[spread_out(len(fit.parts))])
-    names_q, columns = {part.configuration for part in few.parts}, [h.columns for h in evidence.hypotheses if h.columns]
-    sums = partial(_sums, extended, fit.parameters, x, columns, names_q, thinning(few, RESIDUALS))
-    every_sum = each_at_home(sums, fit.parts, evidence.execution)
-    A, b, V, n_residuals, names = _add_sums((sums for sums in every_sum if sums is not None), len(x))
+    subset = replace(fit, parts=fit.parts[spread_out(len(fit.parts))])
+    names_q = {part.configuration for part in subset.parts}
+    columns = [h.columns for h in evidence.hypotheses if h.columns]
+    sums = partial(_sums, extended, fit.parameters, x, columns, names_q, thinning(subset, RESIDUALS))
+    A, b, V, n_residuals, names = _add_sums(filter(None, each_at_home(sums, fit.parts, evidence.execution)), len(x))
     numbers, scale = _fixed_numbers(names, evidence, extended, x)
-    every, lines = np.concatenate([np.ones(len(x)), scale]), n_residuals / max(fit.n_residuals, 1)
-    A, b, beyond, pull = _with_priors(A * np.outer(every, every), b * every, evidence, lines)
+    scales, lines = np.concatenate([np.ones(len(x)), scale]), n_residuals / max(fit.n_residuals, 1)
+    A, b, beyond, pull = _with_priors(A * np.outer(scales, scales), b * scales, evidence, lines)
     numbers += beyond
     test = ScoreTest.of(numbers, A, b, ~evidence.result.at_bound)
     options = tuple(candidates(numbers, extended.linearisation.model.robot, evidence.hypotheses))
@@ -176,13 +176,13 @@ def candidates(numbers: Sequence[FixedNumber], robot: Robot, hypotheses: Sequenc
     """
     place = {number.name: i for i, number in enumerate(numbers)}
     parts = {name for name in place for prefix in ("m_", "c_", "I_") if name.startswith(prefix) and "@" in name}
-    every = [
+    options = [
         Candidate(n.name, n.family, np.array([i]), np.eye(1)) for i, n in enumerate(numbers) if n.name not in parts
     ]
 
     def add_common(name: str, members: list[int]) -> None:
         if len(members) > 1 and len({numbers[i].log for i in members}) == 1:
-            every.append(Candidate(name, numbers[members[0]].family, np.array(members), np.ones((len(members), 1))))
+            options.append(Candidate(name, numbers[members[0]].family, np.array(members), np.ones((len(members), 1))))
 
     for prefix in (prefix for h in hypotheses if h.is_common for prefix in h.numbers):
         add_common(f"{prefix}_*", [i for name, i in place.items() if name.startswith(f"{prefix}_")])
@@ -193,8 +193,8 @@ def candidates(numbers: Sequence[FixedNumber], robot: Robot, hypotheses: Sequenc
     for name, family, members in _common_causes(robot, place):
         together = [place[member] for member in members if member in place]
         if len(together) > 1:
-            every.append(Candidate(name, family, np.array(together), np.eye(len(together))))
-    return every
+            options.append(Candidate(name, family, np.array(together), np.eye(len(together))))
+    return options
 
 
 def _common_causes(robot: Robot, place: dict[str, int]) -> Iterator[tuple[str, str, list[str]]]:
@@ -256,17 +256,17 @@ def _following_causes(first: ModificationIndex, scores: Scores) -> list[Modifica
 
 def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = LIMITS.ranked) -> list[ModificationIndex]:
     """Return candidates with a significant drop, best first: so many, and every delay, which has several forms."""
-    every, significant, tau2 = scores.candidates, scores.significant, temper(scores)
-    steps = [_step(test, candidate, scores) for candidate in every]
+    options, significant, tau2 = scores.candidates, scores.significant, temper(scores)
+    steps = [_step(test, candidate, scores) for candidate in options]
     drops = np.maximum([drop - scores.worse for _, drop, _ in steps], 0.0)
     occams = np.array([occam for _, _, occam in steps])
-    counts = [4 if candidate.name.startswith("payload_") else candidate.directions.shape[1] for candidate in every]
+    counts = [4 if candidate.name.startswith("payload_") else candidate.directions.shape[1] for candidate in options]
     order = [int(i) for i in np.argsort(occams - drops / tau2) if drops[i] > significant[counts[i]]]
-    correlations = test.correlations(every)
+    correlations = test.correlations(options)
 
     def index(i: int) -> ModificationIndex:
         """Return the modification index of candidate i, with the candidates that are indistinguishable from it."""
-        candidate, (step, _, occam), drop = every[i], steps[i], float(drops[i])
+        candidate, (step, _, occam), drop = options[i], steps[i], float(drops[i])
         members = [test.numbers[k] for k in candidate.places]
         is_equal = (drops > LIMITS.equal_drop * drops[i]) & (correlations[i] > LIMITS.equal_correlation)
         equal = [int(j) for j in np.flatnonzero(is_equal) if j != i]
@@ -282,12 +282,12 @@ def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = LIMITS.r
             drop=drop / scores.lines,
             explained_fraction=drop / max(scores.excess, drop, 1e-300),
             effects=test.effects(candidate, step),
-            alike=tuple(every[j].name for j in sorted(equal, key=lambda j: -drops[j])),
+            alike=tuple(options[j].name for j in sorted(equal, key=lambda j: -drops[j])),
             place=place,
             occam=float(occam),
         )
 
-    return [index(i) for k, i in enumerate(order) if k < most or every[i].name.startswith("delay")]
+    return [index(i) for k, i in enumerate(order) if k < most or options[i].name.startswith("delay")]
 
 
 def _step(test: ScoreTest, candidate: Candidate, scores: Scores) -> tuple[FloatArray, float, float]:

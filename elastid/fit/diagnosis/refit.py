@@ -89,8 +89,8 @@ def thinning(fit: ElasticFit, residuals: int) -> Callable[[Part], Part]:
 
     At least 20 lines each, 5 of very many configurations: V of one by itself is judged, too.
     """
-    every, least = max(1, math.ceil(fit.n_residuals / residuals)), max(5, min(20, 1280 // max(1, len(fit.parts))))
-    return partial(_thin, every, least)
+    step, least = max(1, math.ceil(fit.n_residuals / residuals)), max(5, min(20, 1280 // max(1, len(fit.parts))))
+    return partial(_thin, step, least)
 
 
 def _thin(step: int, least: int, part: Part) -> Part:

@@ -112,7 +112,7 @@ def explains(now: SecondSource, T: float, least: float) -> bool:
 def _residuals(
     loads: StaticLoads, parameters: Parameters, x: FloatArray, root: FloatArray, c: float
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Return whitened residuals (n,) and their slopes."""
+    """Yield whitened residuals (n,) and their slopes."""
     y, slopes = loads.predicted(parameters, x)
     J = np.column_stack([(1 + c) * (slopes @ root), y])
     yield (loads.measured - (1 + c) * y) / loads.std, -J / loads.std[:, None]
@@ -140,7 +140,7 @@ def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
 def _tool_residuals(
     fit: ElasticFit, x: FloatArray, root: FloatArray, c: float
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Return whitened residuals (N,) of each response and their slopes (N, n)."""
+    """Yield whitened residuals (N,) of each response and their slopes (N, n)."""
     for model in evaluate(fit, x):
         slopes = np.concatenate([(1 + c) * np.tensordot(root.T, model.free, axes=1), model.G[None]])
         with_factor = replace(model, G=(1 + c) * model.G)
@@ -153,8 +153,8 @@ def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:
     result, with_factor = agreement(now, alone)
     is_misread = False
     if result.disagrees:
-        others = [(_source(replace(assembly, responses=read).with_model_error(alone.model_error), alone)[1], words)
-                  for read, words in _tool_readings(assembly.responses)]  # fmt: skip
+        others = [(_source(replace(assembly, responses=readings).with_model_error(alone.model_error), alone)[1], words)
+                  for readings, words in _tool_readings(assembly.responses)]  # fmt: skip
         least, misreading = min(((trial.least()[0], words) for trial, words in others), key=lambda trial: trial[0])
         is_misread = explains(now, result.chi_square, least)
         if with_factor < least and abs(result.ratio - 1) < LIMITS.largest:
@@ -181,21 +181,21 @@ def _compared(response: Response, part: Part, fit: ElasticFit, x: FloatArray) ->
 
 
 def _tool_readings(responses: Sequence[Response]) -> Iterator[tuple[tuple[Response, ...], str]]:
-    def turned(sign: float, power: int) -> tuple[Response, ...]:
-        every = []
+    def reading(sign: float, power: int) -> tuple[Response, ...]:
+        readings = []
         for G in responses:
             s = laplace_variable(G.freq_hz[:, None, None])
             noise, total = (scaled(part, np.abs(s) ** (2 * power)) for part in (G.noise, G.total))
-            every.append(replace(G, G=sign * G.G * s**power, noise=noise, total=total))
-        return tuple(every)
+            readings.append(replace(G, G=sign * G.G * s**power, noise=noise, total=total))
+        return tuple(readings)
 
-    yield turned(-1.0, 0), "reverse the sign of force or motion: they have opposite signs"
+    yield reading(-1.0, 0), "reverse the sign of force or motion: they have opposite signs"
     orders = {order: name for name, order in MOTION_ORDER.items()}
     for power in (-2, -1, 1, 2):
         stated = {MOTION_ORDER[G.quantity] for G in responses}
         if len(stated) == 1 and (quantity := orders.get(min(stated) - power)):
             yield (
-                turned(1.0, power),
+                reading(1.0, power),
                 f"correct the quantity: the file has the {quantity}, not the {orders[min(stated)]}",
             )
     moves = any(place.startswith("motor ") for G in responses for place in G.outputs)

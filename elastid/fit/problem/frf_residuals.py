@@ -240,7 +240,7 @@ class ElasticFit:
         return self.loads.residual(self.parameters, x)
 
     def blocks(self, x: FloatArray) -> Iterator[tuple[ComplexArray, ComplexArray]]:
-        """Return the whitened r (F, n_y, n_u) and dr/dx (n_x, F, n_y, n_u), configuration by configuration."""
+        """Yield the whitened r (F, n_y, n_u) and dr/dx (n_x, F, n_y, n_u), configuration by configuration."""
         return (self.block(part, x, part.mixing) for part in self.parts)
 
     def block(self, part: Part, x: FloatArray, mixing: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
@@ -323,9 +323,9 @@ def at_measured_places(model: LinearModel, response: Response | LinearModel) -> 
         *(name for name in response.inputs if is_load(name) and moved_by(name) in model.outputs),
     )
     places = (("input", response.inputs, known_inputs), ("output", response.outputs, model.outputs))
-    for kind, wanted, modelled in places:
-        if unknown := ", ".join(name for name in wanted if name not in modelled):
-            text = f"the model has no {kind} {unknown}; there are {', '.join(modelled) or 'none'}"
+    for kind, names, options in places:
+        if unknown := ", ".join(name for name in names if name not in options):
+            text = f"the model has no {kind} {unknown}; there are {', '.join(options) or 'none'}"
             raise DataError("fit/responses", text, f"configuration {response.configuration.name}")
     if loads and model.inputs != response.inputs:
         model = acted_on(model, Ports.at_frames(model, response.inputs), response.motors, response.loop)

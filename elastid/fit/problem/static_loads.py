@@ -34,7 +34,7 @@ class PlacedTest:
 
 def placed_tests(tests: Sequence[LoadTest], configurations: Mapping[str, Configuration]) -> tuple[PlacedTest, ...]:
     """Return the tests in their postures; StudyError for a configuration that is not there."""
-    every = []
+    places = []
     for test in tests:
         if test.angles is not None:
             where = Configuration("load test", np.asarray(test.angles, dtype=float))
@@ -43,8 +43,8 @@ def placed_tests(tests: Sequence[LoadTest], configurations: Mapping[str, Configu
         else:
             advice = did_you_mean(test.configuration, configurations)
             raise StudyError("study/invalid", f"no configuration is called {test.configuration}; {advice}", "loads")
-        every.append(PlacedTest(test, where))
-    return tuple(every)
+        places.append(PlacedTest(test, where))
+    return tuple(places)
 
 
 @dataclass(frozen=True, eq=False)

@@ -100,9 +100,9 @@ class Sensitivity:
         """Return the contribution of S to `pull` (3, n_2); between (3, r, r): of left^T weight right, in that form."""
         flat = between.reshape(3, between.shape[1] ** 2)
         fixed, inertial = self.S.reshape(*self.S.shape[:2], flat.shape[1])
-        pulled = flat @ fixed.T
-        pulled[0] += inertial @ flat[2]
-        return np.asarray(pulled)
+        pull = flat @ fixed.T
+        pull[0] += inertial @ flat[2]
+        return np.asarray(pull)
 
 
 def rank_one_parts(matrices: FloatArray) -> tuple[BoolArray, FloatArray, FloatArray]:
@@ -279,7 +279,7 @@ def _first_alike(E: FloatArray) -> tuple[FloatArray, IntArray]:
 
 def _span(matrices: FloatArray) -> FloatArray:
     """Return directions (n, r) that symmetric matrices (N, n, n) span: coordinates, or at most half as many axes."""
-    stacked = matrices.transpose(1, 0, 2).reshape(matrices.shape[1], -1)
-    U, size, _ = np.linalg.svd(np.transpose(np.linalg.qr(stacked.T, mode="r")))
-    U, touched = U[:, size > EQUAL_TOLERANCE * size.max(initial=0.0)], np.flatnonzero(stacked.any(axis=1))
-    return U if 2 * U.shape[1] <= len(touched) else np.eye(len(stacked))[:, touched]
+    wide = matrices.transpose(1, 0, 2).reshape(matrices.shape[1], -1)
+    U, size, _ = np.linalg.svd(np.transpose(np.linalg.qr(wide.T, mode="r")))
+    U, coordinates = U[:, size > EQUAL_TOLERANCE * size.max(initial=0.0)], np.flatnonzero(wide.any(axis=1))
+    return U if 2 * U.shape[1] <= len(coordinates) else np.eye(len(wide))[:, coordinates]

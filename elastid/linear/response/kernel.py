@@ -106,7 +106,7 @@ class Kernel(Kept):
         return tuple(name for name in self.parameters if name in names)
 
     def factor_slopes(self, theta: FloatArray, band: Products) -> Iterator[ComplexArray]:
-        """Return dG / d theta_p (F, n_y, n_u) of each of the factors on a block of lines."""
+        """Yield dG / d theta_p (F, n_y, n_u) of each of the factors on a block of lines."""
         elements, s, loop = {element.name: element for element in self.model.chain}, band.s[:, None, None], band.loop
         G = band.G if loop is None else loop.T  # images are held
         of_gains = {f"gain_{role}_": gain for gain, role in enumerate(GAINS)}
