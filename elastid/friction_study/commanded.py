@@ -351,18 +351,20 @@ def _linearised(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Line
 def _start(problem: _Problem) -> tuple[FloatArray, float]:
     """Return numbers (m, 8) and delay of the best of START_DELAYS, each with its regression of the gains' torque.
 
-    Each joint has the best of START_STICKING.
+    Each joint has the best of START_STICKING with them.
     """
+
+    def costs(candidates: FloatArray, delays: FloatArray) -> FloatArray:  # (K, m)
+        simulated = problem.simulated(candidates, delays)
+        squares = [_mean_squares(problem, problem.errors(simulated, k)) for k in range(len(delays))]
+        return np.log(np.maximum(np.nan_to_num(squares, nan=np.inf), 1e-300))
+
     regressions = np.stack([_regress(problem, delay) for delay in START_DELAYS.tolist()])
-    candidates = np.repeat(regressions[:, None], len(START_STICKING), axis=1)
+    best = int(np.argmin(costs(regressions, START_DELAYS).sum(axis=1)))
+    candidates, delay_s = np.stack([regressions[best]] * len(START_STICKING)), float(START_DELAYS[best])
     candidates[..., -2:] = np.array(START_STICKING)[:, None]
-    shape = candidates.shape[:3]
-    delays = np.repeat(START_DELAYS, len(START_STICKING))
-    simulated = problem.simulated(candidates.reshape(-1, *shape[2:], len(NUMBERS)), delays)
-    squares = [_mean_squares(problem, problem.errors(simulated, k)) for k in range(len(delays))]
-    costs = np.log(np.maximum(np.nan_to_num(squares, nan=np.inf), 1e-300)).reshape(shape)
-    best = int(np.argmin(costs.min(axis=1).sum(axis=1)))
-    return candidates[best, costs[best].argmin(axis=0), np.arange(shape[2])], float(START_DELAYS[best])
+    choices = costs(candidates, np.full(len(candidates), delay_s)).argmin(axis=0)
+    return candidates[choices, np.arange(len(choices))], delay_s
 
 
 def smoothed_motion(position: FloatArray, rate_hz: float) -> tuple[list[FloatArray], int]:

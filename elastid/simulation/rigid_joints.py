@@ -22,6 +22,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
+from elastid.model.evaluation import evaluated
 
 # Numbers of a joint, in the order of their axis, link side: J, f, F_c, o, G, H, tau, c.
 NUMBERS = ("inertia", "viscous", "coulomb", "offset", "gravity.cos", "gravity.sin", "stick_time", "creep")
@@ -67,10 +68,10 @@ class CommandedJoints:
         steps = self.steps(np.maximum(numbers[..., 0] + self.coupled_inertia, 0.0))
         step, block = self._step(numbers, 1 / self.rate_hz / steps), max(1, BLOCK // steps)
         march, sums = step.mapaccum(block * steps), np.zeros((n // window, K, S))
-        state = np.stack([np.broadcast_to(start, (K, S)) for start in (self.position, self.velocity)])
+        state = np.broadcast_to(np.stack([self.position, self.velocity])[:, None], (2, K, S))
         for first in range(0, len(sums) * window, block):
             torque = self._torque(first, first + block, steps, delay_s) - numbers[..., 3]
-            states = march(state.ravel(), torque.reshape(len(torque), -1).T).full().T.reshape(-1, *state.shape)
+            (states,) = evaluated(march, (state, torque), [(len(torque), *state.shape)])
             samples = np.arange(first, min(first + block, len(sums) * window))
             at_samples = np.concatenate([state[None, 0], states[steps - 1 :: steps, 0]])[: len(samples)]
             np.add.at(sums, samples // window, at_samples)
