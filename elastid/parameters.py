@@ -222,7 +222,11 @@ class Parameters:
     @property
     def x(self) -> FloatArray:
         """The solver's start (n_x,)."""
-        return np.array([parameter.to_x(parameter.value) for parameter in self.free], dtype=float)
+        return self.x_with({})
+
+    def x_with(self, values: Mapping[str, float]) -> FloatArray:
+        """Return x (n_x,) with values of x by name, others at the start."""
+        return np.array([values.get(p.name, p.to_x(p.value)) for p in self.free], dtype=float)
 
     @cached_property
     def x_bounds(self) -> tuple[FloatArray, FloatArray]:
@@ -247,6 +251,16 @@ class Parameters:
     def is_log(self) -> BoolArray:
         """Flags (n_x,) of the free parameters whose logarithm the solver has."""
         return np.array([p.log for p in self.free], dtype=np.bool_)
+
+    @cached_property
+    def prior_slopes(self) -> FloatArray:
+        """1 / s (n_x,) of the priors of x, 0 without a prior."""
+        return np.array([0.0 if p.prior is None else 1 / p.prior.std for p in self.free])
+
+    def priors(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return (x - m) / s and 1 / s (n_x,) of the priors at x (n_x,), 0 without a prior."""
+        mean = np.array([0.0 if p.prior is None else p.to_x(p.prior.mean) for p in self.free])
+        return (x - mean) * self.prior_slopes, self.prior_slopes
 
     def _chain(self, configuration: str) -> "_Chain":
         if (local := self.configuration_of_stand_in(configuration)) not in self._chains:

@@ -23,6 +23,8 @@ Values = TypeVar("Values", FloatArray, ComplexArray)
 QUANTILE_95 = 1.959964
 # And so many above its mean bound it on one side with 95 %.
 ONE_SIDED_95 = 1.644854
+# Of a test of a fit: it errs once in so many fits of correct models.
+FALSE_ALARM_RATE = 1 / 700
 # The standard deviation of a normal distribution over its median absolute deviation.
 STD_OVER_MAD = 1.4826
 
@@ -49,6 +51,20 @@ def chi_square_limit(dof: float, tail: float) -> float:
     from scipy.special import chdtri
 
     return float(chdtri(dof, tail))
+
+
+def max_cost_ratio(cost_dof: float) -> float:
+    """Return the upper limit of V / E[V] for a correct model at the false-alarm rate.
+
+    2 / cost_dof: relative variance of that ratio, a chi-square variable over its degrees of freedom.
+    """
+    dof = max(cost_dof, 1.0)
+    return chi_square_limit(dof, FALSE_ALARM_RATE) / dof
+
+
+def exceeds_noise(cost: float, expected_cost: float, cost_dof: float) -> bool:
+    """Return True if V exceeds the limit of noise alone (`max_cost_ratio`)."""
+    return cost > expected_cost * max_cost_ratio(cost_dof)
 
 
 def f_test(drop: float, added: int, residual: float, dof: float) -> float:

@@ -16,8 +16,8 @@ from elastid.base.errors import Note, StudyError
 from elastid.base.statistics import correlation_of
 from elastid.base.units import of_translation
 from elastid.excitation.grids import line_count_refusal
+from elastid.fit.combinations import correlated, covariance_by_noise
 from elastid.fit.problem.least_squares import as_real
-from elastid.fit.result import correlated, covariance_by_noise
 from elastid.parameters import Parameters
 
 if TYPE_CHECKING:
@@ -109,8 +109,8 @@ def forecast(expected: "Sequence[ExpectedResponse]", x: FloatArray, is_compensat
     responses, weights = [e.response for e in expected], [e.weights for e in expected]
     uncertainty = estimate_uncertainty(fit, responses, weights, x, is_forecast=True, is_compensated=is_compensated)
     covariance = uncertainty.covariance
-    J = [rows for _, rows in fit.blocks(x)]
-    R = np.linalg.qr(np.vstack([as_real(rows).reshape(len(x), -1).T for rows in J] + [np.diag(fit.prior_slopes)]), "r")
+    rows = [as_real(J).reshape(len(x), -1).T for _, J in fit.blocks(x)]
+    R = np.linalg.qr(np.vstack([*rows, np.diag(fit.parameters.prior_slopes)]), "r")
     power = np.stack(uncertainty.power)[..., :n]
     fraction = quotient(power, power.sum(axis=(0, 1)))
     names, units, log = (tuple(getattr(p, kind) for p in free) for kind in ("name", "unit", "log"))

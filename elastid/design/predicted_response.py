@@ -57,7 +57,7 @@ class ExpectedResponse:
     def information(self, x: FloatArray) -> FloatArray:
         r"""Return H (n_x, n_x) = 2 Re sum_k J_k^H W_k J_k at x (n_x,), without priors, W as the fit weighs."""
         fit = expected_fit([self])
-        return fit.evaluate(x).hessian / 2 - np.diag(fit.prior_slopes**2)
+        return fit.evaluate(x).hessian / 2 - np.diag(fit.parameters.prior_slopes**2)
 
 
 def expected_fit(expected: Sequence[ExpectedResponse]) -> ElasticFit:

@@ -1,23 +1,41 @@
-"""Combinations of parameters that the data identify, although they do not identify each of the parameters."""
+"""Parameters that the data do not tell apart: indistinguishable pairs, and combinations that are identified."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, number
 from elastid.base.errors import Note
-from elastid.base.statistics import QUANTILE_95, identifiable_combinations
+from elastid.base.statistics import QUANTILE_95, correlation_of, identifiable_combinations
 from elastid.fit.result import Result
 from elastid.record import JointLoop
 from elastid.robot import Robot, channel_name
 
+CORRELATED = 0.99  # beyond which two parameters cannot be distinguished
 COMBINATION = "fit/combination"
 # Relative std of a parameter, from which on its combination with others is stated.
 _WIDE = 0.25
 
 
+def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:
+    """Return C_xx - C_xn C_nn^-1 C_nx (n, n), the conditional covariance of the first n variables given the others."""
+    cross = C[:n, n:]
+    if not np.isfinite(C).all():  # parameters that the data do not reach
+        return C[:n, :n].copy()
+    return C[:n, :n] - cross @ np.linalg.solve(C[n:, n:], cross.T)
+
+
+def correlated(names: Sequence[str], covariance: FloatArray) -> Iterator[Note]:
+    """Yield a note for each indistinguishable pair.  covariance: by noise, since errors of a robot model move all."""
+    correlation = np.triu(np.nan_to_num(correlation_of(covariance)), 1)
+    for i, j in np.argwhere(np.abs(correlation) > CORRELATED):
+        text = f"{names[i]} and {names[j]} are indistinguishable (correlation {correlation[i, j]:.4f}). Fix one of them"
+        yield Note("fit/correlated", text)
+
+
 def combination_notes(result: Result) -> Iterator[Note]:
-    """Return a note for each pair or triple of weakly identified parameters with a well identified combination."""
+    """Yield a note for each pair or triple of weakly identified parameters with a well identified combination."""
     names, std, values = result.parameters.free_names, result.std, result.values
     x, scale = np.array([values[name] for name in names]), np.array([std[name] for name in names])
     correlation = result.covariance / np.sqrt(np.outer(*[np.diag(result.covariance)] * 2))
@@ -26,7 +44,7 @@ def combination_notes(result: Result) -> Iterator[Note]:
         relative = [std[name] / max(abs(values[name]), 1e-300) for name in members]
         if max(relative) < _WIDE:
             continue
-        rest = (
+        terms = (
             f"{'-' if w < 0 else '+'} {abs(w):.2g} {name}"
             for w, name in zip(combination.weights[1:], members[1:], strict=True)
         )
@@ -34,7 +52,7 @@ def combination_notes(result: Result) -> Iterator[Note]:
         singles = ", ".join(f"{name} {x:.0%}" for name, x in zip(members, relative, strict=True))
         interval = f"{_interval(combination.value, combination.std)} {unit} (95 % interval)"
         text = (
-            f"only the combination {' '.join([members[0], *rest])} = {interval} is well identified. Relative std of "
+            f"only the combination {' '.join([members[0], *terms])} = {interval} is well identified. Relative std of "
             f"each parameter: {singles}. To separate them, add a configuration, an output or a wider band"
         )
         yield Note(COMBINATION, text, severity="information")

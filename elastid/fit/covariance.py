@@ -38,12 +38,11 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, quotient
 from elastid.base.execution import Execution
-from elastid.base.statistics import small_sample_factors
+from elastid.base.statistics import exceeds_noise, small_sample_factors
 from elastid.fit.gear_ratios import RatioScatter, scatter_of_ratios
 from elastid.fit.problem.frf_residuals import ElasticFit, chunked, each_at_home
 from elastid.fit.problem.systematic_errors import find_factors
 from elastid.fit.problem.weights import Weights
-from elastid.fit.residual_test import exceeds_noise
 from elastid.fit.robust_covariance import (
     LineSums,
     block_variance,
@@ -71,11 +70,11 @@ def information(
     sums = [np.sum(lines, axis=0) for lines in power]
     total = np.sum(sums, axis=0)
     total[total == 0] = np.nan
-    every = np.concatenate(freq_hz)
-    order = np.argsort(every, kind="stable")
+    frequencies = np.concatenate(freq_hz)
+    order = np.argsort(frequencies, kind="stable")
     rising = np.cumsum(np.concatenate(power)[order], axis=0) / total
     places = np.array([np.searchsorted(column, (0.25, 0.75)) for column in np.nan_to_num(rising.T, nan=1.0)])
-    band = every[order][np.minimum(places, len(every) - 1)]
+    band = frequencies[order][np.minimum(places, len(frequencies) - 1)]
     return np.array([lines / (total + load_power) for lines in sums]), band
 
 
@@ -154,14 +153,14 @@ def estimate_uncertainty(
     dof = noise_dof(power, [part.noise_dof for part in parts], sums.load_power)
     dof = dof / np.maximum(quotient(averaging, np.diag(noise), 1.0), 1e-6) ** 2
     blocks = block_variance([part.blocks for part in parts], half)
-    every = Contributions(
+    contributions = Contributions(
         noise=noise, widening=small_sample_factors(dof), residuals=sandwich_variance(sums),
         blocks=np.maximum(blocks, jackknife_variance(parts, half)) if is_excess else np.zeros(len(x)),
         model_error=model_error_covariance(sums, cost, expected_cost, cost_dof), ratios=ratios.covariance,
         friction=friction_variance(fit.parameters, responses, is_compensated),
     )  # fmt: skip
-    covariance = every.covariance(half)
-    random_fraction = every.random_fraction(covariance, is_excess) / every.random
+    covariance = contributions.covariance(half)
+    random_fraction = contributions.random_fraction(covariance, is_excess) / contributions.random
     covariance[unreached] = covariance[:, unreached] = np.nan
     covariance[unreached, unreached] = np.inf
     fraction, band_hz = information(power, [part.freq_hz for part in parts], sums.load_power)
@@ -169,9 +168,9 @@ def estimate_uncertainty(
         covariance=covariance, singular_values=sums.singular_values, unreached=unreached,
         expected_cost=expected_cost, cost_dof=cost_dof, information_fraction=fraction, information_band_hz=band_hz,
         disagreement=disagreement([part.disagreement for part in parts], len(half)),
-        shift=np.where(unreached, 0.0, np.sqrt(blocks / (every.random + np.diag(every.model_error)))),
+        shift=np.where(unreached, 0.0, np.sqrt(blocks / (contributions.random + np.diag(contributions.model_error)))),
         averaging_fraction=averaging * random_fraction,
-        persistent_fraction=(np.minimum(persistent, by_prior) + np.diag(every.ratios)) * random_fraction,
+        persistent_fraction=(np.minimum(persistent, by_prior) + np.diag(contributions.ratios)) * random_fraction,
         costs=np.array([part.cost for part in parts]), power=power, ratios=ratios,
     )  # fmt: skip
 
@@ -258,7 +257,7 @@ def sum_up(
     bare = replace(fit, parts=(), loads=None)  # to other processes each chunk goes by itself
     static_r, static_J = fit.static(x)
     static_J = np.pad(static_J, ((0, 0), (0, len(factors))))  # no factor of the responses moves load tests
-    prior_J = np.diag(np.concatenate([fit.prior_slopes, np.ones(len(factors))]))
+    prior_J = np.diag(np.concatenate([fit.parameters.prior_slopes, np.ones(len(factors))]))
     configurations = list(zip(fit.parts, responses, weights, strict=True))
     R = np.vstack([prior_J, static_J])
     for block in home.at_home(partial(triangle, bare, x, factors), chunked(configurations)):  # R of the stacked J = Q R
@@ -344,7 +343,8 @@ def prior_variance(sums: Sums, nuisance: Sequence[int]) -> tuple[FloatArray, Flo
 # Relative std of a stiffness, a damping and a viscous friction by the compensation of friction or of gear effects.
 # Amplitudes are estimated to 0.5 to 1 % (`nonlinear.variable_projection`); k was within 0.05 %, d within 0.5 %
 # (scripts/studies/results.csv).
-STIFFNESS_ERROR, DAMPING_ERROR, FRICTION_ERROR = 2e-4, 2e-3, 1e-2
+STIFFNESS_ERROR, FRICTION_ERROR = 2e-4, 1e-2
+DAMPING_ERROR = 10 * STIFFNESS_ERROR
 # Error by unexplained distortion with relaxing springs of motors, over that without.
 RELAXATION_ERROR = 0.1
 

@@ -100,8 +100,8 @@ class FittedRobot:
             effect = effects.get(name := G.configuration.name)
             if effect is None:
                 effect = estimate_motion_bias(self.model, model.linear, self.theta_of(name), G)
-            every = (*(() if effect is None else (effect,)), *self.presliding[i : i + 1])
-            responses.append(replace(modelled, G=sum(every, modelled.G)) if every else modelled)
+            changes = (*(() if effect is None else (effect,)), *self.presliding[i : i + 1])
+            responses.append(replace(modelled, G=sum(changes, modelled.G)) if changes else modelled)
         return tuple(responses)
 
     @property

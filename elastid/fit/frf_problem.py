@@ -13,6 +13,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -30,7 +31,6 @@ from elastid.fit.problem.least_squares import (
     distance,
     is_far_from_noise,
 )
-from elastid.fit.problem.static_loads import PlacedTest, StaticLoads
 from elastid.fit.problem.systematic_errors import errors_of, find_factors, next_factors, shares_of, with_modelled_bias
 from elastid.fit.problem.weights import Weights, weigh, with_model_error
 from elastid.fit.solve.solvers import FINE, solve
@@ -46,6 +46,9 @@ from elastid.parameters import Parameters
 from elastid.record import Configuration
 from elastid.response import STEP_IMAGES, SYSTEMATIC_ERRORS, Response
 from elastid.robot import Robot
+
+if TYPE_CHECKING:
+    from elastid.fit.problem.static_loads import PlacedTest, StaticLoads  # of studies with load tests
 
 # Standard deviations of real and imaginary part beyond which an element is an outlier: all but 5 % of good data count
 # with their square.
@@ -75,19 +78,23 @@ class Assembly:
     parameters: Parameters
     spec: FitSpec
     model: ModelSpec = EXACT
-    loads: StaticLoads | None = None
+    loads: "StaticLoads | None" = None
     home: Execution = HERE
 
     @classmethod
     def of(
         cls, responses: Sequence[Response], robot: Robot, spec: FitSpec, parameters: Parameters,
-        model: ModelSpec = EXACT, loads: Sequence[PlacedTest] = (), weights: Sequence[Weights] | None = None,
+        model: ModelSpec = EXACT, loads: "Sequence[PlacedTest]" = (), weights: Sequence[Weights] | None = None,
         home: Execution = HERE, presliding: tuple[RelaxingSpring, ...] = (),
     ) -> "Assembly":  # fmt: skip
         """Weigh the responses, unless their weights are known, and build the model, under the static loads, too."""
         weights = tuple(weights or (weigh(response, spec) for response in responses))
         linearisation = Linearisation.of_robot(robot, model, parameters.names, presliding)
-        static = StaticLoads.of(loads, robot, model, parameters) if loads else None
+        static = None
+        if loads:
+            from elastid.fit.problem.static_loads import StaticLoads
+
+            static = StaticLoads.of(loads, robot, model, parameters)
         assembly = cls(tuple(responses), weights, linearisation, parameters, spec, model, static)
         if linearisation.is_affine_in(assembly._dependent):
             return assembly if linearisation.follows else replace(assembly, home=home)
@@ -110,11 +117,6 @@ class Assembly:
     @property
     def _dependent(self) -> set[str]:
         return {name for G in self.responses for name in self.parameters.dependent_names(G.configuration.name)}
-
-    @property
-    def notes(self) -> tuple[Note, ...]:
-        """Notes on lines that the weights left out."""
-        return notes_of(self.weights)
 
     def at(self, x: FloatArray, criterion: ResidualKind) -> ElasticFit:
         """Return the fit with every configuration linearised at x (n_x,)."""
@@ -151,8 +153,8 @@ class Assembly:
 
     def at_rest(self, x: FloatArray) -> "Assembly":
         """Return the assembly without the motion-induced bias of the responses at x (n_x,)."""
-        rested = partial(_at_rest, self.linearisation, self.parameters, x)
-        return replace(self, responses=tuple(each_at_home(rested, self.responses, self.home)))
+        to_rest = partial(_at_rest, self.linearisation, self.parameters, x)
+        return replace(self, responses=tuple(each_at_home(to_rest, self.responses, self.home)))
 
     def spring_notes(self, x: FloatArray) -> tuple[Note, ...]:
         """Return notes on springs that no single stiffness describes at the equilibrium of x (n_x,)."""
@@ -293,17 +295,17 @@ def relinearise(
     """
     is_square = assembly.spec.weights.loss == "square"
     rounds = 10 if is_square else 30
-    end, c, rested = start, np.zeros(len(find_factors(assembly.responses))), assembly
+    end, c, at_rest = start, np.zeros(len(find_factors(assembly.responses))), assembly
     if near is not None:
         pairs = zip(assembly.responses, near.responses, strict=True)
-        c, rested = near.factors, replace(assembly, responses=tuple(replace(G, G=at_rest.G) for G, at_rest in pairs))
+        c, at_rest = near.factors, replace(assembly, responses=tuple(replace(G, G=other.G) for G, other in pairs))
     change, is_settled, history = math.inf, False, list[tuple[FloatArray, FloatArray]]()
     for i in range(rounds):
         try:
             # std: most effects of a motion do not move the optimum so far
             if (i == 1 and near is None) or (i == 1 + (near is None) and change > 3):
-                rested, history = assembly.at_rest(end.x), []
-            current = rested.reweighted(end.x)
+                at_rest, history = assembly.at_rest(end.x), []
+            current = at_rest.reweighted(end.x)
             fit = current.at(end.x, criterion)
         except StudyError as error:
             return _where_it_stands(assembly, end, criterion, error)
@@ -377,6 +379,6 @@ def robust_factors(fit: ElasticFit, weights: Sequence[Weights], x: FloatArray) -
         is_used = part.gain > 0
         gain = np.divide(part.gain, np.sqrt(weight.factor), out=np.zeros_like(part.gain), where=is_used)
         distances.append(np.where(is_used, gain * np.abs(np.where(is_used, e, 0.0)), 0.0))
-    every = np.concatenate([z[part.gain > 0] for z, part in zip(distances, fit.parts, strict=True)])
-    reach = OUTLIER_STDS * max(1.0, float(np.median(every)) / RAYLEIGH_MEDIAN)
+    moduli = np.concatenate([z[part.gain > 0] for z, part in zip(distances, fit.parts, strict=True)])
+    reach = OUTLIER_STDS * max(1.0, float(np.median(moduli)) / RAYLEIGH_MEDIAN)
     return tuple(np.minimum(1.0, reach / np.maximum(z, 1e-300)) for z in distances)

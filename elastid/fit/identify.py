@@ -13,12 +13,12 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.errors import DataError, FitError, StudyError, check_kind
+from elastid.base.arrays import ComplexArray, FloatArray, named
+from elastid.base.errors import DataError, FitError, StudyError, check_kind, notes_of
 from elastid.base.execution import Execution, persistent_workers
 from elastid.fit.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.diagnosis.delay_hypotheses import common_delay
@@ -28,7 +28,6 @@ from elastid.fit.diagnosis.hypothesis import Evidence, Hypothesis
 from elastid.fit.diagnosis.priors import contradicted_priors, contradicted_tolerances
 from elastid.fit.diagnosis.rank_hypotheses import RESIDUALS, diagnose, rank_causes
 from elastid.fit.diagnosis.refit import thinning
-from elastid.fit.diagnosis.static_and_tool_data import static_agreement, tool_agreement
 from elastid.fit.frf_problem import (
     Assembly,
     NoRestError,
@@ -45,7 +44,6 @@ from elastid.fit.presliding import are_identified, find_presliding, without_pres
 from elastid.fit.problem.frf_residuals import ElasticFit, each_at_home, home_of
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
-from elastid.fit.problem.static_loads import PlacedTest
 from elastid.fit.problem.weights import check_factors, weigh, with_model_error
 from elastid.fit.result import Result
 from elastid.fit.solve.solvers import FINE, NEAR, multistart, solve, spread
@@ -58,6 +56,9 @@ from elastid.record import REFERENCE
 from elastid.response import Response
 from elastid.robot import Robot, channel_name
 
+if TYPE_CHECKING:
+    from elastid.fit.problem.static_loads import PlacedTest
+
 
 def identify(
     responses: Sequence[Response],
@@ -68,7 +69,7 @@ def identify(
     execution: Execution | None = None,
     hypotheses: tuple[Hypothesis, ...] | None = None,
     parameters: Parameters | None = None,
-    loads: Sequence[PlacedTest] = (),
+    loads: "Sequence[PlacedTest]" = (),
 ) -> Result:
     """Return the parameters of `robot` that explain the responses of all configurations, and the static load tests.
 
@@ -88,7 +89,7 @@ def identify(
 def identified(
     responses: Sequence[Response], robot: Robot, spec: FitSpec, model: ModelSpec = EXACT,
     execution: Execution | None = None, hypotheses: tuple[Hypothesis, ...] | None = None,
-    parameters: Parameters | None = None, loads: Sequence[PlacedTest] = (),
+    parameters: Parameters | None = None, loads: "Sequence[PlacedTest]" = (),
 ) -> tuple[Result, dict[str, ComplexArray]]:  # fmt: skip
     """Return the result of `identify`, and by configuration the motion-induced bias (F, n_y, n_u) of its response."""
     execution = execution or Execution()
@@ -104,10 +105,10 @@ def identified(
         except StudyError as error:  # the robot finds no rest on the way
             raise NoRestError(error) from None
         if robot.tolerances is None or not (result.has_tolerances and evidence.result.status == "model_error"):
-            result = diagnose(evidence, (*assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x)))
-            result = add_intervals(result, optimum, spec, execution)
-            contradicted = (*contradicted_priors(result), *contradicted_tolerances(result))
-            result = replace(result, notes=(*result.notes, *contradicted))
+            notes = *notes_of(assembly.weights), *optimum.notes, *assembly.spring_notes(optimum.end.x)
+            result = add_intervals(diagnose(evidence, notes), optimum, spec, execution)
+            notes = *result.notes, *contradicted_priors(result), *contradicted_tolerances(result)
+            result = replace(result, notes=notes)
             result = without_presliding(result, assembly, before)
             pairs = zip(assembly.responses, optimum.responses, strict=True)
             effects = {G.configuration.name: G.G - rested.G for G, rested in pairs if rested.G is not G.G}
@@ -142,18 +143,15 @@ def _with_springs(evidence: Evidence, spec: FitSpec, ends: "_Ends", hypotheses: 
     return trial if trial.result.status in ("converged", "at_bound", "misfit") and not is_new_bound else evidence
 
 
-def fit_parameters(
-    responses: Sequence[Response], robot: Robot, spec: FitSpec, *, model: ModelSpec = EXACT,
-    loads: Sequence[PlacedTest] = (),
-) -> Result:  # fmt: skip
+def fit_parameters(responses: Sequence[Response], robot: Robot, spec: FitSpec, *, model: ModelSpec = EXACT) -> Result:
     """Fit without the intervals and causes that take longer than the fit, for the comparison of many fits."""
     bare = replace(spec, profile=(), bootstrap=0)
-    return identify(responses, robot, bare, model=model, hypotheses=WITHOUT_OTHER_ROBOTS, loads=loads)
+    return identify(responses, robot, bare, model=model, hypotheses=WITHOUT_OTHER_ROBOTS)
 
 
 def _search(
     responses: Sequence[Response], robot: Robot, spec: FitSpec, model: ModelSpec, execution: Execution,
-    parameters: Parameters | None = None, loads: Sequence[PlacedTest] = (),
+    parameters: Parameters | None = None, loads: "Sequence[PlacedTest]" = (),
 ) -> "tuple[Assembly, _Ends]":  # fmt: skip
     check_kind(spec, FitSpec, "spec", "FitSpec() has the defaults, and a study has one as study.seeded_fit")
     check_kind(parameters, Parameters | None, "parameters", "elastid.choose(robot, 'k_*') makes them")
@@ -164,17 +162,17 @@ def _search(
     parameters = parameters or choose(spec, robot, names, has_references)
     check_factors(responses, spec)
     # A search by noise alone would follow lines at resonances into false valleys.
-    searched = with_model_error(spec, TYPICAL_MODEL_ERROR) if spec.weights.model_error is None else spec
+    search_spec = with_model_error(spec, TYPICAL_MODEL_ERROR) if spec.weights.model_error is None else spec
     home = home_of(responses, execution)
-    weights = tuple(each_at_home(partial(weigh, spec=searched), responses, home))
-    assembly = Assembly.of(responses, robot, searched, parameters, model, loads, weights, home)
+    weights = tuple(each_at_home(partial(weigh, spec=search_spec), responses, home))
+    assembly = Assembly.of(responses, robot, search_spec, parameters, model, loads, weights, home)
     fit = assembly.at(parameters.x, spec.criterion)
     if fit.n_residuals == 0:
-        reason = "; ".join(map(str, assembly.notes)) or "fit.band_hz and the factors of fit.weights leave no line"
+        reason = "; ".join(map(str, notes_of(weights))) or "fit.band_hz and the factors of fit.weights leave no line"
         raise DataError("fit/not-identifiable", reason, "nothing is left to fit")
     if fit.problem.dof < 1:
-        few = f"{fit.n_residuals} real numbers are left to fit {len(fit.parameters.free)} parameters"
-        raise DataError("fit/not-identifiable", f"{few}; fix some, or use more lines")
+        counts = f"{fit.n_residuals} real numbers are left to fit {len(fit.parameters.free)} parameters"
+        raise DataError("fit/not-identifiable", f"{counts}; fix some, or use more lines")
     check_effects(fit, robot)
     assembly, fit = _from_common_delay(assembly, fit, spec)
     starts, n_converged = _from_all_starts(assembly, fit, spec, execution)
@@ -264,13 +262,14 @@ def _check_robot(response: Response, robot: Robot) -> None:
 
 def check_effects(fit: ElasticFit, robot: Robot) -> None:
     """Raise FitError if free parameters have no effect on the responses; it names them."""
-    information = np.diag(replace(fit, inertias=()).evaluate(fit.parameters.x).hessian) / 2 - fit.prior_slopes**2
+    parameters = fit.parameters
+    information = np.diag(replace(fit, inertias=()).evaluate(parameters.x).hessian) / 2 - parameters.prior_slopes**2
     # A plausible change of x: a factor e, or the range of the bounds of a linear parameter.
-    spans = [1.0 if p.log or not np.isfinite(p.upper - p.lower) else p.upper - p.lower for p in fit.parameters.free]
+    spans = [1.0 if p.log or not np.isfinite(p.upper - p.lower) else p.upper - p.lower for p in parameters.free]
     effect = np.sqrt(np.maximum(information, 0.0)) * np.array(spans)
     without = effect <= 1e-9 * effect.max()  # rounding leaves about 1e-16
     if without.any():
-        names = ", ".join(name for name, none in zip(fit.parameters.free_names, without, strict=True) if none)
+        names = ", ".join(name for name, none in zip(parameters.free_names, without, strict=True) if none)
         places = any(name.partition("@")[0] in robot.geometry for name in names.split(", "))
         hint = ". Coordinates along the axis of a joint have no effect" * places
         raise FitError(
@@ -298,7 +297,7 @@ COST_RATIO, ATTEMPTS = 1.5, 4
 
 
 def free_nuisance_parameters(
-    assembly: Assembly, starts: tuple[LocalOptimum, ...], robot: Robot, loads: Sequence[PlacedTest]
+    assembly: Assembly, starts: tuple[LocalOptimum, ...], robot: Robot, loads: "Sequence[PlacedTest]"
 ) -> tuple[Assembly, tuple[LocalOptimum, ...]]:
     """Free the nuisance parameters within their tolerances; return the assembly and the starts, the best first.
 
@@ -308,14 +307,11 @@ def free_nuisance_parameters(
     numbers without an equilibrium, all stay fixed: the diagnosis names the cause.
     """
     parameters = with_tolerances(assembly.parameters, robot, assembly.spec)
-    places = [parameters.free_names.index(name) for name in assembly.parameters.free_names]
 
-    def widened(x: FloatArray) -> FloatArray:
-        wide = parameters.x
-        wide[places] = x
-        return wide
+    def widen(x: FloatArray) -> FloatArray:
+        return parameters.x_with(named(assembly.parameters.free_names, x))
 
-    ends = [replace(start, x_start=widened(start.x_start), x=widened(start.x)) for start in starts]
+    ends = [replace(start, x_start=widen(start.x_start), x=widen(start.x)) for start in starts]
     nuisance = Assembly.of(
         assembly.responses, robot, assembly.spec, parameters, assembly.model, loads, assembly.weights
     )
@@ -363,11 +359,11 @@ def _with_model_error(
     is_distorted = any(map(is_distorted_by_friction, assembly.responses))
     if estimate[0].end.converged and not estimate[2].exceeds_noise and not is_distorted:
         return bare, *estimate
-    floored = assembly.with_model_error(
+    with_floor = assembly.with_model_error(
         TYPICAL_MODEL_ERROR if is_distorted else model_error_of_residuals(bare, estimate[0])
     )
     del bare, estimate  # its weights are most of the memory of a fit
-    return floored, *_estimate(floored, ends, execution, near)
+    return with_floor, *_estimate(with_floor, ends, execution, near)
 
 
 def _with_agreements(estimate: _Estimate, assembly: Assembly, spec: FitSpec, ends: _Ends) -> _Estimate:
@@ -378,31 +374,33 @@ def _with_agreements(estimate: _Estimate, assembly: Assembly, spec: FitSpec, end
     alone, at_tool = assembly.only(of_tool=False), assembly.only(of_tool=True)
     if (assembly.loads is None and not at_tool.responses) or not alone.responses:
         return estimate
+    from elastid.fit.diagnosis.static_and_tool_data import static_agreement, tool_agreement
+
     starts, n_converged = ends
     begin = replace(starts[0], x=estimate[1].end.x)
 
-    def fitted(refitted: Assembly, searched: bool = False) -> _Estimate:
-        if not searched:
-            return _with_model_error(refitted, spec, ((begin, *starts[1:]), n_converged), Execution())
-        ends = _from_all_starts(refitted, refitted.at(begin.x, spec.criterion), spec, Execution())
-        return _with_model_error(refitted, spec, ends, Execution())
+    def refit(part: Assembly, is_global: bool = False) -> _Estimate:
+        if not is_global:
+            return _with_model_error(part, spec, ((begin, *starts[1:]), n_converged), Execution())
+        ends = _from_all_starts(part, part.at(begin.x, spec.criterion), spec, Execution())
+        return _with_model_error(part, spec, ends, Execution())
 
-    def compared(motors: Result) -> tuple[StaticAgreement | None, ToolAgreement | None]:
+    def compare(motors: Result) -> tuple[StaticAgreement | None, ToolAgreement | None]:
         tool = tool_agreement(at_tool, motors) if at_tool.responses else None
         return None if assembly.loads is None else static_agreement(assembly.loads, motors), tool
 
-    of_motors = fitted(alone)
-    if of_motors[3].exceeds_noise or any(map(_disagree, compared(of_motors[3]))):
+    of_motors = refit(alone)
+    if of_motors[3].exceeds_noise or any(map(_disagree, compare(of_motors[3]))):
         # A reading in a wrong unit pulls both into a valley that the responses alone would never end in, where the
         # robot may find no rest under its loads.
-        of_motors = min(of_motors, fitted(alone, searched=True), key=lambda each: (each[3].model_error, each[3].cost))
-    static, tool = compared(of_motors[3])
+        of_motors = min(of_motors, refit(alone, is_global=True), key=lambda each: (each[3].model_error, each[3].cost))
+    static, tool = compare(of_motors[3])
     if not (_disagree(static) or _disagree(tool)):
         return *estimate[:3], replace(estimate[3], static=static, tool=tool)
     if tool is not None and not tool.disagrees:
-        consistent = fitted(replace(assembly, loads=None))
+        consistent = refit(replace(assembly, loads=None))
     else:
-        consistent = of_motors if _disagree(static) or static is None else fitted(replace(alone, loads=assembly.loads))
+        consistent = of_motors if _disagree(static) or static is None else refit(replace(alone, loads=assembly.loads))
     pulls = _disagree(static) or (tool is not None and tool.disagrees and not tool.is_misread)
     step = (estimate[3].x - consistent[3].x) * pulls
     covariance = consistent[3].covariance + np.outer(step, step)

@@ -46,7 +46,7 @@ def groups_of(
     StudyError for `per: robot` without robots.
     """
     per = spec.per
-    tapped = [name for name in configurations if name.endswith(AT_TOOL)]
+    at_tool = [name for name in configurations if name.endswith(AT_TOOL)]
     if per == "robot":
         if not robots:
             text = "no robots are named; say which configurations are of which: fit.robots: {A: [c1, c2], B: [c3]}"
@@ -55,9 +55,9 @@ def groups_of(
     if per is None or not configurations:
         return {}
     if isinstance(per, str):
-        per = {posture: (posture,) for posture in configurations if posture not in tapped}
+        per = {posture: (posture,) for posture in configurations if posture not in at_tool}
     return {
-        group: (*members, *(posture for posture in tapped if posture.removesuffix(AT_TOOL) in members))
+        group: (*members, *(posture for posture in at_tool if posture.removesuffix(AT_TOOL) in members))
         for group, members in per.items()
         if set(members) & set(configurations)
     }
@@ -140,8 +140,8 @@ def named_geometry(rules: Mapping[str, ParameterSpec], robot: Robot) -> tuple[st
     """
     keys = [key for key in rules if key[:1].isalpha()]
     keys += [rule.tie.to for rule in rules.values() if rule.tie is not None and rule.tie.to in robot.geometry]
-    every = tuple(robot.numbers) + tuple(robot.geometry)
-    names = {name for key in keys for name in matching(key, every)}
+    candidates = tuple(robot.numbers) + tuple(robot.geometry)
+    names = {name for key in keys for name in matching(key, candidates)}
     return tuple(name for name in robot.geometry if name in names)
 
 
@@ -253,8 +253,8 @@ def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Para
     Parameters that spec.parameters frees, ties or fixes do not change.  Coordinates of zero stay fixed, except centres
     of mass: an offset of an axis acts in second order.
     """
-    unused = ("gain_u_",) if channel_name(DELAY, "r") in parameters.names else ("gain_kp_", "gain_kd_")
-    tolerances = {prior.name: prior for prior in tolerances_of(robot) if not prior.name.startswith(unused)}
+    prefixes = ("gain_u_",) if channel_name(DELAY, "r") in parameters.names else ("gain_kp_", "gain_kd_")
+    tolerances = {prior.name: prior for prior in tolerances_of(robot) if not prior.name.startswith(prefixes)}
     by_name = {parameter.name: parameter for parameter in parameters}
     of_study = {p.stands_for for p in parameters if p.is_free or p.tie is not None}
     of_study |= {n for key, rule in spec.parameters.items() if rule.fixed for n in matching(key, parameters.names)}
@@ -295,7 +295,7 @@ class Tolerance:
 
 
 def tolerances_of(robot: Robot) -> Iterator[Tolerance]:
-    """Return the tolerances of every number of the robot's file that is not exact."""
+    """Yield the tolerances of every number of the robot's file that is not exact."""
     if not isinstance(robot.tolerances, Tolerances):
         return
     values = robot.parameters()
@@ -314,7 +314,7 @@ def tolerances_of(robot: Robot) -> Iterator[Tolerance]:
 
 
 def _turns_all(robot: Robot, path: Path) -> bool:
-    """True of a zero with which the whole robot turns about gravity, so that no response shows it."""
+    """Return True for a zero with which the whole robot turns about gravity, so that no response shows it."""
     if path[-1] != "zero" or robot.loops or robot.compensators:
         return False
     body, joint = robot.bodies[int(path[1])], robot.bodies[int(path[1])].joints[int(path[3])]

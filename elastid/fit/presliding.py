@@ -38,8 +38,8 @@ from elastid.response import UNEXPLAINED, Response
 RESIDUALS = 6_000  # real ones of the search
 # Std of the logarithms of a stiffness and of a relaxation time about their starts.
 STIFFNESS_STD, TIME_STD = 3.0, 1.5
-# Bounds of a rate over the lowest and the highest angular frequency, and where between these rates start.
-RATE_BOUNDS, STARTS = (1e-3, 2.4), (0.0, 1 / 3, 2 / 3, 1.0)
+# Bounds of a rate over the lowest and the highest angular frequency, and the number of rates between these that start.
+RATE_BOUNDS, N_RATES = (1e-3, 2.4), 4
 # Of the median of torque over angle of a motor, at which its stiffness starts, at least or where no linear step is.
 FIRST_FRACTIONS = (1e-3, 0.1)
 SOUGHT = 0.1  # probability of V by the noise alone, below which springs are sought
@@ -71,7 +71,7 @@ def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
     with_springs = with_presliding(
         assembly, dict(sorted(last.springs.items(), key=lambda pair: joints.index(pair[0].joint)))
     )
-    return with_springs, _start(with_springs.parameters, last.parameters, last.x)
+    return with_springs, with_springs.parameters.x_with(named(last.fit.parameters.free_names, last.x))
 
 
 def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:
@@ -90,7 +90,7 @@ def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:
 
 
 def _is_beaten(evidence: Evidence, first: "_State", last: "_State") -> bool:
-    """True where springs leave too much of the excess of V, or another cause has better odds than theirs by the BIC."""
+    """Return True if springs leave too much of the excess of V, or another cause has better odds by the BIC."""
     drop, scores, cause = first.cost - last.cost, evidence.scores, evidence.cause
     if evidence.is_unexplained and drop < LIMITS.sufficient_fraction * (
         first.cost - last.cost_ratio * first.fit.problem.dof
@@ -125,18 +125,13 @@ class _State:
         return cls(base, signs, {}, fit, end.x, end.cost, fraction)
 
     @property
-    def parameters(self) -> Parameters:
-        """Parameters, springs included."""
-        return self.fit.parameters
-
-    @property
     def cost_ratio(self) -> float:
         """V over its degrees of freedom, 1 at least."""
         return max(self.cost / self.fit.problem.dof, 1.0)
 
     def predicted(self, joint: str) -> float:
         """Predict the decrease of V by a linear step in parameters and springs of a motor; infinite if undetermined."""
-        if not self._sees(joint):
+        if joint not in self._rows[0]:
             return math.inf
         C, _, _, r = self._steps(joint)
         return float(np.sum((np.linalg.qr(C.T)[0].T @ r) ** 2))
@@ -147,7 +142,7 @@ class _State:
         All signs at two rates where the motion is not measured.
         """
         usual, (least, middle) = _torque_per_angle(self.base.responses, f"motor {joint}"), FIRST_FRACTIONS
-        if not self._sees(joint):
+        if joint not in self._rows[0]:
             rates = _rates(self.base.responses)[1:-1].tolist()
             return [(RelaxingSpring(joint, sign), middle * usual, a) for sign in self.signs for a in rates]
         C, steps, rates_of_steps, r = self._steps(joint)
@@ -166,9 +161,6 @@ class _State:
         is_allowed = np.isin(np.sign(steps), self.signs)
         return C[is_allowed], steps[is_allowed], _rates(self.base.responses)[is_allowed], r
 
-    def _sees(self, joint: str) -> bool:
-        return all(f"motor {joint}" in part.kernel.model.outputs for part in self.fit.parts)
-
     @cached_property
     def _rows(self) -> tuple[dict[str, FloatArray], FloatArray]:
         """dr/ds (n_a, N) at the starting rates by joint, without its projection on dr/dx, and r (N,), with priors."""
@@ -177,7 +169,7 @@ class _State:
             rows.append(-evaluated.whitened(evaluated.free))
             residuals.append(evaluated.residual)
             columns.append(dict(_columns(evaluated, rates)))
-        distance, slope = self.fit.priors(self.x)
+        distance, slope = self.fit.parameters.priors(self.x)
         none = np.zeros((len(rates), len(distance)))  # priors have none
         measured = [joint for joint in columns[0] if all(joint in each for each in columns)]
         of_springs = {joint: np.hstack([*(each[joint] for each in columns), none]) for joint in measured}
@@ -187,9 +179,9 @@ class _State:
     def trials(self, joint: str) -> "Iterator[_State]":
         """Return the states with a spring of another motor, from all starts."""
         for spring, stiffness, a in self.starts(joint):
-            every = {**self.springs, spring: (stiffness, a)}
-            assembly = with_presliding(self.base, every)
-            start = _start(assembly.parameters, self.parameters, self.x)
+            hypothesis = {**self.springs, spring: (stiffness, a)}
+            assembly = with_presliding(self.base, hypothesis)
+            start = assembly.parameters.x_with(named(self.fit.parameters.free_names, self.x))
             fit, _ = _thinned(assembly, start)
             try:
                 end = solve(fit.problem, start, ROUGH, 2 * LIMITS.iterations)
@@ -198,7 +190,7 @@ class _State:
             values, place = fit.parameters.as_dict(end.x), fit.parameters.free_names.index(relaxation(joint))
             margin = np.min(np.abs([ends[place] - end.x[place] for ends in fit.parameters.x_bounds]))
             if margin > 1e-3:  # else it is a spring or a damper
-                springs = {s: (values[s.names[0]], 1 / values[relaxation(s.joint)]) for s in every}
+                springs = {s: (values[s.names[0]], 1 / values[relaxation(s.joint)]) for s in hypothesis}
                 yield replace(self, springs=springs, fit=fit, x=end.x, cost=end.cost)
 
 
@@ -246,8 +238,7 @@ def _torque_per_angle(responses: Sequence[Response], place: str) -> float:
 
 def _rates(responses: Sequence[Response]) -> FloatArray:
     """Return the rates (n_a,) of the starts, 1/s."""
-    low, high = rate_band(responses)
-    return low * (high / low) ** np.array(STARTS)
+    return np.geomspace(*rate_band(responses), N_RATES)
 
 
 def rate_band(responses: Sequence[Response]) -> tuple[float, float]:
@@ -257,7 +248,7 @@ def rate_band(responses: Sequence[Response]) -> tuple[float, float]:
 
 
 def relaxation(joint: str) -> str:
-    """Name of the relaxation time 1 / a of a motor's friction, s."""
+    """Return the name of the relaxation time 1 / a of a motor's friction, s."""
     return f"relaxation_{joint}"
 
 
@@ -283,15 +274,9 @@ def with_relaxing_springs(parameters: Parameters, springs: Springs, band: tuple[
             Parameter(damping, s / a, "N*m*s/rad", log=True, tie=Tie(stiffness, 1.0, time)),
             Parameter(time, start, "s", *times, True, prior=middle, ratio=True, is_nuisance=True),
         ]
-    every = parameters.parameters
-    at = [p.name for p in every].index(DELAY)
-    return Parameters((*every[:at], *numbers, *every[at:]))
-
-
-def _start(parameters: Parameters, before: Parameters, x: FloatArray) -> FloatArray:
-    """Return x (n_x,) of parameters: as in x of `before`, else their start."""
-    values = named(before.free_names, x)
-    return np.array([values.get(p.name, p.to_x(p.value)) for p in parameters.free])
+    members = parameters.parameters
+    at = [p.name for p in members].index(DELAY)
+    return Parameters((*members[:at], *numbers, *members[at:]))
 
 
 def are_identified(result: Result, springs: Sequence[RelaxingSpring]) -> bool:
@@ -342,7 +327,7 @@ def without_presliding(result: Result, assembly: Assembly, before: Result) -> Re
 
 
 def _has_moved(before: Result, after: Result) -> bool:
-    """True if a stiffness or a damping has moved by more than counts as an effect."""
+    """Return True if a stiffness or a damping has moved by more than counts as an effect."""
     limits = {"N*m/rad": LIMITS.effect, "N/m": LIMITS.effect} | dict.fromkeys(DAMPING_UNITS, LIMITS.effect_on_damping)
     moves = zip(after.parameters.of_interest, np.abs(after.x - before.x).tolist(), strict=False)
     return any(p.log and move > limits.get(p.unit, math.inf) for p, move in moves)
@@ -361,7 +346,7 @@ def _presliding(result: Result, spring: RelaxingSpring, assembly: Assembly) -> P
 
 
 def _between_reversals(response: Response, place: str) -> Iterator[float]:
-    """Return the mean time between two reversals in Gaussian motion, pi sigma_v / sigma_a, s (Rice, 1945)."""
+    """Yield the mean time between two reversals in Gaussian motion, pi sigma_v / sigma_a, s (Rice, 1945)."""
     motion = response.motion
     if motion is not None and place in motion.motors:
         j, omega = motion.motors.index(place), 2 * np.pi * motion.freq_hz

@@ -121,7 +121,7 @@ def sum_lines(
         power = float(np.einsum("faa->", S).real)
         # (1 + repeats) sum_k tr(S_k^2), S = T C~ T^H: of circular errors, and of the covariance measured with them.
         is_exact = weights.noise.smooth is weights.noise.measured
-        smooth = S if is_exact else T @ weights.noise.covariance @ T.mT.conj()
+        smooth = S if is_exact else T @ weights.noise.smooth.full() @ T.mT.conj()
         dof = weights.noise.measured.dof
         together_in_power = max(together, weights.noise.measured.averaging_lines)
         spread = together_in_power * ((1 + weights.noise.repeats) * float(np.sum(np.abs(smooth) ** 2)))
@@ -131,7 +131,7 @@ def sum_lines(
     residual, n_residuals = r.reshape(len(r), -1), 2 * int(np.count_nonzero(r))
     pull = np.einsum("pfab,fab->pf", J.conj(), r).real
     lags = autocovariance(residual)
-    blocks, scatter, parted = sum_blocks(pull, flat, S, correlation_length([lags], n_residuals))
+    blocks, scatter, statistic = sum_blocks(pull, flat, S, correlation_length([lags], n_residuals))
     model_error_pull = {key: U @ sums for key, sums in _coherent(response, flat, errors).items()}
     of_ratios = ratio_errors(part, response, part.theta(fit.parameters, x), mixing)
     error_sums = float(np.sum(np.abs(errors) ** 2)), model_error_pull, _sum_ratios(of_ratios, response, r, J, U)
@@ -139,7 +139,7 @@ def sum_lines(
     values, vectors = np.linalg.eigh(rows.T @ rows)
     by_line = response.freq_hz, np.sqrt(np.maximum(values, 0.0))[:, None] * (U @ vectors).T, power_of_lines
     of_z = U @ pull, blocks @ U.T, None if scatter is None else U @ scatter @ U.T
-    return LineSums(*by_line, lags, n_residuals, *of_z, parted, power, spread, dof, *error_sums)
+    return LineSums(*by_line, lags, n_residuals, *of_z, statistic, power, spread, dof, *error_sums)
 
 
 def _sum_ratios(
@@ -234,7 +234,7 @@ def sum_blocks(
     residuals.  length: their correlation length, in lines.
     """
     slices = bands(J.shape[1], length)
-    pulls, every, total, rank = np.array([pull[:, band].sum(axis=1) for band in slices]), np.zeros(()), 0.0, 0
+    pulls, scatter, total, rank = np.array([pull[:, band].sum(axis=1) for band in slices]), np.zeros(()), 0.0, 0
     if S is None:
         return pulls, None, (total, rank)
     for band, g in zip(slices, pulls, strict=True):
@@ -243,8 +243,8 @@ def sum_blocks(
         values, vectors = np.linalg.eigh(noise)
         positive = values > 1e-9 * max(float(values[-1]), 1e-300)
         total += float(np.sum((vectors[:, positive].T @ g) ** 2 / values[positive]))
-        every, rank = every + noise, rank + int(np.count_nonzero(positive))
-    return pulls, every, (total, rank)
+        scatter, rank = scatter + noise, rank + int(np.count_nonzero(positive))
+    return pulls, scatter, (total, rank)
 
 
 def jackknife_variance(parts: Sequence[LineSums], half: FloatArray) -> FloatArray:

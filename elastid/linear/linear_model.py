@@ -40,13 +40,15 @@ from elastid.robot import CHANNEL_NUMBERS, Chain, channel_name, low_pass_respons
 
 # The one element between command and torque.
 TORQUE_LAG = "torque_lag"
-# Butterworth polynomials without their leading 1: 1 + p_1 x + p_2 x^2 ...
-BUTTERWORTH = {
-    1: (1.0,),
-    2: (2**0.5, 1.0),
-    3: (2.0, 2.0, 1.0),
-    4: (2.613125929752753, 3.414213562373095, 2.613125929752753, 1.0),
-}
+
+
+def butterworth(order: int) -> tuple[float, ...]:
+    """Return (p_1, ..., p_n) of the Butterworth polynomial 1 + p_1 x + ... + p_n x^n.
+
+    p_k = p_{k-1} cos((k - 1) a) / sin(k a), p_0 = 1, a = pi / 2 n (Butterworth, 1930).
+    """
+    angles = np.pi / (2 * order) * np.arange(order + 1)
+    return tuple(np.cumprod(np.cos(angles[:-1]) / np.sin(angles[1:])).tolist())
 
 
 @dataclass(frozen=True)
@@ -75,11 +77,8 @@ class DifferenceElement:
 
     def response(self, s: ComplexArray, T: float) -> ComplexArray:
         """Return H(s T) of the shape of s."""
-        half = s * T / 2  # e^(-x/2) sinh(x/2) / (x/2) keeps its digits where x is small
-        small = np.abs(half) < 1e-4
-        safe = np.where(small, 1.0, half)
-        sinhc = np.where(small, 1 + half**2 / 6, np.sinh(safe) / safe)
-        return np.asarray(np.exp(-half) * sinhc, dtype=np.complex128)
+        x = np.asarray(s * T, np.complex128)
+        return np.divide(-np.expm1(-x), x, out=np.ones_like(x), where=x != 0)
 
     def log_slope(self, s: ComplexArray, T: float) -> ComplexArray:
         """Return d ln H / dT = s (1 / (e^x - 1) - 1 / x), which is -s / 2 where x is small."""
@@ -106,7 +105,7 @@ def torque_elements(chain: Chain) -> tuple[LagElement, ...]:
 
 def sensor_elements(chain: Chain) -> tuple[Element, ...]:
     """Return the elements between motion and log."""
-    lag = () if chain.sensor_lag is None else (LagElement("sensor_lag", BUTTERWORTH[chain.sensor_order]),)
+    lag = () if chain.sensor_lag is None else (LagElement("sensor_lag", butterworth(chain.sensor_order)),)
     return lag if chain.differentiator is None else (*lag, DifferenceElement("differentiator"))
 
 
@@ -167,9 +166,9 @@ class LinearModel:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     quantity: Motion
-    T: FloatArray | None = None
+    T: FloatArray = None  # type: ignore[assignment]  # set when it is made, and so is Z
     chain: tuple[Element, ...] = ()
-    Z: FloatArray | None = None
+    Z: FloatArray = None  # type: ignore[assignment]
     channel_numbers: tuple[str, ...] = ()
     hold: ZohTorque | None = None
     sliding: tuple[str, ...] = ()
@@ -185,11 +184,6 @@ class LinearModel:
         if self.Z is None:
             object.__setattr__(self, "Z", frozen(np.eye(len(self.M))))
         index_of(self.quantity, tuple(MOTION_ORDER), "quantity")
-
-    @property
-    def tilt(self) -> FloatArray:
-        """T (n_y, n), zero for all outputs but accelerometers."""
-        return np.zeros(self.C.shape) if self.T is None else self.T
 
     @property
     def n(self) -> int:
@@ -221,8 +215,13 @@ class LinearModel:
         """Role of the inputs in names of channels."""
         return "u" if self.controller is None else "r"
 
-    def number(self, theta: FloatArray, name: str) -> float:
-        """Return the value of one parameter in theta (n_theta,); UnknownNameError names those there are."""
+    def number(self, theta: FloatArray, name: str, absent: float | None = None) -> float:
+        """Return the value of one parameter in theta (n_theta,).
+
+        absent: value without the parameter; None for UnknownNameError, which names those there are.
+        """
+        if absent is not None and name not in self.parameters:
+            return absent
         return float(theta[index_of(name, self.parameters, "parameter")])
 
     def channel_factors(self, theta: FloatArray, s: ComplexArray | None = None) -> tuple[ComplexArray, ComplexArray]:
@@ -250,8 +249,8 @@ class LinearModel:
     def readout(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return C and T (n_y, n) at theta (n_theta,) in SI."""
         if not self.output_parameters:
-            return self.C, self.tilt
-        C, T = np.array(self.C), np.array(self.tilt)
+            return self.C, self.T
+        C, T = np.array(self.C), np.array(self.T)
         for name in self.output_parameters:
             place, slope = self.parameters.index(name), self.slopes[name]
             change = theta[place] - self.theta_ref[place]
@@ -278,7 +277,7 @@ class LinearModel:
         slopes = self.slopes | {name: replace(s, C=part(s.C), T=part(s.T)) for name, s in slopes_of_outputs.items()}
         outputs = tuple(self.outputs[row] for row in rows)
         hold = self.hold and replace(self.hold, sampled=tuple(self.hold.sampled[row] for row in rows))
-        return replace(self, C=self.C[rows], T=self.tilt[rows], outputs=outputs, slopes=slopes, hold=hold)
+        return replace(self, C=self.C[rows], T=self.T[rows], outputs=outputs, slopes=slopes, hold=hold)
 
     def matrices(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return M, D, K (n, n) at theta (n_theta,) in SI; ValueError unless theta has one value per parameter."""
@@ -356,8 +355,8 @@ def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
     and for a differentiator in the chain, which no finite number of states makes.
     """
     model = model.by_torques
-    if model.quantity != "acceleration" and model.tilt.any():
-        place = model.outputs[int(np.argmax(model.tilt.any(axis=1)))]
+    if model.quantity != "acceleration" and model.T.any():
+        place = model.outputs[int(np.argmax(model.T.any(axis=1)))]
         raise StudyError(
             "linear/state-space",
             f"{place} measures gravity, too: its {model.quantity} is not defined. Set estimator.quantity: acceleration",
@@ -386,7 +385,7 @@ def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
                 f"chain.{element.name}",
             )
         A, B, C, D_y = _behind_a_lag(A, B, C, D_y, element.coefficients, model.number(theta, element.name))
-    delay = model.number(theta, DELAY) if DELAY in model.parameters else 0.0
+    delay = model.number(theta, DELAY, absent=0.0)
     return StateSpace(model.configuration, A, B, C, D_y, delay, model.inputs, model.outputs, model.quantity)
 
 

@@ -161,7 +161,7 @@ class Linearisation:
         return self.point is not None
 
     def is_affine_in(self, names: Collection[str]) -> bool:
-        """True if M, D, K about a held operating point are affine in these parameters together, as in m but not m c."""
+        """Return True if M, D, K about a fixed operating point are affine in these parameters together: m, not m c."""
         model = self.model
         theta = [ca.SX.sym(name) for name in model.parameters]
         q, lambda_ = model.symbols("q", "lambda")
@@ -239,7 +239,7 @@ class Linearisation:
 
 
 def _moves_with_parameters(model: ElasticModel) -> bool:
-    """True if the geometry is among the parameters, a tangent depends on deflection, or springs are in series."""
+    """Return True if the geometry is free, a tangent stiffness depends on deflection, or springs are in series."""
     robot = model.robot
     is_nonlinear = any(joint.spring is not None and not joint.spring.is_linear for joint in robot.joints)
     return bool(model.geometry) or (
@@ -270,7 +270,7 @@ def linearise(
 
 @cache
 def _places(n: int) -> IntArray:
-    """Index of each entry of a symmetric (n, n) matrix in its lower triangle."""
+    """Return the index of each entry of a symmetric (n, n) matrix in its lower triangle."""
     places = np.zeros((n, n), np.int64)
     rows, columns = np.tril_indices(n)
     places[rows, columns] = places[columns, rows] = np.arange(rows.size)

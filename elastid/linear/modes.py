@@ -73,7 +73,6 @@ def oscillations(M: FloatArray, D: FloatArray, K: FloatArray) -> tuple[ComplexAr
 
 def shapes_of_all(model: LinearModel, shapes: ComplexArray) -> ComplexArray:
     """Return shapes (n, n_m) of a model as they are in all coordinates of the robot (n_q, n_m), the largest entry 1."""
-    assert model.Z is not None  # set when it is made
     return normalised(model.Z @ shapes)
 
 

@@ -181,10 +181,10 @@ class _MotionBias:
 
     def change(self, omega: float) -> ComplexArray:
         """Return the change (n + n_y, n) of the coefficients of x in equations and outputs at a frequency."""
-        e, omega_2, (rows, unknowns, met, partners) = self.expansion, omega + self.omega, self._curvature_blocks
-        (_, K, n_r, m, n_k), s = met.shape, 1j * omega_2[:, None]
+        e, omega_2, (rows, unknowns, equations, partners) = self.expansion, omega + self.omega, self._curvature_blocks
+        (_, K, n_r, m, n_k), s = equations.shape, 1j * omega_2[:, None]
         # R''[., e_1] of all z of an unknown: its own, its rate and its acceleration.
-        torque = -np.tensordot([1.0, 1j * omega, -(omega**2)], met, axes=1).reshape(K, n_r, m * n_k)
+        torque = -np.tensordot([1.0, 1j * omega, -(omega**2)], equations, axes=1).reshape(K, n_r, m * n_k)
         x = self._inverse(omega_2, rows[rows < e.n])[:, unknowns] @ torque
         weighted = (s ** np.arange(3))[:, None] @ partners
         total = (self.mean @ e.z(omega)).astype(np.complex128)
@@ -210,9 +210,9 @@ class _MotionBias:
         for block, columns in zip(blocks, of_order, strict=True):
             moving = unknowns < len(columns)
             block[..., moving] = self.curved[:, :, rows][..., columns[unknowns[moving]]]
-        met = np.ascontiguousarray(blocks[:, :, :, rows < e.n].transpose(0, 1, 3, 2, 4))
+        equations = np.ascontiguousarray(blocks[:, :, :, rows < e.n].transpose(0, 1, 3, 2, 4))
         partners = np.ascontiguousarray(blocks.conj().transpose(1, 0, 3, 4, 2))
-        return rows, unknowns, met, partners.reshape(K, 3, len(rows) * len(unknowns) * m)
+        return rows, unknowns, equations, partners.reshape(K, 3, len(rows) * len(unknowns) * m)
 
     @cached_property
     def _controlled_stiffness(self) -> FloatArray:
@@ -250,28 +250,22 @@ def _amplitudes(expansion: _Expansion, omega: FloatArray, power: ComplexArray, m
 def _mean(
     expansion: _Expansion, motion: MotorMotion, angles: FloatArray, measured: IntArray, at: list[int]
 ) -> FloatArray:
-    every = _amplitudes(expansion, 2 * np.pi * motion.freq_hz, motion.power[:, at][:, :, at], measured)
-    rows = every.reshape(-1, every.shape[2])
+    """Return E[R'(z_0 + e)] - R' + R''[mean of e_2] (n + n_y, n_z), e Gaussian, and the motors at their mean angles."""
+    amplitudes = _amplitudes(expansion, 2 * np.pi * motion.freq_hz, motion.power[:, at][:, :, at], measured)
+    rows = amplitudes.reshape(-1, amplitudes.shape[2])
     covariance = (rows.T @ rows.conj()).real
     shift = np.zeros_like(angles)
     shift[measured] = motion.mean[at] - angles[measured]
     shift = np.where(np.abs(shift) < _LARGEST_SHIFT * np.sum(motion.rms**2), shift, 0.0)  # NaN, too
-    return _mean_slope(expansion, covariance) + _shift_slope(expansion, covariance, shift)
-
-
-def _mean_slope(expansion: _Expansion, covariance: FloatArray) -> FloatArray:
-    """Return E[R'(z_0 + e)] - R' (n + n_y, n_z), e Gaussian: second differences along its principal axes."""
+    # The first by second differences along the principal axes of the motion.
     values, vectors = np.linalg.eigh(covariance)
     significant = values > 1e-18 * values[-1]
     e = (vectors[:, significant] * np.sqrt(values[significant])).T
-    return np.asarray(np.sum(expansion.jacobian(np.vstack([e, -e])) - expansion.J, axis=0) / 2)
-
-
-def _shift_slope(expansion: _Expansion, covariance: FloatArray, shift: FloatArray) -> FloatArray:
-    """Return R''[mean of e_2] (n + n_y, n_z). shift (n_u,): mean shift of the motors."""
+    slope = np.sum(expansion.jacobian(np.vstack([e, -e])) - expansion.J, axis=0) / 2
     n, x = expansion.n, expansion.B @ shift
     torque = np.einsum("arb,ab->r", expansion.curvature[:, :n], covariance) / 2 + expansion.L(0.0).real @ x
-    return np.tensordot(x - expansion.locked_inverse(0.0).real @ torque, expansion.curvature[:n], axes=1)
+    of_mean = np.tensordot(x - expansion.locked_inverse(0.0).real @ torque, expansion.curvature[:n], axes=1)
+    return np.asarray(slope + of_mean)
 
 
 def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Expansion:

@@ -61,9 +61,9 @@ def acted_on(model: LinearModel, ports: Ports, motors: Motors, loop: JointLoop |
     N = locked_motor_motions(model.B) if motors == "locked" else np.eye(model.n)
     slopes = {name: _on(slope, N, ports) for name, slope in model.slopes.items()}
     M, D, K = (projected(N, A) for A in (model.M, D, K))
-    B, C, T = N.T @ np.hstack([model.C.T, model.B]) @ ports.act.T, ports.read @ model.C @ N, ports.read @ model.tilt @ N
+    B, C, T = N.T @ np.hstack([model.C.T, model.B]) @ ports.act.T, ports.read @ model.C @ N, ports.read @ model.T @ N
     return replace(
-        model, M=M, D=D, K=K, B=B, C=C, T=T, Z=np.asarray(model.Z) @ N, slopes=slopes,
+        model, M=M, D=D, K=K, B=B, C=C, T=T, Z=model.Z @ N, slopes=slopes,
         inputs=ports.inputs, outputs=ports.outputs, chain=(), motors=motors, loop=loop, integral=integral,
     )  # fmt: skip
 

@@ -59,10 +59,9 @@ def with_relaxing_springs(
         slopes |= dict(zip(spring.names, (Slope(K=of_K), Slope(D=of_D)), strict=True))
     at = model.parameters.index(DELAY)
     names = (*model.parameters[:at], *element_names(springs), *model.parameters[at:])
-    B, Z = _pad(model.B, n_s, 0), None if model.Z is None else _pad(model.Z, 0, n_s)
     return replace(
-        model, parameters=names, theta_ref=np.insert(model.theta_ref, at, theta), M=M, D=D, K=K, slopes=slopes, B=B,
-        C=_pad(model.C, 0, n_s), T=_pad(model.tilt, 0, n_s), Z=Z,
+        model, parameters=names, theta_ref=np.insert(model.theta_ref, at, theta), M=M, D=D, K=K, slopes=slopes,
+        B=_pad(model.B, n_s, 0), C=_pad(model.C, 0, n_s), T=_pad(model.T, 0, n_s), Z=_pad(model.Z, 0, n_s),
     )  # fmt: skip
 
 

@@ -14,30 +14,23 @@ The velocity of an inertia at the points depends on the means over cells alone, 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
-from typing import Literal, TypeAlias, TypeVar
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.fft import irfft, rfft
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.friction.stop_operator import Path, bristle, stop
 from elastid.nonlinear.friction_basis import BasisFunction, sliding_means
-
-Signal = TypeVar("Signal", FloatArray, BoolArray)
 
 
 def sign_of(v: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
     """Return tanh(v / scale), or sgn v at scale 0, and its slope (n,), along velocities v (n,) of a period."""
     means = sliding_means(np.append(v, v[0])[None], [(BasisFunction("", "sign", scale), 1.0)])[0]
-    step, phi = next_point(v) - v, np.tanh(v / scale) if scale else np.sign(v)
-    slope = np.divide(next_point(phi) - phi, step, out=np.zeros_like(v), where=np.abs(step) > 1e-9 * np.abs(v).max())
-    return points_of_means(means), (slope + np.concatenate([slope[-1:], slope[:-1]])) / 2
-
-
-def points_of_means(means: FloatArray) -> FloatArray:
-    """Return values at the points (n,) of a period by means over the cells that begin there."""
-    n = len(means)
-    return irfft(rfft(means) * _from_means(n), n)
+    step, phi = np.roll(v, -1) - v, np.tanh(v / scale) if scale else np.sign(v)
+    slope = np.divide(np.roll(phi, -1) - phi, step, out=np.zeros_like(v), where=np.abs(step) > 1e-9 * np.abs(v).max())
+    at_points = irfft(rfft(means) * _from_means(len(v)), len(v))
+    return at_points, (slope + np.roll(slope, 1)) / 2
 
 
 @lru_cache(maxsize=4)
@@ -45,11 +38,6 @@ def _from_means(n: int) -> ComplexArray:
     """Return factor (n // 2 + 1,) from the spectrum of cell means to the spectrum at the first points of the cells."""
     half = np.arange(n // 2 + 1) / n  # of the angle between two points, over pi
     return np.asarray(np.exp(-1j * np.pi * half) / np.sinc(half))
-
-
-def next_point(x: Signal) -> Signal:
-    """Return the value at the next point for each point (n,) of a period."""
-    return np.concatenate([x[1:], x[:1]])
 
 
 Kind: TypeAlias = Literal[
@@ -198,11 +186,6 @@ def along_period(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatAr
     """
     if effect.kind in ("friction", "load", "behind"):
         return sign_of(x, effect.scale)
-    return implicit_law(effect, x)
-
-
-def implicit_law(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return Phi and dPhi / dx (n,) of a spring or a hysteresis along its deflection x (n,) over a period."""
     if effect.kind == "cubic":
         return x**3, 3 * x**2
     if effect.kind == "progressive":

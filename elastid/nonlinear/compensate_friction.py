@@ -170,7 +170,7 @@ def _factors(C: FloatArray) -> FloatArray:
 def compensated_records(
     records: Iterable[Record], friction: CompensatedFriction | None, E: FloatArray | None = None
 ) -> Iterator[Record]:
-    """Return records with the net torque as u, one at a time; unchanged without compensation.
+    """Yield records with the net torque as u, one at a time; unchanged without compensation.
 
     E: couplings of the motors' gears, on whose shafts friction was found; None where there are none.
     """

@@ -34,7 +34,7 @@ from elastid.nonlinear.basis_functions import (
     WIDTH,
     GearEffect,
     SheetNumber,
-    implicit_law,
+    along_period,
 )
 from elastid.nonlinear.gear_estimation import GearData, GearEstimate
 from elastid.nonlinear.gear_model_selection import Group, choose_effects, magnitude_bounds
@@ -265,7 +265,7 @@ class JointEffects:
         tau, rows = k * delta, delta[:, None] * row
         for i, effect, f in self.effects:
             if effect.kind in SPRINGS or (hysteresis and effect.kind in LOOPS):
-                phi = implicit_law(effect, delta)[0]
+                phi = along_period(effect, delta)[0]
                 tau = tau + f * phi
                 rows = rows + phi[:, None] * self.magnitudes({i: 1.0})[1]
         return tau, rows
@@ -283,22 +283,22 @@ class JointEffects:
 def sheet_of(gear: JointEffects, result: Result, bounds: Mapping[Group, float]) -> GearSheet:
     """Return characteristics of a gear, with the linear fit's, and its torsion curve. bounds: by groups of effects."""
     reach = gear.largest()
-    rated = next(driven.limits.torque for driven in gear.robot.driven if driven.name == gear.joint)
+    rated_torque = next(driven.limits.torque for driven in gear.robot.driven if driven.name == gear.joint)
     numbers = [*_springs(gear, result, reach), *_torque_numbers(gear, reach), *_periodic(gear)]
     names = {number.name for number in numbers}
     numbers += [row for row in _unseen(gear, bounds, reach) if row.name not in names]
     for i, row in enumerate(numbers):
-        if row.kind == "torque" and math.isfinite(rated):
-            numbers[i] = replace(row, rated_fraction=(row.value if row.is_significant else row.bound) / rated)
+        if row.kind == "torque" and math.isfinite(rated_torque):
+            numbers[i] = replace(row, rated_fraction=(row.value if row.is_significant else row.bound) / rated_torque)
     flank = reach * np.linspace(-1, 1, 200)
     delta = np.concatenate([flank, -flank])
     tau, rows = gear.torque(delta, hysteresis=True)
     slope = np.maximum(np.gradient(gear.torque(flank, hysteresis=False)[0], flank), 1e-300)
     std = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, gear.estimate.covariance, rows), 0.0))
-    ordered = sorted(numbers, key=lambda row: _ORDER.index(row.name.partition("_")[0].rstrip("0123456789.")))
+    rows_in_order = sorted(numbers, key=lambda row: _ORDER.index(row.name.partition("_")[0].rstrip("0123456789.")))
     # Within a gap a torque says nothing of the torsion.
     torsion_std = np.minimum(std / np.concatenate([slope, slope[::-1]]), reach)
-    return GearSheet(gear.joint, tuple(ordered), gear.peak, tau, delta, torsion_std)
+    return GearSheet(gear.joint, tuple(rows_in_order), gear.peak, tau, delta, torsion_std)
 
 
 # Letters of names in the order of a sheet.
@@ -351,7 +351,7 @@ def _torque_numbers(gear: JointEffects, reach: float) -> list[GearNumber]:
     for i, effect, _ in gear.effects:
         entry, weight = effect.row.number, 1.0
         if entry == HYSTERESIS:
-            phi = implicit_law(effect, path)[0]
+            phi = along_period(effect, path)[0]
             weight = float(phi[100] - phi[301]) / 2
         elif entry == LOST_MOTION:
             weight = 2 * effect.scale
@@ -403,7 +403,7 @@ def _bounded(effect: GearEffect, bound: float, k: float, reach: float) -> list[G
         # None of a gear that never crosses it.
         return [_named_number(entry, joint, bound=bound * 2 * effect.scale / k)] if bound <= k else []
     if entry == STIFFENING:
-        bound *= abs(float(implicit_law(effect, np.array([0.0, reach]))[0][1])) / (k * reach)
+        bound *= abs(float(along_period(effect, np.array([0.0, reach]))[0][1])) / (k * reach)
     if entry != HYSTERESIS:
         return [_named_number(entry, joint, effect.order, bound=bound)]
     # Within the records it does not reach its magnitude where it bends over more than they bend the gear.

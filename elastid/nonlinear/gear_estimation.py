@@ -128,10 +128,10 @@ def estimate_gear_parameters(
     covariance, std, weighted_cost = np.zeros((0, 0)), np.zeros(n_x + n_f), np.inf
     for count in range(1, ROUNDS + 1):
         drives = data.drives(parameters, x)
-        every = [*effects, *(edge for group in scales for i in group if (edge := effects[i].edge) is not None)]
-        with_edges = np.concatenate([magnitudes, np.zeros(len(every) - n_f)])
+        elements = [*effects, *(edge for group in scales for i in group if (edge := effects[i].edge) is not None)]
+        with_edges = np.concatenate([magnitudes, np.zeros(len(elements) - n_f)])
         for _ in range(1 if start.effects or count > 1 else 2):
-            estimates = data.motions(drives, every, with_edges, estimates, tolerance / 500)
+            estimates = data.motions(drives, elements, with_edges, estimates, tolerance / 500)
         (A, b, _), cost = normal_equations(data.lines, drives, estimates, n_x, with_edges)
         T = _scale_jacobian(effects, magnitudes, scales, n_x)
         A, b = T.T @ A.sum(axis=0) @ T, T.T @ b.sum(axis=0)
@@ -254,12 +254,8 @@ def normal_equations(
 
 def priors(parameters: Parameters, x: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
     """Return the terms of the priors in A (n, n) and b (n,) at x (n_x,)."""
-    mean = np.array([0.0 if p.prior is None else p.to_x(p.prior.mean) for p in parameters.free])
-    slope = np.array([0.0 if p.prior is None else 1 / p.prior.std for p in parameters.free])
-    A, b = np.zeros((n, n)), np.zeros(n)
-    A[: len(x), : len(x)] = np.diag(slope**2)
-    b[: len(x)] = slope**2 * (mean - x)
-    return A, b
+    distance, slope = parameters.priors(x)
+    return np.diag(np.pad(slope**2, (0, n - len(x)))), np.pad(-slope * distance, (0, n - len(x)))
 
 
 def _jacobian(

@@ -104,13 +104,13 @@ def choose_effects(data: GearData, parameters: Parameters, x: FloatArray, orders
     groups = candidate_groups(data, estimate, orders)
     for _ in range(ROUNDS):
         further = [group for group in groups if not _conflicts(group[0], estimate.effects)]
-        added = _select_effects(data, estimate, further)
-        if not added:
+        extra = _select_effects(data, estimate, further)
+        if not extra:
             break
         kinds = _kinds(estimate.effects)
-        estimate = _prune(data, estimate_gear_parameters(data, estimate, (*estimate.effects, *added), tolerance=_ROUGH))
+        estimate = _prune(data, estimate_gear_parameters(data, estimate, (*estimate.effects, *extra), tolerance=_ROUGH))
         for family in (SPRINGS, LOOPS):
-            for joint in dict.fromkeys(effect.joint for effect in added if effect.kind in family):
+            for joint in dict.fromkeys(effect.joint for effect in extra if effect.kind in family):
                 estimate = _best_law(data, estimate, joint, family)
         if _kinds(estimate.effects) == kinds:  # none of those that were added stays
             break
@@ -119,11 +119,11 @@ def choose_effects(data: GearData, parameters: Parameters, x: FloatArray, orders
     estimate = _on_grid(_converge(replace(data, lines=fine), _on_grid(estimate, fine)), data.lines)
     if not estimate.effects:
         return estimate
-    bent = {f"k_{effect.joint}" for effect in estimate.effects if effect.kind not in ("friction", "behind")}
+    nonlinear = {f"k_{effect.joint}" for effect in estimate.effects if effect.kind not in ("friction", "behind")}
     free, by_friction = estimate.parameters.free, compensation_error(estimate.parameters)
-    by_effects = STIFFNESS_ERROR_OF_EFFECTS * np.array([p.log and p.stands_for in bent for p in free])
-    unseen = np.concatenate([np.maximum(by_friction, by_effects), _systematic_std(estimate)])
-    return replace(estimate, covariance=estimate.covariance + np.diag(unseen**2))
+    by_effects = STIFFNESS_ERROR_OF_EFFECTS * np.array([p.log and p.stands_for in nonlinear for p in free])
+    bias_std = np.concatenate([np.maximum(by_friction, by_effects), _systematic_std(estimate)])
+    return replace(estimate, covariance=estimate.covariance + np.diag(bias_std**2))
 
 
 def _systematic_std(estimate: GearEstimate) -> FloatArray:
@@ -173,20 +173,20 @@ def _best_law(data: GearData, estimate: GearEstimate, joint: str, family: tuple[
 
     tie = sum(lines.Y.size for lines in data.lines)
 
-    def tried(before: GearEstimate, effects: tuple[GearEffect, ...]) -> GearEstimate:
+    def refit(before: GearEstimate, effects: tuple[GearEffect, ...]) -> GearEstimate:
         return _prune(data, estimate_gear_parameters(data, before, effects, _ROUGH, others, cost(estimate)))
 
     trials = [estimate]
     for kind in family:
         if not any(effect.kind == kind or {effect.kind, kind} == {"range", "gap"} for effect in springs):
             start = KINDS[kind].scales[len(KINDS[kind].scales) // 2] * deflection
-            trials.append(tried(estimate, (*others, GearEffect(kind, joint, start))))
+            trials.append(refit(estimate, (*others, GearEffect(kind, joint, start))))
     best = min(trials, key=cost)
-    ranged = next((trial for trial in trials if [effect.kind for effect in springs_of(trial)] == ["range"]), best)
-    if best.weighted_cost < ranged.weighted_cost < best.weighted_cost + tie:
+    with_range = next((trial for trial in trials if [effect.kind for effect in springs_of(trial)] == ["range"]), best)
+    if best.weighted_cost < with_range.weighted_cost < best.weighted_cost + tie:
         # One range explains a little less than a law of another kind, and two may explain much more.
-        (first,) = springs_of(ranged)
-        best = min(best, tried(ranged, (*ranged.effects, replace(first, scale=APART * first.scale))), key=cost)
+        (first,) = springs_of(with_range)
+        best = min(best, refit(with_range, (*with_range.effects, replace(first, scale=APART * first.scale))), key=cost)
     if best is not estimate:  # scales of the other effects stayed
         best = estimate_gear_parameters(data, best, best.effects, tolerance=_ROUGH)
     return _as_gap_or_range(data, best, joint)
@@ -253,11 +253,11 @@ def _select_effects(data: GearData, estimate: GearEstimate, groups: Sequence[Gro
     sums, prior = data.joint_normal_equations(estimate, [effect for group in groups for effect in group])
     ends = len(estimate.x) + len(estimate.magnitudes) + np.cumsum([0, *(len(group) for group in groups)])
 
-    def added(indices: list[int]) -> list[GearEffect]:
+    def effects_of(indices: list[int]) -> list[GearEffect]:
         return [effect for i in indices for effect in groups[i]]
 
     def larger(indices: list[int]) -> list[list[int]]:
-        effects = added(indices)
+        effects = effects_of(indices)
         return [[*indices, i] for i, group in enumerate(groups) if not _conflicts(group[0], effects, alone=True)]
 
     def cost(indices: list[int]) -> float:
@@ -270,7 +270,7 @@ def _select_effects(data: GearData, estimate: GearEstimate, groups: Sequence[Gro
         gain, fraction = (MIN_GAIN_OF_SPRING, SLIGHT) if group[0].kind in SPRINGS else (MIN_GAIN, MIN_GAIN_FRACTION)
         return before - after > max(gain * len(group), fraction * before)
 
-    return added(greedy(larger, cost, pays)[0])
+    return effects_of(greedy(larger, cost, pays)[0])
 
 
 def _cross_validated_cost(sums: Sums, prior: tuple[FloatArray, FloatArray], columns: IntArray) -> float:

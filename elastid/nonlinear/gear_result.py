@@ -221,9 +221,9 @@ def with_terms_of(result: Result, robot: Robot) -> Result:
     A stiffness is that beyond the ends of a gap or range.
     """
     numbers, x = robot.parameters(), result.x.copy()
-    broken = {f"k_{joint.name}" for joint in robot.driven if joint.spring and joint.spring.backlash is not None}
+    with_gap = {f"k_{joint.name}" for joint in robot.driven if joint.spring and joint.spring.backlash is not None}
     for i, p in enumerate(result.parameters.free):
-        if p.name in broken:
+        if p.name in with_gap:
             x[i] = p.to_x(numbers[p.name][0])
     parameters = [p for p in result.parameters if p.name in numbers or not p.name.startswith(("k2_", "k2s_", "k3_"))]
     names = [p.name for p in parameters]
@@ -238,8 +238,8 @@ def _spring(spring: Spring, joint: str, gears: GearResult) -> Spring:
         (kind, b, f), k = ends[0], spring.stiffness
         inner, outer = (max(k - f, 0.0), k) if kind == "gap" else (k, k + f)
         # The ends of a gap are found as sharp.
-        broken = replace(spring, stiffness=outer, backlash=b, inner_stiffness=inner, rounding=0.02)
-        return broken if len(ends) == 1 and outer > 0 else spring
+        with_gap = replace(spring, stiffness=outer, backlash=b, inner_stiffness=inner, rounding=0.02)
+        return with_gap if len(ends) == 1 and outer > 0 else spring
     terms = {"cubic": gears.magnitude("cubic", joint), "symmetric_quadratic": gears.magnitude("progressive", joint)}
     try:
         return replace(spring, **{name: magnitude for name, magnitude in terms.items() if magnitude})

@@ -179,7 +179,10 @@ class _Problem:
         lines, rows = self.lines, self._rows
         if not self.signals:
             return base, *(np.zeros((0, 0)),) * 2
-        x_0 = lines.fine((self._powers * (base @ rows.T)).T) + self._unmoved(base, m)
+        x_0, static = lines.fine((self._powers * (base @ rows.T)).T), self._static_deflection(m)
+        for i, (place, j) in enumerate(self.signals):
+            if place == "gear":
+                x_0[i] += static[j] + self._transmission_error(base, j, m)
         previous = dict(zip(before.signals, before.unknowns[m], strict=bool(before.signals)))
         start = np.array([previous.get(signal, default) for signal, default in zip(self.signals, x_0, strict=True)])
         x, force = newton(partial(self._law, m), self.linear, x_0, start, self.tolerance)
@@ -207,14 +210,6 @@ class _Problem:
     def _static_deflection(self, m: int) -> FloatArray:
         """Return deflections (n_j,) of the gears in the mean of an experiment, under gravity along its motion."""
         return (self.drive.torque + (0.0 if self.lines.arm is None else self.lines.arm[0, :, m].real)) / self.drive.k
-
-    def _unmoved(self, base: ComplexArray, m: int) -> FloatArray:
-        """Return the unknown deflections (n_x, n) at rest and by transmission errors; 0 of velocities."""
-        total, static = np.zeros((len(self.signals), self.lines.points)), self._static_deflection(m)
-        for i, (place, j) in enumerate(self.signals):
-            if place == "gear":
-                total[i] = static[j] + self._transmission_error(base, j, m)
-        return total
 
     def _transmission_error(self, q: ComplexArray, j: int, m: int) -> FloatArray:
         """Return transmission error (n,) of a joint along the motion of its motor."""

@@ -24,7 +24,6 @@ from elastid.nonlinear.variable_projection import (
     NormalEquations,
     basis_error_covariance,
     candidate_basis,
-    choose,
     delay_spectra,
     estimate_coefficients,
     inverse,
@@ -32,6 +31,7 @@ from elastid.nonlinear.variable_projection import (
     normal_equations,
     refine_basis,
     residual_power_ratios,
+    select_basis,
     torque_delay,
 )
 from elastid.record import MOTION_ORDER, Record
@@ -82,23 +82,23 @@ def _identify(
     ) -> list[ConfigurationSpectra]:
         return execution.ordered(partial(_gather, places, shapes, spec, planned, friction), part)
 
-    if refused := refusal(records):
-        raise _Unsuited(refused)
+    if reason := refusal(records):
+        raise _Unsuited(reason)
     refuse_mismatch(records)
     shapes = candidate_basis(records, spec.friction == "coulomb")
     data = gather(measured[:n_first], shapes)
-    choice, picked = choose(data, shapes, places, spec.friction == "auto")
+    choice, indices = select_basis(data, shapes, places, spec.friction == "auto")
     if delay_s := torque_delay(data, shapes, choice, places):
         late, late_shapes = delay_spectra(data, delay_s), tuple(replace(shape, delay_s=delay_s) for shape in shapes)
-        late_choice, late_picked = choose(late, late_shapes, places, spec.friction == "auto")
+        late_choice, late_indices = select_basis(late, late_shapes, places, spec.friction == "auto")
         # Bristles with much damping act before their deflection, as if the torque were logged early.
         if delay_s > 0 or any(shape.is_memoryless for shape in late_choice.shapes):
-            data, shapes, choice, picked = late, late_shapes, late_choice, late_picked
-    picked_spectra = [replace(spectra, Phi=spectra.Phi[:, picked]) for spectra in data]
+            data, shapes, choice, indices = late, late_shapes, late_choice, late_indices
+    basis_spectra = [replace(spectra, Phi=spectra.Phi[:, indices]) for spectra in data]
     swings = tuple(median_swing([motion_of(record, place) for record in records]) for place in places)
-    first, friction = _FrictionFit(records[0], spec, picked_spectra, choice, swings), None
+    first, friction = _FrictionFit(records[0], spec, basis_spectra, choice, swings), None
     if choice.shapes:
-        noise = np.sqrt(np.mean([spectra.velocity_noise**2 for spectra in picked_spectra], axis=0))
+        noise = np.sqrt(np.mean([spectra.velocity_noise**2 for spectra in basis_spectra], axis=0))
         near = refine_basis(choice, first.sums[0], places, noise)
         between = replace(first, choice=near, data=gather(measured[:n_first], near.shapes, first.result))
         pairs = [[fit.result.coulomb_friction(place)[0] for fit in (between, first)] for place in places]
@@ -120,8 +120,8 @@ def _gather(
 ) -> ConfigurationSpectra:
     records = tuple(measured)
     refuse_mismatch(records)
-    if refused := refusal(records):
-        raise _Unsuited(refused)
+    if reason := refusal(records):
+        raise _Unsuited(reason)
     if records[0].inputs != inputs:
         raise _Unsuited("configurations have different inputs, and so no motors in common")
     data = gather_configuration(records, shapes, spec, planned, friction)

@@ -117,12 +117,10 @@ def drive_lines(
     G = kernel.response(theta) / s**order + images
     springs, driven = spring_deflections(robot), robot.driven_names
     ratios = np.array([robot.ratio(joint) for joint in driven])
-    link_rows = model.Z if model.Z is not None else np.eye(model.n)
-    n_q = link_rows.shape[0]
     rows: dict[Place, FloatArray] = {
         "motor": robot.mixing @ input_matrix(robot).T,
-        "gear": np.array([springs.get(f"k_{joint}", np.zeros(n_q)) for joint in driven]),
-        "link": np.eye(n_q)[list(robot.driven_indices)],
+        "gear": np.array([springs.get(f"k_{joint}", np.zeros(len(model.Z))) for joint in driven]),
+        "link": np.eye(len(model.Z))[list(robot.driven_indices)],
     }
     numbers = dict(zip(model.parameters, theta, strict=True))
     k, d = (
@@ -130,7 +128,7 @@ def drive_lines(
         for letter, without in (("k", 1.0), ("d", 0.0))
     )
     point = equilibrium(linearisation.model, theta[: -1 if DELAY in model.parameters else None], lines.configuration)
-    places = {place: row @ link_rows for place, row in rows.items()}
+    places = {place: row @ model.Z for place, row in rows.items()}
     chain = parameters.jacobian(x, name)[kernel.places]
     joint_numbers = driven, ratios, places, k, d, k * (rows["gear"] @ point.q)
     return DriveLines(model, kernel, theta, H, C, model.B, G, images, command, sensor, *joint_numbers, chain)

@@ -162,9 +162,10 @@ DEPENDENCE_BY_CHANCE = 1e-5
 # Variance of a response by noise and distortion over that by noise alone, and over that by noise and the arm's own
 # swing, medians of its elements, from which on a note warns of distortion that no motor's friction explains.
 MIN_UNEXPLAINED = 10.0
-# Of the power that shapes leave, the share that others which begin with a damped element may leave to be preferred:
-# where damping is most of the friction, a sign comes first and no element after it.
-DAMPED_POWER = 0.9
+# Of the power that shapes leave, the share that an alternative may leave to be preferred: shapes that begin with a
+# damped element (where damping is most of the friction, a sign comes first and no element after it), and a delay near 0
+# of the torque, of which a linear step must leave so little, too.
+PREFERRED_POWER = 0.9
 SLIGHT = 0.02  # of a power, V or torque: shapes are not known so well that less of it shows a further one
 # Of a coefficient, all of a motor as one factor: std of what its shape is not known by, coefficients within 1 %.
 # Calibrated, not derived: of signs alone F_c was up to 1 % off on one outside rig where noise says 0.4 %, and up to 0.3
@@ -186,29 +187,21 @@ class Basis:
         return self.shapes[0].delay_s if self.shapes else 0.0
 
 
-def choose(
+def select_basis(
     data: Sequence[ConfigurationSpectra], candidates: Sequence[BasisFunction], places: Sequence[str], auto: bool
 ) -> tuple[Basis, IntArray]:
     """Select basis functions by cross-validation; return them and their indices (n,) among the candidates."""
     motor_of = _motors(candidates, places)
-    choices = _choices(estimate_coefficients(data, motor_of)[1], candidates, identifiable_basis(data, motor_of))
+    equations, groups = estimate_coefficients(data, motor_of)[1], identifiable_basis(data, motor_of)
+    choices = [select_motor_basis(equations, i, members, candidates) for i, members in enumerate(groups)]
     choices = [pair if not auto or pair[1] <= MAX_RESIDUAL_FRACTION else (pair[0][:0], 1.0) for pair in choices]
-    chosen, ratios = np.concatenate([chosen_of for chosen_of, _ in choices]), np.array([ratio for _, ratio in choices])
-    return Basis(tuple(candidates[i] for i in chosen), motor_of[chosen], ratios), chosen
-
-
-def _choices(
-    equations: NormalEquations, candidates: Sequence[BasisFunction], groups: Sequence[IntArray]
-) -> list[tuple[IntArray, float]]:
-    """Return candidates of each motor's group that explain its torque, and the share of the power that they leave."""
-    return [select_motor_basis(equations, i, members, candidates) for i, members in enumerate(groups)]
+    indices, ratios = np.concatenate([members for members, _ in choices]), np.array([ratio for _, ratio in choices])
+    return Basis(tuple(candidates[i] for i in indices), motor_of[indices], ratios), indices
 
 
 # Of the power that a choice leaves: above, any delay of the torque is looked for, which must leave so much less.
 SEARCHED_ABOVE, DELAYED_POWER = 0.05, 0.5
 MAX_DELAY_S = 0.025
-# Below, one near 0: half the power cannot be saved there any more. Only where a linear step leaves so much less, too.
-NEAR_DELAYED_POWER = 0.9
 DELAY_ITERATIONS = 2  # of the coefficients at a delay, whose power has an error of 1e-4
 
 
@@ -222,7 +215,7 @@ def torque_delay(
     if not choice.shapes:
         return 0.0
     is_wide = choice.residual_power_ratio.max(initial=0.0) >= SEARCHED_ABOVE
-    if not is_wide and delay_step_power(data, candidates, choice) > NEAR_DELAYED_POWER:
+    if not is_wide and delay_step_power(data, candidates, choice) > PREFERRED_POWER:
         return 0.0
     from scipy.optimize import minimize_scalar
 
@@ -231,7 +224,7 @@ def torque_delay(
 
     def power(delay_s: float) -> float:
         _, equations = estimate_coefficients(delay_spectra(data, delay_s), motor_of, DELAY_ITERATIONS)
-        ratios = [ratio for _, ratio in _choices(equations, candidates, groups)]
+        ratios = [select_motor_basis(equations, i, rows, candidates)[1] for i, rows in enumerate(groups)]
         return float(np.mean(np.log(np.maximum(ratios, 1e-12))))
 
     step = 1 / (8 * max(float(spectra.freq_hz[spectra.excited].max()) for spectra in data))
@@ -240,7 +233,7 @@ def torque_delay(
     powers = [power(delay) for delay in grid]
     best = float(grid[np.argmin(powers)])
     search = minimize_scalar(power, bounds=(best - step, best + step), method="bounded", options={"xatol": 1e-2 * step})
-    limit = powers[reach] + math.log(DELAYED_POWER if is_wide else NEAR_DELAYED_POWER)
+    limit = powers[reach] + math.log(DELAYED_POWER if is_wide else PREFERRED_POWER)
     return float(search.x) if search.fun < limit else 0.0
 
 
@@ -250,9 +243,9 @@ def delay_step_power(data: Sequence[ConfigurationSpectra], candidates: Sequence[
     Relative to the power without delay, geometric mean over motors.  A late friction is
     :math:`\Phi f - j \omega T \Phi f`: one column more for each motor, which cross-validation accepts or not.
     """
-    chosen, motor_of = [candidates.index(shape) for shape in choice.shapes], choice.motor_of
+    indices, motor_of = [candidates.index(shape) for shape in choice.shapes], choice.motor_of
     motors = np.unique(motor_of)
-    data = [replace(spectra, Phi=spectra.Phi[:, chosen]) for spectra in data]
+    data = [replace(spectra, Phi=spectra.Phi[:, indices]) for spectra in data]
     f, _ = estimate_coefficients(data, motor_of)
     to_motors = f * (motors[:, None] == motor_of)
     late = [
@@ -292,7 +285,7 @@ def identifiable_basis(data: Sequence[ConfigurationSpectra], motor_of: IntArray)
 
 
 # Speeds over which a sign turns, over the RMS speed.
-_TURNING = (0.0, 0.005, 0.01, 0.02, 0.04, 0.08)
+_TURNING = (0.0, *(0.005 * 2**i for i in range(5)))
 # Stribeck velocities, over the RMS speed; the fall over larger ones is that of a viscous friction.
 _FALLING = tuple(0.1 * 2 ** (i / 2) for i in range(8))
 # Over the mean speed of those that were found: F_c is up to 2 % off where the velocity is that of a neighbour.
@@ -327,11 +320,11 @@ def median_swing(motions: Sequence[Motion]) -> float:
 def residual_power(
     equations: NormalEquations,
     motor: int,
-    chosen: IntArray,
+    members: IntArray,
     solver: Callable[[FloatArray, FloatArray], FloatArray] = solve,
 ) -> float:
-    """Return the cross-validated residual power of a motor with the `chosen` basis functions."""
-    A, b = equations.A[:, chosen[:, None], chosen], equations.b[:, chosen]
+    """Return the cross-validated residual power of a motor with some of the basis functions, by their indices."""
+    A, b = equations.A[:, members[:, None], members], equations.b[:, members]
     return cross_validated_power(A, b, equations.c[:, motor], solver)
 
 
@@ -341,11 +334,11 @@ def greedy(
     pays: Callable[[float, float, list[int]], bool],
 ) -> tuple[list[int], float]:
     """Select by forward selection: add the member that pays and lowers the cost most."""
-    chosen: list[int] = []
-    least = cost(chosen)
-    while better := [(after, sets) for sets in larger(chosen) if pays(least, after := cost(sets), sets)]:
-        least, chosen = min(better)
-    return chosen, least
+    members: list[int] = []
+    least = cost(members)
+    while better := [(after, sets) for sets in larger(members) if pays(least, after := cost(sets), sets)]:
+        least, members = min(better)
+    return members, least
 
 
 def may_join(shape: BasisFunction, others: Sequence[BasisFunction]) -> bool:
@@ -373,20 +366,19 @@ def select_motor_basis(
     def pays(before: float, after: float, _: list[int]) -> bool:
         return after < (1 - SLIGHT) * before  # not where no line shows any power
 
-    def larger(chosen: list[int], firsts: list[list[int]]) -> list[list[int]]:
-        others = [shapes[i] for i in chosen]
-        more = [i for i in candidates.tolist() if i not in chosen and may_join(shapes[i], others)]
-        return firsts if not chosen else [[*chosen, i] for i in more]
+    def larger(members: list[int], firsts: list[list[int]]) -> list[list[int]]:
+        others = [shapes[i] for i in members]
+        more = [i for i in indices if i not in members and may_join(shapes[i], others)]
+        return firsts if not members else [[*members, i] for i in more]
 
     total, indices = power([]), candidates.tolist()
     singles = [[i] for i in indices if may_join(shapes[i], ())]
     same = [[i, j] for i in indices for j in indices if shapes[i].element == shapes[j].element]
     pairs = [[i, j] for i, j in same if shapes[j].is_damping and not shapes[i].is_damping]
-    chosen, least = greedy(partial(larger, firsts=singles), power, pays)
-    if pairs:
-        damped, damped_power = greedy(partial(larger, firsts=pairs), power, pays)
-        chosen, least = (damped, damped_power) if damped_power < DAMPED_POWER * least else (chosen, least)
-    return np.array(sorted(chosen), dtype=np.int64), least / total if total > 0 else 1.0
+    members, least = greedy(partial(larger, firsts=singles), power, pays)
+    if pairs and (damping := greedy(partial(larger, firsts=pairs), power, pays))[1] < PREFERRED_POWER * least:
+        members, least = damping
+    return np.array(sorted(members), dtype=np.int64), least / total if total > 0 else 1.0
 
 
 def residual_power_ratios(equations: NormalEquations, motors: int, motor_of: IntArray) -> FloatArray:

@@ -64,11 +64,11 @@ def _equilibria(model: FittedRobot) -> ca.Function:
 
 def write_casadi(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """Write mass.casadi, force.casadi and so on, one file a function, for casadi.Function.load; and coordinates.txt."""
-    built = {folder / f"{function.name()}.casadi": function for function in functions(model)}
-    for path, function in built.items():
+    files = {folder / f"{function.name()}.casadi": function for function in functions(model)}
+    for path, function in files.items():
         with replacing(path) as temporary:
             function.save(str(temporary))
-    return (*built, _coordinates(folder, model))
+    return (*files, _coordinates(folder, model))
 
 
 def write_c(folder: Path, model: FittedRobot) -> tuple[Path, ...]:

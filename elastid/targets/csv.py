@@ -37,14 +37,9 @@ def _measured_modes(modes: Sequence[Modes]) -> Iterable[Sequence[Any]]:
         shapes, std = basis.place_shapes
         numbers = zip(basis.freq_hz, basis.freq_std, basis.zeta, basis.zeta_std, basis.collinearity, strict=True)
         for r, row in enumerate(numbers):
-            entries: list[Any] = []
-            for place in places:
-                if place in basis.places:
-                    i = basis.places.index(place)
-                    entries += [shapes[i, r].real, shapes[i, r].imag, std[i, r]]
-                else:
-                    entries += ["", "", ""]
-            yield basis.configuration, *row, *entries
+            entries = zip(basis.places, shapes[:, r].real, shapes[:, r].imag, std[:, r], strict=True)
+            by_place = {place: numbers for place, *numbers in entries}
+            yield basis.configuration, *row, *(x for place in places for x in by_place.get(place, ("", "", "")))
 
 
 def write_csv(folder: Path, model: FittedRobot) -> tuple[Path, ...]:

@@ -87,7 +87,7 @@ class Subject:
     name: str
     model: ElasticModel
     postures: tuple[Configuration, ...]
-    known: Mapping[str, str]
+    intervals: Mapping[str, str]
     move: TunedMove | None = None
     kp: FloatArray | None = None
     kd: FloatArray | None = None
@@ -172,8 +172,8 @@ def _at_frames(robot: Robot, name: str, causality: Causality, text: str) -> list
 
 
 def _stiffnesses(subject: Subject) -> list[Variable]:
-    units = {name: unit for name, (_, unit) in subject.model.robot.parameters().items()}
-    texts = {name: f"{name} of the robot, {units.get(name, 'SI')}; {subject.known.get(name, FIXED)}" for name in units}
+    rows = subject.model.robot.parameters().items()
+    texts = {name: f"{name} of the robot, {unit}; {subject.intervals.get(name, FIXED)}" for name, (_, unit) in rows}
     return [
         Variable(name, "parameter", "tunable", texts.get(name, name), float(value))
         for name, value in zip(subject.model.parameters, subject.model.theta, strict=True)
@@ -225,8 +225,8 @@ def _describe_2(variables: ET.Element, structure: ET.Element, layout: Layout, na
     for reference, variable in enumerate(layout.variables):
         scalar = ET.SubElement(variables, "ScalarVariable", _attributes(variable, reference))
         ET.SubElement(scalar, "Real", _start_of(variable))
-    chosen = ET.SubElement(variables, "ScalarVariable", _configuration(len(layout.variables), names))
-    ET.SubElement(chosen, "Integer", start="1", min="1", max=str(len(names)))
+    posture = ET.SubElement(variables, "ScalarVariable", _configuration(len(layout.variables), names))
+    ET.SubElement(posture, "Integer", start="1", min="1", max=str(len(names)))
     for part in ("Outputs", "InitialUnknowns"):
         section = ET.SubElement(structure, part)
         for reference in layout.outputs:
@@ -290,14 +290,14 @@ def equations(model: ElasticModel, contacts: Contacts) -> tuple[ca.Function, ...
     torque = B @ u - contacts.torque(v, z, friction) - gear_forces(model, q, v, theta)
     torque += ca.jacobian(places, q).T @ force
     accelerate = free_acceleration(model, theta=theta)
-    built = [
+    functions = [
         dense("acceleration", [q, v, z, u, force, theta, friction], [accelerate(q, v, torque, theta)]),
         dense("bristles", [z, v, friction, step], [contacts.advanced(v, z, friction, step)]),
         dense("readings", [q, v], [B.T @ q, B.T @ v, q[:n_l], places]),
     ]
     if model.n_c:
-        built.append(dense("closing", [q, v, theta], list(projection(model, theta)(q, v, theta))))
-    return tuple(built)
+        functions.append(dense("closing", [q, v, theta], list(projection(model, theta)(q, v, theta))))
+    return tuple(functions)
 
 
 def origins(model: ElasticModel, q: ca.SX) -> ca.SX:
@@ -361,8 +361,8 @@ def unit_sources(subject: Subject) -> tuple[dict[str, str], dict[int, str]]:
     token = f"{{{uuid.uuid5(uuid.NAMESPACE_OID, ''.join([*sources.values(), sizes]))}}}"
     sources["sizes.h"] = sizes + f'#define GUID "{token}"\n'
     described = (subject.name, token, variables, tuple(point.configuration.name for point in points), 1 / rate_hz)
-    needed = {version: _compiled_sources(version, move is not None) for version in (2, 3)}
-    return sources, {version: description(version, needed[version], *described) for version in (2, 3)}
+    compiled_sources = {version: _compiled_sources(version, move is not None) for version in (2, 3)}
+    return sources, {version: description(version, compiled_sources[version], *described) for version in (2, 3)}
 
 
 def compile_library(compiler: str, sources: Mapping[str, str], names: Sequence[str]) -> bytes:

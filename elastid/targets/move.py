@@ -47,22 +47,17 @@ def move_sources(tuned: TunedMove) -> dict[str, str]:
     }
 
 
-def write_move_ros2(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
-    """Write a trajectory_msgs/msg/JointTrajectory in YAML, effort the torque, as `ros2 topic pub` takes it."""
+def write_move(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
+    """Write the move for C, ROS 2 and MATLAB; `export.fmu` has it in a robot.
+
+    trajectory.yaml: a trajectory_msgs/msg/JointTrajectory, effort the torque, as `ros2 topic pub` takes it.  move.mat
+    (version 5): time, position, velocity, acceleration, torque, joints; load_move.m reads it.
+    """
     motion = {"positions": tuned.position, "velocities": tuned.velocity, "accelerations": tuned.acceleration}
-    return (write_trajectory(folder / "trajectory.yaml", tuned.joints, tuned.time_s, **motion, effort=tuned.torque),)
-
-
-def write_move_matlab(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
-    """Write move.mat (version 5) with time, position, velocity, acceleration, torque, joints, and load_move.m."""
+    table = write_trajectory(folder / "trajectory.yaml", tuned.joints, tuned.time_s, **motion, effort=tuned.torque)
     content = {name: getattr(tuned, name) for name in ("position", "velocity", "acceleration", "torque")}
     content |= {"time": (tuned.time_s - tuned.time_s[0])[:, None], "path": tuned.target}
     data, script = folder / "move.mat", folder / "load_move.m"
     write_mat(data, {**content, "joints": np.array(tuned.joints, dtype=object)})
     write_text(script, from_template("targets/templates/load_move.m", name=one_line(tuned.name)))
-    return data, script
-
-
-def write_move(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
-    """Write the move for C, ROS 2 and MATLAB; `export.fmu` has it in a robot."""
-    return (*write_move_c(folder, tuned), *write_move_ros2(folder, tuned), *write_move_matlab(folder, tuned))
+    return *write_move_c(folder, tuned), table, data, script

@@ -64,7 +64,6 @@ def write_mujoco(folder: Path, linear_model: FittedRobot, geared: Robot | None =
     Raises StudyError if MJCF cannot represent the robot.
     """
     model = linear_model
-    _check(model.robot)
     points = [equilibrium(model.model, model.theta[:-1], linear.configuration) for linear in model.linear]
     start = rod_poses(model.robot, points[0].q[: len(model.robot.joints)])
     root = mjcf(model.robot, start)
@@ -264,7 +263,14 @@ class RodPose:
 
 def rod_poses(robot: Robot, q: FloatArray) -> dict[str, RodPose]:
     """Return poses of rods by loop, with the joints at q (n_l,)."""
-    return {loop.name: _rod_pose(robot, loop, loop.rod, q) for loop in robot.loops if loop.rod is not None}
+    poses = {}
+    for loop in robot.loops:
+        if loop.rod is not None:
+            (R, p), (R_2, p_2) = (_frame(robot, q, end.body) for end in loop.ends)
+            gap = p_2 + R_2 @ np.array(loop.ends[1].point) - p - R @ np.array(loop.ends[0].point)
+            length = float(np.linalg.norm(gap))
+            poses[loop.name] = RodPose(R.T @ gap / length, length - loop.rod.length)
+    return poses
 
 
 def add_loops(root: ET.Element, elements: Elements, robot: Robot, start: Mapping[str, RodPose]) -> None:
@@ -276,9 +282,12 @@ def add_loops(root: ET.Element, elements: Elements, robot: Robot, start: Mapping
         if loop.rod is not None:
             _add_rod(equality, elements, loop, loop.rod, start[loop.name].direction)
         else:
-            for i, shift in enumerate(_closed_points(loop)):
-                for end, by in enumerate(shift):
-                    _site(*elements[loop.ends[end].body], f"{loop.name} end {end + 1}{i}", loop.ends[end].point, by)
+            # The axis of a pin is closed by two points 0.1 m apart, another loop without a rod by one.
+            axes = (None, None) if loop.pin is None else (loop.pin.axis, loop.pin.other_axis or loop.pin.axis)
+            for i in range(1 if loop.pin is None or loop.pin.planar else 2):
+                for number, (end, axis) in enumerate(zip(loop.ends, axes, strict=True), start=1):
+                    point = np.array(end.point) + (0.1 * unit_axis(axis) if i and axis is not None else 0.0)
+                    _site(*elements[end.body], f"{loop.name} end {number}{i}", point)
                 _connect(equality, f"{loop.name} {i}", f"{loop.name} end 1{i}", f"{loop.name} end 2{i}")
 
 
@@ -318,7 +327,7 @@ def _add_rod(equality: ET.Element, elements: Elements, loop: Loop, rod: Rod, dir
         coupled = {"joint1": f"part {loop.name}", "joint2": f"stretch {loop.name}", "polycoef": f"0 {part!r} 0 0 0"}
         ET.SubElement(equality, "joint", {"name": f"{loop.name} stretch"} | coupled | _HARD)
     ET.SubElement(end, "site", name=f"{loop.name} end 1", pos=in_full((rod.length, 0.0, 0.0)))
-    _site(*elements[loop.ends[1].body], f"{loop.name} end 2", loop.ends[1].point, np.zeros(3))
+    _site(*elements[loop.ends[1].body], f"{loop.name} end 2", loop.ends[1].point)
     _connect(equality, loop.name, f"{loop.name} end 1", f"{loop.name} end 2")
 
 
@@ -330,7 +339,7 @@ def add_rod_springs(root: ET.Element, elements: Elements, robot: Robot) -> None:
     for loop in robot.loops:
         if loop.rod is None or not loop.rod.is_elastic:
             continue
-        _site(*elements[loop.ends[0].body], f"{loop.name} start", loop.ends[0].point, np.zeros(3))
+        _site(*elements[loop.ends[0].body], f"{loop.name} start", loop.ends[0].point)
         spring = {"stiffness": loop.rod.stiffness or 0.0, "damping": loop.rod.damping, "springlength": loop.rod.length}
         numbers = {key: repr(float(n)) for key, n in spring.items()}
         spatial = ET.SubElement(_tendon_list(root), "spatial", {"name": loop.name} | numbers)
@@ -350,30 +359,12 @@ def _point_mass(body: ET.Element, mass: float, x: float) -> None:
     ET.SubElement(body, "inertial", pos=in_full((x, 0.0, 0.0)), mass=repr(float(least)), diaginertia=inertia)
 
 
-def _closed_points(loop: Loop) -> list[tuple[FloatArray, FloatArray]]:
-    """Return shifts at both ends of the points that a loop without a rod joins: one, or two along the axis of a pin."""
-    points = [(np.zeros(3), np.zeros(3))]
-    if loop.pin is not None and not loop.pin.planar:
-        axes = loop.pin.axis, loop.pin.axis if loop.pin.other_axis is None else loop.pin.other_axis
-        # The axis of a pin is closed by two points 0.1 m apart.
-        points.append((0.1 * unit_axis(axes[0]), 0.1 * unit_axis(axes[1])))
-    return points
-
-
-def _site(element: ET.Element, mounted: Placement, name: str, point: tuple[float, ...], shift: FloatArray) -> None:
-    place = np.array(mounted.xyz) + mounted.rotation @ (np.array(point) + shift)
-    ET.SubElement(element, "site", name=name, pos=in_full(place))
+def _site(element: ET.Element, mounted: Placement, name: str, point: Sequence[float] | FloatArray) -> None:
+    ET.SubElement(element, "site", name=name, pos=in_full(np.array(mounted.xyz) + mounted.rotation @ point))
 
 
 def _connect(equality: ET.Element, name: str, first: str, second: str) -> None:
     ET.SubElement(equality, "connect", {"name": name, "site1": first, "site2": second} | _HARD)
-
-
-def _rod_pose(robot: Robot, loop: Loop, rod: Rod, q: FloatArray) -> RodPose:
-    (R, p), (R_2, p_2) = (_frame(robot, q, end.body) for end in loop.ends)
-    gap = p_2 + R_2 @ np.array(loop.ends[1].point) - p - R @ np.array(loop.ends[0].point)
-    length = float(np.linalg.norm(gap))
-    return RodPose(R.T @ gap / length, length - rod.length)
 
 
 def _frame(robot: Robot, q: FloatArray, body: str) -> tuple[FloatArray, FloatArray]:

@@ -61,8 +61,8 @@ def interval_lines(model: FittedRobot) -> tuple[str, ...]:
 
 def lines_of(result: Result, configuration: str) -> tuple[str, ...]:
     """Return the header of an exported file: status of the fit, then a row per free parameter."""
-    every = [_known_number(result, parameter) for parameter in parameters_of(result, configuration)]
-    numbers = [number for number in every if number.interval_text != FIXED]
+    candidates = [_known_number(result, parameter) for parameter in parameters_of(result, configuration)]
+    numbers = [number for number in candidates if number.interval_text != FIXED]
     status = result.status.replace("_", " ")
     head = f"Numbers of the fit ({status}), SI, with standard deviation and 95 % interval; all others were fixed:"
     rows = [f"  {number.name} = {number.value:.9g} {number.unit}, {number.interval_text}" for number in numbers]
@@ -76,17 +76,16 @@ def lines_of(result: Result, configuration: str) -> tuple[str, ...]:
 
 
 def _known_number(result: Result, parameter: Parameter) -> KnownNumber:
-    name, unit, value = parameter.stands_for, parameter.unit, result.values[parameter.name]
+    number = parameter.stands_for, parameter.unit, result.values[parameter.name]
     if not parameter.is_free:
         tie = parameter.tie
         words = FIXED if tie is None else f"tied to {tie.to}{f' and {tie.by}' if tie.by else ''}"
-        return KnownNumber(name, unit, value, words)
+        return KnownNumber(*number, words)
     std, (low, high) = result.std[parameter.name], result.interval(parameter.name)
     words = f"std {std:.3g}, {low:.6g} to {high:.6g}" if math.isfinite(std) else "free, but not constrained by the data"
     if parameter.is_nuisance:
-        return KnownNumber(name, unit, value, f"within its tolerance, {words}", std, low, high)
-    if not result.has_tolerances:
-        return KnownNumber(name, unit, value, words, std, low, high)
+        return KnownNumber(*number, f"within its tolerance, {words}", std, low, high)
     parts = [part[parameter.name] for part in result.std_contributions.values()]
-    words = "{} (noise {:.3g}, prior {:.3g}, systematic {:.3g})".format(words, *parts)
-    return KnownNumber(name, unit, value, words, std, low, high, *parts)
+    if parts:
+        words = "{} (noise {:.3g}, prior {:.3g}, systematic {:.3g})".format(words, *parts)
+    return KnownNumber(*number, words, std, low, high, *parts)

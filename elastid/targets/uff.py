@@ -96,9 +96,9 @@ def _located(places: Sequence[str], geometry: GeometrySpec | None) -> tuple[Node
     names = {place: at(point, direction.lstrip("+-")) for place, (point, direction) in where.items()}
     nodes = nodes_of((*(names.get(place, place) for place in places), *(at(point, "x") for point in geometry.points)))
     signs = {place: -1 if direction.startswith("-") else 1 for place, (_, direction) in where.items()}
-    located = {place: nodes[names.get(place, place)] for place in places}
-    signed = {place: (node, signs.get(place, 1) * code) for place, (node, code) in located.items()}
-    return signed, {point: nodes[at(point, "x")][0] for point in geometry.points}
+    node_of = {place: nodes[names.get(place, place)] for place in places}
+    axes = {place: (node, signs.get(place, 1) * code) for place, (node, code) in node_of.items()}
+    return axes, {point: nodes[at(point, "x")][0] for point in geometry.points}
 
 
 def _geometry_sets(geometry: GeometrySpec | None, points: dict[str, int]) -> Iterable[dict[str, Any]]:

@@ -11,7 +11,6 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.escape import unused, xml_comment
 from elastid.fit.fitted_robot import FittedRobot
@@ -43,36 +42,36 @@ def urdf(robot: Robot) -> ET.Element:
     root = ET.Element("robot", name=robot.name)
     ET.SubElement(root, "link", name=BASE)
     # Of each body the link that has it, and the pose of the body's axes in that link.
-    seats = {BASE: (BASE, np.eye(4))}
+    seats = {BASE: (BASE, Placement())}
     for body in robot.all_bodies:
         seats[body.name] = _body(root, robot, body, *seats[body.parent])
     for frame in robot.frames:
-        link, pose = seats[frame.body]
+        link, seat = seats[frame.body]
         name = _link_name(root, robot, frame.name)
         ET.SubElement(root, "link", name=name)
-        _fixed(root, name, link, name, pose @ _matrix(frame.placement))
+        _fixed(root, name, link, name, seat.then(frame.placement))
     return root
 
 
-def _body(root: ET.Element, robot: Robot, body: Body, parent: str, pose: FloatArray) -> tuple[str, FloatArray]:
+def _body(root: ET.Element, robot: Robot, body: Body, parent: str, seat: Placement) -> tuple[str, Placement]:
     """Add the joints that lead to a body and its link; each further joint has an empty link before it.
 
-    pose: of the parent body in the parent's link.  Returns the link and the body's pose in it.
+    seat: of the parent body in the parent's link.  Returns the link and the body's pose in it.
     """
-    axis_pose = pose @ _matrix(body.placement)
+    pose = seat.then(body.placement)
     # Those that are elastic alone are rigid here.
     joints = [joint for joint in body.joints if joint.motor is not None or joint.is_passive]
     names = [_link_name(root, robot, f"{body.name} before {joint.name}") for joint in joints[1:]] + [body.name]
     for joint, name in zip(joints, names, strict=bool(joints)):
-        to_axis = _shift(np.array(joint.point, dtype=float))
-        _joint(root, robot, joint, parent, name, axis_pose @ to_axis)
+        _joint(root, robot, joint, parent, name, pose.then(Placement(joint.point)))
         ET.SubElement(root, "link", name=name)
-        parent, axis_pose = name, _shift(-to_axis[:3, 3])
+        x, y, z = joint.point
+        parent, pose = name, Placement((-x, -y, -z))
     if not joints:
         ET.SubElement(root, "link", name=body.name)
-        _fixed(root, body.name, parent, body.name, axis_pose)
-        parent, axis_pose = body.name, np.eye(4)
-    seat = axis_pose @ _matrix(body.mounting)
+        _fixed(root, body.name, parent, body.name, pose)
+        parent, pose = body.name, Placement()
+    seat = pose.then(body.mounting)
     if body.mass or np.any(body.inertia_matrix):
         _inertial(next(link for link in root.iter("link") if link.get("name") == parent), body, seat)
     return parent, seat
@@ -84,7 +83,7 @@ def _link_name(root: ET.Element, robot: Robot, name: str) -> str:
     return unused(name, [*bodies, *(link.get("name", "") for link in root.iter("link"))])
 
 
-def _joint(root: ET.Element, robot: Robot, joint: Joint, parent: str, child: str, pose: FloatArray) -> None:
+def _joint(root: ET.Element, robot: Robot, joint: Joint, parent: str, child: str, pose: Placement) -> None:
     low, high = joint.limits.angle
     is_limited = joint.slides or math.isfinite(low) or math.isfinite(high)
     kind = "prismatic" if joint.slides else "revolute" if is_limited else "continuous"
@@ -99,22 +98,22 @@ def _joint(root: ET.Element, robot: Robot, joint: Joint, parent: str, child: str
     ET.SubElement(element, "dynamics", damping=repr(float(joint.all_viscous)), friction=repr(float(coulomb)))
 
 
-def _fixed(root: ET.Element, name: str, parent: str, child: str, pose: FloatArray) -> None:
+def _fixed(root: ET.Element, name: str, parent: str, child: str, pose: Placement) -> None:
     names = [joint.get("name", "") for joint in root.iter("joint")]
     _joint_element(root, unused(f"{name} fixed", names), "fixed", parent, child, pose)
 
 
-def _joint_element(root: ET.Element, name: str, kind: str, parent: str, child: str, pose: FloatArray) -> ET.Element:
+def _joint_element(root: ET.Element, name: str, kind: str, parent: str, child: str, pose: Placement) -> ET.Element:
     element = ET.SubElement(root, "joint", name=name, type=kind)
-    _pose(element, pose)
+    _origin(element, pose)
     ET.SubElement(element, "parent", link=parent)
     ET.SubElement(element, "child", link=child)
     return element
 
 
-def _inertial(link: ET.Element, body: Body, pose: FloatArray) -> None:
+def _inertial(link: ET.Element, body: Body, seat: Placement) -> None:
     element = ET.SubElement(link, "inertial")
-    _pose(element, pose @ _shift(np.array(body.center_of_mass, dtype=float)))
+    _origin(element, seat.then(Placement(body.center_of_mass)))
     ET.SubElement(element, "mass", value=repr(float(body.mass)))
     I = body.inertia_matrix  # noqa: E741
     entries = {
@@ -123,21 +122,8 @@ def _inertial(link: ET.Element, body: Body, pose: FloatArray) -> None:
     ET.SubElement(element, "inertia", entries)
 
 
-def _pose(element: ET.Element, pose: FloatArray) -> None:
-    placement = Placement.of(pose[:3, :3], pose[:3, 3])
+def _origin(element: ET.Element, placement: Placement) -> None:
     ET.SubElement(element, "origin", xyz=in_full(placement.xyz), rpy=in_full(placement.rpy))
-
-
-def _matrix(placement: Placement) -> FloatArray:
-    pose = _shift(np.array(placement.xyz, dtype=float))
-    pose[:3, :3] = placement.rotation
-    return pose
-
-
-def _shift(by: FloatArray) -> FloatArray:
-    pose = np.eye(4)
-    pose[:3, 3] = by
-    return pose
 
 
 def _left_out(robot: Robot) -> str:

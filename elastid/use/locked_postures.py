@@ -157,4 +157,4 @@ class LockedEquations:
 
         triangles = np.concatenate([stacked(letter)[np.tril_indices(linear.n)] for letter in "MDK"])
         c, b = (part.full() for part in family.model.strain(q, family.theta))
-        return linear.M, linear.D, linear.K, linear.C, triangles, stacked("C"), c[:, 0], b @ np.asarray(linear.Z)
+        return linear.M, linear.D, linear.K, linear.C, triangles, stacked("C"), c[:, 0], b @ linear.Z

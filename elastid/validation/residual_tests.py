@@ -43,7 +43,7 @@ def power_over_noise(
     """
     measured = noise.measured
     S = whiten @ measured.full() @ np.swapaxes(whiten, -1, -2).conj()
-    variance = noise.own_variance if noise.is_diagonal else noise.own_matrix
+    variance = noise.variance_influence if noise.smooth.form == "diagonal" else noise.matrix_influence
     expected = float(np.sum(np.einsum("faa->f", S).real / np.maximum(1 - variance / measured.dof, 0.1)))
     dof = 2 * int(np.count_nonzero(z)) / (1 + noise.repeats) / measured.averaging_lines
     return (float(np.sum(np.abs(z) ** 2)) + shift_dof) / max(expected, 1e-300), dof

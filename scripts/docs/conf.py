@@ -37,6 +37,7 @@ highlight_language = "none"
 html_sidebars = {"index": []}  # it has no pages beside it
 nitpicky = True  # of links that are written; types in signatures are no links
 nitpick_ignore_regex = [("py:.*", ".*")]
+autodoc_default_options = {"members": True, "inherited-members": True}
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
 autodoc_preserve_defaults = True  # `EstimatorSpec()` and not all of its fields

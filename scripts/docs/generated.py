@@ -120,9 +120,7 @@ def names() -> dict[str, str]:
     pages = {"names/index": title("Public names") + "\n.. toctree::\n\n   " + "\n   ".join(elastid.__all__)}
     for name in elastid.__all__:
         kind = type(getattr(elastid, name)).__name__.replace("type", "class")
-        pages[f"names/{name}"] = (
-            title(name) + f"\n.. auto{kind}:: elastid.{name}\n" + "   :members:\n" * (kind != "function")
-        )
+        pages[f"names/{name}"] = title(name) + f"\n.. auto{kind}:: elastid.{name}\n"
     return pages
 
 

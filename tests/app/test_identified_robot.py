@@ -10,7 +10,7 @@ from plants.two_mass_gear import RATIO, Gear, robot
 from elastid.app.identified_robot import with_findings
 from elastid.app.parameter_truth import NOT_SIGNIFICANT, SLOPE, contents, truth
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.nonlinear.basis_functions import GearEffect, implicit_law
+from elastid.nonlinear.basis_functions import GearEffect, along_period
 from elastid.nonlinear.gear_result import GearResult, with_effects, with_linear_springs
 from elastid.parameters import Parameter, Parameters
 from elastid.report.content import WITH_COULOMB
@@ -111,7 +111,7 @@ def test_identified_backlash_and_range_give_piecewise_linear_spring(kind: str, l
     spring = with_effects(stiff, found).driven[0].spring
     x = np.array([0.2, 0.6, 1.6, 4.0]) * b
     effect = GearEffect(kind, "1", b)
-    torque = k * x + level * implicit_law(effect, x)[0]
+    torque = k * x + level * along_period(effect, x)[0]
     e = spring.rounding * b
     beyond = (np.sqrt((x - b) ** 2 + e**2) - np.sqrt((x + b) ** 2 + e**2)) / 2 + x  # a dead zone of half width b
     ours = spring.stiffness * beyond + spring.inner_stiffness * (x - beyond)

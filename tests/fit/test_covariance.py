@@ -12,7 +12,7 @@ from scipy.stats import t as student
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import Note
 from elastid.base.execution import Execution
-from elastid.base.statistics import small_sample_factors
+from elastid.base.statistics import exceeds_noise, max_cost_ratio, small_sample_factors
 from elastid.covariance import Covariance
 from elastid.fit.covariance import (
     ENDLESS,
@@ -34,7 +34,6 @@ from elastid.fit.intervals import bootstrap, profile_likelihood
 from elastid.fit.problem.frf_residuals import ElasticFit, elastic_fit
 from elastid.fit.problem.least_squares import LeastSquares
 from elastid.fit.problem.weights import Weights, weigh
-from elastid.fit.residual_test import exceeds_noise, max_cost_ratio
 from elastid.fit.robust_covariance import (
     LineSums,
     autocovariance,

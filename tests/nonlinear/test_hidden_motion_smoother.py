@@ -12,7 +12,7 @@ from elastid.base.arrays import FloatArray
 from elastid.fit.parameter_selection import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation
-from elastid.nonlinear.basis_functions import GearEffect, GearMotion, forces, implicit_law, sign_of, transmission_error
+from elastid.nonlinear.basis_functions import GearEffect, GearMotion, along_period, forces, sign_of, transmission_error
 from elastid.nonlinear.hidden_motion_smoother import newton, smoothed_covariance
 from elastid.nonlinear.period_model import DriveLines, drive_lines, elastic_joints
 from elastid.nonlinear.spectra import PeriodLines
@@ -128,8 +128,8 @@ MOTION = GearMotion(
 @pytest.mark.parametrize("kind", ["cubic", "progressive", "range", "gap"])
 def test_slopes_are_those_of_the_law(kind: str) -> None:
     effect, x, h = GearEffect(kind, "1", 0.02), 0.03 * np.sin(PHASE), 1e-7
-    difference = (implicit_law(effect, x + h)[0] - implicit_law(effect, x - h)[0]) / (2 * h)
-    assert implicit_law(effect, x)[1] == pytest.approx(difference, rel=1e-6, abs=1e-6)
+    difference = (along_period(effect, x + h)[0] - along_period(effect, x - h)[0]) / (2 * h)
+    assert along_period(effect, x)[1] == pytest.approx(difference, rel=1e-6, abs=1e-6)
 
 
 def test_smoothing_scale_derivative_equals_difference() -> None:
@@ -146,7 +146,7 @@ def test_smoothing_scale_derivative_equals_difference() -> None:
 def test_stop_operator_loses_four_magnitudes_times_sliding_per_loop() -> None:
     """Work of a loop of amplitude A about a stop of range D: 4 (A - D) at magnitude 1; its slope is that of the way."""
     x = 1e-3 * np.sin(PHASE)
-    phi, slope = implicit_law(GearEffect("stop", "1", 2e-4), x)
+    phi, slope = along_period(GearEffect("stop", "1", 2e-4), x)
     loop = np.append(x, x[0])
     stays = slope[1:] == slope[:-1]
     assert np.diff(phi)[stays] == pytest.approx((slope[1:] * np.diff(x))[stays], abs=1e-9)
@@ -157,7 +157,7 @@ def test_stop_operator_loses_four_magnitudes_times_sliding_per_loop() -> None:
 
 def test_a_bristle_follows_dahls_equation() -> None:
     x, D = 1e-3 * np.sin(PHASE), 3e-4
-    phi, slope = implicit_law(GearEffect("bristle", "1", D), x)
+    phi, slope = along_period(GearEffect("bristle", "1", D), x)
     dx = np.gradient(x)
     rising = (dx > 0) & (np.roll(dx, 1) > 0) & (np.roll(dx, -1) > 0)
     assert np.gradient(phi)[rising] == pytest.approx(((1 - phi) / D * dx)[rising], rel=2e-2, abs=2e-5)

@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import compress
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,7 +21,6 @@ from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identified
 from elastid.fit.parameter_selection import AT_TOOL
-from elastid.fit.problem.static_loads import PlacedTest
 from elastid.fit.result import Result
 from elastid.fit.status_terms import DISTORTED, FIXED_VALUES
 from elastid.nonlinear.compensated_friction import CompensatedFriction
@@ -38,11 +38,13 @@ from elastid.report.content import (
 from elastid.report.run_summary import OPEN_GEARS, accuracy, is_wrong, next_steps, numbers_answer, residual_sentence
 from elastid.response import Response
 from elastid.robot import Robot
-from elastid.simulation.controller import loop_of
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears, read_validation, write_fit
 from elastid.study import Study
 from elastid.validation.frf_error import agreement
+
+if TYPE_CHECKING:
+    from elastid.fit.problem.static_loads import PlacedTest
 
 TRUSTED = ("converged", "noise_unknown", "at_bound")
 
@@ -56,6 +58,8 @@ def fit(study: Study, work: Work) -> Artefacts:
     responses, friction = read_responses(work.sources["estimate"]), read_friction(work.sources["estimate"])
     recorded, loop = study.experiment.recorded, None
     if recorded is not None and recorded.has_no_torque and recorded.controller is not None:
+        from elastid.simulation.controller import loop_of  # for logs of references
+
         loop = loop_of(recorded.controller, len(robot.driven))
     tests: Sequence[PlacedTest] = ()
     tapped: list[Response] = []

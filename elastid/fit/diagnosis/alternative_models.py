@@ -41,15 +41,15 @@ def find_alternatives(indices: list[ModificationIndex], evidence: Evidence, scor
     explained = max((index.explained_fraction for index in indices), default=0.0)
     if explained > LIMITS.complete_fraction and not any(index.group == SCALE for index in indices):
         return indices
-    judged = sorted(
+    trials = sorted(
         (_judged(alternative, evidence, scores) for alternative in _alternatives(evidence)), key=lambda trial: trial[1]
     )
     # V that the file's own robot reaches from the study's start is no merit of a variant.
     as_stated = min(_judged(AlternativeModel("", "", evidence.assembly), evidence, scores)[1], scores.cost)
-    first, least = judged[0]
+    first, least = trials[0]
     alternatives = []
     if as_stated - least > LIMITS.majority_fraction * (as_stated - scores.noise):
-        equal = tuple(index.name for index, V in judged[1:] if least > LIMITS.equal_drop * V)
+        equal = tuple(index.name for index, V in trials[1:] if least > LIMITS.equal_drop * V)
         alternatives.append(replace(first, alike=equal))
     if max(explained, *(index.explained_fraction for index in alternatives), 0.0) <= LIMITS.complete_fraction:
         alternatives += [
@@ -67,7 +67,7 @@ def _judged(alternative: AlternativeModel, evidence: Evidence, scores: Scores) -
     for start in (parameters.x, np.where(is_of_interest, evidence.optimum.end.x, parameters.x)):
         with suppress(ElastidError, np.linalg.LinAlgError):  # no robot stands there, or V has no slope
             fit = thinned(alternative.assembly.at(start, alternative.assembly.spec.criterion), LIMITS.residuals)
-            V, end = settle(AS_MEASURED, fit, start, np.ones(len(start), dtype=bool))
+            V, end = settle(AS_MEASURED, fit, start)
             V *= evidence.optimum.fit.n_residuals / max(fit.n_residuals, 1)
             cost, x = min((cost, x), (V, end), key=lambda point: point[0])
     return against(ModificationIndex(alternative.name, alternative.family), cost, x, evidence, scores), cost
@@ -116,10 +116,10 @@ def _encoders(evidence: Evidence) -> Iterator[AlternativeModel]:
     """Yield studies with encoders of an axis, or of all axes, on the other side of the elastic gear."""
     assembly = evidence.assembly
     elastic = [joint.name for joint in assembly.linearisation.model.robot.driven if joint.is_flexible]
-    for side, now, then in (("behind", "motor", "joint"), ("before", "joint", "motor")):
-        other_sides = {f"{now} {name}": f"{then} {name}" for name in elastic}
-        read = [place for place in other_sides if any(place in G.outputs for G in assembly.responses)]
-        for places in (*([place] for place in read), *([read] if len(read) > 1 else ())):
+    for side, origin, opposite in (("behind", "motor", "joint"), ("before", "joint", "motor")):
+        other_sides = {f"{origin} {name}": f"{opposite} {name}" for name in elastic}
+        encoders = [place for place in other_sides if any(place in G.outputs for G in assembly.responses)]
+        for places in (*([place] for place in encoders), *([encoders] if len(encoders) > 1 else ())):
             whose = f"encoder of axis {places[0].partition(' ')[2]}" if len(places) == 1 else "encoders of all axes"
             outputs = {place: other_sides[place] for place in places}
             responses = tuple(
@@ -137,9 +137,9 @@ _Other: TypeAlias = tuple[str, str, Robot, Mapping[str, float]]
 def _motor_inertias(robot: Robot) -> Iterator[_Other]:
     """Yield robots with the inertia of one motor or of all motors referred to the link side of the gear."""
     inertias = {name: value for name, (value, _) in robot.parameters().items() if name.startswith("Jm_") and value > 0}
-    every = {name: value / robot.ratio(name.removeprefix("Jm_")) ** 2 for name, value in inertias.items()}
-    groups = {f"inertia of motor {name.removeprefix('Jm_')}": {name: value} for name, value in every.items()}
-    for name, numbers in (groups | ({"inertias of all motors": every} if len(every) > 1 else {})).items():
+    motor_side = {name: value / robot.ratio(name.removeprefix("Jm_")) ** 2 for name, value in inertias.items()}
+    groups = {f"inertia of motor {name.removeprefix('Jm_')}": {name: value} for name, value in motor_side.items()}
+    for name, numbers in (groups | ({"inertias of all motors": motor_side} if len(motor_side) > 1 else {})).items():
         words = f"{name} given on the link side, or in kg cm^2"
         yield words, "side of the gear", robot.with_parameters(numbers), numbers
 
@@ -172,13 +172,13 @@ def _about(parameters: Parameters, numbers: Mapping[str, float]) -> Parameters:
 
 
 def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
-    """Load on the body where it explains most, fitted from there with its mass, place and inertia free.
+    """Fit a load on the body where it explains most, from there with its mass, place and inertia free.
 
     Resonances move farther with it than they are wide, so that its linear step is only a start.
     """
     bodies = (c for c in scores.candidates if c.family == "payload" and c.directions.shape[1] > 1)
-    every = {c.name.removeprefix("payload_"): find_load(scores.test, c, scores.variance_ratio, 0.0) for c in bodies}
-    loads = {name: load for name, load in every.items() if load is not None}
+    estimates = {c.name.removeprefix("payload_"): find_load(scores.test, c, scores.variance_ratio, 0.0) for c in bodies}
+    loads = {name: load for name, load in estimates.items() if load is not None}
     body = max(loads, key=lambda name: loads[name].drop, default="")
     if evidence.assembly.linearisation.model.robot.payload is not None or not body or not loads[body].mass > 0:
         return []
@@ -207,28 +207,27 @@ def _carrying(
     evidence: Evidence, body: str, mass: float, place: FloatArray
 ) -> tuple[float, FloatArray, FloatArray] | None:
     """Fit mass (kg) and location (m) of a load (4,) on a body from a start; returns V, the load and x (n_x,)."""
-    given = evidence.assembly
+    study = evidence.assembly
     inertia, names = mass * LIMITS.load_radius**2, tuple(f"c_payload_{axis}" for axis in "xyz")
-    robot = replace(given.linearisation.model.robot, payload=Payload(mass, tuple(place.tolist()), inertia, body))
+    robot = replace(study.linearisation.model.robot, payload=Payload(mass, tuple(place.tolist()), inertia, body))
     numbers = (
         Parameter("m_payload", mass, "kg", log=True, prior=Prior(mass, LIMITS.load_std)),
         *(Parameter(n, float(v), "m", prior=Prior(float(v), LIMITS.load_std))
           for n, v in zip(names, place, strict=True)),
         Parameter("I_payload", inertia, "kg*m^2", log=True, prior=Prior(inertia, LIMITS.load_std)),
     )  # fmt: skip
-    file, estimates = given.parameters, named(given.parameters.free_names, evidence.result.x)
-    every = {p.name: p for p in (*file, *numbers)}
-    in_order = tuple(every.pop(name) for name in robot.parameters(every) if name in every)
-    parameters = Parameters((*in_order, *every.values()))
-    of_interest = {p.name for p in file.free if not p.is_nuisance}
-    x = np.array([estimates[p.name] if p.name in of_interest else p.to_x(p.value) for p in parameters.free])
+    file, estimates = study.parameters, named(study.parameters.free_names, evidence.result.x)
+    by_name = {p.name: p for p in (*file, *numbers)}
+    in_order = tuple(by_name.pop(name) for name in robot.parameters(by_name) if name in by_name)
+    parameters = Parameters((*in_order, *by_name.values()))
+    x = parameters.x_with({p.name: estimates[p.name] for p in file.of_interest})
     try:
-        assembly = _with_robot(given, robot, parameters)
+        assembly = _with_robot(study, robot, parameters)
         for _ in range(LIMITS.rounds):
-            fit = assembly.at(x, given.spec.criterion)
-            _, near = settle(AS_MEASURED, thinned(fit), x, np.ones(len(x), dtype=bool))
+            fit = assembly.at(x, study.spec.criterion)
+            _, near = settle(AS_MEASURED, thinned(fit), x)
             x = solve(fit.problem, near, ROUGH, LIMITS.iterations).x
-        cost = assembly.at(x, given.spec.criterion).evaluate(x).cost
+        cost = assembly.at(x, study.spec.criterion).evaluate(x).cost
     except (ElastidError, np.linalg.LinAlgError):  # no robot stands on the way, or V has no slope there
         return None
     values = named(parameters.free_names, x)

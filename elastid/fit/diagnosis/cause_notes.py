@@ -85,7 +85,7 @@ def _remedy(index: ModificationIndex, evidence: Evidence) -> str:
     if _is_motor_friction(index):
         return FREE_MOTORS
     step = max(np.abs(index.steps).tolist(), default=0.0)  # which the prior must not contradict
-    usual = min(max(hypothesis.size.usual if hypothesis else 0.1, float(f"{1.1 * step:.1g}")), LIMITS.prior_std)
+    usual = min(max(hypothesis.size.usual if hypothesis else 0.1, float(f"{1.1 * step:.1g}")), LIMITS.stiffness_std)
     # The common factor of an inertia's entries is no parameter of a study; they are.
     is_factor = index.name.startswith("I_") and index.name not in evidence.assembly.linearisation.model.parameters
     name = f"{index.name}_*" if is_factor and not index.name.endswith("*") else index.name
@@ -96,7 +96,7 @@ def _remedy(index: ModificationIndex, evidence: Evidence) -> str:
 
 
 def _is_motor_friction(index: ModificationIndex) -> bool:
-    """True for viscous friction of a motor that the robot's file lacks, as no motor does."""
+    """Return True for viscous friction of a motor that the robot's file lacks, as no motor does."""
     return index.name.startswith("fm_") and bool(index.members) and not np.any(index.values)
 
 

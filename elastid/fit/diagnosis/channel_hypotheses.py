@@ -40,35 +40,34 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
     """Return the indices with the best reading, and the names of those that cannot be distinguished from it."""
     optimum, result, assembly = evidence.optimum, evidence.result, evidence.assembly
     fit, x = thinned(optimum.fit), optimum.end.x
-    every, of_all = np.ones(len(x), dtype=bool), optimum.fit.n_residuals / max(fit.n_residuals, 1)
-    costs = np.array(squares(evaluate(fit, x)))
+    of_all, costs = optimum.fit.n_residuals / max(fit.n_residuals, 1), np.array(squares(evaluate(fit, x)))
     starts = [(fit, x, ~result.at_bound)]
     with suppress(ElastidError):  # no equilibrium there
         file = thinned(assembly.at(assembly.parameters.x, assembly.spec.criterion))
         # A fit of responses that were read wrongly may have moved the numbers of the file far within their tolerances.
         starts.append((file, assembly.parameters.x, np.array([not p.is_nuisance for p in assembly.parameters.free])))
     predicted = [  # V of every reading after one step from each start
-        (predict(misreading, evaluated, problem.prior_slopes, free)[0], misreading, (problem, start, free))
+        (predict(misreading, evaluated, problem.parameters.prior_slopes, free)[0], misreading, (problem, start, free))
         for problem, start, free in starts
         for evaluated in (evaluate(problem, start),)
         for hypothesis in evidence.hypotheses
         for misreading in (_changes(hypothesis.changes, evaluated, costs) if hypothesis.changes is not None else ())
     ]
-    followed: dict[str, tuple[float, FloatArray, Misreading]] = {}
+    refits: dict[str, tuple[float, FloatArray, Misreading]] = {}
     for cost, misreading, (problem, start, free) in sorted(predicted, key=lambda trial: trial[0]):
-        if len(followed) >= LIMITS.followed or cost > LIMITS.predicted_ratio * costs.sum():
+        if len(refits) >= LIMITS.refits or cost > LIMITS.predicted_ratio * costs.sum():
             break
-        if misreading.name not in followed:
-            V, x_end = settle(misreading, problem, settle(misreading, problem, start, free)[1], every)
-            followed[misreading.name] = (of_all * V, x_end, misreading)
+        if misreading.name not in refits:
+            V, x_end = settle(misreading, problem, settle(misreading, problem, start, free)[1])
+            refits[misreading.name] = (of_all * V, x_end, misreading)
     as_read = min(of_all * float(costs.sum()), scores.cost)
     excess = max(as_read - scores.noise, 1e-300)
-    least = min((cost for cost, _, _ in followed.values()), default=math.inf)
+    least = min((cost for cost, _, _ in refits.values()), default=math.inf)
     if as_read - least <= LIMITS.complete_fraction * excess:
         for name, cost, x_end in _scaled(fit, (fit.parameters.x, x)):
-            followed[name] = (of_all * cost, x_end, Misreading(name, SCALE, lambda _, values: values))
+            refits[name] = (of_all * cost, x_end, Misreading(name, SCALE, lambda _, values: values))
     least = as_read - LIMITS.sufficient_fraction * excess
-    good = sorted((curve for curve in followed.values() if curve[0] < least), key=lambda curve: curve[0])
+    good = sorted((curve for curve in refits.values() if curve[0] < least), key=lambda curve: curve[0])
     if not good:
         return indices
     cost, x_end, best = good[0]
@@ -81,7 +80,7 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
 def _changes(changes: Changes, evaluated: Sequence[Evaluated], costs: FloatArray) -> Iterator[Misreading]:
     """Yield misreadings of all configurations, and of single configurations with the worst fit."""
     yield from changes(evaluated, costs)
-    for i in np.argsort(-costs)[: LIMITS.followed] if len(costs) > 2 else ():
+    for i in np.argsort(-costs)[: LIMITS.refits] if len(costs) > 2 else ():
         part = evaluated[i].part
         for misreading in changes([evaluated[i]], costs[[i]]):
             name = f"{misreading.name} in configuration {part.configuration} alone"
@@ -99,7 +98,7 @@ def _channels(evaluated: Sequence[Evaluated]) -> tuple[tuple[str, ...], tuple[st
 
 
 def signs(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Misreading]:
-    """Return the hypotheses of a channel with the opposite sign."""
+    """Yield the hypotheses of a channel with the opposite sign."""
     outputs, inputs = _channels(evaluated)
     for place in outputs:
         yield Misreading(f"y at {place} with the other sign", "sign", partial(_times, {place: -1.0}, {}))
@@ -108,7 +107,7 @@ def signs(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Misreading]
 
 
 def directions(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Misreading]:
-    """Return the hypotheses of a motor that counts torque and motion in the opposite direction."""
+    """Yield the hypotheses of a motor that counts torque and motion in the opposite direction."""
     outputs, inputs = _channels(evaluated)
     for place in (place for place in inputs if place in outputs):
         name = f"{place} counted in the other direction, torque and motion"
@@ -124,7 +123,7 @@ def _times(
 
 
 def exchanged_channels(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Misreading]:
-    """Return the hypotheses of two exchanged channels."""
+    """Yield the hypotheses of two exchanged channels."""
     (outputs, inputs), family = _channels(evaluated), "exchanged channels"
     for a, b in combinations(outputs, 2):
         yield Misreading(f"y at {a} and at {b} exchanged", family, partial(_permuted, {a: b, b: a}, {}))
@@ -150,7 +149,7 @@ def _permuted(
 
 
 def exchanged_postures(evaluated: Sequence[Evaluated], costs: FloatArray) -> Iterator[Misreading]:
-    """Return the hypotheses of two exchanged configurations that fit worst and have equal lines and channels."""
+    """Yield the hypotheses of two exchanged configurations that fit worst and have equal lines and channels."""
     kernels = [e.part.kernel for e in evaluated]
     for a, b in combinations(sorted(np.argsort(-costs)[: LIMITS.exchanged].tolist()), 2):
         first, second = kernels[a].model, kernels[b].model
@@ -163,13 +162,13 @@ def exchanged_postures(evaluated: Sequence[Evaluated], costs: FloatArray) -> Ite
 
 
 def conjugates(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Misreading]:
-    """Return responses with phases by exp(-j omega t), also negated by an odd power of j omega."""
+    """Yield responses with phases by exp(-j omega t), also negated by an odd power of j omega."""
     yield Misreading("all phases negated", "phase", lambda _, values: values.conj())
     yield Misreading("all phases negated", "phase", lambda _, values: -values.conj())
 
 
 def quantities(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Misreading]:
-    """Return the hypotheses of a confused position, velocity or acceleration."""
+    """Yield the hypotheses of a confused position, velocity or acceleration."""
     for power in (1, 2, -1, -2):
         count, direction = "once" if abs(power) == 1 else "twice", "less" if power > 0 else "more"
         name = f"responses differentiated {count} {direction} in time"
@@ -214,7 +213,7 @@ def _scaled(fit: ElasticFit, starts: Sequence[FloatArray]) -> Iterator[tuple[str
             # As channels with these ln c read the response of the model.
             of_y, of_u = ({place: math.exp(-c) for place, c in side.items()} for side in (outputs, inputs))
             misreading = Misreading("", SCALE, partial(_times, of_y, of_u))
-            V, x = settle(misreading, fit, x, np.ones(len(x), dtype=bool))
+            V, x = settle(misreading, fit, x)
         if words:
             yield words, V, x
 

@@ -67,9 +67,10 @@ def as_delay(name: str) -> str:
 
 
 def fit_delay_forms(
-    evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray, near: str, channel: tuple[str, str], T_0: float
-) -> Iterator[TimeDelay]:
-    """Return the best T of each form near a delay of that name and size T_0.
+    evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray | bool, near: str,
+    channel: tuple[str, str], T_0: float,
+) -> Iterator[TimeDelay]:  # fmt: skip
+    """Yield the best T of each form near a delay of that name and size T_0.
 
     channel: y or u with the place; ("", "") of all.  prior (n_x,): 1 / s of the priors.  free (n_x,): flags.
     """
@@ -105,8 +106,8 @@ def common_delay(fit: ElasticFit, x: FloatArray) -> float:
     A global search: V is periodic in the delay at each line, and a solver finds the nearest minimum only.  Logarithmic
     criterion; steps of an eighth of the shortest period, up to half the inverse of the distance of two lines.
     """
-    few = thinned(fit, LIMITS.residuals)
-    evaluated = evaluate(replace(few, parts=tuple(map(logarithmic, few.parts))), x)
+    subset = thinned(fit, LIMITS.residuals)
+    evaluated = evaluate(replace(subset, parts=tuple(map(logarithmic, subset.parts))), x)
     step = 0.125 / max(e.part.kernel.freq_hz[-1] for e in evaluated)
     far = min(MAX_TIME[1], *(0.5 / float(np.diff(e.part.kernel.freq_hz).max(initial=1.0)) for e in evaluated))
     delays = step * np.array(sorted(range(-int(far / step), int(far / step) + 1), key=abs))
@@ -120,7 +121,8 @@ def find_delays(indices: list[ModificationIndex], evidence: Evidence, scores: Sc
     if not optimum.fit.n_residuals:
         return indices
     fit, x, free = thinned(optimum.fit), optimum.end.x, ~result.at_bound
-    evaluated, prior, fraction = evaluate(fit, x), fit.prior_slopes, fit.n_residuals / optimum.fit.n_residuals
+    evaluated, prior = evaluate(fit, x), fit.parameters.prior_slopes
+    fraction = fit.n_residuals / optimum.fit.n_residuals
     cost, noise = min(predict(AS_MEASURED, evaluated, prior, free)[0], scores.cost * fraction), scores.noise * fraction
     models = [e.part.kernel.model for e in evaluated]
     # A delay of all references delays all motions, one of the torques is within the loop.
@@ -132,25 +134,24 @@ def find_delays(indices: list[ModificationIndex], evidence: Evidence, scores: Sc
         for place in places
     }
     delayed = [row for row in indices if row.name in channels and row.explained_fraction > LIMITS.min_stated_fraction]
-    delayed = delayed[: LIMITS.followed]
+    delayed = delayed[: LIMITS.refits]
     others = [index for index in indices if index not in delayed]
+    points: dict[str, tuple[list[Evaluated], FloatArray, BoolArray | bool]]
     points = {row.name: (evaluated, x, free) for row in delayed}
     with suppress(ElastidError):  # no equilibrium there
-        start, every = assembly.parameters.x, free | True
+        start = assembly.parameters.x
         file = thinned(assembly.at(start, assembly.spec.criterion))
         if common not in result.parameters.free_names and (T := common_delay(file, start)):
-            start = settle(Misreading("", "time", partial(_delayed, delay, T, "", "")), file, start, every)[1]
-            points[common] = evaluate(file, start), start, every
+            start = settle(Misreading("", "time", partial(_delayed, delay, T, "", "")), file, start)[1]
+            points[common] = evaluate(file, start), start, True
             row = ModificationIndex(common, "time", (common,), np.zeros(1), ("s",), (False,), np.array([T]))
-            delayed, others = (
-                [row, *(r for r in delayed if r.name != common)],
-                [r for r in others if r.name != common],
-            )
+            delayed, others = ([r for r in rows if r.name != common] for rows in (delayed, others))
+            delayed.insert(0, row)
     for row in delayed:
         at, near, may_follow = points[row.name]
         best = [*fit_delay_forms(at, prior, may_follow, row.name, channels[row.name], float(row.steps[0]))]
         least = min(form.cost for form in best)
-        tolerance = LIMITS.variances * scores.variance_ratio + LIMITS.form_fraction * max(least - noise, 0.0)
+        tolerance = LIMITS.variances * scores.variance_ratio + (1 - LIMITS.complete_fraction) * max(least - noise, 0.0)
         equal = [form for form in sorted(best, key=lambda form: form.cost) if form.cost < least + tolerance]
         for form in equal:  # those that cannot be distinguished
             explained = (cost - form.cost) / max(cost - noise, 1e-300)

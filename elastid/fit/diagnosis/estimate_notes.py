@@ -9,10 +9,11 @@ from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.display import capital, percent
 from elastid.base.errors import Note
 from elastid.base.names import posture_of
+from elastid.base.statistics import max_cost_ratio
+from elastid.fit.combinations import correlated, covariance_by_noise
 from elastid.fit.diagnosis.hypothesis import Evidence
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.residual_test import max_cost_ratio
-from elastid.fit.result import Result, correlated, covariance_by_noise
+from elastid.fit.result import Result
 from elastid.parameters import Parameters
 
 NEAR_BOUND = 1e-4  # share of a range within which x is at its bound
@@ -26,7 +27,7 @@ def at_bound(parameters: Parameters, x: FloatArray) -> BoolArray:
 
 
 def bound_notes(result: Result) -> Iterator[Note]:
-    """Return notes on parameters that ended at a bound."""
+    """Yield notes on parameters that ended at a bound."""
     for i in np.flatnonzero(result.at_bound):
         parameter, x = result.parameters.free[i], float(result.x[i])
         low = x - parameter.to_x(parameter.lower) < parameter.to_x(parameter.upper) - x

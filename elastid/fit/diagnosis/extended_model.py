@@ -141,7 +141,7 @@ class ModelResponse:
 
     def value(self, name: str) -> float:
         """Return the value of a parameter of the equations; 0 if absent."""
-        return float(self.theta[self.model.parameters.index(name)]) if name in self.model.parameters else 0.0
+        return self.model.number(self.theta, name, absent=0.0)
 
 
 def evaluate_extended(
@@ -160,10 +160,10 @@ def evaluate_extended(
     chain, numbers = parameters.jacobian(x, part.configuration), dict(by_name)
     free = np.zeros((chain.shape[1], *G.shape), complex)
     # An entry of an inertia moves with all others by their common factor, and may be off alone, too.
-    tied = {p.name for p in parameters if p.tie is not None and parameters[p.tie.to].is_nuisance}
+    followers = {p.name for p in parameters if p.tie is not None and parameters[p.tie.to].is_nuisance}
     for name, row in zip(parameters.names, chain, strict=True):
         if name in by_name and np.any(row):
-            if name not in tied:
+            if name not in followers:
                 del numbers[name]
             for k in np.flatnonzero(row):
                 free[k] += row[k] * by_name[name]

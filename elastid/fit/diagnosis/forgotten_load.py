@@ -90,7 +90,9 @@ def _parameter_changes(numbers: list[FixedNumber]) -> FloatArray:
         J[f"I{pair}"] = J[f"I{pair[::-1]}"] = {k: -1.0}
     A = np.zeros((len(numbers), 10))
     for row, number in zip(A, numbers, strict=True):
-        for place, factor in J.get(_key(number.name, body), {}).items():
+        # m, cx, Ixy, I of m_fore, c_fore_x@c1, I_fore_xy, I_fore of the body fore
+        letter, _, entry = number.name.partition("@")[0].partition("_")
+        for place, factor in J.get(letter + entry.removeprefix(body).removeprefix("_"), {}).items():
             row[place] = factor / number.value if number.log else factor
     return A
 
@@ -102,9 +104,3 @@ def steps_of(numbers: list[FixedNumber], p: FloatArray) -> FloatArray:
     changes = changes * np.where([n.name.startswith(("c_", "I_")) for n in numbers], both, 1.0)
     log = np.array([n.log for n in numbers])
     return np.where(log, np.log1p(np.where(log, np.maximum(changes, -0.99), 0.0)), changes)
-
-
-def _key(name: str, body: str) -> str:
-    """Return m, cx, Ixy, I of m_fore, c_fore_x@c1, I_fore_xy, I_fore of the body fore."""
-    letter, _, rest = name.partition("@")[0].partition("_")
-    return letter + rest.removeprefix(body).removeprefix("_")

@@ -97,26 +97,20 @@ def payload(index: ModificationIndex) -> str:
 
 def delay_phrase(index: ModificationIndex) -> str:
     """Return the delay or low pass of a channel, or of the motions relative to the torques."""
-    T = float(index.steps[0])
-    form = next(form for form in FORMS if index.name.startswith(form))
-    role, _, place = index.name.partition("@")[0].removeprefix(form).lstrip("_").partition("_")
-    delayed, other = ("motions", "torques") if T > 0 else ("torques", "motions")
+    T, name = float(index.steps[0]), index.name.partition("@")[0]
+    form = next(form for form in FORMS if name.startswith(form))
+    role, _, place = name.removeprefix(form).lstrip("_").replace("_", " ").partition(" ")
+    signals, others = ("motions", "torques") if T > 0 else ("torques", "motions")
     if role == "r":
-        delayed, role = f"the references{place and ' of'} {place.replace('_', ' ')}".rstrip(), ""
-        if form == "delay":
-            return f"a delay of {T / 1e-3:.3g} ms of {delayed}"
+        signals = f"references{place and f' of {place}'}"
     if form == "delay":
-        ms = f"{T / 1e-3:.3g} ms"
-        return (
-            f"a delay of {ms} of {role} at {place.replace('_', ' ')}"
-            if role
-            else (f"a delay of {ms}: {delayed} logged {ms.lstrip('-')} later than the {other}")
-        )
+        ms, of = f"{T / 1e-3:.3g} ms", f"the {signals}" if role == "r" else f"{role} at {place}"
+        lag = f": {signals} logged {ms.lstrip('-')} later than the {others}"
+        return f"a delay of {ms}{f' of {of}' if role else lag}"
     size = f"a low pass of first order of {abs(T) / 1e-3:.3g} ms ({1 / (2 * math.pi * abs(T)):.3g} Hz)"
-    if not role:
-        return f"{size} in the log of the {delayed}"
-    at = f"of {role} at {place.replace('_', ' ')}"
-    return f"{size} {at}" if T > 0 else f"{size} {at} that was compensated and does not exist"
+    if role in ("", "r"):
+        return f"{size} in the log of the {signals}"
+    return f"{size} of {role} at {place}{'' if T > 0 else ' that was compensated and does not exist'}"
 
 
 def scale(index: ModificationIndex) -> str:

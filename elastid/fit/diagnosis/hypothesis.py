@@ -19,7 +19,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import Note
 from elastid.base.execution import Execution
 from elastid.base.statistics import chi_square_limit
@@ -129,6 +129,12 @@ class Scores:
         """V of all residuals after the step of the free parameters."""
         return self.excess / self.lines + self.noise
 
+    def detectable(self, places: IntArray, direction: FloatArray) -> float:
+        """Return the least step of numbers along a direction (n_m,) that lowers V by `LIMITS.drop`; else infinite."""
+        information = float(direction @ self.test.S[np.ix_(places, places)] @ direction) / self.lines
+        is_distinct = self.test.is_distinct[places].any() and information > 0
+        return math.sqrt(LIMITS.drop / information) if is_distinct else math.inf
+
     @cached_property
     def significant(self) -> dict[int, float]:
         """The drop that one of all candidates has by the noise alone at the false-alarm rate, by its directions."""
@@ -175,7 +181,7 @@ class Evidence:
         """True if the residuals are so large that responses may have been misread."""
         if self.result.noise_is_known:
             return is_far_from_noise(self.result.cost, self.result.cost_expected)
-        return self.explained < LIMITS.min_explained_fraction
+        return self.explained < LIMITS.certain_fraction
 
     @property
     def is_unexplained(self) -> bool:
@@ -203,7 +209,7 @@ def against(
 
 
 def axis(index: ModificationIndex) -> str:
-    """Name of the axis that an index is of: 2 of friction_2@c1."""
+    """Return the name of the axis that an index is of: 2 of friction_2@c1."""
     return index.name.partition("@")[0].partition("_")[2]
 
 

@@ -27,15 +27,15 @@ class Limits:
     # An estimate.
     residual_ratio: float = 5.0  # of a configuration to the median of all, beyond which it is unlike the others
     factor_spread: float = 2.5  # of (2 pi)^2 by which all stiffnesses are off where the unit of the frequency is wrong
-    stiffness_std: float = 0.5  # the largest, of ln p: beyond it a parameter is weakly identifiable
-    min_explained_fraction: float = 0.9  # below which, where the noise is unknown, responses may have been misread
+    stiffness_std: float = 0.5  # the largest, of ln p: beyond it a parameter, or a prior of one, is weak
     # Shares of the excess of V that a cause explains.
     min_further_fraction: float = 0.05  # that each in a sequence explains
     min_stated_fraction: float = 0.1  # below which a cause has no sentence, and a delay no other form
     min_cause_fraction: float = 0.3  # below which even the best is not named as the reason, nor a load sought
     majority_fraction: float = 0.5  # of a variant, of a cause of contradictions; of the responses that a model explains
     sufficient_fraction: float = 0.8  # of a reading; from which on no cause is sought that V does not rank
-    certain_fraction: float = 0.9  # below which a cause is said not to be certain, and springs are sought
+    certain_fraction: float = 0.9  # below which a cause is said not to be certain, and springs are sought; of responses
+    # that a model explains: below which, where the noise is unknown, they may have been misread
     complete_fraction: float = 0.99  # below which scales and variants are tried, too
     # The ranking of causes.
     false_alarm_rate: float = 0.01  # probability that any candidate has so large a drop by the noise alone
@@ -44,15 +44,12 @@ class Limits:
     equal_drop: float = 0.9  # ratio of their drops, likewise, or of V of two readings or variants
     equal_odds: float = 6.0  # 2 ln of the odds (20 to 1) below which two causes cannot be told apart
     variances: float = 10.0  # difference of V, in variances of the noise, below which there is no minimum, no best form
-    form_fraction: float = 0.01  # likewise of what V has beyond the noise
-    sequence: int = 3  # candidates in a sequence
     alone: int = 15  # in the table
     ranked: int = 25  # judged by their forms
     named: int = 3  # parameters, postures, or causes besides, in a sentence
-    prior_std: float = 0.5  # the widest prior that is recommended
     # The searches.
     exchanged: int = 8  # configurations that fit worst, which are tried in each other's place
-    followed: int = 3  # readings, springs and delays that are followed
+    refits: int = 3  # causes in a sequence; readings, springs and delays, by which the search goes on
     predicted_ratio: float = 1.5  # V over that of the fit up to which readings and springs are followed
     frequency_step: float = math.sqrt(2.0)  # ratio of neighbouring resonances of a spring
     stiffnesses: int = 14  # of each spring
@@ -64,8 +61,7 @@ class Limits:
     rounds: int = 4  # of linearisations, in which a load is found
     load_radius: float = 0.1  # of gyration of a load at the start, m
     load_std: float = 1.0  # of the logarithms of its mass and inertia about the start, and of its place in m
-    # A second source: each test errs once in 700 fits.
-    tail: float = 1 / 700  # probability of T, and of the factor, by chance
+    # A second source.
     unreached: float = 30.0  # std of x in a direction that the motors' responses do not reach
     largest: float = 0.9  # factor less 1, beyond which another channel interpretation is the cause
 

@@ -37,8 +37,8 @@ def find_missing_springs(
     explained = max((index.explained_fraction for index in indices), default=0.0)
     if evidence.result.exceeds_noise and explained > LIMITS.certain_fraction:
         return indices
-    promising = sorted(_promising(evidence, scores), key=lambda spring: spring.predicted)[: LIMITS.followed]
-    springs = [index for index in (_fit_spring(spring, evidence, scores) for spring in promising) if index is not None]
+    candidates = sorted(_promising(evidence, scores), key=lambda spring: spring.predicted)[: LIMITS.refits]
+    springs = [index for index in (_fit_spring(spring, evidence, scores) for spring in candidates) if index is not None]
     springs = sorted((i for i in springs if i.drop > scores.significant[1]), key=lambda index: index.drop)
     by_name = {index.name: index for index in springs}
     return [*(index for index in indices if index.name not in by_name), *by_name.values()]
@@ -57,36 +57,30 @@ class _Spring:
 
 def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
     assembly, optimum, extended = evidence.assembly, evidence.optimum, scores.extended
-    every, x = spread_out(len(optimum.fit.parts)), optimum.end.x
-    models = _models(evidence, extended, assembly.responses[every])
+    selection, x = spread_out(len(optimum.fit.parts)), optimum.end.x
+    models = _models(evidence, extended, assembly.responses[selection])
     springs = [joint.spring for joint in assembly.linearisation.model.robot.joints if joint.spring is not None]
-    damped = [spring.damping / spring.stiffness for spring in springs if spring.damping > 0]
-    few = thinned(replace(optimum.fit, parts=optimum.fit.parts[every]), LIMITS.residuals)
-    ratio = float(np.median(damped)) if damped else 1e-3
-    V, estimates = sum(squares(evaluate(few, x))), named(assembly.parameters.free_names, x)
+    time_constants = [spring.damping / spring.stiffness for spring in springs if spring.damping > 0]
+    subset = thinned(replace(optimum.fit, parts=optimum.fit.parts[selection]), LIMITS.residuals)
+    ratio = float(np.median(time_constants)) if time_constants else 1e-3
+    V, estimates = sum(squares(evaluate(subset, x))), named(assembly.parameters.free_names, x)
     for name in extended.rigid:
         trials = []
-        for k in _stiffnesses(name, models, few).tolist():
-            sprung = _with_spring(few, name, k, ratio, models, assembly)
-            start = np.array([estimates.get(p.name, p.to_x(p.value)) for p in sprung.parameters.free])
-            cost, step = predict(
-                AS_MEASURED, evaluate(sprung, start), sprung.prior_slopes, np.ones(len(start), dtype=bool)
-            )
+        for k in _stiffnesses(name, models, subset).tolist():
+            sprung = _with_spring(subset, name, k, ratio, models, assembly)
+            start = sprung.parameters.x_with(estimates)
+            cost, step = predict(AS_MEASURED, evaluate(sprung, start), sprung.parameters.prior_slopes)
             trials.append(_Spring(name, k, ratio, np.clip(start + step, *sprung.parameters.x_bounds), cost))
         least = _minima(np.array([spring.predicted for spring in trials]), LIMITS.variances * scores.variance_ratio)
         yield from (trials[i] for i in np.flatnonzero(least) if trials[i].predicted < LIMITS.predicted_ratio * V)
 
 
 def _models(evidence: Evidence, extended: ExtendedModel, responses: Sequence[Response]) -> list[LinearModel]:
-    x, fitted = evidence.optimum.end.x, evidence.assembly.parameters
-    rigid = extended.rigid
-    names = {*fitted.names, *rigid, *(f"d{name[1:]}" for name in rigid)}
-    models = []
+    x, fitted, models = evidence.optimum.end.x, evidence.assembly.parameters, []
+    names = {*fitted.names, *extended.rigid, *(f"d{name[1:]}" for name in extended.rigid)}
     for response in responses:
         theta = extended.theta(fitted, x, response.configuration.name)
-        model = linear_model(extended.linearisation, response, theta)
-        slopes = {name: slope for name, slope in model.slopes.items() if name in names}
-        models.append(replace(model, theta_ref=theta, slopes=slopes))
+        models.append(linear_model(extended.linearisation, response, theta, names))
     return models
 
 

@@ -5,10 +5,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
 from elastid.base.display import percent
 from elastid.base.errors import Note
-from elastid.base.statistics import chi_square_limit
+from elastid.base.statistics import FALSE_ALARM_RATE, chi_square_limit
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.gear_ratios import RatioScatter
 from elastid.fit.result import Result
@@ -28,19 +27,13 @@ def tolerance_of(index: ModificationIndex, result: Result) -> str:
     return percent(std) if p.log else f"{std:.2g} {p.unit}"
 
 
-def prior_moves(result: Result) -> FloatArray:
-    """Return the change (n_x,) of each number from the mean of its prior or tolerance, over its standard deviation."""
-    pairs = zip(result.parameters.free, result.x.tolist(), strict=True)
-    return np.array([0.0 if p.prior is None else (x - p.to_x(p.prior.mean)) / p.prior.std for p, x in pairs])
-
-
 def contradicted_priors(result: Result) -> tuple[Note, ...]:
     """Return the priors of the study that data without them contradict.
 
     With a prior of mean m and variance S, and the posterior variance P, x - m has the variance S - P.
     """
-    notes = []
-    for p, P, move in zip(result.parameters.free, np.diag(result.covariance), prior_moves(result), strict=True):
+    notes, (moves, _) = [], result.parameters.priors(result.x)
+    for p, P, move in zip(result.parameters.free, np.diag(result.covariance), moves, strict=True):
         if p.prior is None or p.is_nuisance or not (gain := 1 - P / p.prior.std**2) > 1 - LIMITS.prior_fraction:
             continue
         sigmas, alone = abs(move) / math.sqrt(gain), p.to_x(p.prior.mean) + move * p.prior.std / gain
@@ -63,12 +56,12 @@ def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
     give this shift the covariance L (S - C_nn) L^T, S = diag(s^2) (Hausman 1978, eq. 2.9).
     """
     n, C = len(result.parameters.of_interest), result.covariance
-    d, s = prior_moves(result)[n:], np.array([p.prior.std for p in result.parameters.free[n:] if p.prior is not None])
-    if not len(s) == len(d) > 0 or not np.isfinite(C).all():
+    d, slope = (part[n:] for part in result.parameters.priors(result.x))
+    if not (len(d) and slope.all() and np.isfinite(C).all()):
         return ()
-    variance_ratio = np.diag(C)[n:] / s**2
+    s, variance_ratio = 1 / slope, np.diag(C)[n:] * slope**2
     dof, square = max(float(np.sum(np.where(variance_ratio > 1, 1.0, 1 - variance_ratio))), 1.0), float(d @ d)
-    limit = chi_square_limit(dof, LIMITS.tail)
+    limit = chi_square_limit(dof, FALSE_ALARM_RATE)
     L = np.linalg.solve(C[n:, n:], C[n:, :n]).T
     changes, by_tolerances = L @ (d * s), np.einsum("ij,jk,ik->i", L, np.diag(s**2) - C[n:, n:], L)
     sizes = np.abs(changes) / np.sqrt(np.maximum(by_tolerances, np.diag(C)[:n]))

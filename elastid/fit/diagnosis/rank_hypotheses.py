@@ -21,6 +21,7 @@ from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from typing import TypeAlias
 
 import numpy as np
@@ -30,7 +31,7 @@ from elastid.base.errors import Note
 from elastid.base.execution import Execution
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.cause_notes import explanations
-from elastid.fit.diagnosis.confounded_parameters import find_undetectable_errors
+from elastid.fit.diagnosis.confounded_parameters import find_elastic_base, find_rigid_parts, find_undetectable_errors
 from elastid.fit.diagnosis.delay_hypotheses import as_delay
 from elastid.fit.diagnosis.estimate_notes import (
     contradictions,
@@ -46,7 +47,6 @@ from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.priors import contradicted_tolerances, scattered_ratios
 from elastid.fit.diagnosis.refit import spread_out, thinning
 from elastid.fit.diagnosis.response_derivatives import inertial
-from elastid.fit.diagnosis.rigid_base import find_elastic_base, find_rigid_parts
 from elastid.fit.diagnosis.score_test import Candidate, FixedNumber, ScoreTest, free_drop
 from elastid.fit.diagnosis.status import decisive_index, with_status
 from elastid.fit.frf_problem import Assembly, RelinearisedOptimum
@@ -69,14 +69,14 @@ def score(evidence: Evidence) -> Scores:
     assembly, fit, x = evidence.assembly, evidence.optimum.fit, evidence.optimum.end.x
     extended = ExtendedModel.of(assembly, fit.parts[0].kernel.model)
     # Each configuration brings some twenty numbers.
-    few = replace(fit, parts=fit.parts[spread_out(len(fit.parts))])
-    names_q, columns = {part.configuration for part in few.parts}, [h.columns for h in evidence.hypotheses if h.columns]
-    sums = partial(_sums, extended, fit.parameters, x, columns, names_q, thinning(few, RESIDUALS))
-    every_sum = each_at_home(sums, fit.parts, evidence.execution)
-    A, b, V, n_residuals, names = _add_sums((sums for sums in every_sum if sums is not None), len(x))
+    subset = replace(fit, parts=fit.parts[spread_out(len(fit.parts))])
+    names_q = {part.configuration for part in subset.parts}
+    columns = [h.columns for h in evidence.hypotheses if h.columns]
+    sums = partial(_sums, extended, fit.parameters, x, columns, names_q, thinning(subset, RESIDUALS))
+    A, b, V, n_residuals, names = _add_sums(filter(None, each_at_home(sums, fit.parts, evidence.execution)), len(x))
     numbers, scale = _fixed_numbers(names, evidence, extended, x)
-    every, lines = np.concatenate([np.ones(len(x)), scale]), n_residuals / max(fit.n_residuals, 1)
-    A, b, beyond, pull = _with_priors(A * np.outer(every, every), b * every, evidence, lines)
+    scales, lines = np.concatenate([np.ones(len(x)), scale]), n_residuals / max(fit.n_residuals, 1)
+    A, b, beyond, pull = _with_priors(A * np.outer(scales, scales), b * scales, evidence, lines)
     numbers += beyond
     test = ScoreTest.of(numbers, A, b, ~evidence.result.at_bound)
     options = tuple(candidates(numbers, extended.linearisation.model.robot, evidence.hypotheses))
@@ -93,12 +93,11 @@ def _with_priors(
 
     Such a number shifts the mean of its prior, whose residual is (x - mean - shift) / s.  lines: share of all.
     """
-    distance, slope = evidence.optimum.fit.priors(evidence.optimum.end.x)
-    weight, pull, free = lines * slope**2, lines * slope * distance, evidence.result.parameters.free
-    n_x = len(free)
+    fit, x, free = evidence.optimum.fit, evidence.optimum.end.x, evidence.result.parameters.free
+    (distance, slope), (r, J), n_x = fit.parameters.priors(x), fit.static(x), len(free)
+    weight, pull = lines * slope**2, lines * slope * distance
     A[range(n_x), range(n_x)] += weight
     b[:n_x] += pull
-    r, J = evidence.optimum.fit.static(evidence.optimum.end.x)
     A[:n_x, :n_x] += lines * J.T @ J
     b[:n_x] += lines * J.T @ r
     shifted = [i for i, p in enumerate(free) if p.is_nuisance and slope[i] > 0]
@@ -177,13 +176,13 @@ def candidates(numbers: Sequence[FixedNumber], robot: Robot, hypotheses: Sequenc
     """
     place = {number.name: i for i, number in enumerate(numbers)}
     parts = {name for name in place for prefix in ("m_", "c_", "I_") if name.startswith(prefix) and "@" in name}
-    every = [
+    options = [
         Candidate(n.name, n.family, np.array([i]), np.eye(1)) for i, n in enumerate(numbers) if n.name not in parts
     ]
 
     def add_common(name: str, members: list[int]) -> None:
         if len(members) > 1 and len({numbers[i].log for i in members}) == 1:
-            every.append(Candidate(name, numbers[members[0]].family, np.array(members), np.ones((len(members), 1))))
+            options.append(Candidate(name, numbers[members[0]].family, np.array(members), np.ones((len(members), 1))))
 
     for prefix in (prefix for h in hypotheses if h.is_common for prefix in h.numbers):
         add_common(f"{prefix}_*", [i for name, i in place.items() if name.startswith(f"{prefix}_")])
@@ -194,8 +193,8 @@ def candidates(numbers: Sequence[FixedNumber], robot: Robot, hypotheses: Sequenc
     for name, family, members in _common_causes(robot, place):
         together = [place[member] for member in members if member in place]
         if len(together) > 1:
-            every.append(Candidate(name, family, np.array(together), np.eye(len(together))))
-    return every
+            options.append(Candidate(name, family, np.array(together), np.eye(len(together))))
+    return options
 
 
 def _common_causes(robot: Robot, place: dict[str, int]) -> Iterator[tuple[str, str, list[str]]]:
@@ -214,13 +213,6 @@ def temper(scores: Scores) -> float:
     return max(scores.variance_ratio, 1e-300) + LIMITS.linear_error * max(scores.excess, 0.0)
 
 
-def log_odds(index: ModificationIndex, count: int, evidence: Evidence, scores: Scores) -> float:
-    """Return 2 ln O of a cause, one of `count` of its family."""
-    hypothesis = hypothesis_of_index(index, evidence.hypotheses)
-    prior = 1.0 if hypothesis is None else hypothesis.plausibility
-    return index.drop * scores.lines / temper(scores) - index.occam + 2 * math.log(max(prior, 1e-300) / count)
-
-
 def modification_indices(evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, ...]:
     """Return causes that lower V significantly: the most likely with further ones, then each alone."""
     indices = ranked(scores.test, scores)
@@ -229,8 +221,11 @@ def modification_indices(evidence: Evidence, scores: Scores) -> tuple[Modificati
         indices = search(indices, evidence, scores)
     if not indices:
         return ()
-    counts = Counter(index.group for index in indices)
-    odds = {index.name: log_odds(index, counts[index.group], evidence, scores) for index in indices}
+    counts, odds = Counter(index.group for index in indices), dict[str, float]()
+    for index in indices:  # 2 ln O
+        hypothesis = hypothesis_of_index(index, evidence.hypotheses)
+        prior = math.log(max(hypothesis.plausibility if hypothesis else 1.0, 1e-300) / counts[index.group])
+        odds[index.name] = index.drop * scores.lines / temper(scores) - index.occam + 2 * prior
     single = sorted(indices, key=lambda index: odds[index.name], reverse=True)
     best = odds[single[0].name]
     single = [replace(index, odds=odds[index.name] - best) for index in single]
@@ -245,7 +240,7 @@ def modification_indices(evidence: Evidence, scores: Scores) -> tuple[Modificati
 def _following_causes(first: ModificationIndex, scores: Scores) -> list[ModificationIndex]:
     by_name = {candidate.name: candidate for candidate in scores.candidates}
     before, following, test = first, list[ModificationIndex](), scores.test
-    for place in range(2, LIMITS.sequence + 1):
+    for place in range(2, LIMITS.refits + 1):
         linear = as_delay(before.name)
         # Further resonances, and results of a separate fit, are no linear changes.
         if linear not in by_name or before.group == "compliance" or math.isnan(before.std):
@@ -261,17 +256,17 @@ def _following_causes(first: ModificationIndex, scores: Scores) -> list[Modifica
 
 def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = LIMITS.ranked) -> list[ModificationIndex]:
     """Return candidates with a significant drop, best first: so many, and every delay, which has several forms."""
-    every, significant, tau2 = scores.candidates, scores.significant, temper(scores)
-    steps = [_step(test, candidate, scores) for candidate in every]
+    options, significant, tau2 = scores.candidates, scores.significant, temper(scores)
+    steps = [_step(test, candidate, scores) for candidate in options]
     drops = np.maximum([drop - scores.worse for _, drop, _ in steps], 0.0)
     occams = np.array([occam for _, _, occam in steps])
-    counts = [4 if candidate.name.startswith("payload_") else candidate.directions.shape[1] for candidate in every]
+    counts = [4 if candidate.name.startswith("payload_") else candidate.directions.shape[1] for candidate in options]
     order = [int(i) for i in np.argsort(occams - drops / tau2) if drops[i] > significant[counts[i]]]
-    correlations = test.correlations(every)
+    correlations = test.correlations(options)
 
     def index(i: int) -> ModificationIndex:
         """Return the modification index of candidate i, with the candidates that are indistinguishable from it."""
-        candidate, (step, _, occam), drop = every[i], steps[i], float(drops[i])
+        candidate, (step, _, occam), drop = options[i], steps[i], float(drops[i])
         members = [test.numbers[k] for k in candidate.places]
         is_equal = (drops > LIMITS.equal_drop * drops[i]) & (correlations[i] > LIMITS.equal_correlation)
         equal = [int(j) for j in np.flatnonzero(is_equal) if j != i]
@@ -287,28 +282,24 @@ def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = LIMITS.r
             drop=drop / scores.lines,
             explained_fraction=drop / max(scores.excess, drop, 1e-300),
             effects=test.effects(candidate, step),
-            alike=tuple(every[j].name for j in sorted(equal, key=lambda j: -drops[j])),
+            alike=tuple(options[j].name for j in sorted(equal, key=lambda j: -drops[j])),
             place=place,
             occam=float(occam),
         )
 
-    return [index(i) for k, i in enumerate(order) if k < most or every[i].name.startswith("delay")]
+    return [index(i) for k, i in enumerate(order) if k < most or options[i].name.startswith("delay")]
 
 
 def _step(test: ScoreTest, candidate: Candidate, scores: Scores) -> tuple[FloatArray, float, float]:
-    tau2 = temper(scores)
+    tau2, none = temper(scores), (np.zeros(len(candidate.places)), 0.0, 0.0)
     # A smaller drop is neither significant nor equivalent to a significant cause.
     if test.most(candidate) < LIMITS.equal_drop * min(scores.significant.values()):
-        return np.zeros(len(candidate.places)), 0.0, 0.0
+        return none
     if candidate.name.startswith("payload_"):
-        load = find_load(
-            test,
-            candidate,
-            scores.variance_ratio,
-            max(scores.significant[4], LIMITS.min_cause_fraction * scores.excess),
-        )
+        least = max(scores.significant[4], LIMITS.min_cause_fraction * scores.excess)
+        load = find_load(test, candidate, scores.variance_ratio, least)
         if load is None:
-            return np.zeros(len(candidate.places)), 0.0, 0.0
+            return none
         W = np.array([MASS_KG, *3 * [DISTANCE_M]])
         sizes = (load.mass / MASS_KG, *load.place / DISTANCE_M)
         return load.steps, load.drop, occam_factor(load.information / tau2, W, np.array(sizes))
@@ -355,18 +346,13 @@ def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> Result:
     """Return the result with `notes` of data and search, and notes on causes, estimate and undetectable errors."""
     result, optimum, scores = evidence.result, evidence.optimum, evidence.scores
     if scores is not None and result.status in ("converged", "at_bound"):
-        result = replace(
-            result, assumed_rigid=find_rigid_parts(result, scores, scores.extended.linearisation.model.robot)
-        )
-    apart, causes = evidence.apart, explanations(evidence)
+        result = replace(result, assumed_rigid=find_rigid_parts(result, scores))
     inertias = find_border_inertias(optimum.fit.inertias, optimum.fit.parameters, optimum.end.x)
     estimate = estimate_notes(evidence)
     if evidence.is_unexplained and result.has_lone_cause:
         # A cause that explains all explains bounds and residuals, too; their own advice would be another.
         estimate = tuple(note for note in estimate if note.code not in CONSEQUENCES)
-    undetectable = (*find_undetectable_errors(result, evidence.scores), *find_elastic_base(result))
-    first = find_wrong_frequency_unit(evidence)
-    first = (*first, *scattered_ratios(evidence.uncertainty.ratios, evidence.assembly.responses))
-    return replace(
-        result, notes=(*first, *causes, *apart, *contradictions(result), *notes, *inertias, *estimate, *undetectable)
-    )
+    ratios = scattered_ratios(evidence.uncertainty.ratios, evidence.assembly.responses)
+    causes = find_wrong_frequency_unit(evidence), ratios, explanations(evidence), evidence.apart, contradictions(result)
+    undetectable = find_undetectable_errors(result, scores), find_elastic_base(result)
+    return replace(result, notes=tuple(chain.from_iterable((*causes, notes, inertias, estimate, *undetectable))))

@@ -16,6 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.execution import HERE
+from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.problem.frf_residuals import ElasticFit, Part
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares, as_real
 from elastid.fit.solve.solvers import ROUGH, trust_region
@@ -49,8 +50,6 @@ class Evaluated:
 Change: TypeAlias = Callable[[Evaluated, ComplexArray], ComplexArray]  # of arrays (..., F, n_y, n_u)
 
 STEP_STD = 0.5  # of the prior of ln p that keeps a step near, and a stiffness near its start, at residuals of a misfit
-
-STEPS = 12  # of the solver with a reading
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +89,8 @@ def thinning(fit: ElasticFit, residuals: int) -> Callable[[Part], Part]:
 
     At least 20 lines each, 5 of very many configurations: V of one by itself is judged, too.
     """
-    every, least = max(1, math.ceil(fit.n_residuals / residuals)), max(5, min(20, 1280 // max(1, len(fit.parts))))
-    return partial(_thin, every, least)
+    step, least = max(1, math.ceil(fit.n_residuals / residuals)), max(5, min(20, 1280 // max(1, len(fit.parts))))
+    return partial(_thin, step, least)
 
 
 def _thin(step: int, least: int, part: Part) -> Part:
@@ -108,8 +107,8 @@ def evaluate(fit: ElasticFit, x: FloatArray) -> list[Evaluated]:
     evaluated = []
     for part in (part for part in fit.parts if part.n_residuals):
         G, slopes = part.columns.evaluate(part.theta(fit.parameters, x))
-        chain = fit.parameters.jacobian(x, part.configuration)[part.kernel.places]
-        evaluated.append(Evaluated(part, part.mixing, G, np.tensordot(chain.T, slopes, axes=1)))
+        free = np.tensordot(part.chain(fit.parameters, x).T, slopes, axes=1)
+        evaluated.append(Evaluated(part, part.mixing, G, free))
     return evaluated
 
 
@@ -127,7 +126,7 @@ def squares(evaluated: Sequence[Evaluated]) -> list[float]:
 
 
 def predict(
-    misreading: Misreading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray
+    misreading: Misreading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray | bool = True
 ) -> tuple[float, FloatArray]:
     """Return V after one Gauss-Newton step (n_x,) of the free parameters, and that; prior (n_x,): 1 / s of theirs."""
     V, b, A = _normal_equations(misreading, evaluated, prior, free)
@@ -137,29 +136,31 @@ def predict(
 
 
 def _normal_equations(
-    misreading: Misreading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray
+    misreading: Misreading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray | bool
 ) -> tuple[float, FloatArray, FloatArray]:
     """Return V, J^T r (n_x,) and J^T J (n_x, n_x) of a misreading, its priors centred on its present value."""
     V, b, A = 0.0, np.zeros(len(prior)), np.diag(prior**2)
     for i, measured in enumerate(evaluated):
         model = evaluated[misreading.order[i]] if misreading.order else measured
         changed = replace(measured, G=misreading.change(measured, model.G))
-        r, J = changed.residual, -changed.whitened(misreading.change(measured, model.free)) * free[:, None]
+        r, J = changed.residual, -changed.whitened(misreading.change(measured, model.free)) * np.reshape(free, (-1, 1))
         V, b, A = V + float(r @ r), b + J @ r, A + J @ J.T
     return V, b, A
 
 
-def settle(misreading: Misreading, fit: ElasticFit, x: FloatArray, free: BoolArray) -> tuple[float, FloatArray]:
+def settle(
+    misreading: Misreading, fit: ElasticFit, x: FloatArray, free: BoolArray | bool = True
+) -> tuple[float, FloatArray]:
     """Return V and x (n_x,) of an optimum that the solver reaches from x, of the logarithms first."""
 
     def evaluation(problem: ElasticFit, x: FloatArray) -> Evaluation:
-        V, b, A = _normal_equations(misreading, evaluate(problem, x), fit.prior_slopes, free)
+        V, b, A = _normal_equations(misreading, evaluate(problem, x), fit.parameters.prior_slopes, free)
         return Evaluation(V, 2 * b, 2 * A)
 
-    V = math.inf
+    V, fixed = math.inf, np.logical_not(np.broadcast_to(free, len(x)))
     for problem in (replace(fit, parts=tuple(map(logarithmic, fit.parts))), fit):
         at = partial(evaluation, problem)
-        end = trust_region(LeastSquares(fit.parameters, fit.n_residuals, at), x, at(x), ROUGH, STEPS, ~free)
+        end = trust_region(LeastSquares(fit.parameters, fit.n_residuals, at), x, at(x), ROUGH, LIMITS.iterations, fixed)
         V, x = end.evaluation.cost, end.x
     return V, x
 

@@ -93,7 +93,10 @@ class ScoreTest:
             return np.zeros(len(D)), 0.0
         along = places[np.argmax(D != 0, axis=0)]  # the first number of each direction
         steps = D[:, 0] * (-g[0] / S[0, 0]) if len(g) == 1 else D @ self._bounded(along, S, g)
-        steps = steps * self._plausible(candidate, steps)
+        # The fraction of the steps that stays within all limits.
+        pairs = [(step, self.numbers[i]) for step, i in zip(steps, places, strict=True) if step != 0]
+        parts = ((number.upper if step > 0 else -number.lower) / abs(step) for step, number in pairs)
+        steps = steps * max(min([1.0, *parts]), 0.0)
         return steps, max(float(-steps @ (2 * self.g[places] + self.S[np.ix_(places, places)] @ steps)), 0.0)
 
     def most(self, candidate: Candidate) -> float:
@@ -151,12 +154,6 @@ class ScoreTest:
         """Return S (n_d, n_d) and g (n_d,) along the directions of a candidate."""
         D, places = candidate.directions, candidate.places
         return D.T @ self.S[np.ix_(places, places)] @ D, D.T @ self.g[places]
-
-    def _plausible(self, candidate: Candidate, steps: FloatArray) -> float:
-        """Return the fraction of the steps that stays within all limits, at most 1."""
-        pairs = [(step, self.numbers[i]) for step, i in zip(steps, candidate.places, strict=True) if step != 0]
-        parts = ((number.upper if step > 0 else -number.lower) / abs(step) for step, number in pairs)
-        return float(max(min([1.0, *parts]), 0.0))
 
 
 def free_drop(A: FloatArray, b: FloatArray, free: BoolArray) -> float:

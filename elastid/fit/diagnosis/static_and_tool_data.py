@@ -20,7 +20,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, laplace_variable
 from elastid.base.errors import FitError
-from elastid.base.statistics import chi_square_limit
+from elastid.base.statistics import FALSE_ALARM_RATE, chi_square_limit, max_cost_ratio
 from elastid.covariance import scaled
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.refit import evaluate
@@ -29,7 +29,6 @@ from elastid.fit.load_tests import Agreement, LoadReading, StaticAgreement, Tool
 from elastid.fit.problem.frf_residuals import ElasticFit, Part
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.problem.static_loads import StaticLoads
-from elastid.fit.residual_test import max_cost_ratio
 from elastid.fit.result import Result
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.parameters import Parameter, Parameters
@@ -40,8 +39,8 @@ _UNKNOWN = (
     "check location, direction, sign, unit and std of the largest residual, the angles, and the state of the motors "
     "(no single cause explains it; a gear with friction or backlash has another stiffness for small motions)"
 )
-# r (n,) and its slopes (n, n_z) at x (n_x,) along a root of C, with a factor 1 + c, None without one, by parts.
-Residuals: TypeAlias = Callable[[FloatArray, FloatArray, float | None], Iterable[tuple[FloatArray, FloatArray]]]
+# r (n,) and its slopes (n, n_z + 1) at x (n_x,) along a root of C, and to c of a factor 1 + c, by parts.
+Residuals: TypeAlias = Callable[[FloatArray, FloatArray, float], Iterable[tuple[FloatArray, FloatArray]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,13 +78,14 @@ class SecondSource:
         return end.cost, float(end.x[-1]), float(std)
 
     def _at(self, z: FloatArray) -> Evaluation:
-        """Evaluate T and its derivatives at z (n,)."""
+        """Evaluate T and its derivatives at z (n,), or at z and c (n + 1,)."""
         n = self.root.shape[1]
         x, prior = self.x + self.root @ z[:n], np.where(np.arange(len(z)) < n, z, 0.0)
         cost, gradient, H = float(prior @ prior), prior, np.diag(np.where(np.arange(len(z)) < n, 1.0, 0.0))
         with np.errstate(all="ignore"):
             try:
-                for r, J in self.residuals(x, self.root, float(z[-1]) if len(z) > n else None):
+                for r, every_slope in self.residuals(x, self.root, float(z[n:].sum())):
+                    J = every_slope[:, : len(z)]
                     cost, gradient, H = cost + float(r @ r), gradient + J.T @ r, H + J.T @ J
             except np.linalg.LinAlgError:  # no robot stands there
                 cost = np.inf
@@ -98,7 +98,7 @@ def agreement(now: SecondSource, alone: Result) -> tuple[Agreement, float]:
     scale = alone.inflation_factor**2 if alone.exceeds_noise else 1.0
     dof, T = now.n_residuals, now.least()[0]
     least, by, std = now.least(with_factor=True)
-    is_other_size = by**2 > scale * chi_square_limit(1, LIMITS.tail) * std**2
+    is_other_size = by**2 > scale * chi_square_limit(1, FALSE_ALARM_RATE) * std**2
     is_beyond = scale * dof * max_cost_ratio(dof) < T or is_other_size
     ratio = (1 + by, std) if np.isfinite(std) else (np.nan, std)
     return Agreement(*ratio, T, dof, _UNKNOWN if is_beyond else ""), least if explains(now, T, least) else np.inf
@@ -110,23 +110,22 @@ def explains(now: SecondSource, T: float, least: float) -> bool:
 
 
 def _residuals(
-    loads: StaticLoads, parameters: Parameters, x: FloatArray, root: FloatArray, factor: float | None
+    loads: StaticLoads, parameters: Parameters, x: FloatArray, root: FloatArray, c: float
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Return whitened residuals (n,) and their slopes."""
+    """Yield whitened residuals (n,) and their slopes."""
     y, slopes = loads.predicted(parameters, x)
-    J = slopes @ root
-    if factor is not None:
-        y, J = (1 + factor) * y, np.column_stack([(1 + factor) * J, y])
-    yield (loads.measured - y) / loads.std, -J / loads.std[:, None]
+    J = np.column_stack([(1 + c) * (slopes @ root), y])
+    yield (loads.measured - (1 + c) * y) / loads.std, -J / loads.std[:, None]
 
 
 def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
-    """Load tests next to the deflections of `alone`, the fit of the responses without them."""
+    """Compare load tests with the deflections of `alone`, the fit of the responses without them."""
     now = SecondSource.of(alone, partial(_residuals, loads, alone.parameters), loads.n_residuals)
-    compared, least = agreement(now, alone)
-    if compared.disagrees and np.isfinite(least):
-        why = "stiffer under static load (gear friction)" if compared.ratio < 1 else "softer (gear hysteresis)"
-        compared = replace(compared, cause=f"check the scales of loads and gauge; if correct, all springs are {why}")
+    comparison, least = agreement(now, alone)
+    if comparison.disagrees and np.isfinite(least):
+        why = "stiffer under static load (gear friction)" if comparison.ratio < 1 else "softer (gear hysteresis)"
+        cause = f"check the scales of loads and gauge; if correct, all springs are {why}"
+        comparison = replace(comparison, cause=cause)
     predicted, slopes = loads.predicted(alone.parameters, alone.x)
     rows = [row for load in loads.robot.loads for row in load.directions.tolist()]
     by_responses_std = np.linalg.norm(slopes @ now.root, axis=1)
@@ -135,19 +134,17 @@ def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
         LoadReading(loads.robot.loads[i].configuration.name, loads.robot.loads[i].read_at, (x, y, z), *row)
         for i, (x, y, z), row in zip(loads.owners, rows, numbers, strict=True)
     )
-    return StaticAgreement(**vars(compared), readings=readings)
+    return StaticAgreement(**vars(comparison), readings=readings)
 
 
 def _tool_residuals(
-    fit: ElasticFit, x: FloatArray, root: FloatArray, factor: float | None
+    fit: ElasticFit, x: FloatArray, root: FloatArray, c: float
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Return whitened residuals (N,) of each response and their slopes (N, n)."""
+    """Yield whitened residuals (N,) of each response and their slopes (N, n)."""
     for model in evaluate(fit, x):
-        slopes = np.tensordot(root.T, model.free, axes=1)
-        if factor is not None:
-            slopes = np.concatenate([(1 + factor) * slopes, model.G[None]])
-            model = replace(model, G=(1 + factor) * model.G)
-        yield model.residual, -model.whitened(slopes).T
+        slopes = np.concatenate([(1 + c) * np.tensordot(root.T, model.free, axes=1), model.G[None]])
+        with_factor = replace(model, G=(1 + c) * model.G)
+        yield with_factor.residual, -with_factor.whitened(slopes).T
 
 
 def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:
@@ -156,8 +153,8 @@ def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:
     result, with_factor = agreement(now, alone)
     is_misread = False
     if result.disagrees:
-        others = [(_source(replace(assembly, responses=read).with_model_error(alone.model_error), alone)[1], words)
-                  for read, words in _tool_readings(assembly.responses)]  # fmt: skip
+        others = [(_source(replace(assembly, responses=readings).with_model_error(alone.model_error), alone)[1], words)
+                  for readings, words in _tool_readings(assembly.responses)]  # fmt: skip
         least, misreading = min(((trial.least()[0], words) for trial, words in others), key=lambda trial: trial[0])
         is_misread = explains(now, result.chi_square, least)
         if with_factor < least and abs(result.ratio - 1) < LIMITS.largest:
@@ -167,8 +164,8 @@ def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:
             )  # fmt: skip
             result = replace(result, cause=misreading)
         result = replace(result, cause=misreading if is_misread else result.cause)
-    compared = tuple(_compared(G, part, fit, alone.x) for G, part in zip(assembly.responses, fit.parts, strict=True))
-    return ToolAgreement(**vars(result), responses=compared, is_misread=is_misread)
+    comparison = tuple(_compared(G, part, fit, alone.x) for G, part in zip(assembly.responses, fit.parts, strict=True))
+    return ToolAgreement(**vars(result), responses=comparison, is_misread=is_misread)
 
 
 def _source(assembly: Assembly, alone: Result) -> tuple[ElasticFit, SecondSource]:
@@ -184,21 +181,21 @@ def _compared(response: Response, part: Part, fit: ElasticFit, x: FloatArray) ->
 
 
 def _tool_readings(responses: Sequence[Response]) -> Iterator[tuple[tuple[Response, ...], str]]:
-    def turned(sign: float, power: int) -> tuple[Response, ...]:
-        every = []
+    def reading(sign: float, power: int) -> tuple[Response, ...]:
+        readings = []
         for G in responses:
             s = laplace_variable(G.freq_hz[:, None, None])
             noise, total = (scaled(part, np.abs(s) ** (2 * power)) for part in (G.noise, G.total))
-            every.append(replace(G, G=sign * G.G * s**power, noise=noise, total=total))
-        return tuple(every)
+            readings.append(replace(G, G=sign * G.G * s**power, noise=noise, total=total))
+        return tuple(readings)
 
-    yield turned(-1.0, 0), "reverse the sign of force or motion: they have opposite signs"
+    yield reading(-1.0, 0), "reverse the sign of force or motion: they have opposite signs"
     orders = {order: name for name, order in MOTION_ORDER.items()}
     for power in (-2, -1, 1, 2):
         stated = {MOTION_ORDER[G.quantity] for G in responses}
         if len(stated) == 1 and (quantity := orders.get(min(stated) - power)):
             yield (
-                turned(1.0, power),
+                reading(1.0, power),
                 f"correct the quantity: the file has the {quantity}, not the {orders[min(stated)]}",
             )
     moves = any(place.startswith("motor ") for G in responses for place in G.outputs)

@@ -30,7 +30,7 @@ from elastid.fit.diagnosis.cause_notes import fault, phrase
 from elastid.fit.diagnosis.estimate_notes import contradictions, is_weak, listed
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.priors import contradicted_priors, contradicted_tolerances, prior_moves
+from elastid.fit.diagnosis.priors import contradicted_priors, contradicted_tolerances
 from elastid.fit.result import Result
 from elastid.fit.result_rows import ModificationIndex
 from elastid.fit.solve.solvers import DAMPING_UNITS
@@ -47,24 +47,24 @@ def with_status(evidence: Evidence) -> Result:
     bound_text = f" with {listed(free, result.at_bound)} at a bound" if result.at_bound.any() else ""
     explained = f"the model explains {percent(max(evidence.explained, 0.0))} of the measured responses"
 
-    def ended(status: Status, message: str) -> Result:
+    def conclude(status: Status, message: str) -> Result:
         return replace(result, status=status, message=f"{message}. {capital(result.residual_test)}; {starts}")
 
     misread = {SCALE, *(h.family for h in evidence.hypotheses if h.changes is not None)}
     readings = [index for index in result.indices if index.place and index.group in misread]
     if evidence.is_suspect and readings:
-        return ended("model_error", f"{explained}. {capital(fault(readings[0], evidence))}")
+        return conclude("model_error", f"{explained}. {capital(fault(readings[0], evidence))}")
     too_large = result.inflation_factor > LARGE or not result.noise_is_known
     if too_large and evidence.explained < LIMITS.majority_fraction:
-        return ended("model_error", f"{explained}. Check channels, gear ratios, bounds and the robot model")
+        return conclude("model_error", f"{explained}. Check channels, gear ratios, bounds and the robot model")
     if not end.converged:
-        return ended("not_converged", f"the search stopped before an optimum ({end.message})")
+        return conclude("not_converged", f"the search stopped before an optimum ({end.message})")
     if unreached.any():
-        return ended("ill_conditioned", f"not identifiable: a combination of {listed(free, unreached)}")
+        return conclude("ill_conditioned", f"not identifiable: a combination of {listed(free, unreached)}")
     logarithmic = [p.name for p in result.parameters.of_interest if p.log]
     if logarithmic and all(is_weak(result, name) for name in logarithmic):
         text = f"the std of every parameter is above {percent(LIMITS.stiffness_std)} of its estimate"
-        return ended("ill_conditioned", f"{text}. Check the channels of each file, and the noise of the responses")
+        return conclude("ill_conditioned", f"{text}. Check the channels of each file, and the noise of the responses")
     result = replace(result, verdicts=_verdicts(evidence))
     by_blocks, cause = _by_blocks(evidence), evidence.cause
     if by_blocks and cause is not None and cause.explained_fraction >= LIMITS.min_cause_fraction:
@@ -75,11 +75,11 @@ def with_status(evidence: Evidence) -> Result:
         contradicted = _by_prior(evidence) or next((note.text for note in contradictions(result)), "")
         misfit = by_blocks or misfit or contradicted
     if misfit:
-        return ended("misfit", f"{misfit}{bound_text and f'. The fit ended{bound_text}'}")
+        return conclude("misfit", f"{misfit}{bound_text and f'. The fit ended{bound_text}'}")
     biased = [name for name, verdict in zip(free, result.verdicts, strict=False) if verdict.startswith(BIASED)]
     but = f", but {', '.join(biased)} biased" if biased else ""
     good: Status = "converged" if result.noise_is_known else "noise_unknown"
-    return ended("at_bound" if bound_text else good, f"converged{bound_text}{but}")
+    return conclude("at_bound" if bound_text else good, f"converged{bound_text}{but}")
 
 
 def _verdicts(evidence: Evidence) -> tuple[str, ...]:
@@ -162,7 +162,7 @@ def decisive_index(
 
 
 def _blocks_disagree(evidence: Evidence) -> bool:
-    """True if configurations and bands disagree about the parameters by more than noise and model error together."""
+    """Return True if configurations and bands disagree about the parameters by more than noise and model error."""
     result = evidence.result
     excess = result.cost / result.cost_expected
     is_structured = evidence.uncertainty.disagreement > max(LIMITS.disagreement, LIMITS.structure * excess)
@@ -205,7 +205,7 @@ def _beyond_declared(evidence: Evidence) -> str:
 
 def _by_prior(evidence: Evidence) -> str:
     result = evidence.result
-    if np.abs(prior_moves(result)).max() <= LIMITS.prior:
+    if np.abs(result.parameters.priors(result.x)[0]).max() <= LIMITS.prior:
         return ""
     if evidence.cause is not None:
         return fault(evidence.cause, evidence)

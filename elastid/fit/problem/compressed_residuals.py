@@ -46,7 +46,7 @@ class LineResiduals(NamedTuple):
     slope: ComplexArray | None = None
 
 
-class LineSums(NamedTuple):
+class BlockSums(NamedTuple):
     """Sums of a block of lines, columns U (F, n_e, n_b), s = j omega, residuals r = q - R g of its elements.
 
     cost: sum |r|^2.  pulled (3, n_b): sum over lines of s^p r^H R diag(slope) U, p = 0, 1, 2.
@@ -65,7 +65,7 @@ class Full:
 
     R: ComplexArray | FloatArray
 
-    def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> LineSums:
+    def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> BlockSums:
         """Return the sums of a block of lines. precision: data type of the moments."""
         R, slope = self.R[part.block], e.slope
         r = e.q if e.G is None else e.q - _times(R, e.G[:, :, None])[:, :, 0]
@@ -79,7 +79,7 @@ class Full:
         powers = (part.omega ** np.arange(5)[:, None]).astype(V.real.dtype)
         sums = (powers @ gram.reshape(len(V), -1).view(powers.dtype)).view(V.dtype).reshape(5, *gram.shape[1:])
         moments = np.stack([m.imag if p % 2 else m.real for p, m in enumerate(sums)]).astype(np.float64)
-        return LineSums(float(np.vdot(r, r).real), part.pull(weight), moments)
+        return BlockSums(float(np.vdot(r, r).real), part.pull(weight), moments)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ class Packed:
         parts = np.stack([filled.real, filled.imag], axis=2).reshape(-1, BATCH, n_r, 2)
         return cls(np.ascontiguousarray(parts.transpose(0, 2, 3, 1)))
 
-    def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> LineSums:
+    def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> BlockSums:
         """Return the sums of `Full.sums`; callable only where the kernels are built."""
         (F, n_y, _), n_u, (n_b, n_e) = part.left.shape, part.right.shape[1], (len(scale), len(part.outputs))
         n_1, (_, n_2, r, _) = len(part.sign), part.S.shape
@@ -115,7 +115,7 @@ class Packed:
         name = "sums_float" if precision is np.float32 else "sums_double"
         call(name, *sizes, *columns, *residuals, *weights, cost, weight, pulled, between, moments)
         pulled[:, n_1 : n_1 + n_2] = part.pulled_by(between)
-        return LineSums(float(cost[0]), pulled, moments)
+        return BlockSums(float(cost[0]), pulled, moments)
 
 
 def _times(R: npt.NDArray[np.inexact[Any]], U: Complex) -> Complex:
@@ -148,7 +148,7 @@ class CompressedResiduals(Kept):
         return form == (True, other.criterion, len(other.elements[0])) and all(are_same)
 
     @property
-    def worked_out(self) -> "CompressedResiduals":
+    def without_whitening(self) -> "CompressedResiduals":
         """Residuals without the whitening, where that is not needed again."""
         if self.criterion != "complex":
             return self

@@ -13,7 +13,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import chain
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -24,7 +24,6 @@ from elastid.base.workers import Kept
 from elastid.fit.problem.compressed_residuals import CompressedResiduals, NormalEquations
 from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares, ResidualKind, difference, error_gain
-from elastid.fit.problem.static_loads import StaticLoads
 from elastid.fit.problem.weights import Weights, Whitening
 from elastid.linear.linear_model import LinearModel, is_load
 from elastid.linear.linearise import Linearisation
@@ -35,6 +34,9 @@ from elastid.linear.response.transfer import zoh_aliases
 from elastid.parameters import Parameters
 from elastid.record import REFERENCE
 from elastid.response import Response
+
+if TYPE_CHECKING:
+    from elastid.fit.problem.static_loads import StaticLoads  # of studies with load tests
 
 # Configurations of a chunk.
 CHUNK = 4
@@ -106,7 +108,7 @@ class Part(Kept):
     @property
     def for_sums(self) -> "Part":
         """The part for `normal` alone, without the covariances of its lines, most of its numbers."""
-        residuals = self.normal.residuals.worked_out
+        residuals = self.normal.residuals.without_whitening
         return replace(self, whitening=residuals.whitening, compressed=residuals)
 
     def linearised(self, model: LinearModel, parameters: Parameters) -> "Part":
@@ -191,7 +193,7 @@ class ElasticFit:
     parameters: Parameters
     parts: tuple[Part, ...]
     inertias: tuple[BodyInertia, ...] = ()
-    loads: StaticLoads | None = None
+    loads: "StaticLoads | None" = None
     home: Execution = HERE
 
     def evaluated_by(self, execution: Execution) -> Execution:
@@ -217,7 +219,7 @@ class ElasticFit:
             r, J = self.static(x)
         except np.linalg.LinAlgError:
             return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
-        distance, slope = self.priors(x)
+        distance, slope = self.parameters.priors(x)
         b, b_slope, b_curvature = barrier(self.inertias, self.parameters, x)
         V, g, A = V + float(r @ r) + float(distance @ distance), g + J.T @ r + slope * distance, A + J.T @ J
         return Evaluation(V + b, 2 * g + b_slope, 2 * (A + np.diag(slope**2)) + b_curvature)
@@ -238,7 +240,7 @@ class ElasticFit:
         return self.loads.residual(self.parameters, x)
 
     def blocks(self, x: FloatArray) -> Iterator[tuple[ComplexArray, ComplexArray]]:
-        """Return the whitened r (F, n_y, n_u) and dr/dx (n_x, F, n_y, n_u), configuration by configuration."""
+        """Yield the whitened r (F, n_y, n_u) and dr/dx (n_x, F, n_y, n_u), configuration by configuration."""
         return (self.block(part, x, part.mixing) for part in self.parts)
 
     def block(self, part: Part, x: FloatArray, mixing: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
@@ -246,17 +248,6 @@ class ElasticFit:
         G, dG = part.columns.evaluate(part.theta(self.parameters, x))
         dr = part.slopes(G, dG, mixing)
         return part.residual(G, mixing), np.tensordot(part.chain(self.parameters, x).T, dr, axes=1)
-
-    @property
-    def prior_slopes(self) -> FloatArray:
-        """1 / s (n_x,) of the priors, zero where nothing is known beforehand."""
-        return np.array([0.0 if p.prior is None else 1 / p.prior.std for p in self.parameters.free])
-
-    def priors(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return (x - m) / s and 1 / s (n_x,), zero where nothing is known beforehand."""
-        mean = [0.0 if p.prior is None else p.to_x(p.prior.mean) for p in self.parameters.free]
-        slope = self.prior_slopes
-        return (x - np.array(mean)) * slope, slope
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,9 +323,9 @@ def at_measured_places(model: LinearModel, response: Response | LinearModel) -> 
         *(name for name in response.inputs if is_load(name) and moved_by(name) in model.outputs),
     )
     places = (("input", response.inputs, known_inputs), ("output", response.outputs, model.outputs))
-    for kind, wanted, modelled in places:
-        if unknown := ", ".join(name for name in wanted if name not in modelled):
-            text = f"the model has no {kind} {unknown}; there are {', '.join(modelled) or 'none'}"
+    for kind, names, options in places:
+        if unknown := ", ".join(name for name in names if name not in options):
+            text = f"the model has no {kind} {unknown}; there are {', '.join(options) or 'none'}"
             raise DataError("fit/responses", text, f"configuration {response.configuration.name}")
     if loads and model.inputs != response.inputs:
         model = acted_on(model, Ports.at_frames(model, response.inputs), response.motors, response.loop)

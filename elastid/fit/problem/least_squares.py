@@ -47,9 +47,8 @@ class LeastSquares:
 
     @property
     def dof(self) -> int:
-        """Degrees of freedom, the expected V."""
-        priors = sum(parameter.prior is not None for parameter in self.parameters.free)
-        return self.n_residuals + priors - len(self.parameters.free)
+        """Degrees of freedom, the expected V: residuals and priors less parameters."""
+        return self.n_residuals - int(np.count_nonzero(self.parameters.prior_slopes == 0))
 
 
 ResidualKind: TypeAlias = Literal["complex", "log"]

@@ -45,18 +45,17 @@ from elastid.record import MOTION_ORDER, Motion
 from elastid.response import Covariance, Response
 
 MOTIONS = 3  # white position, velocity and acceleration
-MIN_GAIN = 1e-300  # divisor of an output that no input moves
 MIN_VARIANCE_SHARE = 1e-9  # of an output, in the mean, added to the diagonal: a model of exact data is regular
 
 
 @dataclass(frozen=True)
 class NoiseShapes:
-    """The shapes along frequency of a response's noise: own (p, F, n_y) of its outputs, torque (q, F) of its inputs.
+    """The shapes along frequency of a response's noise: output (p, F, n_y) of its outputs, torque (q, F) of its inputs.
 
     G (F, n_y, n_u): how torque reaches the outputs.
     """
 
-    own: FloatArray
+    output: FloatArray
     torque: FloatArray
     G: ComplexArray
 
@@ -66,16 +65,16 @@ class NoiseShapes:
         f = np.maximum(freq_hz, freq_hz[freq_hz > 0].min()) / freq_hz.max()
         motion = np.stack([f ** (2 * MOTION_ORDER[quantity] - 2.0 * order) for order in range(MOTIONS)])
         gain = np.linalg.norm(G, axis=2)
-        gain = gain / np.maximum(gain.max(axis=0), MIN_GAIN)
-        own = np.concatenate([np.repeat(motion[:, :, None], gain.shape[1], axis=2), np.stack([gain, gain**2])])
+        gain = gain / np.maximum(gain.max(axis=0), 1e-300)
+        output = np.concatenate([np.repeat(motion[:, :, None], gain.shape[1], axis=2), np.stack([gain, gain**2])])
         torque = [np.ones_like(f), f**-2.0]
         if weakness is not None and np.all(weakness > 0):
             torque.append(weakness.mean() / weakness)
-        return cls(own, np.stack(torque), G)
+        return cls(output, np.stack(torque), G)
 
     def on(self, lines: BoolArray) -> "NoiseShapes":
         """Return the shapes on some lines; lines (F,) is True where a line stays."""
-        return NoiseShapes(self.own[:, lines], self.torque[:, lines], self.G[lines])
+        return NoiseShapes(self.output[:, lines], self.torque[:, lines], self.G[lines])
 
 
 def noise_model(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
@@ -85,7 +84,7 @@ def noise_model(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
     The variance components of every second line follow from the other lines, so that C does not depend on the line's
     own S; fewer than 16 lines are not divided.
     """
-    models = [_across_lines(S, each) for each in (replace(shapes, own=shapes.own[:MOTIONS]), shapes)]
+    models = [_across_lines(S, each) for each in (replace(shapes, output=shapes.output[:MOTIONS]), shapes)]
     return max(models, key=lambda C: -float(np.sum(np.linalg.slogdet(C)[1]) + np.sum(np.linalg.inv(C).mT * S).real))
 
 
@@ -109,7 +108,7 @@ def _levels(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], Com
     scale = np.sqrt(variance)
     S, g = np.asarray(S / np.outer(scale, scale), np.complex128), shapes.G / scale[:, None]
     floor = MIN_VARIANCE_SHARE * np.eye(n_y)
-    a = 1 / np.maximum(shapes.own.mean(axis=1), MIN_GAIN) / (2 * len(shapes.own))
+    a = 1 / np.maximum(shapes.output.mean(axis=1), 1e-300) / (2 * len(shapes.output))
     b = quotient(F * n_y / (2 * n_u * len(shapes.torque)), np.einsum("qf,fij->qj", shapes.torque, np.abs(g) ** 2))
     for _ in range(30):
         W = inverse(_sum(a, b, shapes, g) + floor)
@@ -127,13 +126,13 @@ def _sum(a: FloatArray, b: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> 
     """Return sum theta Q (F, n_y, n_y); a (p, n_y), b (q, n_u)."""
     C = (g * (shapes.torque.T @ b)[:, None, :]) @ g.mT.conj()
     diagonal = np.arange(g.shape[1])
-    C[:, diagonal, diagonal] += np.einsum("pfa,pa->fa", shapes.own, a)
+    C[:, diagonal, diagonal] += np.einsum("pfa,pa->fa", shapes.output, a)
     return C
 
 
 def _powers(W: ComplexArray, w: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> tuple[FloatArray, FloatArray]:
     """Return sum_k w_k tr(Q W) of W (m, F, n_y, n_y), for noise of outputs (m, p, n_y) and torques (m, q, n_u)."""
-    motion = np.einsum("pfa,mfa->mpa", shapes.own, np.einsum("mfaa->mfa", W).real * w[:, None])
+    motion = np.einsum("pfa,mfa->mpa", shapes.output, np.einsum("mfaa->mfa", W).real * w[:, None])
     return motion, (shapes.torque * w) @ np.einsum("fij,mfij->mfj", g.conj(), W @ g).real
 
 
@@ -142,28 +141,19 @@ class SmoothedNoise(Kept):
     """Sample covariance (measured) and covariance smoothed over neighbouring lines, for unbiased weights 1 / v.
 
     Both in the same form: matrices of all elements are computed when needed and not stored.
-    own_variance, own_matrix (F,): kappa, how much of variance and matrix is the line's own (`smooth_covariance`).
+    variance_influence, matrix_influence (F,): kappa, how much of variance and matrix a line itself makes
+    (`smooth_covariance`).
     """
 
     measured: Covariance
     smooth: Covariance
-    own_variance: FloatArray
-    own_matrix: FloatArray
+    variance_influence: FloatArray
+    matrix_influence: FloatArray
 
     @property
     def variance(self) -> FloatArray:
         """The smooth variance v~ (F, n_y, n_u)."""
         return self.smooth.variance
-
-    @property
-    def is_diagonal(self) -> bool:
-        """True if variances alone are known."""
-        return self.smooth.form == "diagonal"
-
-    @property
-    def covariance(self) -> ComplexArray:
-        """The smooth covariance of vec G (F, n_y n_u, n_y n_u), diagonal where variances alone are known."""
-        return self.smooth.full()
 
     @property
     def repeats(self) -> float:
@@ -318,18 +308,19 @@ def _for_weights(variance: FloatArray, dof: float, width: int) -> FloatArray:
 
 
 def smooth_variance(variance: FloatArray, G: ComplexArray, dof: float) -> tuple[FloatArray, FloatArray]:
-    r"""Sample variances (F, ...) of elements as `smooth_covariance` smooths them, and kappa of each; zeros stay zeros.
+    r"""Smooth sample variances (F, ...) of elements as `smooth_covariance` does; return them and kappa of each.
 
     The model of the noise is |G|^{2 a}, its exponent a in [0, 1] found by regression: 0 where noise ignores the
-    resonances, 1 where it follows them.  A line of zero variance takes its neighbours'.
+    resonances, 1 where it follows them.  A line of zero variance takes its neighbours'; an element without variance
+    has none.
     """
     positive = np.any(variance > 0, axis=0)
     variances = np.apply_along_axis(without_gaps, 0, np.where(positive, variance, 1.0))
     power, width = np.abs(G) ** 2, min(_width(1, dof), len(G))
-    followed = np.log(np.maximum(power, np.maximum(1e-30 * power.max(axis=0), 1e-300)))
-    rough, wanted = (log - moving_mean(log, width) for log in (followed, np.log(variances)))
-    a = np.sum(rough * wanted, axis=0) / np.maximum(np.sum(rough**2, axis=0), 1e-300)
-    model = np.exp(np.clip(a, 0.0, 1.0) * (followed - followed.mean(axis=0)))
+    log_power = np.log(np.maximum(power, np.maximum(1e-30 * power.max(axis=0), 1e-300)))
+    rough_power, log_variance = (log - moving_mean(log, width) for log in (log_power, np.log(variances)))
+    a = np.sum(rough_power * log_variance, axis=0) / np.maximum(np.sum(rough_power**2, axis=0), 1e-300)
+    model = np.exp(np.clip(a, 0.0, 1.0) * (log_power - log_power.mean(axis=0)))
     smooth = model * _for_weights(variances / model, dof, width)
     filled = np.mean(variance / smooth, axis=0) / width
     return np.where(positive, smooth, 0.0), np.where(positive, filled / np.maximum(1 - filled / dof, 0.1), 0.0)

@@ -34,7 +34,7 @@ class PlacedTest:
 
 def placed_tests(tests: Sequence[LoadTest], configurations: Mapping[str, Configuration]) -> tuple[PlacedTest, ...]:
     """Return the tests in their postures; StudyError for a configuration that is not there."""
-    every = []
+    places = []
     for test in tests:
         if test.angles is not None:
             where = Configuration("load test", np.asarray(test.angles, dtype=float))
@@ -43,8 +43,8 @@ def placed_tests(tests: Sequence[LoadTest], configurations: Mapping[str, Configu
         else:
             advice = did_you_mean(test.configuration, configurations)
             raise StudyError("study/invalid", f"no configuration is called {test.configuration}; {advice}", "loads")
-        every.append(PlacedTest(test, where))
-    return tuple(every)
+        places.append(PlacedTest(test, where))
+    return tuple(places)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,13 @@ class StaticLoads:
     @classmethod
     def of(cls, tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: Parameters) -> "StaticLoads":
         """Return the loads of a robot at the start of the parameters; StudyError for an unknown frame, or no rest."""
-        loaded = loaded_robot(tests, robot, model, parameters, parameters.x)
+        loads = tuple(load_of(load, robot) for load in tests)
+        framed = with_frames(robot, (name for load in loads for name in (load.frame, load.read_at)))
+        equations = formulate(framed, model, tuple(name for name in robot.on_demand if name in parameters.names))
+        names = [load.configuration.name for load in loads]
+        dependent = {name for where in names for name in parameters.dependent_names(where)}
+        theta = [parameters.expand(parameters.x, where)[:-1] for where in names]
+        loaded = LoadedRobot.of(equations, loads, theta, tuple(dependent))
         load_tests = tuple(load.test for load in tests)
         readings = ([test.measured for test in load_tests], [test.deviations for test in load_tests])
         return cls(load_tests, loaded, *map(np.concatenate, readings))
@@ -89,18 +95,6 @@ class StaticLoads:
     def drawn(self, deflections: FloatArray, rng: np.random.Generator) -> "StaticLoads":
         """Return the loads with measurements (n,) about a model's deflections."""
         return replace(self, measured=deflections + self.std * rng.standard_normal(len(deflections)))
-
-
-def loaded_robot(
-    tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: Parameters, x: FloatArray
-) -> LoadedRobot:
-    """Return the robot at x (n_x,) under the loads of the tests, with slopes with respect to its parameters."""
-    loads = tuple(load_of(load, robot) for load in tests)
-    framed = with_frames(robot, (name for load in loads for name in (load.frame, load.read_at)))
-    equations = formulate(framed, model, tuple(name for name in robot.on_demand if name in parameters.names))
-    names = [load.configuration.name for load in loads]
-    dependent = {name for where in names for name in parameters.dependent_names(where)}
-    return LoadedRobot.of(equations, loads, [parameters.expand(x, where)[:-1] for where in names], tuple(dependent))
 
 
 def load_of(placed_test: PlacedTest, robot: Robot) -> Load:

@@ -51,35 +51,30 @@ def ratio_errors(
     J_j, f_j: of the motor at theta (n_theta,), which the ratio of the file refers to the link side as the angles; o: of
     the derivative of the motion.  They widen intervals and are not estimated (`fit.gear_ratios`).
     """
-    errors, s = dict[str, ComplexArray](), laplace_variable(response.freq_hz)
-    late = np.exp(s * sum(parameter_value(part.kernel.model, theta, name) for name in ("delay", "delay_u")))
+    errors, s, model = dict[str, ComplexArray](), laplace_variable(response.freq_hz), part.kernel.model
+    late = np.exp(s * sum(model.number(theta, name, absent=0.0) for name in ("delay", "delay_u")))
     G = part.kernel.response(theta)  # noise of the measured one would be correlated with the residuals
     for j, std in enumerate(response.ratio_std.tolist()):
         if std > 0 and response.inputs[j] in response.outputs:
             i, error = response.outputs.index(response.inputs[j]), np.zeros_like(G)
             error[:, i] += std * G[:, i]
             error[:, :, j] += std * G[:, :, j]
-            impedance = _motor_impedance(part.kernel.model, theta, j, s) * late * s ** -MOTION_ORDER[response.quantity]
+            impedance = _motor_impedance(model, theta, j, s) * late * s ** -MOTION_ORDER[response.quantity]
             error -= 2 * std * impedance[:, None, None] * G[:, :, j, None] * G[:, i, None, :]
             errors[response.inputs[j]] = part.slopes(G, -error, mixing)
     return errors
-
-
-def parameter_value(model: LinearModel, theta: FloatArray, name: str) -> float:
-    """Return the value of a parameter of a model at theta (n_theta,), 0 without it."""
-    return float(theta[model.parameters.index(name)]) if name in model.parameters else 0.0
 
 
 def _motor_impedance(model: LinearModel, theta: FloatArray, j: int, s: ComplexArray) -> ComplexArray:
     """Return torque over angle (F,) of a motor with its viscous friction and the inertia of its coordinate."""
     joint, b = model.inputs[j].removeprefix("motor "), model.B[:, j]
     inertia, friction = (model.slopes.get(f"{name}_{joint}") for name in ("Jm", "fm"))
-    at = int(np.argmax(np.abs(b)))
+    at, f = int(np.argmax(np.abs(b))), 0.0
     J = 0.0 if np.any(np.delete(model.M[at], at)) else float(b @ model.M @ b)
     if inertia is not None and inertia.M is not None:
-        J = parameter_value(model, theta, f"Jm_{joint}") * float(b @ inertia.M @ b)
-    is_free = friction is not None and friction.D is not None
-    f = parameter_value(model, theta, f"fm_{joint}") * float(b @ friction.D @ b) if is_free else 0.0  # type: ignore[union-attr,operator]
+        J = model.number(theta, f"Jm_{joint}", absent=0.0) * float(b @ inertia.M @ b)
+    if friction is not None and friction.D is not None:
+        f = model.number(theta, f"fm_{joint}", absent=0.0) * float(b @ friction.D @ b)
     return J * s**2 + f * s
 
 
@@ -133,7 +128,7 @@ def with_factors(
 def next_factors(fit: ElasticFit, responses: Sequence[Response], x: FloatArray, c: FloatArray) -> FloatArray:
     """Return c (n_b,) after one joint Gauss-Newton step in x and c. fit: responses corrected for c."""
     factors = find_factors(responses)
-    distance, slope = fit.priors(x)
+    distance, slope = fit.parameters.priors(x)
     A, g = np.diag(np.concatenate([slope**2, np.ones(len(c))])), np.concatenate([slope * distance, c])
     r_static, J_static = fit.static(x)
     A[: len(x), : len(x)] += J_static.T @ J_static

@@ -15,7 +15,7 @@ from elastid.base.names import posture_of
 from elastid.base.workers import Kept
 from elastid.covariance import kronecker
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
-from elastid.fit.spec import TYPICAL_MODEL_ERROR, FactorSpec, FitSpec, WeightSpec, misnamed
+from elastid.fit.spec import TYPICAL_MODEL_ERROR, FactorSpec, FitSpec, misnamed
 from elastid.response import Covariance, Response
 
 
@@ -54,14 +54,6 @@ class Whitening(Kept):
         noise = self.noise.lines(mask)
         self.noise.release()
         return Whitening(noise, self.floor, self.G[keep], self.sigma[keep])
-
-
-def declared_model_error(response: Response, spec: WeightSpec) -> float:
-    """Return the model error of the study; default: 0 if all elements have noise, else a typical model error."""
-    if spec.model_error is not None:
-        return spec.model_error
-    noise = response.uncertainty
-    return TYPICAL_MODEL_ERROR if noise is None or np.any((noise.variance == 0) & (response.G != 0)) else 0.0
 
 
 def used_factors(noise: Covariance, used: BoolArray, is_split: bool = True) -> tuple[ComplexArray, ...]:
@@ -127,11 +119,14 @@ class Weights(Kept):
 def weigh(response: Response, spec: FitSpec) -> Weights:
     """Return the weights of one measured response under the study's band, floor, smoothing and factors.
 
+    Without a model error of the study: 0 if all elements have noise, else a typical one.
     Raises DataError where neither a variance nor a floor gives its lines a weight.
     """
-    where = response.configuration.name
-    floor = declared_model_error(response, spec.weights)
-    if response.uncertainty is None and floor == 0:
+    where, measured, floor = response.configuration.name, response.uncertainty, spec.weights.model_error
+    if floor is None:
+        is_noisy = measured is not None and not np.any((measured.variance == 0) & (response.G != 0))
+        floor = 0.0 if is_noisy else TYPICAL_MODEL_ERROR
+    if measured is None and floor == 0:
         raise DataError(
             "fit/weights",
             "no variance is known (that takes two periods or two realisations) and "
@@ -144,7 +139,7 @@ def weigh(response: Response, spec: FitSpec) -> Weights:
     factor = _factors(response, spec.weights.factors)
     used = (factor > 0) & _within(response.freq_hz, spec.band_hz or (-np.inf, np.inf))[:, None, None]
     texts = list[str]()
-    if response.uncertainty is None:
+    if measured is None:
         texts.append(f"no variance is known; the model error of {floor:g} determines the weights")
     mute = _no_more_than_noise(response, variance, used)
     if mute.any():
@@ -154,14 +149,15 @@ def weigh(response: Response, spec: FitSpec) -> Weights:
     if silent := int((used & (sigma == 0)).sum()):
         texts.append(f"{silent} elements are not fitted: their variance and the model error are zero")
     sigma = np.where(used & (sigma != 0), sigma, np.inf)
-    is_joint = False  # whether C~ weighs the elements of a line jointly
-    if noise is not None and not noise.is_diagonal and (spec.criterion, spec.weights.covariance) == ("complex", "auto"):
-        is_joint = floor > 0 or not _is_singular(noise.smooth, sigma)
+    correlated = None  # C~, where it weighs the elements of a line jointly
     if noise is not None:
+        is_full = noise.smooth.form != "diagonal" and spec.criterion == "complex" and spec.weights.covariance == "auto"
+        if is_full and (floor > 0 or not _is_singular(noise.smooth, sigma)):
+            correlated = noise.smooth
         noise.measured.release()
-    scale = _scale(noise, np.square(floor * np.abs(response.G)), is_joint)
+    scale = _scale(noise, np.square(floor * np.abs(response.G)), correlated is not None)
     notes = tuple(Note("fit/weights", text, f"configuration {where}") for text in texts)
-    return Weights(sigma, noise, scale, floor, notes, factor, noise.smooth if noise is not None and is_joint else None)
+    return Weights(sigma, noise, scale, floor, notes, factor, correlated)
 
 
 def with_model_error(spec: FitSpec, floor: float | None) -> FitSpec:
@@ -201,11 +197,11 @@ def _scale(noise: SmoothedNoise | None, floor: FloatArray, together: bool) -> Fl
     """
     if noise is None or math.isinf(noise.measured.dof):
         return _ones(floor.shape)
-    share_of_itself = noise.own_matrix if together else noise.own_variance
+    influence = noise.matrix_influence if together else noise.variance_influence
     v = noise.variance
     fraction = quotient(v, v + floor)
     # A variance that weighs by itself alone, of one degree of freedom, has an inverse without an expectation.
-    return 1 / np.sqrt(np.maximum(1 - share_of_itself[:, None, None] * fraction / noise.measured.dof, 0.1))
+    return 1 / np.sqrt(np.maximum(1 - influence[:, None, None] * fraction / noise.measured.dof, 0.1))
 
 
 def _within(freq_hz: FloatArray, band_hz: tuple[float, float]) -> BoolArray:

@@ -44,12 +44,12 @@ from elastid.fit.problem.least_squares import (
     find_active_bounds,
     is_far_from_noise,
 )
-from elastid.fit.solve.ipopt import ipopt
 from elastid.parameters import Parameters
 
 FIRST_RADIUS = np.log(2.0)  # for each variable: a factor of two in all logarithmic parameters
 # V that falls by less than this fraction of the prediction shrinks the radius, by more than that one doubles it.
-POOR_RATIO, GOOD_RATIO = 0.25, 0.75
+POOR_RATIO = 0.25
+GOOD_RATIO = 1 - POOR_RATIO
 # The radius shrinks to a fraction of the step within these; to the first where V is not finite.
 SHRINK = (0.1, 0.5)
 # A step of this fraction of the radius was limited by it, and one longer by less is within it.
@@ -185,7 +185,6 @@ SolverName: TypeAlias = Literal["trust_region", "ipopt"]
 # estimate, ROUGH where another solve continues from there, NEAR where that one has another criterion or other lines,
 # and so another optimum.
 FINE, ROUGH, NEAR = 1e-3, 0.1, 3.0
-_SOLVERS: dict[SolverName, Callable[..., Ending]] = {"trust_region": trust_region, "ipopt": ipopt}
 
 
 def solve(
@@ -209,7 +208,12 @@ def solve(
         )
     if len(x0) == 0:
         return LocalOptimum(x0, x0, beginning.cost, 0, True, "nothing is free")
-    end = _SOLVERS[method](problem, x0, beginning, tolerance, max_iterations)
+    solver: Callable[..., Ending] = trust_region
+    if method == "ipopt":
+        from elastid.fit.solve.ipopt import ipopt  # for few studies
+
+        solver = ipopt
+    end = solver(problem, x0, beginning, tolerance, max_iterations)
     off = distance_to_optimum(end.evaluation, problem.dof, find_active_bounds(problem, end.x, end.evaluation))
     outcome = f"{end.status} after {end.iterations} iterations" if end.status else f"{end.iterations} iterations"
     message = f"{outcome}, {off:.1e} standard deviations from the stationary point"

@@ -30,7 +30,7 @@ def open_loops(model: LinearModel) -> tuple[LinearModel, LinearModel]:
     plain = replace(model.by_torques, channel_numbers=())
     slopes = {name: replace(slope, C=None, T=None, B=None) for name, slope in model.slopes.items()}
     motors = replace(
-        plain, C=model.B.T, T=None, outputs=loop.motors, quantity="position", slopes=slopes,
+        plain, C=model.B.T, T=np.zeros_like(model.B.T), outputs=loop.motors, quantity="position", slopes=slopes,
         chain=tuple(element for element in model.chain if element.name == TORQUE_LAG),
         hold=ZohTorque((loop.rate_hz,) * len(loop.motors), (True,) * len(loop.motors)),
     )  # fmt: skip

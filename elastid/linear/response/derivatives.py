@@ -100,9 +100,9 @@ class Sensitivity:
         """Return the contribution of S to `pull` (3, n_2); between (3, r, r): of left^T weight right, in that form."""
         flat = between.reshape(3, between.shape[1] ** 2)
         fixed, inertial = self.S.reshape(*self.S.shape[:2], flat.shape[1])
-        pulled = flat @ fixed.T
-        pulled[0] += inertial @ flat[2]
-        return np.asarray(pulled)
+        pull = flat @ fixed.T
+        pull[0] += inertial @ flat[2]
+        return np.asarray(pull)
 
 
 def rank_one_parts(matrices: FloatArray) -> tuple[BoolArray, FloatArray, FloatArray]:
@@ -153,7 +153,7 @@ class Columns(Kept):
     def is_symmetric(self) -> bool:
         """True if G = G^T: outputs in the directions of the inputs, no tilting accelerometer, exact channels."""
         model = self.kernel.model
-        is_moved = model.tilt.any() or model.output_parameters or model.channel_numbers or model.controller is not None
+        is_moved = model.T.any() or model.output_parameters or model.channel_numbers or model.controller is not None
         return np.array_equal(model.B.T, model.C) and not is_moved
 
     @cached_property
@@ -263,7 +263,7 @@ class Columns(Kept):
 
 
 def _first_alike(E: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Factor (N,) and first row (N,) of which each row of E (N, m) is a multiple; positive of a first row."""
+    """Return factors (N,) and first rows (N,) of which the rows of E (N, m) are multiples; positive of a first row."""
     size, first = np.sqrt(np.einsum("nm,nm->n", E, E)), np.arange(len(E))
     unit = E / size[:, None]
     cosine = unit @ unit.T
@@ -279,7 +279,7 @@ def _first_alike(E: FloatArray) -> tuple[FloatArray, IntArray]:
 
 def _span(matrices: FloatArray) -> FloatArray:
     """Return directions (n, r) that symmetric matrices (N, n, n) span: coordinates, or at most half as many axes."""
-    stacked = matrices.transpose(1, 0, 2).reshape(matrices.shape[1], -1)
-    U, size, _ = np.linalg.svd(np.transpose(np.linalg.qr(stacked.T, mode="r")))
-    U, touched = U[:, size > EQUAL_TOLERANCE * size.max(initial=0.0)], np.flatnonzero(stacked.any(axis=1))
-    return U if 2 * U.shape[1] <= len(touched) else np.eye(len(stacked))[:, touched]
+    wide = matrices.transpose(1, 0, 2).reshape(matrices.shape[1], -1)
+    U, size, _ = np.linalg.svd(np.transpose(np.linalg.qr(wide.T, mode="r")))
+    U, coordinates = U[:, size > EQUAL_TOLERANCE * size.max(initial=0.0)], np.flatnonzero(wide.any(axis=1))
+    return U if 2 * U.shape[1] <= len(coordinates) else np.eye(len(wide))[:, coordinates]

@@ -28,7 +28,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.kernels import call, is_compiled
 from elastid.base.workers import Kept
-from elastid.linear.linear_model import DELAY, TORQUE_LAG, LinearModel, Slope
+from elastid.linear.linear_model import DELAY, TORQUE_LAG, LinearModel
 from elastid.linear.response.closed_loop import GAINS, ClosedLoop, closed, open_loops
 from elastid.linear.response.transfer import factor, folded_images, zoh_aliases
 from elastid.robot import CHANNEL_NUMBERS, channel_name
@@ -106,7 +106,7 @@ class Kernel(Kept):
         return tuple(name for name in self.parameters if name in names)
 
     def factor_slopes(self, theta: FloatArray, band: Products) -> Iterator[ComplexArray]:
-        """Return dG / d theta_p (F, n_y, n_u) of each of the factors on a block of lines."""
+        """Yield dG / d theta_p (F, n_y, n_u) of each of the factors on a block of lines."""
         elements, s, loop = {element.name: element for element in self.model.chain}, band.s[:, None, None], band.loop
         G = band.G if loop is None else loop.T  # images are held
         of_gains = {f"gain_{role}_": gain for gain, role in enumerate(GAINS)}
@@ -253,18 +253,13 @@ class Kernel(Kept):
     def _sides(self) -> Sides:
         """Outputs in the direction of an input or of another output, at any theta, need no solution of their own."""
         model = self.model
-        slopes = [model.slopes[name] for name in model.output_parameters]
-        none = Slope(C=np.zeros(model.C.shape), B=np.zeros(model.B.shape))
-        C, B = (
-            np.array(
-                [
-                    getattr(model, letter),
-                    *(getattr(s if getattr(s, letter) is not None else none, letter) for s in slopes),
-                ]
-            )
-            for letter in "CB"
-        )
-        T = np.array([model.tilt, *(slope.T for slope in slopes if slope.T is not None)])
+
+        def with_slopes(letter: str) -> FloatArray:
+            matrix = getattr(model, letter)
+            slopes = (getattr(model.slopes[name], letter) for name in model.output_parameters)
+            return np.array([matrix, *(0 * matrix if slope is None else slope for slope in slopes)])
+
+        C, T, B = map(with_slopes, "CTB")
         directions, extra, columns = list(B.transpose(2, 0, 1)), [], []
         for row, direction in enumerate(C.transpose(1, 0, 2)):
             places = [i for i, side in enumerate(directions) if np.array_equal(side, direction)]

@@ -33,7 +33,7 @@ from elastid.response import Response
 
 def factor(model: LinearModel, theta: FloatArray, s: ComplexArray) -> ComplexArray:
     """Return c = s^k exp(-s T_d) times the factors of the chain, of the shape of s = j omega."""
-    delay = model.number(theta, DELAY) if DELAY in model.parameters and model.is_delayed else 0.0
+    delay = model.number(theta, DELAY, absent=0.0) if model.is_delayed else 0.0
     c = s ** MOTION_ORDER[model.quantity]
     if delay:
         c = c * np.exp(-s * delay)

@@ -10,8 +10,7 @@ from plants.data_sheet_arm import arm, measure
 from plants.faults import SPEC, Case, drawn, true_case
 
 from elastid.fit.diagnosis import rank_hypotheses
-from elastid.fit.diagnosis.confounded_parameters import undetectable_errors
-from elastid.fit.diagnosis.rigid_base import STIFFEST_BASE
+from elastid.fit.diagnosis.confounded_parameters import STIFFEST_BASE, undetectable_errors
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
 from elastid.robot import Body, Joint, Robot, Spring

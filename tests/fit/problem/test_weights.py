@@ -128,7 +128,7 @@ def loss(found, C):
 def test_noise_model_is_estimated_from_two_degrees_of_freedom(C, dof):
     """The loss is that of 60 and more degrees of freedom of each line (n^2 / (2 dof) each), weights are unbiased."""
     rng = np.random.default_rng(0)
-    found = [smooth_noise(response_smoothed_noise(rng, C, dof)).covariance[:, :2, :2] for _ in range(10)]
+    found = [smooth_noise(response_smoothed_noise(rng, C, dof)).smooth.right for _ in range(10)]
     assert np.mean([loss(one, C) for one in found]) < 4 / (2 * 60) + 0.02
     power = np.mean([np.einsum("fab,fba->f", np.linalg.inv(one), C).real.mean() / 2 for one in found])
     assert power == pytest.approx(1.0, abs=0.03)
@@ -154,7 +154,7 @@ WHITE_ANGLE = OUTPUTS * (FREQ_SMOOTHED_NOISE / np.median(FREQ_SMOOTHED_NOISE))[:
 def test_estimates_of_two_realisations_reach_1_1_cramer_rao(C):
     """Torque noise through G and white angle noise; errors in proportion to the gain and to its root."""
     rng, bound = np.random.default_rng(5), scatter(C, np.kron(np.ones((2, 2)), C) * np.kron(np.eye(2), np.ones((2, 2))))
-    weighed = (smooth_noise(response_smoothed_noise(rng, C, 1)).covariance for _ in range(8))
+    weighed = (smooth_noise(response_smoothed_noise(rng, C, 1)).smooth.full() for _ in range(8))
     assert np.all(np.sqrt(np.mean([scatter(C, one) / bound for one in weighed], axis=0)) < 1.1)
 
 
@@ -162,7 +162,7 @@ def test_a_line_that_is_really_noisier_keeps_its_own_level():
     """Mains, 100 times as noisy on one line: it counts for little, its neighbours as before."""
     rng, C = np.random.default_rng(2), (OUTPUTS + TORQUE).copy()
     C[80] *= 100
-    found = smooth_noise(response_smoothed_noise(rng, C, 4)).covariance[:, :2, :2]
+    found = smooth_noise(response_smoothed_noise(rng, C, 4)).smooth.right
     power = np.einsum("fab,fba->f", np.linalg.inv(found), C).real / 2
     assert power[80] < 4
     assert np.all(power[np.r_[76:80, 81:85]] < 2)

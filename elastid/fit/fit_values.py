@@ -1,0 +1,246 @@
+"""FitValues: estimate, covariance and costs of a fit, and the numbers that follow from them."""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value, labelled
+from elastid.base.errors import Named, Note, UnknownNameError, did_you_mean, installed
+from elastid.base.names import matching
+from elastid.base.statistics import QUANTILE_95, correlation_of, exceeds_noise
+from elastid.fit.load_tests import StaticAgreement, ToolAgreement
+from elastid.fit.problem.least_squares import LocalOptimum
+from elastid.fit.result_rows import NO_NUMBERS, NO_PAIRS, NO_TABLE, Estimate, ModificationIndex, Presliding, RigidPart
+from elastid.fit.spec import TYPICAL_MODEL_ERROR
+from elastid.fit.status_terms import LARGE, Status
+from elastid.linear.linear_model import LinearModel
+from elastid.model.spec import ModelSpec
+from elastid.parameters import Parameters
+from elastid.robot import Robot
+
+LONE_CAUSE = 0.95  # explained fraction of the excess of V, from which on a cause is alone
+
+
+@frozen_value
+class FitValues:
+    """The estimate x (n_x,) with the covariance (n_x, n_x) of its variables: `Result` has the meaning of each field."""
+
+    parameters: Parameters
+    x: FloatArray = labelled("estimate as the variable of the solver (ln p where log)", "", "free_names")
+    covariance: FloatArray = labelled("covariance of x", "", "free_names free_names")
+    cost: float
+    dof: int
+    cost_expected: float
+    status: Status
+    message: str
+    starts: tuple[LocalOptimum, ...] = labelled(rows=True)
+    n_converged_starts: int
+    at_bound: BoolArray = labelled("estimates at a bound", "", "free_names")
+    singular_values: FloatArray = labelled("singular values of the Jacobian, columns scaled")
+    criterion: str
+    notes: tuple[Note, ...] = ()
+    profile95: FloatArray = labelled(
+        "95 % interval by profile likelihood", "SI", "free_names end", default_factory=NO_PAIRS
+    )
+    bootstrap95: FloatArray = labelled("95 % interval by bootstrap", "SI", "free_names end", default_factory=NO_PAIRS)
+    configurations: tuple[str, ...] = ()
+    information_fraction: FloatArray = labelled(
+        "fraction of the information", "", "configurations free_names", default_factory=NO_TABLE
+    )
+    information_band_hz: FloatArray = labelled(
+        "middle half of that information", "", "free_names end", default_factory=NO_PAIRS
+    )
+    cost_dof: float = math.nan
+    model_error: float = 0.0
+    indices: tuple[ModificationIndex, ...] = labelled(rows=True, default=())
+    assumed_rigid: tuple[RigidPart, ...] = labelled(rows=True, default=())
+    presliding: tuple[Presliding, ...] = labelled(rows=True, default=())
+    verdicts: tuple[str, ...] = ()
+    linear: tuple[LinearModel, ...] = labelled(entry="configuration.name", default=())
+    averaging_fraction: FloatArray = labelled(
+        "fraction of the variance that averages out", "", "free_names", default_factory=NO_NUMBERS
+    )
+    persistent_fraction: FloatArray = labelled(
+        "fraction of the variance that no data reduce", "", "free_names", default_factory=NO_NUMBERS
+    )
+    robot: Robot | None = None
+    equations: ModelSpec | None = None
+    static: StaticAgreement | None = None
+    tool: ToolAgreement | None = None
+
+    def __post_init__(self) -> None:
+        n_x = len(self.parameters.free)
+        if self.x.shape != (n_x,) or self.covariance.shape != (n_x, n_x) or self.at_bound.shape != (n_x,):
+            raise ValueError(f"a fit of {n_x} free parameters has x {self.x.shape}, covariance {self.covariance.shape}")
+
+    @property
+    def presliding_stiffness(self) -> dict[str, float]:
+        """Stiffness of the presliding friction of each motor that has any, N m/rad (N/m)."""
+        return {friction.place: friction.stiffness for friction in self.presliding}
+
+    @property
+    def noise_is_known(self) -> bool:
+        """True if noise was measured; otherwise residuals are compared with nothing."""
+        return math.isfinite(self.cost_dof)
+
+    @property
+    def exceeds_noise(self) -> bool:
+        """True if V exceeds the limit of noise alone (false-alarm rate 1/700)."""
+        return self.noise_is_known and exceeds_noise(self.cost, self.cost_expected, self.cost_dof)
+
+    @property
+    def is_within_declared(self) -> bool:
+        """True if the residuals exceed the noise, but not 1.5 times noise and declared model error (above 1 %)."""
+        return self.exceeds_noise and self.model_error > TYPICAL_MODEL_ERROR and self.error_ratio < LARGE
+
+    @property
+    def error_ratio(self) -> float:
+        """Ratio of residuals to noise and model error, root mean square."""
+        return math.sqrt(self.cost / max(self.dof, 1))
+
+    @property
+    def residual_ratio(self) -> float:
+        """Ratio of residuals to noise, root mean square."""
+        return math.sqrt(self.cost / max(self.cost_expected, 1e-300))
+
+    @property
+    def inflation_factor(self) -> float:
+        """Factor by which residuals above the noise widen the intervals, at least 1."""
+        return max(1.0, self.residual_ratio)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The estimate by name, in SI."""
+        return self.parameters.as_dict(self.x)
+
+    @property
+    def std(self) -> dict[str, float]:
+        """Standard deviations of the free parameters in SI (first order for logarithmic ones)."""
+        return self._in_si(self.std_of_x)
+
+    @property
+    def std_of_x(self) -> FloatArray:
+        """Standard deviations of x (n_x,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def has_tolerances(self) -> bool:
+        """True if numbers of the robot's file moved within their tolerances."""
+        return len(self.parameters.of_interest) < len(self.x)
+
+    @property
+    def std_noise(self) -> dict[str, float]:
+        """Contribution to `std` of the measurement noise: the scatter of repeated measurements of one robot.
+
+        Compare dates, or robots of one type, by this contribution: they share the errors of the robot model.
+        """
+        return self._contribution(self.averaging_fraction, 1.0)
+
+    @property
+    def std_prior(self) -> dict[str, float]:
+        """Contribution to `std` of the robot model's tolerances that no amount of data reduces."""
+        return self._contribution(self.persistent_fraction, 0.0)
+
+    @property
+    def std_systematic(self) -> dict[str, float]:
+        """Remaining contribution: std^2 = std_noise^2 + std_prior^2 + std_systematic^2.
+
+        Errors that repeated measurements share: the assumed model error, residuals above the noise, tolerances that
+        more data narrow, errors of the friction compensation, and unexplained distortion.
+        """
+        return self._contribution(1 - self.averaging_fraction - self.persistent_fraction, 0.0)
+
+    @property
+    def std_contributions(self) -> dict[str, dict[str, float]]:
+        """The contributions to `std` by name; none for an exact robot model."""
+        names = ("std_noise", "std_prior", "std_systematic") if self.has_tolerances else ()
+        return {name: getattr(self, name) for name in names}
+
+    @property
+    def std_with_base(self) -> dict[str, float]:
+        """`std` of each parameter of interest, including the uncertainty of an unmodelled base of typical stiffness."""
+        n = len(self.parameters.of_interest)
+        base = sum((part.changes**2 for part in self.assumed_rigid), np.zeros(n))
+        return self._in_si(np.sqrt(np.diag(self.covariance)[:n] + base))
+
+    def _contribution(self, fraction: FloatArray, without: float) -> dict[str, float]:
+        """Return the root of a fraction (n_x,) of the variances, else of `without`; infinite if unidentifiable."""
+        variance = np.diag(self.covariance)[: len(self.parameters.of_interest)]
+        part = fraction[: len(variance)] if len(fraction) else np.full(len(variance), without)
+        power = np.where(np.isinf(variance), np.inf if without else 0.0, np.nan_to_num(variance, posinf=0.0) * part)
+        return self._in_si(np.sqrt(np.maximum(power, 0.0)))
+
+    def _in_si(self, std: FloatArray) -> dict[str, float]:
+        """Return standard deviations of x (n,), of the first free parameters, in SI by name (first order)."""
+        free = zip(self.parameters.free, self.x, std, strict=False)
+        return Named("free parameter", {p.name: float(s * (np.exp(xi) if p.log else 1.0)) for p, xi, s in free})
+
+    def interval(self, name: str) -> tuple[float, float]:
+        """Return the 95 % interval of a free parameter in SI, by profile likelihood if computed, else symmetric in x.
+
+        Symmetric in x is positive for a logarithmic one.  UnknownNameError for a name that was not identified, with
+        those that were.
+        """
+        names = self.parameters.free_names
+        if name not in names:
+            why = "is fixed or tied" if name in self.values else "is no parameter of this fit"
+            raise UnknownNameError(f"{name} {why}; {did_you_mean(name, names)}")
+        i = names.index(name)
+        if len(self.profile95) and not np.isnan(self.profile95[i]).any():
+            return float(self.profile95[i, 0]), float(self.profile95[i, 1])
+        reach = QUANTILE_95 * float(np.sqrt(self.covariance[i, i]))
+        low, high = float(self.x[i]) - reach, float(self.x[i]) + reach
+        with np.errstate(over="ignore"):
+            return (float(np.exp(low)), float(np.exp(high))) if self.parameters.free[i].log else (low, high)
+
+    def __len__(self) -> int:
+        return len(self.keys())
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.keys())
+
+    def keys(self) -> tuple[str, ...]:
+        """Return the names of the identified parameters of interest: a result maps them to estimates."""
+        return tuple(p.name for p in self.parameters.of_interest)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.parameters.free_names
+
+    def __getitem__(self, name: str) -> Any:
+        """Estimate of a parameter, or of a pattern (`k_*`); UnknownNameError for others."""
+        if name not in self and (names := matching(name, self.keys())):
+            return {key: self[key] for key in names}
+        low, high = self.interval(name)
+        return Estimate(name, self.values[name], self.std[name], low, high, self.parameters[name].unit)
+
+    def to_dataframe(self) -> Any:
+        """Return a `pandas.DataFrame` in SI: value, std and its three contributions, low, high, unit, free.
+
+        std and the 95 % interval are NaN for fixed and tied parameters, contributions also for an exact robot model.
+        ElastidError if pandas is not installed.
+        """
+        values, std, free = self.values, self.std, self.parameters.free_names
+        ends = {name: self.interval(name) for name in free}
+        nan, names = math.nan, ("std_noise", "std_prior", "std_systematic")
+        columns = ["value", *names, "std", "low", "high", "unit", "free"]
+        parts = [self.std_contributions.get(name, {}) for name in names]
+        rows = {
+            p.name: (
+                values[p.name], *(each.get(p.name, nan) for each in (*parts, std)), *ends.get(p.name, (nan, nan)),
+                p.unit, p.name in free,
+            )
+            for p in self.parameters
+        }  # fmt: skip
+        return installed("pandas", "notebook").DataFrame.from_dict(rows, orient="index", columns=columns)
+
+    @property
+    def has_lone_cause(self) -> bool:
+        """True if one cause explains the residuals beyond the noise."""
+        return any(index.place == 1 and index.explained_fraction > LONE_CAUSE for index in self.indices)
+
+    @property
+    def correlation(self) -> FloatArray:
+        """Correlation matrix (n_x, n_x); rows of unreachable parameters are NaN off the diagonal."""
+        return correlation_of(self.covariance)

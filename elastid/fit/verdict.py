@@ -1,0 +1,138 @@
+"""Verdict: the status of a fit in words, its residual test and its causes, for console and page."""
+
+import math
+
+import numpy as np
+
+from elastid.base.display import Display, capital, digits, interval_of, number, percent
+from elastid.base.errors import Note
+from elastid.base.statistics import QUANTILE_95, max_cost_ratio
+from elastid.fit.fit_values import FitValues
+from elastid.fit.spec import TYPICAL_MODEL_ERROR
+from elastid.fit.status_terms import (
+    BIASED,
+    BY_PRIOR,
+    CAUSES,
+    CONTRADICTED,
+    DISTORTED,
+    LARGE,
+    MEANING,
+    NO_CAUSE,
+    OTHER_AMPLITUDE,
+    OTHER_JOINTS,
+    REQUIRED,
+)
+
+ROUNDING = 1e-9  # of a std, below which a contribution to it is zero
+
+
+class Verdict(FitValues):
+    """Values of a fit with their meaning for a reader."""
+
+    @property
+    def display(self) -> Display:
+        """Status and message, and each free parameter with its interval."""
+        values, std = self.values, self.std
+        rows, least = [], {name: ROUNDING * number for name, number in std.items()}
+        parts = {kind: part for kind, part in self.std_contributions.items() if any(part[p] > least[p] for p in part)}
+        for p in self.parameters.of_interest:
+            places = digits(values[p.name], std[p.name])
+            ends = " to ".join(interval_of(self.interval(p.name), places))
+            each = (stds_of[p.name] for stds_of in (*parts.values(), std))
+            stds = [number(part if part > least[p.name] else 0.0, 2) for part in each]
+            rows.append((p.name, number(values[p.name], places), *stds, ends, p.unit))
+        std_of = "std" if self.noise_is_known else "std, of the residuals"
+        headings = ("parameter", "value", *parts, std_of, "95 % interval", "unit")
+        return Display(f"Fit: {self.message}", headings, rows)
+
+    @property
+    def meaning(self) -> str:
+        """The meaning of the status for the parameters, with the next action."""
+        if self.status == "misfit" and self.cause[0].startswith(REQUIRED):
+            return CONTRADICTED
+        if self.status != "converged":
+            return MEANING[self.status]
+        but = ", some biased (see their verdicts)" if BIASED in "".join(self.verdicts) else ""
+        test = self.residual_test.partition(":")[0]
+        return f"{self._counts}{but}; {test}. {capital(self.cause[0]) or self.coverage}"
+
+    @property
+    def _counts(self) -> str:
+        """Numbers of the parameters that data, and prior alone, identify, and of the weakly identifiable, in words."""
+        n, weak = len(self.parameters.of_interest), sum(note.code == "fit/weakly-identifiable" for note in self.notes)
+        by_prior = [name for name, verdict in zip(self, self.verdicts, strict=False) if verdict == BY_PRIOR]
+        good = n - weak - len(by_prior)
+        if len(by_prior) == n:
+            return f"all {n} parameters limited by tolerances of the robot model"
+        parts = [f"{f'all {n}' if good == n else f'{good} of {n}'} parameters identified"]
+        parts += [f"{len(by_prior)} limited by tolerances of the robot model ({', '.join(by_prior)})"] * bool(by_prior)
+        return ", ".join([*parts, *[f"{weak} weakly identifiable"] * bool(weak)])
+
+    @property
+    def coverage(self) -> str:
+        """The errors that the intervals include, in a sentence without its full stop."""
+        errors = ["measured noise"]
+        if self.exceeds_noise and self.model_error > TYPICAL_MODEL_ERROR:
+            errors.append(f"the assumed model error of {percent(self.model_error)} of each FRF")
+        elif np.any(1 - self.averaging_fraction - self.persistent_fraction > 0.01):
+            is_friction = not (self.has_tolerances or self.model_error or DISTORTED in self.verdicts)
+            errors.append("errors of the friction compensation" if is_friction else "small model errors")
+        errors += ["the tolerances of the robot model"] * self.has_tolerances
+        fixed = "" if self.has_tolerances else ". They assume that the fixed values of the robot model are exact"
+        return f"The intervals cover {', '.join(errors[:-1])}{' and ' * (len(errors) > 1)}{errors[-1]}{fixed}"
+
+    @property
+    def residual_test(self) -> str:
+        """Verdict of the residual test, the ratio of the residuals, and its limit."""
+        if not self.noise_is_known:
+            return "no residual test, because the noise is unknown"
+        limit, ratio = math.sqrt(max_cost_ratio(self.cost_dof)), self.residual_ratio
+        if self.exceeds_noise and self.model_error > TYPICAL_MODEL_ERROR:
+            verdict = "passed" if self.is_within_declared else "failed"
+            error = f"{number(self.error_ratio, 3)} times noise and assumed model error together"
+            return f"residual test {verdict}: residuals {error} (rms; fixed limit {LARGE:g})"
+        verdict = "failed" if self.exceeds_noise else "passed"
+        words = f"residuals {number(ratio, 3)} times the noise (rms; limit {limit:.3g}, false-alarm rate 0.14 %)"
+        return f"residual test {verdict}: {words}"
+
+    @property
+    def converged_starts(self) -> str:
+        """Number of the searches from random start values that ended at the best optimum, in words."""
+        return (
+            f"{self.n_converged_starts} of {len(self.starts)} searches from random start values ended at this optimum"
+        )
+
+    @property
+    def base_remarks(self) -> dict[str, str]:
+        """For each stiffness that a typical base lowers beyond its interval: by how much."""
+        limits, remarks = QUANTILE_95 * self.std_of_x, {}
+        for part in self.assumed_rigid:
+            for p, change, limit in zip(
+                self.parameters.of_interest, part.changes.tolist(), limits.tolist(), strict=False
+            ):
+                if p.name.startswith("k") and -change > limit:
+                    remarks[p.name] = (
+                        f"{p.name} is estimated for a rigid base. If the base has a typical stiffness "
+                        f"({part.stiffness:.2g} N*m/rad {part.name.removeprefix('base ')}), {p.name} is "
+                        f"{percent(-math.expm1(change))} too low"
+                    )
+        return remarks
+
+    @property
+    def cause(self) -> tuple[str, str, str]:
+        """The first cause of a model error, the full stop, and its remedy; empty texts if no cause is known."""
+        notes = [str(note) for note in self.notes if note.code in CAUSES]
+        if self.exceeds_noise and not self.is_within_declared:
+            notes.append(f"{NO_CAUSE}. {self.test_of_causes}")
+        return min(notes, key=lambda text: text.startswith(NO_CAUSE), default="").partition(". ")
+
+    @property
+    def shown_notes(self) -> tuple[Note, ...]:
+        """Notes for a reader: without the sum of all tolerances if one value is named."""
+        is_named = any(note.code == "fit/likely-cause" and NO_CAUSE not in note.text for note in self.notes)
+        return tuple(note for note in self.notes if not (is_named and note.code == "fit/tolerances"))
+
+    @property
+    def test_of_causes(self) -> str:
+        """The action where no cause explains the residuals."""
+        return OTHER_AMPLITUDE if self.status == "converged" else OTHER_JOINTS
