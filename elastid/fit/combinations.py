@@ -1,4 +1,4 @@
-"""Parameters that the data do not tell apart: indistinguishable pairs, and combinations that are identified."""
+"""Correlated parameters: indistinguishable pairs, and combinations that are identifiable."""
 
 from collections.abc import Iterator, Sequence
 
@@ -12,22 +12,22 @@ from elastid.fit.result import Result
 from elastid.record import JointLoop
 from elastid.robot import Robot, channel_name
 
-CORRELATED = 0.99  # beyond which two parameters cannot be distinguished
+CORRELATED = 0.99  # correlation above which two parameters are indistinguishable
 COMBINATION = "fit/combination"
-# Relative std of a parameter, from which on its combination with others is stated.
+# Least relative std of a parameter whose combination with others is reported.
 _WIDE = 0.25
 
 
 def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:
     """Return C_xx - C_xn C_nn^-1 C_nx (n, n), the conditional covariance of the first n variables given the others."""
     cross = C[:n, n:]
-    if not np.isfinite(C).all():  # parameters that the data do not reach
+    if not np.isfinite(C).all():  # unidentifiable parameters
         return C[:n, :n].copy()
     return C[:n, :n] - cross @ np.linalg.solve(C[n:, n:], cross.T)
 
 
 def correlated(names: Sequence[str], covariance: FloatArray) -> Iterator[Note]:
-    """Yield a note for each indistinguishable pair.  covariance: by noise, since errors of a robot model move all."""
+    """Yield a note for each indistinguishable pair.  covariance: by noise; model errors correlate all parameters."""
     correlation = np.triu(np.nan_to_num(correlation_of(covariance)), 1)
     for i, j in np.argwhere(np.abs(correlation) > CORRELATED):
         text = f"{names[i]} and {names[j]} are indistinguishable (correlation {correlation[i, j]:.4f}). Fix one of them"
@@ -61,8 +61,8 @@ def combination_notes(result: Result) -> Iterator[Note]:
 def loop_note(result: Result, robot: Robot, loop: JointLoop) -> tuple[Note, ...]:
     r"""Report the sum of velocity gain and viscous friction of each motor, link side, for responses to references.
 
-    With torque u = k_p (r - q) - k_d q' both act as (k_d + n^2 f_m) q', n the gear ratio: an error of the stated k_d is
-    one of f_m. A free gain is included with its covariance.
+    With torque u = k_p (r - q) - k_d q' both act as (k_d + n^2 f_m) q', where n is the gear ratio: an error of the
+    stated k_d biases f_m. A free gain is included with its covariance.
     """
     parts, sensitive = list[str](), list[str]()
     names, values, std = result.parameters.free_names, result.values, result.std

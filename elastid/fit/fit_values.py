@@ -20,12 +20,12 @@ from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
 from elastid.robot import Robot
 
-LONE_CAUSE = 0.95  # explained fraction of the excess of V, from which on a cause is alone
+LONE_CAUSE = 0.95  # least explained fraction of the excess of V for a single cause
 
 
 @frozen_value
 class FitValues:
-    """The estimate x (n_x,) with the covariance (n_x, n_x) of its variables: `Result` has the meaning of each field."""
+    """Estimate x (n_x,), covariance (n_x, n_x) and costs of a fit; `Result` documents each field."""
 
     parameters: Parameters
     x: FloatArray = labelled("estimate as the variable of the solver (ln p where log)", "", "free_names")
@@ -77,12 +77,12 @@ class FitValues:
 
     @property
     def presliding_stiffness(self) -> dict[str, float]:
-        """Stiffness of the presliding friction of each motor that has any, N m/rad (N/m)."""
+        """Presliding stiffness by motor, N m/rad (N/m), for motors with presliding friction."""
         return {friction.place: friction.stiffness for friction in self.presliding}
 
     @property
     def noise_is_known(self) -> bool:
-        """True if noise was measured; otherwise residuals are compared with nothing."""
+        """True if noise was measured; otherwise there is no residual test."""
         return math.isfinite(self.cost_dof)
 
     @property
@@ -127,12 +127,12 @@ class FitValues:
 
     @property
     def has_tolerances(self) -> bool:
-        """True if numbers of the robot's file moved within their tolerances."""
+        """True if nuisance parameters, fixed values of the robot model with tolerances, were estimated."""
         return len(self.parameters.of_interest) < len(self.x)
 
     @property
     def std_noise(self) -> dict[str, float]:
-        """Contribution to `std` of the measurement noise: the scatter of repeated measurements of one robot.
+        """Contribution of the measurement noise to `std`: the scatter of repeated measurements of one robot.
 
         Compare dates, or robots of one type, by this contribution: they share the errors of the robot model.
         """
@@ -140,7 +140,7 @@ class FitValues:
 
     @property
     def std_prior(self) -> dict[str, float]:
-        """Contribution to `std` of the robot model's tolerances that no amount of data reduces."""
+        """Contribution of the robot model's tolerances to `std` that no amount of data reduces."""
         return self._contribution(self.persistent_fraction, 0.0)
 
     @property
@@ -160,28 +160,28 @@ class FitValues:
 
     @property
     def std_with_base(self) -> dict[str, float]:
-        """`std` of each parameter of interest, including the uncertainty of an unmodelled base of typical stiffness."""
+        """`std` of each parameter of interest in SI, including the bias by an unmodelled base of typical stiffness."""
         n = len(self.parameters.of_interest)
         base = sum((part.changes**2 for part in self.assumed_rigid), np.zeros(n))
         return self._in_si(np.sqrt(np.diag(self.covariance)[:n] + base))
 
     def _contribution(self, fraction: FloatArray, without: float) -> dict[str, float]:
-        """Return the root of a fraction (n_x,) of the variances, else of `without`; infinite if unidentifiable."""
+        """Return the std, in SI by name, of a fraction (n_x,) of the variances, or of `without` if it is empty."""
         variance = np.diag(self.covariance)[: len(self.parameters.of_interest)]
         part = fraction[: len(variance)] if len(fraction) else np.full(len(variance), without)
         power = np.where(np.isinf(variance), np.inf if without else 0.0, np.nan_to_num(variance, posinf=0.0) * part)
         return self._in_si(np.sqrt(np.maximum(power, 0.0)))
 
     def _in_si(self, std: FloatArray) -> dict[str, float]:
-        """Return standard deviations of x (n,), of the first free parameters, in SI by name (first order)."""
+        """Convert standard deviations (n,) of the first n variables of x to SI, by name (first order)."""
         free = zip(self.parameters.free, self.x, std, strict=False)
         return Named("free parameter", {p.name: float(s * (np.exp(xi) if p.log else 1.0)) for p, xi, s in free})
 
     def interval(self, name: str) -> tuple[float, float]:
         """Return the 95 % interval of a free parameter in SI, by profile likelihood if computed, else symmetric in x.
 
-        Symmetric in x is positive for a logarithmic one.  UnknownNameError for a name that was not identified, with
-        those that were.
+        An interval that is symmetric in x = ln p has positive ends. Raises UnknownNameError, with the names of the free
+        parameters, for all other names.
         """
         names = self.parameters.free_names
         if name not in names:
@@ -209,7 +209,7 @@ class FitValues:
         return name in self.parameters.free_names
 
     def __getitem__(self, name: str) -> Any:
-        """Estimate of a parameter, or of a pattern (`k_*`); UnknownNameError for others."""
+        """Return the estimate of a parameter, or a dictionary for a pattern (`k_*`); else raise UnknownNameError."""
         if name not in self and (names := matching(name, self.keys())):
             return {key: self[key] for key in names}
         low, high = self.interval(name)

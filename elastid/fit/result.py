@@ -19,30 +19,30 @@ from elastid.robot import Frame, Payload, Robot
 if TYPE_CHECKING:
     from elastid.fit.posture import Family, Posture, PredictionPorts  # equations, which a page does without
 
-# Std of an error that would explain a misfit over its step: scripts/studies/prediction_anywhere.py has the fraction of
-# intervals that contain the true values.
+# Std of a model-error factor relative to the step that would explain the misfit. The coverage of the intervals is in
+# scripts/studies/prediction_anywhere.py.
 DOUBT = 0.6
 
 
 class Result(Verdict):
-    """The estimate x (n_x,) with the covariance (n_x, n_x) of its variables, and the fitted robot in any posture.
+    """Estimate x (n_x,) with its covariance (n_x, n_x), and the fitted robot in any posture.
 
-    parameters: names, units, scale, bounds and starts.  covariance: of x, the largest of several estimates
-    (`estimate_uncertainty`); infinite variances where the data do not reach.  cost: V.  cost_expected: the V that the
-    measured noise alone would leave; 2 / cost_dof is the relative variance of V over it for a true model, NaN where no
-    noise was measured.  singular_values: of the Jacobian with columns scaled to unit length, largest
-    first.  starts: sorted by V.  n_converged_starts: of them that reached the best V.
-    profile95, bootstrap95 (n_x, 2): further intervals in SI, NaN for parameters without, no rows where none has one.
-    indices: of fixed numbers, in sequence and alone, if V exceeds the noise.
-    assumed_rigid: parts assumed rigid, whose elasticity no response shows; empty without a diagnosis.
-    presliding: friction of motors that was estimated, too; the covariance includes it.
-    verdicts (n,): on each parameter of interest, in words; empty if the fit ended without an optimum.
+    parameters: names, units, scale, bounds and start values.  covariance: of x, the largest of several estimates
+    (`estimate_uncertainty`); variances of unidentifiable parameters are infinite.  cost: V.  cost_expected: expected V
+    of the measured noise alone.  cost_dof: 2 / cost_dof is the relative variance of V / cost_expected for a correct
+    model; NaN if no noise was measured.  singular_values: of the Jacobian with columns of unit length, largest first.
+    starts: searches, sorted by V.  n_converged_starts: number of searches that reached the best V.
+    profile95, bootstrap95 (n_x, 2): further intervals in SI; NaN or no rows if not computed.
+    indices: modification indices of fixed parameters, in sequence and alone, if V exceeds the noise.
+    assumed_rigid: parts assumed rigid, whose elasticity is not detectable; empty without a diagnosis.
+    presliding: estimated friction of motors at small motion; the covariance includes its uncertainty.
+    verdicts (n,): sentence on each parameter of interest; empty if the fit ended without an optimum.
     model_error: relative to abs(G) in weights and covariance, the largest of the responses.
     configurations, information_fraction (Q, n_x), information_band_hz (n_x, 2), averaging_fraction (n_x,),
-    persistent_fraction (n_x,): as `Uncertainty`.
-    linear: the model of each configuration, linearised at the estimate; empty where models are only compared.
-    robot, equations: those that were fitted, for postures that were not measured.
-    static, tool: static load tests, and responses at the tool, next to the responses of the motors; None without any.
+    persistent_fraction (n_x,): as in `Uncertainty`.
+    linear: linearised model of each configuration at the estimate; empty if models are only compared.
+    robot, equations: fitted robot and equations, for postures without a measurement.
+    static, tool: agreement with static load tests and with responses at the tool; None without them.
 
     Examples
     --------
@@ -60,9 +60,9 @@ class Result(Verdict):
     __repr__, _repr_html_ = as_text, as_html
 
     def model(self, configuration: Configuration | str) -> FittedModel:
-        """Return the fitted model in one configuration that was fitted, by its name: response, modes, state space.
+        """Return the fitted model of a measured configuration: response, modes, state space.
 
-        UnknownNameError names the configurations there are; ValueError for a result without models.
+        Raises UnknownNameError with the names of all configurations, and ValueError for a result without models.
         """
         if not self.linear:
             raise ValueError("this result holds no models: it only compares fits, or was written by an older elastid")
@@ -84,16 +84,16 @@ class Result(Verdict):
         quantity: Motion | None = None,
         controller: Any = None,
     ) -> FittedModel:
-        """Return the fitted robot in any posture, in equilibrium under gravity: its responses, modes and stiffness.
+        """Return the fitted model in any posture, in equilibrium under gravity: responses, modes and stiffness.
 
         posture: angles of the driven joints (n_u,) in rad or m, a mapping from their names, or the name of a
-        configuration that was fitted.  inputs: `force tool x`, `torque tool z` at any frame or body, `motor 1`; default
-        the forces at the frame.  outputs: `frame tool x`, `accelerometer tool x`, `joint 1`, `motor 1`; default the
-        motion of the frame.  motors: locked (brakes), free, or controlled by `controller`, a `ControllerSpec` or a
-        `JointLoop`.  payload: another one, or False for none.  frame: of stiffness and of defaults; `tool`, else the
-        last one, else the last body's centre of mass.  axes: of frames, their `own` or those of the base
-        (world).  quantity: of outputs; positions, accelerations with accelerometers.  StudyError for places or angles
-        that the robot lacks, and where it finds no rest.
+        measured configuration.  inputs: `force tool x`, `torque tool z` at any frame or body, `motor 1`; default the
+        forces at the frame.  outputs: `frame tool x`, `accelerometer tool x`, `joint 1`, `motor 1`; default the motion
+        of the frame.  motors: locked (brakes), free, or controlled by `controller`, a `ControllerSpec` or a
+        `JointLoop`.  payload: replaces the payload of the robot; False removes it.  frame: for the stiffness and the
+        defaults; `tool`, else the last frame, else the last body's centre of mass.  axes: `own` axes of frames, or axes
+        of the base (world).  quantity: of outputs; default positions, or accelerations for accelerometers.  Raises
+        StudyError for unknown locations or angles, and if the robot has no equilibrium.
         """
         from elastid.fit.posture import PredictionPorts, as_configuration
 
@@ -102,7 +102,7 @@ class Result(Verdict):
         return family.at(as_configuration(posture, family.robot, [linear.configuration for linear in self.linear]))
 
     def family(self, ports: "PredictionPorts", where: str = "") -> "Family":
-        """Return the family of many postures. where: configuration whose group parameters apply."""
+        """Return the fitted models of many postures. where: name of the configuration whose group parameters apply."""
         from elastid.fit.posture import Family
 
         spec = self.equations or ModelSpec()
@@ -111,7 +111,7 @@ class Result(Verdict):
 
     @property
     def known_robot(self) -> Robot:
-        """The robot with the numbers of its file; StudyError of a result without one."""
+        """Robot model with its nominal parameters; raises StudyError for a result without a robot."""
         if self.robot is None:
             raise StudyError(
                 "fit/no-robot",
@@ -121,10 +121,10 @@ class Result(Verdict):
         return self.robot
 
     def with_parameters(self, **values: float) -> "Result":
-        """Return the result with some numbers (SI) in place of its own: result.with_parameters(k_1=3e5).at("folded").
+        """Return the result with replaced parameters, in SI: result.with_parameters(k_1=3e5).at("folded").
 
-        They count as exact, all others keep their values and covariances.  UnknownNameError for a name that is none,
-        TypeError if a value is not a number, ValueError for a tied number or a value out of range.
+        Replaced parameters are exact; all others keep values and covariances.  Raises UnknownNameError for an unknown
+        name, TypeError if a value is not a number, ValueError for a tied parameter or a value out of range.
         """
         x, free = self.x.copy(), self.parameters.free_names
         is_free = np.array([name not in values for name in free])
@@ -148,19 +148,19 @@ class Result(Verdict):
 
     @property
     def covariance_of_prediction(self) -> FloatArray:
-        """`covariance`, including the disagreement between postures and bands if no single cause explains a misfit.
+        """`covariance`, multiplied by (residuals / noise)^2 if the residual test fails without a single cause.
 
-        Then it counts times the square of residuals over their noise.
+        The factor accounts for the disagreement between postures and bands.
         """
         is_unexplained = self.exceeds_noise and not self.has_lone_cause
         return self.covariance * self.inflation_factor**2 if is_unexplained else self.covariance
 
     @property
     def doubts(self) -> tuple[ModelErrorFactor, ...]:
-        """Numbers that would explain the model error, with errors of `DOUBT` times their steps."""
+        """Parameters whose errors would explain the model error, with stds of `DOUBT` times their steps."""
         if not self.exceeds_noise:
             return ()
-        # A step explains the whole misfit: the 95 % interval of such an error contains it with a sixth to spare.
+        # A step explains the whole misfit. The 95 % interval of the factor covers 1.96 DOUBT = 1.18 steps.
         leading = [index for index in self.indices if index.place] or list(self.indices[:1])
         return tuple(
             ModelErrorFactor(

@@ -1,4 +1,4 @@
-"""Verdict: the status of a fit in words, its residual test and its causes, for console and page."""
+"""Verdict: status, residual test and causes of a fit as sentences for console and page."""
 
 import math
 
@@ -23,11 +23,11 @@ from elastid.fit.status_terms import (
     REQUIRED,
 )
 
-ROUNDING = 1e-9  # of a std, below which a contribution to it is zero
+ROUNDING = 1e-9  # contribution to a std, relative to the std, below which it is zero
 
 
 class Verdict(FitValues):
-    """Values of a fit with their meaning for a reader."""
+    """Values of a fit with sentences that interpret them."""
 
     @property
     def display(self) -> Display:
@@ -52,13 +52,13 @@ class Verdict(FitValues):
             return CONTRADICTED
         if self.status != "converged":
             return MEANING[self.status]
-        but = ", some biased (see their verdicts)" if BIASED in "".join(self.verdicts) else ""
+        bias_remark = ", some biased (see their verdicts)" if BIASED in "".join(self.verdicts) else ""
         test = self.residual_test.partition(":")[0]
-        return f"{self._counts}{but}; {test}. {capital(self.cause[0]) or self.coverage}"
+        return f"{self._counts}{bias_remark}; {test}. {capital(self.cause[0]) or self.coverage}"
 
     @property
     def _counts(self) -> str:
-        """Numbers of the parameters that data, and prior alone, identify, and of the weakly identifiable, in words."""
+        """Sentence on the numbers of identified, prior-limited and weakly identifiable parameters."""
         n, weak = len(self.parameters.of_interest), sum(note.code == "fit/weakly-identifiable" for note in self.notes)
         by_prior = [name for name, verdict in zip(self, self.verdicts, strict=False) if verdict == BY_PRIOR]
         good = n - weak - len(by_prior)
@@ -83,7 +83,7 @@ class Verdict(FitValues):
 
     @property
     def residual_test(self) -> str:
-        """Verdict of the residual test, the ratio of the residuals, and its limit."""
+        """Sentence on the residual test: verdict, ratio of residuals to noise, and limit."""
         if not self.noise_is_known:
             return "no residual test, because the noise is unknown"
         limit, ratio = math.sqrt(max_cost_ratio(self.cost_dof)), self.residual_ratio
@@ -97,14 +97,14 @@ class Verdict(FitValues):
 
     @property
     def converged_starts(self) -> str:
-        """Number of the searches from random start values that ended at the best optimum, in words."""
+        """Sentence on the number of searches from random start values that ended at the best optimum."""
         return (
             f"{self.n_converged_starts} of {len(self.starts)} searches from random start values ended at this optimum"
         )
 
     @property
     def base_remarks(self) -> dict[str, str]:
-        """For each stiffness that a typical base lowers beyond its interval: by how much."""
+        """Sentence, by name, on each stiffness whose bias by a typical base exceeds its interval."""
         limits, remarks = QUANTILE_95 * self.std_of_x, {}
         for part in self.assumed_rigid:
             for p, change, limit in zip(
@@ -120,7 +120,7 @@ class Verdict(FitValues):
 
     @property
     def cause(self) -> tuple[str, str, str]:
-        """The first cause of a model error, the full stop, and its remedy; empty texts if no cause is known."""
+        """First cause of a model error, a full stop, and its remedy; three empty texts if no cause is known."""
         notes = [str(note) for note in self.notes if note.code in CAUSES]
         if self.exceeds_noise and not self.is_within_declared:
             notes.append(f"{NO_CAUSE}. {self.test_of_causes}")
@@ -128,11 +128,11 @@ class Verdict(FitValues):
 
     @property
     def shown_notes(self) -> tuple[Note, ...]:
-        """Notes for a reader: without the sum of all tolerances if one value is named."""
+        """Notes to print: the note on all tolerances is omitted if a note names one likely cause."""
         is_named = any(note.code == "fit/likely-cause" and NO_CAUSE not in note.text for note in self.notes)
         return tuple(note for note in self.notes if not (is_named and note.code == "fit/tolerances"))
 
     @property
     def test_of_causes(self) -> str:
-        """The action where no cause explains the residuals."""
+        """Next action if no cause explains the residuals."""
         return OTHER_AMPLITUDE if self.status == "converged" else OTHER_JOINTS

@@ -31,19 +31,19 @@ from elastid.robot import Friction, MeasuredRange
 from elastid.simulation.rigid_joints import NUMBERS, CommandedJoints
 
 DELAY = "command_delay"
-# Delays of the start values, s; the search goes on from the best.
+# Trial delays, s; the search starts from the best.
 START_DELAYS = np.linspace(0.0, 0.04, 9)
-# Least rate of the means of samples that are compared, and their number in a period at the upper end of the commands.
+# Lowest rate of the averaged positions, and their number in a period at the upper end of the commands' band.
 MEANS_HZ, MEANS_IN_PERIOD = 40.0, 12.0
-# Time constants k_d / k_p after which errors of the start are forgotten; derivatives are smoothed over SMOOTH_S.
+# Time constants k_d / k_p until errors of the initial state have decayed; derivatives are smoothed over SMOOTH_S.
 SETTLE, SMOOTH_S = 15.0, 0.06
-# Perturbation of a number for its sensitivity, relative to its scale, and that of the delay in s.
+# Perturbation of a parameter for its sensitivity, relative to its scale, and perturbation of the delay in s.
 PERTURBATION, DELAY_STEP_S = 1e-3, 2e-4
 MAX_ITERATIONS, TOLERANCE = 15, 1e-5
-# Start values of stick time, s, and creep. Both are 0 unless Coulomb friction, and stick time less a step of the
-# simulation, exceed so many stds.
+# Start values of stick time, s, and creep. Both are fixed to 0 unless the Coulomb friction, and the stick time minus
+# one simulation step, exceed STICKING_STDS standard deviations.
 START_STICKING, STICKING_STDS = ((0.003, 0.0), (0.01, 0.1), (0.02, 0.6)), 3.0
-# Chance of a larger scatter between logs than within them by noise alone, below which it counts.
+# Significance level of a larger scatter between logs than within logs.
 CHANCE = 0.1
 
 
@@ -52,9 +52,9 @@ class CommandedLog:
     """Commands and encoder positions (n, m) of the joints of one log, link side, SI.
 
     command: k_p r + k_d r' + feed-forward torque.  kp, kd (m,): gains of the equivalent continuous controller;
-    late_inertia (m,), kg m^2: of its late feedback (`acting_gains`).  velocity (m,): at the first sample.
+    late_inertia (m,), kg m^2: effect of delayed feedback (`acting_gains`).  velocity (m,): at the first sample.
     coupled_inertia (m,): inertia of the robot model's rigid body at each joint, 0 if the joints are not coupled.
-    is_zoh: true if commands are held from sample to sample, false if they are linear between samples. has_gravity (m,):
+    is_zoh: true if commands are constant between samples, false if they are linear between samples.  has_gravity (m,):
     true if gravity on the joint changes with its angle.  load (n, m): torque of the rest of the robot.
     """
 
@@ -76,9 +76,9 @@ class CommandedLog:
 def acting_gains(
     kp: FloatArray, kd: FloatArray, late_s: FloatArray, velocity_late_s: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    r"""Return velocity gain and inertia (m,) by which the feedback of a sampled controller acts on a joint.
+    r"""Return the velocity gain and the inertia (m,) of the continuous controller equivalent to a sampled one.
 
-    Held for a tick T_c = 2 tau, and with velocities that are tau_v late, to the second order
+    For a zero-order hold of T_c = 2 tau and velocities delayed by tau_v, to second order:
 
     .. math:: k_p\, q(t - \tau) + k_d\, \dot q(t - \tau - \tau_v) = k_p q + (k_d - k_p \tau)\, \dot q
               + \Bigl(\tfrac{2}{3} k_p \tau^2 - k_d (\tau + \tau_v)\Bigr)\, \ddot q
@@ -86,9 +86,9 @@ def acting_gains(
     return kd - kp * late_s, 2 / 3 * kp * late_s**2 - kd * (late_s + velocity_late_s)
 
 
-# Largest rms of measured minus simulated positions over that of the position about its mean: above, it is a misfit.
+# Largest relative error: rms of measured minus simulated positions over the rms of the position about its mean.
 MAX_ERROR = 0.1
-LEAST_VISCOUS = -2.0  # standard deviations of a viscous friction, which supplies no power
+LEAST_VISCOUS = -2.0  # standard deviations: viscous friction below this value would supply power
 
 
 @frozen_value
@@ -117,7 +117,7 @@ class CommandedJoint(Estimate):
 
     @property
     def misfit(self) -> str:
-        """Why positions or numbers refute the model; empty if they do not."""
+        """Reason why positions or parameters contradict the model; empty without a contradiction."""
         stds = self["viscous"] / max(self.std("viscous"), 1e-300)
         if stds < LEAST_VISCOUS:
             return (
@@ -140,9 +140,9 @@ class CommandedJoint(Estimate):
 
 @dataclass(frozen=True)
 class _Problem:
-    """All logs side by side: a column (S,) for each joint and log, padded to the longest.
+    """Output-error problem of all logs: S columns, one for each joint of each log, padded to the longest log.
 
-    window: samples per mean.  soft: joints that may not stick exactly.
+    window: samples per mean.  soft: joints whose stick time and creep are free.
     """
 
     logs: tuple[CommandedLog, ...]
@@ -153,7 +153,7 @@ class _Problem:
 
     @classmethod
     def of(cls, logs: Sequence[CommandedLog]) -> "_Problem":
-        """Put logs side by side."""
+        """Build the problem of several logs."""
         n, joints = max(len(log.position) for log in logs), tuple(dict.fromkeys(j for log in logs for j in log.joints))
 
         def side_by_side(name: str) -> FloatArray:
@@ -176,31 +176,31 @@ class _Problem:
 
     @property
     def index(self) -> list[int]:
-        """Joint of each column."""
+        """Index of the joint of each column."""
         return [self.joints.index(joint) for log in self.logs for joint in log.joints]
 
-    def simulated(self, numbers: FloatArray, delay_s: FloatArray) -> list[FloatArray]:
-        """Return means (n_k, K, m_k) of each log for candidates: numbers (K, m, 8) and delays (K,)."""
+    def simulate(self, numbers: FloatArray, delay_s: FloatArray) -> list[FloatArray]:
+        """Simulate averaged positions (n_k, K, m_k) of each log for K candidates: numbers (K, m, 8), delays (K,)."""
         means = self.commanded.simulate(numbers[:, self.index], delay_s, self.window)
         ends = np.cumsum([len(log.joints) for log in self.logs])[:-1]
         return [part[self._settled(log)] for log, part in zip(self.logs, np.split(means, ends, axis=2), strict=True)]
 
     def step_s(self, numbers: FloatArray) -> float:
-        """Return step of the simulation with numbers (m, 8), in s."""
+        """Return the step of the simulation with numbers (m, 8), s."""
         inertia = numbers[self.index, 0] + self.commanded.coupled_inertia
         return 1 / self.commanded.rate_hz / self.commanded.steps(inertia)
 
     def errors(self, simulations: Sequence[FloatArray], candidate: int = 0) -> list[FloatArray]:
-        """Return errors (n_k, m_k) of the means of each log, simulated with the numbers of a candidate."""
+        """Return the measured minus the simulated means (n_k, m_k) of each log for one candidate."""
         return [q - sim[:, candidate] for q, sim in zip(self.measured, simulations, strict=True)]
 
     def errors_of(self, numbers: FloatArray, delay_s: float) -> list[FloatArray]:
-        """Return errors of the means of each log, simulated with numbers (m, 8)."""
+        """Return the measured minus the simulated means (n_k, m_k) of each log for numbers (m, 8)."""
         return self.errors(self.simulated(numbers[None], np.array([delay_s])))
 
     @cached_property
     def measured(self) -> list[FloatArray]:
-        """Means (n_k, m_k) of the positions of each log."""
+        """Averaged measured positions (n_k, m_k) of each log."""
         return [folded(log.position, self.window).mean(axis=1)[self._settled(log)] for log in self.logs]
 
     def _settled(self, log: CommandedLog) -> slice:
@@ -209,7 +209,7 @@ class _Problem:
 
     @cached_property
     def is_free(self) -> BoolArray:
-        """Numbers (m, 8) that are unknown: gravity where it changes with the angle, and how a soft joint sticks."""
+        """Flags (m, 8) of free parameters: gravity if it depends on the angle; stick time and creep of soft joints."""
         turns = {
             joint: turn for log in self.logs for joint, turn in zip(log.joints, log.has_gravity.tolist(), strict=True)
         }
@@ -217,7 +217,7 @@ class _Problem:
 
 
 def simulate_commanded(log: CommandedLog, joints: Mapping[str, CommandedJoint]) -> FloatArray:
-    """Return positions (n, m) of the joints of a log from its commands and loads, by the numbers of each."""
+    """Simulate the positions (n, m) of the joints of a log from its commands and loads with estimated parameters."""
     problem = _Problem.of([log])
     values = [named(joints[name].names, joints[name].values) for name in log.joints]
     numbers = np.array([[row.get(name, 0.0) for name in NUMBERS] for row in values])
@@ -225,14 +225,14 @@ def simulate_commanded(log: CommandedLog, joints: Mapping[str, CommandedJoint]) 
 
 
 def _upper_end(log: CommandedLog) -> float:
-    """Return frequency in Hz below which 95 % of the power of all commands' rates is."""
+    """Return the frequency, Hz, below which the rates of all commands have 95 % of their power."""
     power = np.sum(np.abs(np.fft.rfft(np.diff(log.command, axis=0), axis=0)) ** 2, axis=1)
     sums = np.cumsum(power) / max(float(power.sum()), 1e-300)
     return float(np.searchsorted(sums, 0.95)) / len(log.command) * log.rate_hz
 
 
 def fit_commanded(logs: Sequence[CommandedLog]) -> dict[str, CommandedJoint]:
-    """Estimate the numbers of each joint of logs at one rate; DataError where the search finds no response."""
+    """Estimate the parameters of each joint from logs at one rate; raise DataError if the simulation diverges."""
     problem = _Problem.of(logs)
     numbers, delay_s = _start(problem)
     while True:
@@ -247,16 +247,16 @@ def fit_commanded(logs: Sequence[CommandedLog]) -> dict[str, CommandedJoint]:
 
 
 def _is_soft(fit: CommandedJoint, step_s: float) -> bool:
-    """Return True if Coulomb friction and stick time are significant; within a step of it no joint sticks sooner."""
+    """Return True if Coulomb friction, and the part of the stick time above one step (step_s), are significant."""
     least = {"coulomb": 0.0, "stick_time": step_s}
     return all(fit[name] > size + STICKING_STDS * fit.std(name) for name, size in least.items())
 
 
 def _search(problem: _Problem, numbers: FloatArray, delay_s: float) -> tuple[FloatArray, float]:
-    """Return numbers (m, 8) and delay of the least squares, by Gauss-Newton steps."""
+    """Minimise the cost by Gauss-Newton steps. Return numbers (m, 8) and the delay, s."""
     cost = np.inf
     for _ in range(MAX_ITERATIONS):
-        end, before, part = _linearised(problem, numbers, delay_s), cost, 1.0
+        end, before, part = _linearise(problem, numbers, delay_s), cost, 1.0
         cost = end.cost
         if before - cost < TOLERANCE * len(problem.joints):
             break
@@ -272,7 +272,7 @@ def _search(problem: _Problem, numbers: FloatArray, delay_s: float) -> tuple[Flo
 
 
 def _scales(problem: _Problem) -> FloatArray:
-    """Return typical sizes (m, 8) of the numbers, from gains and motion."""
+    """Return typical sizes (m, 8) of the parameters, computed from gains and commands."""
     rows = np.zeros((len(problem.joints), len(NUMBERS)))
     for i, column in enumerate(map(problem.index.index, range(len(problem.joints)))):
         kp, kd = problem.commanded.kp[column], problem.commanded.kd[column]
@@ -293,7 +293,7 @@ def _next_numbers(
 
 
 def _log_squares(problem: _Problem, errors: Sequence[FloatArray]) -> float:
-    """Return sum over joints of the log of the mean square of their errors."""
+    """Return the sum over joints of the logarithm of their mean squared errors."""
     return float(np.sum(np.log(np.maximum(_mean_squares(problem, errors), 1e-300))))
 
 
@@ -307,8 +307,8 @@ def _mean_squares(problem: _Problem, errors: Sequence[FloatArray]) -> FloatArray
 
 
 @dataclass(frozen=True)
-class _Linearised:
-    """Linearised problem at some numbers: step (n_x,), cost, inverse (n_x, n_x) of the normal equations, scores.
+class _Linearisation:
+    """Linearised problem: Gauss-Newton step (n_x,), cost, inverse (n_x, n_x) of the normal matrix, scores.
 
     scores: gradient of the weighted squares at each instant of each log (n_k, n_x).
     """
@@ -319,10 +319,10 @@ class _Linearised:
     scores: tuple[FloatArray, ...]
 
 
-def _linearised(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Linearised:
+def _linearise(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Linearisation:
     is_free, scales = problem.is_free, PERTURBATION * _scales(problem)
-    varied = np.flatnonzero(is_free.any(axis=0))
-    changes = np.eye(len(NUMBERS))[varied, None] * scales
+    free_columns = np.flatnonzero(is_free.any(axis=0))
+    changes = np.eye(len(NUMBERS))[free_columns, None] * scales
     candidates = np.stack([numbers, *(numbers + changes), numbers])
     delays = np.full(len(candidates), delay_s)
     delays[-1] += DELAY_STEP_S
@@ -337,7 +337,7 @@ def _linearised(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Line
             i = problem.joints.index(joint)
             free, std = np.flatnonzero(is_free[i]), np.sqrt(variance[i])
             change = sim[:, 1:, column] - sim[:, :1, column]
-            sensitivity = change[:, np.searchsorted(varied, free)] / scales[i, free]
+            sensitivity = change[:, np.searchsorted(free_columns, free)] / scales[i, free]
             X = np.hstack([sensitivity, change[:, -1:] / DELAY_STEP_S]) / std
             joint_rows = np.append(place[i, free], n_x - 1)
             normal[np.ix_(joint_rows, joint_rows)] += X.T @ X
@@ -345,13 +345,13 @@ def _linearised(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Line
     size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
     inverse = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-12, hermitian=True) / np.outer(size, size)
     step = inverse @ sum(score.sum(axis=0) for score in scores)
-    return _Linearised(step, float(np.sum(np.log(np.maximum(variance, 1e-300)))), inverse, tuple(scores))
+    return _Linearisation(step, float(np.sum(np.log(np.maximum(variance, 1e-300)))), inverse, tuple(scores))
 
 
 def _start(problem: _Problem) -> tuple[FloatArray, float]:
-    """Return numbers (m, 8) and delay of the best of START_DELAYS, each with its regression of the gains' torque.
+    """Return start values (m, 8) by regression at the best of START_DELAYS, and this delay, s.
 
-    Each joint has the best of START_STICKING with them.
+    Stick time and creep of each joint are the best row of START_STICKING.
     """
 
     def costs(candidates: FloatArray, delays: FloatArray) -> FloatArray:  # (K, m)
@@ -368,17 +368,17 @@ def _start(problem: _Problem) -> tuple[FloatArray, float]:
 
 
 def smoothed_motion(position: FloatArray, rate_hz: float) -> tuple[list[FloatArray], int]:
-    """Return positions (n, m), their velocities and accelerations by cubics over so many samples, an odd number."""
+    """Return positions (n, m), velocities and accelerations, smoothed by cubics, and their window, an odd number."""
     width = 2 * max(2, round(SMOOTH_S * rate_hz / 2)) + 1
     return [savgol_filter(position, width, 3, deriv=order, delta=1 / rate_hz, axis=0) for order in range(3)], width
 
 
 def _regress(problem: _Problem, delay_s: float) -> FloatArray:
-    """Return start values (m, 8) by regression of the torque of gains and encoder, the commands late by delay_s."""
+    """Return start values (m, 8) by regression on the controller's torque, with commands delayed by delay_s."""
     scales, rows = _scales(problem), dict[str, list[tuple[FloatArray, FloatArray]]]()
     for log in problem.logs:
         n, (q, v, a), width = len(log.position), *smoothed_motion(log.position, log.rate_hz)
-        late = np.arange(n) - delay_s * log.rate_hz - 0.5  # held for a sample
+        late = np.arange(n) - delay_s * log.rate_hz - 0.5  # mean delay of a zero-order hold
         for i, joint in enumerate(log.joints):
             torque = np.interp(late, np.arange(n), log.command[:, i]) - log.kp[i] * q[:, i] - log.kd[i] * v[:, i]
             gravity = [np.cos(q[:, i]), np.sin(q[:, i])] if log.has_gravity[i] else []
@@ -398,7 +398,7 @@ def _regress(problem: _Problem, delay_s: float) -> FloatArray:
 
 
 def _fit(problem: _Problem, numbers: FloatArray, delay_s: float) -> dict[str, CommandedJoint]:
-    end, is_free = _linearised(problem, numbers, delay_s), problem.is_free
+    end, is_free = _linearise(problem, numbers, delay_s), problem.is_free
     rms = np.sqrt(_mean_squares(problem, problem.errors_of(numbers, delay_s)))
     if not np.all(np.isfinite(rms)):
         text = "simulation from the commands diverges for all start values. Check gains and units of the commands"
@@ -412,8 +412,8 @@ def _fit(problem: _Problem, numbers: FloatArray, delay_s: float) -> dict[str, Co
     return fits
 
 
-def _covariance(end: _Linearised, problem: _Problem, names: Sequence[tuple[str, str]]) -> FloatArray:
-    """Return covariance (n_x, n_x) of the numbers, over time, in the order of the angle, and between logs."""
+def _covariance(end: _Linearisation, problem: _Problem, names: Sequence[tuple[str, str]]) -> FloatArray:
+    """Return the covariance (n_x, n_x): the largest over time, in the order of the angle, and between logs."""
     m, rate_hz = len(end.scores), problem.commanded.rate_hz / problem.window
     counts = [cosine_count(len(score) / rate_hz, m) for score in end.scores]
     meat = sum(long_run(score, count) for score, count in zip(end.scores, counts, strict=True))

@@ -1,7 +1,7 @@
-r"""Confounded parameters: errors of fixed numbers, and a rigid base, that free parameters compensate.
+r"""Confounded parameters: errors of fixed parameters, and an unmodelled base, that free parameters compensate.
 
-No residual shows them. A stiff base is a spring in series with the first gear, and is not identifiable from motor
-responses: the gear appears slightly softer. By the score test, a base with compliance c changes the estimates x by
+They do not change the residuals. A stiff base is a spring in series with the first gear. It is not identifiable from
+motor responses: the gear appears softer. By the score test, a base with compliance c changes the estimates x by
 
 .. math:: \Delta x = c\, \partial x / \partial c, \qquad
           \Delta \ln k_1 = -c\, k_1, \; \Delta \ln d_1 = -2 c\, k_1 \quad \text{of a base about the first axis.}
@@ -22,20 +22,21 @@ from elastid.fit.result import Result
 from elastid.fit.result_rows import RigidPart
 from elastid.fit.status_terms import FIXED_VALUES
 
-# Assumed stiffness of a pedestal over the gear stiffness, and its maximum in N m/rad, a steel pedestal on a floor. The
-# bias by a base is proportional to its compliance; the stiffness from which on it is within the intervals depends on
-# neither.
+# Assumed stiffness of a base relative to the gear, and its maximum, N m/rad, for a steel pedestal on a floor. The bias
+# is proportional to the compliance of the base. The base stiffness above which the bias is within the intervals depends
+# on neither number.
 BASE_RATIO, STIFFEST_BASE = 100.0, 1e7
 
-NEGLIGIBLE = 1e-3  # change over the half of an interval, below which a part is not named
-MIN_SHIFT = 3.0  # standard deviations, by which a fixed number moves a parameter of the fit, and is named
+NEGLIGIBLE = 1e-3  # bias relative to half of the interval, below which a part is not reported
+MIN_SHIFT = 3.0  # least shift of an estimate in standard deviations for which a fixed parameter is reported
 
 
 @dataclass(frozen=True)
 class UndetectableError:
-    """Fixed value, or common factor of several; per_std: its error that shifts a parameter by one std.
+    """Undetectable error of a fixed parameter, or of a common factor of several.
 
-    number: the first of them.  parameter: its place in x.  error: the largest common one that nothing finds.
+    number: the first of them.  parameter: index in x of the parameter with the largest shift.  per_std: error that
+    shifts it by one std.  error: largest undetectable error.
     """
 
     name: str
@@ -45,7 +46,7 @@ class UndetectableError:
     error: float
 
     def amount(self, error: float) -> str:
-        """Return an error with its unit, and the number as the files of study and robot, or fit.parameters, call it."""
+        """Return a text with the error, its unit, and the parameter's name in the robot model or `fit.parameters`."""
         is_relative = self.number.log or self.number.unit == "1"
         return (
             f"{100 * error:.2g} % of {self.name}" if is_relative else f"{error:.2g} {self.number.unit} of {self.name}"
@@ -55,13 +56,13 @@ class UndetectableError:
 def undetectable_errors(result: Result, scores: Scores) -> Iterator[UndetectableError]:
     r"""Yield errors of fixed values, single or by a common factor, that shift a parameter.
 
-    A gear ratio that is wrong by a little changes the response as stiffness and damping do: free parameters take it up.
-    Of a number h, with S and the effects of the score test and the standard deviations of x,
+    A small error of a gear ratio changes the response as stiffness and damping do, and free parameters compensate it.
+    For a fixed parameter h, with S and the effects of the score test and the standard deviations of x,
 
     .. math:: e_1 = \min_i \frac{\sigma_i}{|\partial x_i / \partial h|}, \qquad e_\text{undetectable} = \sqrt{D / S}
 
-    are the error that moves a parameter by its standard deviation, and the largest one whose freeing would lower V by
-    no more than the limit of a model error (D, `status.LIMITS.drop`).
+    are the error that shifts a parameter by one standard deviation, and the largest error whose correction would lower
+    V by no more than the limit of a model error (D, `limits.LIMITS.drop`).
     """
     n = len(result.parameters.of_interest)
     test, std = scores.test, result.std_of_x[:n]
@@ -71,7 +72,7 @@ def undetectable_errors(result: Result, scores: Scores) -> Iterator[Undetectable
         if candidate.directions.shape[1] > 1 or not is_exact:
             continue
         direction = candidate.directions[:, 0]
-        # A parameter that the data do not reach is not moved.
+        # An unidentifiable parameter has an infinite std: its relative change is 0.
         changes = quotient(np.abs(test.response[:n, places] @ direction), std)
         worst = int(np.argmax(changes))
         if changes[worst] == 0:
@@ -81,10 +82,10 @@ def undetectable_errors(result: Result, scores: Scores) -> Iterator[Undetectable
 
 
 def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Note, ...]:
-    """Return a sentence on the worst of three kinds of numbers, where the intervals are stated as they stand."""
+    """Return a note on the worst fixed parameter of up to three kinds, if the intervals assume exact values."""
     if scores is None or result.status not in ("converged", "at_bound") or not result.noise_is_known:
         return ()
-    # Of two that do exactly the same, rounding does not choose.
+    # Rounding errors must not decide the order of two equivalent parameters.
     errors = sorted(undetectable_errors(result, scores), key=lambda error: -float(f"{error.error / error.per_std:.6g}"))
     worst = {error.number.family: error for error in reversed(errors) if error.error > MIN_SHIFT * error.per_std}
     largest = [error for error in errors if worst.get(error.number.family) is error][:3]
@@ -101,7 +102,7 @@ def find_undetectable_errors(result: Result, scores: Scores | None) -> tuple[Not
 
 
 def find_rigid_parts(result: Result, scores: Scores) -> tuple[RigidPart, ...]:
-    """Return the base about three axes, as far as no response shows it; the axis first about which it takes most."""
+    """Return undetectable rotations of the base about three axes, sorted by their bias relative to the intervals."""
     of_interest, parts = result.parameters.of_interest, list[RigidPart]()
     robot = scores.extended.linearisation.model.robot
     k = {p.name: math.exp(x) for p, x in zip(of_interest, result.x, strict=False) if p.log and p.name.startswith("k_")}
@@ -126,7 +127,7 @@ def find_rigid_parts(result: Result, scores: Scores) -> tuple[RigidPart, ...]:
 
 
 def _tilting(scores: Scores, n: int) -> dict[str, tuple[FloatArray, float]]:
-    """Return dx / dc (n,) of elastic rotations of the base, and the detectable compliance c, by their names."""
+    """Return dx / dc (n,) for elastic rotations of the base, and the detectable compliance c, rad/(N m), by name."""
     test = scores.test
     return {
         f"base about {number.name[-1]}": (test.response[:n, place], scores.detectable(np.array([place]), np.ones(1)))
@@ -136,7 +137,7 @@ def _tilting(scores: Scores, n: int) -> dict[str, tuple[FloatArray, float]]:
 
 
 def find_elastic_base(result: Result) -> tuple[Note, ...]:
-    """Return a note on the base that lowers the stiffnesses most, where they would leave an interval."""
+    """Return a note on stiffnesses whose bias by an elastic base exceeds their intervals; else an empty tuple."""
     remarks = result.base_remarks
     if not remarks:
         return ()

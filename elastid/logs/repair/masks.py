@@ -24,45 +24,45 @@ MASKED, STOPPED = "samples taken as missing", "stops"
 CHECK_CELLS = "Check the column for empty cells and error values such as #N/A, or measure again"
 
 
-# Limits that distinguish rest, a channel that hangs, drops out or is clipped, steps and spikes from a signal.
-WINDOWS, MIN_WINDOW = 20, 8  # of a repetition, samples of one at least
-START_WINDOWS = 200  # of a log, among which its start is found
-# Samples with one value; range of the other repetitions there, over the scatter of the channel and in its steps.
+# Limits that distinguish rest, constant or clipped channels, dropouts, quantisation and spikes from a signal.
+WINDOWS, MIN_WINDOW = 20, 8  # windows in a repetition, least samples in a window
+START_WINDOWS = 200  # windows in a log for the search of its first motion
+# Least number of equal samples; least range of the other repetitions there, in scatters and in steps of the channel.
 MIN_RUN, MIN_RANGE, MIN_STEPS = 20, 0.25, 4.0
-LEAP = 10.0  # of other repetitions from a 0, over the step that 99 % of the samples stay below
-MIN_MOVING_FRACTION = 0.2  # a signal moves at a phase where it scatters by this part of its median scatter
-# Part of its usual scatter below which a signal stands still, and of a repetition that may be missing or still.
+LEAP = 10.0  # least leap to or from 0, relative to the 99 % quantile of the steps between samples
+MIN_MOVING_FRACTION = 0.2  # least scatter of a moving signal at a phase, relative to its median scatter
+# Largest scatter of a signal at rest relative to its typical scatter; fraction of a repetition that may be at rest.
 MAX_STATIONARY_FRACTION = 0.1
-# Fraction of outliers above which they are part of the signal; distance of a spike over a typical distance, or over
-# the range of most samples, that no motion reaches.
+# Fraction of outliers above which they are part of the signal; ratio to a typical distance, to the range of most
+# samples, or to the median change between periods, above which a distance, a value or a change is a fault.
 MAX_FRACTION, MIN_OVER_USUAL = 0.02, 3.0
-MAX_MISSING_FRACTION = 1 / 3  # a channel that lacks more than this part is refused
-# Of clipping and quantisation.
-# Noise of steps is reported from this part of the signal on, and limits from this part of the samples.
+MAX_MISSING_FRACTION = 1 / 3  # largest fraction of missing samples in a channel
+# Limits of clipping and quantisation.
+# Least quantisation noise relative to the signal, and least fraction of clipped samples, that are reported.
 MIN_REPORTED_FRACTION = 2e-3
-STEP_SAMPLES = 20_000  # in which steps are looked for
-STEP_CANDIDATES = 5  # smallest differences of values, one of which is one to three steps
-MAX_OFF_GRID = 0.05  # part of the differences that are no whole number of steps
-MIN_VALUES = 4  # fewer are levels that a torque was given: of a hammer, a binary or a ternary sequence
-STEP_TOLERANCE = 0.02  # distance of a value from a whole number of steps, in steps, at most
-# Steps of more than this part of the span make flat peaks that cannot be distinguished from clipped ones.
+STEP_SAMPLES = 20_000  # samples for the search of the step
+STEP_CANDIDATES = 5  # number of smallest differences of values, one of which is one to three steps
+MAX_OFF_GRID = 0.05  # largest fraction of differences that are no whole number of steps
+MIN_VALUES = 4  # fewer values are a commanded torque: a hammer, a binary or a ternary sequence
+STEP_TOLERANCE = 0.02  # largest distance of a value from a whole number of steps, in steps
+# Steps above this fraction of the range make flat peaks that are indistinguishable from clipped peaks.
 MAX_STEP_FRACTION = 0.01
-MIN_EQUAL = 2  # so many equal samples in a row are no peak
-MIN_DEPARTURE = 0.05  # between two visits to a limit the signal leaves it by this part of its span
-MIN_PLACES = 3  # a single peak of a period may be flat; a limit is met at several places of a period
-MAX_CLIPPED_FRACTION = 0.05  # part of a channel at its limits from which on the response is spoilt
-EQUAL_TOLERANCE = 1e-9  # values this close, as a part of the span, are equal
+MIN_EQUAL = 2  # least number of equal consecutive samples at a limit; a peak has fewer
+MIN_DEPARTURE = 0.05  # least distance from a limit between two visits, relative to the range
+MIN_PLACES = 3  # least visits to a limit per period; a single peak of a period may be flat
+MAX_CLIPPED_FRACTION = 0.05  # largest fraction of clipped samples for a usable response
+EQUAL_TOLERANCE = 1e-9  # largest difference of equal values, relative to the range
 
 
 def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
-    """Mask (NaN) runs in which a channel of signals (n, c) is 0 after a leap, or hangs while others move.
+    """Mask (NaN) runs in which a channel of signals (n, c) is 0 after a leap, or constant while others move.
 
     A leap is longer than LEAP times the 99 % quantile of the steps between nonzero samples. Zeros begin and end with a
-    leap; a constant run ends with a leap. Zeros without leaps are also lost messages if they are more frequent than by
-    chance and the samples beside them have typical size: a signal that crosses 0 is small on both sides.
+    leap; a constant run ends with a leap. Zeros without leaps are also dropouts if they are more frequent than by
+    chance and the samples next to them have typical size: a signal that crosses 0 is small on both sides.
     """
     result, steps = np.copy(signals), np.abs(np.diff(signals, axis=0))
-    moves = np.abs(signals[MIN_RUN:] - signals[:-MIN_RUN])  # noise adds little over MIN_RUN samples
+    moves = np.abs(signals[MIN_RUN:] - signals[:-MIN_RUN])  # changes over MIN_RUN samples: noise contributes little
     for c, (x, changes) in enumerate(zip(signals.T, steps.T, strict=True)):
         usual = changes[np.isfinite(changes) & (x[1:] != 0) & (x[:-1] != 0)]
         if not usual.size:
@@ -72,7 +72,7 @@ def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
         beside = _leaps_of_zeros(x, q, max(float(np.median(usual)), 1e-300), least)
         constant = [(a, b + 1) for a, b in runs(changes == 0, MIN_RUN - 1).tolist() if a > 0 and b < len(changes)]
         speed = np.nansum(np.delete(moves, c, axis=1), axis=0) / max(len(moves), 1) / MIN_RUN
-        if sum(b - a for a, b in constant) > MAX_MISSING_FRACTION * len(x):  # a torque in steps
+        if sum(b - a for a, b in constant) > MAX_MISSING_FRACTION * len(x):  # piecewise constant torque
             constant, beside = [], {(a, b): leap for (a, b), leap in beside.items() if b - a < MIN_RUN}
         gaps = [(a, b) for (a, b), leap in beside.items() if leap > least and (b - a < MIN_RUN or leap < np.inf)]
         for a, b in constant:
@@ -85,14 +85,14 @@ def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
 
 
 def _leaps_of_zeros(x: FloatArray, q: float, usual: float, least: float) -> dict[tuple[int, int], float]:
-    """Return the smaller leap at the ends of each run of zeros of a signal (n,), infinite for lost messages.
+    """Return the smaller leap at the ends of each run (start, end) of zeros of a signal (n,); infinite for dropouts.
 
     q: step of the converter.  usual: median step of the signal.  least: smallest leap.
     """
     zeros, size = [(a, b) for a, b in runs(x == 0).tolist()], np.abs(x[np.isfinite(x) & (x != 0)])
     leaps = {(a, b): min(abs(x[a - 1]), abs(x[b])) for a, b in zeros if a > 0 and b < len(x)}
     by_chance = np.sum(size <= usual) * q / (2 * usual)
-    min_size = max(MIN_RANGE * float(np.median(size)), MIN_STEPS * q)  # of samples beside a zero crossing
+    min_size = max(MIN_RANGE * float(np.median(size)), MIN_STEPS * q)  # largest sample next to a zero crossing
     if len(leaps) >= MIN_PLACES * (1 + by_chance) and np.nanmedian([*leaps.values(), 0.0]) > min_size:
         return dict.fromkeys(zeros, np.inf) | {run: leap for run, leap in leaps.items() if leap > least}
     return leaps
@@ -101,7 +101,7 @@ def _leaps_of_zeros(x: FloatArray, q: float, usual: float, least: float) -> dict
 def far_outside(x: FloatArray) -> BoolArray:
     """Flag (n,) short runs of a signal (NaN if missing) far outside the range of the middle 96 % of its samples."""
     low, middle, high = np.nanquantile(x, [MAX_FRACTION, 0.5, 1 - MAX_FRACTION])
-    limit = MIN_OVER_USUAL * (high - low) or np.inf  # a channel at rest has no range
+    limit = MIN_OVER_USUAL * (high - low) or np.inf  # no limit for a constant channel
     result = np.asarray(np.abs(x - middle) > limit)
     for start, end in runs(result, MIN_RUN):
         result[start:end] = False

@@ -18,20 +18,20 @@ from elastid.logs.repair.clock_drift import MAX_CLOCK_ERROR, MAX_REMAINING_FRACT
 from elastid.logs.repair.masks import CHECK_CELLS, MAX_MISSING_FRACTION, MIN_OVER_USUAL
 from elastid.logs.repair.resampling import at_times
 
-# Limits of the judgement that a signal repeats.
-# Correlation of a repetition at least; where several periods show that the rest is noise MIN_DELAY_CORRELATION.
+# Limits of the tests for periods.
+# Least correlation of repetitions; MIN_DELAY_CORRELATION if several periods show that the remainder is noise.
 MIN_CORRELATION = 0.95
-# The rest is noise where so many periods have correlations that differ by no more than this part.
+# Least number of periods for the test of the remainder, and the largest relative change of their correlations.
 MIN_NOISY_PERIODS, MAX_CORRELATION_CHANGE = 4, 0.1
-# The change from one repetition to the next is noise where its autocorrelation, from lags of a twentieth to a half
-# of a repetition, is at most this; the change of a motion is as slow as the motion.
+# The change from one period to the next is noise if its autocorrelation at lags from 1/20 to 1/2 of a period is at most
+# MAX_REST_CORRELATION; the change of a motion is as slow as the motion.
 MIN_REST_LAG, MAX_REST_CORRELATION = 0.05, 0.3
-# A stated period is wrong where another leaves a fifth, and 1 % of the signal's power, less unexplained.
+# A period is as good as another if it leaves at most 1.2 times its unexplained power plus 1 % of the signal's power.
 MAX_UNEXPLAINED_RATIO, UNEXPLAINED_MARGIN = 1.2, 0.01
-MIN_PERIODS = 1.9  # so many periods of the log are two of them, of which the second may end early
-# Larger shifts by lost samples, as a part of the period, have other causes.
+MIN_PERIODS = 1.9  # least number of periods in a log; the second may end early
+# Largest shift by lost samples, relative to the period and in samples; larger shifts have other causes.
 MAX_SHIFT, MAX_LOST = 0.02, 50
-MIN_FRACTION_OF_BEST = 0.8  # peaks with at least this part of the highest one are refined
+MIN_FRACTION_OF_BEST = 0.8  # lowest peak, relative to the highest, that is refined
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def _best(x: FloatArray) -> Repetition:
 
 
 def _detrend(x: FloatArray, lag: int) -> FloatArray:
-    """Remove the mean and the drift of a signal (n,), the mean difference of its repetitions."""
+    """Remove the mean and the drift of a signal (n,); the drift is the mean change after `lag` samples."""
     change = x[lag:] - x[:-lag]
     drift = float(np.nanmean(change)) / lag if np.isfinite(change).any() else 0.0
     residual = x - drift * np.arange(len(x))
@@ -130,9 +130,9 @@ def _is_as_good(correlation: float, best: float) -> bool:
 
 
 def _remainder_is_noise(rho: FloatArray, lag: float, sign: int = 1) -> bool:
-    """Test if the correlations after one, two, ... repetitions, over half of the log at least, are the same.
+    """Test if correlations after one, two, ... periods are equal up to half of the log, and if the remainder is noise.
 
-    And if d(t) = x(t + T) - x(t) is noise: its autocorrelation is 2 rho(l) - rho(T + l) - rho(T - l) of x(t)^2.
+    Remainder: d(t) = x(t + T) - x(t); its autocorrelation is 2 rho(l) - rho(T + l) - rho(T - l), relative to x(t)^2.
     """
     n = len(rho) * 8 / 7
     if n < MIN_NOISY_PERIODS * lag:
@@ -150,7 +150,7 @@ def _remainder_is_noise(rho: FloatArray, lag: float, sign: int = 1) -> bool:
 
 
 def _anywhere(x: FloatArray) -> Repetition:
-    """Find the shortest lag, two of which fit, after which a signal (n,) repeats as well as after any other."""
+    """Find the shortest period of a signal (n,) that repeats as well as any other, also after half of the log."""
     all_lags = autocorrelation(x)
     rho = all_lags[: int(len(x) / MIN_PERIODS) + 1]
     beyond_first_lobe = np.flatnonzero(rho < 0.5)
@@ -171,16 +171,15 @@ def _anywhere(x: FloatArray) -> Repetition:
         if correlation < MIN_CORRELATION and not _remainder_is_noise(all_lags, period):
             continue
         period = _from_later(all_lags, period)
-        half = round(max(1, len(x) / period // 2) * period)
-        if (
-            np.max(all_lags[half - 1 : half + 2]) >= (1 - MAX_CORRELATION_CHANGE) * correlation
-        ):  # no steps of a reference
+        # Steps of a reference correlate after one or a few steps, but not after half of the log.
+        middle_lag = round(max(1, len(x) / period // 2) * period)
+        if np.max(all_lags[middle_lag - 1 : middle_lag + 2]) >= (1 - MAX_CORRELATION_CHANGE) * correlation:
             return Repetition(0.0, period, correlation)
     return Repetition(0.0, 0.0, best)
 
 
 def _refine(rho: FloatArray, peak: int) -> tuple[float, float]:
-    """Interpolate place and height of a peak of rho between samples, on a grid of 0.02 samples and a parabola."""
+    """Interpolate lag and height of a peak of rho between samples by a grid of 0.02 samples and a parabola."""
     step = 0.02
     first, last = max(0, peak - 64), min(len(rho), peak + 65)
     times = np.arange(-1, 1 + step / 2, step) + (peak - first)
@@ -188,14 +187,14 @@ def _refine(rho: FloatArray, peak: int) -> tuple[float, float]:
     i = int(np.clip(np.argmax(fine), 1, len(fine) - 2))
     bend, tilt = fine[i - 1] - 2 * fine[i] + fine[i + 1], fine[i - 1] - fine[i + 1]
     offset = float(np.clip(tilt / (2 * bend), -1, 1)) if bend < 0 else 0.0
-    # Between few samples an interpolated peak lies above 1, which no correlation is.
+    # An interpolated peak can exceed 1, the limit of a correlation.
     return first + float(times[i]) + offset * step, min(float(fine.max()), 1.0)
 
 
 def _from_later(rho: FloatArray, period: float) -> float:
     for repeats in range(2, int(len(rho) / period) + 1):
         around = np.arange(-3, 4) + round(repeats * period)
-        if around[0] <= 0 or around[-1] >= len(rho) - 1:  # the peak may lie beyond what is known
+        if around[0] <= 0 or around[-1] >= len(rho) - 1:  # the peak may lie beyond the last lag
             break
         period = _refine(rho, int(around[np.argmax(rho[around])]))[0] / repeats
     return period
