@@ -221,11 +221,11 @@ class Parameters:
 
     @property
     def x(self) -> FloatArray:
-        """The solver's start (n_x,)."""
+        """Start value (n_x,) of the solver's variables."""
         return self.x_with({})
 
     def x_with(self, values: Mapping[str, float]) -> FloatArray:
-        """Return x (n_x,) with values of x by name, others at the start."""
+        """Return x (n_x,) with `values` of x by name, and start values of all others."""
         return np.array([values.get(p.name, p.to_x(p.value)) for p in self.free], dtype=float)
 
     @cached_property
@@ -254,11 +254,11 @@ class Parameters:
 
     @cached_property
     def prior_slopes(self) -> FloatArray:
-        """1 / s (n_x,) of the priors of x, 0 without a prior."""
+        """1 / s (n_x,), s: prior standard deviation of x; 0 without a prior."""
         return np.array([0.0 if p.prior is None else 1 / p.prior.std for p in self.free])
 
     def priors(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return (x - m) / s and 1 / s (n_x,) of the priors at x (n_x,), 0 without a prior."""
+        """Return (x - m) / s and 1 / s (n_x,) at x (n_x,), m and s: prior mean and std; 0 without a prior."""
         mean = np.array([0.0 if p.prior is None else p.to_x(p.prior.mean) for p in self.free])
         return (x - mean) * self.prior_slopes, self.prior_slopes
 

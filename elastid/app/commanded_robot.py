@@ -49,31 +49,31 @@ def commanded_robot(robot: Robot, result: FrictionResult) -> Robot:
     If a study by commands has found the inertia of each joint as a whole, bodies on the base have the inertia and the
     gravity of the study; the bodies of other robots are replaced by pendulums about y.
     """
-    if not _has_whole_inertias(robot, result):
+    if not _has_total_inertias(robot, result):
         return with_armatures(robot, result)
     identified = with_identified_friction(robot, result)
-    if not _stands_on_base(robot, result):
+    if not _is_on_base(robot, result):
         joints = (replace(joint, axis="x" if joint.slides else "y", spring=None) for joint in identified.driven)
         identified = Robot(robot.name, tuple(Body(f"{joint.name} body", joints=(joint,)) for joint in joints))
     return _with_pendulums(identified, rigid_numbers(result))
 
 
 def robot_of_friction(name: str, robot: Robot, result: FrictionResult) -> str:
-    """Return the robot file with friction, rotor inertias and, for bodies on the base, inertia and gravity.
+    """Return the text of a robot file with friction, rotor inertias and, for bodies on the base, inertia and gravity.
 
-    name: study.
+    name: name of the study.
     """
-    is_whole = _has_whole_inertias(robot, result)
-    identified = commanded_robot(robot, result) if _stands_on_base(robot, result) else with_armatures(robot, result)
+    has_total_inertias = _has_total_inertias(robot, result)
+    identified = commanded_robot(robot, result) if _is_on_base(robot, result) else with_armatures(robot, result)
     usable_joints = [joint.joint for joint in result.joints if joint.friction is not None and joint.viscous is not None]
     comments = [
         f"Robot {robot.name} with the friction that study {name} has identified at the motors of "
         f"joints {', '.join(usable_joints) or 'none'}.",
         f"{MOTOR_SIDE}; `measured` are the ranges outside which they are unknown.",
     ]
-    if is_whole and _stands_on_base(robot, result):
+    if has_total_inertias and _is_on_base(robot, result):
         comments += ["Inertia and gravity of each joint are identified. Half of the inertia is assigned to the rotor."]
-    elif is_whole:
+    elif has_total_inertias:
         remark = "This file does not contain the identified total inertia J of each joint. Its masses and inertias are"
         comments += [f"{remark} copied from the robot model."]
     comments += ["Link-side values, with standard deviation and 95 % interval:"]
@@ -82,14 +82,14 @@ def robot_of_friction(name: str, robot: Robot, result: FrictionResult) -> str:
     return yaml_text(identified, tuple(comments))
 
 
-def _has_whole_inertias(robot: Robot, result: FrictionResult) -> bool:
-    """Return True for a study by commands that has found the inertia of every driven joint with its link."""
+def _has_total_inertias(robot: Robot, result: FrictionResult) -> bool:
+    """Return True if a study from commands identified the total inertia of every driven joint."""
     values = rigid_numbers(result)
     return command_delay(result) is not None and all((name, "inertia") in values for name in robot.driven_names)
 
 
-def _stands_on_base(robot: Robot, result: FrictionResult) -> bool:
-    """Return True if each body is on the base, with one driven joint, across whose axis an identified gravity acts."""
+def _is_on_base(robot: Robot, result: FrictionResult) -> bool:
+    """Return True if each body has one driven joint on the base, with gravity across the axis if it was identified."""
     values = rigid_numbers(result)
     return all(
         body.parent == BASE
@@ -101,7 +101,7 @@ def _stands_on_base(robot: Robot, result: FrictionResult) -> bool:
 
 
 def _across(robot: Robot, body: Body) -> tuple[FloatArray, float]:
-    """Return gravity (3,) across the axis of a body's joint at angle 0, as a direction and a size in m/s^2."""
+    """Return the gravity normal to the axis of a body's joint at angle 0: direction (3,) and size in m/s^2."""
     axis, down = unit_axis(body.joints[0].axis), body.placement.rotation.T @ np.asarray(robot.gravity)
     down = down - (down @ axis) * axis
     g = float(np.linalg.norm(down))

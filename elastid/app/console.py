@@ -25,7 +25,7 @@ LOG_NAME = "run.log"
 
 
 class Console:
-    """Terminal and log of a run.  verbosity: -2 log alone, -1 only warnings, 0 a row for each stage, 1 all details."""
+    """Terminal and log of a run.  verbosity: -2 only the log, -1 warnings, 0 one message a stage, 1 all details."""
 
     def __init__(self, verbosity: int = 0) -> None:
         self.verbosity = verbosity

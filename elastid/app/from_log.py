@@ -58,9 +58,10 @@ class _Logs:
 def texts_from_logs(
     folder: Path, logs: Sequence[Path], robot: Robot | None = None, servos: Servos = MappingProxyType({})
 ) -> dict[str, str]:
-    """Draft the files of a study in a folder, by name, from the first log. robot, servos: measured robot and its gains.
+    """Draft the files of a study from its first log. Return texts by file name.
 
-    Raises StudyError or DataError for a log that cannot be read, in which nothing moves, or that is not of the robot.
+    folder: of the study.  robot: robot model of the logs.  servos: gains of its position servos by joint.
+    Raises StudyError or DataError for a log that is unreadable, has no motion, or belongs to another robot.
     """
     first = logs[0]
     if absent := [path for path in logs if not path.exists()]:
@@ -163,9 +164,9 @@ def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[in
 
 
 def _columns(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess, may_differ: bool) -> dict[str, int]:
-    """Return the column of each signal of the first log in logs with different headings, which may_differ allows.
+    """Return the column of each signal of the first log if the logs have different headings; else an empty dictionary.
 
-    Raises DataError for a log without one of the channels.
+    may_differ: accept different headings.  Raises DataError for a log without one of the channels.
     """
     channels = [channel for joint in guess.joints for channel in (joint.torque, joint.motion)]
     channels += () if guess.is_motion else guess.further

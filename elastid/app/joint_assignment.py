@@ -42,9 +42,9 @@ def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess
 
 
 def order_of_names(joints: Sequence[str], channels: Sequence[ChannelGuess]) -> tuple[list[int], str]:
-    """Return the index of each joint's channel: by words and numbers of both names, else by number, else in log order.
+    """Return the channel index of each joint: by words and numbers of names, else by number, else in log order.
 
-    The text states an order that the names do not confirm; it is empty otherwise.
+    Also returns a text that states an order without confirmation by the names; else an empty text.
     Raises DataError if the words do not match, or if without words the numbers of channels and joints differ.
     """
     words = [rf"(?<![a-z0-9]){re.escape(name.lower())}(?![a-z0-9])" for name in joints]
@@ -66,7 +66,7 @@ def order_of_names(joints: Sequence[str], channels: Sequence[ChannelGuess]) -> t
 
 
 def _labels(guesses: Sequence[ChannelGuess]) -> list[list[str]]:
-    """Return the sorted words of each name, then its numbers, without words and first numbers that all names share."""
+    """Return the sorted words, then the numbers, of each name without words and leading numbers common to all names."""
     labels = [replace(guess, by_words=True).parts[1].lower().split() for guess in guesses]
     common, numbers = set.intersection(*map(set, labels)), [[*filter(str.isdigit, label)] for label in labels]
     differ = (i for i, of in enumerate(zip(*numbers, strict=False)) if len(set(of)) > 1)
@@ -86,9 +86,9 @@ def _at(joint: Joint, guess: JointGuess) -> JointGuess:
 
 
 def _interpret(robot: Robot, joints: Sequence[JointGuess], unit: str, on_motor: bool) -> tuple[JointGuess, ...]:
-    """Interpret joints with one unit for all positions without a unit, and all signals on one side of the gears.
+    """Interpret all joints with one unit for positions without a unit, and with signals on one side of the gears.
 
-    Torques are motor-side if at the link one of them would be too small for the inertia of its rotor.
+    Torques are motor-side if one of them, as a link-side torque, would be too small for the inertia of its rotor.
     """
     result, is_before = [], on_motor
     for joint, guess in zip(robot.driven, joints, strict=True):
@@ -105,14 +105,14 @@ def _interpret(robot: Robot, joints: Sequence[JointGuess], unit: str, on_motor: 
 
 
 def _is_in_limits(positions: Positions, joint: Joint, guess: JointGuess) -> bool:
-    """Return True if the motion leaves the limits of its joint in no log by more than joints of one state differ."""
+    """Return True if the motion is within the limits of its joint, to MIN_TURN, in at least one log."""
     extent = guess.motion.to_si * positions.get(guess.motion.key, np.zeros((1, 4)))[:, :2]
     low, high = joint.limits.angle
     return bool(np.min(extent) > low - MIN_TURN and np.max(extent) < high + MIN_TURN)
 
 
 def positions_of(logs: Sequence[Sequence[Path]], form: TextFormatSpec, motions: Sequence[ChannelGuess]) -> Positions:
-    """Return extent, mean and standard deviation of each position signal in each measurement of one or several logs."""
+    """Return extent, mean and standard deviation (n, 4) of each position signal in n measurements."""
     positions = [motion for motion in motions if motion.quantity == "position"]
     moments = np.zeros((len(logs), 4, len(positions)))
     for i, paths in enumerate(logs):

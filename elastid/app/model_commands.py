@@ -152,7 +152,7 @@ def tune_study(
 def _move_robots(
     run: Run, result: Result, frame: str | None, draws: int, rate_hz: float | None, bandwidth_hz: float, error_m: float
 ) -> MoveRobots:
-    """Return the robots of a study with the requested frame."""
+    """Return the identified robots of a study with the requested frame."""
     study, family = run.study, result.family(posture.PredictionPorts(frame=frame))
     friction = read_friction(run.path("estimate")) if run.path("estimate").exists() else None
 

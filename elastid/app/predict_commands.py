@@ -151,9 +151,8 @@ def _motion(model: Model, path: Path, settings: CommandSettings, console: Consol
     else:
         log = read_study_log(path, settings.recorded, model.robot, settings.rate_hz)
     if log.clock_hz is not None and abs(log.clock_hz / log.rate_hz - 1) > 0.01:
-        factor = f"{log.rate_hz / log.clock_hz:.4g} times the given one"
-        text = f"{path}: its clock says {log.clock_hz:g} Hz, --rate says {log.rate_hz:g} Hz: the period of the log is"
-        console.warn(f"{text} {factor}" + ". Omit --rate, unless the clock is wrong")
+        text = f"{path}: sampling rate {log.clock_hz:g} Hz by its clock, {log.rate_hz:g} Hz by --rate. Omit --rate"
+        console.warn(text + " unless the clock is wrong")
     loop = _gains(model, log, settings, path, console)
     controller = ControllerSpec()
     if settings.recorded is not None and settings.recorded.controller is not None:

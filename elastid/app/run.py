@@ -167,7 +167,7 @@ def hash_of(document: Any) -> str:
 
 @dataclass(frozen=True)
 class Run:
-    """A study, the folder of its results, and ways of working.  jobs: processes; results do not depend on them."""
+    """Run of a study: result folder and options.  jobs: number of processes, without effect on results."""
 
     loaded: LoadedStudy
     folder: Path
@@ -218,12 +218,12 @@ class Run:
         )
 
     def has_result(self, stage: str) -> bool:
-        """Return True if the result of a stage is there, made from the same inputs by any version."""
+        """Return True if a result of the stage from the same inputs exists, written by any version of elastid."""
         stamp = read_stamp(self.path(stage))
         return stamp is not None and stamp.inputs == self.stamps[stage].inputs
 
     def is_current(self, stage: str) -> bool:
-        """Return True if a stage's result is there as it was written, made from the same inputs by the same code."""
+        """Return True if an unchanged result of the stage from the same inputs and the same code exists."""
         stamp_now, path, row = self.stamps[stage], self.path(stage), self.stages[stage]
         if not all(any(self.folder.glob(n)) for n in row.leaves) or changed_texts(self.folder, row.texts):
             return False

@@ -48,7 +48,7 @@ _OF_ELASTID = (".yml", ".yaml")
 
 
 def is_robot_file(path: Path) -> bool:
-    """Return True for a robot model, by the end of its name."""
+    """Return True for a path with the extension of a robot model."""
     return path.suffix.lower() in (".urdf", ".xml", ".mjcf", *_OF_ELASTID)
 
 
@@ -133,7 +133,7 @@ def _links_of_urdf(path: Path, ratio: float = _RATIO) -> Robot:
 
 
 def _with_drive(joint: Joint, of_links: float) -> Joint:
-    """Return a joint with its spring and motor, else guessed from the inertia of its links, to two digits."""
+    """Complete the spring and the motor of a joint with values guessed from its links' inertia (kg m^2), two digits."""
     if joint.motor is None:
         if joint.spring is None or joint.spring.damping:
             return joint

@@ -181,9 +181,9 @@ def friction_study_summary(
     log_comparison: LogComparison = NO_COMPARISON,
     validation: LogComparison = NO_COMPARISON,
 ) -> Content:
-    """Return summary.json of a friction study: parameters with interval and origin, unidentified ones, measured ranges.
+    """Return summary.json of a friction study: parameters with intervals and origin, others with reasons, ranges.
 
-    log_comparison: torque fractions of the model's parts, and simulation errors along the logs.
+    log_comparison: fraction of the torque by model term, and simulation errors along the logs.
     validation: the same quantities for validation logs.  rigid_bodies: base parameters of joints that moved together.
     """
     all_notes = (*result.notes, *notes_of(result.joints))

@@ -193,7 +193,7 @@ def from_template(template: str, /, **values: Any) -> str:
 
 
 def read_table(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
-    """Read a CSV file: row number from 1 and cells by column name of each row; raise StudyError for other files.
+    """Read a CSV file. Return the row number, from 1, and the cells by column name of each row.
 
     Empty rows, rows that begin with #, a first row `sep=;` and an empty last column are skipped. Cells may be separated
     by semicolons or tabs; their numbers then may have a decimal comma. UTF-16 files need a byte order mark.

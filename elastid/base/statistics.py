@@ -23,7 +23,7 @@ Values = TypeVar("Values", FloatArray, ComplexArray)
 QUANTILE_95 = 1.959964
 # And so many above its mean bound it on one side with 95 %.
 ONE_SIDED_95 = 1.644854
-# Of a test of a fit: it errs once in so many fits of correct models.
+# False-alarm rate of each residual test of a fit.
 FALSE_ALARM_RATE = 1 / 700
 # The standard deviation of a normal distribution over its median absolute deviation.
 STD_OVER_MAD = 1.4826
@@ -56,7 +56,7 @@ def chi_square_limit(dof: float, tail: float) -> float:
 def max_cost_ratio(cost_dof: float) -> float:
     """Return the upper limit of V / E[V] for a correct model at the false-alarm rate.
 
-    2 / cost_dof: relative variance of that ratio, a chi-square variable over its degrees of freedom.
+    2 / cost_dof: relative variance of V / E[V], a chi-square variable over its degrees of freedom.
     """
     dof = max(cost_dof, 1.0)
     return chi_square_limit(dof, FALSE_ALARM_RATE) / dof
@@ -176,7 +176,7 @@ def propagate(function: Callable[[FloatArray], Any], x: FloatArray, covariance: 
 class Combination:
     """Identifiable weighted sum of parameters (members) that are not identifiable individually.
 
-    members: indices, the first with weight 1.  std: of the value.
+    members: indices of the parameters.  weights: of the members; the first is 1.  std: standard deviation of the value.
     """
 
     members: tuple[int, ...]

@@ -161,7 +161,7 @@ def _search(
     names = [response.configuration.name for response in responses]
     parameters = parameters or choose(spec, robot, names, has_references)
     check_factors(responses, spec)
-    # A search by noise alone would follow lines at resonances into false valleys.
+    # With weights from noise alone, DFT lines at resonances would lead the search to local minima.
     search_spec = with_model_error(spec, TYPICAL_MODEL_ERROR) if spec.weights.model_error is None else spec
     home = home_of(responses, execution)
     weights = tuple(each_at_home(partial(weigh, spec=search_spec), responses, home))

@@ -148,7 +148,7 @@ def _profile(
 def _end(
     problem: LeastSquares, x: FloatArray, least: float, tangent: FloatArray, threshold: float, place: int, reach: float
 ) -> float:
-    """Return the end where sqrt(V_p - V) crosses its level, from x + reach on; infinite without one before a bound."""
+    """Return the end where sqrt(V_p - V) crosses `threshold`, searched from x + reach; infinite if a bound is first."""
     from scipy.optimize import brentq  # slow to load, and seldom needed
 
     bounds, last = problem.parameters.x_bounds, x

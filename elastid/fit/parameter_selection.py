@@ -295,7 +295,7 @@ class Tolerance:
 
 
 def tolerances_of(robot: Robot) -> Iterator[Tolerance]:
-    """Yield the tolerances of every number of the robot's file that is not exact."""
+    """Yield the tolerance of each value of the robot model that is not exact."""
     if not isinstance(robot.tolerances, Tolerances):
         return
     values = robot.parameters()
@@ -314,7 +314,7 @@ def tolerances_of(robot: Robot) -> Iterator[Tolerance]:
 
 
 def _turns_all(robot: Robot, path: Path) -> bool:
-    """Return True for a zero with which the whole robot turns about gravity, so that no response shows it."""
+    """Return True for an angle offset that rotates the whole robot about gravity and is therefore not detectable."""
     if path[-1] != "zero" or robot.loops or robot.compensators:
         return False
     body, joint = robot.bodies[int(path[1])], robot.bodies[int(path[1])].joints[int(path[3])]

@@ -38,7 +38,7 @@ from elastid.response import UNEXPLAINED, Response
 RESIDUALS = 6_000  # real ones of the search
 # Std of the logarithms of a stiffness and of a relaxation time about their starts.
 STIFFNESS_STD, TIME_STD = 3.0, 1.5
-# Bounds of a rate over the lowest and the highest angular frequency, and the number of rates between these that start.
+# Bounds of a rate relative to the lowest and the highest angular frequency, and the number of start values of a rate.
 RATE_BOUNDS, N_RATES = (1e-3, 2.4), 4
 # Of the median of torque over angle of a motor, at which its stiffness starts, at least or where no linear step is.
 FIRST_FRACTIONS = (1e-3, 0.1)
@@ -66,7 +66,7 @@ def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
     # Within the noise a negative spring is an error of the compensation, which the intervals include.
     first = _State.of(assembly, evidence.optimum.end.x, (1, -1) if is_large else (1,))
     last = _with_all(first, joints)
-    if not last.springs or _is_beaten(evidence, first, last):
+    if not last.springs or _is_rejected(evidence, first, last):
         return None
     with_springs = with_presliding(
         assembly, dict(sorted(last.springs.items(), key=lambda pair: joints.index(pair[0].joint)))
@@ -89,8 +89,8 @@ def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:
     return tuple(name for name in assembly.linearisation.model.robot.driven_names if f"motor {name}" in places)
 
 
-def _is_beaten(evidence: Evidence, first: "_State", last: "_State") -> bool:
-    """Return True if springs leave too much of the excess of V, or another cause has better odds by the BIC."""
+def _is_rejected(evidence: Evidence, first: "_State", last: "_State") -> bool:
+    """Return True if springs explain too little of the excess of V, or another cause has better odds by the BIC."""
     drop, scores, cause = first.cost - last.cost, evidence.scores, evidence.cause
     if evidence.is_unexplained and drop < LIMITS.sufficient_fraction * (
         first.cost - last.cost_ratio * first.fit.problem.dof
@@ -321,13 +321,13 @@ def without_presliding(result: Result, assembly: Assembly, before: Result) -> Re
         linear=tuple(part.kernel.model for part in parts),
         presliding=presliding,
     )
-    has_moved = _has_moved(before, without)
-    notes = (presliding_note(each, before.exceeds_noise, has_moved) for each in presliding)
+    has_effect = _has_effect(before, without)
+    notes = (presliding_note(each, before.exceeds_noise, has_effect) for each in presliding)
     return replace(without, notes=(*result.notes, *notes))
 
 
-def _has_moved(before: Result, after: Result) -> bool:
-    """Return True if a stiffness or a damping has moved by more than counts as an effect."""
+def _has_effect(before: Result, after: Result) -> bool:
+    """Return True if a stiffness or a damping changed by more than `LIMITS.effect` or `LIMITS.effect_on_damping`."""
     limits = {"N*m/rad": LIMITS.effect, "N/m": LIMITS.effect} | dict.fromkeys(DAMPING_UNITS, LIMITS.effect_on_damping)
     moves = zip(after.parameters.of_interest, np.abs(after.x - before.x).tolist(), strict=False)
     return any(p.log and move > limits.get(p.unit, math.inf) for p, move in moves)
@@ -346,7 +346,7 @@ def _presliding(result: Result, spring: RelaxingSpring, assembly: Assembly) -> P
 
 
 def _between_reversals(response: Response, place: str) -> Iterator[float]:
-    """Yield the mean time between two reversals in Gaussian motion, pi sigma_v / sigma_a, s (Rice, 1945)."""
+    """Yield the mean time between two reversals of Gaussian motion, pi sigma_v / sigma_a, in s (Rice, 1945)."""
     motion = response.motion
     if motion is not None and place in motion.motors:
         j, omega = motion.motors.index(place), 2 * np.pi * motion.freq_hz
@@ -354,7 +354,7 @@ def _between_reversals(response: Response, place: str) -> Iterator[float]:
         yield float(np.pi * np.sqrt((omega**2 @ power) / max(float(omega**4 @ power), 1e-300)))
 
 
-def presliding_note(spring: Presliding, exceeds_noise: bool, has_moved: bool) -> Note:
+def presliding_note(spring: Presliding, exceeds_noise: bool, has_effect: bool) -> Note:
     """Return the note on a spring: a warning if V exceeds the noise without springs, or if they move k or d.
 
     A negative spring within the noise is an error of the friction compensation, beside which F_c may be right.
@@ -364,7 +364,7 @@ def presliding_note(spring: Presliding, exceeds_noise: bool, has_moved: bool) ->
         f"{spring.place}: model and intervals include presliding friction, a spring of {k} {spring.unit} (link side) "
         f"that relaxes at {a} 1/s"
     )
-    if not (exceeds_noise or (has_moved and spring.stiffness > 0)):
+    if not (exceeds_noise or (has_effect and spring.stiffness > 0)):
         return Note("fit/presliding", text, severity="information")
     if AMPLITUDES[0] < spring.amplitude < AMPLITUDES[1]:
         text += (

@@ -253,7 +253,7 @@ def _leading(
 
 
 def _note(spectra: PeriodSpectra, rows: IntArray, measured: Distances, others: str, reason: str = "") -> Note:
-    """Return the note on discarded periods (rows of spectra).  others: name of the periods compared with them."""
+    """Return the note on discarded periods (rows of spectra).  others: name of the periods that they differ from."""
     record = spectra.record
     kind = ("half period" if record.half_wave else "period") + "s" * (len(rows) > 1)
     channels = [f"output {name}" for name in record.outputs] + [f"input {name}" for name in record.inputs]

@@ -70,9 +70,9 @@ def quality_of(
     noise: tuple[FloatArray, FloatArray],
     excited: Levels,
 ) -> Quality:
-    """Return the quality of G (F, n_y, n_u) under inputs of spectra S_uu (F, n_u, n_u).
+    """Return the quality of G (F, n_y, n_u), measured with input spectra S_uu (F, n_u, n_u).
 
-    coherence: ordinary, multiple.  noise: variance of inputs (F, n_u) and outputs (F, n_y) in one period.
+    coherence: ordinary and multiple.  noise: variance of inputs (F, n_u) and outputs (F, n_y) in one period.
     """
     return Quality(*coherence, singular_values(G), relative_singular_values(S_uu), *noise, excited)
 

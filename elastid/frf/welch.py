@@ -61,13 +61,13 @@ from elastid.frf.spectra import inputs_pass, refuse_uncomputable, unit_scale
 from elastid.record import Record
 from elastid.response import Covariance, Levels, Quality, Response
 
-_LEAST_DOF = 0.4  # 1 - sum h^2 / n_u at least: of a line that is in one segment alone nothing is known
-# A sweep that ends with its record is truncated: a line is discarded if this part of a segment at the end has more than
-# this fraction of its power.
+_LEAST_DOF = 0.4  # least 1 - sum h^2 / n_u; a line in a single segment has no estimate of its variance
+# A sweep that ends with its record is truncated: a line is discarded if the last _END of a segment has more than
+# _MAX_END_FRACTION of its power.
 _END, _MAX_END_FRACTION = 1 / 16, 0.25
-# Numbers in a segment of all channels that `auto` takes at most.
+# Largest number of values in a segment of all channels for `auto`.
 _MAX_NUMBERS = 1 << 20
-# Of a window's power on its middle line: lines with less of it leak nothing that counts.
+# Least leakage of a window that counts, relative to its power on the middle line.
 _LEAST_LEAKAGE = 1e-4
 
 

@@ -196,7 +196,7 @@ class _Problem:
 
     def errors_of(self, numbers: FloatArray, delay_s: float) -> list[FloatArray]:
         """Return the measured minus the simulated means (n_k, m_k) of each log for numbers (m, 8)."""
-        return self.errors(self.simulated(numbers[None], np.array([delay_s])))
+        return self.errors(self.simulate(numbers[None], np.array([delay_s])))
 
     @cached_property
     def measured(self) -> list[FloatArray]:
@@ -326,7 +326,7 @@ def _linearise(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Linea
     candidates = np.stack([numbers, *(numbers + changes), numbers])
     delays = np.full(len(candidates), delay_s)
     delays[-1] += DELAY_STEP_S
-    simulated = problem.simulated(candidates, delays)
+    simulated = problem.simulate(candidates, delays)
     errors = problem.errors(simulated)
     variance, n_x = _mean_squares(problem, errors), int(is_free.sum()) + 1
     place = np.full(is_free.shape, -1)
@@ -355,7 +355,7 @@ def _start(problem: _Problem) -> tuple[FloatArray, float]:
     """
 
     def costs(candidates: FloatArray, delays: FloatArray) -> FloatArray:  # (K, m)
-        simulated = problem.simulated(candidates, delays)
+        simulated = problem.simulate(candidates, delays)
         squares = [_mean_squares(problem, problem.errors(simulated, k)) for k in range(len(delays))]
         return np.log(np.maximum(np.nan_to_num(squares, nan=np.inf), 1e-300))
 

@@ -181,7 +181,7 @@ def _track_joint(
 
 
 def _acting(record: FrictionRecord) -> tuple[FloatArray, FloatArray]:
-    """Return torque and position (n,) at the times when the torque acts; the filter models the delay of a hold."""
+    """Return torque and position (n,) at the times when the torque acts; the filter models the delay of the ZOH."""
     samples = np.arange(len(record.position))
     acting = samples + record.torque_delay_s * record.rate_hz - 0.5 * (record.hold == "zero-order")
     inside = (acting >= 0) & (acting <= samples[-1])

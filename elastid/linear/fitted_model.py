@@ -62,11 +62,11 @@ class ModelErrorFactor:
 
 @dataclass(frozen=True, eq=False)
 class Estimated:
-    """theta (n_theta,) of a linear model as a function of x (n_x + n_d,): parameters, then the uncertain factors.
+    """Map from x (n_x + n_d,), fit parameters and model-error factors, to theta (n_theta,) of a linear model.
 
-    fit_x (n_x,), fit_covariance (n_x, n_x): of the fit.  names: of theta.  base (n_theta,): numbers that are no
-    parameters of the fit.  rows, places: which are, and where in its theta.  configuration: name of the configuration
-    whose parameters apply.
+    fit_x (n_x,), fit_covariance (n_x, n_x): estimate and covariance of the fit.  names: of theta.  base (n_theta,):
+    values of fixed parameters.  rows, places: indices in theta and in the fit's theta of the other parameters.
+    configuration: name of the configuration whose group parameters apply.
     """
 
     parameters: Parameters
@@ -241,7 +241,7 @@ class FrameStiffness:
 
 @frozen_value(eq=False)
 class FittedModel:
-    """A linear model at the estimate of its parameters; link side, SI.
+    """Linear model at the estimated parameters; link side, SI.
 
     full: model whose last outputs are the motion (6,) of a `frame`, if any, in `axes`.  coordinates: names of the n_q
     coordinates of the robot.

@@ -38,7 +38,7 @@ from elastid.base.escape import control_labels
 from elastid.record import MOTION_ORDER, REFERENCE, Configuration, JointLoop, Motion, Motors, ReferenceLoop, ZohTorque
 from elastid.robot import CHANNEL_NUMBERS, Chain, channel_name, low_pass_response
 
-# The one element between command and torque.
+# Name of the lag element between command and torque.
 TORQUE_LAG = "torque_lag"
 
 
@@ -53,7 +53,7 @@ def butterworth(order: int) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class LagElement:
-    """H(x) = 1 / P(x), x = s T, P = 1 + p_1 x + p_2 x^2 ... by (p_1, p_2 ...)."""
+    """Lag element 1 / P(s T) with P(x) = 1 + p_1 x + p_2 x^2 + ...; coefficients: (p_1, p_2, ...)."""
 
     name: str
     coefficients: tuple[float, ...]
@@ -218,7 +218,7 @@ class LinearModel:
     def number(self, theta: FloatArray, name: str, absent: float | None = None) -> float:
         """Return the value of one parameter in theta (n_theta,).
 
-        absent: value without the parameter; None for UnknownNameError, which names those there are.
+        absent: default if the model has no such parameter; None: raise UnknownNameError with all names.
         """
         if absent is not None and name not in self.parameters:
             return absent

@@ -161,7 +161,7 @@ class Linearisation:
         return self.point is not None
 
     def is_affine_in(self, names: Collection[str]) -> bool:
-        """Return True if M, D, K about a fixed operating point are affine in these parameters together: m, not m c."""
+        """Return True if M, D, K at a fixed operating point are jointly affine in these parameters: m, but not m c."""
         model = self.model
         theta = [ca.SX.sym(name) for name in model.parameters]
         q, lambda_ = model.symbols("q", "lambda")
@@ -171,7 +171,7 @@ class Linearisation:
 
     @classmethod
     def of(cls, model: ElasticModel, follows: bool = False) -> "Linearisation":
-        """Differentiate a model; follows: the operating point, too, even where all springs are linear."""
+        """Differentiate a model.  follows: also with respect to the operating point, even if all springs are linear."""
         q, theta, lambda_ = model.symbols("q", "theta", "lambda")
         rows, columns = np.tril_indices(model.n_q)
         lower = (columns * model.n_q + rows).tolist()  # CasADi counts column by column
@@ -239,7 +239,7 @@ class Linearisation:
 
 
 def _moves_with_parameters(model: ElasticModel) -> bool:
-    """Return True if the geometry is free, a tangent stiffness depends on deflection, or springs are in series."""
+    """Return True if geometry is free, a stiffness depends on the deflection, or springs are in series."""
     robot = model.robot
     is_nonlinear = any(joint.spring is not None and not joint.spring.is_linear for joint in robot.joints)
     return bool(model.geometry) or (

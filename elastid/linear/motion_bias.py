@@ -250,14 +250,14 @@ def _amplitudes(expansion: _Expansion, omega: FloatArray, power: ComplexArray, m
 def _mean(
     expansion: _Expansion, motion: MotorMotion, angles: FloatArray, measured: IntArray, at: list[int]
 ) -> FloatArray:
-    """Return E[R'(z_0 + e)] - R' + R''[mean of e_2] (n + n_y, n_z), e Gaussian, and the motors at their mean angles."""
+    """Return E[R'(z_0 + e)] - R' + R''[E[e_2]] (n + n_y, n_z) for Gaussian e and motors at their mean angles."""
     amplitudes = _amplitudes(expansion, 2 * np.pi * motion.freq_hz, motion.power[:, at][:, :, at], measured)
     rows = amplitudes.reshape(-1, amplitudes.shape[2])
     covariance = (rows.T @ rows.conj()).real
     shift = np.zeros_like(angles)
     shift[measured] = motion.mean[at] - angles[measured]
-    shift = np.where(np.abs(shift) < _LARGEST_SHIFT * np.sum(motion.rms**2), shift, 0.0)  # NaN, too
-    # The first by second differences along the principal axes of the motion.
+    shift = np.where(np.abs(shift) < _LARGEST_SHIFT * np.sum(motion.rms**2), shift, 0.0)  # also for NaN
+    # E[R'(z_0 + e)] - R' by second differences along the principal axes of the motion.
     values, vectors = np.linalg.eigh(covariance)
     significant = values > 1e-18 * values[-1]
     e = (vectors[:, significant] * np.sqrt(values[significant])).T
@@ -274,7 +274,7 @@ def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Exp
     numbers = model.carried(theta[:-1], linear.configuration.has_payload)
     outputs = linear.outputs if linear.controller is None else (*linear.outputs, *linear.controller.motors)
     n_q, n_c, n_y = model.n_q, model.n_c, len(outputs)
-    # Of redundant constraints those combinations that bind; their multipliers alone are unknown.
+    # Redundant constraints: only independent combinations have unknown multipliers.
     U = np.zeros((n_c, 0))
     if n_c:
         vectors, size, _ = np.linalg.svd(model.constraint_jacobian(point.q, numbers).full())

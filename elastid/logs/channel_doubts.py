@@ -93,7 +93,7 @@ def _family_doubts(members: Sequence[int], labels: Sequence[str], channels: Sequ
 
 
 # Limits of warnings about channels. 150 clean logs cause none (scripts/studies/results.csv).
-# |log| of a gain that is as stated, and of its distance from a known factor.
+# Largest |log| of the ratio of a gain to its stated value, and to a known factor.
 MAX_GAIN, MAX_FACTOR = 0.3, 0.1
 MAX_PLAY = 1.0  # |log| of a gain of two positions of a joint, whose spring may lie between them
 MAX_TURNS = 4.0  # that no joint behind a gear makes

@@ -117,7 +117,7 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     pairs = [(values[joint.torque.key], _in_si(joint.motion, values)) for joint in joints]
     rests = [REST_TRAVEL_M if joint.motion.slides else REST_TRAVEL_RAD for joint in joints]
     moving = [pair for pair, rest in zip(pairs, rests, strict=True) if travel(pair[1]) > rest]
-    moving = moving or [(u, u) for u, _ in pairs]  # no joint moves: noise counts
+    moving = moving or [(u, u) for u, _ in pairs]  # without a moving joint, noise is used
     if quantity != "position":
         return LogGuess(tuple(joints), tuple(outputs), is_motion=False)
     is_motion = all(_half_power_hz(u, y, rate_hz) < _MOTION_HZ for u, y in moving)
@@ -126,7 +126,7 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
 
 
 def _half_power_hz(u: FloatArray, y: FloatArray, rate_hz: float) -> float:
-    """Return the frequency below which a torque (n,) has half of the power that is coherent with its motion (n,).
+    """Return the frequency, Hz, below which a torque (n,) has half of its power that is coherent with the motion (n,).
 
     Segments last up to 1 s (Carter, Proc. IEEE 75, 1987); coherence below the 99 % quantile of noise counts as zero.
     """
@@ -200,7 +200,7 @@ def _with_common_unit(motions: list[ChannelGuess]) -> list[ChannelGuess]:
 def _command_pairs(
     positions: Sequence[ChannelGuess], guesses: Sequence[ChannelGuess]
 ) -> list[tuple[ChannelGuess, ChannelGuess]]:
-    """Pair each position with the commanded position of its joint by names; none unless each one has a command."""
+    """Pair each position with the commanded position of its joint by names; empty unless all of them have a command."""
     commands = {g.parts[1]: g for g in _best_family([g for g in guesses if g.rank < 0], ("position",))}
     pairs = [(y, commands[y.parts[1]]) for y in positions if y.parts[1] in commands]
     return [(y, replace(r, unit=r.unit or y.unit)) for y, r in pairs] if len(pairs) == len(positions) else []

@@ -35,11 +35,11 @@ ChannelKey: TypeAlias = tuple[str, int | None, int]
 
 @dataclass(frozen=True)
 class ChannelGuess:
-    """One signal, its quantity and its unit (empty where unknown), and the reasons.
+    """Guess of quantity and unit (empty if unknown) of one signal, with the reasons (why).
 
-    rank: words in its name for a measured signal, less words against it.  sign: relative to its torque.  scale: factor
-    from its numbers to the unit.  ratio: of the gear for a motor-side signal, else 1.  rate_hz: None as for the log.
-    file: 2 for the second of the two files of a measurement.  by_words: True if words and numbers identify its joint.
+    rank: number of words in its name for a measured signal minus words against it.  sign: relative to its torque.
+    scale: factor from its values to the unit.  ratio: gear ratio of a motor-side signal, else 1.  rate_hz: None for the
+    rate of the log.  file: 1 or 2, file of the measurement.  by_words: True if words and numbers identify its joint.
     """
 
     name: str
@@ -57,22 +57,22 @@ class ChannelGuess:
 
     @property
     def to_si(self) -> float:
-        """Factor from the numbers of a motion, or of a drive on the link side, to SI on the link side."""
+        """Factor from the values of a motion, or of a link-side torque, to SI on the link side."""
         return self.sign * self.scale * dimension_and_size(self.unit)[1] / self.ratio
 
     @property
     def slides(self) -> bool:
-        """True for a motion in a unit of translation."""
+        """True for a translation."""
         return dimension_and_size(self.unit)[0].startswith("m")
 
     @property
     def key(self) -> ChannelKey:
-        """Name, column and file, which no two signals of a measurement share."""
+        """Unique key of a signal in a measurement: name, column and file."""
         return self.name, self.column, self.file
 
     @property
     def parts(self) -> tuple[str, str]:
-        """Split a name into the common part and the joint's identifier: numbers, else words that name no quantity."""
+        """Common part of the name, and identifier of its joint: numbers, else words that are no quantity."""
         bare = re.sub(r"[\[(][^\])\d]*[a-z°][^\])]*[\])]", "", self.name, flags=re.IGNORECASE).strip()
         bare = re.sub(r"0[.,]1\s*%", "", bare)  # of the rated torque
         words = [*re.findall(r"[^\W\d_]+|\d+", _split(bare)), *([str(self.column)] if self.column else [])]

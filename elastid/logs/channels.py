@@ -146,7 +146,7 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     aligned = _align(at_rate, period, experiment)
     n = min(len(group.signals) for group in aligned)
     columns = {i: x[:n] for group in aligned for i, x in zip(group.members, group.signals.T, strict=True)}
-    # A signal that two files hold is taken from the first.
+    # If two files contain a signal, the first file is used.
     by_file = sorted(range(len(channels)), key=lambda i: (channels[i].file, i), reverse=True)
     firsts = {(channels[i].role, channels[i].at): i for i in by_file}
     keep = sorted(firsts.values(), key=lambda i: (channels[i].role == "d", i))

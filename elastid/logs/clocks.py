@@ -17,21 +17,21 @@ from elastid.logs.repair import MAX_WRONG_FRACTION
 from elastid.logs.repair.masks import MAX_FRACTION, MAX_MISSING_FRACTION
 from elastid.logs.repair.time_stamps import MAX_RATE_RATIO, MIN_GAP, even_grid, stamp_line, without_jumps
 
-# Samples that are read of a log, and those that it needs.
+# Largest number of samples that are read, and least number in a log.
 MAX_SAMPLES, MIN_SAMPLES = 1 << 17, 100
 _RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
 _PERIODS = ("ts", "t_s", "sample_time", "sampletime")  # in s
 BACKWARDS = "runs backwards: it falls from sample to sample"
 TIME_UNITS = {unit: 10.0 ** (-3 * i) for i, unit in enumerate(("s", "ms", "us", "ns"))}
-MAX_RATE_LOG = 0.26  # |log| of the ratio of two rates: stamps in ms, us or ns, and study
-_MAX_WRONG_DISTANCE = 5.0  # of a stamp from the median of its neighbours, in steps of the clock
+MAX_RATE_LOG = 0.26  # largest |log| of the ratio between the rate of stamps (in ms, us or ns) and of the study
+_MAX_WRONG_DISTANCE = 5.0  # largest distance of a stamp from the median of its neighbours, in steps of the clock
 
 
 @dataclass(frozen=True)
 class Clock:
     """Rate of a log in Hz, None if unknown, and the name of its time channel.
 
-    is_even: its samples need not be brought to the rate.
+    is_even: True if the samples need no resampling.
     """
 
     rate_hz: float | None
@@ -41,7 +41,7 @@ class Clock:
 
 
 def is_clock(x: FloatArray) -> bool:
-    """Return True for a signal (n,) that rises as time stamps do, by steps that are alike but for a few gaps."""
+    """Return True for a signal (n,) that rises in equal steps, apart from a few gaps, as time stamps do."""
     steps = np.diff(x)
     if len(x) < 20 or not np.isfinite(x).all() or not steps.min() > 0:
         return False
@@ -50,9 +50,9 @@ def is_clock(x: FloatArray) -> bool:
 
 
 def stamps_of(log: Log, name: str) -> tuple[FloatArray, IntArray]:
-    """Read stamps (n,) of a time channel, wrong ones interpolated, empty for another channel; the wrong samples.
+    """Read the stamps (n,) of a time channel, and interpolate wrong ones. Also return the indices of wrong stamps.
 
-    Wrong stamps are missing, or off the median of their neighbours.
+    Wrong stamps are missing, or far from the median of their neighbours.  Empty for a channel that is no time.
     """
     none = np.zeros(0), np.zeros(0, np.int64)
     alike = log.numbers_of(name) if isinstance(log, TextLog) else []
@@ -65,7 +65,7 @@ def stamps_of(log: Log, name: str) -> tuple[FloatArray, IntArray]:
 
 
 def correct_stamps(t: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Interpolate missing and wrong stamps (n,), and return their indices, too; no stamps if too many are missing."""
+    """Interpolate missing and wrong stamps (n,). Also return their indices; no stamps if too many are missing."""
     from scipy.ndimage import median_filter
 
     none, rows, half = np.zeros(0, np.int64), np.arange(len(t)), len(t) // 2

@@ -102,10 +102,10 @@ def positive(freq_hz: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """Commanded torques of drives (F, n_u) that fit logged ones U best, with their scale (n_u,) and delay.
+    """Commanded torques of drives (F, n_u) with the best fit to the logged torques U.
 
-    terms: commanded torques (F, n_u) by position and by velocity gain, without scale and images, and U without images.
-    explained: part of the power of U.
+    terms: commanded torques (F, n_u) by position gain and by velocity gain, without scale and aliases, and U without
+    aliases.  scale (n_u,): of the commanded torques.  explained: explained fraction of the power of U.
     """
 
     drives: Drives

@@ -99,14 +99,14 @@ class _LogReader:
         return str(self.base / self.file.path)
 
     def records(self) -> tuple[FrictionRecord, ...]:
-        """Read one record of each joint that moves; StudyError or DataError without one."""
+        """Read one record of each moving joint. Raises StudyError or DataError if no joint moves."""
         recorded = replace(self.recorded, channels=tuple(c for c in self._channels() if c.role != "t"))
         gathered = gather_channels(recorded, self.file, self.base, self.robot)
         if isinstance(recorded.rate_hz, str):
             text = "friction needs velocities, and recorded.rate_hz is unknown. Give rate_hz in Hz"
             raise StudyError("study/recorded", text, self.path)
         signals = np.copy(gathered.signals)
-        if self.file.purpose != "coast_down":  # its torque is 0
+        if self.file.purpose != "coast_down":  # a coast-down test has zero torque
             measured = [i for i, c in enumerate(gathered.channels) if c.role in ("u", "y")]
             names = tuple(gathered.log.names[i] for i in measured)
             signals[:, measured] = without_dropouts(signals[:, measured], replace(gathered.log, names=names))
@@ -189,7 +189,7 @@ class _LogReader:
             model = formulate(with_point_mass(self.robot, self.payload))
             load_torque = np.abs(np.linalg.solve(E.T, equilibrium(model, model.theta, posture).u))
         holds = {_joint_of(c): c.hold or self.recorded.hold for c in self.recorded.channels if c.role == "u"}
-        channels = sorted(self.recorded.channels, key=lambda c: c.at.startswith("motor"))  # of two encoders the motor's
+        channels = sorted(self.recorded.channels, key=lambda c: c.at.startswith("motor"))  # the motor's of two encoders
         delays = {(c.role, c.quantity == "position", _joint_of(c)): c.delay for c in channels}
         path = None if self.recorded.controller is None else self.recorded.controller.reference
         command_hold: Hold = "zero-order" if path is None or path.interpolation == "hold" else "band-limited"

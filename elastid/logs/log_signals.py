@@ -75,9 +75,9 @@ def _with_counts(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
 
 
 def wrong_cell(log: Log, names: Sequence[str], most: int) -> str:
-    """Return message on the first cell of a text without a number, in columns with these names, if any, else in all.
+    """Return a message on the first cell of a text log that is no number; else an empty text.
 
-    Empty without such a cell, and for other formats.
+    names: columns to read; all columns if the log has none of them.  most: largest number of rows.
     """
     if not isinstance(log, TextLog):
         return ""

@@ -116,7 +116,7 @@ class RecordedRig:
 
         try:
             record = joined(measured, log.bounds, log.dtype)
-        except DataError:  # reading all of it shows if that piece spoils the record
+        except DataError:  # the whole record decides if this piece is an error
             record = None
         if record is None:
             return None
@@ -227,7 +227,7 @@ def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...
 
 
 def _lags(difference: FloatArray, mean: FloatArray) -> bool:
-    """Return True if the lag between two mean periods (N,) exceeds MAX_LAG and six of its standard deviations."""
+    """Return True if the lag between two mean periods (N,), samples, exceeds MAX_LAG and six standard deviations."""
     slope = np.gradient(np.pad(mean, 1, "wrap"))[1:-1]
     along, steepness = float(difference @ slope), float(slope @ slope)
     is_long = abs(along) > MAX_LAG * steepness

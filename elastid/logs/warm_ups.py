@@ -26,18 +26,18 @@ MIN_GROUPS = 6  # in which a speed must occur: a level's course has three number
 MAX_RETURN = 0.99  # share of the travel from the first to the last position: above, no way back
 PER_COUNT = 2.0  # readings for each count of a coarse thermometer: within one they are no noise
 MIN_READINGS = 10
-START_STD = 1.0  # K, of the temperature at the start, before readings are fitted
+START_STD = 1.0  # prior std of the initial temperature, K
 
 
 def heat_of(record: FrictionRecord) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute the heat of a log: time_s (n + 1,), power (n,) between them in W, temperatures (n + 1,) in degC.
+    """Compute the heat of a log: times (n + 1,) in s, power (n,) between them in W, temperatures (n + 1,) in degC.
 
-    DataError where the joint never returns, or its torque does no work on it.
+    Raises DataError if the joint does not return to its start, or if its torque does no positive work.
     """
     q, u, rate_hz = record.position, record.torque, record.rate_hz
     n = max(1, min(MAX_STEPS, int(len(q) / rate_hz / STEP_S)))
     edges = np.linspace(0, len(q) - 1, n + 1).round().astype(int)
-    # A held torque acts until the next sample, a band-limited one changes on the way.
+    # A zero-order-hold torque is constant until the next sample; a band-limited torque changes linearly.
     acting = u[:-1] if record.hold == "zero-order" else (u[:-1] + u[1:]) / 2
     work = np.append(0.0, np.cumsum(acting * np.diff(q)))[edges]
     if abs(q[-1] - q[0]) > MAX_RETURN * np.ptp(q):
@@ -76,9 +76,9 @@ def tests_in(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord,
 
 
 def warm_up_log(records: Sequence[FrictionRecord], files: Sequence[FileSpec]) -> WarmUpLog:
-    """Join all logs of one joint's warm-up, at rest in between, with the temperatures that their files state.
+    """Join all logs of the warm-up of one joint, with zero power in the pauses, and with the temperatures of `files`.
 
-    DataError where they overlap, are too short for any gear, or a thermometer reads the same throughout.
+    Raises DataError if logs overlap, are too short for any gear, or have a constant temperature.
     """
     joint, start = records[0].joint, files[0].temperature
     heats = [heat_of(record) for record in records]

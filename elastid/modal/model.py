@@ -58,12 +58,12 @@ class Basis:
 
     @cached_property
     def omega(self) -> FloatArray:
-        """Angular frequencies (F,) over the scale."""
+        """Angular frequencies (F,) relative to the scale."""
         return 2 * np.pi * self.freq_hz / self.scale
 
     @cached_property
     def spacing(self) -> float:
-        """Median distance of lines over the scale."""
+        """Median distance of DFT lines, as angular frequency relative to the scale."""
         return float(np.median(np.diff(self.omega)))
 
     def poles(self, poles: ComplexArray, derivative: bool = False) -> tuple[FloatArray, FloatArray]:
@@ -77,8 +77,8 @@ class Basis:
         step = self.scale * self.segment_s / n
         time = step * np.arange(n)
         decay = self.correlation * np.exp(poles[:, None] * time)
-        decay[:, 0] /= 2  # the trapezoidal rule
-        # The discrete sum has aliases, which a continuous pole lacks; they are as smooth as the residuals.
+        decay[:, 0] /= 2  # trapezoidal rule
+        # The discrete sum has aliases in contrast to a continuous pole; they are as smooth as the residual terms.
         columns = step * np.fft.fft(decay * time if derivative else decay)[:, lines % n]
         return columns.real, columns.imag
 

@@ -50,7 +50,7 @@ def estimate_net_response(
 ) -> Response:
     """Estimate G of one configuration from the net torques of its records, with the errors of the coefficients.
 
-    E: couplings of the motors' gears, on whose shafts friction was found; None where there are none.  robot: whose
+    E: gear couplings from motor shafts, at which friction acts, to links; None without couplings.  robot: whose
     own distortion is known; None where none is.
     Raises DataError as `estimate` does.
     """
@@ -172,7 +172,7 @@ def compensated_records(
 ) -> Iterator[Record]:
     """Yield records with the net torque as u, one at a time; unchanged without compensation.
 
-    E: couplings of the motors' gears, on whose shafts friction was found; None where there are none.
+    E: gear couplings from motor shafts, at which friction acts, to links; None without couplings.
     """
     for record in records:
         if friction is None or not friction.shapes:

@@ -261,7 +261,7 @@ def priors(parameters: Parameters, x: FloatArray, n: int) -> tuple[FloatArray, F
 def _jacobian(
     lines: PeriodLines, drive: DriveLines, estimate: SmoothedMotion, magnitudes: FloatArray, n_x: int, band: slice
 ) -> ComplexArray:
-    """Return - dr / d(x, f) (K, n_u, M, n_x + n_f) at the K lines of the band, the motion fixed."""
+    """Return -dr / d(x, f) (K, n_u, M, n_x + n_f) at the K DFT lines of the band for a fixed motion."""
     s, U, Phi = lines.s[band, None, None], lines.U[band], estimate.Phi[band]
     H, sensor = drive.H[band], drive.sensor[band, :, None]
     J = np.zeros((*U.shape, n_x + len(magnitudes)), complex)

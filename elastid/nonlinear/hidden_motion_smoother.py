@@ -123,9 +123,9 @@ def smooth_motion(
     before: SmoothedMotion,
     tolerance: float = 1e-4,
 ) -> SmoothedMotion:
-    """Return the motion of all experiments under effects of given magnitudes (n_f,), and the effects along it.
+    """Estimate the motion of all experiments for effects with magnitudes (n_f,), and the effects along this motion.
 
-    tolerance: relative error of the implicit motion at which the iteration ends.
+    tolerance: relative error of the implicit motion that ends the iteration.
     """
     gain = _gain(lines, drive, smoothed_covariance(residuals(lines, drive, before, magnitudes), lines, drive))
     force_response = drive.H - gain @ (drive.C @ drive.H)
@@ -286,12 +286,12 @@ def newton(
     x: FloatArray,
     tolerance: float = 1e-4,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return x (n_x, n) of x + linear(law(x)) = x_0, and the force there; law gives force and slope by points.
+    """Solve x + linear(law(x)) = x_0 for x (n_x, n) by Newton's method. Return x and the force at x.
 
-    From x, or from x_0 where that is nearer than an x whose error is more than its size.
+    law: returns force and slope by points.  x: start; x_0 replaces a start whose error exceeds 1 and its own error.
 
-    tolerance: error relative to x at which the iteration ends.
-    Steps are halved until the error falls; where none does, the last x, whose error the residuals then show.
+    tolerance: error relative to the size of x_0 that ends the iteration.
+    Steps are halved until the error decreases. If it does not, the last x is returned, with an error in the residuals.
     """
     size = np.std(x_0, axis=1)[:, None] + 1e-300
 

@@ -162,9 +162,9 @@ DEPENDENCE_BY_CHANCE = 1e-5
 # Variance of a response by noise and distortion over that by noise alone, and over that by noise and the arm's own
 # swing, medians of its elements, from which on a note warns of distortion that no motor's friction explains.
 MIN_UNEXPLAINED = 10.0
-# Of the power that shapes leave, the share that an alternative may leave to be preferred: shapes that begin with a
-# damped element (where damping is most of the friction, a sign comes first and no element after it), and a delay near 0
-# of the torque, of which a linear step must leave so little, too.
+# Residual power of an alternative relative to the selected basis functions, below which it is preferred. Alternatives:
+# basis functions that begin with a damped element (if damping dominates, a sign is selected first and no element after
+# it), and a delay of the torque near 0, for which a linear step must reach this ratio, too.
 PREFERRED_POWER = 0.9
 SLIGHT = 0.02  # of a power, V or torque: shapes are not known so well that less of it shows a further one
 # Of a coefficient, all of a motor as one factor: std of what its shape is not known by, coefficients within 1 %.
@@ -323,7 +323,7 @@ def residual_power(
     members: IntArray,
     solver: Callable[[FloatArray, FloatArray], FloatArray] = solve,
 ) -> float:
-    """Return the cross-validated residual power of a motor with some of the basis functions, by their indices."""
+    """Return the cross-validated residual power of a motor with the basis functions of indices `members`."""
     A, b = equations.A[:, members[:, None], members], equations.b[:, members]
     return cross_validated_power(A, b, equations.c[:, motor], solver)
 

@@ -38,7 +38,7 @@ class Place:
 
 @dataclass(frozen=True)
 class YamlSource:
-    """Plain data (dict, list, str, int, float, bool, None) of a YAML text; places: of key and value by key path."""
+    """Plain data (dict, list, str, int, float, bool, None) of a YAML text, with the places of its keys and values."""
 
     data: Any
     places: dict[KeyPath, tuple[Place, Place]]

@@ -109,7 +109,7 @@ def _actuator(robot: Robot, joint: Joint, kp: float | None, kd: float | None, de
 
 
 def _parts_without_snippet(joint: Joint, law: Friction | None) -> Iterator[str]:
-    """Yield parts of the model of a joint that no snippet has."""
+    """Yield the model terms of a joint that no snippet contains."""
     parts = {
         "quadratic friction": "quadratic", "friction by direction": "directions", "load-dependent friction": "load",
         "temperature dependence of the friction": "temperature", "presliding (LuGre)": "lugre",
@@ -323,7 +323,7 @@ def _readme(actuators: Actuators) -> str:
 
 
 def _table(actuators: Actuators) -> Iterator[str]:
-    """Yield a table row for each number of each joint."""
+    """Yield a table row for each parameter of each joint."""
     for row in actuators.rows:
         for quantity, units in UNITS.items():
             value, ends = getattr(row, quantity), actuators.intervals.get((row.joint, quantity))

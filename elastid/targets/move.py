@@ -48,9 +48,9 @@ def move_sources(tuned: TunedMove) -> dict[str, str]:
 
 
 def write_move(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
-    """Write the move for C, ROS 2 and MATLAB; `export.fmu` has it in a robot.
+    """Write the move for C, ROS 2 and MATLAB; `export.fmu` contains the move with a robot.
 
-    trajectory.yaml: a trajectory_msgs/msg/JointTrajectory, effort the torque, as `ros2 topic pub` takes it.  move.mat
+    trajectory.yaml: a trajectory_msgs/msg/JointTrajectory for `ros2 topic pub`, with torques as effort.  move.mat
     (version 5): time, position, velocity, acceleration, torque, joints; load_move.m reads it.
     """
     motion = {"positions": tuned.position, "velocities": tuned.velocity, "accelerations": tuned.acceleration}

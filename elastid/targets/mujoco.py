@@ -282,7 +282,7 @@ def add_loops(root: ET.Element, elements: Elements, robot: Robot, start: Mapping
         if loop.rod is not None:
             _add_rod(equality, elements, loop, loop.rod, start[loop.name].direction)
         else:
-            # The axis of a pin is closed by two points 0.1 m apart, another loop without a rod by one.
+            # A loop with a pin needs two points on its axis, 0.1 m apart; other loops without a rod need one point.
             axes = (None, None) if loop.pin is None else (loop.pin.axis, loop.pin.other_axis or loop.pin.axis)
             for i in range(1 if loop.pin is None or loop.pin.planar else 2):
                 for number, (end, axis) in enumerate(zip(loop.ends, axes, strict=True), start=1):

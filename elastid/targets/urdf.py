@@ -54,12 +54,12 @@ def urdf(robot: Robot) -> ET.Element:
 
 
 def _body(root: ET.Element, robot: Robot, body: Body, parent: str, seat: Placement) -> tuple[str, Placement]:
-    """Add the joints that lead to a body and its link; each further joint has an empty link before it.
+    """Add a body's link and the joints from its parent; an empty link precedes each further joint.
 
-    seat: of the parent body in the parent's link.  Returns the link and the body's pose in it.
+    seat: pose of the parent body in its link.  Returns the name of the body's link and the body's pose in it.
     """
     pose = seat.then(body.placement)
-    # Those that are elastic alone are rigid here.
+    # Joints that are only elastic are rigid in URDF.
     joints = [joint for joint in body.joints if joint.motor is not None or joint.is_passive]
     names = [_link_name(root, robot, f"{body.name} before {joint.name}") for joint in joints[1:]] + [body.name]
     for joint, name in zip(joints, names, strict=bool(joints)):

@@ -80,7 +80,7 @@ def test_a_rate_at_its_bound_is_a_start() -> None:
 
 
 @pytest.mark.parametrize(
-    ("stiffness", "exceeds_noise", "has_moved", "severity"),
+    ("stiffness", "exceeds_noise", "has_effect", "severity"),
     [
         (1e4, False, True, "warning"),
         (-1e4, False, True, "information"),
@@ -89,10 +89,10 @@ def test_a_rate_at_its_bound_is_a_start() -> None:
     ],
 )
 def test_a_negative_spring_within_the_noise_is_no_warning(
-    stiffness: float, exceeds_noise: bool, has_moved: bool, severity: str
+    stiffness: float, exceeds_noise: bool, has_effect: bool, severity: str
 ) -> None:
     spring = Presliding("motor 1", "N*m/rad", stiffness, 3e3, 300.0, 70.0)
-    assert presliding_note(spring, exceeds_noise, has_moved).severity == severity
+    assert presliding_note(spring, exceeds_noise, has_effect).severity == severity
     assert spring.spring.sign == np.sign(stiffness)
 
 

@@ -172,9 +172,9 @@ def _about(parameters: Parameters, numbers: Mapping[str, float]) -> Parameters:
 
 
 def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
-    """Fit a load on the body where it explains most, from there with its mass, place and inertia free.
+    """Fit mass, position and inertia of a load on the body where it explains most of the excess of V.
 
-    Resonances move farther with it than they are wide, so that its linear step is only a start.
+    The load shifts resonances by more than their width, so that its linear step is only a start value.
     """
     bodies = (c for c in scores.candidates if c.family == "payload" and c.directions.shape[1] > 1)
     estimates = {c.name.removeprefix("payload_"): find_load(scores.test, c, scores.variance_ratio, 0.0) for c in bodies}
@@ -206,7 +206,7 @@ def _centre(scores: Scores, body: str) -> FloatArray:
 def _carrying(
     evidence: Evidence, body: str, mass: float, place: FloatArray
 ) -> tuple[float, FloatArray, FloatArray] | None:
-    """Fit mass (kg) and location (m) of a load (4,) on a body from a start; returns V, the load and x (n_x,)."""
+    """Fit the mass (kg) and the position (m) of a load on a body. Return V, the load (4,) and x (n_x,)."""
     study = evidence.assembly
     inertia, names = mass * LIMITS.load_radius**2, tuple(f"c_payload_{axis}" for axis in "xyz")
     robot = replace(study.linearisation.model.robot, payload=Payload(mass, tuple(place.tolist()), inertia, body))
@@ -228,7 +228,7 @@ def _carrying(
             _, near = settle(AS_MEASURED, thinned(fit), x)
             x = solve(fit.problem, near, ROUGH, LIMITS.iterations).x
         cost = assembly.at(x, study.spec.criterion).evaluate(x).cost
-    except (ElastidError, np.linalg.LinAlgError):  # no robot stands on the way, or V has no slope there
+    except (ElastidError, np.linalg.LinAlgError):  # no equilibrium along the search, or V has no derivative
         return None
     values = named(parameters.free_names, x)
     p = np.array([math.exp(values["m_payload"]), *(values.get(name, 0.0) for name in names)])

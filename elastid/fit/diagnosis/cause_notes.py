@@ -96,7 +96,7 @@ def _remedy(index: ModificationIndex, evidence: Evidence) -> str:
 
 
 def _is_motor_friction(index: ModificationIndex) -> bool:
-    """Return True for viscous friction of a motor that the robot's file lacks, as no motor does."""
+    """Return True if the cause is a motor's viscous friction that is 0 in the robot model; each motor has friction."""
     return index.name.startswith("fm_") and bool(index.members) and not np.any(index.values)
 
 

@@ -4,8 +4,8 @@ r"""Channel hypotheses: wrong signs, units, order or phase convention of measure
           |\hat G_{ij}| \approx \frac{|G_{ij}|}{c_i c_j}
 
 The hypotheses: a channel with inverted sign, exchanged channels or postures, phases for exp(-j omega t), a velocity
-instead of an acceleration, channels in another unit.  A fit of misread responses may end anywhere, so V of every
-hypothesis is predicted at the optimum and at the start; the best hypotheses are refitted by a few steps on a few lines.
+instead of an acceleration, channels in another unit.  Wrong channels can bias the optimum by any amount, so V of every
+hypothesis is predicted at the optimum and at the start values. The best hypotheses are refitted by a few steps.
 """
 
 import math
@@ -37,16 +37,16 @@ from elastid.fit.result_rows import ModificationIndex
 
 
 def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
-    """Return the indices with the best reading, and the names of those that cannot be distinguished from it."""
+    """Append the best channel hypothesis to the indices, with the names of hypotheses indistinguishable from it."""
     optimum, result, assembly = evidence.optimum, evidence.result, evidence.assembly
     fit, x = thinned(optimum.fit), optimum.end.x
     of_all, costs = optimum.fit.n_residuals / max(fit.n_residuals, 1), np.array(squares(evaluate(fit, x)))
     starts = [(fit, x, ~result.at_bound)]
     with suppress(ElastidError):  # no equilibrium there
         file = thinned(assembly.at(assembly.parameters.x, assembly.spec.criterion))
-        # A fit of responses that were read wrongly may have moved the numbers of the file far within their tolerances.
+        # With wrong channels, the fit may have changed the nuisance parameters by many of their tolerances.
         starts.append((file, assembly.parameters.x, np.array([not p.is_nuisance for p in assembly.parameters.free])))
-    predicted = [  # V of every reading after one step from each start
+    predicted = [  # V of every hypothesis after one step from each start
         (predict(misreading, evaluated, problem.parameters.prior_slopes, free)[0], misreading, (problem, start, free))
         for problem, start, free in starts
         for evaluated in (evaluate(problem, start),)
@@ -149,7 +149,7 @@ def _permuted(
 
 
 def exchanged_postures(evaluated: Sequence[Evaluated], costs: FloatArray) -> Iterator[Misreading]:
-    """Yield the hypotheses of two exchanged configurations that fit worst and have equal lines and channels."""
+    """Yield the hypotheses of two exchanged configurations with large residuals and with equal lines and channels."""
     kernels = [e.part.kernel for e in evaluated]
     for a, b in combinations(sorted(np.argsort(-costs)[: LIMITS.exchanged].tolist()), 2):
         first, second = kernels[a].model, kernels[b].model
@@ -162,7 +162,7 @@ def exchanged_postures(evaluated: Sequence[Evaluated], costs: FloatArray) -> Ite
 
 
 def conjugates(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Misreading]:
-    """Yield responses with phases by exp(-j omega t), also negated by an odd power of j omega."""
+    """Yield the hypotheses of phases for exp(-j omega t), with both signs because of odd powers of j omega."""
     yield Misreading("all phases negated", "phase", lambda _, values: values.conj())
     yield Misreading("all phases negated", "phase", lambda _, values: -values.conj())
 

@@ -70,7 +70,7 @@ def fit_delay_forms(
     evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray | bool, near: str,
     channel: tuple[str, str], T_0: float,
 ) -> Iterator[TimeDelay]:  # fmt: skip
-    """Yield the best T of each form near a delay of that name and size T_0.
+    """Yield the best time T of each form of a delay, near the delay `name` with T_0 seconds.
 
     channel: y or u with the place; ("", "") of all.  prior (n_x,): 1 / s of the priors.  free (n_x,): flags.
     """

@@ -27,7 +27,7 @@ def at_bound(parameters: Parameters, x: FloatArray) -> BoolArray:
 
 
 def bound_notes(result: Result) -> Iterator[Note]:
-    """Yield notes on parameters that ended at a bound."""
+    """Yield a note for each estimate at a bound."""
     for i in np.flatnonzero(result.at_bound):
         parameter, x = result.parameters.free[i], float(result.x[i])
         low = x - parameter.to_x(parameter.lower) < parameter.to_x(parameter.upper) - x

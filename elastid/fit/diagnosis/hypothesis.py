@@ -130,7 +130,7 @@ class Scores:
         return self.excess / self.lines + self.noise
 
     def detectable(self, places: IntArray, direction: FloatArray) -> float:
-        """Return the least step of numbers along a direction (n_m,) that lowers V by `LIMITS.drop`; else infinite."""
+        """Return the smallest error along a direction (n_m,) that changes V by `LIMITS.drop`; infinite if none does."""
         information = float(direction @ self.test.S[np.ix_(places, places)] @ direction) / self.lines
         is_distinct = self.test.is_distinct[places].any() and information > 0
         return math.sqrt(LIMITS.drop / information) if is_distinct else math.inf
@@ -209,7 +209,7 @@ def against(
 
 
 def axis(index: ModificationIndex) -> str:
-    """Return the name of the axis that an index is of: 2 of friction_2@c1."""
+    """Return the name of the axis in the name of an index: 2 for friction_2@c1."""
     return index.name.partition("@")[0].partition("_")[2]
 
 

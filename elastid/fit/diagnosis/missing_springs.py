@@ -2,9 +2,9 @@ r"""Missing springs: rigid coordinates of the robot model, each fitted with a re
 
 .. math:: k_i = m_c\, (2 \pi f_i)^2, \qquad d_i = k_i \operatorname{median} \frac{d}{k}, \qquad f_{i+1} = \sqrt 2 f_i
 
-m_c: inertia of coordinate c with all others fixed; d / k: ratio of the robot's springs.  The linear step of
-`score_test` is valid only for nearly rigid springs: a resonance within the band is a large change.  If the smallest V
-over f_i, after one step of the fit, is about as low as V without the spring, the solver continues with k free.
+m_c: inertia of coordinate c with all others fixed; d / k: damping over stiffness of the robot's springs.  The linear
+step of `score_test` is valid only for nearly rigid springs: a resonance within the band is a large change.  If V after
+one step from the best f_i is below `LIMITS.predicted_ratio` times V without the spring, the solver continues with k.
 """
 
 import math

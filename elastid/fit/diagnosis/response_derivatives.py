@@ -1,4 +1,4 @@
-r"""Derivatives of the response to fixed numbers outside the model's equations: the `columns` of hypotheses.
+r"""Derivatives of the response with respect to fixed parameters outside the equations of motion: delays and ratios.
 
 .. math:: \text{delay of an output or input}: \; -j \omega G \text{ in its row or column}
 
@@ -6,7 +6,7 @@ r"""Derivatives of the response to fixed numbers outside the model's equations: 
           + 2 \Big( J_m \frac{\partial G}{\partial J_m} + f_m \frac{\partial G}{\partial f_m} + \ldots \Big),
           \qquad \dot S = E^{-1} e_i e_i^T E
 
-because the wrong ratio converts torque and angle of the motor to the link side.
+because a wrong ratio wrongly converts the motor's torque and angle to the link side.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ _UNKNOWN = (
     "check location, direction, sign, unit and std of the largest residual, the angles, and the state of the motors "
     "(no single cause explains it; a gear with friction or backlash has another stiffness for small motions)"
 )
-# r (n,) and its slopes (n, n_z + 1) at x (n_x,) along a root of C, and to c of a factor 1 + c, by parts.
+# Residuals (n,) and derivatives (n, n_z + 1) by parts: along the root of C at x (n_x,), and for c of a factor 1 + c.
 Residuals: TypeAlias = Callable[[FloatArray, FloatArray, float], Iterable[tuple[FloatArray, FloatArray]]]
 
 
@@ -78,7 +78,7 @@ class SecondSource:
         return end.cost, float(end.x[-1]), float(std)
 
     def _at(self, z: FloatArray) -> Evaluation:
-        """Evaluate T and its derivatives at z (n,), or at z and c (n + 1,)."""
+        """Evaluate T and its derivatives at z (n,), or at (z, c) (n + 1,)."""
         n = self.root.shape[1]
         x, prior = self.x + self.root @ z[:n], np.where(np.arange(len(z)) < n, z, 0.0)
         cost, gradient, H = float(prior @ prior), prior, np.diag(np.where(np.arange(len(z)) < n, 1.0, 0.0))
@@ -112,14 +112,14 @@ def explains(now: SecondSource, T: float, least: float) -> bool:
 def _residuals(
     loads: StaticLoads, parameters: Parameters, x: FloatArray, root: FloatArray, c: float
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield whitened residuals (n,) and their slopes."""
+    """Yield whitened residuals (n,) of load tests and their derivatives (n, n_z + 1)."""
     y, slopes = loads.predicted(parameters, x)
     J = np.column_stack([(1 + c) * (slopes @ root), y])
     yield (loads.measured - (1 + c) * y) / loads.std, -J / loads.std[:, None]
 
 
 def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
-    """Compare load tests with the deflections of `alone`, the fit of the responses without them."""
+    """Compare load tests with the deflections predicted by `alone`, the fit of the responses without load tests."""
     now = SecondSource.of(alone, partial(_residuals, loads, alone.parameters), loads.n_residuals)
     comparison, least = agreement(now, alone)
     if comparison.disagrees and np.isfinite(least):
@@ -140,7 +140,7 @@ def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
 def _tool_residuals(
     fit: ElasticFit, x: FloatArray, root: FloatArray, c: float
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Yield whitened residuals (N,) of each response and their slopes (N, n)."""
+    """Yield whitened residuals (N,) of each response and their derivatives (N, n_z + 1)."""
     for model in evaluate(fit, x):
         slopes = np.concatenate([(1 + c) * np.tensordot(root.T, model.free, axes=1), model.G[None]])
         with_factor = replace(model, G=(1 + c) * model.G)

@@ -240,7 +240,7 @@ class ElasticFit:
         return self.loads.residual(self.parameters, x)
 
     def blocks(self, x: FloatArray) -> Iterator[tuple[ComplexArray, ComplexArray]]:
-        """Yield the whitened r (F, n_y, n_u) and dr/dx (n_x, F, n_y, n_u), configuration by configuration."""
+        """Yield the whitened r (F, n_y, n_u) and dr/dx (n_x, F, n_y, n_u) of each configuration."""
         return (self.block(part, x, part.mixing) for part in self.parts)
 
     def block(self, part: Part, x: FloatArray, mixing: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:

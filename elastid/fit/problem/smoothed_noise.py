@@ -44,15 +44,15 @@ from elastid.base.workers import Kept
 from elastid.record import MOTION_ORDER, Motion
 from elastid.response import Covariance, Response
 
-MOTIONS = 3  # white position, velocity and acceleration
-MIN_VARIANCE_SHARE = 1e-9  # of an output, in the mean, added to the diagonal: a model of exact data is regular
+MOTIONS = 3  # number of output noise spectra: white position, velocity and acceleration
+MIN_VARIANCE_SHARE = 1e-9  # regularisation, relative to the mean variance of an output: exact data have no noise
 
 
 @dataclass(frozen=True)
 class NoiseShapes:
-    """The shapes along frequency of a response's noise: output (p, F, n_y) of its outputs, torque (q, F) of its inputs.
+    """Noise spectra of a response up to factors: p of its outputs (p, F, n_y), and q of its input torques (q, F).
 
-    G (F, n_y, n_u): how torque reaches the outputs.
+    G (F, n_y, n_u): response of the outputs to torques.
     """
 
     output: FloatArray
@@ -138,10 +138,10 @@ def _powers(W: ComplexArray, w: FloatArray, shapes: NoiseShapes, g: ComplexArray
 
 @frozen_value
 class SmoothedNoise(Kept):
-    """Sample covariance (measured) and covariance smoothed over neighbouring lines, for unbiased weights 1 / v.
+    """Sample covariance and its smoothed value over neighbouring DFT lines, for unbiased weights 1 / v.
 
-    Both in the same form: matrices of all elements are computed when needed and not stored.
-    variance_influence, matrix_influence (F,): kappa, how much of variance and matrix a line itself makes
+    Both covariances have the same form. Matrices of all elements are computed when needed and not stored.
+    variance_influence, matrix_influence (F,): kappa, the influence of a line on its own variance and matrix
     (`smooth_covariance`).
     """
 
@@ -308,11 +308,10 @@ def _for_weights(variance: FloatArray, dof: float, width: int) -> FloatArray:
 
 
 def smooth_variance(variance: FloatArray, G: ComplexArray, dof: float) -> tuple[FloatArray, FloatArray]:
-    r"""Smooth sample variances (F, ...) of elements as `smooth_covariance` does; return them and kappa of each.
+    r"""Smooth sample variances (F, ...) of FRF elements as `smooth_covariance` does. Return them and kappa (...).
 
-    The model of the noise is |G|^{2 a}, its exponent a in [0, 1] found by regression: 0 where noise ignores the
-    resonances, 1 where it follows them.  A line of zero variance takes its neighbours'; an element without variance
-    has none.
+    The noise model is |G|^{2 a} with a in [0, 1] by regression: a = 0 for noise independent of resonances, a = 1 for
+    noise proportional to G.  A line of zero variance gets its neighbours' variance; zero elements remain zero.
     """
     positive = np.any(variance > 0, axis=0)
     variances = np.apply_along_axis(without_gaps, 0, np.where(positive, variance, 1.0))

@@ -117,10 +117,10 @@ class Weights(Kept):
 
 
 def weigh(response: Response, spec: FitSpec) -> Weights:
-    """Return the weights of one measured response under the study's band, floor, smoothing and factors.
+    """Return the weights of one measured response for the study's band, model error, smoothing and factors.
 
-    Without a model error of the study: 0 if all elements have noise, else a typical one.
-    Raises DataError where neither a variance nor a floor gives its lines a weight.
+    Default of the model error: 0 if all elements have noise, else `TYPICAL_MODEL_ERROR`.
+    Raises DataError if the response has no variance and the model error is 0.
     """
     where, measured, floor = response.configuration.name, response.uncertainty, spec.weights.model_error
     if floor is None:
@@ -149,7 +149,7 @@ def weigh(response: Response, spec: FitSpec) -> Weights:
     if silent := int((used & (sigma == 0)).sum()):
         texts.append(f"{silent} elements are not fitted: their variance and the model error are zero")
     sigma = np.where(used & (sigma != 0), sigma, np.inf)
-    correlated = None  # C~, where it weighs the elements of a line jointly
+    correlated = None  # C~ if the elements of a line are weighted jointly
     if noise is not None:
         is_full = noise.smooth.form != "diagonal" and spec.criterion == "complex" and spec.weights.covariance == "auto"
         if is_full and (floor > 0 or not _is_singular(noise.smooth, sigma)):

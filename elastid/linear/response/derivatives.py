@@ -263,7 +263,7 @@ class Columns(Kept):
 
 
 def _first_alike(E: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return factors (N,) and first rows (N,) of which the rows of E (N, m) are multiples; positive of a first row."""
+    """Return, for each row of E (N, m), its factor (N,) and the first row (N,) of which it is a multiple."""
     size, first = np.sqrt(np.einsum("nm,nm->n", E, E)), np.arange(len(E))
     unit = E / size[:, None]
     cosine = unit @ unit.T
@@ -278,7 +278,7 @@ def _first_alike(E: FloatArray) -> tuple[FloatArray, IntArray]:
 
 
 def _span(matrices: FloatArray) -> FloatArray:
-    """Return directions (n, r) that symmetric matrices (N, n, n) span: coordinates, or at most half as many axes."""
+    """Return directions (n, r) that span symmetric matrices (N, n, n): singular vectors if r is small, else axes."""
     wide = matrices.transpose(1, 0, 2).reshape(matrices.shape[1], -1)
     U, size, _ = np.linalg.svd(np.transpose(np.linalg.qr(wide.T, mode="r")))
     U, coordinates = U[:, size > EQUAL_TOLERANCE * size.max(initial=0.0)], np.flatnonzero(wide.any(axis=1))

@@ -100,13 +100,13 @@ class Kernel(Kept):
 
     @cached_property
     def factors(self) -> tuple[str, ...]:
-        """The `parameters` that do not move Z but multiply the response: delay, elements of the chain, gains."""
+        """Names of parameters that do not change Z but multiply the response: delay, lag elements, gains."""
         delay = (DELAY,) if self.model.is_delayed else ()
         names = (*delay, *(element.name for element in self.model.chain), *self.model.channel_numbers)
         return tuple(name for name in self.parameters if name in names)
 
     def factor_slopes(self, theta: FloatArray, band: Products) -> Iterator[ComplexArray]:
-        """Yield dG / d theta_p (F, n_y, n_u) of each of the factors on a block of lines."""
+        """Yield dG / d theta_p (F, n_y, n_u) of each of the `factors` for a block of DFT lines."""
         elements, s, loop = {element.name: element for element in self.model.chain}, band.s[:, None, None], band.loop
         G = band.G if loop is None else loop.T  # images are held
         of_gains = {f"gain_{role}_": gain for gain, role in enumerate(GAINS)}
@@ -274,7 +274,7 @@ class Kernel(Kept):
 
 @dataclass(frozen=True)
 class Elimination:
-    """Order (n,) of elimination, and pattern (n, n) of the nonzero entries of L^T above its diagonal in this order."""
+    """Elimination order (n,), and the pattern (n, n) of nonzeros of L^T above its diagonal in this order."""
 
     order: IntArray
     pattern: BoolArray

@@ -64,7 +64,7 @@ def encoding_of(raw: bytes) -> str:
     return "utf-8-sig"
 
 
-# The longer marks first: that of UTF-32 begins as that of UTF-16.
+# Longer marks first: the mark of UTF-32 begins with the mark of UTF-16.
 _MARKS = {getattr(codecs, f"BOM_UTF{n}_{end}"): f"utf-{n}" for n in ("32", "16") for end in ("LE", "BE")}
 
 

@@ -209,7 +209,7 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
     lines, numbers = _lines(path, text)
     last = numbers[-HEAD_LINES:]
     ends = [i for i, line in enumerate(last, start=1) if any(map(is_number, split_line(line, text)))]
-    # EOF or a remark may follow the last line with a number.
+    # EOF or a remark may follow the last row with a number.
     numbers = _first_lines(numbers, len(numbers) - len(last) + ends[-1]) if ends else numbers
     first = find_data_start(numbers, text.header_lines, text)
     if first >= len(numbers) and not any(line.strip() for line in lines):

@@ -13,12 +13,12 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray, folded
 from elastid.base.errors import DataError, Note, Severity
 
-MAX_WRONG_FRACTION = 0.01  # of samples, cells or steps of a clock that may be wrong, which are then missing
+MAX_WRONG_FRACTION = 0.01  # largest fraction of wrong samples, cells or time steps that are treated as missing
 
 
 @dataclass
 class Findings:
-    """Notes without a place, counts of repairs by kind, and repetitions, from 0, that no longer count as measured."""
+    """Notes without a location, counts of corrections by kind, and indices of repetitions that are no measurement."""
 
     notes: list[Note] = field(default_factory=list)
     repairs: Counter[str] = field(default_factory=Counter)
@@ -85,13 +85,13 @@ def blocks(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
 
 
 def bridged(x: FloatArray) -> FloatArray:
-    """Bridge missing samples of a signal (n,) by straight lines; 0 without any sample."""
+    """Interpolate missing samples of a signal (n,) linearly; 0 without any sample."""
     finite = np.flatnonzero(np.isfinite(x))
     return np.interp(np.arange(len(x)), finite, x[finite]) if finite.size else np.zeros(len(x))
 
 
 def flat(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
-    """Fold to X (P, L): the repetitions of a signal, without their means and slopes."""
+    """Return the repetitions of a signal (n,) as rows (P, L) without their means and slopes.  sign: as for `blocks`."""
     return without_line(blocks(x, L, sign))
 
 

@@ -104,16 +104,16 @@ class ClockDrift:
 
 
 def clock_drift(drivers: FloatArray, N: int) -> ClockDrift:
-    """Estimate the excess of the period over N samples, from signals (n, c) that the generator sends."""
+    """Estimate the excess of the period over N samples, from excitation signals (n, c)."""
     X = np.stack([flat(x, N) for x in drivers.T], axis=2)
     size = np.sqrt(np.mean(X**2, axis=(0, 1)))
-    Z = np.fft.rfft(X / np.where(size > 0, size, 1.0), axis=1)  # each driver has an rms of 1, or is zero
+    Z = np.fft.rfft(X / np.where(size > 0, size, 1.0), axis=1)  # scale each signal to an rms of 1, or 0
     # The first period may hold a transient.
     Z = Z[1:] if len(Z) > 3 else Z
     far = max(1, len(Z) // 2)
     C, _ = _cross(Z, 1)
     C_far, power_far = _cross(Z, far)
-    # In eighths of a sample, from which the maximum is found.
+    # Grid of an eighth of a sample for the search of the maximum.
     shifts = np.arange(-(limit := 8 * int(MAX_CLOCK_ERROR * N + 2)), limit + 1)
     excess = refine_shift(C, N, float(shifts[np.argmax(np.fft.irfft(C, 8 * N)[shifts % (8 * N)])]) / 8)
     excess = refine_shift(C_far, N, far * excess) / far

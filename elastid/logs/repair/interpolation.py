@@ -23,14 +23,14 @@ from elastid.base.statistics import STD_OVER_MAD, runs
 
 # Degree of the polynomial, and samples on each side of the gap that it is fitted to.
 _POLYNOMIALS = ((0, 16), (3, 2), (1, 2))
-_TRIALS = 32  # samples on each side of the gap in which trial gaps lie
-# A fraction of deviations that damaged samples leave as it is, and its quantile of the size of a normal variable in
-# standard deviations.
+_TRIALS = 32  # samples on each side of the gap for trial gaps
+# Quantile of deviations that is robust against damaged samples, and the same quantile of the absolute value of a
+# standard normal variable.
 QUIET_FRACTION = 0.75
 QUIET_STD = NormalDist().inv_cdf((1 + QUIET_FRACTION) / 2)
-_TRIAL_GAP = 8  # samples of a trial gap at most
-MAX_BRIDGED = 2  # longest gap in samples that a polynomial bridges without another period
-_MAX_STEP = 2.0  # of an interpolated sample, over the largest step of the signal
+_TRIAL_GAP = 8  # longest trial gap in samples
+MAX_BRIDGED = 2  # longest gap in samples for a polynomial without another period
+_MAX_STEP = 2.0  # largest step to an interpolated sample, relative to the largest step of the signal
 
 
 @dataclass(frozen=True)
@@ -112,16 +112,16 @@ def _bridge(e: FloatArray, gap: slice, degree: int, width: int) -> Interpolation
 
 @lru_cache(maxsize=256)
 def _weights(offsets: tuple[int, ...], g: int, degree: int) -> FloatArray:
-    """Return weights (g, k) of the least-squares polynomial by samples at offsets (k,) from the start of a gap of g."""
+    """Return weights (g, k) of the least-squares polynomial for a gap of g samples with neighbours at offsets (k,)."""
     centred = np.array([*offsets, *range(g)]) - (g - 1) / 2
     powers = np.vander(centred / np.abs(centred).max(), degree + 1)
     return powers[len(offsets) :] @ np.linalg.pinv(powers[: len(offsets)])
 
 
 def _trial_error(e: FloatArray, offsets: IntArray, weights: FloatArray) -> float:
-    """Estimate the error of weights (g, k) on gaps that begin at any other sample of e (m,).
+    """Estimate the interpolation error of weights (g, k) from trial gaps at all samples of e (m,).
 
-    From the quantile of QUIET_FRACTION: a few damaged samples nearby do not count, a transient on one side does.
+    The quantile QUIET_FRACTION ignores a few damaged samples nearby, but not a transient on one side.
     """
     inner = np.arange(len(weights))
     first, last = -min(int(offsets.min()), 0), max(int(offsets.max()), len(weights) - 1)

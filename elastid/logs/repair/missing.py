@@ -89,17 +89,17 @@ def _interpolate(x: FloatArray, L: int, sign: int, log: Log, text: str) -> tuple
 
 
 def _missing_samples(good: BoolArray, log: Log, c: int) -> tuple[int, str]:
-    """Return the number of missing samples of a channel, and a sentence on them."""
+    """Return the number of missing samples of a channel, and a text that describes them."""
     gaps = np.flatnonzero(~good)
     text = f"{log.names[c]}: {gaps.size} of {len(good)} samples {'is' if gaps.size == 1 else 'are'} missing"
     return gaps.size, f"{text}, the first is {log.time_of(gaps[0])}"
 
 
 def bridge_short_gaps(signals: FloatArray, log: Log, straight: Mapping[int, int] | None = None) -> FloatArray:
-    """Interpolate the gaps (NaN) of signals (n, c), without a period, that are short and not at the ends.
+    """Interpolate short gaps (NaN), apart from the ends, in signals (n, c) without a period.
 
-    straight: samples of the longest gap that a straight line bridges, by column.  Channels with more than a third
-    missing are unchanged.
+    straight: longest gap, in samples, for linear interpolation by column.  Channels with more than a third missing
+    samples are unchanged.
     """
     result = np.copy(signals)
     for c in np.flatnonzero(np.isnan(signals).mean(axis=0) <= MAX_MISSING_FRACTION).tolist():
@@ -117,7 +117,7 @@ def bridge_short_gaps(signals: FloatArray, log: Log, straight: Mapping[int, int]
 def bridge_gaps(signals: FloatArray, log: Log, max_fraction: float = MAX_WRONG_FRACTION) -> FloatArray:
     """Interpolate short gaps (NaN) of signals (n, c) without a period.
 
-    Raises DataError for long gaps, or too many, with the longest range of the log that is complete.
+    Raises DataError for long or many gaps; the error states the longest range of the log without gaps.
     """
     result, good = bridge_short_gaps(signals, log), np.isfinite(signals)
     is_refused = ~np.isfinite(result).all(axis=0) | (np.mean(~good, axis=0) > max_fraction)

@@ -40,16 +40,16 @@ MIN_EXCESS = 8.0
 MAX_BY_CHANCE = 0.01  # repeated values, or zeros, in a channel
 MIN_OVER_CHANCE = 3.0  # number of them over the number by chance plus two, from which most are lost messages
 MIN_PERIODS = 3
-# Samples: of a spike at most, of neighbours on each side that are twice as many, and of the running median.
+# Samples of the longest spike, of the neighbours on each side, and of the running median.
 MAX_RUN = 3
 NEIGHBOURS = 2 * MAX_RUN
 MEDIAN_WINDOW = 2 * NEIGHBOURS - 1
-# Samples of a change from period to period that stay below the size by which transients are told; of a pulse in them,
-# over the largest step that repeats.
+# Quantile of the change from period to period that distinguishes transients; least pulse in a transient, relative to
+# the largest step that repeats.
 TRANSIENT_FRACTION, JUMP_MARGIN = 0.95, 1.2
-# A usual distance is that of this fraction of the samples, in the median of parts of the log.
+# Typical distance: median over SECTIONS of the log of the quantile USUAL_FRACTION.
 USUAL_FRACTION, SECTIONS = 0.9, 20
-ROUNDS = 8  # large spikes are replaced before smaller ones beside them are judged
+ROUNDS = 8  # iterations: large spikes are replaced before smaller spikes next to them are tested
 
 
 def without_spikes(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
@@ -202,7 +202,7 @@ def _roughest(x: FloatArray, candidates: BoolArray, judged: BoolArray, L: int) -
     highest = np.where(candidates.reshape(-1, L), roughness, -1.0).max(axis=0)
     rivals = roughness > np.maximum(2 * highest, 1)
     rivals &= highest >= 0
-    # Beside a spike a signal is rough, too: such a phase waits until the spike is replaced.
+    # A signal is also rough next to a spike: such a phase is tested after the spike is replaced.
     are_highest = rivals & (roughness == maximum_filter(roughness, (1, len(_CUBIC))))
     is_rough = candidates.reshape(-1, L) & (roughness > 1)
     is_chosen = np.where(rivals.any(axis=0), are_highest, (roughness == highest) | is_rough)
@@ -210,7 +210,7 @@ def _roughest(x: FloatArray, candidates: BoolArray, judged: BoolArray, L: int) -
 
 
 def _roughness(x: FloatArray) -> FloatArray:
-    """Compute the distance (n,) of each sample from its neighbours' cubic; 1 is the limit of a smooth signal."""
+    """Compute the distance (n,) of each sample from a cubic through its neighbours, relative to the limit of spikes."""
     away = np.abs(np.convolve(np.pad(x, 2, mode="reflect", reflect_type="odd"), _CUBIC, mode="valid"))
     return away / max(MIN_RATIO * float(np.quantile(away, QUIET_FRACTION)), 1e-300)
 
@@ -223,7 +223,7 @@ def _lone_distance(e: FloatArray) -> FloatArray:
 
 
 def _interpolate(x: FloatArray, L: int, sign: int) -> FloatArray:
-    """Interpolate a signal (P L,), on straight lines where no period has a sample."""
+    """Interpolate a signal (P L,); linearly if no period has a sample at this phase."""
     result = np.copy(x)
     for at, gap in interpolations(x, L, sign):
         result[at] = np.nan if gap is None else gap.values
@@ -240,22 +240,22 @@ def _spikes(
     q: float,
     quantile: float = QUIET_FRACTION,
 ) -> BoolArray:
-    """Flag (n,) the spikes of up to max_run samples of a signal x (n,), of those that are judged (n,).
+    """Flag (n,) the spikes of up to max_run samples of a signal x (n,) among the tested samples (judged, (n,)).
 
-    e (n,): its difference to a reference, finite, with a noise of its own in each period of L.  smallest: least d of
-    a spike.  q: step of the converter.  quantile: of the neighbours that a spike is compared with; others may be
-    spikes, too.
+    e (n,): finite difference of x to a reference, with a separate noise std for each period of L.  smallest: least
+    distance of a spike.  q: step of the converter.  quantile: of the neighbours' distances; larger distances can be
+    spikes.
     """
     from scipy.ndimage import maximum_filter
 
     n, d = NEIGHBOURS, _lone_distance(e)
     noise = np.quantile(d.reshape(-1, L), QUIET_FRACTION, axis=1) / QUIET_STD
     sigma = np.hypot(noise, q / np.sqrt(12)).repeat(L)
-    rounding = 1e-7 * float(np.nanmax(x) - np.nanmin(x))  # of single precision, or of nine digits in a text
+    rounding = 1e-7 * float(np.nanmax(x) - np.nanmin(x))  # by single precision or nine digits in a text
     least = np.maximum(MIN_SIGMAS * sigma, max(rounding, smallest))
     if not np.any(d > least):
         return np.zeros(len(e), dtype=np.bool_)
-    # A spike moves the running median beside it, by little where e is smooth.
+    # A spike changes the running median next to it, but little if e is smooth.
     beside = maximum_filter(d, MEDIAN_WINDOW) / MIN_RATIO
     short = [(a, b) for a, b in runs(d > np.maximum(least, beside)).tolist() if b - a <= max_run]
     is_spike = np.zeros(len(e), dtype=np.bool_)
@@ -264,7 +264,7 @@ def _spikes(
         straight[first:end] = np.nan
     straight = bridged(straight)
     for first, end in short:
-        # Near an end a spike cannot be distinguished from a bend.
+        # Near an end, a spike and a curvature are indistinguishable.
         if not judged[first:end].any() or first <= n or end >= len(e) - n:
             continue
         sides = np.r_[max(0, first - 2 * n) : first - 1, end + 1 : min(len(e), end + 1 + 2 * n)]
@@ -277,14 +277,14 @@ def _spikes(
 
 
 def _lost_messages(x: FloatArray, q: float) -> tuple[BoolArray, BoolArray]:
-    """Flag (n,) repeated values and zeros: where steps of q make few of them by chance, and where they are few."""
+    """Flag (n,) repeated values and zeros: those more frequent than by chance with steps of q, and all rare ones."""
     change = np.abs(np.diff(x, prepend=np.nan))
     scale, repeats, is_rare = float(np.nanmedian(change)), *np.zeros((2, len(x)), dtype=np.bool_)
     for distance in (change, np.abs(x)):
         is_equal, n_near = distance == 0, int(np.sum((distance > 0) & (distance <= scale)))
         if is_equal.mean() < MAX_FRACTION:
             is_rare |= is_equal
-            # At reversals and in sticking, a motion repeats values more often: half as often as it steps by q.
+            # At reversals and while it sticks, a joint repeats values more often: half as often as it moves by a step.
             n_single = int(np.sum(np.abs(distance - q) < q / 2))
             by_chance = max(n_near * q / max(2 * scale, 1e-300), n_single / 2)
             if by_chance < MAX_BY_CHANCE or is_equal.sum() > MIN_OVER_CHANCE * (by_chance + 2):
@@ -293,7 +293,7 @@ def _lost_messages(x: FloatArray, q: float) -> tuple[BoolArray, BoolArray]:
 
 
 def _scale(d: FloatArray) -> float:
-    """Compute the distance that a spike exceeds, from typical distances (n,) in sections of a log."""
+    """Compute the least distance of a spike from typical distances (n,) in sections of a log."""
     sections = d[: len(d) // SECTIONS * SECTIONS].reshape(SECTIONS, -1)
     return MIN_OVER_USUAL * float(np.median(np.quantile(sections, USUAL_FRACTION, axis=1)))
 

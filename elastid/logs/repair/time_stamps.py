@@ -108,9 +108,9 @@ def stamp_line(time_s: FloatArray) -> StampLine | None:
 
 
 def even_grid(time_s: FloatArray) -> tuple[IntArray, float] | None:
-    """Find the row of each stamp and the rate in Hz of the uniform grid of stamps (n,); None without such a grid.
+    """Return the grid row of each stamp (n,) and the rate, Hz, of their uniform grid; None without such a grid.
 
-    Rounded stamps, such as 2 and 3 ms in turn at 400 Hz, lie on one.
+    Rounded stamps, such as alternating steps of 2 and 3 ms at 400 Hz, have a grid.
     """
     line = stamp_line(time_s)
     return (line.rows, line.rate_hz) if line is not None and line.is_exact else None
@@ -121,7 +121,7 @@ def _line(t: FloatArray, rows: IntArray) -> StampLine:
     late = t - step * rows
     start, end = np.quantile(late, [MAX_WRONG_FRACTION, 1 - MAX_WRONG_FRACTION]).tolist()
     mean, spread = float(late.mean()), float(np.ptp(late))
-    # Queues delay mostly little, or by several steps: start at the earliest stamps; at the mean if jitter is symmetric.
+    # Queues cause skewed delays: the grid starts at the earliest stamps. It starts at the mean if jitter is symmetric.
     start = mean if spread < step and 2 * (mean - start) > end - mean else start + min(rounding_s, spread) / 2
     return StampLine(rows, 1 / step, start, late - start, rounding_s)
 
@@ -222,8 +222,8 @@ def rising(
 ) -> tuple[FloatArray, FloatArray]:
     """Sort stamps (n,) and their signals (n, c).
 
-    A clock that was set leaves a gap of unknown length; no gap with has_clocks, since other signals continue.
-    Raises DataError for missing stamps, and for more decreasing steps than single faults cause.
+    A jump of a clock that was set becomes a gap of unknown length, or no gap with has_clocks, because the signals of
+    other clocks continue.  Raises DataError for missing stamps and for too many decreasing steps.
     """
     if not np.isfinite(time_s).all():
         place = log.time_of(np.flatnonzero(~np.isfinite(time_s))[0])
@@ -252,10 +252,10 @@ def rising(
 
 
 def without_jumps(t: FloatArray, gap: int = 1) -> tuple[FloatArray, IntArray]:
-    """Return stamps (n,) without jumps of the clock, and the sample (k,) after each jump.
+    """Return stamps (n,) without jumps of the clock, and the index (k,) of the sample after each jump.
 
-    A jump is a fall, or a rise of more than MAX_RATE_RATIO times the sum of all other rises, if there are any.  gap:
-    length of a jump afterwards, in median steps.
+    A jump is a decrease, or an increase by more than MAX_RATE_RATIO times the sum of all other increases.  gap: length
+    of a jump after the correction, in median steps.
     """
     rises = np.diff(t, prepend=t[:1])
     others = rises[rises > 0].sum() - rises
@@ -266,11 +266,11 @@ def without_jumps(t: FloatArray, gap: int = 1) -> tuple[FloatArray, IntArray]:
 
 
 def _is_smoother_on(line: StampLine, time_s: FloatArray, signals: FloatArray) -> bool:
-    """Return False for signals (n, c) that are clearly smoother at their stamps (n,): their sampling was uneven."""
+    """Return False if signals (n, c) are clearly smoother at their stamps (n,), because their sampling was uneven."""
     some = slice(0, _KNOTS // 4)  # each channel takes seconds
     rows_s, knot_hz = line.times_s[some], JUDGED_FRACTION * line.rate_hz
     at_stamps, on_rows = (_fit(t - t[0], signals[some], np.zeros(1), knot_hz)[1] for t in (time_s[some], rows_s))
-    # By all channels: a torque with more than the band in it is as rough at both.
+    # Mean over all channels: a torque with power above the band is equally rough at both.
     return bool(np.exp(np.mean(np.log(np.maximum(at_stamps, 1e-12) / np.maximum(on_rows, 1e-12)))) > SMOOTHER)
 
 
@@ -286,7 +286,7 @@ def _report_resampling(time_s: FloatArray, n: int, rate_hz: float, knot_hz: floa
 
 
 def _check_band(knot_hz: float, rate_hz: float, time_s: FloatArray, log: Log) -> None:
-    """Raise DataError for stamps (n,) whose knots leave too little of the band of rate_hz."""
+    """Raise DataError if the rate of the knots of stamps (n,) is too low for the band of rate_hz."""
     if knot_hz < MIN_RATE_FRACTION * rate_hz:
         unit = 10.0 ** (np.floor(np.log10(knot_hz)) - 1)
         advised_hz = np.floor(knot_hz / unit + 1e-9) * unit
