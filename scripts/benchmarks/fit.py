@@ -57,7 +57,7 @@ from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 NOISE = 0.02
 COMPRESSED, DIFFERENCES = "least_squares, same Jacobian", "least_squares, finite differences"
 CASADI = "CasADi MX, AD"
-# Single passes: the key of a number and the row of the table.
+# Single passes: the key in the JSON line and the row of the table.
 PASSES = {
     "solve": "numpy.linalg.solve alone",
     "floor": "96 kflop a line by zgemm (floor)",
@@ -88,7 +88,7 @@ def build_robot() -> Robot:
 
 
 def measure(robot: Robot, n_configurations: int, freq_hz: FloatArray, full: bool = True) -> list[Response]:
-    """Return responses of the robot with relative noise, configurations drawn at random."""
+    """Return responses of the robot in random configurations with relative noise."""
     rng = np.random.default_rng(0)
     model = serial(robot)
     linearisation = Linearisation.of(model)
@@ -111,7 +111,7 @@ def measure(robot: Robot, n_configurations: int, freq_hz: FloatArray, full: bool
 
 
 def assemble(Q: int, F: int, names: Sequence[str] = IDENTIFIED) -> tuple[Assembly, ElasticFit]:
-    """Return the fit of Q responses with F lines, before and after it is linearised."""
+    """Return the fit of Q responses with F lines before and after linearisation."""
     robot = build_robot()
     spec = FitSpec(parameters={name: ParameterSpec() for name in names}, weights=WeightSpec(model_error=0.0))
     parameters = choose(spec, robot)
@@ -120,7 +120,7 @@ def assemble(Q: int, F: int, names: Sequence[str] = IDENTIFIED) -> tuple[Assembl
 
 
 def bare_solves(fit: ElasticFit) -> Callable[[], None]:
-    """Prepare numpy.linalg.solve of the same systems Z X = B, the matrices ready made."""
+    """Prepare numpy.linalg.solve of the same systems Z X = B with precomputed matrices."""
     systems = []
     for part in fit.parts:
         model, s = part.kernel.model, 2j * np.pi * part.kernel.freq_hz[:, None, None]
@@ -134,7 +134,7 @@ def bare_solves(fit: ElasticFit) -> Callable[[], None]:
 
 
 def flop_floor(n_points: int) -> Callable[[], None]:
-    """Prepare 96 kflop a point in products of 96 x 96 complex matrices, of 8 * 96^3 each."""
+    """Prepare matrix products with 96 kflop per point; a product of 96 x 96 complex matrices has 8 * 96^3 flop."""
     A = np.random.default_rng(0).standard_normal((96, 96)) + 0j
     products = max(1, round(n_points * 96e3 / (8 * 96**3)))
 
@@ -148,10 +148,10 @@ def flop_floor(n_points: int) -> Callable[[], None]:
 def kernel_times(
     fit: ElasticFit, plain: ElasticFit, inertial: Sequence[LeastSquares], repeats: int
 ) -> dict[str, float]:
-    """Return the seconds of one pass over all configurations.
+    """Return the CPU seconds of one pass over all configurations by kind of pass.
 
-    plain: without compiled loops.  inertial: INERTIAS free, too, compiled, plain, and
-    compiled and linearised again at every x, as the search does it.
+    plain: fit without compiled loops.  inertial: fits that also have free INERTIAS: compiled, without compiled loops,
+    and compiled with a new linearisation at every x, as in the search.
     """
     x, more = fit.parameters.x, inertial[0].parameters.x
     points = sum(len(part.measured) for part in fit.parts)
@@ -168,9 +168,9 @@ def kernel_times(
 
 
 def small_jacobian(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> FloatArray:
-    """Return J as small as it can be: 21 residuals of 36, columns of rank one (`normal_equations`).
+    """Return the smallest possible J: 21 compressed residuals of 36, columns of rank one (`normal_equations`).
 
-    plain: the same fit, which has R as matrices.
+    plain: the same fit with R as matrices.
     """
     slopes = []
     for part, with_R in zip(fit.parts, plain.parts, strict=True):
@@ -200,7 +200,7 @@ def small_residual(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> FloatAr
 def fit_times(
     fit: ElasticFit, plain: ElasticFit, starts: Sequence[FloatArray]
 ) -> tuple[dict[str, list[float]], dict[str, float]]:
-    """Return CPU seconds of a whole fit from every start, from the first by the slow ones, and final costs there."""
+    """Return CPU seconds of whole fits by method from each start (slow methods: the first only), and final costs."""
     costs: dict[str, float] = {}
     constant = sum(float(part.normal.residuals.compressed.constant.sum()) for part in plain.parts)
     casadi = casadi_problem(fit)
@@ -232,14 +232,14 @@ def fit_times(
 
 
 def with_inertias(Q: int, F: int) -> tuple[LeastSquares, LeastSquares]:
-    """Return the fit with INERTIAS free, too, linearised once, and at every x; evaluated once to prepare all."""
+    """Return fits that also have free INERTIAS, linearised once, and at every x; both evaluated once as preparation."""
     assembly, fit = assemble(Q, F, (*IDENTIFIED, *INERTIAS))
     fit.rough(fit.parameters.x)
     return fit.problem, assembly.search_problem(fit)
 
 
 def without_compiled_loops(Q: int, F: int) -> tuple[ElasticFit, LeastSquares]:
-    """Return the fit in NumPy, and with INERTIAS free."""
+    """Return the fit in NumPy, and the same with free INERTIAS."""
     with patch("elastid.linear.response.kernel.is_compiled", return_value=False):
         _, plain = assemble(Q, F)
         plain.rough(plain.parameters.x)
@@ -248,7 +248,7 @@ def without_compiled_loops(Q: int, F: int) -> tuple[ElasticFit, LeastSquares]:
 
 
 def casadi_sums(part: Part, lines: int) -> Callable[[FloatArray], tuple[float, FloatArray, FloatArray]]:
-    """Return V, J^T r, J^T J of the first `lines` lines of one configuration, by automatic differentiation in MX."""
+    """Return V, J^T r, J^T J of the first `lines` lines of one configuration by CasADi's automatic differentiation."""
     model, wanted = part.kernel.model, part.kernel.parameters
     x, s = ca.MX.sym("x", len(wanted)), ca.MX.sym("omega")
     theta0 = [model.theta_ref[model.parameters.index(name)] for name in wanted]
@@ -280,7 +280,7 @@ def casadi_sums(part: Part, lines: int) -> Callable[[FloatArray], tuple[float, F
 
 
 def casadi_problem(fit: ElasticFit) -> LeastSquares:
-    """Return the whole fit with CasADi instead of the kernel; the solver is the same."""
+    """Return the whole fit with CasADi instead of the kernel, for the same solver."""
     parts = [casadi_sums(part, len(part.measured)) for part in fit.parts]
 
     def evaluate(x: FloatArray) -> Evaluation:
@@ -292,7 +292,7 @@ def casadi_problem(fit: ElasticFit) -> LeastSquares:
 
 
 def print_table(title: str, headings: Sequence[str], rows: dict[str, Sequence[str]]) -> None:
-    """Print a heading and a row for each name, numbers to the right."""
+    """Print a heading and a row for each name, with right-aligned numbers."""
     for name, cells in {title: headings, **rows}.items():
         print(f"{name:<38}" + "".join(f"{cell:>14}" for cell in cells))
     print()
@@ -301,7 +301,7 @@ def print_table(title: str, headings: Sequence[str], rows: dict[str, Sequence[st
 def compare(Q: int, F: int, quick: bool, passes_only: bool) -> dict[str, float]:
     """Print the kernel and, if not alone, single lines and whole fits beside their peers; what texts quote of them."""
     _, fit = assemble(Q, F)
-    x0 = fit.parameters.x + 0.2 * np.random.default_rng(1).standard_normal(len(fit.parameters.x))  # some 20 % off
+    x0 = fit.parameters.x + 0.2 * np.random.default_rng(1).standard_normal(len(fit.parameters.x))  # 20 % errors
     n, n_x = fit.parts[0].kernel.model.n, len(x0)
     print(f"Q = {Q}, F = {F}, n = {n}, P = {n_x}, {fit.n_residuals} real residuals, one BLAS thread")
     print(f"{timing.machine()}\n")
@@ -349,7 +349,7 @@ def compare(Q: int, F: int, quick: bool, passes_only: bool) -> dict[str, float]:
 
 
 def main() -> None:
-    """Print the tables, then one JSON line."""
+    """Run the benchmark. Print its tables, then one JSON line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="a small problem, to see that it runs")
     parser.add_argument("--passes", action="store_true", help="single passes alone")

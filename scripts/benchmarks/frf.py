@@ -46,13 +46,13 @@ CONFIGURATION = Configuration("bench", np.zeros(6))
 
 
 def plant(F: int, n: int) -> ComplexArray:
-    """Draw a matrix at every line, diagonally dominant."""
+    """Draw a diagonally dominant FRF matrix (F, n, n)."""
     rng = np.random.default_rng(0)
     return rng.normal(size=(F, n, n)) + 1j * rng.normal(size=(F, n, n)) + 3 * np.eye(n)
 
 
 def simulate(lines: IntArray, N: int, P: int, M: int, n: int) -> list[Record]:
-    """Simulate records of orthogonal multisines at lines (F,) through the plant, with noise on inputs and outputs."""
+    """Simulate records with orthogonal multisines at lines (F,), with noise on inputs and outputs."""
     rng, G = np.random.default_rng(1), plant(len(lines), n)
     places = tuple(f"motor {i + 1}" for i in range(n))
     records = []
@@ -69,7 +69,7 @@ def simulate(lines: IntArray, N: int, P: int, M: int, n: int) -> list[Record]:
 
 
 def by_csd(records: Sequence[Record], lines: IntArray) -> ComplexArray:
-    """Estimate H1 of all records by scipy.signal.csd, every channel transformed once and not for every pair."""
+    """Estimate H1 of all records by scipy.signal.csd, with one FFT per channel instead of one per pair."""
     from scipy.signal import csd
 
     n, N = records[0].u.shape[1], records[0].period_samples
@@ -82,7 +82,7 @@ def by_csd(records: Sequence[Record], lines: IntArray) -> ComplexArray:
 
 
 def by_peer(records: Sequence[Record], lines: IntArray, M: int) -> Callable[[], ComplexArray] | None:
-    """Prepare best-linear-approximation's noisy_input, its arrays ready made; None where it is not installed."""
+    """Prepare noisy_input of best-linear-approximation with precomputed arrays; None if it is not installed."""
     try:
         from best_linear_approximation.robust import noisy_input
     except ImportError:
@@ -99,7 +99,7 @@ def by_peer(records: Sequence[Record], lines: IntArray, M: int) -> Callable[[], 
 
 
 def log_s(record: Record, repeats: int) -> float:
-    """Return the CPU time of the import of a record as an HDF5 log, with every check and repair."""
+    """Return the CPU time, s, of the import of a record from an HDF5 log, with all checks and corrections."""
     channels = [ChannelSpec("u", place, f"u{i}") for i, place in enumerate(record.inputs)]
     channels += [ChannelSpec("y", place, f"y{i}", quantity="acceleration") for i, place in enumerate(record.outputs)]
     with TemporaryDirectory() as folder:
@@ -111,7 +111,7 @@ def log_s(record: Record, repeats: int) -> float:
 
 
 def floors(records: Sequence[Record]) -> dict[str, Callable[[], None]]:
-    """Prepare the bare FFT of the same data in two orders; memory holds the spectra of one record at a time."""
+    """Prepare the bare FFT of the same data in two memory orders, with the spectra of one record at a time."""
     recorded = [x.reshape(-1, r.period_samples, x.shape[1]) for r in records for x in (r.u, r.y)]
     blocks = [np.ascontiguousarray(x.transpose(0, 2, 1)) for x in recorded]
 
@@ -126,7 +126,7 @@ def floors(records: Sequence[Record]) -> dict[str, Callable[[], None]]:
 
 
 def case(name: str, lines: IntArray, size: tuple[int, int, int, int], repeats: int, peers: bool) -> dict[str, float]:
-    """Measure times of floor, elastid and peers on the records of one case."""
+    """Measure CPU times of bare FFT, elastid and other packages on the records of one case."""
     N, P, M, n = size
     records = simulate(lines, N, P, M, n)
     data_gb = sum(r.u.nbytes + r.y.nbytes for r in records) / 2**30

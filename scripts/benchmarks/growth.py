@@ -54,21 +54,21 @@ SIZES = {
     "references": {"configurations": (2, 4, 8, 16)},
     "commands": {"samples": (2000, 4000, 8000, 16000)},
 }
-# Sizes of what does not grow.
+# Sizes that are constant in each series.
 FIT = {"configurations": 8, "lines": 100, "coordinates": 18}
 USUAL = {"estimate": {"records": 24, "lines": 512, "samples": 4096}, "identify": FIT, "map": {"postures": 1000, **FIT}}
 QUICK = {"records": (12, 24), "configurations": (3, 6), "postures": (50, 100), "samples": (500, 1000)}
 
 
 def of_estimate(records: int, lines: int, samples: int) -> Callable[[], object]:
-    """Prepare a response from records of six experiments each realisation."""
+    """Prepare the estimation of a response from records with six experiments per realisation."""
     chosen = np.arange(1, lines + 1)
     experiments = simulate(chosen, samples, 4, records // 6, 6)
     return lambda: estimate(experiments, EstimatorSpec(), chosen)
 
 
 def of_identify(configurations: int, lines: int, coordinates: int) -> Callable[[], Result]:
-    """Prepare a fit of responses with noise."""
+    """Prepare the fit of responses with noise."""
     whole = build_robot()
     robot = replace(whole, bodies=whole.bodies[: coordinates // 3])
     responses = measure(robot, configurations, np.linspace(2.0, 100.0, lines), full=False)
@@ -78,20 +78,20 @@ def of_identify(configurations: int, lines: int, coordinates: int) -> Callable[[
 
 
 def of_map(postures: int, **fit: int) -> Callable[[], object]:
-    """Prepare compliance, modes and stability with their intervals at random postures."""
+    """Prepare the prediction of compliance, modes and stability, with intervals, in random postures."""
     result = of_identify(**fit)()
     angles = random_postures(result.known_robot, postures, 1)
     return lambda: map_workspace(result, angles, frame=str(fit["coordinates"] // 3))
 
 
 def of_study(study: Path, *stages: str) -> Callable[[], object]:
-    """Prepare stages from the logs to the numbers, in a new folder each time."""
+    """Prepare the stages of a study from logs to parameters, in a new folder for each call."""
     folders = (study.parent / f"run{i}" for i in count())
     return lambda: run(study, next(folders), "measure", *stages, verbosity=-2)
 
 
 def of_references(configurations: int) -> Callable[[], object]:
-    """Prepare a study of references and encoders of three axes under sampled controllers."""
+    """Prepare a study of three axes from references and encoders with sampled controllers."""
     whole, rng = build_robot(), np.random.default_rng(0)
     robot = replace(whole, bodies=whole.bodies[:3])
     postures = {f"p{i}": rng.uniform(-1.2, 1.2, len(robot.driven)).tolist() for i in range(configurations)}
@@ -101,7 +101,7 @@ def of_references(configurations: int) -> Callable[[], object]:
 
 
 def of_commands(samples: int) -> Callable[[], object]:
-    """Prepare a friction study of commands and positions of two joints."""
+    """Prepare a friction study of two joints from commands and positions."""
     folder = Path(mkdtemp())
     r = commanded_joints.references(samples, 2, 0.5, 2.0)
     q = commanded_joints.positions(commanded_joints.two_joints, r, 0.0)
@@ -122,13 +122,13 @@ def of_commands(samples: int) -> Callable[[], object]:
 
 
 def memory_mb(name: str) -> float:
-    """Read VmRSS, what of this process is in memory, or VmHWM, the most since the mark was set back."""
+    """Read VmRSS, the resident memory of this process in MB, or VmHWM, its maximum since the last reset."""
     status = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
     return float(next(line for line in status if line.startswith(name)).split()[1]) / 1024
 
 
 def point(task: tuple[str, dict[str, int]]) -> tuple[float, float]:
-    """Measure CPU seconds and MB of one size: of its second run, and at the peak of its first with its data."""
+    """Measure one size: CPU seconds of its second run, and peak memory of its first run, MB, including its data."""
     name, size = task
     before = memory_mb("VmRSS")
     studies = {"references": of_references, "commands": of_commands}
@@ -141,7 +141,7 @@ def point(task: tuple[str, dict[str, int]]) -> tuple[float, float]:
 
 
 def main() -> None:
-    """Print a line for each size, then the slopes."""
+    """Print a row for each size, then the slopes."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="two small sizes of one thing each, to see that it runs")
     is_quick, slopes = parser.parse_args().quick, dict[str, float]()

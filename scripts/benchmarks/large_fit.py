@@ -40,12 +40,12 @@ from elastid.store.measured import read_responses, write_responses
 
 
 def write(path: Path, Q: int, F: int) -> None:
-    """Write frf.h5 of Q configurations and F lines."""
+    """Write frf.h5 with simulated responses in Q configurations at F lines."""
     write_responses(path, measure(build_robot(), Q, np.linspace(2.0, 100.0, F)))
 
 
 def fit(path: Path, jobs: int) -> dict[str, Any]:
-    """Fit a file, and return what it took."""
+    """Fit the responses of a file. Return times, memory and properties of the result."""
     spec = FitSpec(
         parameters={name: ParameterSpec() for name in IDENTIFIED}, starts=2, seed=1, profile=(),
         weights=WeightSpec(model_error=0.01),
@@ -77,7 +77,7 @@ def fit(path: Path, jobs: int) -> dict[str, Any]:
 
 
 def in_process(function: Callable[..., Any], *arguments: object) -> tuple[Any, float]:
-    """Return the value of a function in a process of its own, and the CPU seconds of that one's descendants."""
+    """Call a function in a new process. Return its value, and the CPU seconds of the descendants of this process."""
     seconds: dict[int, float] = {}
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:
         process, value = pool.submit(os.getpid).result(), pool.submit(function, *arguments)
@@ -88,7 +88,7 @@ def in_process(function: Callable[..., Any], *arguments: object) -> tuple[Any, f
 
 
 def cpu_of_descendants(pid: int) -> dict[int, float]:
-    """Return CPU seconds by process of all that a process has started, and of what those have."""
+    """Return the CPU seconds of all descendants of a process, by process id."""
     parents, seconds = dict[int, int](), dict[int, float]()
     for stat in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError):
@@ -103,7 +103,7 @@ def cpu_of_descendants(pid: int) -> dict[int, float]:
 
 
 def of_workers(one: dict[str, Any], many: dict[str, Any], theirs: float, jobs: int) -> dict[str, float]:
-    """Compare fits without and with workers, each with its own processor; the asking process works while they wait."""
+    """Compare fits without and with workers. Model: one processor per worker, idle while the main process works."""
     assert one["sha256"] == many["sha256"]
     own = many["cpu_s"]
     return {
@@ -118,7 +118,7 @@ def of_workers(one: dict[str, Any], many: dict[str, Any], theirs: float, jobs: i
 
 
 def main() -> None:
-    """Print the figures, then one JSON line."""
+    """Print the measurements, then one JSON line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="three configurations, to see that it runs")
     parser.add_argument("--configurations", type=int, default=1000)

@@ -1,12 +1,13 @@
-"""Time simulation in closed loop with LuGre friction: how many times faster than real time, beside MuJoCo.
+"""Benchmark of closed-loop simulation with LuGre friction: speed relative to real time, and to MuJoCo.
 
     python scripts/benchmarks/simulation.py [--quick]
 
-The three-axis robot of the demo and the six-axis arm of fit.py with 18 coordinates, sampled at 1 kHz with two
-Runge-Kutta steps a sample, LuGre friction at every motor; compiled where there is a C compiler, and in CasADi's virtual
-machine, with the same bytes. MuJoCo, where it is installed, simulates the same robots without friction states, its
-controller a spring and a damper at every motor, in steps of 0.25 ms; all run in turns in one process on one core, and
-the median of their CPU times counts. Before that their accelerations are compared. The last line is JSON.
+Robots: the three-axis robot of the demo, and the six-axis arm of fit.py with 18 coordinates. elastid simulates them
+with a controller at 1 kHz, two Runge-Kutta steps per sample and LuGre friction at every motor, compiled (if there is a
+C compiler) and in CasADi's virtual machine, with identical results. MuJoCo, if installed, simulates the same robots
+without friction states in steps of 0.25 ms; its controller is a spring and a damper at every motor. All run in turn in
+one process on one core. The medians of their CPU times are compared, after a check that accelerations agree. The last
+line is JSON.
 """
 
 import argparse
@@ -43,14 +44,14 @@ MIN_TIMES_REAL_TIME, MAX_TIME_OVER_MUJOCO = 50.0, 3.0
 
 
 def with_friction(robot: Robot) -> Robot:
-    """Add LuGre friction to every motor: 0.3 to 0.45 Nm on the motor side, bristles of 70 Nm/rad."""
+    """Add LuGre friction to every motor (motor side): 0.3 to 0.45 Nm, bristle stiffness 70 Nm/rad."""
     law = Friction(0.3, 0.45, 1.5, lugre=LuGre(70.0, 0.02, 30.0))
     motors = {joint.name: replace(joint.motor, coulomb=0.0, friction=law) for joint in robot.driven if joint.motor}
     return with_joints(robot, lambda joint: replace(joint, motor=motors.get(joint.name)))
 
 
 def elastid_run(model: ElasticModel, gains: JointLoop, torque: np.ndarray, samples: int) -> Callable[[], Trajectory]:
-    """Prepare one run of the sampled loop; samples: that decide whether it is compiled."""
+    """Prepare one run of the sampled loop.  samples: number that decides if the loop is compiled."""
     n_u, rest = model.n_u, np.zeros(model.n_q)
     limits, drives = np.array([[-9.0, 9.0]] * n_u), Drives(np.zeros(n_u), np.full(n_u, np.inf))
     loop = closed_loop(
@@ -61,7 +62,7 @@ def elastid_run(model: ElasticModel, gains: JointLoop, torque: np.ndarray, sampl
 
 
 def in_mujoco(robot: Robot) -> Any:
-    """Load the robot into MuJoCo, exported without friction states."""
+    """Export the robot without friction states, and load it into MuJoCo."""
     import mujoco
 
     machine = mujoco.MjModel.from_xml_string(ElementTree.tostring(mjcf(robot), encoding="unicode"))
@@ -71,7 +72,7 @@ def in_mujoco(robot: Robot) -> Any:
 
 
 def mujoco_run(robot: Robot, gains: JointLoop, torque: np.ndarray) -> Callable[[], object]:
-    """Prepare the same time of the same robot in MuJoCo, rolled out by its own loop."""
+    """Prepare a simulation of the same duration and robot by MuJoCo's rollout."""
     import mujoco
     from mujoco import rollout
 
@@ -86,7 +87,7 @@ def mujoco_run(robot: Robot, gains: JointLoop, torque: np.ndarray) -> Callable[[
 
 
 def same_accelerations(robot: Robot) -> float:
-    """Return the largest relative difference of elastid's and MuJoCo's accelerations at random states."""
+    """Return the largest relative difference between elastid's and MuJoCo's accelerations in random states."""
     import mujoco
 
     machine, model = in_mujoco(robot), serial(robot)
@@ -109,7 +110,7 @@ def same_accelerations(robot: Robot) -> float:
 
 
 def bench(robot: Robot, seconds: float, rounds: int, with_mujoco: bool) -> dict[str, float]:
-    """Measure times faster than real time of both, and their ratio."""
+    """Measure the speed of both relative to real time, and the ratio of the speeds."""
     before = time.perf_counter()
     model = serial(with_friction(robot))
     built = time.perf_counter() - before
@@ -132,7 +133,7 @@ def bench(robot: Robot, seconds: float, rounds: int, with_mujoco: bool) -> dict[
 
 
 def check(six: dict[str, float]) -> None:
-    """Assert the goals of the six-axis arm, where there is a compiler, and MuJoCo."""
+    """Assert the limits of the six-axis arm if a compiler and MuJoCo exist."""
     try:
         compiler()
     except OSError:
@@ -142,7 +143,7 @@ def check(six: dict[str, float]) -> None:
 
 
 def main() -> None:
-    """Print a line for each robot, then the JSON line."""
+    """Print a row for each robot, then the JSON line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="one second once, to see that it runs")
     quick, with_mujoco = parser.parse_args().quick, find_spec("mujoco") is not None

@@ -47,13 +47,13 @@ MIDDLE, REACH = (0, -80, 90, 0, 30, 0), (60, 30, 40, 80, 70, 90)
 
 
 def cpu_s() -> float:
-    """Return the CPU time of this process and of those that have ended."""
+    """Return the CPU time, s, of this process and of its finished child processes."""
     times = os.times()
     return times.user + times.system + times.children_user + times.children_system
 
 
 def study(postures: int, realisations: int, starts: int) -> str:
-    """Write the text of the study."""
+    """Return the text of the study."""
     draw, ranges = random.Random(3), list(zip(MIDDLE, REACH, strict=True))
     rows = [
         ", ".join(f"{round(middle + draw.uniform(-reach, reach))} deg" for middle, reach in ranges)
@@ -64,7 +64,7 @@ def study(postures: int, realisations: int, starts: int) -> str:
 
 
 def main() -> None:
-    """Print the stages as they end, then one JSON line."""
+    """Run the study. Print each stage when it ends, then one JSON line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="two postures, one start")
     is_quick = parser.parse_args().quick

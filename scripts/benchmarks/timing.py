@@ -1,6 +1,6 @@
-"""CPU times of functions for the benchmarks: medians, of functions that are compared in turn; and the machine.
+"""CPU times of functions for the benchmarks, and the description of the machine.
 
-Scripts import it first: it asks for one BLAS thread, which NumPy reads when it is loaded.
+Scripts import this module first: it sets one BLAS thread, which NumPy reads when it is loaded.
 """
 
 import os
@@ -20,12 +20,12 @@ from elastid.base.kernels import description
 
 
 def cpu_seconds(function: Callable[[], object], repeats: int) -> float:
-    """Return the median CPU time of a call, after one that does not count; the machine may be shared."""
+    """Return the median CPU time of a call, s, after a warm-up call."""
     return in_turn({"": function}, repeats)[""]
 
 
 def in_turn(functions: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, float]:
-    """Return median CPU times of functions that take turns, so that what else the machine does meets all of them."""
+    """Return median CPU times, s, of functions called in turn, so that other load affects all of them equally."""
     times: dict[str, list[float]] = {name: [] for name in functions}
     for repeat in range(repeats + 1):
         for name, function in functions.items():
@@ -37,8 +37,8 @@ def in_turn(functions: Mapping[str, Callable[[], object]], repeats: int) -> dict
 
 
 def bare_work_s() -> float:
-    """Return the CPU time of a fixed mixture of FFT, products of matrices, copies and Python, a unit for programs."""
-    far = np.zeros(1 << 24)  # 128 MB, in no cache: machines differ most in how fast memory is
+    """Return the CPU time, s, of a fixed mixture of FFT, matrix products, copies and Python: the unit of benchmarks."""
+    far = np.zeros(1 << 24)  # 128 MB, larger than caches: machines differ most in memory bandwidth
     x = np.random.default_rng(0).standard_normal((6, 1 << 18))
     A = x[:, :15000].reshape(-1, 150, 150) + 0j
 
@@ -52,7 +52,7 @@ def bare_work_s() -> float:
 
 
 def machine() -> str:
-    """Name the processor, the kernels of this package, and those of BLAS with its number of threads."""
+    """Describe the processor, the kernels of elastid, and BLAS with its number of threads."""
     return f"{_processor()}; {description()}; {_blas()}"
 
 
@@ -64,7 +64,7 @@ def _processor() -> str:
 
 
 def _blas() -> str:
-    """Name the processor of OpenBLAS's kernels, which it chooses when it is loaded."""
+    """Describe BLAS, with the processor type that OpenBLAS selected at load time."""
     built = np.show_config(mode="dicts")["Build Dependencies"]["blas"]
     words = f"BLAS {built['name']} {built['version']}"
     for path in Path(np.__file__).parents[1].glob("numpy.libs/*openblas*"):

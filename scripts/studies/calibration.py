@@ -46,13 +46,13 @@ class DataSets:
 
     @property
     def rig(self) -> Rig:
-        """The rig of the plant, built once in a process."""
+        """Rig of the plant, built once per process."""
         if self.plant.name not in RIGS:
             RIGS[self.plant.name] = Rig.of(self.plant)
         return RIGS[self.plant.name]
 
     def __call__(self, number: int) -> FloatArray:
-        """Fit one data set; NaN where its fit did not converge."""
+        """Fit the data set of an index; NaN if the fit did not converge."""
         rng = np.random.default_rng([self.seed, number])
         spec = replace(self.plant.spec, weights=WeightSpec(model_error=self.floor))
         data = self.rig.draw(rng, _truth(self.rig, self.wrong, rng))
@@ -65,7 +65,7 @@ class DataSets:
         return np.array([optimum.end.x - x, np.sqrt(np.diag(sure.covariance)), _holds(optimum, sure, x)])
 
     def bound(self) -> FloatArray:
-        """Return the Cramer-Rao bound of x (n_x,) at the truth."""
+        """Return the Cramer-Rao bound of the stds of x (n_x,) at the true values."""
         data = self.rig.draw(np.random.default_rng(0))
         exact = [replace(noisy, G=exact.G) for noisy, exact in zip(data, self.rig.exact, strict=True)]
         assembly = self.rig.assembly(exact, self.plant.spec)
@@ -74,7 +74,7 @@ class DataSets:
 
 
 def _holds(optimum: RelinearisedOptimum, sure: Uncertainty, x: FloatArray) -> BoolArray:
-    """Return whether each interval (n_x,) holds x: by profile likelihood where V is not quadratic."""
+    """Return flags (n_x,) of the intervals that contain x: by profile likelihood if V is not quadratic."""
     problem, there, variance = optimum.fit.problem, optimum.end.x, np.diag(sure.covariance)
     names, _ = choose_profiles(problem.parameters, variance)
     low, high = profile_likelihood(problem, there, variance, names).T
@@ -83,7 +83,7 @@ def _holds(optimum: RelinearisedOptimum, sure: Uncertainty, x: FloatArray) -> Bo
 
 
 def _truth(rig: Rig, wrong: str, rng: np.random.Generator) -> tuple[Response, ...]:
-    """Return exact responses of a robot that the model does not describe, the wrong part drawn for each."""
+    """Return exact responses of a robot with a random model error."""
     robot, freq_hz = rig.plant.robot, rig.plant.freq_hz
     if wrong == "hidden mode":
         place = float(np.exp(rng.uniform(np.log(freq_hz[0]), np.log(freq_hz[-1]))))
@@ -107,7 +107,7 @@ def _truth(rig: Rig, wrong: str, rng: np.random.Generator) -> tuple[Response, ..
 
 
 def calibrate(sets: DataSets, n_sets: int, jobs: int) -> dict[str, Any]:
-    """Return coverage, scatter and stated deviations of n_sets data sets, for each of the free parameters."""
+    """Return coverage, scatter and stated std of each free parameter over n_sets data sets."""
     rows = np.array(Execution(jobs).ordered(sets, range(n_sets)))
     good = np.isfinite(rows).all(axis=(1, 2))
     error, stated, holds = rows[good].swapaxes(0, 1)

@@ -1,7 +1,7 @@
-"""Causes of wrong fits for `likeliest_causes`: faults of robots and measurements at plants that are known.
+"""Causes of wrong fits for `likeliest_causes`: faults of robots and of measurements at simulated plants.
 
-INJECTIONS are those for which hypotheses were written, FURTHER those that an outsider thought of afterwards (one
-without a right name has no hypothesis: there a doubt is right). `workshop.py` has those of a workshop at every plant.
+elastid has a hypothesis for each of INJECTIONS. FURTHER are causes from a later, independent list. A cause without a
+right name has no hypothesis: the correct result is doubt. `workshop.py` has typical causes at every plant.
 """
 
 import math
@@ -18,10 +18,10 @@ from elastid.response import Response
 
 @dataclass(frozen=True)
 class Injection:
-    """A cause: a fault at a plant, with arguments.  right: patterns of names that are the cause.
+    """A cause: a fault at a plant, with its arguments.  right: patterns of the correct names of the cause.
 
-    is_exact: True if the fit takes the numbers of the robot model as exact.  has_payload: False if the model has no
-    payload.  is_off_sheet: True if the robot is off its model as CAD and data sheets are, too.
+    is_exact: True if the fit uses no tolerances of the robot model.  has_payload: False if the payload is removed from
+    the model.  is_off_sheet: True if the robot also differs from its model within the errors of data sheets.
     """
 
     name: str
@@ -42,7 +42,7 @@ PAYLOAD, ALL_GAINS, EXACT = ("payload_*",), ("gain_u_*", "gain_y_*"), True
 BY_DEGREE, ANGLES = math.radians(5), ("angle* configurations*",)
 # fmt: off
 INJECTIONS: tuple[Injection, ...] = (
-    # The robot carries what its file does not have, or is otherwise than its file.
+    # The robot differs from its robot model.
     Injection("payload 0.5 kg, exact file", "two-axis", PAYLOAD, robot.add_payload, (0.5, (0.6, 0.0, 0.0)), EXACT),
     Injection("payload 3 kg, exact file", "two-axis", PAYLOAD, robot.add_payload, (3.0, (0.6, 0.0, 0.0)), EXACT),
     Injection("payload 5 kg", "two-axis", PAYLOAD, robot.add_payload, (5.0, (0.6, 0.0, 0.05))),

@@ -34,13 +34,13 @@ NOISE = 0.01
 
 
 def measure(plant: Plant, robot: Robot, rng: np.random.Generator) -> list[Response]:
-    """Return responses of the robot with noise of known variance."""
+    """Return responses of the robot with noise of known covariance."""
     postures = {each.name: each.angles for each in plant.configurations}
     return responses_of(robot, postures, rng, plant.freq_hz, NOISE, 0.0, spec=plant.model)
 
 
 def judge(plant: Plant, draws: int, seed: int) -> dict[str, Any]:
-    """Count intervals and statuses over the draws of one plant."""
+    """Count statuses, and intervals that contain the true value, over random robots of one plant."""
     inside, states, worst = [], Counter[str](), 0.0
     for draw in range(draws):
         rng = np.random.default_rng([seed, draw])
@@ -61,7 +61,7 @@ def judge(plant: Plant, draws: int, seed: int) -> dict[str, Any]:
 
 
 def with_transmission_errors(amplitude: float, postures: int, draws: int, seed: int) -> dict[str, Any]:
-    """Return the share of intervals of k that hold the truth, and stated std over std of the errors; low noise."""
+    """Return the coverage of the intervals of k, and the stated std relative to the std of the errors, at low noise."""
     plant, errors, stds, inside = PLANTS["two-axis"](), list[float](), list[float](), list[bool]()
     for draw in range(draws):
         rng = np.random.default_rng([seed, draw, postures, int(1e6 * amplitude)])

@@ -94,7 +94,7 @@ class Kind:
 
     @classmethod
     def draw(cls, number: int, seed: int) -> "Kind":
-        """Draw the kind of a set of logs by its number."""
+        """Draw the kind of the set of logs with an index."""
         rng, is_simulated = np.random.default_rng((seed, number)), bool(number % 2)
         grid = str(rng.choice(list(GRIDS)))
         axes, realisations = int(rng.integers(1, 3)), int(rng.integers(1, 4))
@@ -155,7 +155,7 @@ class Kind:
         return make_plan(excitation, self.spec, self.robot, self.number)
 
     def records(self) -> Iterator[Record]:
-        """Return the records of all experiments."""
+        """Simulate the records of all experiments."""
         if not self.is_simulated:
             return closed_form(self)
         rig = SimulatedRig(self.robot, self.spec, self.plan, self.number)
@@ -163,7 +163,7 @@ class Kind:
 
 
 def closed_form(kind: Kind) -> Iterator[Record]:
-    """Yield each run from three periods on: what it begins with has died out."""
+    """Yield each run without its first three periods, after the transient has decayed."""
     rng, plan, rms = np.random.default_rng((kind.seed, kind.number, 3)), kind.plan, TORQUE_RMS[: kind.axes]
     places = ("position",) * kind.axes
     for run in plan.experiments:
@@ -177,7 +177,7 @@ def closed_form(kind: Kind) -> Iterator[Record]:
 
 
 def disturbance(kind: Kind, n: int, rng: np.random.Generator) -> FloatArray:
-    """Draw torque (n, n_u) of slow wander with a time constant of 5 s, and of a step somewhere."""
+    """Draw a disturbance torque (n, n_u): drift with a time constant of 5 s, and a step at a random time."""
     decay = np.exp(-1 / (5.0 * RATE_HZ))
     white = rng.standard_normal((n, kind.axes)) * np.sqrt(1 - decay**2)
     slow, _ = lfilter([1.0], [1.0, -decay], white, axis=0, zi=decay * rng.standard_normal((1, kind.axes)))
@@ -188,7 +188,7 @@ def disturbance(kind: Kind, n: int, rng: np.random.Generator) -> FloatArray:
 def closed_loop(
     kind: Kind, posture: Configuration, r: FloatArray, w: FloatArray, noise: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Simulate a run: torques and read angles (n, n_u), link side."""
+    """Simulate a run; return torques and measured angles (n, n_u), link side."""
     M, D, K, _ = Outside(kind.robot).matrices(posture.angles)
     n, size = kind.axes, 4 * kind.axes
     A = np.zeros((5 * n, 5 * n))
@@ -213,7 +213,7 @@ def closed_loop(
 
 
 def judge(number: int, seed: int) -> tuple[Kind, dict[str, str]]:
-    """Return codes of all alarms of a set of clean logs, with their sentences."""
+    """Return the codes of all alarms for the set of clean logs of an index, with their sentences."""
     kind, codes = Kind.draw(number, seed), dict[str, str]()
     with tempfile.TemporaryDirectory() as name:
         try:
@@ -225,7 +225,7 @@ def judge(number: int, seed: int) -> tuple[Kind, dict[str, str]]:
 
 
 def true_of(kind: Kind) -> dict[str, str]:
-    """Return alarms that are true of a kind, and why."""
+    """Return the alarms that are correct for a kind, with the reasons."""
     true: dict[str, str] = {}
     if kind.step:
         true |= dict.fromkeys(("frf/periods-discarded", "frf/transient-discarded"), "the period with the step differs")
@@ -240,7 +240,7 @@ def true_of(kind: Kind) -> dict[str, str]:
 
 
 def _alarms(records: list[Record], robot: Robot, seed: int) -> Iterator[tuple[str, str]]:
-    """Yield codes with their sentences, of records, responses, fit and validation; a refusal ends them."""
+    """Yield codes and sentences from records, responses, fit and validation; an error ends the sequence."""
     of_records = _codes(note for record in records for note in record.notes)
     yield from of_records.items()
     responses = api.estimate(records, robot)
@@ -259,7 +259,7 @@ def _alarms(records: list[Record], robot: Robot, seed: int) -> Iterator[tuple[st
 
 
 def _local(records: list[Record], robot: Robot) -> dict[str, str]:
-    """Return alarms of the local rational method; new phases in every experiment are no repeats."""
+    """Return alarms of the local rational method; experiments with new phases are no repetitions."""
     try:
         responses = api.estimate(records, robot, method="local_rational", friction="none")
     except ElastidError as error:
@@ -276,7 +276,7 @@ def _codes(notes: Iterable[Note]) -> dict[str, str]:
 
 
 def read(kind: Kind, folder: Path) -> list[Record]:
-    """Write the logs of a kind to files and read them as a laboratory's are."""
+    """Write the logs of a kind to files, and read them like measured logs."""
     files, channels = [], []
     for i, record in enumerate(kind.records()):
         with h5py.File(folder / f"{i}.h5", "w") as file:
@@ -293,7 +293,7 @@ def read(kind: Kind, folder: Path) -> list[Record]:
 
 
 def interval(count: int, of: int) -> tuple[float, float]:
-    """Return the 95 % interval of a rate (Clopper and Pearson, 1934)."""
+    """Return the 95 % interval of a rate, count / of (Clopper and Pearson, 1934)."""
     ends = binomtest(count, of).proportion_ci()
     return float(ends.low), float(ends.high)
 

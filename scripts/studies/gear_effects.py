@@ -81,7 +81,7 @@ EXPERIMENTS, SUBSTEPS = 4, 64
 
 
 def sets_of(gear: Gear, draws: int, seed: int) -> list[tuple[Record, ...]]:
-    """Simulate the records of all draws side by side."""
+    """Simulate the records of all random draws in one batch."""
     every = records(gear, experiments=EXPERIMENTS * draws, seed=seed, substeps=SUBSTEPS)
     return [
         tuple(replace(each, realisation=m) for m, each in enumerate(every[EXPERIMENTS * i : EXPERIMENTS * (i + 1)]))
@@ -90,7 +90,7 @@ def sets_of(gear: Gear, draws: int, seed: int) -> list[tuple[Record, ...]]:
 
 
 def run(gear: Gear, measured: tuple[Record, ...]) -> dict[str, Any]:
-    """Return errors of k and d without and with effects, their std, and effects: kind, level, std, scale, its std."""
+    """Return errors of k and d without and with effects, stds, and effects: kind, level, std, scale and its std."""
     response = estimate(measured, SPEC, LINES)
     parameters = dict.fromkeys(("k_*", "d_*", "fm_*"), ParameterSpec())
     spec = FitSpec(parameters=parameters, weights=WeightSpec(model_error=0.0), starts=1)
@@ -112,7 +112,7 @@ def run(gear: Gear, measured: tuple[Record, ...]) -> dict[str, Any]:
 
 
 def check(name: str, expected: tuple[Effect, ...], one: dict[str, Any]) -> tuple[float, list[float]]:
-    """Assert the goals; return the largest error of a level, and errors of k, d and levels over their std."""
+    """Assert the limits. Return the largest error of a level, and errors of k, d and levels relative to their stds."""
     effects = [effect for effect in one["effects"] if not effect[0].endswith("cosine")]
     cosine = max((abs(effect[1]) for effect in one["effects"] if effect[0].endswith("cosine")), default=0.0)
     expected = tuple(sorted(expected, key=lambda each: (each.kind, each.level)))
@@ -137,7 +137,7 @@ def check(name: str, expected: tuple[Effect, ...], one: dict[str, Any]) -> tuple
 
 
 def coverage(z: FloatArray, results: list[dict[str, Any]]) -> dict[str, Any]:
-    """Return, of z (draws, 2 + n_f), the intervals that hold and the means, whose std is 1 / sqrt(draws)."""
+    """Return the coverage of 95 % intervals and the means of z (draws, 2 + n_f); std of a mean: 1 / sqrt(draws)."""
     holds, means = np.abs(z) < QUANTILE_95, z.mean(axis=0).round(2).tolist()
     worst = [100 * float(np.abs([one["found"][i] for one in results]).max()) for i in (0, 1)]
     return {"holds": int(holds.sum()), "of": int(holds.size), "mean_deviations": means, "largest_percent": worst}

@@ -1,27 +1,27 @@
-"""Is the true cause of a wrong fit named first, and never a wrong one as if it were certain?
+"""Test if the fit names the true cause of a model error first, and never names a wrong cause as certain.
 
     python scripts/studies/likeliest_causes.py [--quick] [--only WORD] [--clean 50] [--seed 0] [--jobs 2]
 
-Causes of `causes.py` and `workshop.py` are injected one by one into exact responses of robots of two, three and six
-axes and of a linkage, on some 40 lines with 0.5 % of noise; of the last every other robot is off its file as CAD and
-data sheets are.  The fit takes the robot's file with its common tolerances, or as exact
-where the table says so.  A row has the injected cause, the first that the fit names, whether it is right, how certain
-it was stated, its share of the excess of V, its drop of V, the status, and the largest error of a stiffness over the
-half of its interval.
+Each cause of `causes.py` and `workshop.py` is injected alone into exact responses of robots with two, three and six
+axes and of a linkage, at about 40 DFT lines with 0.5 % noise. For `workshop.py`, every second robot also has data-sheet
+errors. The fit uses the robot model with default tolerances, or without tolerances if the cause is_exact. A row has the
+injected cause, the first cause of the fit, the verdict, the certainty, the explained fraction of the excess of V, the
+drop of V, the status, and the largest error of a stiffness relative to half of its interval. Verdicts:
 
-- right: the first cause is the injected one.
-- apart: the injected one is named in the same sentence as what the data cannot distinguish from the first.
-- within: nothing is named, and every stiffness is within SILENT half intervals: the tolerances took it up.
-- stated: nothing is named, and the note on what the fit held as exact has a number of the injected kind.
-- doubt: there is no hypothesis of the injected one, and the first is said not to be certain.
-- wrong: none of these.  It is certain where the sentence states no doubt: it explains CERTAIN of the excess, and
-  nothing that the data cannot distinguish is named with it.
+- right: the first cause is the injected cause.
+- apart: the sentence names the injected cause as indistinguishable from the first cause.
+- within: no cause is named, and the error of every stiffness is below SILENT half intervals.
+- stated: no cause is named, and the note on fixed values contains a parameter of the injected kind.
+- none: no cause is named, for any other result.
+- doubt: the injected cause has no hypothesis, and the first cause is not certain.
+- wrong: another cause is named.  A cause is certain if it explains CERTAIN of the excess, and no indistinguishable
+  cause is named with it.
 
-Then clean data sets of the same robots: none may name a cause.  It is asserted that at least 90 % of the causes are
-none of wrong and unnamed, no wrong one certain, and no stiffness off by more than SILENT half intervals where a fit
-converged and names nothing.  The last line is one JSON object.
+The script also fits clean data sets of the same robots. It asserts that verdicts other than `wrong` and `none` are at
+least 90 % of all, that no wrong cause is certain, that no converged fit has the verdict `none`, and that at most 1 % of
+the clean data sets have a cause.  The last line is one JSON object.
 
-A payload of 3 kg on two axes is taken up whole by the tolerances of a file that is not exact.
+The default tolerances absorb a payload of 3 kg on two axes completely.
 """
 
 import json
@@ -52,7 +52,7 @@ QUICK = ("torque constant 2 20 % off two-axis", "drive 2 late by 1 ms two-axis",
 
 @dataclass(frozen=True)
 class Row:
-    """What a fit said of an injected cause."""
+    """Result of a fit with an injected cause."""
 
     cause: str
     robot: str
@@ -68,7 +68,7 @@ class Row:
 
 @cache
 def plant(name: str) -> Plant:
-    """Return a robot, built once in a process, on some 40 lines: more take longer and show no other cause."""
+    """Return the plant of a name with about 40 lines, built once per process; more lines do not change the causes."""
     of = PLANTS[name]()
     return replace(of, freq_hz=of.freq_hz[:: math.ceil(len(of.freq_hz) / 40)])
 
@@ -86,13 +86,13 @@ def add_noise(responses: list[Response], rng: np.random.Generator) -> list[Respo
 
 
 def fit_model(of: Plant, data: list[Response], is_exact: bool = False) -> Result:
-    """Fit the model of the plant as a study does."""
+    """Fit the plant's robot model to data with the options of a study."""
     robot = of.robot if is_exact else replace(of.robot, tolerances=Tolerances())
     return identify(data, robot, replace(of.spec, seed=1, starts=STARTS), model=of.model)
 
 
 def judge(number: int, seed: int) -> Row:
-    """Fit an injected cause by its number, and judge what is named."""
+    """Fit the responses with the injected cause of an index, and classify the cause that the fit names."""
     injection = EVERY[number]
     of, rng = plant(injection.plant), np.random.default_rng([seed, number])
     true = replace(of, robot=within_data_sheet(of.robot, rng)) if injection.is_off_sheet else of
@@ -120,13 +120,13 @@ def judge(number: int, seed: int) -> Row:
 
 
 def _other(result: Result) -> str:
-    """Return the first note on causes that V does not rank."""
+    """Return the first note on a cause that is not ranked by V; else an empty text."""
     codes = ("fit/inconsistent-responses", "fit/frequency-unit")
     return next((f"{note.code}: {str(note)[:90]}" for note in result.notes if note.code in codes), "")
 
 
 def _off(of: Plant, result: Result) -> float:
-    """Return the largest error of a stiffness over the half of its interval on that side."""
+    """Return the largest error of a stiffness relative to the half of its interval on the side of the true value."""
     truth, worst = of.robot.parameters(), 0.0
     for name in (p.name for p in result.parameters.of_interest if p.name.startswith("k_")):
         value, (low, high) = result.values[name], result.interval(name)
@@ -136,14 +136,14 @@ def _off(of: Plant, result: Result) -> float:
 
 
 def names_a_cause(number: int, seed: int) -> bool:
-    """Return whether a clean data set, of one robot after the other, has any cause."""
+    """Return True if the fit of a clean data set names a cause; number: selects robot and noise."""
     of = plant(("two-axis", "demo")[number % 2])
     data = add_noise(exact_responses(of), np.random.default_rng([seed, 1, number]))
     return any(note.code == "fit/likely-cause" for note in fit_model(of, data).notes)
 
 
 def main() -> None:
-    """Print a row for each cause, then one JSON line."""
+    """Print a JSON row for each cause, then one JSON object."""
     options = study_run.options(__doc__, "three causes, and one clean data set", only="", clean=50, seed=0, jobs=2)
     named = [(n, f"{i.name} {i.plant}") for n, i in enumerate(EVERY)]
     chosen = [n for n, words in named if options.only in words and (words in QUICK or not options.quick)]

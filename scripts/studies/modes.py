@@ -70,7 +70,7 @@ class Structure:
 
     @classmethod
     def draw(cls, rng: np.random.Generator, n_y: int, n_u: int) -> "Structure":
-        """Draw modes at least two of their widths apart."""
+        """Draw modes with distances of at least two of their bandwidths."""
         n = int(rng.integers(3, 13))
         while True:
             freq_hz = np.sort(rng.uniform(8, 0.36 * RATE_HZ, n))
@@ -86,12 +86,12 @@ class Structure:
         return np.einsum("ir,fr,jr->fij", self.shapes, modal, self.shapes[: self.n_u])
 
     def peak(self) -> FloatArray:
-        """Return |G| (n, n_y, n_u) of each mode by itself at its frequency."""
+        """Return |G| (n, n_y, n_u) of each single mode at its natural frequency."""
         shapes = self.shapes.T
         return np.abs(shapes[:, :, None] * shapes[:, None, : self.n_u]) / (2 * self.zeta[:, None, None])
 
     def motion(self, u: FloatArray) -> FloatArray:
-        """Return outputs (n, n_y) under forces (n, n_u), which repeat."""
+        """Return outputs (n, n_y) for periodic forces (n, n_u)."""
         spectrum = np.fft.rfft(u, axis=0)
         freq_hz = np.maximum(np.fft.rfftfreq(len(u), 1 / RATE_HZ), 1e-9)
         return np.fft.irfft(np.einsum("fij,fj->fi", self.response(freq_hz), spectrum), len(u), axis=0)
@@ -116,7 +116,7 @@ def records(kind: str, structure: Structure, level: float, rng: np.random.Genera
 
 
 def _forces(kind: str, n_u: int, rng: np.random.Generator) -> Iterator[tuple[int, int, FloatArray, slice]]:
-    """Yield realisation, experiment, force (n, n_u), and the part of it that is recorded."""
+    """Yield realisation, experiment, force (n, n_u), and the slice of recorded samples."""
     if kind == "multisine":
         N = 4096
         lines = np.arange(32, int(HIGHEST * N))
@@ -152,7 +152,7 @@ def _signal(lines: IntArray, spectrum: ComplexArray, N: int) -> FloatArray:
 
 
 def modes_of(kind: str, structure: Structure, level: float, rng: np.random.Generator, noise_only: bool = False):
-    """Estimate the response and its modes; no mode where the response is refused or has no coherence."""
+    """Estimate the response and its modes; no modes if the estimation fails or the response has no coherence."""
     response = estimate(records(kind, structure, level, rng, noise_only), SPECS[kind])
     try:
         return response, estimate_modes(response)
@@ -161,7 +161,7 @@ def modes_of(kind: str, structure: Structure, level: float, rng: np.random.Gener
 
 
 def judge(structure: Structure, response: Response, modes: Modes | None):
-    """Count strong, found and false modes; deviations (n, 2) of frequency and damping in standard deviations."""
+    """Count strong, detected and false modes. Return also errors (n, 2) of frequency and damping in stds."""
     std = np.sqrt(response.uncertainty.variance)
     lines = np.clip(np.searchsorted(response.freq_hz, structure.freq_hz), 0, response.n_lines - 1)
     strong = np.any(structure.peak() > 3 * std[lines], axis=(1, 2))
@@ -179,7 +179,7 @@ def judge(structure: Structure, response: Response, modes: Modes | None):
 
 
 def main(draws: int, seed: int, kinds: list[str], quick: bool) -> dict[str, object]:
-    """Print the table, and assert the goals."""
+    """Print the table, and assert the limits."""
     table: dict[str, object] = {"draws": draws}
     for kind in kinds:
         counts, deviations, noise = np.zeros(3, int), [], 0

@@ -51,7 +51,7 @@ RIGS = Path(__file__).resolve().parents[2].parent / "shared" / "rigs"
 # Coulomb friction of the motors in Nm, by its share of the rms torque.
 COULOMB = {0.0: (0.0, 0.0), 0.05: (3.0, 1.5), 0.16: (9.6, 4.8), 0.3: (18.0, 9.0)}
 NAMES = ("k_1", "k_2", "d_1", "d_2")
-# Of the fits: whether the robot's file is said to be exact.
+# Fits: True if the robot model has no tolerances.
 FITS = {"default": True, "file": False}
 COVERED, MISFITS, CHANCE = (0.93, 0.97), 0.01, 3.0
 
@@ -63,7 +63,7 @@ Fits: TypeAlias = dict[str, Any]
 
 @cache
 def study_of(rigs: Path) -> Study:
-    """Load the study that the rig writes for its logs."""
+    """Load the study of the rig's logs."""
     rig = rig_of(rigs)
     with tempfile.TemporaryDirectory() as folder:
         rig.write(rig.dataset(seed=0, M=2), folder)
@@ -72,7 +72,7 @@ def study_of(rigs: Path) -> Study:
 
 @cache
 def rig_of(rigs: Path) -> Any:
-    """Import the rig's module where it lies."""
+    """Import the module of the rig from its file."""
     sys.dont_write_bytecode = True
     os.environ.setdefault("NUMBA_CACHE_DIR", tempfile.mkdtemp())
     sys.path.insert(0, str(rigs))
@@ -89,7 +89,7 @@ class Case:
     is_at_rest: bool = False
 
     def __call__(self, number: int) -> Fits:
-        """Fit one data set."""
+        """Fit the data set of an index."""
         groups, lines = self._records(number)
         spec = EstimatorSpec(friction="auto", transient_periods=0)
         friction = identify_motor_friction(groups, spec, lines)
@@ -107,7 +107,7 @@ class Case:
         return results
 
     def _records(self, number: int) -> tuple[list[list[Record]], Any]:
-        """Return records of each posture without their first period, and the excited lines."""
+        """Return the records of each configuration without their first period, and the excited lines."""
         rig, (first, second) = rig_of(self.rigs), COULOMB[self.coulomb]
         carrier = {"carrier": 0.0} if self.is_at_rest else {}
         logs = rig.dataset(5000 + number, M=self.realisations, fc1=first, fc2=second, **carrier)
@@ -132,7 +132,7 @@ class Case:
 
 
 def figures(case: Case, results: list[Fits], fit: str) -> dict[str, Any]:
-    """Return the figures of one fit over the data sets of a case."""
+    """Return the statistics of one fit over the data sets of a case."""
     errors: FloatArray = np.array([each[fit][0] for each in results])
     z, stated, within = errors[:, :, 0], np.sqrt(np.mean(errors[:, :, 1] ** 2, axis=0)), errors[:, :, 2]
     # Data sets are independent, parameters of one are not; few sets may all have the same share.
@@ -155,9 +155,9 @@ def figures(case: Case, results: list[Fits], fit: str) -> dict[str, Any]:
 
 
 def _of_levels(results: list[list[tuple[float, float]]]) -> dict[str, Any]:
-    """Return means of error and stated deviation of levels over the true one in percent, and how many are right.
+    """Return mean relative errors and stated stds of Coulomb torques, percent, and the fraction of correct torques.
 
-    Only of data sets in which friction of all motors was taken out.
+    Correct: within 3 % or 3 stds. Only data sets with friction compensation of all motors count.
     """
     taken = [levels for levels in results if len(levels) == max(map(len, results))]
     if not taken[0]:

@@ -51,7 +51,7 @@ from elastid.use.postures import random_postures
 NOISE = 3e-3  # of the largest element on a line
 MISFITS = ("misfit", "missing", "several")
 CASES = ("right", "file", *MISFITS)
-# Wrong numbers of the cases misfit and several.
+# Wrong parameters of the cases `misfit` and `several`.
 SEVERAL = {"m_fore_arm": 0.97, "m_upper_arm": 1.03, "Jm_1": 0.96, "I_turret_zz": 1.1}
 FACTORS = {"misfit": {"m_fore_arm": 1.06}, "several": SEVERAL}
 SHIFTS = {"several": {"c_fore_arm_x": 0.010, "c_upper_arm_z": -0.008}}
@@ -59,7 +59,7 @@ POSTURES = np.radians([[0, 40, -10], [0, -20, 50], [60, -10, -70], [20, 60, -50]
 
 
 def measure(robot: Outside, rng: np.random.Generator) -> list[ei.Response]:
-    """Return responses of five postures with circular noise of known variance."""
+    """Return the responses in five postures with circular noise of known variance."""
     responses = []
     for i, angles in enumerate(POSTURES):
         G = robot.motor_response(angles)
@@ -73,7 +73,7 @@ def measure(robot: Outside, rng: np.random.Generator) -> list[ei.Response]:
 
 
 def describe(case: str, nominal: ei.Robot, rng: np.random.Generator) -> tuple[ei.Robot, ei.Robot]:
-    """Draw the true robot and the model of the fit, its springs and dampers off."""
+    """Draw the true robot and the robot model of the fit, with wrong springs and dampers."""
     numbers = {name: value for name, (value, _) in nominal.parameters().items()}
     truth = {n: v * np.exp(0.1 * rng.standard_normal()) for n, v in numbers.items() if n[0] in "kd"}
     if case == "file":
@@ -94,7 +94,7 @@ def describe(case: str, nominal: ei.Robot, rng: np.random.Generator) -> tuple[ei
 
 
 def one_fit(case: str, seed: int, count: int) -> dict[str, np.ndarray]:
-    """Return relative errors and whether intervals hold, of `count` random postures of one fit."""
+    """Return relative errors, and flags of intervals that contain the true values, in `count` random postures."""
     rng = np.random.default_rng([seed, sum(map(ord, case))])
     robot = load_robot(TEMPLATES / "serial" / "robot.yml")
     nominal = replace(robot, frames=(Frame("tool", "fore_arm", Placement(TOOL)),))
@@ -132,7 +132,7 @@ def one_fit(case: str, seed: int, count: int) -> dict[str, np.ndarray]:
 
 
 def summarise(ends: dict[str, np.ndarray]) -> dict[str, float]:
-    """Return medians and worst errors, fractions of intervals, and misfits of all postures of a case."""
+    """Return median and largest errors, coverage, and number of misfits over all postures of a case."""
     summary = {"misfits": float(np.mean(ends.pop("status") == "misfit"))}
     for key, values in ends.items():
         if key.endswith("width"):
@@ -146,7 +146,7 @@ def summarise(ends: dict[str, np.ndarray]) -> dict[str, float]:
 
 
 def main() -> None:
-    """Print each case, and one JSON line."""
+    """Print a row for each case, then one JSON line."""
     quick = "one fit and two postures of a right model and a wrong one, to see that it runs"
     options = study_run.options(__doc__, quick, fits=20, cases=CASES)
     fits, count, cases = (1, 2, (CASES[0], "misfit")) if options.quick else (options.fits, 10, options.cases)

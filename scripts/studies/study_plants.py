@@ -1,7 +1,4 @@
-"""Robots whose numbers are known, in configurations, and their responses by a measurement with known noise.
-
-For the studies beside this file; it does nothing by itself.
-"""
+"""Plants of the studies: true robots, configurations, and responses with noise of known covariance."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -30,15 +27,15 @@ from elastid.response import Covariance, Response
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.study import load, load_robot
 
-# Responses of a plant with a fault, from the plant and arguments of the fault.
+# Function from a plant, and arguments of the fault, to the responses of the plant with the fault.
 Fault: TypeAlias = Callable[..., list[Response]]
-# Relative noise of every element, the share of it that the largest value adds, and the correlation of the outputs.
+# Relative noise std of each FRF element, noise floor relative to the largest element, correlation of the outputs.
 NOISE, FLOOR, CORRELATION = 0.02, 0.01, 0.5
 
 
 @dataclass(frozen=True)
 class Plant:
-    """A robot in some configurations, measured on some lines with so much relative noise, and what is identified."""
+    """A robot, its configurations, DFT lines and relative noise std, and the fit specification of its parameters."""
 
     name: str
     robot: Robot
@@ -51,12 +48,12 @@ class Plant:
 
     @property
     def parameters(self) -> Parameters:
-        """All parameters, starting at the truth."""
+        """Parameters of the fit; the start values are the true values."""
         return choose(self.spec, self.robot, [configuration.name for configuration in self.configurations])
 
 
 def three_mass() -> Plant:
-    """Return the axis of Wernholt & Gunnarsson (2006): motor, gear, arm; torque to motor velocity, 1 to 40 Hz."""
+    """Return the axis of Wernholt & Gunnarsson (2006), motor, gear and arm: torque to motor velocity, 1 to 40 Hz."""
     J, a_m, a_g = 0.03291699877416, 0.17910964111956, 0.61206166914114
     motor = Motor(J * a_m, 1.0, 0.00986346744839)
     on_gear = Joint("g", "z", Spring(20.59269827430799, 0.0624181404729), motor)
@@ -69,7 +66,7 @@ def three_mass() -> Plant:
 
 
 def of_study(path: Path, name: str, lines: int) -> Plant:
-    """Return the robot, configurations and unknowns of a study, weighed by the inverse of the noise alone."""
+    """Return the plant of a study file at a number of lines; weights are the inverse of the noise variance alone."""
     study = load(path).study
     configurations = tuple(Configuration(key, angles) for key, angles in study.experiment.configurations.items())
     excitation = study.excitation
@@ -79,13 +76,13 @@ def of_study(path: Path, name: str, lines: int) -> Plant:
 
 
 def two_axes() -> Plant:
-    """Return two links in a vertical plane with elastic gears."""
+    """Return a plant of two links in a vertical plane with elastic gears."""
     configurations = tuple(Configuration(f"c{i}", angles) for i, angles in enumerate(POSTURES))
     return Plant("two-axis", arm(), configurations, FREQ, PLANTS["demo"]().spec)
 
 
 def six_axes() -> Plant:
-    """Return a published six-axis robot with twelve springs, each with its damper, in six random configurations."""
+    """Return a published six-axis robot with twelve springs and dampers in six random configurations."""
     robot = load_robot(ROBOTS / "kr300_twelve_springs.yml")
     angles = np.random.default_rng(0).uniform(-1.2, 1.2, (6, 6))
     configurations = tuple(Configuration(f"c{i + 1}", tuple(row)) for i, row in enumerate(angles.tolist()))
@@ -101,13 +98,13 @@ PLANTS = {
     "six-axis": six_axes,
     "linkage": partial(of_study, TEMPLATES / "parallel-linkage" / "study.yml", "linkage", 60),
 }
-# Standard deviations of numbers of a data sheet: relative; centres and lengths in m, zeros in rad.
+# Standard deviations of data-sheet values: relative, of inertias (relative), centres and lengths in m, zeros in rad.
 RELATIVE = {"m": 0.03, "Jm": 0.05, "k": 0.2, "d": 0.2}
 INERTIA, CENTRE_M, LENGTH_M, ZERO = 0.1, 0.01, 1e-3, math.radians(0.2)
 
 
 def within_data_sheet(robot: Robot, rng: np.random.Generator) -> Robot:
-    """Draw the true robot of a model whose numbers are of CAD and data sheets; a body has one factor of inertia."""
+    """Draw a true robot whose model has data-sheet errors; one factor applies to all inertias of a body."""
     factors, numbers = {body.name: math.exp(INERTIA * rng.standard_normal()) for body in robot.all_bodies}, {}
     for name, (value, _) in robot.parameters(tuple(robot.geometry)).items():
         z, (kind, _, owner) = rng.standard_normal(), name.partition("_")
@@ -129,10 +126,10 @@ def exact_responses(
     outputs: tuple[str, ...] = (),
     linearisation: Linearisation | None = None,
 ) -> list[Response]:
-    """Return the responses without noise of the plant's robot, or of another one, in the plant's configurations.
+    """Return noise-free responses of a robot, by default the plant's robot, in the plant's configurations.
 
-    angles: true ones of some configurations by name; the responses state those of the plant.  outputs: locations of
-    measured motions, by default the motors.  linearisation: of a robot whose numbers alone differ.
+    angles: true angles by name of the configuration, if they differ from the stated angles.  outputs: locations of the
+    measured motion; default: motors.  linearisation: model of a robot that differs only in parameters.
     """
     robot = plant.robot if robot is None else robot
     linearisation = linearisation or Linearisation.of(formulate(robot, plant.model))
@@ -147,7 +144,7 @@ def exact_responses(
 
 @dataclass(frozen=True)
 class Rig:
-    """Exact responses of a plant with their noise, from which data sets are drawn; linearised once."""
+    """Generator of random data sets of a plant: exact responses with their noise covariance, linearised once."""
 
     plant: Plant
     linearisation: Linearisation
@@ -156,7 +153,7 @@ class Rig:
 
     @classmethod
     def of(cls, plant: Plant) -> "Rig":
-        """Return the rig with exact responses of all configurations."""
+        """Build the rig of a plant."""
         linearisation = Linearisation.of(formulate(plant.robot, plant.model))
         exact = tuple(exact_responses(plant, linearisation=linearisation))
         rng = np.random.default_rng(0)
@@ -166,7 +163,7 @@ class Rig:
         return cls(plant, linearisation, exact, covariance / np.sqrt(np.outer(*2 * [np.diag(covariance)])))
 
     def draw(self, rng: np.random.Generator, truth: tuple[Response, ...] = ()) -> list[Response]:
-        """Draw a data set of `truth`, by default the plant's exact responses, with the covariance of its noise."""
+        """Draw a data set from exact responses (truth, default: the plant's) with their noise covariance."""
         return [self._draw(response, rng) for response in truth or self.exact]
 
     def _draw(self, response: Response, rng: np.random.Generator) -> Response:
@@ -181,6 +178,6 @@ class Rig:
         return replace(response, G=response.G + e / np.sqrt(2), total=covariance)
 
     def assembly(self, data: list[Response], spec: FitSpec) -> Assembly:
-        """Prepare the fit of a data set, without building the model again."""
+        """Prepare the fit of a data set with the existing linearisation."""
         weights = tuple(weigh(response, spec) for response in data)
         return Assembly(tuple(data), weights, self.linearisation, self.plant.parameters, spec)

@@ -1,6 +1,6 @@
-"""Start of a study: one BLAS thread, the plants of the tests on the path, and the options of the command line.
+"""Set-up of a study script: one BLAS thread, the path to the plants of the tests, and command-line options.
 
-Scripts import it first, since NumPy reads the number of threads when it is loaded.
+Scripts import this module first, because NumPy reads the number of threads when it is loaded.
 """
 
 import os
@@ -14,10 +14,10 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 
 
 def options(doc: str, quick: str, **defaults: Any) -> Namespace:
-    """Parse --quick and an option for each default.
+    """Parse the command line: --quick, and an option for each keyword argument.
 
-    The option has the type of its default. A list means one value or more, a tuple one or more of its values, False a
-    flag, and a type an option without a default.
+    quick: help text of --quick.  defaults: value of each option, which also defines its type. A list accepts one or
+    more values, a tuple one or more of its own values; False is a flag, and a type is an option without a default.
     """
     parser = ArgumentParser(description=doc, formatter_class=RawDescriptionHelpFormatter)
     for name, default in {"quick": False, **defaults}.items():

@@ -1,6 +1,6 @@
-"""Causes of a workshop at every plant, of robots that are off their data sheets, too: small and large ones.
+"""Typical faults of a workshop at every plant, small and large, for exact robots and robots within data-sheet errors.
 
-A fault is of an axis in the middle of the robot, of its last body, or of its first configurations.
+A fault affects an axis in the middle of the robot, its last body, or its first configurations.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -14,16 +14,16 @@ from study_plants import Fault, Plant
 
 from elastid.base.arrays import FloatArray
 
-CURRENT_NM_A, RATED_NM = 0.9, 6.0  # of the motors, motor side, where torques are in A or in per cent of rated
+CURRENT_NM_A, RATED_NM = 0.9, 6.0  # torque constant, Nm/A, and rated torque, Nm, of the motors (motor side)
 SAMPLE_S = 1e-3
 AXIS = {"two-axis": 1, "demo": 1, "six-axis": 2, "linkage": 1}  # index of the axis with the fault
-# A fit of six axes takes as long as ten of the others: one size of each kind.
+# A fit of six axes takes ten times as long as the others: it has one size of each fault.
 ALL, OPEN = ("two-axis", "demo", "linkage"), ("two-axis", "demo")
 SIX, OPEN_SIX = (*ALL, "six-axis"), (*OPEN, "six-axis")
 
 
 def workshop(plants: Mapping[str, Plant]) -> Iterator[Injection]:
-    """Yield all causes at plants; every other robot is off its data sheet."""
+    """Yield all causes at all plants; every second robot has data-sheet errors."""
     tables = {name: tuple(causes(plant)) for name, plant in plants.items()}
     for row, (names, _) in enumerate(tables["demo"]):
         for place, name in enumerate(names):
@@ -31,7 +31,7 @@ def workshop(plants: Mapping[str, Plant]) -> Iterator[Injection]:
 
 
 def causes(plant: Plant) -> Iterator[tuple[tuple[str, ...], Injection]]:
-    """Yield causes at one plant, with the names of the plants that have each."""
+    """Yield each cause at one plant, with the names of the plants that have this cause."""
     n, axis, second = len(plant.robot.driven), AXIS[plant.name], plant.configurations[1].name
     i, order = plant.robot.driven[axis].name, [*range(n - 2), n - 1, n - 2]
 

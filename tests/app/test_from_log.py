@@ -375,7 +375,7 @@ def test_commanded_joints_of_a_robot_are_found_by_their_names(tmp_path: Path) ->
     ],
 )
 def test_channels_belong_to_joints_by_words_and_numbers(joints: str, channels: str, order: list[int] | None) -> None:
-    """In any order, with any common words; different words are refused."""
+    """Columns in any order, with any common words in their names; names with different words are rejected."""
     guesses = [guess_by_name(f"{name}_torque", None) for name in channels.split()]
     if order is not None:
         channel_order, doubt = order_of_names(joints.split(), guesses)

@@ -48,7 +48,7 @@ def test_public_mjcf_materials_names_and_units_are_accepted(tmp_path: Path) -> N
 
 
 def test_joints_of_a_log_are_named_and_servos_give_the_gains(tmp_path: Path) -> None:
-    """Columns are in alphabetical order, some with numbers; the servos have no kv."""
+    """Columns in alphabetical order, some with numbers in their names; servos without kv."""
     names, body = ("shoulder_pan_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint"), ""
     for name in names[::-1]:
         inertial = '<inertial mass="1" pos="0 .1 .1" diaginertia=".1 .1 .1"/>'

@@ -136,9 +136,9 @@ def test_file_arrays_have_no_name_and_vanish_with_process(tmp_path) -> None:
 
 
 def test_file_arrays_keep_values_after_release_and_in_processes(tmp_path, monkeypatch) -> None:
-    """Several in one file, and larger than it; a source in memory, or a folder that takes none, leaves the array.
+    """Several dtypes and sizes. Storage beside an array in memory, or in a missing folder, returns the array itself.
 
-    If the system writes only a part of the data, the rest follows.
+    If the system writes only a part of the data, further writes complete it.
     """
     write = os.pwrite
     monkeypatch.setattr(os, "pwrite", lambda file, data, place: write(file, data[:30_000], place))

@@ -18,7 +18,7 @@ SCRIPTS = ROOT / "scripts"
 EXAMPLES = SCRIPTS / "examples"
 # From the variables of an example, whether each of its promises is kept.
 Check = Callable[[dict[str, Any]], list[Any]]
-# Those that run by themselves, without the comparison of commits.
+# Scripts with a main function, apart from the comparison of commits.
 RUNNABLE = sorted(p for p in SCRIPTS.glob("[bs]*/*.py") if "__main__" in p.read_text() and p.stem != "speed")
 
 

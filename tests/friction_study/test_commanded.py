@@ -93,7 +93,7 @@ def test_one_joint_is_recovered_at_every_delay(delay_s: float, tmp_path: Path) -
 
 
 def test_friction_as_a_soft_constraint_is_recovered(tmp_path: Path) -> None:
-    """Of a joint that creeps while it sticks; friction that sticks exactly has neither number."""
+    """Stick time and creep of a joint; both are absent for a joint that sticks exactly."""
     r = references(1200, 1, 0.35, 4.0)
     q = positions(one_joint, r, 0.005, steps=10, soft=(0.02, 0.1)) + np.random.default_rng(3).normal(0, 1e-5, r.shape)
     result = found(robot_of(ONE_ROBOT, tmp_path), log(q, r, np.array(GAINS[:1])))

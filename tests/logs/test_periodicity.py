@@ -157,7 +157,7 @@ def test_motions_without_repetition_are_refused_with_remedy(period: dict[str, ob
 
 
 def test_torques_under_a_reference_in_steps_have_no_period() -> None:
-    """A loop at 500 Hz under references every 20 ms: correlation 0.98 after 10 samples, and 0 after a second."""
+    """Controller at 500 Hz, references every 20 ms: the torques' correlation is 0.98 after 10 samples, 0 after 1 s."""
     rng = np.random.default_rng(0)
     t, omega, phase = np.arange(8000), rng.uniform(1.0, 19.0, (6, 1)) / 500, rng.uniform(0, 6.3, (6, 1))
     reference, position = (np.sum(np.sin(omega * x + phase), axis=0) for x in (t - t % 10, t - 6))

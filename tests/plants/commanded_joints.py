@@ -78,11 +78,11 @@ def positions(
     plant: Plant, reference: FloatArray, delay_s: float, steps: int = 25, tick: int = 0, differentiates: bool = False,
     soft: tuple[float, float] | None = None,
 ) -> FloatArray:  # fmt: skip
-    """Positions (n, m) at the samples under references that are held and delay_s late, by Runge-Kutta's method.
+    """Simulate positions (n, m) at the samples for zero-order-hold references delayed by delay_s, by Runge-Kutta.
 
-    tick: of the steps, for which a sampled controller holds its feedback, with differences of positions if it
-    differentiates; 0 for a continuous one.  soft: time constant and creep of friction that is a soft constraint, as in
-    MuJoCo's documentation (a_1 = c a_0 - (1 - c) v / tau while a joint sticks), of joints without coupling.
+    tick: integration steps in a period of a sampled controller, 0 for a continuous one.  differentiates: the controller
+    uses differences of positions as velocity.  soft: time constant, s, and creep of friction as a soft constraint, for
+    joints without coupling; MuJoCo's documentation: a_1 = c a_0 - (1 - c) v / tau while a joint sticks.
     """
     n, m = reference.shape
     rows, h, smooth = reference.tolist(), 1 / RATE_HZ / steps, 2e-3

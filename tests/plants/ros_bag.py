@@ -35,7 +35,7 @@ def write_bag(path: Path, log: LogArrays, storage: str = "SQLITE3", publishers: 
             return lambda at, message: writer.write(connection, at, store.serialize_cdr(message, kind.__msgtype__))
 
         states, commands, words = topic("/joint_states", State), topic("/arm/commands", Numbers), topic("/note", Word)
-        forces, _ = topic("/wrench", Wrench), topic("/unused", Numbers)  # the latter without messages
+        forces, _ = topic("/wrench", Wrench), topic("/unused", Numbers)  # the last topic has no messages
         for k in range(len(log["i1"])):
             ns = 1_700_000_000_000_000_000 + round(k * 1e9 / RATE)
             header = Header(Stamp(ns // 10**9, ns % 10**9), "")
@@ -66,6 +66,6 @@ def write_topics(path: Path, topics: dict[str, tuple[np.ndarray, dict[str, np.nd
             for k, ns in enumerate((1_700_000_000_000_000_000 + np.round(t * 1e9).astype(np.int64)).tolist()):
                 position, effort = (fields.get(key, np.zeros(0))[k : k + 1] for key in ("position", "effort"))
                 message = State(Header(Stamp(ns // 10**9, ns % 10**9), ""), ["axis"], position, np.zeros(0), effort)
-                # Received in the order of the rows, whatever the stamps are.
+                # Received in the order of the rows, independent of the stamps.
                 writer.write(connection, k, store.serialize_cdr(message, State.__msgtype__))
     return path

@@ -60,7 +60,7 @@ def test_a_joint_sticks_where_its_command_is_below_coulomb_friction() -> None:
 
 
 def test_a_joint_that_sticks_softly_creeps_at_a_constant_velocity() -> None:
-    """c T / J = (1 - c) v / tau, with a torque T below Coulomb friction that stays; c = 0 does not move."""
+    """c T / J = (1 - c) v / tau under a constant torque T below Coulomb friction; the joint is at rest for c = 0."""
     T, tau, c = 0.2, 0.02, 0.1
     commanded = replace(joints(np.full(2000, T / kp)), kp=np.full(1, 1e-9))
     numbers = np.array([[[J, 0, 2 * T, 0, 0, 0, tau, creep]] for creep in (c, 0.0)])

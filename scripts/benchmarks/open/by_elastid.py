@@ -15,7 +15,7 @@ from elastid.app.cli import run_command
 
 
 def robot_file(task: Task, is_sensed: bool) -> dict[str, Any]:
-    """Return the robot model of the data sheet; motors before torque sensors are left out."""
+    """Return the robot model of the data sheet, without motors if the robot has torque sensors."""
 
     def joint(j: Joint) -> dict[str, Any]:
         row: dict[str, Any] = {"name": j.name, "axis": j.axis}
@@ -39,7 +39,7 @@ def robot_file(task: Task, is_sensed: bool) -> dict[str, Any]:
 
 
 def channels(task: Task, is_sensed: bool) -> Iterator[dict[str, Any]]:
-    """Yield the channels: torque sensors and link angles instead of motor torques, where there are sensors."""
+    """Yield the channels: torque sensors and link angles if the robot has sensors, else motor torques and angles."""
     reference = "r" if task.experiment["route"] == "torque" else "reference"
     roles = {"sensor": "u", "q": "y", "joint": "y"} if is_sensed else {"r": reference, "u": "u", "q": "y"}
     for name in [name for name in roles if name in task.experiment["channels"]]:
@@ -56,7 +56,7 @@ def channels(task: Task, is_sensed: bool) -> Iterator[dict[str, Any]]:
 
 
 def study(task: Task, is_sensed: bool) -> dict[str, Any]:
-    """Return the study: all springs, viscous friction, and the delay of references or of the torque's log."""
+    """Return the study: free springs, viscous friction, and the delay of the references or of the torque log."""
     experiment, route = task.experiment, task.experiment["route"]
     keys = {"configuration": "posture", "realisation": "realisation", "experiment": "experiment"}
     files = [
@@ -75,7 +75,7 @@ def study(task: Task, is_sensed: bool) -> dict[str, Any]:
         free["delay_r" if route == "command" else "delay_u"] = {}
     file = {"name": task.robot["name"], "robot": "robot.yml", "fit": {"parameters": free}}
     file["experiment"] = {"configurations": experiment["postures"], "recorded": record}
-    # A slow motion over turns of the motor is there to separate transmission errors and hysteresis.
+    # A slow motion over several motor turns separates transmission errors and hysteresis.
     return file | {"gears": {}} if route == "torque" and experiment["carrier_rad"] else file
 
 

@@ -18,7 +18,7 @@ from scipy.signal import cont2discrete
 
 
 def responses(task: Task) -> dict[str, tuple[Array, Array]]:
-    """Return the mean of Y / U over realisations (F, n, n), and its variance, smoothed over lines, by posture."""
+    """Return, by posture, the mean of Y / U over realisations (F, n, n), and its variance, smoothed over lines."""
     pairs: dict[tuple[str, int], list[list[Array]]] = {}
     for file, signals in task.logs("uq"):
         means = (x[task.period :].reshape(-1, task.period, x.shape[1]).mean(axis=0) for x in signals)
@@ -37,7 +37,7 @@ def responses(task: Task) -> dict[str, tuple[Array, Array]]:
 
 
 def linear(plant: Plant, posture: Array) -> tuple[Array, Array, Array]:
-    """Return M, D and K of the data sheet at the posture, by differences."""
+    """Return M, D and K of the data-sheet model in a posture by finite differences."""
     model, data = plant.model, mujoco.MjData(plant.model)
     equilibrium(plant, posture, data)
     q, steps, zero = data.qpos.copy(), 1e-6 * np.eye(model.nv), np.zeros(model.nv)

@@ -21,7 +21,7 @@ STEP_S = 5e-4
 
 
 def replay(robot: Robot, losses: Array, experiment: dict[str, Any], posture: Array, r: Array) -> Array:
-    """Return motor angles (samples, n), link side, under references (samples, n)."""
+    """Simulate motor angles (samples, n), link side, for references r (samples, n)."""
     plant = build(robot)
     plant.model.opt.timestep = STEP_S
     plant.model.dof_frictionloss[plant.motors] = losses

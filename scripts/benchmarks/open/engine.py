@@ -81,7 +81,7 @@ def physics(plant: Plant) -> Iterator[None]:
 
 
 def equilibrium(plant: Plant, posture: Array, data: Any) -> Array:
-    """Put data to rest with its motors at the posture, and return the torques of the motors (n,)."""
+    """Set the state to the equilibrium with motors at the posture. Return the motor torques (n,), Nm."""
     others = [i for i in range(plant.model.nv) if i not in plant.motors]
     start = np.zeros(len(others))
     if plant.robot.rod:
@@ -133,10 +133,10 @@ def controller(row: Row, torque: Array, rng: np.random.Generator) -> Controller:
 def simulate(
     row: Row, plant: Plant, law: Controller, posture: Array, phases: Array, torque: Array, rng: np.random.Generator
 ) -> dict[str, Array]:
-    """Run one experiment with a multisine of complex phases (F, n); signals (samples, n) at the rate of the logs.
+    """Simulate one experiment with a multisine of complex phases (F, n). Return signals (samples, n) at the log rate.
 
-    The amplitudes are of torques, or of references that lead to such torques at a stiff robot. The experiment begins at
-    rest, and the settling period is included.
+    The amplitudes are torques, or references that would cause these torques in a rigid robot. The experiment starts at
+    rest, and the signals include the settling period.
     """
     data, motors, is_torque = mujoco.MjData(plant.model), plant.motors, row.route == "torque"
     ratio, k, d = np.array([(j.motor.ratio, j.k, j.d) for j in plant.robot.joints if j.motor]).T
@@ -150,12 +150,12 @@ def simulate(
 
     @functools.cache
     def target(tick: int) -> Array:
-        """Return the reference position: the posture, a slow motion, and the multisine unless that is a torque."""
+        """Return the reference position: posture plus slow motion, plus the multisine unless it is a torque."""
         carrier = row.carrier * np.sin(slow * max(tick, 0) / law.hz + offset)
         return posture + carrier + (0 if is_torque else wave(tick))
 
     def interpolated(tick: int) -> Array:
-        """Interpolate linearly between the references of two cycles, each reached one cycle later."""
+        """Interpolate linearly between the references of two cycles, with a delay of one cycle."""
         j, part = divmod(tick, cycle)
         before, now = target((j - 1) * cycle), target(j * cycle)
         return target(tick) if cycle == 1 else np.asarray(before + (now - before) * part / cycle)

@@ -36,7 +36,7 @@ class Task:
         return round(PERIOD_S * self.experiment["rate_hz"])
 
     def logs(self, channels: str) -> Iterator[tuple[dict[str, Any], list[Array]]]:
-        """Yield each file with its channels (samples, n), such as "uq"."""
+        """Yield each log with its channels (samples, n); channels: one letter each, such as "uq"."""
         n = range(1, len(self.experiment["torque_rms"]) + 1)
         with h5py.File(self.folder / "logs.h5") as store:
             for file in self.experiment["files"]:
@@ -54,7 +54,7 @@ def read_robot(row: Mapping[str, Any]) -> Robot:
 
 
 def tasks(folder: Path, seed: int) -> Iterator[Task]:
-    """Yield the tasks below FOLDER/seed-<seed>."""
+    """Yield the tasks in FOLDER/seed-<seed>."""
     for place in sorted((folder / f"seed-{seed}").iterdir()):
         yield Task(place, *(json.loads((place / file).read_text()) for file in ("robot.json", "experiment.json")))
 

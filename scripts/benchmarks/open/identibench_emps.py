@@ -45,7 +45,7 @@ UNITS = np.array([1.0, 1.0, 10.0, 0.3, 5.0, 0.3])  # steps of the search, kg, N,
 
 
 def simulate(numbers: FloatArray, u: FloatArray, y_init: FloatArray) -> FloatArray:
-    """Return the position (N,) in free run from the first positions y_init."""
+    """Simulate the position (N,), m, for voltage u (N,) from the first measured positions y_init."""
     J, F_c, f, dF_c, df, o = numbers.tolist()
     step_s = 1 / RATE_HZ
     v, q = float(np.polyfit(np.arange(len(y_init)), y_init, 1)[0]) * RATE_HZ, float(y_init[0])
@@ -61,7 +61,7 @@ def simulate(numbers: FloatArray, u: FloatArray, y_init: FloatArray) -> FloatArr
 
 
 def friction_study(u: FloatArray, y: FloatArray) -> FloatArray:
-    """Estimate the six numbers from voltage u (N,) and position y (N,), by a friction study of elastid."""
+    """Estimate the six parameters from voltage u (N,) and position y (N,) by a friction study of elastid."""
     with tempfile.TemporaryDirectory() as folder:
         study = Path(folder) / "study.yml"
         study.write_text(STUDY.replace("RATE", str(RATE_HZ)), encoding="utf-8")
@@ -72,7 +72,7 @@ def friction_study(u: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def output_error(u: FloatArray, y: FloatArray) -> FloatArray:
-    """Fit the six numbers to y (N,) in free run, from the numbers of the friction study."""
+    """Fit the six parameters to the simulated position y (N,), with start values from the friction study."""
     start = friction_study(u, y)
 
     def errors_mm(x: FloatArray) -> FloatArray:
@@ -82,14 +82,14 @@ def output_error(u: FloatArray, y: FloatArray) -> FloatArray:
 
 
 def model_by(identify: Callable[[FloatArray, FloatArray], FloatArray], context: Any) -> Callable[..., FloatArray]:
-    """Return the model (u (N, 1), y_init, attributes) -> y (N, 1) of identibench, fitted to its training log."""
+    """Return a model for identibench, (u (N, 1), y_init, attributes) -> y (N, 1), fitted to the training log."""
     log = next(iter(context.get_train_valid_sequences()))
     numbers = identify(np.ravel(log[0]), np.ravel(log[1]))
     return lambda u, y_init, *_: simulate(numbers, np.ravel(u), np.ravel(y_init))[:, None]
 
 
 def main() -> None:
-    """Run the benchmark's own evaluation of both, then print one JSON line."""
+    """Run the evaluation of identibench for both models, then print one JSON line."""
     from identibench import BenchmarkEMPS_Simulation, run_benchmark
 
     scores = {

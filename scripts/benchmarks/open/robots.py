@@ -92,7 +92,7 @@ class Robot:
         return replace(self, bodies=tuple(replace(b, joints=tuple(map(change, b.joints))) for b in self.bodies))
 
     def truth(self) -> dict[str, float]:
-        """Return the numbers that are scored."""
+        """Return the true values of the scored parameters."""
         springs = {f"{letter}_{j.name}": getattr(j, letter) for letter in "kd" for j in self.joints if j.k}
         return springs | ({"k_rod": self.rod.k} if self.rod else {})
 
@@ -180,7 +180,7 @@ def _serial(row: Row, rng: np.random.Generator) -> Robot:
 
 
 def _linkage(row: Row, rng: np.random.Generator) -> Robot:
-    """Draw a lower arm, a crank about the same axis, and a fore arm that the crank moves by a rod."""
+    """Draw a lower arm, a crank with the same axis, and a fore arm that a rod connects to the crank."""
     (a, b, c), (n_1, n_2) = np.exp(0.1 * rng.standard_normal(3)), rng.choice([80.0, 100.0, 121.0], 2)
     joints = Joint("1", "y", motor=Motor(n_1, 1, 0, 0)), Joint("2", "y", motor=Motor(n_2, 1, 0, 0)), Joint("elbow", "y")
     lower = Body("lower", "base", (0.0, 0.0, 0.0), joints[:1], 30.0 * a, (0.05, 0.05, 0.35), (1.6, 1.6, 0.2))
@@ -227,7 +227,7 @@ def _with_effect(row: Row, joint: Joint, rms: float, rng: np.random.Generator) -
 
 
 def _sheet(row: Row, robot: Robot, rng: np.random.Generator) -> Robot:
-    """Draw the robot as an entrant knows it: springs off by a factor, no friction but a viscous guess, no effects."""
+    """Draw the data-sheet model for entrants: springs with random factors, viscous friction only, no gear effects."""
     size = 0.0 if row.sheet == "exact" else 1.0
 
     def off(name: str) -> float:
@@ -312,7 +312,7 @@ def composite_inertia(robot: Robot, posture: list[float]) -> dict[str, float]:
 
 
 def mass_matrix(model: Any, data: Any) -> Array:
-    """Return M (n, n) at the present state; `mj_fullM` has other arguments from MuJoCo 4 on."""
+    """Return M (n, n) in the current state; the arguments of `mj_fullM` change with MuJoCo 4."""
     M = np.empty((model.nv, model.nv))
     for column, unit in zip(M, np.eye(model.nv), strict=True):
         mujoco.mj_mulM(model, data, column, unit)

@@ -26,7 +26,7 @@ PULSE_S, TIME_S, POSTURES = 0.02, 0.5, 50
 
 
 def with_springs(robot: Robot, values: Mapping[str, float]) -> Robot:
-    """Return the robot with other springs and dampers, locked motors and without effects of gears."""
+    """Return the robot with the estimated springs and dampers, locked motors and no gear effects."""
 
     def joint(j: Joint) -> Joint:
         k, d = values.get(f"k_{j.name}", j.k), values.get(f"d_{j.name}", j.d)

@@ -180,7 +180,7 @@ def test_reordered_messages_are_sorted_and_a_set_clock_splits(jump_s: float, fir
     assert missing.tolist() == [first, first + 1, first + 2] * bool(jump_s)
     np.testing.assert_array_equal(np.delete(gridded[:, 0], missing), np.sin(t))
     assert findings == ({SET_BACK: 1, GAPS: 3} if jump_s else {"rows sorted by time": 2})
-    assert not without_jumps(t[:2])[1].size  # a single rise has no others to be compared with
+    assert not without_jumps(t[:2])[1].size  # a single increase: no other increases for the comparison
 
 
 @settings(max_examples=20, deadline=None)
