@@ -32,7 +32,7 @@ MEMBERS = "members"
 WRITTEN = ("fleet.parquet", "fleet.csv", "fleet.html", "figures")
 # Of a member that was begun twice.
 DIED = "its worker died 2 times, perhaps for lack of memory; run it alone, or with fewer --jobs"
-# How studies end whose numbers are compared: of elasticity and of friction.
+# Statuses of studies whose parameters are compared: elasticity and friction.
 COMPARED = ("converged", "noise_unknown", "at_bound", "identified", "partly")
 
 # A parameter of a member, with its 95 % interval; std, low and high None if it was fixed.  std_noise: without the
@@ -159,10 +159,10 @@ def _numbers_of(number: Mapping[str, Any]) -> Row:
 def _values(rows: Sequence[Row]) -> tuple[FleetValue, ...]:
     names = {row["parameter"] for row in rows if row["value"]}
     keys = ("robot", "date", "parameter", "value", "std_noise")
-    compared = [[row[key] for key in keys] for row in rows if row["status"] in COMPARED and row["parameter"] in names]
+    table_rows = [[row[key] for key in keys] for row in rows if row["status"] in COMPARED and row["parameter"] in names]
     return tuple(
         FleetValue(robot, float(date.fromisoformat(day).toordinal()), *number)
-        for robot, day, *number in compared
+        for robot, day, *number in table_rows
         if number[-1] is not None
     )
 

@@ -37,8 +37,8 @@ def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess
     at = tuple(map(_at, robot.driven, ordered))
     interpretations = [_interpret(robot, at, unit, on_motor) for on_motor in (False, True) for unit in ("", "deg")]
     is_in_limits = partial(_is_in_limits, positions)
-    possible = [joints for joints in interpretations if all(map(is_in_limits, robot.driven, joints))]
-    return replace(guess, joints=(possible or interpretations)[0])
+    within_limits = [joints for joints in interpretations if all(map(is_in_limits, robot.driven, joints))]
+    return replace(guess, joints=(within_limits or interpretations)[0])
 
 
 def order_of_names(joints: Sequence[str], channels: Sequence[ChannelGuess]) -> tuple[list[int], str]:

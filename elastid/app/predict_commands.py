@@ -247,8 +247,8 @@ def _show(console: Console, replays: Sequence[Replay], joints: Sequence[JointErr
     for test in [test for test in tests if test.is_in_doubt]:
         console.say(f"predict: test of {_words(test)}")
     if removed := {test.quantity: test.removed for test in tests if not test.joint and not test.is_in_doubt}:
-        most = f"{max(removed.values()):.1%} removed at most; limit {MAX_REMOVED:.0%}"
-        console.say(f"predict: tests of {', '.join(sorted(removed))}: {most}")
+        largest = f"{max(removed.values()):.1%} removed at most; limit {MAX_REMOVED:.0%}"
+        console.say(f"predict: tests of {', '.join(sorted(removed))}: {largest}")
 
 
 def _joint(row: JointError) -> dict[str, Any]:

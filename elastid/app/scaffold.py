@@ -2,10 +2,10 @@
 
 `elastid new DIR --from robot.urdf`, or an MJCF file: a commented study of a simulated measurement that runs at once.
 
-The rigid part is the file's. Motors, gears and the excitation are guessed from the inertia at each joint as far as they
-are not in it. An MJCF file is as MuJoCo compiles it: armatures are rotors before the gear of their actuator, which the
-damping of their joint slows; a joint with a stiffness and no actuator is an elastic one; sites are frames. Torque is
-limited by the ranges of forces and of controls that are forces. An angle here is MuJoCo's less that of its reference.
+The file gives the rigid bodies. Motors, gears and excitation that it does not contain are guessed from the inertia at
+each joint. MuJoCo compiles an MJCF file: armatures become rotors before the gear of their actuator, with the damping of
+their joint; a joint with stiffness and no actuator becomes an elastic joint; sites become frames. Torque limits are the
+ranges of forces, and of controls that are forces. An angle is MuJoCo's angle minus its reference.
 """
 
 import json
@@ -36,13 +36,13 @@ from elastid.store.files import text_file
 from elastid.study import SCHEMA_NAME, make_schema
 from elastid.study.robots import Servos, load_robot, yaml_text
 
-# Guessed drives: gear ratio, and frequency (Hz) and damping of the link with the motor locked.
+# Guessed drives: gear ratio, and natural frequency (Hz) and damping ratio of the link with locked motor.
 _RATIO, _HELD_HZ, _DAMPING = 100.0, 15.0, 0.03
-_SOONEST_S = 0.01  # time constant of viscous friction and inertia of a joint, at least
-# Excitation, rms: in rad/s^2 (m/s^2), least in dry frictions, and the part of a limit of torque that it takes at most.
+_SOONEST_S = 0.01  # least time constant of inertia and viscous friction of a joint, s
+# Excitation, rms: rad/s^2 (m/s^2), least relative to Coulomb friction, largest relative to the torque limit.
 _ACCELERATION, _TIMES_DRY, _PART_OF_LIMIT = 4.0, 3.0, 0.2
-_NO_ROTOR = 1e-250  # kg m^2, of a rotor that is not known
-_LEAST_INERTIA = 1e-12  # kg m^2, of links that a motor moves: less is rounding
+_NO_ROTOR = 1e-250  # inertia of an unknown rotor, kg m^2
+_LEAST_INERTIA = 1e-12  # least inertia of driven links, kg m^2; smaller values are rounding errors
 _POSTURES, _REACH_RAD, _REACH_M = 5, 1.0, 0.2
 _OF_ELASTID = (".yml", ".yaml")
 
@@ -81,10 +81,10 @@ def from_robot(path: Path) -> tuple[Robot, dict[str, str], Servos]:
 def _with_guessed_drives(robot: Robot, postures: FloatArray, path: Path) -> tuple[FloatArray, Robot, tuple[str, ...]]:
     """Return inertia (n_u,) of the links of each drive, the robot with guessed gears and rotors, and comments."""
     urdf = [*read_elements(path).all("joint")] if path.suffix.lower() == ".urdf" else []
-    # The links alone: rotors without inertia, and no joint that only a spring holds.
+    # Links alone: rotors have no inertia.
     links = with_joints(robot, lambda joint: replace(joint, motor=Motor(_NO_ROTOR)) if joint.motor else None)
     model, theta = formulate(links), [value for value, _ in links.parameters().values()]
-    # Inertia that each motor accelerates, others locked, mean over postures: kg m^2, kg of one that slides.
+    # Inertia at each motor with all others locked, mean over postures: kg m^2, or kg for translations.
     inertia = np.mean([np.diag(model.mass(q, theta).full()) for q in postures], axis=0)
     if lacking := [joint.name for joint, value in zip(robot.driven, inertia, strict=True) if value <= _LEAST_INERTIA]:
         line = next((f":{joint.line}" for joint in urdf if joint.name == lacking[0]), "")
@@ -122,7 +122,7 @@ def read_urdf_model(path: Path) -> Robot:
 
 
 def _links_of_urdf(path: Path, ratio: float = _RATIO) -> Robot:
-    """Return the links of a URDF; motors of revolute joints get a gear ratio, and no inertia yet."""
+    """Read the links of a URDF file; motors of revolute joints have a gear ratio but no inertia yet."""
     root = read_elements(path)
     kinds = {joint.name: joint.attributes.get("type") for joint in root.all("joint") if not joint.first("mimic")}
     moving = {name: 1.0 if kind == "prismatic" else ratio for name, kind in kinds.items() if kind != "fixed"}
@@ -152,9 +152,9 @@ def _damping(stiffness: float) -> float:
 
 
 def _postures(robot: Robot) -> tuple[FloatArray, float]:
-    """Draw angles (Q, n_u) within the joint limits, with gravity torques of at most half the limits where possible.
+    """Draw angles (Q, n_u) within the joint limits, if possible with gravity torques of at most half their limits.
 
-    Returns them with their largest gravity torque over its limit.
+    Also returns the largest ratio of gravity torque to torque limit.
     """
     joints, rng = robot.driven, np.random.default_rng(0)
     reach = [_REACH_M if joint.motion == "translation" else _REACH_RAD for joint in joints]
@@ -193,7 +193,7 @@ def read_mjcf_servos(path: Path) -> tuple[Robot, Servos]:
 
     A motor without an armature has no inertia yet.
 
-    Raises StudyError where MuJoCo is not installed, does not take the file, or a joint is neither hinge nor slide.
+    Raises StudyError if MuJoCo is not installed or rejects the file, or if a joint is neither hinge nor slide.
     """
     if find_spec("mujoco") is None:
         advice = "it is compiled by mujoco, which is not installed: `pip install 'elastid[mjcf]'`"
@@ -221,9 +221,9 @@ TORQUE_CONSTANT = 0.17
 
 
 def new(folder: Path, template: str) -> Path:
-    """Write a new folder with a study, its robot, the schema and, for studies of logs, a small log; returns the study.
+    """Write a new folder with a study, its robot, the schema and, for studies of logs, a small log. Return the study.
 
-    Raises StudyError where the folder holds anything already.
+    Raises StudyError if the folder is not empty.
     """
     _check_new(folder)
     study = _write(folder, _template(template) | _schema())

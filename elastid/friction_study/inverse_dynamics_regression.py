@@ -261,8 +261,8 @@ def _with_delay(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Motion
     """
     terms, lead_s = replace(fit.terms, delay=True), 0.0
     for _ in range(10):  # Gauss-Newton
-        shifted = [replace(s.motion, torque_delay_s=s.motion.torque_delay_s + lead_s) for s in signals]
-        step = regress([MotionSignals.of(motion, fit.passband_hz) for motion in shifted] if lead_s else signals, terms)
+        motions = [replace(s.motion, torque_delay_s=s.motion.torque_delay_s + lead_s) for s in signals]
+        step = regress([MotionSignals.of(motion, fit.passband_hz) for motion in motions] if lead_s else signals, terms)
         if not lead_s and (step.chance("delay", 0) >= FALSE_ALARM or abs(step["delay"]) * fit.motion.rate_hz < 1):
             return fit
         lead_s += step["delay"]

@@ -120,7 +120,7 @@ def is_load(place: str) -> bool:
 def projected(Z: FloatArray, matrix: FloatArray) -> FloatArray:
     """Return Z^T matrix Z (n, n), symmetric to the last bit; Z (n_q, n), matrix (n_q, n_q)."""
     if len(Z) == Z.shape[1]:
-        return matrix  # nothing is held: Z is the unit matrix
+        return matrix  # without elimination, Z is the unit matrix
     product = Z.T @ matrix @ Z
     return (product + product.T) / 2
 
@@ -144,14 +144,13 @@ class Slope:
 class LinearModel:
     """M, D, K (n, n) symmetric at theta_ref (n_theta,), slopes by parameter name, B (n, n_u), C and T (n_y, n).
 
-    quantity: y is the position, velocity or acceleration of the outputs.  Parameters without a slope do not enter this
-    model, but for `delay`, the torque delay T_d, which multiplies the response by exp(-j omega T_d), and those of the
-    chain's elements.  Z (n_q, n): how the robot's coordinates move with these, dq = Z y; the unit matrix where nothing
-    was eliminated.  channel_numbers: names of the parameters of channels.  hold: torques of which the response
-    contains images; None for the motion itself.  sliding: inputs and outputs that translate, in N and m instead of Nm
-    and rad.  motors, loop: of a `Response`, already in M, D, K.  controller: its references are the inputs, and
-    B has a column for each of its motors.  integral (n, n): Delta of a controller, whose force is
-    -Delta / s q.  Link side, SI.
+    quantity: position, velocity or acceleration of the outputs.  Parameters without a slope have no effect on M, D, K;
+    `delay`, the torque delay T_d, multiplies the response by exp(-j omega T_d), and lag elements have parameters, too.
+    chain: lag elements.  Z (n_q, n): dq = Z dy, robot coordinates q by coordinates y of the model; unit matrix without
+    elimination.  channel_numbers: names of channel parameters.  hold: ZOH torques whose aliases the response contains;
+    None without aliases.  sliding: inputs and outputs in N and m instead of Nm and rad.  motors, loop: as in
+    `Response`; their effect is in M, D, K.  controller: the inputs are its references, and B has a column for each
+    motor.  integral (n, n): Delta of an integral controller, whose force is -Delta / s q.  Link side, SI.
     """
 
     configuration: Configuration
@@ -166,7 +165,7 @@ class LinearModel:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     quantity: Motion
-    T: FloatArray = None  # type: ignore[assignment]  # set when it is made, and so is Z
+    T: FloatArray = None  # type: ignore[assignment]  # `__post_init__` sets the defaults of T and Z
     chain: tuple[Element, ...] = ()
     Z: FloatArray = None  # type: ignore[assignment]
     channel_numbers: tuple[str, ...] = ()
@@ -178,7 +177,7 @@ class LinearModel:
     controller: ReferenceLoop | None = None
 
     def __post_init__(self) -> None:
-        """Without T no output is an accelerometer; UnknownNameError for an unknown quantity."""
+        """Set T (default: no accelerometer) and Z. Raises UnknownNameError for an unknown quantity."""
         if self.T is None:
             object.__setattr__(self, "T", frozen(np.zeros(self.C.shape)))
         if self.Z is None:
@@ -192,22 +191,22 @@ class LinearModel:
 
     @cached_property
     def output_parameters(self) -> tuple[str, ...]:
-        """The parameters that move C, T or B."""
+        """Names of parameters that C, T or B depend on."""
         return tuple(name for name, s in self.slopes.items() if any(part is not None for part in (s.C, s.T, s.B)))
 
     @property
     def is_delayed(self) -> bool:
-        """True if inputs are torques of motors, to which the delay and the elements of the chain belong."""
+        """True if the inputs are motor torques; the delay and the lag elements apply only to them."""
         return not any(is_load(place) for place in self.inputs)
 
     @property
     def driven(self) -> tuple[str, ...]:
-        """The motor of each input that is a torque or a reference."""
+        """Motor of each input that is a torque or a reference."""
         return tuple(place.replace(REFERENCE, "motor ") for place in self.inputs)
 
     @property
     def by_torques(self) -> "LinearModel":
-        """The model whose inputs are torques of the controlled motors, without the loops."""
+        """Open-loop model: inputs are the torques of the controlled motors."""
         return self if self.controller is None else replace(self, controller=None, inputs=self.controller.motors)
 
     @property
@@ -225,7 +224,7 @@ class LinearModel:
         return float(theta[index_of(name, self.parameters, "parameter")])
 
     def channel_factors(self, theta: FloatArray, s: ComplexArray | None = None) -> tuple[ComplexArray, ComplexArray]:
-        """Return F_y (..., n_y) and 1 / F_u (..., n_u), factors of rows and columns of G by the errors of channels.
+        """Return F_y (..., n_y) and 1 / F_u (..., n_u), factors of rows and columns of G due to channel errors.
 
         s (...,): j omega; None for the gains alone, without delays and low passes of the log.
         """
@@ -267,7 +266,7 @@ class LinearModel:
         return self.B + sum(change, np.zeros_like(self.B)) if change else self.B
 
     def with_outputs(self, rows: Sequence[int]) -> "LinearModel":
-        """Return the model with some of its outputs, by their places."""
+        """Return the model with a selection of its outputs; rows: indices."""
         rows = list(rows)
 
         def part(matrix: FloatArray | None) -> FloatArray | None:
@@ -289,7 +288,7 @@ class LinearModel:
 
     @cached_property
     def terms(self) -> dict[str, tuple[IntArray, FloatArray]]:
-        """Places in theta of the parameters that move M, D, K, and their slopes (n_p, n, n)."""
+        """Indices in theta of parameters that M, D, K depend on, and their slopes (n_p, n, n)."""
         of_letter = {
             letter: {name: slope for name, s in self.slopes.items() if (slope := getattr(s, letter)) is not None}
             for letter in "MDK"

@@ -58,9 +58,9 @@ def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterato
         signals.add(signal)
         if channel.role == "d" and not hint and ("u", channel.at) not in {(c.role, c.at) for c in channels}:
             yield i, "at", f"d needs a channel of role u at '{channel.at}'. Add that channel"
-    sent, acting = (sorted({c.at for c in channels if c.role == role}) for role in ("r", "u"))
-    if sent and sent != acting:
-        text = f"channels with role r are at {', '.join(sent)}, channels with role u at {', '.join(acting)}"
+    places_r, places_u = (sorted({c.at for c in channels if c.role == role}) for role in ("r", "u"))
+    if places_r and places_r != places_u:
+        text = f"channels with role r are at {', '.join(places_r)}, channels with role u at {', '.join(places_u)}"
         yield [c.role for c in channels].index("r"), "at", f"{text}. List r for every input or for none"
 
 
@@ -172,12 +172,12 @@ def report_drives(channels: Sequence[ChannelSpec], signals: FloatArray, N: int |
     for channel, r in zip(channels, signals.T, strict=True):
         if channel.role != "r":
             continue
-        text, acting = f"u at {channel.at}", signals[:, u[channel.at]]
-        if np.ptp(r) > 0 and np.array_equal(r, acting):
+        text, torque = f"u at {channel.at}", signals[:, u[channel.at]]
+        if np.ptp(r) > 0 and np.array_equal(r, torque):
             text += " equals r to the last bit: the command was logged twice, and u lacks feedback, drive limits and "
             text += "delay. Log the acting torque, or omit the channel of role r without feedback"
             log.note("records/same-signal", text)
-        elif (rho := _at_once(r, acting, N)) <= -MIN_DELAY_CORRELATION:
+        elif (rho := _at_once(r, torque, N)) <= -MIN_DELAY_CORRELATION:
             text += f" and r have opposite signs (correlation {rho:.2f}). Give the inverted channel sign: -1"
             log.note("records/torque", text)
     C = np.cov(signals, rowvar=False)

@@ -112,9 +112,9 @@ def choose_effects(data: GearData, parameters: Parameters, x: FloatArray, orders
         for family in (SPRINGS, LOOPS):
             for joint in dict.fromkeys(effect.joint for effect in extra if effect.kind in family):
                 estimate = _best_law(data, estimate, joint, family)
-        if _kinds(estimate.effects) == kinds:  # none of those that were added stays
+        if _kinds(estimate.effects) == kinds:  # no new effect remains
             break
-    # A gap that is crossed between two samples seems 8 % too soft on the grid of the search.
+    # On the grid of the search, backlash that is crossed between two samples appears 8 % too soft.
     fine = [replace(lines, cells=2 * lines.cells) for lines in data.lines]
     estimate = _on_grid(_converge(replace(data, lines=fine), _on_grid(estimate, fine)), data.lines)
     if not estimate.effects:

@@ -202,7 +202,7 @@ def _common_causes(robot: Robot, place: dict[str, int]) -> Iterator[tuple[str, s
     for body in robot.bodies:
         yield f"payload_{body.name}", "payload", inertial(body)
         for posture in postures:
-            numbers = [f"{name}@{posture}" for name in inertial(body)]  # none but of the last body
+            numbers = [f"{name}@{posture}" for name in inertial(body)]  # in `place` only for the last body
             yield f"payload_{body.name}@{posture}", "payload of one posture", numbers
     for joint in robot.driven:
         yield f"angles_{joint.name}", "angles by posture", [f"angle_{joint.name}@{posture}" for posture in postures]
@@ -291,15 +291,15 @@ def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = LIMITS.r
 
 
 def _step(test: ScoreTest, candidate: Candidate, scores: Scores) -> tuple[FloatArray, float, float]:
-    tau2, none = temper(scores), (np.zeros(len(candidate.places)), 0.0, 0.0)
+    tau2, no_load = temper(scores), (np.zeros(len(candidate.places)), 0.0, 0.0)
     # A smaller drop is neither significant nor equivalent to a significant cause.
     if test.most(candidate) < LIMITS.equal_drop * min(scores.significant.values()):
-        return none
+        return no_load
     if candidate.name.startswith("payload_"):
         least = max(scores.significant[4], LIMITS.min_cause_fraction * scores.excess)
         load = find_load(test, candidate, scores.variance_ratio, least)
         if load is None:
-            return none
+            return no_load
         W = np.array([MASS_KG, *3 * [DISTANCE_M]])
         sizes = (load.mass / MASS_KG, *load.place / DISTANCE_M)
         return load.steps, load.drop, occam_factor(load.information / tau2, W, np.array(sizes))

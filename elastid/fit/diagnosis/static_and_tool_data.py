@@ -181,7 +181,7 @@ def _compared(response: Response, part: Part, fit: ElasticFit, x: FloatArray) ->
 
 
 def _tool_readings(responses: Sequence[Response]) -> Iterator[tuple[tuple[Response, ...], str]]:
-    def reading(sign: float, power: int) -> tuple[Response, ...]:
+    def interpretation(sign: float, power: int) -> tuple[Response, ...]:
         readings = []
         for G in responses:
             s = laplace_variable(G.freq_hz[:, None, None])
@@ -189,13 +189,13 @@ def _tool_readings(responses: Sequence[Response]) -> Iterator[tuple[tuple[Respon
             readings.append(replace(G, G=sign * G.G * s**power, noise=noise, total=total))
         return tuple(readings)
 
-    yield reading(-1.0, 0), "reverse the sign of force or motion: they have opposite signs"
+    yield interpretation(-1.0, 0), "reverse the sign of force or motion: they have opposite signs"
     orders = {order: name for name, order in MOTION_ORDER.items()}
     for power in (-2, -1, 1, 2):
         stated = {MOTION_ORDER[G.quantity] for G in responses}
         if len(stated) == 1 and (quantity := orders.get(min(stated) - power)):
             yield (
-                reading(1.0, power),
+                interpretation(1.0, power),
                 f"correct the quantity: the file has the {quantity}, not the {orders[min(stated)]}",
             )
     moves = any(place.startswith("motor ") for G in responses for place in G.outputs)

@@ -321,10 +321,10 @@ def _in_si(
 ) -> tuple[FloatArray, tuple[Note, ...]]:
     """Return factors (n_y, n_u) by the units of a file (data set 164), 1 where a channel states one; and a note."""
     metre, newton = _length_and_force(path)
-    stated = {label(c) for c in channels if dimension_and_size(c.unit)[1] != 1}
+    with_unit = {label(c) for c in channels if dimension_and_size(c.unit)[1] != 1}
     turns = re.compile(r"\d+r[xyz]")
-    f_y = np.array([1.0 if name in stated or turns.fullmatch(name) else metre for name in outputs])
-    f_u = np.array([1.0 if n in stated else newton * (metre if turns.fullmatch(n) else 1.0) for n in inputs])
+    f_y = np.array([1.0 if name in with_unit or turns.fullmatch(name) else metre for name in outputs])
+    f_u = np.array([1.0 if n in with_unit else newton * (metre if turns.fullmatch(n) else 1.0) for n in inputs])
     if np.all(f_y == 1) and np.all(f_u == 1):
         return np.ones((len(outputs), len(inputs))), ()
     text = f"its data set 164 states lengths of {metre:g} m and forces of {newton:g} N, which elastid converts to SI; a"
