@@ -257,7 +257,7 @@ class Session:
                 f"{logs} under the same names; columns: {', '.join(c.channel for c in self.channels)}"
             )
         for run in plan.experiments:
-            last = -1  # bytes; the log is whole once it no longer grows
+            last = -1  # size in bytes; a log is complete when its size is constant
             while (size := self._size(run)) < 0 or size != last:
                 last = size
                 time.sleep(POLL_S)

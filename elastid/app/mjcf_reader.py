@@ -87,7 +87,7 @@ def gains_of(model: Any) -> dict[str, tuple[float, float]]:
     gains = {}
     for i in range(model.njnt):
         gears = _gears(model, i)
-        # An affine bias whose stiffness is the gain of the control, as of <position>.
+        # <position>: an affine bias with the stiffness of the control gain.
         bias, gain = model.actuator_biasprm, model.actuator_gainprm
         servos = [a for a in gears if model.actuator_biastype[a] == 1 and bias[a, 1] == -gain[a, 0] != 0]
         if servos:

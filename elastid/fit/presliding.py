@@ -35,26 +35,26 @@ from elastid.parameters import Parameter, Parameters, Prior, Tie
 from elastid.record import MOTION_ORDER
 from elastid.response import UNEXPLAINED, Response
 
-RESIDUALS = 6_000  # real ones of the search
-# Std of the logarithms of a stiffness and of a relaxation time about their starts.
+RESIDUALS = 6_000  # largest number of real residuals in the search
+# Prior std of the logarithms of a stiffness and of a relaxation time about their start values.
 STIFFNESS_STD, TIME_STD = 3.0, 1.5
 # Bounds of a rate relative to the lowest and the highest angular frequency, and the number of start values of a rate.
 RATE_BOUNDS, N_RATES = (1e-3, 2.4), 4
-# Of the median of torque over angle of a motor, at which its stiffness starts, at least or where no linear step is.
+# Start value of a stiffness relative to the median of torque over angle: lower bound; value without a linear step.
 FIRST_FRACTIONS = (1e-3, 0.1)
-SOUGHT = 0.1  # probability of V by the noise alone, below which springs are sought
-MOST_STD = 0.8  # of the logarithm of the stiffness of a spring that is identified
-PREDICTED = 0.5  # of the drop that counts, which a linear step has to show
-STARTED = 0.6  # of the largest drop by a linear step at a starting rate, from which on a solve starts there, too
+SOUGHT = 0.1  # probability of V by noise alone, below which springs are tested
+MOST_STD = 0.8  # largest std of ln(stiffness) of an identified spring
+PREDICTED = 0.5  # least drop of V by a linear step, relative to a significant drop
+STARTED = 0.6  # least drop by a linear step at a start rate, relative to the largest, for a solve from this rate
 
 Springs: TypeAlias = Mapping[RelaxingSpring, tuple[float, float]]  # s, N m/rad, and a, 1/s
 
 
 def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
-    """Find the springs of motors whose friction was compensated, or of all where V or distortion is above the noise.
+    """Find presliding springs of motors with friction compensation, or of all motors if V or distortion exceeds noise.
 
-    Returns the assembly with springs and its start x (n_x,); None without any, for references, forces at the tool and
-    load tests, where no noise is known, and where another cause has better odds.
+    Returns the assembly with springs and its start x (n_x,). Returns None without springs, for references, forces at
+    the tool and load tests, if the noise is unknown, and if another cause has better odds.
     """
     assembly, result, dof = evidence.assembly, evidence.result, max(evidence.result.cost_dof, 1.0)
     is_large = result.cost > result.cost_expected * chi_square_limit(dof, SOUGHT) / dof
@@ -75,7 +75,7 @@ def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
 
 
 def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:
-    """List joints whose motors may have presliding friction."""
+    """Return the joints whose motors may have presliding friction."""
     places = set[str]()
     for response in assembly.responses:
         if any(map(is_load, response.inputs)) or response.controller is not None:
@@ -104,9 +104,9 @@ def _is_rejected(evidence: Evidence, first: "_State", last: "_State") -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """x (n_x,) and V of the fit with some springs on thinned lines.
+    """Fit with a set of springs on a subset of DFT lines: x (n_x,) and V.
 
-    base: without springs.  signs: of springs that may be added.
+    base: fit without springs.  signs: allowed signs of further springs.
     """
 
     base: Assembly
@@ -253,21 +253,21 @@ def relaxation(joint: str) -> str:
 
 
 def with_presliding(assembly: Assembly, springs: Springs) -> Assembly:
-    """Return the assembly with springs at motors, free from s and a."""
+    """Return the assembly with free springs at motors; start values: stiffness s and rate a."""
     parameters = with_relaxing_springs(assembly.parameters, springs, rate_band(assembly.responses))
     linearisation = replace(assembly.linearisation, presliding=tuple(springs))
     return replace(assembly, parameters=parameters, linearisation=linearisation)
 
 
 def with_relaxing_springs(parameters: Parameters, springs: Springs, band: tuple[float, float]) -> Parameters:
-    """Return the parameters, with stiffness and relaxation time of each spring in front of the delay."""
+    """Insert stiffness and relaxation time of each spring before the delay. band: lowest and highest rad/s."""
     low, high = band
     times = 1 / (RATE_BOUNDS[1] * high), 1 / (RATE_BOUNDS[0] * low)
     middle = Prior(1 / math.sqrt(low * high), TIME_STD)
     numbers: list[Parameter] = []
     for spring, (s, a) in springs.items():
         (stiffness, damping), time = spring.names, relaxation(spring.joint)
-        start = min(max(1 / a, times[0]), times[1])  # a rate at its bound, but for rounding
+        start = min(max(1 / a, times[0]), times[1])  # within the bounds despite rounding
         prior = Prior(s, STIFFNESS_STD)
         numbers += [
             Parameter(stiffness, s, "N*m/rad", 1e-4 * s, 1e4 * s, True, prior=prior, is_nuisance=True),
@@ -282,7 +282,7 @@ def with_relaxing_springs(parameters: Parameters, springs: Springs, band: tuple[
 def are_identified(result: Result, springs: Sequence[RelaxingSpring]) -> bool:
     """Return True if the stiffness of at least one spring has a standard deviation below MOST_STD.
 
-    A spring that barely relaxes has no rate, and neither has a damper.
+    The rate of a spring that hardly relaxes, or of a pure damper, is not identifiable.
     """
     std = named(result.parameters.free_names, result.std_of_x)
     return any(std[s.names[0]] < MOST_STD for s in springs)
@@ -340,7 +340,7 @@ def _presliding(result: Result, spring: RelaxingSpring, assembly: Assembly) -> P
     times = [time for response in assembly.responses for time in _between_reversals(response, place)]
     unit = "N/m" if assembly.linearisation.model.robot.sliding((place,)) else "N*m/rad"
     stds = std[spring.names[0]] * s, std[relaxation(spring.joint)] * a
-    # The rate of a compensation error is not E|w| / z.
+    # a = E|v| / z applies to friction, not to a compensation error.
     amplitude = a * float(np.median(times)) if times and spring.sign > 0 else math.nan
     return Presliding(place, unit, spring.sign * s, stds[0], a, stds[1], amplitude)
 
@@ -357,7 +357,7 @@ def _between_reversals(response: Response, place: str) -> Iterator[float]:
 def presliding_note(spring: Presliding, exceeds_noise: bool, has_effect: bool) -> Note:
     """Return the note on a spring: a warning if V exceeds the noise without springs, or if they move k or d.
 
-    A negative spring within the noise is an error of the friction compensation, beside which F_c may be right.
+    A negative spring within the noise is an error of the friction compensation; F_c can still be correct.
     """
     k, a = f"{spring.stiffness:.3g} +- {spring.stiffness_std:.2g}", f"{spring.rate:.3g} +- {spring.rate_std:.2g}"
     text = (

@@ -93,5 +93,5 @@ def _as_c(argument: int | npt.NDArray[Any] | None) -> object:
     if not isinstance(argument, np.ndarray):
         return argument if argument is None else ctypes.c_int64(argument)
     if argument.size and argument.flags.writeable:
-        return ctypes.byref(ctypes.c_char.from_buffer(argument.data))  # four times as fast as argument.ctypes
+        return ctypes.byref(ctypes.c_char.from_buffer(argument.data))  # four times faster than argument.ctypes
     return ctypes.c_void_p(argument.ctypes.data)

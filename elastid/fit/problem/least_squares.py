@@ -47,7 +47,7 @@ class LeastSquares:
 
     @property
     def dof(self) -> int:
-        """Degrees of freedom, the expectation of V: number of residuals and priors minus number of parameters."""
+        """Degrees of freedom, the expected V: number of residuals and priors minus number of parameters."""
         return self.n_residuals - int(np.count_nonzero(self.parameters.prior_slopes == 0))
 
 
