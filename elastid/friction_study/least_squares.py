@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 from scipy.fft import dct
+from scipy.interpolate import make_interp_spline
 from scipy.optimize import least_squares
 from scipy.special import fdtri, stdtr
 
@@ -244,6 +245,18 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
         logs[0].names, beta, pi, pi_std, covariance, relative, squares, independent, dof, widening,
         tuple(part @ bread / size for part in parts)
     )  # fmt: skip
+
+
+def with_delays(log: Equations, whole: Equations, solution: Solution, rate_hz: float) -> Equations:
+    """Return equations of a log with a delay of each joint's torque in s; whole: equations at all its instants.
+
+    The column of a delay is the rate of the torque that the solution explains.
+    """
+    instants, torque = np.arange(len(whole.y)), whole.X @ solution.beta + whole.R @ solution.pi
+    rates = make_interp_spline(instants, torque, 5).derivative()(instants) * rate_hz * np.any(log.X, axis=2)
+    delays = rates[:, :, None] * np.eye(rates.shape[1])
+    names = tuple((joint, "delay") for joint in dict(log.names))
+    return replace(log, X=np.concatenate([log.X, delays], axis=2), names=(*log.names, *names))
 
 
 def shift_between(first: Solution, second: Solution, rate_hz: float) -> dict[tuple[str, str], tuple[float, float]]:
