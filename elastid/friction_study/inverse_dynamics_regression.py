@@ -35,7 +35,7 @@ from numpy.polynomial.legendre import legval
 from elastid.base.arrays import FloatArray, named
 from elastid.base.errors import DataError, Note
 from elastid.friction_study.constant_velocity import NEGATIVE
-from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, shift_between, solve
+from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, shift_between, solve, with_delays
 from elastid.friction_study.motion_signals import (
     NARROW_BAND,
     Motion,
@@ -255,24 +255,37 @@ def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[No
 
 
 def _with_delay(fit: MotionFriction, signals: Sequence[MotionSignals]) -> MotionFriction:
-    """Widen the intervals by the effect of a torque delay, and add a note, if it is significant and above one sample.
-
-    The significance test includes model errors, which can appear as a delay.
-    """
+    """Estimate a torque delay by Gauss-Newton steps, and include its effect in the intervals (`_widen_by_delay`)."""
     terms, lead_s = replace(fit.terms, delay=True), 0.0
-    for _ in range(10):  # Gauss-Newton
+    for _ in range(10):
         motions = [replace(s.motion, torque_delay_s=s.motion.torque_delay_s + lead_s) for s in signals]
         step = regress([MotionSignals.of(motion, fit.passband_hz) for motion in motions] if lead_s else signals, terms)
-        if not lead_s and (step.chance("delay", 0) >= FALSE_ALARM or abs(step["delay"]) * fit.motion.rate_hz < 1):
-            return fit
+        is_small = abs(step["delay"]) * fit.motion.rate_hz < (0.01 if lead_s else 1)
+        if is_small or (not lead_s and step.chance("delay", 0) >= FALSE_ALARM):
+            break
         lead_s += step["delay"]
-    change = change_of(fit.regression, step)
+    return _widen_by_delay(fit, step, lead_s) if lead_s else fit
+
+
+def _with_joint_delay(fit: MotionFriction, delayed: Regression) -> MotionFriction:
+    """Include the effect of a torque delay in the intervals of one of several joints (`_widen_by_delay`)."""
+    lead_s = delayed["delay"]
+    if delayed.chance("delay", 0) >= FALSE_ALARM or abs(lead_s) * fit.motion.rate_hz < 1:
+        return fit
+    return _widen_by_delay(fit, delayed, lead_s)
+
+
+def _widen_by_delay(fit: MotionFriction, delayed: Regression, lead_s: float) -> MotionFriction:
+    """Widen the intervals by the change of the parameters in a regression with the delay lead_s (s), and add a note.
+
+    Only for a significant delay above one sample, because model errors can also appear as a delay.
+    """
     text = (
         f"the torque seems to be logged {1e3 * abs(lead_s):.2g} ms {'late' if lead_s < 0 else 'early'}, more than one "
         "sample, and the intervals include its effect on the parameters. Check the clocks, or add "
         f"{-1e3 * lead_s:.2g} ms to `delay` of the torque channel"
     )
-    note = Note("friction/delay", text, f"motion of {fit.motion.place}")
+    note, change = Note("friction/delay", text, f"motion of {fit.motion.place}"), change_of(fit.regression, delayed)
     return replace(fit, regression=fit.regression.widened(change), notes=(*fit.notes, note))
 
 
@@ -400,11 +413,13 @@ def regress_robot_motion(
     for joint in joints:
         chance = full.at(joint).chance("directions.viscous", 0)
         terms[joint] = replace(terms[joint], by_direction=chance < FALSE_ALARM)
-    least = solve(equations(terms), rate_hz)
+    sliding, whole = equations(terms), equations(terms, False)
+    least = solve(sliding, rate_hz)
+    delayed = solve([with_delays(*log, least, rate_hz) for log in zip(sliding, whole, strict=True)], rate_hz)
     shifts = band_differences(both_bands(logs), lambda log: equations_of(log, terms, base.filtered(log)))
     names, units = zip(*column_names(robot, joints), strict=True)
     # Near reversals friction is not as the regression has it, but a rigid body that they contradict predicts none.
-    shrunk, least_shrunk = (ridge_estimate(equations(terms, False), least, ridges) for ridges in (RIDGES, RIDGES[:1]))
+    shrunk, least_shrunk = (ridge_estimate(whole, least, ridges) for ridges in (RIDGES, RIDGES[:1]))
     base_units = tuple(units[i] for i in chosen)
     body = RigidBody(joints, base_units, least.pi, least.pi_std, shrunk, chosen, regrouped, names)
     alone = [
@@ -418,6 +433,8 @@ def regress_robot_motion(
         joint: MotionFriction.of([fits[joint] for fits in alone], least.at(joint), law) for joint, law in terms.items()
     }
     return {
-        joint: replace(assess_motion(fit, joint, shifts, fit.passband_hz), rigid_body=body)
+        joint: replace(
+            assess_motion(_with_joint_delay(fit, delayed.at(joint)), joint, shifts, fit.passband_hz), rigid_body=body
+        )
         for joint, fit in friction.items()
     }, alone

@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 from scipy.fft import dct
+from scipy.interpolate import make_interp_spline
 from scipy.optimize import least_squares
 from scipy.special import fdtri, stdtr
 
@@ -246,10 +247,22 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     )  # fmt: skip
 
 
-def shift_between(first: Solution, second: Solution, rate_hz: float) -> dict[tuple[str, str], tuple[float, float]]:
-    """Return difference of the second and the first estimate, and its std, by joint and name.
+def with_delays(log: Equations, whole: Equations, solution: Solution, rate_hz: float) -> Equations:
+    """Add a column for the torque delay of each joint, s, to the equations of a log.  whole: equations at all instants.
 
-    Both of the same logs, instant by instant: their residuals are correlated.
+    The column of a delay is the time derivative of the torque that the solution explains.
+    """
+    instants, torque = np.arange(len(whole.y)), whole.X @ solution.beta + whole.R @ solution.pi
+    rates = make_interp_spline(instants, torque, 5).derivative()(instants) * rate_hz * np.any(log.X, axis=2)
+    delays = rates[:, :, None] * np.eye(rates.shape[1])
+    names = tuple((joint, "delay") for joint in dict(log.names))
+    return replace(log, X=np.concatenate([log.X, delays], axis=2), names=(*log.names, *names))
+
+
+def shift_between(first: Solution, second: Solution, rate_hz: float) -> dict[tuple[str, str], tuple[float, float]]:
+    """Return the difference of the second from the first estimate, and its std, by joint and name.
+
+    Both estimates are from the same instants of the same logs, so that their residuals are correlated.
     """
     pairs = list(zip(first.influences, second.influences, strict=True))
     terms = [cosine_count(len(low) / rate_hz, len(pairs)) for low, _ in pairs]

@@ -29,7 +29,7 @@ from elastid.logs.motion_relations import (
 )
 from elastid.logs.units_and_sides import unwrapped
 
-_MOTION_HZ = 3.0  # half of the power of a torque is below it in a motion, and above it in a vibration test
+_MOTION_HZ = 3.0  # torques have half of their power below this frequency in motions, above it in vibration tests
 
 T = TypeVar("T")
 Values = Mapping[ChannelKey, FloatArray]
@@ -120,7 +120,7 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     moving = moving or [(u, u) for u, _ in pairs]  # without a moving joint, noise is used
     if quantity != "position":
         return LogGuess(tuple(joints), tuple(outputs), is_motion=False)
-    is_motion = all(_half_power_hz(u, y, rate_hz) < _MOTION_HZ for u, y in moving)
+    is_motion = bool(np.median([_half_power_hz(u, y, rate_hz) for u, y in moving]) < _MOTION_HZ)
     references = (command for _, command in _command_pairs([joint.motion for joint in joints], guesses))
     return LogGuess(tuple(joints), tuple(outputs), is_motion, tuple(references))
 

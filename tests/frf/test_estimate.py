@@ -131,7 +131,7 @@ def test_few_degrees_of_freedom_give_singular_usable_covariance() -> None:
     one = estimate(records[:1], ALL_PERIODS, lines)
     assert (one.noise.form, one.noise.dof) == ("kronecker", 1)
     assert np.linalg.matrix_rank(one.noise.full()[20]) == 1
-    assert np.linalg.eigvalsh(smooth_noise(one).covariance).min() > 0
+    assert np.linalg.eigvalsh(smooth_noise(one).smooth.full()).min() > 0
     both = estimate(records, ALL_PERIODS, lines)
     assert (both.total.form, both.total.dof) == ("kronecker", 1)
 

@@ -29,6 +29,18 @@ def test_friction_is_identified_beside_unknown_rigid_body() -> None:
     assert abs(np.mean(errors)) < 0.7
 
 
+@pytest.mark.parametrize(("samples", "codes"), [(0, set()), (3, {"friction/delay"})])
+def test_late_torques_of_joints_that_move_together_are_in_the_intervals(samples: int, codes: set[str]) -> None:
+    """A torque delay of 12 ms biases viscous friction by 5 to 30 %; a log without a delay has no note."""
+    late = {name: replace(log, torque=np.roll(log.torque, samples)) for name, log in motion(1).items()}
+    fits = regress_robot_motion(ARM, [MotionLog.of(late, {}, 10.0)])[0]
+    for i, fit in enumerate(fits.values()):
+        error = abs(fit.regression["viscous"] - VISCOUS[i])
+        assert error < 1.96 * fit.regression.std("viscous")
+        assert (error > 0.05 * VISCOUS[i]) == (samples > 0)
+        assert {note.code for note in fit.notes} - {"friction/rigid-body"} == codes
+
+
 def test_rest_and_reversal_are_excluded_from_regression() -> None:
     """Torque there is any below break-away: 30 Nm at rest and reversals of the second joint change nothing."""
     log = motion(6)

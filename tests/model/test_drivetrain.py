@@ -1,8 +1,6 @@
 """Rotors that ride on bodies and gears that couple axes: an independent implementation, energy, either side, a fit."""
 
 from dataclasses import replace
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,7 +21,7 @@ from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.response import Covariance
 from elastid.robot import BASE, Body, GearCoupling, Joint, Motor, Placement, Robot, Spring, unit_axis
-from elastid.targets.mujoco import write_mujoco
+from elastid.targets.mujoco import mjcf
 
 seeds = st.integers(0, 2**31)
 
@@ -120,11 +118,11 @@ def test_a_rotor_that_no_robot_can_have_is_refused(on, axis, says):
         )
 
 
-def test_what_mujoco_has_no_words_for_is_not_exported(tmp_path: Path) -> None:
+def test_what_mujoco_has_no_words_for_is_not_exported() -> None:
     """An armature neither rides on a body nor is coupled: named, with the targets that hold it."""
     for robot in (random_arm(0, coupled=False), wrist()):
         with refused("export/not-representable", place=f"robot {robot.name}"):
-            write_mujoco(tmp_path, SimpleNamespace(robot=robot))
+            mjcf(robot)
 
 
 def linear(robot: Robot):
