@@ -158,7 +158,7 @@ class _Problem:
 
         def side_by_side(name: str) -> FloatArray:
             parts = [getattr(log, name) for log in logs]
-            return np.hstack([np.vstack([x, np.repeat(x[-1:], n - len(x), axis=0)]) for x in parts])
+            return np.hstack([np.vstack([x, x[[-1] * (n - len(x))]]) for x in parts])
 
         kp, kd, velocity, carried, late = (
             np.concatenate([getattr(log, name) for log in logs])
@@ -286,66 +286,66 @@ def _next_numbers(
 ) -> tuple[FloatArray, float]:
     trial = numbers.copy()
     trial[is_free] += step[:-1]
-    trial[:, 0] = np.maximum(trial[:, 0], np.where(numbers[:, 0] > 0, numbers[:, 0] / 4, numbers[:, 0]))  # inertia
-    trial[:, 2] = np.maximum(trial[:, 2], 0.0)  # Coulomb friction
-    trial[:, 6:] = np.clip(trial[:, 6:], [0.0, 0.0], [0.5, 0.9])  # stick time, creep
+    trial[:, 0] = np.maximum(trial[:, 0], np.minimum(numbers[:, 0], numbers[:, 0] / 4))  # inertia, that may be below 0
+    trial[:, [2, 6, 7]] = np.clip(trial[:, [2, 6, 7]], 0.0, [np.inf, 0.5, 0.9])  # Coulomb friction, stick time, creep
     return trial, delay_s + float(np.clip(step[-1], -0.02, 0.02))
 
 
 def _log_squares(problem: _Problem, errors: Sequence[FloatArray]) -> float:
     """Return the sum over joints of the logarithm of their mean squared errors."""
-    return float(np.sum(np.log(np.maximum(_mean_squares(problem, errors), 1e-300))))
+    return float(np.sum(np.log(_mean_squares(problem, errors))))
 
 
 def _mean_squares(problem: _Problem, errors: Sequence[FloatArray]) -> FloatArray:
-    squares, counts = np.zeros(len(problem.joints)), np.zeros(len(problem.joints))
+    squares, counts = np.zeros((2, len(problem.joints)))
     for log, error in zip(problem.logs, errors, strict=True):
         places = [problem.joints.index(joint) for joint in log.joints]
         squares[places] += np.sum(error**2, axis=0)
         counts[places] += len(error)
-    return squares / counts
+    return np.maximum(squares / counts, 1e-300)
 
 
 @dataclass(frozen=True)
 class _Linearisation:
     """Linearised problem: Gauss-Newton step (n_x,), cost, inverse (n_x, n_x) of the normal matrix, scores.
 
+    unknown: covariance (n_x, n_x) of what the positions do not show, such as F_c - o without reversals.
     scores: gradient of the weighted squares at each instant of each log (n_k, n_x).
     """
 
     step: FloatArray
     cost: float
     inverse: FloatArray
+    unknown: FloatArray
     scores: tuple[FloatArray, ...]
 
 
 def _linearise(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Linearisation:
     is_free, scales = problem.is_free, PERTURBATION * _scales(problem)
     free_columns = np.flatnonzero(is_free.any(axis=0))
-    changes = np.eye(len(NUMBERS))[free_columns, None] * scales
-    candidates = np.stack([numbers, *(numbers + changes), numbers])
-    delays = np.full(len(candidates), delay_s)
-    delays[-1] += DELAY_STEP_S
+    candidates = np.stack([numbers, *(numbers + np.eye(len(NUMBERS))[free_columns, None] * scales), numbers])
+    delays = delay_s + DELAY_STEP_S * np.eye(len(candidates))[-1]
     simulated = problem.simulate(candidates, delays)
     errors = problem.errors(simulated)
     variance, n_x = _mean_squares(problem, errors), int(is_free.sum()) + 1
-    place = np.full(is_free.shape, -1)
-    place[is_free] = np.arange(n_x - 1)
     normal, scores = np.zeros((n_x, n_x)), [np.zeros((len(error), n_x)) for error in errors]
     for log, sim, error, score in zip(problem.logs, simulated, errors, scores, strict=True):
         for column, joint in enumerate(log.joints):
-            i = problem.joints.index(joint)
+            i, change = problem.joints.index(joint), sim[:, 1:, column] - sim[:, :1, column]
             free, std = np.flatnonzero(is_free[i]), np.sqrt(variance[i])
-            change = sim[:, 1:, column] - sim[:, :1, column]
             sensitivity = change[:, np.searchsorted(free_columns, free)] / scales[i, free]
             X = np.hstack([sensitivity, change[:, -1:] / DELAY_STEP_S]) / std
-            joint_rows = np.append(place[i, free], n_x - 1)
+            joint_rows = np.append(np.cumsum(is_free).reshape(is_free.shape)[i, free], n_x) - 1
             normal[np.ix_(joint_rows, joint_rows)] += X.T @ X
             score[:, joint_rows] += X * (error[:, column] / std)[:, None]
-    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    inverse = np.linalg.pinv(normal / np.outer(size, size), rcond=1e-12, hermitian=True) / np.outer(size, size)
+    size = np.sqrt(np.maximum(np.diag(normal), 1e-200))
+    eigenvalues, vectors = np.linalg.eigh(normal / np.outer(size, size))
+    curvatures = np.maximum(eigenvalues, 1e-12 * eigenvalues[-1])
+    vectors /= np.outer(size, np.sqrt(curvatures))
+    hidden = vectors * (eigenvalues < curvatures)
+    inverse = (vectors - hidden) @ vectors.T
     step = inverse @ sum(score.sum(axis=0) for score in scores)
-    return _Linearisation(step, float(np.sum(np.log(np.maximum(variance, 1e-300)))), inverse, tuple(scores))
+    return _Linearisation(step, float(np.sum(np.log(variance))), inverse, hidden @ hidden.T, tuple(scores))
 
 
 def _start(problem: _Problem) -> tuple[FloatArray, float]:
@@ -357,11 +357,11 @@ def _start(problem: _Problem) -> tuple[FloatArray, float]:
     def costs(candidates: FloatArray, delays: FloatArray) -> FloatArray:  # (K, m)
         simulated = problem.simulate(candidates, delays)
         squares = [_mean_squares(problem, problem.errors(simulated, k)) for k in range(len(delays))]
-        return np.log(np.maximum(np.nan_to_num(squares, nan=np.inf), 1e-300))
+        return np.log(np.nan_to_num(squares, nan=np.inf))
 
     regressions = np.stack([_regress(problem, delay) for delay in START_DELAYS.tolist()])
-    best = int(np.argmin(costs(regressions, START_DELAYS).sum(axis=1)))
-    candidates, delay_s = np.stack([regressions[best]] * len(START_STICKING)), float(START_DELAYS[best])
+    best = costs(regressions, START_DELAYS).sum(axis=1).argmin()
+    candidates, delay_s = regressions[[best] * len(START_STICKING)], float(START_DELAYS[best])
     candidates[..., -2:] = np.array(START_STICKING)[:, None]
     choices = costs(candidates, np.full(len(candidates), delay_s)).argmin(axis=0)
     return candidates[choices, np.arange(len(choices))], delay_s
@@ -404,11 +404,12 @@ def _fit(problem: _Problem, numbers: FloatArray, delay_s: float) -> dict[str, Co
         text = "simulation from the commands diverges for all start values. Check gains and units of the commands"
         raise DataError("friction/motion", text, problem.logs[0].name)
     names = (*((problem.joints[i], NUMBERS[j]) for i, j in np.argwhere(is_free).tolist()), ("", DELAY))
-    values, covariance, fits = np.append(numbers[is_free], delay_s), _covariance(end, problem, names), {}
+    values, covariance = np.append(numbers[is_free], delay_s), _covariance(end, problem, names)
+    fits = dict[str, CommandedJoint]()
     for joint, error in zip(problem.joints, rms.tolist(), strict=True):
         places = [i for i, (of, _) in enumerate(names) if of in (joint, "")]
-        block, is_first = covariance[np.ix_(places, places)], joint == problem.joints[0]
-        fits[joint] = CommandedJoint(tuple(names[i][1] for i in places), values[places], block, joint, error, is_first)
+        block, terms = covariance[np.ix_(places, places)], tuple(names[i][1] for i in places)
+        fits[joint] = CommandedJoint(terms, values[places], block, joint, error, not fits)
     return fits
 
 
@@ -434,4 +435,4 @@ def _covariance(end: _Linearisation, problem: _Problem, names: Sequence[tuple[st
         ratio = m / (m - 1) * np.sum(d**2, axis=0) / np.maximum(variance, 1e-300)
         exceeds = ratio > np.maximum(fdtri(m - 1, dof, 1 - CHANCE), wider**2)
         wider = np.where(exceeds, np.maximum(np.sqrt(ratio) * small_sample_factors(m - 1.0), wider), wider)
-    return covariance * np.outer(wider, wider)
+    return covariance * np.outer(wider, wider) + end.unknown

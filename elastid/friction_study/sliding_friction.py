@@ -152,8 +152,7 @@ def _with_motion(fit: CommandedJoint, records: Sequence[FrictionRecord], carried
     """Return the numbers with the motion that identified them, and the inertia that the joint carries."""
     position = np.concatenate([record.position - record.position.mean() for record in records])
     speed = np.concatenate([np.abs(np.gradient(record.position, 1 / record.rate_hz)) for record in records])
-    low, high = np.quantile(speed, [0.05, 0.99]).tolist()
-    travel = float(np.std(position))
+    (low, high), travel = np.quantile(speed, [0.05, 0.99]).tolist(), float(np.std(position))
     seconds = sum(record.duration_s for record in records)
     return replace(fit, travel=travel, speeds=(low, high), carried=carried, logs=len(records), seconds=seconds)
 

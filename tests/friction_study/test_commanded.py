@@ -105,6 +105,15 @@ def test_friction_as_a_soft_constraint_is_recovered(tmp_path: Path) -> None:
     assert {"tau_m1", "c_m1"} <= {number.name for number in result.numbers}
 
 
+def test_a_joint_that_never_reverses_shows_the_sum_of_friction_and_offset(tmp_path: Path) -> None:
+    """Not each of them: the least squares of least norm are half of F_c each, and their scores no noise."""
+    r = references(600, 1, 0.02, 2.0) + np.arange(600)[:, None] / RATE_HZ
+    q = positions(one_joint, r, 0.005, steps=10) + np.random.default_rng(3).normal(0, 1e-5, r.shape)
+    fit = commanded(found(robot_of(ONE_ROBOT, tmp_path), log(q, r, np.array(GAINS[:1]))))["1"]
+    assert min(fit.std("coulomb"), fit.std("offset")) > TRUE["coulomb"][0]
+    assert fit["coulomb"] + fit["offset"] == pytest.approx(TRUE["coulomb"][0], rel=0.02)
+
+
 def test_late_feedback_acts_as_less_damping_and_as_inertia():
     """Held for 2 tau, velocities tau_v late: to the second order in s."""
     kp, kd, tau, tau_v = np.array([400.0]), np.array([20.0]), np.array([2e-3]), np.array([1e-3])
