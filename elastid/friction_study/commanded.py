@@ -17,6 +17,7 @@ influences d_k of m logs have a significantly larger covariance, it is used inst
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -40,9 +41,11 @@ SETTLE, SMOOTH_S = 15.0, 0.06
 # Perturbation of a parameter for its sensitivity, relative to its scale, and perturbation of the delay in s.
 PERTURBATION, DELAY_STEP_S = 1e-3, 2e-4
 MAX_ITERATIONS, TOLERANCE = 15, 1e-5
-# Start values of stick time, s, and creep. Both are fixed to 0 unless the Coulomb friction, and the stick time minus
+# Start values: stick time, s, with creep, and factors of the Coulomb friction of the regression, which is low for a
+# joint that mostly sticks. Stick time and creep are fixed to 0 unless the Coulomb friction, and the stick time minus
 # one simulation step, exceed STICKING_STDS standard deviations.
 START_STICKING, STICKING_STDS = ((0.003, 0.0), (0.01, 0.1), (0.02, 0.6)), 3.0
+COULOMB_FACTORS = (1.0, 2.0, 4.0)
 # Significance level of a larger scatter between logs than within logs.
 CHANCE = 0.1
 
@@ -361,8 +364,10 @@ def _start(problem: _Problem) -> tuple[FloatArray, float]:
 
     regressions = np.stack([_regress(problem, delay) for delay in START_DELAYS.tolist()])
     best = costs(regressions, START_DELAYS).sum(axis=1).argmin()
-    candidates, delay_s = regressions[[best] * len(START_STICKING)], float(START_DELAYS[best])
-    candidates[..., -2:] = np.array(START_STICKING)[:, None]
+    rows, delay_s = [*product(COULOMB_FACTORS, START_STICKING)], float(START_DELAYS[best])
+    candidates = regressions[[best] * len(rows)]
+    candidates[..., 2] *= np.array([factor for factor, _ in rows])[:, None]
+    candidates[..., -2:] = np.array([sticking for _, sticking in rows])[:, None]
     choices = costs(candidates, np.full(len(candidates), delay_s)).argmin(axis=0)
     return candidates[choices, np.arange(len(choices))], delay_s
 

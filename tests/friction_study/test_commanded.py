@@ -92,9 +92,11 @@ def test_one_joint_is_recovered_at_every_delay(delay_s: float, tmp_path: Path) -
     assert 1e-4 < fit.relative_error < 1e-3
 
 
-def test_friction_as_a_soft_constraint_is_recovered(tmp_path: Path) -> None:
-    """Stick time and creep of a joint; both are absent for a joint that sticks exactly."""
+@pytest.mark.parametrize("in_steps", [False, True])
+def test_friction_as_a_soft_constraint_is_recovered(in_steps: bool, tmp_path: Path) -> None:
+    """A joint creeps while it sticks: under a chirp, and under steps, between which it mostly sticks."""
     r = references(1200, 1, 0.35, 4.0)
+    r = 0.2 * np.array([0, 1, -0.6, 0.4, -1]).repeat(240)[:, None] if in_steps else r
     q = positions(one_joint, r, 0.005, steps=10, soft=(0.02, 0.1)) + np.random.default_rng(3).normal(0, 1e-5, r.shape)
     result = found(robot_of(ONE_ROBOT, tmp_path), log(q, r, np.array(GAINS[:1])))
     fit = commanded(result)["1"]
