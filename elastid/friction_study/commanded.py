@@ -341,20 +341,25 @@ def _linearise(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Linea
             joint_rows = np.append(np.cumsum(is_free).reshape(is_free.shape)[i, free], n_x) - 1
             normal[np.ix_(joint_rows, joint_rows)] += X.T @ X
             score[:, joint_rows] += X * (error[:, column] / std)[:, None]
+    inverse, unknown = _inverses(normal)
+    step = inverse @ sum(score.sum(axis=0) for score in scores)
+    return _Linearisation(step, float(np.sum(np.log(variance))), inverse, unknown, tuple(scores))
+
+
+def _inverses(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Invert a normal matrix (n_x, n_x) in the directions that the data show, and in the others with a large value."""
     size = np.sqrt(np.maximum(np.diag(normal), 1e-200))
     eigenvalues, vectors = np.linalg.eigh(normal / np.outer(size, size))
     curvatures = np.maximum(eigenvalues, 1e-12 * eigenvalues[-1])
     vectors /= np.outer(size, np.sqrt(curvatures))
     hidden = vectors * (eigenvalues < curvatures)
-    inverse = (vectors - hidden) @ vectors.T
-    step = inverse @ sum(score.sum(axis=0) for score in scores)
-    return _Linearisation(step, float(np.sum(np.log(variance))), inverse, hidden @ hidden.T, tuple(scores))
+    return (vectors - hidden) @ vectors.T, hidden @ hidden.T
 
 
 def _start(problem: _Problem) -> tuple[FloatArray, float]:
     """Return start values (m, 8) by regression at the best of START_DELAYS, and this delay, s.
 
-    Stick time and creep of each joint are the best row of START_STICKING.
+    Stick time, creep and Coulomb friction of each joint are the best of START_STICKING and COULOMB_FACTORS.
     """
 
     def costs(candidates: FloatArray, delays: FloatArray) -> FloatArray:  # (K, m)

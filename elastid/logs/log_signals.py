@@ -142,16 +142,12 @@ def _with_commands(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple
 
     def interpret(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
         name, y = positions.get(guess.parts[1], ("", x))
-        lag = _lag(x, y)
-        is_near = 0 < np.std(x[: len(x) - lag] - y[lag:]) < np.std(y) / 2
+        X, Y = (np.fft.rfft(signal - signal.mean()) for signal in (x, y))
+        power = np.cumsum(np.abs(X) ** 2)
+        slow = slice(0, np.searchsorted(power, power[-1] / 20) + 1)  # fast commands may be above the loop's corner
+        is_near = 0 < np.linalg.norm((X - Y)[slow]) < np.linalg.norm(Y[slow]) / 2
         if guess.quantity or guess.rank >= 0 or not is_near:
             return guess
         return replace(guess, quantity="position", why=f"by its name, and since {name} follows it")
 
     return [(interpret(guess, x), x) for guess, x in signals]
-
-
-def _lag(x: FloatArray, y: FloatArray) -> int:
-    """Return the delay of y behind x in samples, at most a twentieth of the signal."""
-    X, Y = (np.fft.rfft(signal - signal.mean(), 2 * len(signal)) for signal in (x, y))
-    return int(np.argmax(np.fft.irfft(X.conj() * Y)[: max(1, len(x) // 20)]))

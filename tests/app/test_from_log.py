@@ -1,5 +1,6 @@
 """`elastid new DIR --from LOG` writes a study that is accepted and runs, every guess marked."""
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from plants.mjcf_arm import ARM as CRANE
 from plants.refusals import refused
 from plants.runs import summary_of
 from scipy.io import savemat
+from scipy.signal import butter, chirp, lfilter
 
 from elastid.app import cli
 from elastid.app.console import Console
@@ -320,12 +322,20 @@ def test_commanded_positions_without_units_have_the_unit_of_their_range(size: fl
     assert {(c.role, c.unit) for c in recorded.channels} == {("y", unit), ("reference", unit)}
 
 
-@pytest.mark.parametrize("late", [0, 20])
-def test_command_columns_followed_by_position_are_no_torques(late: int, tmp_path: Path) -> None:
-    """By the names of the joints in any order, without a quantity or a unit in the name; 0 or 20 samples late."""
+@pytest.mark.parametrize("late", [0, 20, "above the corner"])
+def test_command_columns_followed_by_position_are_no_torques(late: int | str, tmp_path: Path) -> None:
+    """By the names of the joints in any order, without a quantity or a unit in the name.
+
+    The positions are 0 or 20 samples late, or those of loops with a corner of 1 Hz under chirps up to 4 Hz.
+    """
     t, command = commands()
+    follow = partial(np.roll, shift=late, axis=0)
+    if isinstance(late, str):
+        t = np.arange(0.0, 20, 0.01)
+        command = np.stack([chirp(t, 0.1, 20, 4), chirp(t, 0.2, 20, 4)], axis=1)
+        follow = partial(lfilter, *butter(1, 1.0, fs=100), axis=0)
     heads = "time,knee_command,hip_command,hip_position,knee_position"
-    log = save(tmp_path / "log.csv", heads, t, command[:, ::-1], 0.9 * np.roll(command, late, axis=0))
+    log = save(tmp_path / "log.csv", heads, t, command[:, ::-1], 0.9 * follow(command))
     recorded = new(tmp_path, log).experiment.as_recorded()
     assert {(c.role, c.at, c.channel) for c in recorded.channels} == {
         (role, f"motor {i}", f"{joint}_{name}")
