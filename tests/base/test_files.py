@@ -72,6 +72,13 @@ def test_a_file_that_is_a_link_is_not_opened(mode: str, tmp_path: Path, elsewher
     assert not (elsewhere / "new").exists()
 
 
+def with_virtual_dataset(file: h5py.File) -> None:
+    """Add a dataset whose values are in another file."""
+    layout = h5py.VirtualLayout((2,), "f8")
+    layout[:] = h5py.VirtualSource("b.h5", "x", (2,))
+    file.create_virtual_dataset("x", layout)
+
+
 def many_ways(file: h5py.File) -> None:
     """25 groups, 2^25 paths."""
     inner = file.create_group("g0")
@@ -85,7 +92,7 @@ def many_ways(file: h5py.File) -> None:
     [
         lambda file: file.create_dataset("x", (2,), "f8", external=[("values", 0, 16)]),
         lambda file: file.update({"a/x": h5py.ExternalLink("b.h5", "/x")}),
-        lambda file: file.create_virtual_dataset("x", h5py.VirtualLayout((2,), "f8")),
+        with_virtual_dataset,
         lambda file: file.update({"a/x": file["a"]}),
         lambda file: file.update({"a/x": h5py.SoftLink("/")}),
         lambda file: file.create_group("/".join("g" * 40)),
