@@ -161,7 +161,7 @@ class _Problem:
 
         def side_by_side(name: str) -> FloatArray:
             parts = [getattr(log, name) for log in logs]
-            return np.hstack([np.vstack([x, x[[-1] * (n - len(x))]]) for x in parts])
+            return np.hstack([np.vstack([x, np.repeat(x[-1:], n - len(x), axis=0)]) for x in parts])
 
         kp, kd, velocity, carried, late = (
             np.concatenate([getattr(log, name) for log in logs])
@@ -289,7 +289,8 @@ def _next_numbers(
 ) -> tuple[FloatArray, float]:
     trial = numbers.copy()
     trial[is_free] += step[:-1]
-    trial[:, 0] = np.maximum(trial[:, 0], np.minimum(numbers[:, 0], numbers[:, 0] / 4))  # inertia, that may be below 0
+    J = numbers[:, 0]  # at least a quarter of it; a negative inertia only grows
+    trial[:, 0] = np.maximum(trial[:, 0], np.where(J > 0, J / 4, J))
     trial[:, [2, 6, 7]] = np.clip(trial[:, [2, 6, 7]], 0.0, [np.inf, 0.5, 0.9])  # Coulomb friction, stick time, creep
     return trial, delay_s + float(np.clip(step[-1], -0.02, 0.02))
 
@@ -312,7 +313,7 @@ def _mean_squares(problem: _Problem, errors: Sequence[FloatArray]) -> FloatArray
 class _Linearisation:
     """Linearised problem: Gauss-Newton step (n_x,), cost, inverse (n_x, n_x) of the normal matrix, scores.
 
-    unknown: covariance (n_x, n_x) of what the positions do not show, such as F_c - o without reversals.
+    unknown: covariance (n_x, n_x) of unidentifiable directions, such as F_c - o without reversals.
     scores: gradient of the weighted squares at each instant of each log (n_k, n_x).
     """
 
@@ -327,10 +328,13 @@ def _linearise(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Linea
     is_free, scales = problem.is_free, PERTURBATION * _scales(problem)
     free_columns = np.flatnonzero(is_free.any(axis=0))
     candidates = np.stack([numbers, *(numbers + np.eye(len(NUMBERS))[free_columns, None] * scales), numbers])
-    delays = delay_s + DELAY_STEP_S * np.eye(len(candidates))[-1]
+    delays = np.full(len(candidates), delay_s)
+    delays[-1] += DELAY_STEP_S
     simulated = problem.simulate(candidates, delays)
     errors = problem.errors(simulated)
     variance, n_x = _mean_squares(problem, errors), int(is_free.sum()) + 1
+    places = np.full(is_free.shape, -1)
+    places[is_free] = np.arange(n_x - 1)
     normal, scores = np.zeros((n_x, n_x)), [np.zeros((len(error), n_x)) for error in errors]
     for log, sim, error, score in zip(problem.logs, simulated, errors, scores, strict=True):
         for column, joint in enumerate(log.joints):
@@ -338,7 +342,7 @@ def _linearise(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Linea
             free, std = np.flatnonzero(is_free[i]), np.sqrt(variance[i])
             sensitivity = change[:, np.searchsorted(free_columns, free)] / scales[i, free]
             X = np.hstack([sensitivity, change[:, -1:] / DELAY_STEP_S]) / std
-            joint_rows = np.append(np.cumsum(is_free).reshape(is_free.shape)[i, free], n_x) - 1
+            joint_rows = np.append(places[i, free], n_x - 1)
             normal[np.ix_(joint_rows, joint_rows)] += X.T @ X
             score[:, joint_rows] += X * (error[:, column] / std)[:, None]
     inverse, unknown = _inverses(normal)
@@ -347,7 +351,7 @@ def _linearise(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Linea
 
 
 def _inverses(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Invert a normal matrix (n_x, n_x) in the directions that the data show, and in the others with a large value."""
+    """Return the pseudo-inverse of a normal matrix (n_x, n_x), and a large covariance of unidentifiable directions."""
     size = np.sqrt(np.maximum(np.diag(normal), 1e-200))
     eigenvalues, vectors = np.linalg.eigh(normal / np.outer(size, size))
     curvatures = np.maximum(eigenvalues, 1e-12 * eigenvalues[-1])

@@ -418,7 +418,7 @@ def regress_robot_motion(
     delayed = solve([with_delays(*log, least, rate_hz) for log in zip(sliding, whole, strict=True)], rate_hz)
     shifts = band_differences(both_bands(logs), lambda log: equations_of(log, terms, base.filtered(log)))
     names, units = zip(*column_names(robot, joints), strict=True)
-    # Near reversals friction is not as the regression has it, but a rigid body that they contradict predicts none.
+    # Samples near reversals violate the friction law, but constrain the rigid body: the ridge regression uses them.
     shrunk, least_shrunk = (ridge_estimate(whole, least, ridges) for ridges in (RIDGES, RIDGES[:1]))
     base_units = tuple(units[i] for i in chosen)
     body = RigidBody(joints, base_units, least.pi, least.pi_std, shrunk, chosen, regrouped, names)

@@ -191,7 +191,7 @@ RIGID_TERMS = {
         (DELAY, "T_d", "delay of the commands of all joints", "s", 0),
         ("gravity.cos", "G", "gravity, cos q", "N*m", 1),
         ("gravity.sin", "H", "gravity, sin q", "N*m", 1),
-        ("stick_time", "tau", "time constant of the velocity of a sticking joint", "s", 0),
+        ("stick_time", "tau", "time constant of the velocity of a sticking joint without creep", "s", 0),
         ("creep", "c", "fraction of its torque that accelerates a sticking joint", "", 0),
     )
 }

@@ -12,7 +12,7 @@ h uses the trapezoidal rule for the linear terms and is implicit in sgn, so that
 
 with a = J + h (f + k_d) / 2 + h^2 k_p / 4 and b = 2 J - a (Acary and Brogliato, Numerical Methods for Nonsmooth
 Dynamical Systems, 2008, chapter 10). If friction is a soft constraint, as in MuJoCo, the velocity of a sticking joint
-decays with the stick time tau, and a fraction c (creep) of the torque on the joint still accelerates it.
+decays with the time constant tau / (1 - c), and a fraction c (creep) of its torque still accelerates it.
 """
 
 import math

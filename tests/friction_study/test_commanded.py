@@ -108,7 +108,7 @@ def test_friction_as_a_soft_constraint_is_recovered(in_steps: bool, tmp_path: Pa
 
 
 def test_a_joint_that_never_reverses_shows_the_sum_of_friction_and_offset(tmp_path: Path) -> None:
-    """Not each of them: the least squares of least norm are half of F_c each, and their scores no noise."""
+    """Neither is identifiable alone: the solution of least norm gives F_c / 2 to each, with too small intervals."""
     r = references(600, 1, 0.02, 2.0) + np.arange(600)[:, None] / RATE_HZ
     q = positions(one_joint, r, 0.005, steps=10) + np.random.default_rng(3).normal(0, 1e-5, r.shape)
     fit = commanded(found(robot_of(ONE_ROBOT, tmp_path), log(q, r, np.array(GAINS[:1]))))["1"]
