@@ -6,8 +6,9 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled, release
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text
+from elastid.base.large_arrays import release
 from elastid.base.workers import Kept
 
 CovarianceForm: TypeAlias = Literal["diagonal", "kronecker", "full"]
@@ -75,7 +76,7 @@ class Covariance(Kept):
 
     @property
     def in_file(self) -> ComplexArray | None:
-        """The part that says in which folder its file is, if it is in one (`base.arrays.stored_beside`)."""
+        """The part that says in which folder its file is, if it is in one (`base.large_arrays.move_beside`)."""
         return next((part for part in (self.matrix, self.right) if part is not None), None)
 
     def elements(self, rows: Sequence[int], columns: Sequence[int]) -> "Covariance":

@@ -304,18 +304,11 @@ class Response(Kept):
         uncertainties = {"noise": self.noise, "total": self.total}
         part: dict[str, Any] = {n: c.elements(rows, columns) for n, c in uncertainties.items() if c is not None}
         return replace(
-            self,
-            **part,
-            G=self.G[:, rows][:, :, columns],
-            inputs=inputs,
-            outputs=outputs,
+            self, **part, G=self.G[:, rows][:, :, columns], inputs=inputs, outputs=outputs,
             input_units=tuple(self.input_units[j] for j in columns) if self.input_units else (),
-            leakage=None if self.leakage is None else self.leakage[:, rows][:, :, columns],
-            quality=None,
-            bias=None,
-            image_errors=0,
-            ratio_std=self.ratio_std[columns] if len(self.ratio_std) else self.ratio_std,
-        )
+            leakage=None if self.leakage is None else self.leakage[:, rows][:, :, columns], quality=None, bias=None,
+            image_errors=0, ratio_std=self.ratio_std[columns] if len(self.ratio_std) else self.ratio_std,
+        )  # fmt: skip
 
     @property
     def std(self) -> FloatArray:

@@ -14,7 +14,7 @@ from elastid.base.display import Display, number
 from elastid.base.errors import Note, grouped
 from elastid.base.escape import printable
 from elastid.base.execution import Progress, silent
-from elastid.base.files import unlinked
+from elastid.base.files import open_regular_file
 
 if TYPE_CHECKING:
     from elastid.design.forecast import Forecast
@@ -121,7 +121,7 @@ class _LogFile(logging.FileHandler):
 
     def _open(self) -> TextIOWrapper:
         """Open the log; ElastidError for a link."""
-        return open(self.baseFilename, "a", encoding="utf-8", errors=self.errors, opener=unlinked)
+        return open(self.baseFilename, "a", encoding="utf-8", errors=self.errors, opener=open_regular_file)
 
     def handleError(self, record: logging.LogRecord) -> None:
         """Ignore an error of the log, so that the work continues."""

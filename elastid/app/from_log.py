@@ -26,7 +26,7 @@ from elastid.logs.channel_names import ChannelGuess, guess_by_name
 from elastid.logs.clocks import MAX_SAMPLES, MIN_SAMPLES, Clock, clock_of
 from elastid.logs.command_log import gains_in
 from elastid.logs.files.formats import is_text, opened_log
-from elastid.logs.files.text_format import described_format, guess_format
+from elastid.logs.files.text_format import describe_format, guess_format
 from elastid.logs.files.universal import is_universal_file, time_histories
 from elastid.logs.headings import is_time
 from elastid.logs.log_signals import signals_of, wrong_cell
@@ -76,7 +76,7 @@ def texts_from_logs(
         return texts
     signals = [(g, x) for g, x in signals if g.name != clock.name]
     guess = guess_log(signals, clock.rate_hz or 1.0)
-    text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text(first) else ""
+    text = f"    {describe_format(form)}" if form != TextFormatSpec() and is_text(first) else ""
     source = _Logs([(path,) for path in logs], form, text, clock, signals, shapes)
     if guess is None and (pairs := guess_commands(signals, clock.rate_hz or 1.0)):
         return _command_files(source, folder, pairs, robot, servos)

@@ -19,7 +19,7 @@ from elastid.logs.channel_names import ChannelGuess, guess_by_name
 from elastid.logs.files.formats import opened_log
 from elastid.logs.files.log import StoredArray
 from elastid.logs.files.text import TextLog
-from elastid.logs.files.text_format import described_format, guess_format
+from elastid.logs.files.text_format import describe_format, guess_format
 from elastid.logs.headings import is_time
 from elastid.logs.responses.table import complex_array, responses_in, struct_table, structs_in, uff_places
 from elastid.robot import Robot
@@ -89,7 +89,7 @@ def texts_from_responses(paths: Sequence[Path], folder: Path, robot: Robot | Non
         "experiment:", f"  configurations: # guessed: {why}",
         *(f"    {name}: [{', '.join(['0'] * len(drives))}]" for name in names),
         "  responses:", *(f"    {key}: {value}" for key, value in table.keys.items()),
-        f"    {described_format(form)}" if isinstance(log, TextLog) else "", "    channels:",
+        f"    {describe_format(form)}" if isinstance(log, TextLog) else "", "    channels:",
         *_channels(table, drives), "    files:",
     ]  # fmt: skip
     for (path, response), name in zip(files, names, strict=True):

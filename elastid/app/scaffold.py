@@ -26,7 +26,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.escape import file_name, one_line
-from elastid.base.files import from_template, unlinked
+from elastid.base.files import from_template, open_regular_file
 from elastid.model.formulation import formulate
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.robot import Joint, Motor, Robot, Spring
@@ -285,7 +285,7 @@ def _write(folder: Path, texts: Mapping[str, str]) -> Path:
     for name, text in texts.items():
         if not (folder / name).exists():
             # Not through a link to a file that is yet to be made.
-            with open(folder / name, "x", encoding="utf-8", newline="\n", opener=unlinked) as file:
+            with open(folder / name, "x", encoding="utf-8", newline="\n", opener=open_regular_file) as file:
                 file.write(text)
     return folder / "study.yml"
 

@@ -28,7 +28,7 @@ from weakref import WeakValueDictionary, finalize
 
 import numpy as np
 
-from elastid.base.arrays import MIN_PART_BYTES, FileArray, stored_in
+from elastid.base.large_arrays import MIN_MAPPED_BYTES, FileArray, move_to_file
 
 
 class Kept:
@@ -98,12 +98,12 @@ class _Pickler(pickle.Pickler):
         parts: tuple[Any, ...]
         if isinstance(value, Kept):
             parts = (_made, type(value), {f.name: getattr(value, f.name) for f in fields(value)})  # type: ignore[arg-type]
-        elif not isinstance(value, np.ndarray) or value.flags.writeable or value.nbytes < MIN_PART_BYTES:
+        elif not isinstance(value, np.ndarray) or value.flags.writeable or value.nbytes < MIN_MAPPED_BYTES:
             return NotImplemented
         elif type(value) is np.ndarray and value.flags.owndata and not value.dtype.hasobject:
             parts = (_frozen, value.view())
         elif type(value) is FileArray and hasattr(value, "room"):
-            parts = (stored_in, value.folder, np.array(value))
+            parts = (move_to_file, value.folder, np.array(value))
         else:
             return NotImplemented
         name = _NAMES.get(id(value)) or _named(os.urandom(8), value)

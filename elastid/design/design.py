@@ -99,7 +99,7 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     plan = problem.plan(experiment, selection, best_spectra_of(settled, experiment, selection, excitation.torque_rms))
     check_line_count(plan.freq_hz, settled.parameters)
     plan, limit_use = within_limits(problem.rig(plan), excitation, execution)
-    fitted, truth = settled.fitted(plan), true_robot(problem.robot, problem.simulated.truth)
+    fitted, truth = settled.fit_measurements(plan), true_robot(problem.robot, problem.simulated.truth)
     friction = presliding(fitted, truth)
     responses = _expected(settled, fitted, friction)
     is_compensated = not settled.includes_friction and bool(coulomb_torques(settled.robot).any())

@@ -19,6 +19,7 @@ import math
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import starmap
 
 import numpy as np
 
@@ -117,7 +118,7 @@ def _choose(spec: FitSpec, robot: Robot, configurations: Sequence[str], has_refe
     # Of motor friction of which the file has none, that which stops the rotor within 1 s.
     coasting = {f"fm_{name}": motor.inertia for name, motor in motors.items() if motor.viscous == 0}
     selection: list[Parameter] = []
-    ratios = [_ratio(name, ratio) for name, ratio in spec.ratios.items()]
+    ratios = list(starmap(_ratio, spec.ratios.items()))
     for name, (value, unit) in table.items():
         log, groups = name not in linear, grouped.get(name, {})
         if name not in rules:

@@ -71,16 +71,16 @@ class Family:
     @classmethod
     def of(
         cls, robot: Robot, spec: ModelSpec, parameters: Parameters, x: FloatArray, covariance: FloatArray,
-        request: PredictionPorts, where: str = "", doubts: tuple[ModelErrorFactor, ...] = (),
+        request: PredictionPorts, group: str = "", model_error_factors: tuple[ModelErrorFactor, ...] = (),
     ) -> "Family":  # fmt: skip
-        """Return the family; StudyError for unknown locations.  where: configuration whose group parameters apply."""
+        """Return the family; StudyError for unknown locations.  group: configuration whose group parameters apply."""
         robot, frame = _with_frames(robot, request)
         loaded = replace(robot, payload=request.payload) if isinstance(request.payload, Payload) else robot
-        members = (name for doubt in doubts for name in doubt.members)
+        members = (name for factor in model_error_factors for name in factor.members)
         linearisation = Linearisation.of_robot(loaded, spec, (*parameters.names, *members))
         names, base = (*linearisation.model.parameters, DELAY), np.append(linearisation.model.theta, 0.0)
         carried = loaded.payload.numbers if isinstance(request.payload, Payload) and loaded.payload else ()
-        estimated = Estimated.of(parameters, x, covariance, names, base, where, doubts, (*carried, DELAY))
+        estimated = Estimated.of(parameters, x, covariance, names, base, group, model_error_factors, (*carried, DELAY))
         inputs = request.inputs or tuple(f"force {frame} {axis}" for axis in "xyz")
         outputs = request.outputs or tuple(f"frame {frame} {axis}" for axis in "xyz")
         frames = dict.fromkeys([frame, *(_frame_of(place) for place in (*inputs, *outputs) if _frame_of(place))])

@@ -13,6 +13,7 @@ samples beyond a tenth of the largest one; two within 0.15 s are one hit that bo
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import starmap
 
 import numpy as np
 
@@ -95,7 +96,7 @@ def check_number_of_periods(groups: Sequence[Sequence[Record]], method: str) -> 
 def separable_lines(data: MeanSpectra, groups: Sequence[Sequence[Record]], method: str) -> BoolArray:
     """Return flags (F,) of lines with separate inputs, per realisation if averaged, else in all; DataError if none."""
     if method == "arithmetic":
-        return np.asarray(np.all([_separated(*pair) for pair in zip(data.blocks, groups, strict=True)], axis=0))
+        return np.asarray(np.all(list(starmap(_separated, zip(data.blocks, groups, strict=True))), axis=0))
     block, R = data.all_experiments, data.all_experiments.R
     if method == "joint" and R is not None:  # what the instruments explain of U; twice the level, as lines are pooled
         _, n_u, E = block.U.shape

@@ -31,8 +31,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, release
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.fourier import real_dft
+from elastid.base.large_arrays import release
 from elastid.base.matrices import positive, power
 from elastid.base.statistics import interpolated
 from elastid.frf.estimators import equation_error

@@ -12,7 +12,7 @@ an acceleration fast.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, starmap
 
 import numpy as np
 
@@ -121,7 +121,7 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
             "frf/periods", "fewer than two periods remain after its correction. Measure more", f"record {record.name}"
         )
     compared = Compared.from_spectra(spectra, spec.outlier_sigma)
-    logs = [np.arange(a, b) for a, b in pairwise([0, *np.searchsorted(spectra.periods, record.starts).tolist(), P])]
+    logs = list(starmap(np.arange, pairwise([0, *np.searchsorted(spectra.periods, record.starts).tolist(), P])))
     if spec.transient_periods == "auto":
         leading, notes = _transient(spectra, compared, logs)
     else:

@@ -34,18 +34,10 @@ def measured_response(
 ) -> Response:
     """Return G (F, n_y, n_u) at freq_hz (F,), outputs as `quantity`, of records like the first, with further fields."""
     return Response(
-        freq_hz=freq_hz,
-        G=G,
-        inputs=first.inputs,
-        outputs=first.outputs,
-        quantity=quantity,
-        configuration=first.configuration,
-        has_rate=first.has_rate,
-        sliding=first.sliding,
-        input_units=first.input_units,
-        hold=first.images,
-        **estimated,
-    )
+        freq_hz=freq_hz, G=G, inputs=first.inputs, outputs=first.outputs, quantity=quantity,
+        configuration=first.configuration, has_rate=first.has_rate, sliding=first.sliding,
+        input_units=first.input_units, hold=first.images, **estimated,
+    )  # fmt: skip
 
 
 def measured_quality(freq_hz: FloatArray, data: MeanSpectra, G: ComplexArray) -> Quality:

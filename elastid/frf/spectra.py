@@ -13,20 +13,10 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.fft import rfft
 
-from elastid.base.arrays import (
-    MIN_LARGE_VALUES,
-    PIECE_VALUES,
-    BoolArray,
-    ComplexArray,
-    FloatArray,
-    IntArray,
-    laplace_variable,
-    mean_of_rows,
-    quotient,
-    release,
-)
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, laplace_variable, quotient
 from elastid.base.errors import DataError, Note
 from elastid.base.fourier import real_dft
+from elastid.base.large_arrays import MIN_LARGE_VALUES, PIECE_VALUES, mean_of_rows, release
 from elastid.excitation.grids import line_frequencies
 from elastid.record import MOTION_ORDER, Motion, Record
 

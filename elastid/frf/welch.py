@@ -39,9 +39,10 @@ from itertools import zip_longest
 import numpy as np
 from numpy.fft import rfft
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, quotient, release
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, quotient
 from elastid.base.display import percent
 from elastid.base.errors import DataError, Note, notes_of
+from elastid.base.large_arrays import release
 from elastid.base.matrices import power
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.checks import REPEAT_DIFFERENCE

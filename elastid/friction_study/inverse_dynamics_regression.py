@@ -243,7 +243,7 @@ def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[No
         viscous, coulomb = fit.regression["viscous"], fit.regression["coulomb"]
         v, s = (np.concatenate([s.filtered(getattr(s, x))[s.used] for s in signals]) for x in ("velocity", "direction"))
         friction = float(np.linalg.norm(viscous * v + coulomb * s))
-        ratio = float(np.sqrt(fit.regression.sum_of_squares)) / max(friction, 1e-300)
+        ratio = math.sqrt(fit.regression.sum_of_squares) / max(friction, 1e-300)
         dominates = ratio > 0.1  # of the torque of friction, above which residuals dominate the error of its numbers
         text = f"rms residual of the regression: {fit.regression.relative_error:.1%} of the torque, {ratio:.0%} of "
         text += "the friction torque" + dominates * (

@@ -20,7 +20,7 @@ significantly larger.
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, starmap
 from typing import Any
 
 import numpy as np
@@ -223,7 +223,7 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     parts = np.split(scores, ends)
     terms = [cosine_count(len(part) / rate_hz, len(parts)) for part in parts]
     bread = np.linalg.pinv((free_X / size).T @ (free_X / size))
-    meat = sum(long_run(part, count) for part, count in zip(parts, terms, strict=True))
+    meat = sum(starmap(long_run, zip(parts, terms, strict=True)))
     error_influence = (free_X / size @ bread).reshape(n, m, n_x)
     explained = [np.split(columns.reshape(n, m, -1), ends) for columns in (basis, _basis(free_X)[0])]
     shrinkage, dof = _expected(np.split(error_influence, ends), [*zip(*explained, strict=True)], terms)

@@ -9,7 +9,7 @@ The law is fitted to friction torques by variable projection: linear parameters 
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import product
+from itertools import product, starmap
 
 import numpy as np
 from scipy.special import chdtrc, ndtri, stdtrit
@@ -94,7 +94,7 @@ class StaticLaw:
                 text = f"law.{name} cannot be identified: {reason}"
                 raise FitError("friction/law", text, f"friction of {curve.place}")
         fit = _add_curve_uncertainty(curve, fit, parts[0], spec)
-        return replace(fit, unidentified=tuple(UnidentifiedTerm(name, reason) for name, reason in reasons.items()))
+        return replace(fit, unidentified=tuple(starmap(UnidentifiedTerm, reasons.items())))
 
     @property
     def quantile_95(self) -> float:

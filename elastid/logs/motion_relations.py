@@ -8,6 +8,7 @@ Motions are compared as derivatives of one Gaussian, :math:`x^{(k)} = (G_s * x)^
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import starmap
 
 import numpy as np
 
@@ -78,7 +79,7 @@ def motion_relations(a: FloatArray, b: FloatArray, rate_hz: float) -> dict[int, 
         # Positions drift and keep offsets, so that velocities are compared.
         orders = (max(order, 0), max(-order, 0)) if order else (1, 1)
         pairs = ([derivative(x, k, rate_hz, s) for x, k in zip((a, b), orders, strict=True)] for s in _widths(a))
-        relations[order] = max((_relation(*pair) for pair in pairs), key=lambda relation: abs(relation.correlation))
+        relations[order] = max(starmap(_relation, pairs), key=lambda relation: abs(relation.correlation))
     return relations
 
 

@@ -376,5 +376,5 @@ def _relative_std(shape: ComplexArray, noise: FloatArray) -> FloatArray:
 
 def _second_singular_value(s: FloatArray, std: FloatArray) -> float:
     """Return the second singular value that a residue of rank 1 has by noise, or by its own errors."""
-    noise = float(np.sqrt(np.mean(std**2))) * (np.sqrt(std.shape[0]) + np.sqrt(std.shape[1])) / 2
+    noise = math.sqrt(np.mean(std**2)) * (np.sqrt(std.shape[0]) + np.sqrt(std.shape[1])) / 2
     return float(max(LIMITS.second_shape * float(s[0]), LIMITS.second_shape_std * noise))

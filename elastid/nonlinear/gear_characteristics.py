@@ -160,7 +160,7 @@ def difference(lines: PeriodLines) -> float:
     """Return the ratio of the rms error of the mean over periods, without encoder noise, to the rms motion."""
     motion = np.sum(np.mean(np.abs(lines.Y) ** 2, axis=2), axis=0)
     scatter = np.sum(lines.scatter - lines.noise, axis=0)
-    return float(np.sqrt(np.max(np.maximum(scatter, 0.0) / motion)))
+    return math.sqrt(np.max(np.maximum(scatter, 0.0) / motion))
 
 
 def coarse_encoders(data: Sequence[PeriodLines], drives: Sequence[DriveLines]) -> list[Note]:
@@ -210,7 +210,7 @@ def unexplained_fraction(
         signals = residuals(lines, drive, estimate, magnitudes), lines.Y
         r, motion = (np.sum(np.abs(x[lines.excited]) ** 2, axis=(1, 2)) for x in signals)
         fractions.append(np.mean(r / motion))
-    return float(np.sqrt(np.mean(fractions)))
+    return math.sqrt(np.mean(fractions))
 
 
 @dataclass(frozen=True, eq=False)

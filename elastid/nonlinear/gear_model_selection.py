@@ -12,6 +12,7 @@ f and its standard deviation by one Gauss-Newton step of parameters, found magni
 together, along the motion under the effects that were found. Of a sine with its cosine the amplitude.
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import compress
@@ -88,7 +89,7 @@ def _sizes(data: GearData, estimate: GearEstimate, j: int) -> tuple[float, float
         motor, gear = (drive.motion(place, j, lines.U) for place in ("motor", "gear"))
         speeds.append(np.mean(np.sum(np.abs(lines.s[:, None] * motor) ** 2, axis=0) / 2))
         deflections.append(np.mean(np.sum(np.abs(gear) ** 2, axis=0) / 2))
-    return float(np.sqrt(np.mean(speeds))), float(np.sqrt(np.mean(deflections)))
+    return math.sqrt(np.mean(speeds)), math.sqrt(np.mean(deflections))
 
 
 def choose_effects(data: GearData, parameters: Parameters, x: FloatArray, orders: Sequence[float]) -> GearEstimate:
@@ -306,6 +307,6 @@ def magnitude_bounds(data: GearData, estimate: GearEstimate, orders: Iterable[fl
         covariance = inverse(A[np.ix_(columns, columns)])
         step = (covariance @ b[columns])[n:]
         size = float(max(step[0], 0.0) if group[0].row.brakes else np.hypot.reduce(step))
-        bounds[group] = size + ONE_SIDED_95 * float(np.sqrt(np.diag(covariance)[n:].max()))
+        bounds[group] = size + ONE_SIDED_95 * math.sqrt(np.diag(covariance)[n:].max())
         first += len(group)
     return bounds

@@ -6,6 +6,7 @@ The fit and the robot with what was found, as a robot's file states it.
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import starmap
 from typing import Literal
 
 import numpy as np
@@ -251,8 +252,8 @@ def _gear(joint: Joint, gears: GearResult) -> Gear | None:
     name = joint.name
     gear = Gear(
         load=max(gears.magnitude("load", name), 0.0),
-        transmission_error=tuple(TransmissionError(*numbers) for numbers in _harmonics("error", name, gears)),
-        ripple=tuple(GearRipple(*numbers) for numbers in _harmonics("ripple", name, gears)),
+        transmission_error=tuple(starmap(TransmissionError, _harmonics("error", name, gears))),
+        ripple=tuple(starmap(GearRipple, _harmonics("ripple", name, gears))),
         hysteresis=tuple(
             Hysteresis(magnitude, scale, "sharp" if kind == "stop" else "smooth")
             for kind, scale, magnitude in _effects(name, gears)

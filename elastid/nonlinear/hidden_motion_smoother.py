@@ -19,6 +19,7 @@ motion is folded to the lines below: beside friction of 30 % of the torque it wo
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import starmap
 
 import numpy as np
 from numpy.fft import irfft, rfft
@@ -184,14 +185,14 @@ class _Problem:
             if place == "gear":
                 x_0[i] += static[j] + self._transmission_error(base, j, m)
         previous = dict(zip(before.signals, before.unknowns[m], strict=bool(before.signals)))
-        start = np.array([previous.get(signal, default) for signal, default in zip(self.signals, x_0, strict=True)])
+        start = np.array(list(starmap(previous.get, zip(self.signals, x_0, strict=True))))
         x, force = newton(partial(self._law, m), self.linear, x_0, start, self.tolerance)
         return base - (self.force_response @ (rows.T @ lines.amplitudes(force).T[:, :, None]))[:, :, 0], x, force
 
     @cached_property
     def _rows(self) -> FloatArray:
         """Directions (n_x, n) of the unknowns."""
-        return np.array([self.drive.directions(place, j) for place, j in self.signals])
+        return np.array(list(starmap(self.drive.directions, self.signals)))
 
     @cached_property
     def _powers(self) -> ComplexArray:

@@ -48,7 +48,7 @@ class Motion:
     @property
     def speed(self) -> float:
         """RMS of the velocity."""
-        return float(np.sqrt(np.mean(self.velocity**2)))
+        return math.sqrt(np.mean(self.velocity**2))
 
     @cached_property
     def by_sample(self) -> FloatArray:

@@ -124,16 +124,10 @@ def gather_configuration(
             rows = [i for i, shape in enumerate(shapes) if shape.place == place]
             Phi[-1][:, rows] = amplitudes(record, motion, [shapes[i] for i in rows], complete, lines).T
     return ConfigurationSpectra(
-        lines,
-        line_frequencies(lines, first.rate_hz, first.period_samples),
-        is_excited,
-        np.stack(U, axis=2),
-        np.stack(Y, axis=2),
-        np.stack(Phi, axis=2),
-        np.array([record.realisation for record in records]),
-        np.sqrt(np.mean(velocity_noise**2, axis=0)),
-        first.configuration.name,
-    )
+        lines, line_frequencies(lines, first.rate_hz, first.period_samples), is_excited, np.stack(U, axis=2),
+        np.stack(Y, axis=2), np.stack(Phi, axis=2), np.array([record.realisation for record in records]),
+        np.sqrt(np.mean(velocity_noise**2, axis=0)), first.configuration.name,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,20 +219,15 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
     scatter = np.mean(repeated if repeated else [np.abs(Y[0]) ** 2 for Y in period_spectra], axis=0)
     logged = np.array([first.quantities[i] == "position" for i in columns])
     return PeriodLines(
-        first.configuration,
-        first.rate_hz,
-        first.period_samples,
+        first.configuration, first.rate_hz, first.period_samples,
         np.stack([period.U.mean(axis=0) for period in periods], axis=2),
         np.stack([Y.mean(axis=0) for Y in period_spectra], axis=2),
         np.stack([np.where(logged, record.y[:, columns].mean(axis=0), 0.0) for record in records], axis=1),
         np.stack([record.u[: record.n_periods * record.period_samples].mean(axis=0) for record in records], axis=1),
-        np.mean(scatter[int(7 / 8 * len(scatter)) :], axis=0),
-        scatter,
-        is_excited,
+        np.mean(scatter[int(7 / 8 * len(scatter)) :], axis=0), scatter, is_excited,
         np.array([record.realisation for record in records]),
-        np.array([smallest_step(first.y[:, column]) for column in columns]),
-        logged,
-    )
+        np.array([smallest_step(first.y[:, column]) for column in columns]), logged,
+    )  # fmt: skip
 
 
 def reason_unsuited(first: Record) -> str:

@@ -300,7 +300,7 @@ def candidate_basis(records: Sequence[Record], signs_alone: bool) -> tuple[Basis
     shapes: list[BasisFunction] = []
     for place in records[0].inputs:
         motions = [motion_of(record, place) for record in records]
-        speed = float(np.sqrt(np.mean([motion.speed**2 for motion in motions])))
+        speed = math.sqrt(np.mean([motion.speed**2 for motion in motions]))
         shapes += [BasisFunction(place, "sign", part * speed) for part in _TURNING]
         if signs_alone:
             continue

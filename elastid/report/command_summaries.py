@@ -6,7 +6,7 @@ from elastid.base.display import Answer, Display, degrees, number, percent
 from elastid.report.figures.use import SHOWN
 from elastid.use.closed_loops import LIMIT_DB
 from elastid.use.loops import Loops, LoopState
-from elastid.use.map import LISTED, WorkspaceMap
+from elastid.use.map import N_SOFTEST, WorkspaceMap
 from elastid.use.moves import KINDS
 from elastid.use.tune import TunedMove
 
@@ -24,7 +24,7 @@ def answer_of_map(workspace: WorkspaceMap) -> Answer:
             f"{100 * float(C.relative_std[i]):.2g} %", ", ".join(f"{c:.2f}" for c in m.axes[i, :, 0].tolist()),
             _text(m["frequency_1"].value[i], "Hz"), _text(m["depth_of_cut"].value[i], "m"), m.limiting_springs[i],
         )
-        for i in order[:LISTED].tolist()
+        for i in order[:N_SOFTEST].tolist()
     ]  # fmt: skip
     limiting, tenth = np.array(m.limiting_springs), order[: max(1, len(m) // 10)]
     springs = [

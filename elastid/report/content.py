@@ -90,7 +90,7 @@ class ReportContent:
     @property
     def missing_modes(self) -> tuple[Note, ...]:
         """Notes on missing modes of the model; empty if one cause explains the residuals and shifts modes, too."""
-        return () if self.result.has_lone_cause else notes_of(self.measured_modes)
+        return () if self.result.has_single_cause else notes_of(self.measured_modes)
 
 
 @dataclass(frozen=True)

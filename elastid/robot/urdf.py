@@ -156,8 +156,8 @@ class UrdfRobot:
             raise root.wrong(f"a URDF begins with <robot>, this file with <{root.tag}>")
         bodies, frames = _Reader(root, self.joints).read()
         name = self.name or (root.name if "name" in root.attributes else path.stem)
-        described = name, bodies, self.gravity, self.source, (*frames, *self.frames), self.payload
-        return Robot(*described, gears=self.gears, tolerances=self.tolerances)
+        fields = name, bodies, self.gravity, self.source, (*frames, *self.frames), self.payload
+        return Robot(*fields, gears=self.gears, tolerances=self.tolerances)
 
 
 class _Reader:

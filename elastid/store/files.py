@@ -24,7 +24,7 @@ from typing import Any, BinaryIO, TextIO, TypeVar
 
 from elastid.base.errors import ElastidError
 from elastid.base.escape import csv_cell
-from elastid.base.files import replacing, unlinked, write_atomically
+from elastid.base.files import open_regular_file, replacing, write_atomically
 
 T = TypeVar("T")
 
@@ -187,7 +187,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
 @contextmanager
 def _locked(path: Path) -> Iterator[BinaryIO]:
     while True:
-        with open(path, "a+b", opener=unlinked) as file:
+        with open(path, "a+b", opener=open_regular_file) as file:
             if not _lock(file):
                 raise ElastidError("files/folder", _refusal(path))
             # Between opening and locking, the owner may have removed it.

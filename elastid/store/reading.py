@@ -13,8 +13,10 @@ from typing import Any, TypeVar
 import h5py
 import numpy as np
 
-from elastid.base.arrays import NO_LABEL, PIECE_VALUES, Label, format_range, format_values, mapped, value_range
+from elastid.base.arrays import NO_LABEL, Label
 from elastid.base.escape import group_name
+from elastid.base.large_arrays import PIECE_VALUES, map_dataset
+from elastid.base.value_range import format_range, format_values, value_range
 from elastid.store.artefacts import kind_of, opened, plain
 from elastid.store.values import NAMES, Kind, fields_of, from_json, from_text, kind_of_annotation, needs_groups
 
@@ -56,7 +58,7 @@ def _scalar(value: Any, kind: Kind) -> Any:
 
 def _read_array(dataset: Any, *_: Any) -> Any:
     """Read an array, read-only so that nobody copies it; a large one stays in the file."""
-    in_place = mapped(Path(dataset.file.filename), dataset)
+    in_place = map_dataset(Path(dataset.file.filename), dataset)
     if in_place is not None:
         return in_place
     values = np.asarray(dataset)
@@ -150,7 +152,7 @@ def reader(kind: str, name: str, annotation: type[T] | str, may_miss: bool = Fal
     return read
 
 
-def described(path: Path | str) -> str:
+def describe_artefact(path: Path | str) -> str:
     """Return groups, variables with axes, shapes, units and values, and the provenance of a file."""
     kind = kind_of(path) or ""
     with opened(path, kind) as file:

@@ -112,12 +112,12 @@ def write_map_table(path: Path, workspace: "WorkspaceMap") -> None:
     """Write map.csv: a row for each posture with all quantities, SI, their standard deviations and intervals."""
     heads = ["posture", *(f"joint {name}" for name in workspace.joints), "x", "y", "z", "limiting spring"]
     heads += [f"{q.name}{end}" for q in workspace.quantities for end in ("", " std", " low", " high")]
-    every, step = len(workspace), 1000
-    pieces = (workspace.part(np.arange(first, min(every, first + step))) for first in range(0, every, step))
+    n, step = len(workspace), 1000
+    pieces = (workspace.subset(np.arange(first, min(n, first + step))) for first in range(0, n, step))
 
-    def rows(m: "WorkspaceMap") -> Iterator[tuple[Any, ...]]:
-        numbers = [column for q in m.quantities for column in (q.value, q.std, *q.interval)]
-        columns = [m.asked + 1, *m.angles.T, *m.position.T, m.limiting_springs, *numbers]
+    def rows(piece: "WorkspaceMap") -> Iterator[tuple[Any, ...]]:
+        numbers = [column for q in piece.quantities for column in (q.value, q.std, *q.interval)]
+        columns = [piece.asked + 1, *piece.angles.T, *piece.position.T, piece.limiting_springs, *numbers]
         return zip(*(np.asarray(column).tolist() for column in columns), strict=True)
 
     write_rows(path, chain([heads], chain.from_iterable(map(rows, pieces))))

@@ -13,6 +13,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import cache, reduce
+from itertools import starmap
 from operator import attrgetter, or_
 from pathlib import Path
 from types import MappingProxyType, NoneType, UnionType
@@ -21,8 +22,9 @@ from typing import Any, Literal, TypeAlias, Union, get_args, get_origin, get_typ
 import numpy as np
 from h5py import h5ds
 
-from elastid.base.arrays import NO_LABEL, PIECE_VALUES, Label, LargeArray, release, unit_of_name
+from elastid.base.arrays import NO_LABEL, Label, unit_of_name
 from elastid.base.escape import group_name
+from elastid.base.large_arrays import PIECE_VALUES, LargeArray, release
 from elastid.robot import Robot
 from elastid.store.artefacts import NO_STAMP, TEXT, Stamp, created
 from elastid.store.files import write_text
@@ -193,7 +195,7 @@ def from_json(content: Any, annotation: Any) -> Any:
         case "sequence":
             return tuple(from_json(entry, kind.parts[0]) for entry in content)
         case _:
-            return tuple(from_json(entry, part) for entry, part in zip(content, kind.parts, strict=True))
+            return tuple(starmap(from_json, zip(content, kind.parts, strict=True)))
 
 
 # Texts along a group of named entries, whose own names are escaped: none of them is this.

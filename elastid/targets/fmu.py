@@ -324,14 +324,14 @@ def write_move_fmu(folder: Path, robot: Robot, tuned: TunedMove) -> tuple[Path, 
 
 def write_units(folder: Path, subject: Subject, stem: str) -> tuple[Path, ...]:
     """Write <stem>_fmi2.fmu and <stem>_fmi3.fmu of a robot; StudyError where a posture of its start has no rest."""
-    sources, described = unit_sources(subject)
+    sources, xml_of_version = unit_sources(subject)
     compiler = next((tool for name in COMPILERS if (tool := shutil.which(name))), None)
     paths = tuple(folder / f"{stem}_fmi{version}.fmu" for version in (2, 3))
     for version, path in zip((2, 3), paths, strict=True):
         surplus = "fmi3.c" if version == 2 else "fmi2.c"
         names = _compiled_sources(version, subject.move is not None)
         content: dict[str, str | bytes] = {f"sources/{name}": text for name, text in sources.items() if name != surplus}
-        content["modelDescription.xml"] = described[version]
+        content["modelDescription.xml"] = xml_of_version[version]
         if version == 3:
             content["sources/buildDescription.xml"] = build_description(names)
         if compiler is not None:
@@ -360,9 +360,9 @@ def unit_sources(subject: Subject) -> tuple[dict[str, str], dict[int, str]]:
     sizes = _sizes(subject, sliding.n_states, functions, variables)
     token = f"{{{uuid.uuid5(uuid.NAMESPACE_OID, ''.join([*sources.values(), sizes]))}}}"
     sources["sizes.h"] = sizes + f'#define GUID "{token}"\n'
-    described = (subject.name, token, variables, tuple(point.configuration.name for point in points), 1 / rate_hz)
+    fields = (subject.name, token, variables, tuple(point.configuration.name for point in points), 1 / rate_hz)
     compiled_sources = {version: _compiled_sources(version, move is not None) for version in (2, 3)}
-    return sources, {version: description(version, compiled_sources[version], *described) for version in (2, 3)}
+    return sources, {version: description(version, compiled_sources[version], *fields) for version in (2, 3)}
 
 
 def compile_library(compiler: str, sources: Mapping[str, str], names: Sequence[str]) -> bytes:

@@ -119,30 +119,16 @@ def _sets(name: str, response: Response, nodes: Nodes) -> Iterable[dict[str, Any
     for i, output in enumerate(response.outputs):
         for j, input_ in enumerate(response.inputs):
             yield {
-                "type": 58,
-                "binary": 0,
-                "func_type": _FREQUENCY_RESPONSE,
-                "id1": uff_text(f"{output} to {input_}"),
-                "id2": uff_text(name),
-                "id3": "NONE",
-                "id4": uff_text(response.configuration.name),
-                "id5": uff_text(response.unit),
-                "rsp_ent_name": "NONE",
-                "ref_ent_name": "NONE",
-                "rsp_node": nodes[output][0],
-                "rsp_dir": nodes[output][1],
-                "ref_node": nodes[input_][0],
-                "ref_dir": nodes[input_][1],
-                "abscissa_spec_data_type": _FREQUENCY,
+                "type": 58, "binary": 0, "func_type": _FREQUENCY_RESPONSE, "id1": uff_text(f"{output} to {input_}"),
+                "id2": uff_text(name), "id3": "NONE", "id4": uff_text(response.configuration.name),
+                "id5": uff_text(response.unit), "rsp_ent_name": "NONE", "ref_ent_name": "NONE",
+                "rsp_node": nodes[output][0], "rsp_dir": nodes[output][1], "ref_node": nodes[input_][0],
+                "ref_dir": nodes[input_][1], "abscissa_spec_data_type": _FREQUENCY,
                 "ordinate_spec_data_type": _ORDINATES[response.quantity],
                 "orddenom_spec_data_type": _FORCE if response.units_of_inputs[j] in ("N", "N*m") else _UNKNOWN,
-                "ord_data_type": _COMPLEX_DOUBLE,
-                "abscissa_spacing": 0,
-                "abscissa_min": float(response.freq_hz[0]),
-                "abscissa_inc": 0.0,
-                "data": response.G[:, i, j],
-                "x": response.freq_hz,
-            }
+                "ord_data_type": _COMPLEX_DOUBLE, "abscissa_spacing": 0, "abscissa_min": float(response.freq_hz[0]),
+                "abscissa_inc": 0.0, "data": response.G[:, i, j], "x": response.freq_hz,
+            }  # fmt: skip
 
 
 def _mode_sets(name: str, modes: Modes, nodes: Nodes) -> Iterable[dict[str, Any]]:
@@ -154,22 +140,13 @@ def _mode_sets(name: str, modes: Modes, nodes: Nodes) -> Iterable[dict[str, Any]
         for i, node, direction in translating:
             shape[abs(direction) - 1, numbers.index(node)] = np.sign(direction) * modes.place_shapes[0][i, r]
         yield {
-            "type": 55,
-            "id1": uff_text(name),
-            "id4": uff_text(modes.configuration),
+            "type": 55, "id1": uff_text(name), "id4": uff_text(modes.configuration),
             "id5": uff_text(f"{modes.freq_hz[r]:.6g} Hz, damping ratio {modes.zeta[r]:.5g}"),
-            "model_type": _STRUCTURAL,
-            "analysis_type": _COMPLEX_MODES,
-            "data_ch": _TRANSLATIONS,
-            "spec_data_type": _ORDINATES["position"],
-            "data_type": 5,
-            "n_data_per_node": 3,
-            "load_case": 1,
-            "mode_n": r + 1,
-            "eig": complex(modes.poles[r]),
-            "node_nums": numbers,
+            "model_type": _STRUCTURAL, "analysis_type": _COMPLEX_MODES, "data_ch": _TRANSLATIONS,
+            "spec_data_type": _ORDINATES["position"], "data_type": 5, "n_data_per_node": 3, "load_case": 1,
+            "mode_n": r + 1, "eig": complex(modes.poles[r]), "node_nums": numbers,
             **{f"r{axis + 1}": shape[axis] for axis in range(3)},
-        }
+        }  # fmt: skip
 
 
 TARGETS = (

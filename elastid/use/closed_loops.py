@@ -98,12 +98,14 @@ class PostureFamily:
     @classmethod
     def of(cls, result: Result, postures: Sequence[Configuration], rate_hz: float) -> "PostureFamily":
         """Build the family of the fit in these postures; StudyError if a posture has no equilibrium."""
-        motors = result.known_robot.motor_locations
+        motors = result.nominal_robot.motor_locations
         family = result.family(PredictionPorts(inputs=motors, outputs=motors, motors="free"))
         chain, e, models, inertia = torque_elements(family.robot.chain), family.estimated, [], []
         for posture in postures:
             linear = family.linearisation.at(posture, family.theta, family.model.inputs, "position")
-            estimated = Estimated.of(e.parameters, e.fit_x, e.fit_covariance, e.names, e.base, posture.name, e.doubts)
+            estimated = Estimated.of(
+                e.parameters, e.fit_x, e.fit_covariance, e.names, e.base, posture.name, e.model_error_factors
+            )
             models.append(FittedModel(replace(linear, chain=chain, channel_numbers=(), hold=None), estimated))
             q = equilibrium(family.model, family.theta, posture).q
             inertia.append(tune(family.model, q, 1 / (2 * np.pi), 1.0).kp)

@@ -10,6 +10,7 @@ equations once, with the fitted numbers as constants. Robots with loops are line
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import starmap
 
 import casadi as ca
 import numpy as np
@@ -133,7 +134,7 @@ class LockedEquations:
         model, follows = self.family.model, self.family.linearisation.follows
         poses = frame_poses(model.robot_at(self.family.theta), q[:, : len(model.robot.joints)], self.family.frame)
         if model.n_c or not locked_motor_motions(model.B).size:
-            rows = [self._linearised(*row) for row in zip(angles, q, strict=True)]
+            rows = list(starmap(self._linearised, zip(angles, q, strict=True)))
             return LockedPostures(*(np.array(part) for part in (*zip(*rows, strict=True), poses.position)))
         varied, slopes, of_q, pull, stiffness, deflection = evaluate_rows(self._functions[1], q)
         if follows:

@@ -13,6 +13,7 @@ The solver is IPOPT (Wachter and Biegler, Mathematical Programming 106, 2006) wi
 error. The result is the best plan within the limits, or the plan with the shortest time.
 """
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -350,7 +351,7 @@ def shortest(
         return None
     low, high = sorted((duration, duration * step))
     while high > 1.01 * low:  # then the shortest one is known
-        middle = float(np.sqrt(low * high))
+        middle = math.sqrt(low * high)
         low, high = (low, middle) if can(middle) else (middle, high)
     return move.in_time(high)
 
@@ -364,7 +365,7 @@ def first_duration(commanded: CommandedRobot, move: Move, limits: MotionLimits) 
     path, a, start = unit.at(t) - unit.ends[0], unit.at(t, 2), commanded.rigid_posture(unit.ends[0])
     slow, quick = (feed_forward(commanded.model, start, path, 0 * path, x) for x in (0 * a, a))
     room = np.maximum(limits.torque - np.abs(slow), 0.05 * limits.torque)
-    times.append(float(np.sqrt((np.abs(quick - slow) / room).max())))
+    times.append(math.sqrt((np.abs(quick - slow) / room).max()))
     return 1.1 * max(times)
 
 

@@ -307,16 +307,9 @@ def _compared(name: str, refits: Sequence[Refit], criterion: float, configuratio
     squares = np.array([[score.rms_log_db, score.phase_rms_deg] for score in by_configuration]).reshape(-1, 2) ** 2
     db, deg = np.sqrt(squares.mean(axis=0)) if len(squares) else (math.nan, math.nan)
     return ComparedModel(
-        name,
-        full.n_free,
-        full.cost,
-        full.dof,
-        criterion,
-        np.array([score.misfit for score in by_configuration]),
-        float(db),
-        float(deg),
-        "; ".join(notes),
-    )
+        name, full.n_free, full.cost, full.dof, criterion, np.array([score.misfit for score in by_configuration]),
+        float(db), float(deg), "; ".join(notes),
+    )  # fmt: skip
 
 
 def _verdict(rows: Sequence[ComparedModel]) -> str:

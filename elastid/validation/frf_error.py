@@ -35,7 +35,7 @@ from elastid.validation.residual_tests import (
 )
 
 # 95 % of a circular complex error are within so many times its std, sqrt(E|e|^2).
-CIRCULAR_95 = float(np.sqrt(-np.log(0.05)))
+CIRCULAR_95 = math.sqrt(-np.log(0.05))
 
 
 @frozen_value(eq=False)
@@ -137,7 +137,7 @@ class FrfError:
 def pooled_rms(rms: FloatArray, lines: IntArray) -> float:
     """Return the mean-square sum of rms (...) weighted by the number of lines (...), as a root; NaN without lines."""
     mask = lines > 0
-    return float(np.sqrt(np.average(rms[mask] ** 2, weights=lines[mask]))) if mask.any() else math.nan
+    return math.sqrt(np.average(rms[mask] ** 2, weights=lines[mask])) if mask.any() else math.nan
 
 
 def are_white(agreements: Sequence[FrfError]) -> bool:
@@ -238,18 +238,11 @@ def agreement(
     reference = np.maximum(np.maximum(np.abs(G), sigma), tiny)
     ratio, ratio_dof, white_p = _tests(measured, noise, Ghat - G, shifts)
     return FrfError(
-        measured.configuration.name,
-        is_validation,
-        measured.outputs,
-        measured.inputs,
-        is_judged.sum(axis=0),
+        measured.configuration.name, is_validation, measured.outputs, measured.inputs, is_judged.sum(axis=0),
         np.sqrt(_mean((20 * np.log10(np.maximum(np.abs(Ghat), tiny) / reference)) ** 2, is_judged)),
         np.sqrt(_mean(np.degrees(np.angle(Ghat * G.conj())) ** 2, is_judged)),
-        np.sqrt(_mean(np.abs(e) ** 2, has_noise) / _expected_power(noise, sigma)),
-        ratio,
-        ratio_dof,
-        white_p,
-    )
+        np.sqrt(_mean(np.abs(e) ** 2, has_noise) / _expected_power(noise, sigma)), ratio, ratio_dof, white_p,
+    )  # fmt: skip
 
 
 def _expected_power(noise: SmoothedNoise | None, sigma: FloatArray) -> FloatArray | float:

@@ -80,7 +80,7 @@ def of_identify(configurations: int, lines: int, coordinates: int) -> Callable[[
 def of_map(postures: int, **fit: int) -> Callable[[], object]:
     """Prepare the prediction of compliance, modes and stability, with intervals, in random postures."""
     result = of_identify(**fit)()
-    angles = random_postures(result.known_robot, postures, 1)
+    angles = random_postures(result.nominal_robot, postures, 1)
     return lambda: map_workspace(result, angles, frame=str(fit["coordinates"] // 3))
 
 

@@ -23,7 +23,7 @@ from elastid.logs.repeated_logs import join_periods
 from elastid.logs.rig import RecordedRig
 from elastid.record import Record
 from elastid.response import Response
-from elastid.store.reading import described
+from elastid.store.reading import describe_artefact
 
 N, RATE = 240, 100.0
 LINES = np.arange(5, 81, 4)
@@ -184,7 +184,7 @@ def test_a_file_that_reaches_out_is_refused(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "log.h5", "w") as file:
         file.attrs["elastid"] = "frf"
         file["g/a"] = h5py.ExternalLink("secret", "/a")
-    for read in (partial(contents, text=TextFormatSpec()), described):
+    for read in (partial(contents, text=TextFormatSpec()), describe_artefact):
         with refused("files/unsafe"):
             read(tmp_path / "log.h5")
 

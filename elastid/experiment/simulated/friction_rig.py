@@ -6,6 +6,7 @@ the joint. Motions can be measured in any order and in any process: `heat_of` ha
 
 import math
 from dataclasses import dataclass, replace
+from itertools import starmap
 from typing import TypeAlias
 
 import numpy as np
@@ -91,7 +92,7 @@ class FrictionRun:
             return np.concatenate([np.zeros(0), *(law.curve(x, T if law.place in sides else None) for law, x in pairs)])
 
         try:
-            table = np.array([curves(moment, u) for moment, u in zip(moments.tolist(), holding, strict=True)])
+            table = np.array(list(starmap(curves, zip(moments.tolist(), holding, strict=True))))
             return np.array([np.interp(np.arange(n), moments, column) for column in table.T]).reshape(-1, n).T
         except ValueError as error:
             raise StudyError("experiment/simulated", str(error), self.motion.name) from None
@@ -190,30 +191,17 @@ class SimulatedFrictionRig:
         first = motion.period_samples or 0 if motion.purpose == "presliding_test" else 0
         temperature, planned, E = self._thermometer(run, number), motion.planned, self.robot.mixing
         return FrictionRecord(
-            motion.name,
-            motion.joint,
-            motion.purpose,
-            rate_hz,
-            (trajectory.reading @ E.T + noise.outputs)[first:, i],
+            motion.name, motion.joint, motion.purpose, rate_hz, (trajectory.reading @ E.T + noise.outputs)[first:, i],
             (trajectory.u @ np.linalg.inv(E) + noise.torque)[first:, i],
-            temperature=None if temperature is None else temperature[first:],
-            there=run.path.there,
-            back=run.path.back,
-            speed=None if planned is None else planned.speed,
-            load=motion.load,
-            load_torque=self._load_torque(run),
-            torque_delay_s=0.5 / rate_hz,
-            resolution=float(run.plant.loop.drives.resolution[i]),
-            start_s=motion.start_s + first / rate_hz,
-            period_samples=motion.period_samples,
-            hold="zero-order",
-            configuration=run.plant.point.configuration,
-            is_reference=planned is not None and planned.is_reference,
-            is_warm_up=motion.is_warm_up,
-            place=motion.name,
-            slides=self.robot.driven[i].slides,
+            temperature=None if temperature is None else temperature[first:], there=run.path.there,
+            back=run.path.back, speed=None if planned is None else planned.speed, load=motion.load,
+            load_torque=self._load_torque(run), torque_delay_s=0.5 / rate_hz,
+            resolution=float(run.plant.loop.drives.resolution[i]), start_s=motion.start_s + first / rate_hz,
+            period_samples=motion.period_samples, hold="zero-order", configuration=run.plant.point.configuration,
+            is_reference=planned is not None and planned.is_reference, is_warm_up=motion.is_warm_up,
+            place=motion.name, slides=self.robot.driven[i].slides,
             notes=tuple(limit_notes(run.plant, motion.name, trajectory.u, [i])),
-        )
+        )  # fmt: skip
 
     def warm_ups(self) -> tuple[WarmUpLog, ...]:
         """Return the heat of each joint that was warmed, from the start of its warm-up to its last test."""
@@ -239,7 +227,7 @@ class SimulatedFrictionRig:
     def _load_torque(self, run: FrictionRun) -> float:
         model = model_of(with_point_mass(self.robot, run.motion.payload))
         windows = [window for window in (run.path.there, run.path.back) if window is not None]
-        sliding = np.concatenate([np.arange(*window) for window in windows]) if windows else np.zeros(1, int)
+        sliding = np.concatenate(list(starmap(np.arange, windows))) if windows else np.zeros(1, int)
         places = np.linspace(0, len(sliding) - 1, min(20, len(sliding))).astype(int)
         point = equilibrium(model, model.theta, run.plant.point.configuration)
         torque = holding_torque(model, point, run.index, run.path.position[sliding[places]])

@@ -20,7 +20,7 @@ from elastid.base.errors import ElastidError
 from elastid.fit.diagnosis.forgotten_load import LEAST, find_load, steps_of
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, Scores, against
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.refit import AS_MEASURED, settle, thinned
+from elastid.fit.diagnosis.refit import UNCHANGED, settle, thinned
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.result_rows import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve
@@ -67,7 +67,7 @@ def _judged(alternative: AlternativeModel, evidence: Evidence, scores: Scores) -
     for start in (parameters.x, np.where(is_of_interest, evidence.optimum.end.x, parameters.x)):
         with suppress(ElastidError, np.linalg.LinAlgError):  # no robot stands there, or V has no slope
             fit = thinned(alternative.assembly.at(start, alternative.assembly.spec.criterion), LIMITS.residuals)
-            V, end = settle(AS_MEASURED, fit, start)
+            V, end = settle(UNCHANGED, fit, start)
             V *= evidence.optimum.fit.n_residuals / max(fit.n_residuals, 1)
             cost, x = min((cost, x), (V, end), key=lambda point: point[0])
     return against(ModificationIndex(alternative.name, alternative.family), cost, x, evidence, scores), cost
@@ -225,7 +225,7 @@ def _carrying(
         assembly = _with_robot(study, robot, parameters)
         for _ in range(LIMITS.rounds):
             fit = assembly.at(x, study.spec.criterion)
-            _, near = settle(AS_MEASURED, thinned(fit), x)
+            _, near = settle(UNCHANGED, thinned(fit), x)
             x = solve(fit.problem, near, ROUGH, LIMITS.iterations).x
         cost = assembly.at(x, study.spec.criterion).evaluate(x).cost
     except (ElastidError, np.linalg.LinAlgError):  # no equilibrium along the search, or V has no derivative

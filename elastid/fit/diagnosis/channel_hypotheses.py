@@ -24,7 +24,7 @@ from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.refit import (
     Change,
     Evaluated,
-    Misreading,
+    ResponseChange,
     evaluate,
     predict,
     settle,
@@ -47,44 +47,44 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
         # With wrong channels, the fit may have changed the nuisance parameters by many of their tolerances.
         starts.append((file, assembly.parameters.x, np.array([not p.is_nuisance for p in assembly.parameters.free])))
     predicted = [  # V of every hypothesis after one step from each start
-        (predict(misreading, evaluated, problem.parameters.prior_slopes, free)[0], misreading, (problem, start, free))
+        (predict(change, evaluated, problem.parameters.prior_slopes, free)[0], change, (problem, start, free))
         for problem, start, free in starts
         for evaluated in (evaluate(problem, start),)
         for hypothesis in evidence.hypotheses
-        for misreading in (_changes(hypothesis.changes, evaluated, costs) if hypothesis.changes is not None else ())
+        for change in (_changes(hypothesis.changes, evaluated, costs) if hypothesis.changes is not None else ())
     ]
-    refits: dict[str, tuple[float, FloatArray, Misreading]] = {}
-    for cost, misreading, (problem, start, free) in sorted(predicted, key=lambda trial: trial[0]):
+    refits: dict[str, tuple[float, FloatArray, ResponseChange]] = {}
+    for cost, change, (problem, start, free) in sorted(predicted, key=lambda trial: trial[0]):
         if len(refits) >= LIMITS.refits or cost > LIMITS.predicted_ratio * costs.sum():
             break
-        if misreading.name not in refits:
-            V, x_end = settle(misreading, problem, settle(misreading, problem, start, free)[1])
-            refits[misreading.name] = (of_all * V, x_end, misreading)
+        if change.name not in refits:
+            V, x_end = settle(change, problem, settle(change, problem, start, free)[1])
+            refits[change.name] = (of_all * V, x_end, change)
     as_read = min(of_all * float(costs.sum()), scores.cost)
     excess = max(as_read - scores.noise, 1e-300)
     least = min((cost for cost, _, _ in refits.values()), default=math.inf)
     if as_read - least <= LIMITS.complete_fraction * excess:
         for name, cost, x_end in _scaled(fit, (fit.parameters.x, x)):
-            refits[name] = (of_all * cost, x_end, Misreading(name, SCALE, lambda _, values: values))
+            refits[name] = (of_all * cost, x_end, ResponseChange(name, SCALE, lambda _, values: values))
     least = as_read - LIMITS.sufficient_fraction * excess
     good = sorted((curve for curve in refits.values() if curve[0] < least), key=lambda curve: curve[0])
     if not good:
         return indices
     cost, x_end, best = good[0]
-    equal = tuple(misreading.name for V, _, misreading in good[1:] if cost > LIMITS.equal_drop * V)
+    equal = tuple(change.name for V, _, change in good[1:] if cost > LIMITS.equal_drop * V)
     occam = start_distance(fit.parameters, x_end) if best.family == SCALE else 0.0
     index = ModificationIndex(best.name, best.family, alike=equal, occam=occam)
     return [*indices, against(index, cost, x_end, evidence, scores)]
 
 
-def _changes(changes: Changes, evaluated: Sequence[Evaluated], costs: FloatArray) -> Iterator[Misreading]:
+def _changes(changes: Changes, evaluated: Sequence[Evaluated], costs: FloatArray) -> Iterator[ResponseChange]:
     """Yield misreadings of all configurations, and of single configurations with the worst fit."""
     yield from changes(evaluated, costs)
     for i in np.argsort(-costs)[: LIMITS.refits] if len(costs) > 2 else ():
         part = evaluated[i].part
-        for misreading in changes([evaluated[i]], costs[[i]]):
-            name = f"{misreading.name} in configuration {part.configuration} alone"
-            yield replace(misreading, name=name, change=partial(_change_one, part, misreading.change))
+        for change in changes([evaluated[i]], costs[[i]]):
+            name = f"{change.name} in configuration {part.configuration} alone"
+            yield replace(change, name=name, apply=partial(_change_one, part, change.apply))
 
 
 def _change_one(part: Part, change: Change, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
@@ -97,21 +97,21 @@ def _channels(evaluated: Sequence[Evaluated]) -> tuple[tuple[str, ...], tuple[st
     return outputs, tuple(dict.fromkeys(name for model in models for name in model.inputs))
 
 
-def signs(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Misreading]:
+def signs(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[ResponseChange]:
     """Yield the hypotheses of a channel with the opposite sign."""
     outputs, inputs = _channels(evaluated)
     for place in outputs:
-        yield Misreading(f"y at {place} with the other sign", "sign", partial(_times, {place: -1.0}, {}))
+        yield ResponseChange(f"y at {place} with the other sign", "sign", partial(_times, {place: -1.0}, {}))
     for place in inputs:
-        yield Misreading(f"u at {place} with the other sign", "sign", partial(_times, {}, {place: -1.0}))
+        yield ResponseChange(f"u at {place} with the other sign", "sign", partial(_times, {}, {place: -1.0}))
 
 
-def directions(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Misreading]:
+def directions(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[ResponseChange]:
     """Yield the hypotheses of a motor that counts torque and motion in the opposite direction."""
     outputs, inputs = _channels(evaluated)
     for place in (place for place in inputs if place in outputs):
         name = f"{place} counted in the other direction, torque and motion"
-        yield Misreading(name, "direction", partial(_times, {place: -1.0}, {place: -1.0}))
+        yield ResponseChange(name, "direction", partial(_times, {place: -1.0}, {place: -1.0}))
 
 
 def _times(
@@ -122,16 +122,16 @@ def _times(
     return values * np.outer(rows, columns)
 
 
-def exchanged_channels(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Misreading]:
+def exchanged_channels(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[ResponseChange]:
     """Yield the hypotheses of two exchanged channels."""
     (outputs, inputs), family = _channels(evaluated), "exchanged channels"
     for a, b in combinations(outputs, 2):
-        yield Misreading(f"y at {a} and at {b} exchanged", family, partial(_permuted, {a: b, b: a}, {}))
+        yield ResponseChange(f"y at {a} and at {b} exchanged", family, partial(_permuted, {a: b, b: a}, {}))
     for a, b in combinations(inputs, 2):
         exchange = {a: b, b: a}
-        yield Misreading(f"u at {a} and at {b} exchanged", family, partial(_permuted, {}, exchange))
+        yield ResponseChange(f"u at {a} and at {b} exchanged", family, partial(_permuted, {}, exchange))
         if a in outputs and b in outputs:
-            yield Misreading(
+            yield ResponseChange(
                 f"{a} and {b} exchanged, torques and motions", family, partial(_permuted, exchange, exchange)
             )
 
@@ -148,7 +148,7 @@ def _permuted(
     return values[..., rows, :][..., columns]
 
 
-def exchanged_postures(evaluated: Sequence[Evaluated], costs: FloatArray) -> Iterator[Misreading]:
+def exchanged_postures(evaluated: Sequence[Evaluated], costs: FloatArray) -> Iterator[ResponseChange]:
     """Yield the hypotheses of two exchanged configurations with large residuals and with equal lines and channels."""
     kernels = [e.part.kernel for e in evaluated]
     for a, b in combinations(sorted(np.argsort(-costs)[: LIMITS.exchanged].tolist()), 2):
@@ -158,28 +158,28 @@ def exchanged_postures(evaluated: Sequence[Evaluated], costs: FloatArray) -> Ite
         ):
             order = tuple({a: b, b: a}.get(i, i) for i in range(len(evaluated)))
             name = f"responses of configurations {first.configuration.name} and {second.configuration.name} exchanged"
-            yield Misreading(name, "exchanged postures", lambda _, values: values, order)
+            yield ResponseChange(name, "exchanged postures", lambda _, values: values, order)
 
 
-def conjugates(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Misreading]:
+def conjugates(_: Sequence[Evaluated], __: FloatArray) -> Iterator[ResponseChange]:
     """Yield the hypotheses of phases for exp(-j omega t), with both signs because of odd powers of j omega."""
-    yield Misreading("all phases negated", "phase", lambda _, values: values.conj())
-    yield Misreading("all phases negated", "phase", lambda _, values: -values.conj())
+    yield ResponseChange("all phases negated", "phase", lambda _, values: values.conj())
+    yield ResponseChange("all phases negated", "phase", lambda _, values: -values.conj())
 
 
-def quantities(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Misreading]:
+def quantities(_: Sequence[Evaluated], __: FloatArray) -> Iterator[ResponseChange]:
     """Yield the hypotheses of a confused position, velocity or acceleration."""
     for power in (1, 2, -1, -2):
         count, direction = "once" if abs(power) == 1 else "twice", "less" if power > 0 else "more"
         name = f"responses differentiated {count} {direction} in time"
-        yield Misreading(name, "quantity", partial(_differentiated, power))
+        yield ResponseChange(name, "quantity", partial(_differentiated, power))
 
 
 def _differentiated(power: int, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
     return values * (laplace_variable(evaluated.part.kernel.freq_hz) ** power)[:, None, None]
 
 
-# The family of a misreading, its changes, the error, the fault that shows it, and the advice.
+# Family, changes of the model, error in words, simulated fault of the tests, advice.
 _CHANNEL_ROWS: tuple[tuple[str, Changes, str, str, str], ...] = (
     ("sign", signs, "sign of a channel", "sign of torque 2", "check sign, scale and gear ratio of the channel"),
     ("direction", directions, "sign convention of a motor (torque and position)", "mirrored motor",
@@ -212,8 +212,8 @@ def _scaled(fit: ElasticFit, starts: Sequence[FloatArray]) -> Iterator[tuple[str
                 break
             # As channels with these ln c read the response of the model.
             of_y, of_u = ({place: math.exp(-c) for place, c in side.items()} for side in (outputs, inputs))
-            misreading = Misreading("", SCALE, partial(_times, of_y, of_u))
-            V, x = settle(misreading, fit, x)
+            change = ResponseChange("", SCALE, partial(_times, of_y, of_u))
+            V, x = settle(change, fit, x)
         if words:
             yield words, V, x
 

@@ -19,9 +19,9 @@ from elastid.base.errors import ElastidError
 from elastid.fit.diagnosis.hypothesis import Evidence, Scores
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.refit import (
-    AS_MEASURED,
+    UNCHANGED,
     Evaluated,
-    Misreading,
+    ResponseChange,
     evaluate,
     logarithmic,
     predict,
@@ -79,7 +79,7 @@ def fit_delay_forms(
     limit = LIMITS.edge_phase / max(float(e.part.kernel.freq_hz.max()) for e in evaluated)
 
     def at(T: float, form: str) -> tuple[float, FloatArray]:
-        return predict(Misreading("", "time", partial(_delayed, FORMS[form], T, *channel)), evaluated, prior, free)
+        return predict(ResponseChange("", "time", partial(_delayed, FORMS[form], T, *channel)), evaluated, prior, free)
 
     for form in FORMS:
         low, high = np.clip(sorted((0.3 * T_0, 2.0 * T_0)), -limit, limit).tolist()
@@ -123,7 +123,7 @@ def find_delays(indices: list[ModificationIndex], evidence: Evidence, scores: Sc
     fit, x, free = thinned(optimum.fit), optimum.end.x, ~result.at_bound
     evaluated, prior = evaluate(fit, x), fit.parameters.prior_slopes
     fraction = fit.n_residuals / optimum.fit.n_residuals
-    cost, noise = min(predict(AS_MEASURED, evaluated, prior, free)[0], scores.cost * fraction), scores.noise * fraction
+    cost, noise = min(predict(UNCHANGED, evaluated, prior, free)[0], scores.cost * fraction), scores.noise * fraction
     models = [e.part.kernel.model for e in evaluated]
     # A delay of all references delays all motions, one of the torques is within the loop.
     common = DELAY if all(model.controller is None for model in models) else channel_name(DELAY, "r")
@@ -142,7 +142,7 @@ def find_delays(indices: list[ModificationIndex], evidence: Evidence, scores: Sc
         start = assembly.parameters.x
         file = thinned(assembly.at(start, assembly.spec.criterion))
         if common not in result.parameters.free_names and (T := common_delay(file, start)):
-            start = settle(Misreading("", "time", partial(_delayed, delay, T, "", "")), file, start)[1]
+            start = settle(ResponseChange("", "time", partial(_delayed, delay, T, "", "")), file, start)[1]
             points[common] = evaluate(file, start), start, True
             row = ModificationIndex(common, "time", (common,), np.zeros(1), ("s",), (False,), np.array([T]))
             delayed, others = ([r for r in rows if r.name != common] for rows in (delayed, others))

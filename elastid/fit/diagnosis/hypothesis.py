@@ -26,7 +26,7 @@ from elastid.base.statistics import chi_square_limit
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.extended_model import ExtendedModel, ModelResponse
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.refit import Evaluated, Misreading
+from elastid.fit.diagnosis.refit import Evaluated, ResponseChange
 from elastid.fit.diagnosis.score_test import Candidate, FixedNumber, ScoreTest
 from elastid.fit.frf_problem import Assembly, RelinearisedOptimum
 from elastid.fit.problem.least_squares import error_gain, is_far_from_noise
@@ -34,7 +34,7 @@ from elastid.fit.result import Result
 from elastid.fit.result_rows import ModificationIndex
 
 Columns: TypeAlias = Callable[[ModelResponse], Mapping[str, ComplexArray]]
-Changes: TypeAlias = Callable[[Sequence[Evaluated], FloatArray], Iterator[Misreading]]
+Changes: TypeAlias = Callable[[Sequence[Evaluated], FloatArray], Iterator[ResponseChange]]
 
 
 SCALE = "scale"  # family of channels in another unit, whose readings follow from the size of the responses

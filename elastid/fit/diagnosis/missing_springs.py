@@ -18,7 +18,7 @@ from elastid.base.errors import FitError
 from elastid.fit.diagnosis.extended_model import ExtendedModel
 from elastid.fit.diagnosis.hypothesis import Evidence, Scores, against
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.refit import AS_MEASURED, evaluate, predict, spread_out, squares, thinned
+from elastid.fit.diagnosis.refit import UNCHANGED, evaluate, predict, spread_out, squares, thinned
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.problem.frf_residuals import ElasticFit, kernel_of, linear_model
 from elastid.fit.problem.inertia_barrier import moved_inertias
@@ -69,7 +69,7 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
         for k in _stiffnesses(name, models, subset).tolist():
             sprung = _with_spring(subset, name, k, ratio, models, assembly)
             start = sprung.parameters.x_with(estimates)
-            cost, step = predict(AS_MEASURED, evaluate(sprung, start), sprung.parameters.prior_slopes)
+            cost, step = predict(UNCHANGED, evaluate(sprung, start), sprung.parameters.prior_slopes)
             trials.append(_Spring(name, k, ratio, np.clip(start + step, *sprung.parameters.x_bounds), cost))
         least = _minima(np.array([spring.predicted for spring in trials]), LIMITS.variances * scores.variance_ratio)
         yield from (trials[i] for i in np.flatnonzero(least) if trials[i].predicted < LIMITS.predicted_ratio * V)

@@ -349,7 +349,7 @@ def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> Result:
         result = replace(result, assumed_rigid=find_rigid_parts(result, scores))
     inertias = find_border_inertias(optimum.fit.inertias, optimum.fit.parameters, optimum.end.x)
     estimate = estimate_notes(evidence)
-    if evidence.is_unexplained and result.has_lone_cause:
+    if evidence.is_unexplained and result.has_single_cause:
         # A cause that explains all explains bounds and residuals, too; their own advice would be another.
         estimate = tuple(note for note in estimate if note.code not in CONSEQUENCES)
     ratios = scattered_ratios(evidence.uncertainty.ratios, evidence.assembly.responses)

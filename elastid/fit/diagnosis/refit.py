@@ -53,19 +53,19 @@ STEP_STD = 0.5  # of the prior of ln p that keeps a step near, and a stiffness n
 
 
 @dataclass(frozen=True, eq=False)
-class Misreading:
-    """A way to read the responses: name, in words, family, and the change of the model's response.
+class ResponseChange:
+    """Change of the modelled responses by one hypothesis: name in words, family, and the function that applies it.
 
-    order: the configuration whose model each measured response is of, where postures are exchanged.
+    order: index of the configuration whose model each measured response belongs to, if postures are exchanged.
     """
 
     name: str
     family: str
-    change: Change
+    apply: Change
     order: tuple[int, ...] = ()
 
 
-AS_MEASURED = Misreading("as read", "", lambda _, values: values)
+UNCHANGED = ResponseChange("as read", "", lambda _, values: values)
 
 # Configurations that a judgement of all together takes; of more, every so many.
 CONFIGURATIONS = 32
@@ -77,17 +77,17 @@ def spread_out(count: int) -> slice:
 
 
 def thinned(fit: ElasticFit, residuals: int = 8_000) -> ElasticFit:
-    """Return the fit on every so many lines of each configuration, about so many real residuals in total.
+    """Return the fit on a subset of lines of each configuration, with about `residuals` real residuals in total.
 
-    Without static load tests, which say nothing about readings of the responses.
+    Without static load tests, which do not depend on the channels of the responses.
     """
     return replace(fit, parts=tuple(map(thinning(fit, residuals), fit.parts)), loads=None, home=HERE)
 
 
 def thinning(fit: ElasticFit, residuals: int) -> Callable[[Part], Part]:
-    """Return the function from a part to every so many of its lines, about so many real residuals in total.
+    """Return the function that keeps a subset of the lines of a part, about `residuals` real residuals in total.
 
-    At least 20 lines each, 5 of very many configurations: V of one by itself is judged, too.
+    At least 20 lines per configuration, 5 if there are very many: V of a single configuration is tested as well.
     """
     step, least = max(1, math.ceil(fit.n_residuals / residuals)), max(5, min(20, 1280 // max(1, len(fit.parts))))
     return partial(_thin, step, least)
@@ -126,35 +126,35 @@ def squares(evaluated: Sequence[Evaluated]) -> list[float]:
 
 
 def predict(
-    misreading: Misreading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray | bool = True
+    change: ResponseChange, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray | bool = True
 ) -> tuple[float, FloatArray]:
-    """Return V after one Gauss-Newton step (n_x,) of the free parameters, and that; prior (n_x,): 1 / s of theirs."""
-    V, b, A = _normal_equations(misreading, evaluated, prior, free)
+    """Return V after one Gauss-Newton step of the free parameters, and the step (n_x,); prior (n_x,): 1 / std."""
+    V, b, A = _normal_equations(change, evaluated, prior, free)
     near = V / max(sum(e.part.n_residuals for e in evaluated), 1) / STEP_STD**2
     step = np.asarray(-np.linalg.solve(A + max(near, 1e-300) * np.eye(len(b)), b), dtype=float)
     return V + float(step @ (2 * b + A @ step)), step
 
 
 def _normal_equations(
-    misreading: Misreading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray | bool
+    change: ResponseChange, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray | bool
 ) -> tuple[float, FloatArray, FloatArray]:
-    """Return V, J^T r (n_x,) and J^T J (n_x, n_x) of a misreading, its priors centred on its present value."""
+    """Return V, J^T r (n_x,) and J^T J (n_x, n_x) of a changed model, with priors centred on the present x."""
     V, b, A = 0.0, np.zeros(len(prior)), np.diag(prior**2)
     for i, measured in enumerate(evaluated):
-        model = evaluated[misreading.order[i]] if misreading.order else measured
-        changed = replace(measured, G=misreading.change(measured, model.G))
-        r, J = changed.residual, -changed.whitened(misreading.change(measured, model.free)) * np.reshape(free, (-1, 1))
+        model = evaluated[change.order[i]] if change.order else measured
+        changed = replace(measured, G=change.apply(measured, model.G))
+        r, J = changed.residual, -changed.whitened(change.apply(measured, model.free)) * np.reshape(free, (-1, 1))
         V, b, A = V + float(r @ r), b + J @ r, A + J @ J.T
     return V, b, A
 
 
 def settle(
-    misreading: Misreading, fit: ElasticFit, x: FloatArray, free: BoolArray | bool = True
+    change: ResponseChange, fit: ElasticFit, x: FloatArray, free: BoolArray | bool = True
 ) -> tuple[float, FloatArray]:
     """Return V and x (n_x,) of an optimum that the solver reaches from x, of the logarithms first."""
 
     def evaluation(problem: ElasticFit, x: FloatArray) -> Evaluation:
-        V, b, A = _normal_equations(misreading, evaluate(problem, x), fit.parameters.prior_slopes, free)
+        V, b, A = _normal_equations(change, evaluate(problem, x), fit.parameters.prior_slopes, free)
         return Evaluation(V, 2 * b, 2 * A)
 
     V, fixed = math.inf, np.logical_not(np.broadcast_to(free, len(x)))

@@ -26,8 +26,9 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, release, stored_beside
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.kernels import call
+from elastid.base.large_arrays import move_beside, release
 from elastid.base.workers import Kept
 from elastid.fit.problem.least_squares import ResidualKind
 from elastid.fit.problem.weights import Whitening
@@ -49,13 +50,13 @@ class LineResiduals(NamedTuple):
 class BlockSums(NamedTuple):
     """Sums of a block of lines, columns U (F, n_e, n_b), s = j omega, residuals r = q - R g of its elements.
 
-    cost: sum |r|^2.  pulled (3, n_b): sum over lines of s^p r^H R diag(slope) U, p = 0, 1, 2.
+    cost: sum |r|^2.  pull (3, n_b): sum over lines of s^p r^H R diag(slope) U, p = 0, 1, 2.
     moments (5, n_b, n_b): Re, for odd p Im, of sum omega^p V^H V, V = R diag(slope) U diag(scale), p = 0 ... 4, on and
     above the diagonal.
     """
 
     cost: float
-    pulled: ComplexArray
+    pull: ComplexArray
     moments: FloatArray
 
 
@@ -105,7 +106,7 @@ class Packed:
         sign = np.ones(n_b)
         sign[:n_1] = part.sign
         cost, weight = np.zeros(1), np.empty((n_e, F), complex)
-        pulled, moments = np.zeros((3, n_b), complex), np.zeros((5, n_b, n_b))
+        pull, moments = np.zeros((3, n_b), complex), np.zeros((5, n_b, n_b))
         between = np.zeros((3, r, r), complex)
         sizes = F, n_y, n_u, n_1, n_2, r, n_b - n_1 - n_2, n_e, self.R.shape[1] == n_e
         right = None if part.is_alike else part.right.T
@@ -113,9 +114,9 @@ class Packed:
         residuals = (None if values is None else values.T for values in e)
         weights = self.R[part.block.start // BATCH :], part.omega, sign, sign * scale
         name = "sums_float" if precision is np.float32 else "sums_double"
-        call(name, *sizes, *columns, *residuals, *weights, cost, weight, pulled, between, moments)
-        pulled[:, n_1 : n_1 + n_2] = part.pulled_by(between)
-        return BlockSums(float(cost[0]), pulled, moments)
+        call(name, *sizes, *columns, *residuals, *weights, cost, weight, pull, between, moments)
+        pull[:, n_1 : n_1 + n_2] = part.pulled_by(between)
+        return BlockSums(float(cost[0]), pull, moments)
 
 
 def _times(R: npt.NDArray[np.inexact[Any]], U: Complex) -> Complex:
@@ -207,7 +208,7 @@ class CompressedResiduals(Kept):
             W = mixing * self.gain.reshape(len(self.gain), 1, -1)
             basis, R = np.linalg.qr(W[:, :, first] + has_mirror * W[:, :, second])
             weights = form(R)  # the largest array of a thousand configurations
-            weights = replace(weights, R=stored_beside(self.whitening.noise.in_file, weights.R))
+            weights = replace(weights, R=move_beside(self.whitening.noise.in_file, weights.R))
             residual = (mixing @ residual[:, :, None])[:, :, 0]
             q = (basis.mT.conj() @ residual[:, :, None])[:, :, 0]
             residual = residual - (basis @ q[:, :, None])[:, :, 0]
@@ -263,7 +264,7 @@ class NormalEquations:
         for part in self.columns.at(theta):
             constant, e = self.residuals.at(part.block, part.G)
             sums = R.sums(part, e, scale, precision)
-            V, pull, moments = V + (constant + sums.cost), pull + sums.pulled, moments + sums.moments
+            V, pull, moments = V + (constant + sums.cost), pull + sums.pull, moments + sums.moments
         release(R.R)
         places, sign = self._pairs
         g = highest * pull[pieces.power, pieces.base].real

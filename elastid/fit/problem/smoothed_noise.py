@@ -37,7 +37,8 @@ from typing import Any
 import numpy as np
 from scipy.special import fdtr, gammainc
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, quotient, stored_beside
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, quotient
+from elastid.base.large_arrays import move_beside
 from elastid.base.matrices import inverse
 from elastid.base.statistics import chi_square_limit
 from elastid.base.workers import Kept
@@ -188,7 +189,7 @@ def _smooth(response: Response, raw: Covariance) -> tuple[Covariance, FloatArray
     assert S is not None
     covariance, kept_matrix, kept_variance = smooth_covariance(S, _model(response, raw, S), raw.dof)
     power = np.einsum("faa->fa", covariance).real
-    covariance = stored_beside(S, covariance)
+    covariance = move_beside(S, covariance)
     if raw.left is None:
         smooth = Covariance(power.reshape(F, n_u, n_y).swapaxes(1, 2), raw.dof, matrix=covariance)
     else:

@@ -38,9 +38,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import MIN_LARGE_VALUES, BoolArray, ComplexArray, FloatArray, IntArray, quotient
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, quotient
 from elastid.base.errors import DataError, Note, notes_of
 from elastid.base.fourier import real_dft
+from elastid.base.large_arrays import MIN_LARGE_VALUES
 from elastid.base.matrices import power
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.checks import REPEAT_DIFFERENCE

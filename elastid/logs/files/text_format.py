@@ -1,5 +1,6 @@
 """The format of a text log, delimiter and decimal, guessed by the numbers that its last lines have with it."""
 
+from itertools import starmap
 from pathlib import Path
 from typing import Literal
 
@@ -29,7 +30,7 @@ def _best_format(path: Path) -> tuple[int, TextFormatSpec]:
         fields = [field for line in plain for field in split_line(line, text) if field]
         return sum(1 if is_number(field) else -1 for field in fields)
 
-    scored = [(numeric_score(text), text) for text in (TextFormatSpec(*spec) for spec in _FORMATS)]
+    scored = [(numeric_score(text), text) for text in starmap(TextFormatSpec, _FORMATS)]
     return max(scored, key=lambda pair: pair[0])
 
 
@@ -38,9 +39,9 @@ def otherwise_written(path: Path, text: TextFormatSpec) -> str:
     surplus, seems = _best_format(path)
     if surplus <= 0 or (seems.delimiter, seems.decimal) == (text.delimiter, text.decimal):
         return ""
-    return f"{WRITTEN_OTHERWISE}{described_format(seems)}"
+    return f"{WRITTEN_OTHERWISE}{describe_format(seems)}"
 
 
-def described_format(text: TextFormatSpec) -> str:
+def describe_format(text: TextFormatSpec) -> str:
     """Return a format as a study states it."""
     return f"text: {{delimiter: '{text.delimiter}', decimal: '{text.decimal}'}}"

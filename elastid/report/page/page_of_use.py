@@ -15,7 +15,7 @@ from elastid.report.figures.style import own_style
 from elastid.report.figures.use import SHOWN
 from elastid.report.page.explorer import asset, packed
 from elastid.report.page.page import EmbeddedFigure, render, rendered
-from elastid.use.map import LISTED, WorkspaceMap
+from elastid.use.map import N_SOFTEST, WorkspaceMap
 
 
 def map_data(workspace: WorkspaceMap) -> str:
@@ -35,7 +35,7 @@ def map_data(workspace: WorkspaceMap) -> str:
         "frame": m.frame, "joints": list(m.joints), "springs": list(m.springs), "is_path": m.is_path,
         "count": len(m), "angles": packed(angles), "asked": (m.asked + 1).tolist(),
         "places": [packed(part) for part in (x, y, np.hypot(x, y), z)], "share": packed(m.compliance_fraction),
-        "quantities": quantities, "softest": m.softest[:LISTED].tolist(),
+        "quantities": quantities, "softest": m.softest[:N_SOFTEST].tolist(),
         "lines": packed(m.curve_hz), "curve": packed(1e6 * m.magnitude), "std": packed(1e6 * m.magnitude_std),
     }  # fmt: skip
     return embedded_json(content)

@@ -54,7 +54,7 @@ def test_a_fault_is_named_first_with_its_size(fault: str) -> None:
         np.testing.assert_allclose(first.steps, np.broadcast_to(named.steps, len(first.steps)), atol=named.within)
     codes = {note.code for note in result.notes}
     assert "fit/likely-cause" in codes
-    assert not {"fit/inconsistent-responses", *(CONSEQUENCES if result.has_lone_cause else ())} & codes
+    assert not {"fit/inconsistent-responses", *(CONSEQUENCES if result.has_single_cause else ())} & codes
 
 
 def test_two_faults_are_named_one_after_the_other() -> None:
