@@ -292,7 +292,7 @@ class Record:
     @property
     def units_of_inputs(self) -> tuple[str, ...]:
         """The unit of each input."""
-        return self.input_units or tuple(drive_unit(place in self.sliding) for place in self.inputs)
+        return self.input_units or tuple(drive_unit(location in self.sliding) for location in self.inputs)
 
     @property
     def time_s(self) -> FloatArray:

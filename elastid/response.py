@@ -268,7 +268,7 @@ class Response(Kept):
     @property
     def units_of_inputs(self) -> tuple[str, ...]:
         """The unit of each input."""
-        return self.input_units or tuple(drive_unit(place in self.sliding) for place in self.inputs)
+        return self.input_units or tuple(drive_unit(location in self.sliding) for location in self.inputs)
 
     @property
     def output_unit(self) -> str:
@@ -290,16 +290,16 @@ class Response(Kept):
         parts = {name: given[name].lines(keep) for name in ("noise", "total", "quality") if name in given}
         return replace(self, **arrays, **parts, bias=None if self.bias is None else self.bias[:, :, keep])
 
-    def __getitem__(self, places: tuple[str | Sequence[str], str | Sequence[str]]) -> "Response":
+    def __getitem__(self, locations: tuple[str | Sequence[str], str | Sequence[str]]) -> "Response":
         """The response of some outputs to some inputs: response["motor 1", "motor 2"], outputs first, with covariance.
 
         Each a place or a sequence of places.  Quality and errors by friction belong to all of them and are left out.
         UnknownNameError for a place that is none.
         """
-        check_kind(places, tuple, "places", 'give outputs and inputs, response["joint 1", "motor 1"]')
-        outputs, inputs = ((place,) if isinstance(place, str) else tuple(place) for place in places)
-        rows = [index_of(place, self.outputs, "output") for place in outputs]
-        columns = [index_of(place, self.inputs, "input") for place in inputs]
+        check_kind(locations, tuple, "places", 'give outputs and inputs, response["joint 1", "motor 1"]')
+        outputs, inputs = ((location,) if isinstance(location, str) else tuple(location) for location in locations)
+        rows = [index_of(location, self.outputs, "output") for location in outputs]
+        columns = [index_of(location, self.inputs, "input") for location in inputs]
 
         uncertainties = {"noise": self.noise, "total": self.total}
         part: dict[str, Any] = {n: c.elements(rows, columns) for n, c in uncertainties.items() if c is not None}

@@ -100,20 +100,20 @@ def texts_from_responses(paths: Sequence[Path], folder: Path, robot: Robot | Non
 def _channels(table: _Table, drives: Sequence[str]) -> Iterator[str]:
     """Return inputs and outputs, at the motors of a robot or at locations named as in the file."""
     for i, guess in enumerate(table.inputs):
-        place = f"motor {drives[i]}" if drives else guess.name or f"input {i + 1}"
+        location = f"motor {drives[i]}" if drives else guess.name or f"input {i + 1}"
         quantity = guess.quantity or ("torque" if drives else "force")
         why = guess.why if guess.quantity else f"a {quantity} is assumed"
-        yield channel_line("u", place, replace(guess, quantity=quantity, why=why))
+        yield channel_line("u", location, replace(guess, quantity=quantity, why=why))
     is_used = (table.freq > 0) & np.isfinite(table.G).all(axis=(1, 2))
     size = np.abs(table.G[is_used]).mean(axis=(1, 2)) + 1e-300
     slope = float(np.polyfit(np.log(table.freq[is_used]), np.log(size), 1)[0])
     by_slope = "position" if slope < _POSITION else "velocity" if slope < _VELOCITY else "acceleration"
     for i, guess in enumerate(table.outputs):
-        place = f"motor {drives[i]}" if i < len(drives) else guess.name or f"output {i + 1}"
+        location = f"motor {drives[i]}" if i < len(drives) else guess.name or f"output {i + 1}"
         if not guess.quantity:
             unit = QUANTITY_UNIT[by_slope] if drives else of_translation(QUANTITY_UNIT[by_slope])
             guess = replace(guess, quantity=by_slope, unit=unit, why=f"|G| is proportional to f^{slope:.2g}")
-        yield channel_line("y", place, guess)
+        yield channel_line("y", location, guess)
 
 
 def _array_table(path: Path, arrays: Mapping[str, StoredArray]) -> _Table | None:

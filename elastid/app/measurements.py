@@ -80,9 +80,9 @@ def hit_runs(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> lis
     if len(set(headings)) > 1:
         drive = guess.joints[0].torque
         places = {drive.name: hit_place(guess)} | {motion.name: motion.place for motion in guess.motions}
-        columns = [(place, headings[0].index(name)) for name, place in places.items()]
-        by_log = [{place: guess_by_name(row[i], None).place for place, i in columns} for row in headings]
-        by_log = [{place: name for place, name in at.items() if name != place} for at in by_log]
+        columns = [(index, headings[0].index(name)) for name, index in places.items()]
+        by_log = [{index: guess_by_name(row[i], None).place for index, i in columns} for row in headings]
+        by_log = [{index: name for index, name in at.items() if name != index} for at in by_log]
     elif not (by_log := _by_names(logs, guess)):
         by_log = [{hit_place(guess): point} for point in _points_by_response(logs, form, guess)]
     first = [at for i, at in enumerate(by_log) if at not in by_log[:i]]
@@ -111,10 +111,10 @@ def _by_names(logs: Sequence[Path], guess: LogGuess) -> list[dict[str, str]]:
     outputs = [motion.place for motion in guess.motions]
     for column in moves:
         kind = next((kind for kind in (_POINT, _SENSOR) if re.fullmatch(kind, column[0][0])), "")
-        places = {_POINT: [hit_place(guess)], _SENSOR: outputs}.get(kind, [])
+        locations = {_POINT: [hit_place(guess)], _SENSOR: outputs}.get(kind, [])
         for at, (word, number, axis) in zip(result, column, strict=True):
             name = f"{word}{number} {axis}".strip()
-            at |= {place: f"{place} {name}" if len(places) > 1 else name for place in places}
+            at |= {place: f"{place} {name}" if len(locations) > 1 else name for place in locations}
     return result if any(result) else []
 
 

@@ -34,7 +34,7 @@ from elastid.base.errors import Note, StudyError
 from elastid.base.execution import Execution, persistent_workers
 from elastid.base.files import path_below
 from elastid.base.workers import load_for_workers
-from elastid.fit.status_terms import ANSWERED
+from elastid.fit.status_terms import CODES_WITH_CAUSE
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.files import (
     changed_texts,
@@ -89,7 +89,7 @@ class Work:
 
     def unanswered(self, notes: Iterable[Note]) -> tuple[Note, ...]:
         """Return notes on a fit and its responses, without notes that the stage gears answers or repeats."""
-        return tuple(note for note in notes if not (self.has_gears and note.code in ANSWERED))
+        return tuple(note for note in notes if not (self.has_gears and note.code in CODES_WITH_CAUSE))
 
     @contextmanager
     def execution(self, checkpoint: "Checkpoint | None" = None) -> Iterator[Execution]:

@@ -141,7 +141,7 @@ def docstring(text: str) -> str:
 
 def control_labels(name: str, inputs: Iterable[str], outputs: Iterable[str]) -> dict[str, Any]:
     """Return names of a system and of its signals without dots, which python-control refuses."""
-    inside, out = ([place.replace(".", "_") for place in places] for places in (inputs, outputs))
+    inside, out = ([location.replace(".", "_") for location in locations] for locations in (inputs, outputs))
     return {"name": name.replace(".", "_"), "inputs": inside, "outputs": out}
 
 

@@ -251,13 +251,13 @@ class Remote(Thread):
 
     pid = 0
 
-    def __init__(self, address: str, pipe: Connection, place: int) -> None:
+    def __init__(self, address: str, pipe: Connection, index: int) -> None:
         super().__init__(daemon=True)
         self._stack, self._pipe = ExitStack(), pipe
         self._task: Any = None
         self._client = self._stack.enter_context(client_of(address))
         places = places_of(self._client)
-        self._name, self._at = uuid4().hex, places[place % len(places)]
+        self._name, self._at = uuid4().hex, places[index % len(places)]
 
     def run(self) -> None:
         """Pass messages on until the pipe or the worker ends."""

@@ -59,12 +59,12 @@ def presliding(measurements: Sequence[Measurement], robot: Robot) -> tuple[Presl
     laws = {law.place: law for law in frictions(robot) if law.spec.lugre or law.spec.maxwell_slip}
     rows = []
     for i, joint in enumerate(robot.driven):
-        if (law := laws.get(place := robot.motor_locations[i])) is None:
+        if (law := laws.get(location := robot.motor_locations[i])) is None:
             continue
         stiffness, unit = law.at_rest()[0], "N/m" if joint.slides else "N*m/rad"
         bending = float(law.curve()[0]) / stiffness
         if AMPLITUDES[0] < distance[i] / bending < AMPLITUDES[1]:
-            rows.append(Presliding(place, unit, stiffness, 0.0, speed[i] / bending, 0.0, distance[i] / bending))
+            rows.append(Presliding(location, unit, stiffness, 0.0, speed[i] / bending, 0.0, distance[i] / bending))
     return tuple(rows)
 
 

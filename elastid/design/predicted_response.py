@@ -243,7 +243,7 @@ class Prospect:
         power = sum(noise.variances(signal, freq_hz, rate_hz) for signal in ("torque", "disturbance"))
         torque = (hold * power)[:, None, None]
         omega = 2 * np.pi * freq_hz[:, None]
-        measured = np.array([MOTION_ORDER[logged_quantity(place)] for place in self.outputs])
+        measured = np.array([MOTION_ORDER[logged_quantity(location)] for location in self.outputs])
         angle = omega ** (2 * (MOTION_ORDER[self.quantity] - measured)) * self._output_variances()
         per_sample = torque * (G @ np.swapaxes(G, 1, 2).conj()) + angle[:, :, None] * np.eye(len(self.outputs))
         scatter = self._friction(U, motion)[1]
@@ -255,15 +255,15 @@ class Prospect:
         """Return variances (F, n_y), rad^2 or (m/s^2)^2, of a sample, as if white: sensor noise and encoder counts."""
         noise = self.simulated.noise
         color = noise.variances("angle", self.plan.freq_hz, self.plan.rate_hz) - noise.angle_std**2
-        is_angle = [logged_quantity(place) == "position" for place in self.outputs]
+        is_angle = [logged_quantity(location) == "position" for location in self.outputs]
         variances = np.asarray(output_stds(noise, self.outputs) ** 2 + color[:, None] * np.array(is_angle))
         if not noise.encoder_counts:
             return variances
         steps = np.array([2 * math.pi / (noise.encoder_counts * self.robot.ratio(j.name)) for j in self.robot.driven])
         quantisation = np.linalg.inv(self.robot.mixing) ** 2 @ (steps**2 / 12)
-        for i, place in enumerate(self.outputs):
-            if place in self.robot.motor_locations:
-                variances[:, i] += quantisation[self.robot.motor_locations.index(place)]
+        for i, location in enumerate(self.outputs):
+            if location in self.robot.motor_locations:
+                variances[:, i] += quantisation[self.robot.motor_locations.index(location)]
         return variances
 
 

@@ -12,7 +12,7 @@ from elastid.fit.result import Result
 from elastid.record import JointLoop
 from elastid.robot import Robot, channel_name
 
-CORRELATED = 0.99  # correlation above which two parameters are indistinguishable
+MAX_CORRELATION = 0.99  # correlation above which two parameters are indistinguishable
 COMBINATION = "fit/combination"
 # Least relative std of a parameter whose combination with others is reported.
 _WIDE = 0.25
@@ -26,10 +26,10 @@ def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:
     return C[:n, :n] - cross @ np.linalg.solve(C[n:, n:], cross.T)
 
 
-def correlated(names: Sequence[str], covariance: FloatArray) -> Iterator[Note]:
+def correlated_combinations(names: Sequence[str], covariance: FloatArray) -> Iterator[Note]:
     """Yield a note for each indistinguishable pair.  covariance: by noise; model errors correlate all parameters."""
     correlation = np.triu(np.nan_to_num(correlation_of(covariance)), 1)
-    for i, j in np.argwhere(np.abs(correlation) > CORRELATED):
+    for i, j in np.argwhere(np.abs(correlation) > MAX_CORRELATION):
         text = f"{names[i]} and {names[j]} are indistinguishable (correlation {correlation[i, j]:.4f}). Fix one of them"
         yield Note("fit/correlated", text)
 

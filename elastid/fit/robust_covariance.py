@@ -109,8 +109,8 @@ def sum_lines(
     mixing = part.mixing
     r, J, chain = with_factors(fit, x, factors, part, response, mixing)
     # Of z those combinations U^T z that move the residuals of this configuration.
-    U, combined = np.linalg.qr(half @ chain)
-    J = np.tensordot(combined, J, axes=1)
+    U, product = np.linalg.qr(half @ chain)
+    J = np.tensordot(product, J, axes=1)
     T, flat = _whitening(part, mixing), vec(J)
     errors = T * vec(weights.floor * response.G)[:, None, :]
     # A sum over lines whose errors are correlated has so many times the variance.

@@ -146,7 +146,7 @@ def within_excitation(response: Response) -> Response:
     """
     lines = np.arange(response.n_lines)
     last = int(lines[_has_power(response)][-1])
-    if last == lines[-1] or not all(place.startswith("motor ") for place in response.inputs):
+    if last == lines[-1] or not all(location.startswith("motor ") for location in response.inputs):
         return response
     text = (
         f"lines above {response.freq_hz[last]:.4g} Hz are discarded: the torques have less than a hundredth of their "

@@ -129,9 +129,9 @@ def friction_bias(
     or a motor's own motion was not logged.
     """
     first = spectra[0][0].record
-    if first.half_wave or any(place not in first.outputs for place in first.inputs):
+    if first.half_wave or any(location not in first.outputs for location in first.inputs):
         return None
-    rows = [first.outputs.index(place) for place in first.inputs]
+    rows = [first.outputs.index(location) for location in first.inputs]
     if any(first.quantities[row] == "acceleration" for row in rows):
         return None
     inverse = np.asarray(np.linalg.pinv(G[:, rows]), np.complex128)

@@ -294,7 +294,7 @@ def motor_motion(records: Sequence[Record], response: Response) -> MotorMotion |
     last = records[min(max(_LEAST_RECORDS, len(records[0].inputs)), len(records)) - 1].realisation
     records = [record for record in records if record.realisation <= last]
     first = records[0]
-    columns = [i for i, place in enumerate(first.outputs) if place.startswith("motor ")]
+    columns = [i for i, location in enumerate(first.outputs) if location.startswith("motor ")]
     if not columns or not first.has_rate or not first.is_periodic:
         return None
     N = first.period_samples

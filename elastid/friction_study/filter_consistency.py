@@ -97,7 +97,7 @@ def unknown(track: Track) -> BoolArray:
     return track.variance > (MAX_STD_RATIO * _prior_std(track)) ** 2
 
 
-def filter_notes(place: str, track: Track, assessment: Consistency) -> Iterator[Note]:
+def filter_notes(location: str, track: Track, assessment: Consistency) -> Iterator[Note]:
     """Yield notes on a filter: it diverged, or which numbers are not observable, and why its bands are too narrow."""
     names, P, diverged = track.joint.followed, track.covariance, assessment.divergence
     never = np.all(unknown(track), axis=0).tolist()
@@ -110,12 +110,12 @@ def filter_notes(place: str, track: Track, assessment: Consistency) -> Iterator[
             f"the motion does not identify {'; '.join(weak)}: reversals distinguish Coulomb friction from an offset, "
             "several speeds from viscous friction"
         )
-        yield Note("filter/not-observable", text, place, severity="warning" if pairs else "information")
+        yield Note("filter/not-observable", text, location, severity="warning" if pairs else "information")
     if reasons := [f"diverged {diverged}"] if diverged else assessment.doubts:
         text = (
             f"{'; '.join(reasons)}; the model or its noise is wrong, and the bands are too narrow: correct "
             "inertia, spring, bristles, gravity and payload of the joint, or give filter.correlation_time, "
             "filter.torque_std or a larger filter.drift"
         )
-        lost, wide = Note("filter/diverged", text, place), Note("filter/inconsistent", text, place)
+        lost, wide = Note("filter/diverged", text, location), Note("filter/inconsistent", text, location)
         yield lost if diverged else wide

@@ -142,8 +142,8 @@ class Estimate:
 
     def combination(self, weights: Mapping[str, float]) -> tuple[float, float]:
         """Return the weighted sum of parameters, and its standard deviation."""
-        places, a = [self.names.index(name) for name in weights], np.array([*weights.values()])
-        return float(a @ self.values[places]), float(np.sqrt(a @ self.covariance[np.ix_(places, places)] @ a))
+        indices, a = [self.names.index(name) for name in weights], np.array([*weights.values()])
+        return float(a @ self.values[indices]), float(np.sqrt(a @ self.covariance[np.ix_(indices, indices)] @ a))
 
 
 @dataclass(frozen=True)

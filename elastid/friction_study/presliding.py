@@ -176,7 +176,7 @@ class PreslidingFit:
 
 
 def fit_presliding_responses(
-    place: str,
+    location: str,
     responses: "Sequence[PreslidingResponse]",
     joint: ElasticJoint | None = None,
     viscous: tuple[float, float] = (0.0, 0.0),
@@ -193,7 +193,7 @@ def fit_presliding_responses(
             "friction/presliding-test",
             "stiffness, damping and slip of bristles cannot be distinguished; excite lines "
             "below and above the resonance of inertia and bristles, at amplitudes up to a tenth of break-away",
-            f"{place} at rest",
+            f"{location} at rest",
         )
     n, scale = len(fit.x) - 3, np.array([np.exp(fit.x[-3]), model.damping_unit])
     # As the residuals scatter: variances from a few periods make good weights, and poor intervals.
@@ -204,7 +204,7 @@ def fit_presliding_responses(
         f"bristles move by {slip:.2g} of what they bend at break-away (rms); above {MAX_SLIP:g} the expansion "
         "over amplitude does not hold: lower the torque at rest"
     )
-    notes = (Note("friction/presliding-test", text, f"{place} at rest"),) if slip > MAX_SLIP else ()
+    notes = (Note("friction/presliding-test", text, f"{location} at rest"),) if slip > MAX_SLIP else ()
     return PreslidingFit(float(scale[0]), float(fit.x[-1] * scale[1]), covariance, len(responses), notes)
 
 

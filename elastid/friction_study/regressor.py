@@ -130,7 +130,7 @@ def add_curve_uncertainty(signals: Sequence[MotionSignals], terms: MotionTerms, 
 
     They are of other exponents of a Stribeck effect, and of one that shows, but not beyond chance.
     """
-    settled, place, changes = terms.at(fit), fit.names.index("coulomb"), [np.zeros(len(fit.names))]
+    settled, index, changes = terms.at(fit), fit.names.index("coulomb"), [np.zeros(len(fit.names))]
     limit = 1 + MAX_COST / fit.independent
     if terms.stribeck_velocity:
         others = [regress(signals, replace(settled, exponent=exponent)) for exponent in EXPONENTS]
@@ -141,7 +141,7 @@ def add_curve_uncertainty(signals: Sequence[MotionSignals], terms: MotionTerms, 
         unseen = regress(signals, replace(settled, stribeck_velocity=velocity), steps=0)
         if unseen["stiction"] > unseen["coulomb"] and unseen.sum_of_squares * limit < fit.sum_of_squares:
             changes.append(change_of(fit, unseen))
-    return fit.widened(max(changes, key=lambda shift: float(abs(shift[place]))))
+    return fit.widened(max(changes, key=lambda shift: float(abs(shift[index]))))
 
 
 def change_of(fit: Regression, other: Regression) -> FloatArray:

@@ -162,10 +162,10 @@ class RigidColumns:
         """Rigid body's columns from q, v, a; indices of the others among `chosen`; places of the rows."""
         n_l, names = len(self.robot.joints), [joint.name for joint in self.robot.joints]
         chosen = np.arange(len(column_names(self.robot, self.joints))) if self.chosen is None else self.chosen
-        places = [names.index(joint) for joint in self.rows]
+        indices = [names.index(joint) for joint in self.rows]
         q, v, a = (ca.SX.sym(name, n_l) for name in "qva")
-        columns = regressor(self.robot)(q, v, a)[places, chosen[chosen < 10 * n_l].tolist()]
-        return ca.Function("part", [q, v, a], [columns]), chosen[chosen >= 10 * n_l] - 10 * n_l, places
+        columns = regressor(self.robot)(q, v, a)[indices, chosen[chosen < 10 * n_l].tolist()]
+        return ca.Function("part", [q, v, a], [columns]), chosen[chosen >= 10 * n_l] - 10 * n_l, indices
 
     def at(self, log: MotionLog, samples: slice) -> FloatArray:
         """Return columns (n, len(rows), n_b) at some samples."""

@@ -185,22 +185,22 @@ def rigid_loads(robot: Robot, records: Sequence[FrictionRecord], position: Float
 
     Returns both, zeros if the robot model couples none of these joints: each has its own inertia and gravity then.
     """
-    places = [robot.driven_indices[robot.driven_names.index(record.joint)] for record in records]
+    indices = [robot.driven_indices[robot.driven_names.index(record.joint)] for record in records]
     (n, m), rate_hz = position.shape, records[0].rate_hz
     q, v, a = smoothed_motion(position, rate_hz)[0]
     states = np.zeros((3, len(robot.joints), n))
     states[0, list(robot.driven_indices)] = (robot.mixing @ records[0].angles(len(robot.driven)))[:, None]
     for signals, values in zip(states, (q, v, a), strict=True):
-        signals[places] = values.T
+        signals[indices] = values.T
     dynamics, theta = inverse_dynamics(robot), np.array([value for value, _ in robot.parameters().values()])
 
     def torque(q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-        return np.asarray(dynamics(q, v, a, np.tile(theta[:, None], q.shape[1])).full())[places]
+        return np.asarray(dynamics(q, v, a, np.tile(theta[:, None], q.shape[1])).full())[indices]
 
     # Columns of the mass matrix at some instants.
     sample, unit = states[0][:, :: max(1, n // 20)], np.zeros((len(robot.joints), 1))
     zeros, columns = np.zeros_like(sample), []
-    for place in places:
+    for place in indices:
         unit[:], unit[place] = 0.0, 1.0
         columns.append(torque(sample, zeros, zeros + unit) - torque(sample, zeros, zeros))
     M = np.array(columns)  # (m, m, k)
@@ -394,7 +394,7 @@ MIN_RATIO, CLOSE_FACTOR, MIN_CORRELATION = 10.0, 4.0, 0.5
 
 
 def check_torques(
-    robot: Robot, measured: Mapping[str, FloatArray], expected: Mapping[str, FloatArray], place: str
+    robot: Robot, measured: Mapping[str, FloatArray], expected: Mapping[str, FloatArray], location: str
 ) -> None:
     """Raise DataError if torques (n,) by joint that follow the expected ones are, in the median, of the other side."""
     powers, ratios = list[float](), list[float]()
@@ -412,7 +412,7 @@ def check_torques(
         f"torques are {ratio**power:.3g} times those of the robot's file, and the ratio of the gear is {ratio:.4g}: "
         f"torques or angles are {advice}, or correct their unit"
     )
-    raise DataError("friction/rigid-body", text, place)
+    raise DataError("friction/rigid-body", text, location)
 
 
 def turns_against_gravity(robot: Robot, joint: Joint, posture: Configuration | None) -> bool:

@@ -125,9 +125,9 @@ class _Problem:
 
     def series(self, constants: FloatArray, fractions: FloatArray) -> FloatArray:
         """Return columns (m, 3 n_speeds) of the parabolas."""
-        speeds, place = np.unique(np.round(self.warm_up.test_speed, 9), return_inverse=True)
+        speeds, index = np.unique(np.round(self.warm_up.test_speed, 9), return_inverse=True)
         heat = _heat(self.warm_up.log, constants, fractions)[self.warm_up.test] / self.warm_up.log.power.max()
-        return np.hstack([np.eye(len(speeds))[place] * heat[:, None] ** power for power in range(3)])
+        return np.hstack([np.eye(len(speeds))[index] * heat[:, None] ** power for power in range(3)])
 
     def fit(self, constant: float | None = None) -> ThermalModel:
         """Return the best of a few starts; constant: with one thermal node. Raise FitError without an optimum."""
@@ -156,7 +156,7 @@ class _Problem:
         return ThermalModel(constants, fractions, h, log_std, end.cost, end.dof - eliminated)
 
 
-def warm_up_note(model: ThermalModel, warm_up: WarmUp, place: str) -> tuple[Note, ...]:
+def warm_up_note(model: ThermalModel, warm_up: WarmUp, location: str) -> tuple[Note, ...]:
     """Return a note where a warm-up ended before its slowest time constant was known."""
     std, constant = float(model.log_std[1]), float(model.time_constants[0])  # of the slowest
     seconds = float(np.ptp(warm_up.log.time_s))
@@ -166,7 +166,7 @@ def warm_up_note(model: ThermalModel, warm_up: WarmUp, place: str) -> tuple[Note
         f"{seconds / 60:.3g} min show a time constant of {constant / 60:.3g} min to {std:.0%} only, so that the final "
         "temperature is extrapolated: log two to three time constants, or a pause in which the joint cools"
     )
-    return (Note("friction/warm-up", text, place),)
+    return (Note("friction/warm-up", text, location),)
 
 
 def _heat(log: WarmUpLog, constants: FloatArray, fractions: FloatArray) -> FloatArray:

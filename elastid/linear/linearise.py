@@ -111,7 +111,7 @@ def _reading(
     model: ElasticModel, q: FloatArray, theta: FloatArray, outputs: tuple[str, ...], dq: FloatArray
 ) -> dict[str, FloatArray]:
     """Return slopes of C and T (n_theta, n_y, n_q) of the outputs; none for motors and joints."""
-    if all(place.startswith(("motor ", "joint ")) for place in outputs):
+    if all(location.startswith(("motor ", "joint ")) for location in outputs):
         return {}
     C_q, C_theta, T_q, T_theta = (part.full() for part in _readout_slopes(model, outputs)(q, theta))
     slopes = {"C": C_theta + C_q @ dq, "T": T_theta + T_q @ dq}
@@ -218,13 +218,13 @@ class Linearisation:
         absent = () if configuration.has_payload else model.of_payload
         varied = set(names if varied is None else varied).difference(absent)
         of_name = _slopes(model, {"M": M, "D": D, "K": K, "C": C, "T": T}, of_theta, Z, dZ, varied)
-        places = model.inputs, tuple(outputs), quantity
+        locations = model.inputs, tuple(outputs), quantity
         M, D, K = (projected(Z, matrix) for matrix in (M, D, K))
         B, C, T = Z.T @ model.B, C @ Z, T @ Z
         chain, sliding = elements(model.robot.chain), model.robot.sliding((*model.inputs, *outputs))
         channels = tuple(name for name in model.parameters if name in model.robot.channel_numbers)
         linear = LinearModel(
-            configuration, names, theta_ref, M, D, K, of_name, B, C, *places, T, chain, Z, channels, sliding=sliding
+            configuration, names, theta_ref, M, D, K, of_name, B, C, *locations, T, chain, Z, channels, sliding=sliding
         )
         if not self.presliding:
             return linear

@@ -69,9 +69,9 @@ def estimate_motion_bias(
     measured = np.flatnonzero(np.isin(model.inputs, motion.motors))
     at = [motion.motors.index(model.inputs[i]) for i in measured]
     mean = _mean(expansion, motion, linear.configuration.angles, measured, at)
-    inputs = [model.inputs.index(place) for place in linear.driven]
+    inputs = [model.inputs.index(index) for index in linear.driven]
     if linear.controller is not None:
-        inputs = [model.inputs.index(place) for place in linear.controller.motors]
+        inputs = [model.inputs.index(index) for index in linear.controller.motors]
 
     def of_motion(lines_hz: FloatArray, most: int) -> ComplexArray:
         """Return dG (F, n_y, n_u) at lines_hz (F,) for a motion of at most so many lines."""
@@ -297,7 +297,7 @@ def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Exp
     curvature = (ahead - behind) / (2 * np.diag(steps)[:, None, None])
     B = np.vstack([model.B, np.zeros((r, model.n_u))])
     free = np.concatenate([free_coordinates(model), np.arange(n_q, n)])
-    orders = np.array([2 if is_point(place) else 1 for place in outputs])
+    orders = np.array([2 if is_point(location) else 1 for location in outputs])
     return _Expansion(n_q, n, J[0], curvature, jacobian, B, free, orders)
 
 
@@ -315,15 +315,15 @@ def _jacobian_of(model: ElasticModel, outputs: tuple[str, ...]) -> ca.Function:
     return ca.Function("slope", [z, theta], [ca.densify(ca.jacobian(R, z))], {"cse": True})
 
 
-def is_point(place: str) -> bool:
+def is_point(location: str) -> bool:
     """Return True for a point of a frame that moves along an axis, `frame tool x` or `accelerometer tool x`."""
-    kind, _, axis = split_place(place)
+    kind, _, axis = split_place(location)
     return kind == "accelerometer" or (kind == "frame" and axis in ("x", "y", "z"))
 
 
-def _acceleration(model: ElasticModel, place: str, q: ca.SX, v: ca.SX, a: ca.SX, theta: ca.SX) -> ca.SX:
+def _acceleration(model: ElasticModel, location: str, q: ca.SX, v: ca.SX, a: ca.SX, theta: ca.SX) -> ca.SX:
     """Return the acceleration of a point along its turning axis, v' + omega x v in the frame's axes; less gravity."""
-    kind, name, axis = split_place(place)
+    kind, name, axis = split_place(location)
     f, i = [frame.name for frame in model.robot.frames].index(name), "xyz".index(axis)
     J = model.frame_velocity(q, theta)[6 * f : 6 * f + 6, :]
     velocity, turning = J[:3, :] @ v, J[3:, :] @ v

@@ -18,10 +18,10 @@ from elastid.record import JointLoop, Motors
 from elastid.robot.robot import split_place
 
 
-def moved_by(place: str) -> str:
+def moved_by(location: str) -> str:
     """Return the motion on which a force or torque works."""
-    kind, name, axis = split_place(place)
-    return {"force": f"frame {name} {axis}", "torque": f"frame {name} r{axis}"}.get(kind, place)
+    kind, name, axis = split_place(location)
+    return {"force": f"frame {name} {axis}", "torque": f"frame {name} r{axis}"}.get(kind, location)
 
 
 def locked_motor_motions(B: FloatArray) -> FloatArray:

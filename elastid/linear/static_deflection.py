@@ -102,9 +102,9 @@ class LoadedRobot:
         z, K = self._equilibria(numbers)
         by_theta, p, p_z, p_theta = self._at(self.slopes, z, numbers)
         slopes = p_theta - p_z @ self._solve(K, by_theta)
-        L, places = len(self.loads), [3 * self.frames.index(load.read_at) for load in self.loads]
+        L, indices = len(self.loads), [3 * self.frames.index(load.read_at) for load in self.loads]
         readings, of_theta = [], []
-        for i, (load, at) in enumerate(zip(self.loads, places, strict=True)):
+        for i, (load, at) in enumerate(zip(self.loads, indices, strict=True)):
             rows = slice(at, at + 3)
             readings.append(load.directions @ (p[L + i, rows, 0] - p[i, rows, 0]))
             of_theta.append(load.directions @ (slopes[L + i, rows] - slopes[i, rows]))
@@ -165,11 +165,11 @@ def _functions(
     rates = model.frame_velocity(q, theta)
     points = []
     for i, name in enumerate(frames):
-        place = names.index(name)
-        seat = layout.named[place]
+        index = names.index(name)
+        seat = layout.named[index]
         points.append(position(layout, joint_turns, seat))
         R = rotation(layout, joint_turns, seat)
-        J = rates[6 * place : 6 * place + 6, :]
+        J = rates[6 * index : 6 * index + 6, :]
         forces -= J[:3, :].T @ (R.T @ wrench[6 * i : 6 * i + 3]) + J[3:, :].T @ (R.T @ wrench[6 * i + 3 : 6 * i + 6])
     h, p, varied = ca.vertcat(forces[free], model.constraint(q, theta)), ca.vertcat(*points), theta[list(dependent)]
     slopes = [ca.jacobian(h, varied), p, ca.jacobian(p, z), ca.jacobian(p, varied)]

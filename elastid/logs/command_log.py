@@ -114,9 +114,9 @@ def read_study_log(path: Path, recorded: RecordedSpec, robot: Robot, rate_hz: fl
 
 def _channel(recorded: RecordedSpec, role: str, joint: str) -> ChannelSpec:
     """Return the channel of a command, or of the position nearest to the motor of a joint."""
-    for place in (f"motor {joint}", f"joint {joint}"):
+    for location in (f"motor {joint}", f"joint {joint}"):
         for channel in recorded.channels:
-            if (channel.role, channel.at, channel.quantity) == (role, place, "position"):
+            if (channel.role, channel.at, channel.quantity) == (role, location, "position"):
                 return channel
     text = f"no channel of role {role}, quantity position at motor {joint}. Add it to experiment.recorded.channels"
     raise StudyError("study/recorded", text, "--study")

@@ -64,11 +64,11 @@ def _align_record(first: Record, record: Record, claim: str) -> Record:
     best = max(range(len(delays)), key=lambda i: delays[i][1])
     lag = delays[best][0]
     b = np.fft.irfft(np.fft.rfft(b, axis=0) * np.exp(2j * np.pi * np.fft.rfftfreq(N) * lag)[:, None], N, axis=0)
-    for i, place in enumerate(first.inputs):
+    for i, location in enumerate(first.inputs):
         noise = var_a[i] + var_b[i]
         # Of an input whose noise no log shows nothing is known, unless it is the one that excites.
         if refusal := _repetition_error(a[:, i], b[:, i], noise) if i == best or np.isfinite(noise) else "":
-            raise DataError("records/inconsistent", f"{claim}, but at {place} {refusal}. {_ADVICE}")
+            raise DataError("records/inconsistent", f"{claim}, but at {location} {refusal}. {_ADVICE}")
     aligned = _shift_periods(record, lag)
     u, y = (x.mean(axis=0) - back.mean(axis=0) for x, back in ((first.u, aligned.u), (first.y, aligned.y)))
     return replace(aligned, u=aligned.u + u, y=aligned.y + y)

@@ -147,11 +147,11 @@ class RecordedRig:
         has_at = any(other.at for other in recorded.files if other.configuration == file.configuration)
         inputs = recorded.places_of(file.configuration, "u") if has_at else acting
         u = np.zeros((len(signals), len(inputs)))  # a hammer is at one of its points
-        u[:, [inputs.index(place) for place in acting]] = signals[:, roles["u"]]
+        u[:, [inputs.index(index) for index in acting]] = signals[:, roles["u"]]
         units = input_units(channels, self.robot) * (len(inputs) // len(acting))
         if recorded.has_no_torque:
-            units = tuple(motion_unit("position", self.robot.slides(place)) for place in inputs)
-            inputs = tuple(REFERENCE + place.partition(" ")[2] for place in inputs)
+            units = tuple(motion_unit("position", self.robot.slides(index)) for index in inputs)
+            inputs = tuple(REFERENCE + index.partition(" ")[2] for index in inputs)
         return Record(
             name=experiment.name, configuration=experiment.configuration, realisation=experiment.realisation,
             experiment=experiment.experiment, rate_hz=rate_hz, period_samples=N or len(signals),

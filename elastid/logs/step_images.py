@@ -95,10 +95,10 @@ def with_image_errors(response: Response, recorded: RecordedSpec, robot: Robot) 
     is_logged = any(channel.role in ("r", "reference") for channel in recorded.channels)
     if controller is None or controller.reference is None or is_logged or not 0 < rate_hz * controller.cycle < 4:
         return response
-    if any(place not in torques or place not in response.outputs for place in response.inputs):
+    if any(location not in torques or location not in response.outputs for location in response.inputs):
         return response
-    drives = Drives.of(controller, robot, [torques[place] for place in response.inputs], rate_hz)
-    f, rows = response.freq_hz, [response.outputs.index(place) for place in response.inputs]
+    drives = Drives.of(controller, robot, [torques[location] for location in response.inputs], rate_hz)
+    f, rows = response.freq_hz, [response.outputs.index(location) for location in response.inputs]
     C_fb, C_ff = drives.controlled(f)
     s = laplace_variable(f[:, None])
     P = response.G[:, rows] * s[..., None] ** -MOTION_ORDER[response.quantity]

@@ -73,7 +73,7 @@ def _travel(records: Sequence[Record]) -> dict[str, float]:
     first, travel = records[0], np.max([np.ptp(record.y, axis=0) for record in records], axis=0).tolist()
     rows = zip(first.outputs, first.quantities, travel, strict=True)
     return dict.fromkeys(first.inputs, 0.0) | {
-        place: extent for place, quantity, extent in rows if quantity == "position" and place in first.inputs
+        location: extent for location, quantity, extent in rows if quantity == "position" and location in first.inputs
     }
 
 
@@ -88,8 +88,8 @@ def _unexplained(
     if ratio < MIN_UNEXPLAINED or np.median((total / (noise + arm()))[is_noisy]) < MIN_UNEXPLAINED:
         return ()
     rms = np.sqrt(np.mean([np.var(record.u, axis=0) for record in records], axis=0))
-    coulomb = [friction.coulomb_friction(place)[0] for place in response.inputs]
-    stuck = [place for place, F_c, limit in zip(response.inputs, coulomb, rms / 3, strict=True) if F_c > limit]
+    coulomb = [friction.coulomb_friction(location)[0] for location in response.inputs]
+    stuck = [location for location, F_c, limit in zip(response.inputs, coulomb, rms / 3, strict=True) if F_c > limit]
     cure = "add `gears: {}` to the study"
     if stuck:
         cure = f"raise excitation.torque_rms: friction stops {' and '.join(stuck)} at this amplitude"
@@ -126,7 +126,7 @@ def _arm_variance(
     at = np.rint(response.freq_hz / lines.freq_hz[0]).astype(np.int64) - 1
     G = Y[at] * lines.s[at, None, None] ** MOTION_ORDER[response.quantity] @ np.linalg.pinv(lines.U[at])
     variance = np.zeros(response.G.shape)
-    variance[:, [response.outputs.index(place) for place in response.inputs]] = np.abs(G) ** 2
+    variance[:, [response.outputs.index(location) for location in response.inputs]] = np.abs(G) ** 2
     return variance / len({record.realisation for record in net})
 
 
@@ -141,10 +141,10 @@ def _coefficient_errors(
     """Return delta G (n_b, n_u, F, n_y, n_u) by the coefficients of each motor, their largest errors first, and by its
     reversals.
     """
-    places, n_u = friction.places, len(friction.places)
+    locations, n_u = friction.places, len(friction.places)
     coupling = np.eye(n_u) if E is None else E
     data = gather_configuration([to_shafts(record, E) for record in records], friction.shapes, spec, planned_lines)
-    motor_of = np.array([places.index(shape.place) for shape in friction.shapes])
+    motor_of = np.array([locations.index(shape.place) for shape in friction.shapes])
     on, net = data.excited, data.U - compensation_torque(friction.coulomb_torque, data.Phi, motor_of, n_u)
     pseudo = np.linalg.pinv(net[on]) @ np.linalg.inv(coupling.T)
     lines = np.rint(response.freq_hz / data.freq_hz[0] * data.lines[0]).astype(np.int64)
@@ -199,7 +199,7 @@ def to_shafts(record: Record, E: FloatArray | None) -> Record:
     """
     if E is None:
         return record
-    columns = [record.outputs.index(place) for place in record.inputs if place in record.outputs]
+    columns = [record.outputs.index(location) for location in record.inputs if location in record.outputs]
     if len(columns) < len(record.inputs) or len({record.quantities[i] for i in columns}) > 1:
         others = [i for i in range(len(record.outputs)) if i not in columns]
         outputs = tuple(record.outputs[i] for i in others)

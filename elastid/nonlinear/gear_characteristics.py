@@ -236,9 +236,9 @@ class JointEffects:
     def parameter(self, letter: str) -> tuple[float, FloatArray]:
         """Return the stiffness k or damping d of the joint and its row."""
         parameters, x, row = self.estimate.parameters, self.estimate.x, np.zeros(len(self.estimate.covariance))
-        place = parameters.names.index(f"{letter}_{self.joint}")
-        row[: len(x)] = parameters.jacobian(x)[place]
-        return float(parameters.expand(x)[place]), row
+        index = parameters.names.index(f"{letter}_{self.joint}")
+        row[: len(x)] = parameters.jacobian(x)[index]
+        return float(parameters.expand(x)[index]), row
 
     def magnitudes(self, weights: Mapping[int, float]) -> tuple[float, FloatArray]:
         """Return the weighted sum of magnitudes and its row."""

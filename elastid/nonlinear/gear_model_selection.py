@@ -86,7 +86,7 @@ def _sizes(data: GearData, estimate: GearEstimate, j: int) -> tuple[float, float
     """Return RMS velocity of a motor and deflection of its gear, by the linear model."""
     speeds, deflections = [], []
     for lines, drive in zip(data.lines, estimate.drives, strict=True):
-        motor, gear = (drive.motion(place, j, lines.U) for place in ("motor", "gear"))
+        motor, gear = (drive.motion(location, j, lines.U) for location in ("motor", "gear"))
         speeds.append(np.mean(np.sum(np.abs(lines.s[:, None] * motor) ** 2, axis=0) / 2))
         deflections.append(np.mean(np.sum(np.abs(gear) ** 2, axis=0) / 2))
     return math.sqrt(np.mean(speeds)), math.sqrt(np.mean(deflections))
@@ -202,7 +202,7 @@ def _as_gap_or_range(data: GearData, estimate: GearEstimate, joint: str) -> Gear
     names = estimate.parameters.free_names
     if len(springs) != 1 or estimate.effects[springs[0]].edge is None or f"k_{joint}" not in names:
         return estimate
-    (i,), place = springs, names.index(f"k_{joint}")
+    (i,), index = springs, names.index(f"k_{joint}")
     effect, f = estimate.effects[i], float(estimate.magnitudes[i])
     k = estimate.parameters.as_dict(estimate.x)[f"k_{joint}"]
     inner, outer = (k, k + f) if effect.kind == "range" else (k - f, k)
@@ -210,7 +210,7 @@ def _as_gap_or_range(data: GearData, estimate: GearEstimate, joint: str) -> Gear
     if kind == effect.kind or not inner > 0:
         return estimate
     x = estimate.x.copy()
-    x[place] = estimate.parameters.free[place].to_x(outer if kind == "gap" else inner)
+    x[index] = estimate.parameters.free[index].to_x(outer if kind == "gap" else inner)
     effects = (*estimate.effects[:i], replace(effect, kind=kind), *estimate.effects[i + 1 :])
     return estimate_gear_parameters(data, replace(estimate, x=x, effects=effects), effects, tolerance=_ROUGH)
 

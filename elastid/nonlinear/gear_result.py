@@ -15,7 +15,7 @@ from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.result import Result
-from elastid.fit.status_terms import ANSWERED, DISTORTED, Status
+from elastid.fit.status_terms import CODES_WITH_CAUSE, DISTORTED, Status
 from elastid.nonlinear.basis_functions import GearEffect
 from elastid.parameters import Parameter, Parameters
 from elastid.robot import Friction, Gear, GearRipple, Hysteresis, Joint, Robot, Spring, TransmissionError
@@ -136,7 +136,7 @@ class GearResult:
 
     def unanswered_notes(self, notes: Iterable[Note]) -> tuple[Note, ...]:
         """Return notes of a fit and its responses without those that the effects answer."""
-        return tuple(note for note in notes if not (self.explains_misfit and note.code in ANSWERED))
+        return tuple(note for note in notes if not (self.explains_misfit and note.code in CODES_WITH_CAUSE))
 
     def magnitude(self, kind: str, joint: str) -> float:
         """Return the sum of magnitudes of a kind at a joint, 0 without any."""

@@ -244,14 +244,14 @@ class _Problem:
     def motion(self, q: ComplexArray, j: int, m: int, x: FloatArray, force: FloatArray) -> GearMotion:
         """Return motion of a joint in an experiment by its estimate q (F, n), unknowns x (n_x, n) and their forces."""
         lines, drive, signals = self.lines, self.drive, self.signals
-        motor, gear, link = (q @ drive.directions(place, j) for place in ("motor", "gear", "link"))
+        motor, gear, link = (q @ drive.directions(location, j) for location in ("motor", "gear", "link"))
         amplitudes = np.stack([gear, lines.s * gear, lines.s * motor, lines.s * link])
         swing, slope, velocity, link_velocity = lines.fine(amplitudes)
         motions: dict[Place, FloatArray] = {
             "gear": swing + self._static_deflection(m)[j] + self._transmission_error(q, j, m),
             "motor": velocity, "link": link_velocity,
         }  # fmt: skip
-        motions |= {place: signal for (place, joint), signal in zip(signals, x, strict=False) if joint == j}
+        motions |= {location: signal for (location, joint), signal in zip(signals, x, strict=False) if joint == j}
         torque = drive.k[j] * motions["gear"] + drive.d[j] * slope
         if ("gear", j) in signals:
             torque = torque + force[signals.index(("gear", j))]

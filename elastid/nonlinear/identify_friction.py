@@ -64,7 +64,7 @@ def identify_motor_friction(
     try:
         return _identify(records, measured, spec, planned, execution or Execution())
     except _Unsuited as reason:
-        is_quiet = spec.friction == "auto" and not any(place.startswith("motor ") for place in records[0].inputs)
+        is_quiet = spec.friction == "auto" and not any(location.startswith("motor ") for location in records[0].inputs)
         return _no_friction(records[0], "" if is_quiet else str(reason), spec.friction)
 
 
@@ -75,33 +75,33 @@ def _identify(
     planned: IntArray | None,
     execution: Execution,
 ) -> CompensatedFriction:
-    n_first, places = -(-_CHOICE_RECORDS // len(records)), records[0].inputs
+    n_first, locations = -(-_CHOICE_RECORDS // len(records)), records[0].inputs
 
     def gather(
         part: Sequence[Iterable[Record]], shapes: Sequence[BasisFunction], friction: CompensatedFriction | None = None
     ) -> list[ConfigurationSpectra]:
-        return execution.ordered(partial(_gather, places, shapes, spec, planned, friction), part)
+        return execution.ordered(partial(_gather, locations, shapes, spec, planned, friction), part)
 
     if reason := refusal(records):
         raise _Unsuited(reason)
     refuse_mismatch(records)
     shapes = candidate_basis(records, spec.friction == "coulomb")
     data = gather(measured[:n_first], shapes)
-    choice, indices = select_basis(data, shapes, places, spec.friction == "auto")
-    if delay_s := torque_delay(data, shapes, choice, places):
+    choice, indices = select_basis(data, shapes, locations, spec.friction == "auto")
+    if delay_s := torque_delay(data, shapes, choice, locations):
         late, late_shapes = delay_spectra(data, delay_s), tuple(replace(shape, delay_s=delay_s) for shape in shapes)
-        late_choice, late_indices = select_basis(late, late_shapes, places, spec.friction == "auto")
+        late_choice, late_indices = select_basis(late, late_shapes, locations, spec.friction == "auto")
         # Bristles with much damping act before their deflection, as if the torque were logged early.
         if delay_s > 0 or any(shape.is_memoryless for shape in late_choice.shapes):
             data, shapes, choice, indices = late, late_shapes, late_choice, late_indices
     basis_spectra = [replace(spectra, Phi=spectra.Phi[:, indices]) for spectra in data]
-    swings = tuple(median_swing([motion_of(record, place) for record in records]) for place in places)
+    swings = tuple(median_swing([motion_of(record, place) for record in records]) for place in locations)
     first, friction = _FrictionFit(records[0], spec, basis_spectra, choice, swings), None
     if choice.shapes:
         noise = np.sqrt(np.mean([spectra.velocity_noise**2 for spectra in basis_spectra], axis=0))
-        near = refine_basis(choice, first.sums[0], places, noise)
+        near = refine_basis(choice, first.sums[0], locations, noise)
         between = replace(first, choice=near, data=gather(measured[:n_first], near.shapes, first.result))
-        pairs = [[fit.result.coulomb_friction(place)[0] for fit in (between, first)] for place in places]
+        pairs = [[fit.result.coulomb_friction(place)[0] for fit in (between, first)] for place in locations]
         # Of many configurations the motion between the samples is looked at where it moves F_c by what is known of it.
         is_near = all(abs(coefficient - sampled) <= SIGN_ERROR * coefficient for coefficient, sampled in pairs)
         if n_first >= len(measured) or not is_near:
@@ -199,7 +199,7 @@ class _FrictionFit:
         result, motor_of, n = self.result, self.choice.motor_of, len(self.data)
         C, notes = result.covariance.copy(), list[Note]()
         sums = [normal_equations([spectra], self.sums[0], motor_of) for spectra in self.data]
-        for i, place in enumerate(result.places):
+        for i, location in enumerate(result.places):
             f = np.where(motor_of == i, self.sums[0], 0.0)
             power = np.array([max(f @ fold.A.sum(axis=0) @ f, 1e-300) for fold in sums])
             factor = np.array([f @ fold.b.sum(axis=0) for fold in sums]) / power
@@ -207,9 +207,9 @@ class _FrictionFit:
             Q = float(weight @ (factor - weight @ factor / weight.sum()) ** 2)
             if n > 1 and f.any() and chi_square_limit(n - 1, DEPENDENCE_BY_CHANCE) < Q:
                 C += (Q - n + 1) / (weight.sum() - weight @ weight / weight.sum()) * np.outer(f, f)
-                F_c, low, high = result.coulomb_friction(place)[0], int(np.argmin(factor)), int(np.argmax(factor))
+                F_c, low, high = result.coulomb_friction(location)[0], int(np.argmin(factor)), int(np.argmax(factor))
                 text = (
-                    f"{place}: friction varies from {F_c * factor[low]:.4g} {result.place_units[i]} in "
+                    f"{location}: friction varies from {F_c * factor[low]:.4g} {result.place_units[i]} in "
                     f"{result.configurations[low]} to {F_c * factor[high]:.4g} in {result.configurations[high]}. To "
                     "find whether angle, temperature or load is the cause, run a friction study with `loads`"
                 )

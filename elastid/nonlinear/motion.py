@@ -61,14 +61,14 @@ class Motion:
         return np.asarray(np.maximum(np.maximum(self.by_sample.min(axis=0), -self.by_sample.max(axis=0)), 0.0))
 
 
-def motion_of(record: Record, place: str, by_torque: Callable[[Motion], ComplexArray] | None = None) -> Motion:
+def motion_of(record: Record, location: str, by_torque: Callable[[Motion], ComplexArray] | None = None) -> Motion:
     """Return the motion of a motor over all whole periods of a record, which it need not repeat, by its samples.
 
     by_torque(motion): DFT (n // 2 + 1,) of its angle by what is known of its torque as an inertia, in place of what is
     noise above the last line that is known; along the motion of the round before, in two rounds.
     """
-    n, order = whole_samples(record), MOTION_ORDER[record.quantities[record.outputs.index(place)]]
-    Y, start, gain = motor_spectrum(record, place)
+    n, order = whole_samples(record), MOTION_ORDER[record.quantities[record.outputs.index(location)]]
+    Y, start, gain = motor_spectrum(record, location)
     fraction, noise = signal_fraction(record, Y, order)
     s = laplace(len(Y), n, record.rate_hz)
     velocity = integrated(fraction * Y, s, order - 1)
@@ -129,13 +129,13 @@ def whole_samples(record: Record) -> int:
     return record.n_samples // record.period_samples * record.period_samples
 
 
-def motor_spectrum(record: Record, place: str) -> tuple[ComplexArray, float, float]:
+def motor_spectrum(record: Record, location: str) -> tuple[ComplexArray, float, float]:
     """Return the DFT (n // 2 + 1,) of a motor's logged motion over whole periods, the start of its angle, and its gain.
 
     An angle is taken from its start on, without the ramp of its gain; both are 0 of other quantities.
     """
-    y = record.y[: whole_samples(record), record.outputs.index(place)]
-    if record.quantities[record.outputs.index(place)] != "position":
+    y = record.y[: whole_samples(record), record.outputs.index(location)]
+    if record.quantities[record.outputs.index(location)] != "position":
         return rfft(y), 0.0, 0.0
     gain = _gain(y, record.period_samples)
     return rfft(y - y[0] - gain * np.arange(len(y)) / len(y)), float(y[0]), gain

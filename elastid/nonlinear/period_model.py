@@ -98,7 +98,7 @@ def drive_lines(
     """Return the model at x (n_x,). response: fitted response of the same configuration, with all motors as inputs."""
     robot, name = linearisation.model.robot, lines.configuration.name
     theta = parameters.expand(x, name)
-    motors = [response.outputs.index(place) for place in response.inputs]
+    motors = [response.outputs.index(location) for location in response.inputs]
     model = linear_model(linearisation, response, theta)
     kernel = kernel_of(model.with_outputs(motors), parameters, lines.freq_hz)
     M, D, K = model.matrices(theta)
@@ -128,7 +128,7 @@ def drive_lines(
         for letter, without in (("k", 1.0), ("d", 0.0))
     )
     point = equilibrium(linearisation.model, theta[: -1 if DELAY in model.parameters else None], lines.configuration)
-    places = {place: row @ model.Z for place, row in rows.items()}
+    places = {location: row @ model.Z for location, row in rows.items()}
     chain = parameters.jacobian(x, name)[kernel.places]
     joint_numbers = driven, ratios, places, k, d, k * (rows["gear"] @ point.q)
     return DriveLines(model, kernel, theta, H, C, model.B, G, images, command, sensor, *joint_numbers, chain)

@@ -207,7 +207,7 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
     first = records[0]
     if reason := reason_unsuited(first):
         raise DataError("gears/records", reason, f"configuration {first.configuration.name}")
-    columns = [first.outputs.index(place) for place in first.inputs]
+    columns = [first.outputs.index(location) for location in first.inputs]
     excited = analysed_lines(list(map(RecordSpectra, records)), spec, planned)
     lines = np.arange(1, (first.period_samples + 1) // 2)
     is_excited = np.isin(lines, excited)
@@ -234,7 +234,7 @@ def reason_unsuited(first: Record) -> str:
     """Return the reason why friction and gear effects are not identifiable from these records, else ""."""
     if not first.is_periodic:
         return "the records are not periodic; nonlinear effects are estimated from differences of periodic experiments"
-    missing = ", ".join(place for place in first.inputs if place not in first.outputs)
+    missing = ", ".join(location for location in first.inputs if location not in first.outputs)
     text = f"the angle of {missing} is not among the outputs. Log the angle of each motor: these effects depend on it"
     return text if missing else ""
 

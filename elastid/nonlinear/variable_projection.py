@@ -188,10 +188,10 @@ class Basis:
 
 
 def select_basis(
-    data: Sequence[ConfigurationSpectra], candidates: Sequence[BasisFunction], places: Sequence[str], auto: bool
+    data: Sequence[ConfigurationSpectra], candidates: Sequence[BasisFunction], locations: Sequence[str], auto: bool
 ) -> tuple[Basis, IntArray]:
     """Select basis functions by cross-validation; return them and their indices (n,) among the candidates."""
-    motor_of = _motors(candidates, places)
+    motor_of = _motors(candidates, locations)
     equations, groups = estimate_coefficients(data, motor_of)[1], identifiable_basis(data, motor_of)
     choices = [select_motor_basis(equations, i, members, candidates) for i, members in enumerate(groups)]
     choices = [pair if not auto or pair[1] <= MAX_RESIDUAL_FRACTION else (pair[0][:0], 1.0) for pair in choices]
@@ -206,7 +206,7 @@ DELAY_ITERATIONS = 2  # of the coefficients at a delay, whose power has an error
 
 
 def torque_delay(
-    data: Sequence[ConfigurationSpectra], candidates: Sequence[BasisFunction], choice: Basis, places: Sequence[str]
+    data: Sequence[ConfigurationSpectra], candidates: Sequence[BasisFunction], choice: Basis, locations: Sequence[str]
 ) -> float:
     """Estimate the delay of the logged torques behind the motions by friction; 0 if it explains them nearly as well.
 
@@ -219,7 +219,7 @@ def torque_delay(
         return 0.0
     from scipy.optimize import minimize_scalar
 
-    motor_of = _motors(candidates, places)
+    motor_of = _motors(candidates, locations)
     groups = identifiable_basis(data, motor_of)  # a delay changes no magnitude
 
     def power(delay_s: float) -> float:
@@ -269,8 +269,8 @@ def delay_spectra(data: Sequence[ConfigurationSpectra], delay_s: float) -> list[
     return [replace(spectra, Phi=factor * spectra.Phi) for spectra, factor in zip(data, late, strict=True)]
 
 
-def _motors(shapes: Sequence[BasisFunction], places: Sequence[str]) -> IntArray:
-    return np.array([places.index(shape.place) for shape in shapes], dtype=np.int64)
+def _motors(shapes: Sequence[BasisFunction], locations: Sequence[str]) -> IntArray:
+    return np.array([locations.index(shape.place) for shape in shapes], dtype=np.int64)
 
 
 def identifiable_basis(data: Sequence[ConfigurationSpectra], motor_of: IntArray) -> list[IntArray]:
@@ -298,16 +298,16 @@ _BENDING = tuple(0.025 * 2 ** (i / 2) for i in range(15))
 def candidate_basis(records: Sequence[Record], signs_alone: bool) -> tuple[BasisFunction, ...]:
     """Return the candidates of every motor: a sign, abrupt or smooth, a Stribeck curve, bristles and their damping."""
     shapes: list[BasisFunction] = []
-    for place in records[0].inputs:
-        motions = [motion_of(record, place) for record in records]
+    for location in records[0].inputs:
+        motions = [motion_of(record, location) for record in records]
         speed = math.sqrt(np.mean([motion.speed**2 for motion in motions]))
-        shapes += [BasisFunction(place, "sign", part * speed) for part in _TURNING]
+        shapes += [BasisFunction(location, "sign", part * speed) for part in _TURNING]
         if signs_alone:
             continue
-        shapes += [BasisFunction(place, "stribeck", part * speed) for part in _FALLING if speed > 0]
+        shapes += [BasisFunction(location, "stribeck", part * speed) for part in _FALLING if speed > 0]
         if (swing := median_swing(motions)) > 0:
             kinds: tuple[Kind, ...] = ("stop", "bristle", "stop damping", "bristle damping")
-            shapes += [BasisFunction(place, kind, part * swing) for kind in kinds for part in _BENDING]
+            shapes += [BasisFunction(location, kind, part * swing) for kind in kinds for part in _BENDING]
     return tuple(shapes)
 
 

@@ -19,7 +19,7 @@ GOOD = {
     "failed": "No parameter was identified.",
 }
 # Symbols of the numbers that the sentence of a joint has, each by direction where these differ.
-ANSWERED = ("tau_f", "F_c", "F_s", "f")
+CODES_WITH_CAUSE = ("tau_f", "F_c", "F_s", "f")
 # Largest relative half-width of a good number, and largest relative rms error of a good simulation.
 MOST_OFF = 0.1
 # Parts of a law without numbers, in words.
@@ -86,7 +86,7 @@ class FrictionContent:
         """Answer by the status, and by the least known of the numbers that a joint's sentence has."""
         if self.result.status in ("identified", "partly") and self._off:
             return f"Yes, but {self._off}."
-        answered = [row for row in self.result.numbers if row.symbol in ANSWERED and row.value]
+        answered = [row for row in self.result.numbers if row.symbol in CODES_WITH_CAUSE and row.value]
         widths = {row.name: (row.high - row.low) / 2 / abs(row.value) for row in answered}
         widest = max(widths, key=widths.__getitem__, default="")
         if self.result.status != "identified" or not widest or widths[widest] <= MOST_OFF:
@@ -148,7 +148,11 @@ class FrictionContent:
 def answer(joint: JointFriction) -> str:
     """Summarise the identified numbers of a joint in one sentence."""
     symbols = {identified.symbol for identified in joint.numbers}
-    parts = [s for symbol in ANSWERED for s in ((f"{symbol}+", f"{symbol}-") if f"{symbol}+" in symbols else (symbol,))]
+    parts = [
+        s
+        for symbol in CODES_WITH_CAUSE
+        for s in ((f"{symbol}+", f"{symbol}-") if f"{symbol}+" in symbols else (symbol,))
+    ]
     first = [identified for symbol in parts for identified in joint.numbers if identified.symbol == symbol]
     if not first:
         return f"Joint {joint.joint}: no friction could be identified."

@@ -92,8 +92,8 @@ def measured_drawing(modes: Modes, geometry: GeometrySpec) -> ModeDrawing | None
     names = list(geometry.points)
     points = np.array([geometry.points[name] for name in names], dtype=float)
     motion = np.zeros((len(names), 3, modes.n_modes), complex)
-    for place, shape in zip(modes.places, modes.place_shapes[0], strict=True):
-        if (where := geometry.direction_of(place)) is not None:
+    for location, shape in zip(modes.places, modes.place_shapes[0], strict=True):
+        if (where := geometry.direction_of(location)) is not None:
             point, direction = where
             sign = -1.0 if direction.startswith("-") else 1.0
             motion[names.index(point), "xyz".index(direction.lstrip("+-"))] += sign * shape

@@ -91,9 +91,9 @@ def check_tolerances(robot: "Robot") -> None:
 FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
-def split_place(place: str) -> tuple[str, str, str]:
+def split_place(location: str) -> tuple[str, str, str]:
     """Return kind, name and axis of a place on a body or a frame, such as `frame tool rz`."""
-    kind, _, rest = place.partition(" ")
+    kind, _, rest = location.partition(" ")
     name, _, axis = rest.rpartition(" ")
     return kind, name, axis
 

@@ -111,7 +111,7 @@ def rigid_path(model: ElasticModel, q0: FloatArray, start: FloatArray, position:
     angles = np.vstack([start, position])
     q = np.zeros((len(angles), model.n_q))
     q[:, :n_l] = followed(model.robot, angles, start)
-    q[:, [model.index(place) for place in model.inputs]] = angles
+    q[:, [model.index(location) for location in model.inputs]] = angles
     return np.asarray(q0 + q[1:] - q[0])
 
 

@@ -30,16 +30,16 @@ def write_modes_csv(path: Path, modes: Sequence[Modes]) -> Path:
 
 
 def _measured_modes(modes: Sequence[Modes]) -> Iterable[Sequence[Any]]:
-    places = list(dict.fromkeys(place for basis in modes for place in basis.places))
+    locations = list(dict.fromkeys(place for basis in modes for place in basis.places))
     columns = "frequency", "frequency_std", "damping_ratio", "damping_ratio_std", "phase_collinearity"
-    yield "configuration", *columns, *(f"{part}_{place}" for place in places for part in ("re", "im", "std"))
+    yield "configuration", *columns, *(f"{part}_{place}" for place in locations for part in ("re", "im", "std"))
     for basis in modes:
         shapes, std = basis.place_shapes
         numbers = zip(basis.freq_hz, basis.freq_std, basis.zeta, basis.zeta_std, basis.collinearity, strict=True)
         for r, row in enumerate(numbers):
             entries = zip(basis.places, shapes[:, r].real, shapes[:, r].imag, std[:, r], strict=True)
             by_place = {place: numbers for place, *numbers in entries}
-            yield basis.configuration, *row, *(x for place in places for x in by_place.get(place, ("", "", "")))
+            yield basis.configuration, *row, *(x for place in locations for x in by_place.get(place, ("", "", "")))
 
 
 def write_csv(folder: Path, model: FittedRobot) -> tuple[Path, ...]:

@@ -48,8 +48,8 @@ def write_uff(
     geometry: points and lines of the structure, which each file gets.
     """
     pyuff = installed("pyuff", "uff")
-    places = dict.fromkeys(place for response in responses for place in (*response.outputs, *response.inputs))
-    nodes, points = _located(list(places), geometry)
+    locations = dict.fromkeys(location for response in responses for location in (*response.outputs, *response.inputs))
+    nodes, points = _located(list(locations), geometry)
     folder.mkdir(parents=True, exist_ok=True)
     paths, mode_sets = [], {basis.configuration: basis for basis in modes}
     for response in responses:
@@ -63,14 +63,14 @@ def write_uff(
             pyuff.UFF(str(temporary)).write_sets(sets, "overwrite")
         paths.append(path)
     table = folder / "nodes.csv"
-    rows = [(place, node, "-" * (code < 0) + _DIRECTIONS[abs(code)]) for place, (node, code) in nodes.items()]
+    rows = [(location, node, "-" * (code < 0) + _DIRECTIONS[abs(code)]) for location, (node, code) in nodes.items()]
     write_rows(table, [("place", "node", "direction"), *rows])
     return (*paths, table)
 
 
-def nodes_of(places: Iterable[str]) -> Nodes:
+def nodes_of(locations: Iterable[str]) -> Nodes:
     """Return node and direction (0 none, 1 to 3 along x, y, z, 4 to 6 about them) of each place, all different."""
-    names = list(dict.fromkeys(places))
+    names = list(dict.fromkeys(locations))
     matches = {name: re.fullmatch(r"(?:.*\D)?(\d{1,9})(r?[xyz])", name) for name in names}
     nodes = {name: (int(m[1]), _DIRECTIONS.index(m[2])) for name, m in matches.items() if m}
     nodes = {name: node for i, (name, node) in enumerate(nodes.items()) if node not in list(nodes.values())[:i]}

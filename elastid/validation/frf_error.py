@@ -86,10 +86,10 @@ def predict_response(result: Result, measured: Response, is_fitted: bool = False
 
     StudyError for places that the robot lacks, and where it finds no rest.
     """
-    motors, places = measured.motors, (measured.inputs, measured.outputs)
+    motors, locations = measured.motors, (measured.inputs, measured.outputs)
     from elastid.fit.posture import PredictionPorts, as_configuration  # equations, which a page does without
 
-    request = PredictionPorts(*places, motors, quantity=measured.quantity, controller=measured.loop)
+    request = PredictionPorts(*locations, motors, quantity=measured.quantity, controller=measured.loop)
     family = result.family(request, measured.configuration.name)
     band = family.at(as_configuration(measured.configuration, family.robot, ())).response_band(measured.freq_hz, LEVEL)
     predicted = replace(band.response, configuration=measured.configuration)

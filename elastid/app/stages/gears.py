@@ -23,7 +23,7 @@ from elastid.fit.diagnosis.hypotheses import WITHOUT_OTHER_ROBOTS
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec
-from elastid.fit.status_terms import ANSWERED
+from elastid.fit.status_terms import CODES_WITH_CAUSE
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.gear_characteristics import identify_gears
 from elastid.nonlinear.gear_result import GearNumber, GearResult, with_gears
@@ -61,7 +61,7 @@ def gears(study: Study, work: Work) -> Artefacts:
 
     def report(console: Console) -> None:
         linear = [*result.notes, *notes_of(responses)]
-        console.notes(gear_result.unanswered_notes(note for note in linear if note.code in ANSWERED))
+        console.notes(gear_result.unanswered_notes(note for note in linear if note.code in CODES_WITH_CAUSE))
         console.notes(gear_result.notes)
         if gear_result.refused:  # the end of the run has the effects
             console.warn(f"gears: {gear_line(gear_result)}")
@@ -120,7 +120,7 @@ def with_gear_section(
     changes = section(final, "status message")
     changes |= {} if final.indices else {"modification_indices": []}  # the gears explain what these would
     if gears.explains_misfit and not final.indices:
-        is_unanswered = [note["code"] not in ANSWERED for note in content["notes"]]
+        is_unanswered = [note["code"] not in CODES_WITH_CAUSE for note in content["notes"]]
         changes |= {name: list(compress(content[name], is_unanswered)) for name in ("warnings", "notes")}
     return {**content, **changes, "parameters": json_value(parameters), "gears": json_value(numbers)}
 

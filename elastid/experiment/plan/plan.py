@@ -174,12 +174,12 @@ class Plan:
         """Rate, period and lines, and the RMS torque of each input in each configuration."""
         f = self.freq_hz
         rms = np.sqrt(np.sum(np.abs(self.R) ** 2, axis=3) / 2).max(axis=(1, 2))
-        slides = [place in self.sliding for place in self.inputs]
+        slides = [location in self.sliding for location in self.inputs]
         rows = [
             (c.name, degrees(c.angles.tolist(), slides), str(M), ", ".join(f"{torque:.3g}" for torque in torques))
             for c, M, torques in zip(self.configurations, self.realisations, rms.tolist(), strict=True)
         ]
-        units = " or ".join(dict.fromkeys(drive_unit(place in self.sliding) for place in self.inputs))
+        units = " or ".join(dict.fromkeys(drive_unit(location in self.sliding) for location in self.inputs))
         return Display(
             f"Plan of {len(self.experiments)} runs, {self.robot_time_s:.4g} s: {len(f)} lines from {f[0]:.4g} to "
             f"{f[-1]:.4g} Hz at {self.rate_hz:g} Hz, {self.periods} periods of {self.period_samples} samples",

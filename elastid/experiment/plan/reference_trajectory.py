@@ -187,8 +187,8 @@ def reference(
     """Return the reference of one configuration."""
     path = movement(carrier, plan)
     signals = path.position, path.velocity, path.acceleration, path.scale
-    once, place = np.unique(_first_of_its_kind(plan, carrier), return_inverse=True)
-    torque = feed_forward(configuration, Movement(*(x[once] for x in signals)))[place]
+    once, index = np.unique(_first_of_its_kind(plan, carrier), return_inverse=True)
+    torque = feed_forward(configuration, Movement(*(x[once] for x in signals)))[index]
     position = configuration.angles + path.position
     timing = plan.rate_hz, plan.first_sample
     return Reference(configuration, *timing, position, path.velocity, path.acceleration, torque, path.scale)

@@ -159,9 +159,9 @@ def limit_notes(plant: Plant, run: str, u: FloatArray, motors: Iterable[int]) ->
             yield beyond(place, torque.max(), joint.limits.torque, unit)
 
 
-def beyond(place: str, peak: float, limit: float, unit: str) -> Note:
+def beyond(location: str, peak: float, limit: float, unit: str) -> Note:
     """Return a note on a motor that went beyond a limit which its drive does not keep."""
-    return Note("experiment/limits", f"reached {peak:.4g} {unit}; its limit is {limit:.4g} {unit}; {_LOWER}", place)
+    return Note("experiment/limits", f"reached {peak:.4g} {unit}; its limit is {limit:.4g} {unit}; {_LOWER}", location)
 
 
 _LOWER = "lower excitation.torque_rms, or the highest speed of passes"

@@ -25,7 +25,7 @@ from elastid.parameters import Parameters
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluated:
+class EvaluatedResponse:
     """One configuration at x: G (F, n_y, n_u) of the model and its derivatives, to x and by name to ln p or p.
 
     mixing: `Part.mixing`, for all that is whitened.
@@ -47,7 +47,7 @@ class Evaluated:
         return as_real(self.part.residual(self.G, self.mixing).ravel())
 
 
-Change: TypeAlias = Callable[[Evaluated, ComplexArray], ComplexArray]  # of arrays (..., F, n_y, n_u)
+Change: TypeAlias = Callable[[EvaluatedResponse, ComplexArray], ComplexArray]  # of arrays (..., F, n_y, n_u)
 
 STEP_STD = 0.5  # of the prior of ln p that keeps a step near, and a stiffness near its start, at residuals of a misfit
 
@@ -76,7 +76,7 @@ def spread_out(count: int) -> slice:
     return slice(None, None, max(1, math.ceil(count / CONFIGURATIONS)))
 
 
-def thinned(fit: ElasticFit, residuals: int = 8_000) -> ElasticFit:
+def on_some_lines(fit: ElasticFit, residuals: int = 8_000) -> ElasticFit:
     """Return the fit on a subset of lines of each configuration, with about `residuals` real residuals in total.
 
     Without static load tests, which do not depend on the channels of the responses.
@@ -89,12 +89,12 @@ def thinning(fit: ElasticFit, residuals: int) -> Callable[[Part], Part]:
 
     At least 20 lines per configuration, 5 if there are very many: V of a single configuration is tested as well.
     """
-    step, least = max(1, math.ceil(fit.n_residuals / residuals)), max(5, min(20, 1280 // max(1, len(fit.parts))))
-    return partial(_thin, step, least)
+    step, min_lines = max(1, math.ceil(fit.n_residuals / residuals)), max(5, min(20, 1280 // max(1, len(fit.parts))))
+    return partial(_thin, step, min_lines)
 
 
-def _thin(step: int, least: int, part: Part) -> Part:
-    lines = slice(None, None, min(step, max(1, len(part.measured) // least)))
+def _thin(step: int, min_lines: int, part: Part) -> Part:
+    lines = slice(None, None, min(step, max(1, len(part.measured) // min_lines)))
     kernel = replace(part.kernel, freq_hz=part.kernel.freq_hz[lines])
     whitening = part.whitening and part.whitening.lines(lines)
     return replace(
@@ -102,13 +102,13 @@ def _thin(step: int, least: int, part: Part) -> Part:
     )
 
 
-def evaluate(fit: ElasticFit, x: FloatArray) -> list[Evaluated]:
+def evaluate(fit: ElasticFit, x: FloatArray) -> list[EvaluatedResponse]:
     """Return every configuration at x (n_x,), with derivatives to the free parameters alone."""
     evaluated = []
     for part in (part for part in fit.parts if part.n_residuals):
         G, slopes = part.columns.evaluate(part.theta(fit.parameters, x))
         free = np.tensordot(part.chain(fit.parameters, x).T, slopes, axes=1)
-        evaluated.append(Evaluated(part, part.mixing, G, free))
+        evaluated.append(EvaluatedResponse(part, part.mixing, G, free))
     return evaluated
 
 
@@ -120,13 +120,13 @@ def start_distance(parameters: Parameters, x: FloatArray) -> float:
     return sum(2 * math.log1p(((x[i] - parameters.x[i]) / STEP_STD) ** 2) for i in stiffnesses)
 
 
-def squares(evaluated: Sequence[Evaluated]) -> list[float]:
+def squares(evaluated: Sequence[EvaluatedResponse]) -> list[float]:
     """Return V of each configuration."""
     return [float(e.residual @ e.residual) for e in evaluated]
 
 
 def predict(
-    change: ResponseChange, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray | bool = True
+    change: ResponseChange, evaluated: Sequence[EvaluatedResponse], prior: FloatArray, free: BoolArray | bool = True
 ) -> tuple[float, FloatArray]:
     """Return V after one Gauss-Newton step of the free parameters, and the step (n_x,); prior (n_x,): 1 / std."""
     V, b, A = _normal_equations(change, evaluated, prior, free)
@@ -136,14 +136,14 @@ def predict(
 
 
 def _normal_equations(
-    change: ResponseChange, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray | bool
+    change: ResponseChange, evaluated: Sequence[EvaluatedResponse], prior: FloatArray, free: BoolArray | bool
 ) -> tuple[float, FloatArray, FloatArray]:
     """Return V, J^T r (n_x,) and J^T J (n_x, n_x) of a changed model, with priors centred on the present x."""
     V, b, A = 0.0, np.zeros(len(prior)), np.diag(prior**2)
     for i, measured in enumerate(evaluated):
         model = evaluated[change.order[i]] if change.order else measured
-        changed = replace(measured, G=change.apply(measured, model.G))
-        r, J = changed.residual, -changed.whitened(change.apply(measured, model.free)) * np.reshape(free, (-1, 1))
+        hypothesis = replace(measured, G=change.apply(measured, model.G))
+        r, J = hypothesis.residual, -hypothesis.whitened(change.apply(measured, model.free)) * np.reshape(free, (-1, 1))
         V, b, A = V + float(r @ r), b + J @ r, A + J @ J.T
     return V, b, A
 

@@ -188,12 +188,12 @@ def _compare(response: Response, part: Part, fit: ElasticFit, x: FloatArray) -> 
 
 def _interpretations(responses: Sequence[Response]) -> Iterator[tuple[tuple[Response, ...], str]]:
     def interpretation(sign: float, power: int) -> tuple[Response, ...]:
-        readings = []
+        interpreted = []
         for G in responses:
             s = laplace_variable(G.freq_hz[:, None, None])
             noise, total = (scaled(part, np.abs(s) ** (2 * power)) for part in (G.noise, G.total))
-            readings.append(replace(G, G=sign * G.G * s**power, noise=noise, total=total))
-        return tuple(readings)
+            interpreted.append(replace(G, G=sign * G.G * s**power, noise=noise, total=total))
+        return tuple(interpreted)
 
     yield interpretation(-1.0, 0), "reverse the sign of force or motion: they have opposite signs"
     orders = {order: name for name, order in MOTION_ORDER.items()}
@@ -204,7 +204,7 @@ def _interpretations(responses: Sequence[Response]) -> Iterator[tuple[tuple[Resp
                 interpretation(1.0, power),
                 f"correct the quantity: the file has the {quantity}, not the {orders[min(stated_orders)]}",
             )
-    has_motor_motion = any(place.startswith("motor ") for G in responses for place in G.outputs)
+    has_motor_motion = any(location.startswith("motor ") for G in responses for location in G.outputs)
     motor_states: tuple[Literal["locked", "free"], ...] = ("free",) if has_motor_motion else ("locked", "free")
     for motors in motor_states:
         if any(G.motors != motors for G in responses):

@@ -94,9 +94,9 @@ class Packed:
         """Return the packed form of R (F, n_e, n_e) or its diagonal (F, n_e)."""
         rows = R if R.ndim == 2 else R[:, *np.triu_indices(R.shape[1])]
         F, n_r = rows.shape
-        filled = np.zeros((-(-F // BATCH) * BATCH, n_r), complex)
-        filled[:F] = rows
-        parts = np.stack([filled.real, filled.imag], axis=2).reshape(-1, BATCH, n_r, 2)
+        padded_rows = np.zeros((-(-F // BATCH) * BATCH, n_r), complex)
+        padded_rows[:F] = rows
+        parts = np.stack([padded_rows.real, padded_rows.imag], axis=2).reshape(-1, BATCH, n_r, 2)
         return cls(np.ascontiguousarray(parts.transpose(0, 2, 3, 1)))
 
     def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> BlockSums:
@@ -192,8 +192,8 @@ class CompressedResiduals(Kept):
     @cached_property
     def _counts(self) -> BoolArray:
         """Elements (F, n_e) of which at least one measured number counts."""
-        used = (self.gain > 0).reshape(len(self.gain), -1)
-        return used[:, self._places[0]] | used[:, self._places[1]]
+        is_used = (self.gain > 0).reshape(len(self.gain), -1)
+        return is_used[:, self._places[0]] | is_used[:, self._places[1]]
 
     @cached_property
     def compressed(self) -> "Compressed":

@@ -121,8 +121,8 @@ class Part(Kept):
 
         mixing: `Part.mixing`.
         """
-        e, used = difference(self.criterion, self.measured, G), self.gain > 0
-        return mixed(mixing, np.where(used, self.gain * np.where(used, e, 0.0), 0.0))
+        e, is_used = difference(self.criterion, self.measured, G), self.gain > 0
+        return mixed(mixing, np.where(is_used, self.gain * np.where(is_used, e, 0.0), 0.0))
 
     def slopes(self, G: ComplexArray, dG: ComplexArray, mixing: ComplexArray | None) -> ComplexArray:
         """Return dr (n, F, n_y, n_u) by changes dG of a response G."""
@@ -293,14 +293,14 @@ def part_with(
     columns: Columns, images: ComplexArray, response: Response, weights: Weights, criterion: ResidualKind
 ) -> Part:
     """Return the part of one configuration with the columns of its model; images (F, n_y, n_u): aliases."""
-    kernel, used = columns.kernel, weights.used
+    kernel, is_used = columns.kernel, weights.used
     if criterion == "log":
         # The logarithm of noise is noise, and biased: elements must exceed it by 6 dB.
         G = kernel.response(kernel.model.theta_ref)
-        used = used & (np.abs(G) > 1e-12 * np.abs(G).max()) & (np.abs(response.G) > 2.0 * weights.sigma)
+        is_used = is_used & (np.abs(G) > 1e-12 * np.abs(G).max()) & (np.abs(response.G) > 2.0 * weights.sigma)
     with np.errstate(divide="ignore", invalid="ignore"):
-        slope = np.where(used, error_gain(criterion, response.G), 1.0)
-    gain = np.sqrt(2 * weights.factor) / np.where(used, np.abs(slope) * weights.sigma, np.inf)
+        slope = np.where(is_used, error_gain(criterion, response.G), 1.0)
+    gain = np.sqrt(2 * weights.factor) / np.where(is_used, np.abs(slope) * weights.sigma, np.inf)
     whitening = None
     if weights.correlated is not None and criterion == "complex":
         whitening = Whitening(weights.correlated, weights.floor, response.G, weights.sigma)
@@ -322,8 +322,8 @@ def at_measured_places(model: LinearModel, response: Response | LinearModel) -> 
         *references,
         *(name for name in response.inputs if is_load(name) and moved_by(name) in model.outputs),
     )
-    places = (("input", response.inputs, known_inputs), ("output", response.outputs, model.outputs))
-    for kind, names, options in places:
+    locations = (("input", response.inputs, known_inputs), ("output", response.outputs, model.outputs))
+    for kind, names, options in locations:
         if unknown := ", ".join(name for name in names if name not in options):
             text = f"the model has no {kind} {unknown}; there are {', '.join(options) or 'none'}"
             raise DataError("fit/responses", text, f"configuration {response.configuration.name}")

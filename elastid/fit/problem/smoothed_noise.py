@@ -85,7 +85,7 @@ def noise_model(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
     The variance components of every second line follow from the other lines, so that C does not depend on the line's
     own S; fewer than 16 lines are not divided.
     """
-    models = [_across_lines(S, each) for each in (replace(shapes, output=shapes.output[:MOTIONS]), shapes)]
+    models = [_across_lines(S, shape) for shape in (replace(shapes, output=shapes.output[:MOTIONS]), shapes)]
     return max(models, key=lambda C: -float(np.sum(np.linalg.slogdet(C)[1]) + np.sum(np.linalg.inv(C).mT * S).real))
 
 
@@ -241,8 +241,8 @@ def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float) -> tuple
     F, n = S.shape[:2]
     width = min(_width(n, dof), F)
     L = np.asarray(np.linalg.cholesky(model), np.complex128)
-    whiten = np.asarray(np.linalg.inv(L), np.complex128)
-    X = whiten @ S @ whiten.mT.conj()
+    whitening = np.asarray(np.linalg.inv(L), np.complex128)
+    X = whitening @ S @ whitening.mT.conj()
     scale = np.einsum("faa->f", X).real / n
     positive = scale > 0
     scale = without_gaps(scale) if positive.any() else np.ones(F)
@@ -287,9 +287,9 @@ def _self_influence(
     shares = (1 + (1 - rho) * (n**2 - 1)) / (n * width), (1 + (1 - rho) * (n - 1)) / (n * width)
     together = np.einsum("faa->f", np.linalg.solve(smooth, S)).real / n
     alone = np.mean(np.einsum("faa->fa", S).real / np.einsum("faa->fa", smooth).real, axis=1)
-    filled = [k * float(np.mean(z)) for k, z in zip(shares, (together, alone), strict=True)]
-    whole, diagonal = (np.full(F, z / max(1 - z / dof, 0.1)) for z in filled)
-    return whole, diagonal
+    influences = [k * float(np.mean(z)) for k, z in zip(shares, (together, alone), strict=True)]
+    mean, diagonal = (np.full(F, z / max(1 - z / dof, 0.1)) for z in influences)
+    return mean, diagonal
 
 
 def without_gaps(variance: FloatArray) -> FloatArray:

@@ -77,8 +77,8 @@ class Sensitivity:
         if S[1].any():
             products -= S[1] @ (lines * (self.omega**2).astype(real)[:, None, None])
         full = left @ products.view(right.dtype).reshape(F, r, n_2 * n_u)
-        place = ((self.outputs[:, None] * n_2 + np.arange(n_2)) * n_u + self.inputs[:, None]).ravel()
-        return np.asarray(full.reshape(F, -1).take(place, axis=1).reshape(F, len(self.outputs), n_2))
+        index = ((self.outputs[:, None] * n_2 + np.arange(n_2)) * n_u + self.inputs[:, None]).ravel()
+        return np.asarray(full.reshape(F, -1).take(index, axis=1).reshape(F, len(self.outputs), n_2))
 
     def pull(self, weight: ComplexArray) -> ComplexArray:
         """Sum (j omega)^p weight U_b (3, n_b), p = 0, 1, 2, columns U, over lines and elements; weight (F, n_e).
@@ -206,9 +206,9 @@ class Columns(Kept):
         direct = (*self.kernel.factors, *self.kernel.output_parameters)
         base_of = np.zeros(len(others), np.int64)
         base_of[bases] = np.arange(len(bases))
-        places = np.concatenate([place, [parameters.index(name) for name in direct]]).astype(np.int64)
-        sigma_of = np.zeros((len(places), len(parameters)))
-        sigma_of[np.arange(len(places)), places] = np.concatenate([sigma, np.ones(len(direct))])
+        indices = np.concatenate([place, [parameters.index(name) for name in direct]]).astype(np.int64)
+        sigma_of = np.zeros((len(indices), len(parameters)))
+        sigma_of[np.arange(len(indices)), indices] = np.concatenate([sigma, np.ones(len(direct))])
         return Pieces(
             sign[single],
             y[single].T / np.sqrt(np.abs(sigma[single])),
@@ -229,10 +229,10 @@ class Columns(Kept):
         """Yield the sensitivities at theta (n_theta,), one block of lines at a time."""
         rows, columns = self.elements
         (_, S), kernel = self._directions, self.kernel
-        places = rows * len(kernel.model.inputs) + columns
+        locations = rows * len(kernel.model.inputs) + columns
         for band in kernel.products(theta, self._base_directions):
             # The loops leave the lines of an element side by side.
-            s, G = band.s, band.G.transpose(1, 2, 0).reshape(-1, len(band.s)).take(places, axis=0).T
+            s, G = band.s, band.G.transpose(1, 2, 0).reshape(-1, len(band.s)).take(locations, axis=0).T
             left, right = kernel.sides(theta, band)
             factors = [slope[:, rows, columns] for slope in kernel.factor_slopes(theta, band)]
             direct = [*factors, *band.output_slopes[:, :, rows, columns]]
@@ -245,11 +245,11 @@ class Columns(Kept):
         """Return G (F, n_y, n_u) and its derivatives (P, F, n_y, n_u) by the P parameters at theta (n_theta,)."""
         pieces = self.pieces
         G = np.empty((self.kernel.freq_hz.size, *self.entries.shape), complex)
-        dG, places = np.empty((len(self.kernel.parameters), *G.shape), complex), np.argmax(pieces.sigma != 0, axis=1)
+        dG, indices = np.empty((len(self.kernel.parameters), *G.shape), complex), np.argmax(pieces.sigma != 0, axis=1)
         for band in self.at(theta):
             U = band.columns(np.ones(pieces.base.max(initial=-1) + 1), np.float64)
             of_elements = np.zeros((len(dG), *band.G.shape), complex)
-            for t, place in enumerate(places):
+            for t, place in enumerate(indices):
                 of_elements[place] -= (
                     pieces.sigma[t, place] * band.s[:, None] ** pieces.power[t] * U[:, :, pieces.base[t]]
                 )

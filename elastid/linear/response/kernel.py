@@ -125,8 +125,8 @@ class Kernel(Kept):
         """Return d ln G / d theta_p (n_y, n_u) or (F, n_y, n_u) of a number of a channel, or of all of a role."""
         kind = next(kind for kind in CHANNEL_NUMBERS if name.startswith(kind))
         rows, columns = (
-            np.array([name in (channel_name(kind, role), channel_name(kind, role, place)) for place in places])
-            for role, places in (("y", self.model.outputs), (self.model.input_role, self.model.driven))
+            np.array([name in (channel_name(kind, role), channel_name(kind, role, place)) for place in locations])
+            for role, locations in (("y", self.model.outputs), (self.model.input_role, self.model.driven))
         )
         is_in = rows[:, None] * 1.0 + (columns if self.model.controller is not None else -1.0 * columns)
         if kind == "gain":

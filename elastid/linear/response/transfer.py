@@ -163,8 +163,8 @@ def checked_frequencies(freq_hz: ArrayLike) -> FloatArray:
 def to_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> Response:
     """Return the response as a value like a measured one; arguments as `frequency_response`."""
     G, lines = frequency_response(model, theta, freq_hz), np.atleast_1d(freq_hz)
-    places = model.inputs, model.outputs, model.quantity, model.configuration
+    locations = model.inputs, model.outputs, model.quantity, model.configuration
     return Response(
-        lines, G, *places, sliding=model.sliding, hold=model.hold, motors=model.motors, loop=model.loop,
+        lines, G, *locations, sliding=model.sliding, hold=model.hold, motors=model.motors, loop=model.loop,
         controller=model.controller,
     )  # fmt: skip

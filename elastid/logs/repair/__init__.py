@@ -24,9 +24,9 @@ class Findings:
     repairs: Counter[str] = field(default_factory=Counter)
     discarded_periods: list[int] = field(default_factory=list)
 
-    def at(self, place: str) -> tuple[Note, ...]:
+    def at(self, location: str) -> tuple[Note, ...]:
         """Return the notes with their place."""
-        return tuple(replace(note, place=place) for note in self.notes)
+        return tuple(replace(note, place=location) for note in self.notes)
 
 
 @dataclass(frozen=True)

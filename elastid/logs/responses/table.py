@@ -278,10 +278,10 @@ def geometry_of_files(experiment: ExperimentSpec, folder: Path) -> GeometrySpec 
     return next((geometry for geometry in geometries if geometry is not None), None)
 
 
-def uff_geometry(path: Path, channels: Sequence[ChannelSpec], places: Sequence[str] = ()) -> GeometrySpec | None:
+def uff_geometry(path: Path, channels: Sequence[ChannelSpec], locations: Sequence[str] = ()) -> GeometrySpec | None:
     """Read nodes (data sets 15, 2411) in m and trace lines (82) of a universal file; None without nodes of places.
 
-    channels: of the study, whose places move in the directions of their nodes.  places: further places, by these names.
+    channels: of the study, at nodes with a direction.  locations: further ones, by their names.
     """
     metre = _length_and_force(path)[0]
     points = {
@@ -291,7 +291,7 @@ def uff_geometry(path: Path, channels: Sequence[ChannelSpec], places: Sequence[s
     }
     motion = dict[str, tuple[str, str]]()
     names = [(channel.at, channel.channel or channel.at, channel.sign) for channel in channels]
-    for at, name, sign in (*names, *((at, at, 1) for at in places)):
+    for at, name, sign in (*names, *((at, at, 1) for at in locations)):
         match = re.fullmatch(r"(\d+)([xyz])( \d+)?", name)
         if match and match[1] in points:
             motion.setdefault(at, (match[1], f"{'-' if sign < 0 else ''}{match[2]}"))

@@ -6,7 +6,7 @@ from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.names import is_match, matching
 from elastid.fit.load_tests import LoadTest
 from elastid.fit.parameter_selection import choose
-from elastid.fit.problem.inertia_barrier import impossible_inertias, moved_inertias
+from elastid.fit.problem.inertia_barrier import free_inertias, impossible_inertias
 from elastid.fit.spec import FitSpec, misnamed
 from elastid.robot import TOOL
 from elastid.study.checks.names import check_names, check_units, list_configurations, list_inputs, list_outputs, unknown
@@ -35,8 +35,8 @@ def check_fit(study: Study) -> Iterator[Problem]:
                 message = f"no identified parameter is called {key}; {did_you_mean(key, free)}"
                 yield Problem(("fit", section, i), message)
     # The start of a body's inertias is one that a body can have.
-    for body in impossible_inertias(moved_inertias(parameters, study.as_robot()), parameters, parameters.x):
-        entries = {parameters.names[place] for place in body.places}
+    for body in impossible_inertias(free_inertias(parameters, study.as_robot()), parameters, parameters.x):
+        entries = {parameters.names[place] for place in body.indices}
         culprits = [key for key in study.fit.parameters if any(is_match(entry, key) for entry in entries)]
         yield Problem((*_PARAMETERS, *culprits[-1:]), body.refusal)
 
