@@ -38,7 +38,7 @@ UNEXPLAINED = "nonlinear/unexplained-distortion"  # code of a note on distortion
 
 
 @frozen_value
-class Levels:
+class LineAmplitudes:
     """RMS amplitudes (K, n_y) of the outputs at freq_hz (K,), in `quantity`, and of the noise (K, n_y) in them.
 
     amplitude is that of the mean over periods, in the mean square over all experiments; noise is part of it.
@@ -66,10 +66,10 @@ class Quality:
     input_singular_values: FloatArray = labelled("singular values of the inputs over their RMS", "", "freq_hz rank")
     input_noise: FloatArray = labelled("noise variance in one period", "({units_of_inputs})^2", "freq_hz inputs")
     output_noise: FloatArray = labelled("noise variance in one period", "({output_unit})^2", "freq_hz outputs")
-    excited: Levels
+    excited: LineAmplitudes
     stochastic: FloatArray | None = labelled("RMS distortion", "{output_unit}", "freq_hz outputs", default=None)
-    even: Levels | None = None
-    odd: Levels | None = None
+    even: LineAmplitudes | None = None
+    odd: LineAmplitudes | None = None
 
     @property
     def condition(self) -> FloatArray:
@@ -81,7 +81,7 @@ class Quality:
     def lines(self, keep: BoolArray) -> "Quality":
         """Select lines; keep (F,) is True for a line that stays."""
         arrays: dict[str, Any] = {name: part[keep] for name, part in vars(self).items() if isinstance(part, np.ndarray)}
-        return replace(self, **arrays, excited=Levels(*(part[keep] for part in vars(self.excited).values())))
+        return replace(self, **arrays, excited=LineAmplitudes(*(part[keep] for part in vars(self.excited).values())))
 
 
 @frozen_value

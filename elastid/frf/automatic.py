@@ -85,9 +85,9 @@ def choose_by_error(
     if error_l * margin < error:
         errors = f"{100 * error_l:.2g} % {scale} instead of {100 * error:.2g} % with {method}"
         return method_choice("local_rational", f"its relative std is {errors}")
-    missed = f", which is not {margin:g} times less" if error_l < error else ""
+    remark = f", which is not {margin:g} times less" if error_l < error else ""
     errors = f"{100 * error:.2g} % {scale} instead of {100 * error_l:.2g} % with local_rational"
-    return method_choice(method, f"its relative std is {errors}{missed}")
+    return method_choice(method, f"its relative std is {errors}{remark}")
 
 
 def relative_errors(response: Response, local: Response, has_bias: bool) -> tuple[float, float, float]:

@@ -47,7 +47,7 @@ class FullSum:
         """Return sum (F, n) over periods of |Z - mean|^2."""
         return np.asarray(np.einsum("fii->fi", self.S).real * np.abs(self.scale) ** 2)
 
-    def collected(self) -> ComplexArray:
+    def collect(self) -> ComplexArray:
         """Return sum (F, n, n) over periods of (Z - mean)(Z - mean)^H; S itself is overwritten."""
         self.S *= self.scale[:, :, None]
         self.S *= self.scale[:, None, :].conj()
@@ -76,7 +76,7 @@ class PackedSum:
         diagonal = self.S[:, i * n - i * (i - 1) // 2, 0].transpose(0, 2, 1).reshape(-1, n)[:F]
         return np.asarray(diagonal * np.abs(self.scale) ** 2)
 
-    def collected(self) -> ComplexArray:
+    def collect(self) -> ComplexArray:
         """Return sum as of `FullSum.collected`."""
         S = np.empty((*self.scale.shape, self.scale.shape[1]), np.complex128)
         call("collect", *self.scale.shape, self.S, self.scale, S)
@@ -246,7 +246,7 @@ def gather_spectra(
             dof=dof,
         )
         blocks.append(block)
-    return MeanSpectra(tuple(blocks), sums.collected(), sums.dof, tuple(notes), tuple(scatter))
+    return MeanSpectra(tuple(blocks), sums.collect(), sums.dof, tuple(notes), tuple(scatter))
 
 
 def _mean(

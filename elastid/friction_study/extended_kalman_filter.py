@@ -83,9 +83,9 @@ class TrackedJoint:
     @property
     def consider_parameters(self) -> tuple[str, ...]:
         """The numbers that the filter holds, with a tolerance, in order."""
-        is_there = dict.fromkeys(("stiction_ratio", "stribeck_velocity"), self.stribeck_velocity > 0)
-        is_there["stiffness"] = self.stiffness > 0
-        return tuple(name for name in TOLERANCES if self.tolerances.get(name, 0.0) > 0 and is_there.get(name, True))
+        is_modelled = dict.fromkeys(("stiction_ratio", "stribeck_velocity"), self.stribeck_velocity > 0)
+        is_modelled["stiffness"] = self.stiffness > 0
+        return tuple(name for name in TOLERANCES if self.tolerances.get(name, 0.0) > 0 and is_modelled.get(name, True))
 
     def step(self, rate_hz: float) -> ca.Function:
         """Return (x (n,), c (m,), u, g) -> x (n,) a sample later: a Runge-Kutta step and the bristle's exact update.
@@ -104,8 +104,8 @@ class TrackedJoint:
         curve = Curve(coulomb, self.stiction_ratio * factor["stiction_ratio"] * coulomb, inverse)
         law = Bristle(self.bristle_stiffness, self.bristle_damping)
         noise, inertia = state.get("w", 0.0), factor["inertia"]
-        ways = ("f", "f") if "f" in state else ("f+", "f-")
-        forwards, backwards = (ca.exp(state[name]) if name in state else self.viscous for name in ways)
+        viscous_names = ("f", "f") if "f" in state else ("f+", "f-")
+        forwards, backwards = (ca.exp(state[name]) if name in state else self.viscous for name in viscous_names)
 
         def acceleration(q: ca.SX, v: ca.SX, z: ca.SX, torque: ca.SX) -> ca.SX:
             viscous = forwards * ca.fmax(v[0], 0) + backwards * ca.fmin(v[0], 0)
@@ -122,8 +122,8 @@ class TrackedJoint:
 
         angles, rates = x[:n_q], x[n_q : 2 * n_q]
         q, v, z = runge_kutta_step(acceleration, advanced, angles, rates, state["z"], [u] * 4, 1 / rate_hz)
-        faded = [state["w"] * math.exp(-1 / (rate_hz * self.correlation_s))] if "w" in state else []
-        following = ca.vertcat(q, v, z, *faded, *(state[name] for name in self.followed))
+        decayed_noise = [state["w"] * math.exp(-1 / (rate_hz * self.correlation_s))] if "w" in state else []
+        following = ca.vertcat(q, v, z, *decayed_noise, *(state[name] for name in self.followed))
         return ca.Function("step", [x, c, u, g], [following], ["x", "c", "u", "g"], ["next"])
 
 
@@ -139,7 +139,7 @@ class FilterNoise:
 
     angle: float
     torque: float
-    correlated: float = 0.0
+    correlated_torque: float = 0.0
     drift: Mapping[str, float] = field(default_factory=dict)
     slip: float = 0.1
 
@@ -147,7 +147,7 @@ class FilterNoise:
         """Return the arguments (4 + n_followed,) of a filter's step: variances of a sample."""
         fade = math.exp(-2 / (rate_hz * joint.correlation_s)) if joint.correlation_s > 0 else 1.0
         drift = [self.drift.get(name, 0.0) ** 2 / rate_hz for name in joint.followed]
-        return np.array([self.angle**2, self.torque**2, self.correlated**2 * (1 - fade), self.slip**2, *drift])
+        return np.array([self.angle**2, self.torque**2, self.correlated_torque**2 * (1 - fade), self.slip**2, *drift])
 
 
 def filter_step(joint: TrackedJoint, rate_hz: float) -> ca.Function:
@@ -164,18 +164,18 @@ def filter_step(joint: TrackedJoint, rate_hz: float) -> ca.Function:
     predicted, slope_by_force = ca.substitute([next_state, ca.jacobian(next_state, c)], [c], [ca.SX.zeros(m)])
     F = ca.jacobian(predicted, x)
     std = ca.DM([joint.tolerances[name] for name in joint.consider_parameters])
-    carried, added = F @ P[:, n:], slope_by_force @ ca.diag(std)
-    cross, mixed = carried + added, carried @ added.T
-    spread = F @ P[:, :n] @ F.T + mixed + mixed.T + added @ added.T
+    propagated, sensitivity = F @ P[:, n:], slope_by_force @ ca.diag(std)
+    cross, cross_term = propagated + sensitivity, propagated @ sensitivity.T
+    spread = F @ P[:, :n] @ F.T + cross_term + cross_term.T + sensitivity @ sensitivity.T
     state, by_u = dict(zip(joint.states, ca.vertsplit(x), strict=True)), ca.jacobian(predicted, u)
     z_s = (ca.exp(state["Fc"]) if "Fc" in state else joint.coulomb) / joint.bristle_stiffness
-    slipped = ca.fabs(state["v_m"]) / rate_hz / z_s
-    noises = {"z": noise[3] * z_s**2 * slipped * ca.exp(-slipped), "w": noise[2]}
+    slip = ca.fabs(state["v_m"]) / rate_hz / z_s
+    noises = {"z": noise[3] * z_s**2 * slip * ca.exp(-slip), "w": noise[2]}
     noises |= {name: noise[4 + i] for i, name in enumerate(joint.followed)}
     spread += noise[1] * by_u @ by_u.T + ca.diag(ca.vertcat(*(noises.get(name, 0.0) for name in joint.states)))  # Q
-    towards = spread[:, 0] - cross @ cross[0, :].T
-    S = towards[0] + noise[0]
-    gain = towards / S
+    gain_numerator = spread[:, 0] - cross @ cross[0, :].T
+    S = gain_numerator[0] + noise[0]
+    gain = gain_numerator / S
     e = y - predicted[0]
     reduction = ca.SX.eye(n)
     reduction[:, 0] -= gain
@@ -209,9 +209,9 @@ class JointSamples:
     def moves(self, count: float) -> BoolArray:
         """Return True (n,) where the angle moves by MOVING counts a sample, so that rounding is noise."""
         # Where it stands the likeliest filter is one that runs after the rounded angle, with tenfold torque noise.
-        reach = min(5, (len(self.angle) - 1) // 2)
-        span = np.abs(self.angle[2 * reach :] - self.angle[: len(self.angle) - 2 * reach])
-        return np.pad(span >= 2 * reach * MOVING * count, reach)
+        half_window = min(5, (len(self.angle) - 1) // 2)
+        span = np.abs(self.angle[2 * half_window :] - self.angle[: len(self.angle) - 2 * half_window])
+        return np.pad(span >= 2 * half_window * MOVING * count, half_window)
 
 
 @dataclass(frozen=True)
@@ -293,25 +293,25 @@ class KalmanFilter:
         numbers, time_s = np.empty((3, sum(lengths), p)), np.zeros(sum(lengths) + 1)
         innovations = np.empty((2, sum(lengths)))
         for n, motion in zip(lengths, motions, strict=True):
-            before, P_before = x, P
+            x_before, P_before = x, P
             first = motion.angle[np.minimum([0, FIRST_SAMPLES, 2 * FIRST_SAMPLES], len(motion.angle) - 1)]
             half, later = np.diff(first) * self.rate_hz / FIRST_SAMPLES
             x, P = first_estimate(joint, float(motion.angle[0]), float(motion.load[0]), (half, later - half))
             if start:
-                x[friction_rows], P[friction_rows] = before[friction_rows], P_before[friction_rows]
+                x[friction_rows], P[friction_rows] = x_before[friction_rows], P_before[friction_rows]
                 P[friction_rows, : n_x - p] = 0.0
                 P[friction_rows, friction_rows] += np.diag(drift**2 * max(0.0, motion.start_s - time_s[start]))
             for begin in range(0, n, _BLOCK):
                 samples = slice(begin, begin + _BLOCK)
                 block = np.stack([motion.torque[samples], motion.load[samples], motion.angle[samples]])
-                here = slice(start + begin, start + begin + block.shape[1])
+                rows = slice(start + begin, start + begin + block.shape[1])
                 block = np.pad(block, ((0, 0), (0, _BLOCK - block.shape[1])), "edge")
                 outputs = evaluated(self._block, [x, P.T, *block, noise_rows], shapes)
                 states, spread, e, S = (output[: n - begin] for output in outputs)
                 variance = np.diagonal(spread, axis1=1, axis2=2)[:, friction_rows]
-                considered = np.sum(spread[:, n_x:, friction_rows] ** 2, axis=1)
-                numbers[:, here] = states[:, friction_rows], np.sqrt(variance), variance - considered
-                innovations[:, here] = e, S
+                consider_variance = np.sum(spread[:, n_x:, friction_rows] ** 2, axis=1)
+                numbers[:, rows] = states[:, friction_rows], np.sqrt(variance), variance - consider_variance
+                innovations[:, rows] = e, S
                 x, P = states[-1], spread[-1].T.copy()
             time_s[start + 1 : start + n + 1] = motion.start_s + np.arange(1, n + 1) / self.rate_hz
             start += n
@@ -335,7 +335,7 @@ def estimate_noise(
     a sample.
     """
     names = ["angle", "torque", "slip", *(["correlated"] if kalman.joint.correlation_s > 0 else [])]
-    settled = np.arange(len(samples.angle)) >= round(settled_s * kalman.rate_hz)
+    is_steady = np.arange(len(samples.angle)) >= round(settled_s * kalman.rate_hz)
     lowest = np.log([{"angle": 1.0, "slip": 1.0}.get(name, 1e-3) for name in names])
 
     def noise_at(x: FloatArray) -> FilterNoise:
@@ -344,7 +344,7 @@ def estimate_noise(
 
     def cost(x: FloatArray) -> float:
         track = kalman.run([samples], noise_at(x))
-        S, e = track.innovation_variance[settled & track.moves], track.innovation[settled & track.moves]
+        S, e = track.innovation_variance[is_steady & track.moves], track.innovation[is_steady & track.moves]
         value = float(np.mean(np.log(S) + e**2 / S))
         return value if np.isfinite(value) else 1e6
 
@@ -352,9 +352,9 @@ def estimate_noise(
     # other likelihood by more than chance; noise that is known to 5 % is known well enough.
     n, ends = len(names), list[Any]()
     options: dict[str, Any] = {"xatol": 0.05, "fatol": 1e-4, "maxfev": 150}
-    bounds = [(least, math.log(1e3)) for least in lowest.tolist()]
+    bounds = [(low, math.log(1e3)) for low in lowest.tolist()]
     for start in (np.zeros(n), np.log([{"torque": 0.2, "slip": 4.0}.get(name, 1.0) for name in names])):
         options["initial_simplex"] = np.vstack([start, start + 1.1 * np.eye(n)])
         ends.append(minimize(cost, start, method="Nelder-Mead", bounds=bounds, options=options))
-    end = ends[int((ends[0].fun - ends[1].fun) * settled.sum() > 20.0)]
+    end = ends[int((ends[0].fun - ends[1].fun) * is_steady.sum() > 20.0)]
     return noise_at(end.x), float(end.fun)

@@ -92,30 +92,30 @@ def _restless(track: Track, first: int) -> tuple[str, ...]:
     return tuple(name for name, moves in zip(track.joint.followed, restless, strict=True) if moves)
 
 
-def unknown(track: Track) -> BoolArray:
+def is_not_observable(track: Track) -> BoolArray:
     """Return True (n, p) where a number is no better known than before the log, drift included."""
     return track.variance > (MAX_STD_RATIO * _prior_std(track)) ** 2
 
 
 def filter_notes(location: str, track: Track, assessment: Consistency) -> Iterator[Note]:
     """Yield notes on a filter: it diverged, or which numbers are not observable, and why its bands are too narrow."""
-    names, P, diverged = track.joint.followed, track.covariance, assessment.divergence
-    never = np.all(unknown(track), axis=0).tolist()
+    names, P, divergence = track.joint.followed, track.covariance, assessment.divergence
+    is_constant = np.all(is_not_observable(track), axis=0).tolist()
     std = np.sqrt(np.diag(P))
     pairs = np.argwhere(np.triu(np.abs(P), 1) > MAX_STD_RATIO * np.outer(std, std)).tolist()
-    weak = [f"{name}, held where it began" for name, is_unknown in zip(names, never, strict=True) if is_unknown]
+    weak = [f"{name}, held where it began" for name, is_never in zip(names, is_constant, strict=True) if is_never]
     weak += [f"{names[i]} apart from {names[j]}" for i, j in pairs]
-    if weak and not diverged:
+    if weak and not divergence:
         text = (
             f"the motion does not identify {'; '.join(weak)}: reversals distinguish Coulomb friction from an offset, "
             "several speeds from viscous friction"
         )
         yield Note("filter/not-observable", text, location, severity="warning" if pairs else "information")
-    if reasons := [f"diverged {diverged}"] if diverged else assessment.doubts:
+    if reasons := [f"diverged {divergence}"] if divergence else assessment.doubts:
         text = (
             f"{'; '.join(reasons)}; the model or its noise is wrong, and the bands are too narrow: correct "
             "inertia, spring, bristles, gravity and payload of the joint, or give filter.correlation_time, "
             "filter.torque_std or a larger filter.drift"
         )
-        lost, wide = Note("filter/diverged", text, location), Note("filter/inconsistent", text, location)
-        yield lost if diverged else wide
+        diverged_note, wide = Note("filter/diverged", text, location), Note("filter/inconsistent", text, location)
+        yield diverged_note if divergence else wide

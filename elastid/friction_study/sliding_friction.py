@@ -69,8 +69,8 @@ def identify_sliding_friction(
     progress(0, 1 + len(joints))
     motions, commanded = _motions(robot, joints, measured), _commanded_joints(robot, measured)
     fits = list[SlidingFriction]()
-    for done, joint in enumerate(joints, start=1):
-        progress(done, 1 + len(joints))
+    for n_done, joint in enumerate(joints, start=1):
+        progress(n_done, 1 + len(joints))
         if joint.name in commanded:
             fits.append(_commanded_friction(joint, commanded[joint.name], measured))
         else:
@@ -124,10 +124,10 @@ def _combination_notes(joint: Joint, fit: CommandedJoint, measured: FrictionReco
         pairs = list(zip(combination.weights, (terms[name].symbol for name in names), strict=True))
         rest = (f"{'-' if w < 0 else '+'} {abs(w):.2g} {symbol}" for w, symbol in pairs[1:])
         sentence = " ".join([pairs[0][1], *rest])
-        shown = digits(combination.value, combination.std)
-        interval = f"{number(combination.value, shown)} +- {number(QUANTILE_95 * combination.std, 2)}"
+        n_digits = digits(combination.value, combination.std)
+        interval = f"{number(combination.value, n_digits)} +- {number(QUANTILE_95 * combination.std, 2)}"
         unit = terms[names[0]].unit_at(joint.slides)
-        advice = next((text for of, least, text in SEPARATING if len({*of} & {*names}) >= least), "another motion")
+        advice = next((text for of, n_min, text in SEPARATING if len({*of} & {*names}) >= n_min), "another motion")
         text = (
             f"{sentence} = {interval} {unit} (95 %) is identified, its members only with stds of "
             f"{', '.join(f'{x:.0%}' for x in relative)}. To separate them, record {advice.format(hz=hz)}"
@@ -141,20 +141,20 @@ def _commanded_joints(robot: Robot, measured: FrictionRecords) -> dict[str, Comm
     if not logs:
         return {}
     commanded_logs = [commanded_log(robot, log) for log in logs]
-    carried = {j: c for log in commanded_logs for j, c in zip(log.joints, log.coupled_inertia.tolist(), strict=True)}
+    inertia = {j: c for log in commanded_logs for j, c in zip(log.joints, log.coupled_inertia.tolist(), strict=True)}
     return {
-        joint: _with_motion(fit, measured.of(joint, "commands"), carried[joint])
+        joint: _with_motion(fit, measured.of(joint, "commands"), inertia[joint])
         for joint, fit in fit_commanded(commanded_logs).items()
     }
 
 
-def _with_motion(fit: CommandedJoint, records: Sequence[FrictionRecord], carried: float) -> CommandedJoint:
+def _with_motion(fit: CommandedJoint, records: Sequence[FrictionRecord], inertia: float) -> CommandedJoint:
     """Return the numbers with the motion that identified them, and the inertia that the joint carries."""
     position = np.concatenate([record.position - record.position.mean() for record in records])
     speed = np.concatenate([np.abs(np.gradient(record.position, 1 / record.rate_hz)) for record in records])
     (low, high), travel = np.quantile(speed, [0.05, 0.99]).tolist(), float(np.std(position))
     seconds = sum(record.duration_s for record in records)
-    return replace(fit, travel=travel, speeds=(low, high), carried=carried, logs=len(records), seconds=seconds)
+    return replace(fit, travel=travel, speeds=(low, high), carried=inertia, logs=len(records), seconds=seconds)
 
 
 def commanded_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> CommandedLog:
@@ -167,15 +167,15 @@ def commanded_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> CommandedL
         text = "commands without torques identify no robot with closed loops. Log a torque (role u)"
         raise DataError("friction/rigid-body", text, records[0].place)
     position = np.stack([record.position for record in records], axis=1)
-    load, carried = rigid_loads(robot, records, position)
+    load, inertia = rigid_loads(robot, records, position)
     kp, kd = np.array([record.gains for record in records]).T
     kd, late = acting_gains(kp, kd, *np.array([record.feedback_delays_s for record in records]).T)
-    pairs = zip(records, carried.tolist(), strict=True)
+    pairs = zip(records, inertia.tolist(), strict=True)
     turns = [not c and turns_against_gravity(robot, joints[r.joint], r.configuration) for r, c in pairs]
     return CommandedLog(
         records[0].name, tuple(log), records[0].rate_hz, position,
         np.stack([record.command for record in records if record.command is not None], axis=1), kp, kd,
-        np.array([_first_velocity(record) for record in records]), np.array(turns), load, carried, late,
+        np.array([_first_velocity(record) for record in records]), np.array(turns), load, inertia, late,
         records[0].hold == "zero-order"
     )  # fmt: skip
 
@@ -216,15 +216,15 @@ def simulated_commands(
 ) -> FloatArray:
     """Return positions (n, m) of the joints of a log from its commands alone, by waveform relaxation of their coupling.
 
-    Each sweep takes the torque of the coupling from the positions of the sweep before (Lelarasmee, Ruehli and
+    Each sweep takes the torque of the coupling from the positions of the sweep commands (Lelarasmee, Ruehli and
     Sangiovanni-Vincentelli, IEEE Trans. CAD 1, 1982).
     """
     commanded, records = commanded_log(robot, log), list(log.values())
     positions = simulate_commanded(commanded, joints)
     for _ in range(MAX_SWEEPS if np.any(commanded.coupled_inertia) else 0):
-        before, (load, carried) = positions, rigid_loads(robot, records, positions)
-        positions = simulate_commanded(replace(commanded, load=load, coupled_inertia=carried), joints)
-        if np.max(np.abs(positions - before)) < SWEEP_TOLERANCE * float(np.ptp(positions)):
+        commands, (load, inertia) = positions, rigid_loads(robot, records, positions)
+        positions = simulate_commanded(replace(commanded, load=load, coupled_inertia=inertia), joints)
+        if np.max(np.abs(positions - commands)) < SWEEP_TOLERANCE * float(np.ptp(positions)):
             break
     return positions
 
@@ -239,17 +239,17 @@ def _first_velocity(record: FrictionRecord) -> float:
 def _joint_friction(robot: Robot, joint: Joint, measured: FrictionRecords, motion: "JointMotion") -> SlidingFriction:
     # Test passes of a warm-up identify the effect of temperature; without a thermometer their conditions are unknown.
     runs = measured.of(joint.name, "constant_velocity")
-    planned = [r for r in runs if not r.is_warm_up or np.isfinite(r.mean_temperature)]
-    logged, warmed = [r for r in measured.records if r.joint == joint.name], [log.joint for log in measured.warm_ups]
-    notes, curve = [*notes_of(logged), *motion.notes], None
-    if records := [*planned, *motion.passes]:
+    planned_runs = [r for r in runs if not r.is_warm_up or np.isfinite(r.mean_temperature)]
+    logs, warm_joints = [r for r in measured.records if r.joint == joint.name], [log.joint for log in measured.warm_ups]
+    notes, curve = [*notes_of(logs), *motion.notes], None
+    if records := [*planned_runs, *motion.passes]:
         # The passes of joints that moved together are free of the rigid body.
-        is_free = not planned and motion.friction is not None and motion.friction.rigid_body is not None
+        is_free = not planned_runs and motion.friction is not None and motion.friction.rigid_body is not None
         against = not is_free and turns_against_gravity(robot, joint, records[0].configuration)
         passes = [part for record in records for part in passes_of(record)]
         curve = estimate_friction_curve(passes, against, _turn(joint))
         notes += curve.notes
-    elif not (motion.friction or joint.name in warmed or any(r.purpose in STILL for r in logged)):
+    elif not (motion.friction or joint.name in warm_joints or any(r.purpose in STILL for r in logs)):
         raise DataError(
             "friction/no-record",
             "neither passes nor a motion were recorded; leave it out of friction.joints, or record them",

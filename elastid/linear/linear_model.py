@@ -117,7 +117,7 @@ def is_load(location: str) -> bool:
     return location.startswith(("force ", "torque "))
 
 
-def projected(Z: FloatArray, matrix: FloatArray) -> FloatArray:
+def project(Z: FloatArray, matrix: FloatArray) -> FloatArray:
     """Return Z^T matrix Z (n, n), symmetric to the last bit; Z (n_q, n), matrix (n_q, n_q)."""
     if len(Z) == Z.shape[1]:
         return matrix  # without elimination, Z is the unit matrix
@@ -275,8 +275,8 @@ class LinearModel:
         slopes_of_outputs = {name: self.slopes[name] for name in self.output_parameters}
         slopes = self.slopes | {name: replace(s, C=part(s.C), T=part(s.T)) for name, s in slopes_of_outputs.items()}
         outputs = tuple(self.outputs[row] for row in rows)
-        hold = self.hold and replace(self.hold, sampled=tuple(self.hold.sampled[row] for row in rows))
-        return replace(self, C=self.C[rows], T=self.T[rows], outputs=outputs, slopes=slopes, hold=hold)
+        zoh = self.hold and replace(self.hold, sampled=tuple(self.hold.sampled[row] for row in rows))
+        return replace(self, C=self.C[rows], T=self.T[rows], outputs=outputs, slopes=slopes, hold=zoh)
 
     def matrices(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return M, D, K (n, n) at theta (n_theta,) in SI; ValueError unless theta has one value per parameter."""
@@ -362,10 +362,10 @@ def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
         )
     (M, D, K), (C, tilt) = model.matrices(theta), model.readout(theta)
     n, n_u = model.B.shape
-    drift = () if model.integral is None else (-model.integral,)  # of further states z, z' = q
-    m = (2 + len(drift)) * n
-    motion, q, v = np.linalg.solve(M, np.hstack([-K, -D, *drift, model.B])), np.eye(n, m), np.eye(n, m, n)
-    A = np.vstack([v, motion[:, :m], *(q for _ in drift)])  # q'' = motion [q; q'; z; u]
+    integral = () if model.integral is None else (-model.integral,)  # of further states z, z' = q
+    m = (2 + len(integral)) * n
+    motion, q, v = np.linalg.solve(M, np.hstack([-K, -D, *integral, model.B])), np.eye(n, m), np.eye(n, m, n)
+    A = np.vstack([v, motion[:, :m], *(q for _ in integral)])  # q'' = motion [q; q'; z; u]
     B = np.zeros((m, n_u))
     B[n : 2 * n] = motion[:, m:]
     C, D_y = {

@@ -35,7 +35,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError, check_theta
 from elastid.linear.equilibrium import OperatingPoint, equilibrium, free_coordinates
-from elastid.linear.linear_model import DELAY, LinearModel, Slope, elements, projected
+from elastid.linear.linear_model import DELAY, LinearModel, Slope, elements, project
 from elastid.linear.presliding import RelaxingSpring, element_names, with_relaxing_springs
 from elastid.model.elastic import ElasticModel
 from elastid.model.evaluation import evaluate_rows
@@ -77,9 +77,9 @@ class PointDerivatives:
         K_f = K[np.ix_(free, free)]
         back = -inverse @ phi
         # Every row of phi must be closed again by the joints, to 1e-6 of the gap that opens if none of them follows.
-        opened = np.abs(Phi[:, free] @ back + phi).max(axis=0) > 1e-6 * np.abs(phi).max(initial=0.0)
-        if opened.any():
-            names = ", ".join(name for name, is_open in zip(model.parameters, opened, strict=True) if is_open)
+        constraint_error = np.abs(Phi[:, free] @ back + phi).max(axis=0) > 1e-6 * np.abs(phi).max(initial=0.0)
+        if constraint_error.any():
+            names = ", ".join(name for name, is_open in zip(model.parameters, constraint_error, strict=True) if is_open)
             raise StudyError(
                 "robot/loops",
                 f"the loops of robot {model.robot.name} open if this value changes, for example an offset out of the "
@@ -107,7 +107,7 @@ def differentiate_point(
     return PointDerivatives(model, ca.Function("partial", [q, lambda_, theta], list(map(ca.densify, slopes))))
 
 
-def _reading(
+def _measured_row(
     model: ElasticModel, q: FloatArray, theta: FloatArray, outputs: tuple[str, ...], dq: FloatArray
 ) -> dict[str, FloatArray]:
     """Return slopes of C and T (n_theta, n_y, n_q) of the outputs; none for motors and joints."""
@@ -147,7 +147,7 @@ class Linearisation:
 
     def __reduce__(self) -> "tuple[Callable[..., Linearisation], tuple[Any, ...]]":
         if self.recipe is not None:
-            return _linearised, (*self.recipe, self.presliding)
+            return _linearise, (*self.recipe, self.presliding)
         return Linearisation, (self.model, self.matrices, self.point, None, self.presliding)
 
     @property
@@ -188,7 +188,7 @@ class Linearisation:
         presliding: tuple[RelaxingSpring, ...] = (),
     ) -> "Linearisation":  # fmt: skip
         """Return a robot's equations, differentiated, built once in a process; arguments and errors as `formulate`."""
-        return _linearised(robot, spec, tuple(name for name in robot.on_demand if name in geometry), presliding)
+        return _linearise(robot, spec, tuple(name for name in robot.on_demand if name in geometry), presliding)
 
     def at(
         self, configuration: Configuration, theta: FloatArray, outputs: Sequence[str], quantity: Motion,
@@ -204,7 +204,7 @@ class Linearisation:
         names, theta_ref = (*model.parameters, DELAY), np.append(theta, 0.0)
         point, theta = equilibrium(model, theta, configuration), model.carried(theta, configuration.has_payload)
         triangles, numbers = evaluate_rows(self.matrices, point.q[None], point.lambda_[None], theta[None])
-        M, D, K = (column[_places(model.n_q)] for column in triangles[0].T)
+        M, D, K = (column[_scatter_indices(model.n_q)] for column in triangles[0].T)
         slopes = np.zeros(self.matrices.size_out(1))
         slopes[self._entries] = numbers[0].ravel("F")
         Z = motions(model, model.constraint_jacobian(point.q, theta).full())
@@ -212,14 +212,14 @@ class Linearisation:
         of_theta, dZ = {}, None
         if self.point is not None:
             dq, of_point, dZ = self.point.at(point, theta, K, Z)
-            slopes, of_theta = slopes + of_point, _reading(model, point.q, theta, tuple(outputs), dq)
+            slopes, of_theta = slopes + of_point, _measured_row(model, point.q, theta, tuple(outputs), dq)
         triangles_of_theta = slopes.T.reshape(len(model.parameters), 3, -1).swapaxes(0, 1)
-        of_theta |= dict(zip("MDK", triangles_of_theta[:, :, _places(model.n_q)], strict=True))
+        of_theta |= dict(zip("MDK", triangles_of_theta[:, :, _scatter_indices(model.n_q)], strict=True))
         absent = () if configuration.has_payload else model.of_payload
         varied = set(names if varied is None else varied).difference(absent)
         of_name = _slopes(model, {"M": M, "D": D, "K": K, "C": C, "T": T}, of_theta, Z, dZ, varied)
         locations = model.inputs, tuple(outputs), quantity
-        M, D, K = (projected(Z, matrix) for matrix in (M, D, K))
+        M, D, K = (project(Z, matrix) for matrix in (M, D, K))
         B, C, T = Z.T @ model.B, C @ Z, T @ Z
         chain, sliding = elements(model.robot.chain), model.robot.sliding((*model.inputs, *outputs))
         channels = tuple(name for name in model.parameters if name in model.robot.channel_numbers)
@@ -248,10 +248,10 @@ def _moves_with_parameters(model: ElasticModel) -> bool:
 
 
 @lru_cache(maxsize=4)
-def _linearised(
+def _linearise(
     robot: Robot, spec: ModelSpec, geometry: tuple[str, ...], presliding: tuple[RelaxingSpring, ...] = ()
 ) -> Linearisation:
-    plain = _linearised(robot, spec, geometry) if presliding else Linearisation.of(formulate(robot, spec, geometry))
+    plain = _linearise(robot, spec, geometry) if presliding else Linearisation.of(formulate(robot, spec, geometry))
     return replace(plain, recipe=(robot, spec, geometry), presliding=presliding)
 
 
@@ -269,7 +269,7 @@ def linearise(
 
 
 @cache
-def _places(n: int) -> IntArray:
+def _scatter_indices(n: int) -> IntArray:
     """Return the index of each entry of a symmetric (n, n) matrix in its lower triangle."""
     places = np.zeros((n, n), np.int64)
     rows, columns = np.tril_indices(n)

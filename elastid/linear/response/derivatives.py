@@ -58,9 +58,9 @@ class Sensitivity:
         columns = np.empty((len(self.s), len(self.outputs), len(scale)), np.result_type(precision, np.complex64))
         right = self.right.astype(columns.dtype)
         left = right if self.is_alike else self.left.astype(columns.dtype)
-        scaled = left[:, :, :n_1] * (self.gain[:, None] * (self.sign * scale[:n_1])).astype(columns.dtype)[:, None]
-        scaled, other = scaled.take(self.outputs, axis=1), right[:, :, :n_1].take(self.inputs, axis=1)
-        np.multiply(scaled, other, out=columns[:, :, :n_1])
+        of_outputs = left[:, :, :n_1] * (self.gain[:, None] * (self.sign * scale[:n_1])).astype(columns.dtype)[:, None]
+        of_outputs, of_inputs = of_outputs.take(self.outputs, axis=1), right[:, :, :n_1].take(self.inputs, axis=1)
+        np.multiply(of_outputs, of_inputs, out=columns[:, :, :n_1])
         if n_12 > n_1:
             left = left[:, :, n_1:] * self.gain.astype(columns.dtype)[:, None, None]
             columns[:, :, n_1:n_12] = self._matrix_columns(left, right[:, :, n_1:], scale[n_1:n_12])
@@ -91,8 +91,8 @@ class Sensitivity:
         rows, n_1, r = spread @ self.right, len(self.sign), self.S.shape[2]
         flat = (self.left[:, :, :n_1] * rows[:, :, :n_1]).reshape(len(rows), rows.shape[1] * n_1)
         single = (powers @ flat).reshape(3, rows.shape[1], n_1).sum(axis=1) * self.sign
-        many = (powers[:, :, None, None] * rows[:, :, n_1:]).reshape(3, rows.shape[0] * rows.shape[1], r)
-        between = self.left[:, :, n_1:].reshape(many.shape[1:]).T @ many
+        weighted_rows = (powers[:, :, None, None] * rows[:, :, n_1:]).reshape(3, rows.shape[0] * rows.shape[1], r)
+        between = self.left[:, :, n_1:].reshape(weighted_rows.shape[1:]).T @ weighted_rows
         direct = powers @ (weight[:, None, :] @ self.whole)[:, 0]
         return np.concatenate([single, self.pulled_by(between), direct], axis=1)
 
@@ -236,10 +236,10 @@ class Columns(Kept):
             left, right = kernel.sides(theta, band)
             factors = [slope[:, rows, columns] for slope in kernel.factor_slopes(theta, band)]
             direct = [*factors, *band.output_slopes[:, :, rows, columns]]
-            unfactored = -np.stack(direct, axis=2) if direct else np.zeros((*G.shape, 0), complex)
+            direct_terms = -np.stack(direct, axis=2) if direct else np.zeros((*G.shape, 0), complex)
             omega = s.imag / self.omega_0
             bases = left, right, self.pieces.sign, S
-            yield Sensitivity(band.block, s, omega, band.gain, G, *bases, unfactored, rows, columns)
+            yield Sensitivity(band.block, s, omega, band.gain, G, *bases, direct_terms, rows, columns)
 
     def evaluate(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Return G (F, n_y, n_u) and its derivatives (P, F, n_y, n_u) by the P parameters at theta (n_theta,)."""

@@ -154,16 +154,16 @@ class Kernel(Kept):
         (C, T), tilted = model.readout(theta), self._sides.tilted
         right = np.column_stack([*model.acting(theta).T, *C[self._sides.extra], *T[tilted]])
         n_d, n_y, n_u = Y.shape[1], len(C), model.B.shape[1]
-        controlled = () if model.controller is None else (model.B,)
-        sides, n_t = np.hstack([Y, C.T, T[tilted].T, *self._slope_rows, *controlled]), n_y + len(tilted)
+        control_inputs = () if model.controller is None else (model.B,)
+        sides, n_t = np.hstack([Y, C.T, T[tilted].T, *self._slope_rows, *control_inputs]), n_y + len(tilted)
         for start in range(0, self.freq_hz.size, BLOCK):
             block = slice(start, start + BLOCK)
             omega = 2 * np.pi * self.freq_hz[block]
             s = (1j * omega).astype(complex)
             products = self._elimination.products if self.takes_compiled else solved_products
-            solved = products(M, D, K, omega, right, sides)
+            solution = products(M, D, K, omega, right, sides)
             gain = factor(model, theta, s)
-            by_inputs, YX = solved[:, :n_u, n_d:], solved[:, :, :n_d]
+            by_inputs, YX = solution[:, :n_u, n_d:], solution[:, :, :n_d]
             G = gain[:, None, None] * by_inputs[:, :, :n_y]
             if tilted.size:
                 over = 1 / s[:, None, None] ** 2
@@ -173,7 +173,7 @@ class Kernel(Kept):
             if self.output_parameters:
                 rows = by_inputs[:, :, n_t : n_t + 2 * n_y * len(output_slopes)]
                 dC, dT = rows.reshape(len(s), n_u, -1, 2, n_y).transpose(3, 2, 0, 4, 1)
-                by_B = self._slope_columns(solved[:, :, n_d + n_t + rows.shape[2] :], s)
+                by_B = self._slope_columns(solution[:, :, n_d + n_t + rows.shape[2] :], s)
                 output_slopes = gain[:, None, None] * (dC + dT / s[:, None, None] ** 2 + by_B)
             G, loop = G.swapaxes(1, 2), None
             if self._open_loops is not None:
@@ -291,12 +291,12 @@ class Elimination:
 
         Raises LinAlgError where Z is singular.
         """
-        later, many, places = self._later
+        later, n_columns, places = self._later
         products = np.empty((Y.shape[1], B.shape[1], len(omega)), complex)
         smallest, sizes = np.empty(len(omega)), (len(omega), *B.shape, Y.shape[1])
         B_ordered, Y_ordered = B.take(self.order, axis=0), Y.take(self.order, axis=0)
         matrices = (matrix.take(places) for matrix in (M, D, K))
-        call("eliminate", *sizes, *matrices, B_ordered, omega, later, many, Y_ordered, products, smallest)
+        call("eliminate", *sizes, *matrices, B_ordered, omega, later, n_columns, Y_ordered, products, smallest)
         weak = np.flatnonzero(~(smallest > LEAST_PIVOT**2))  # not above: NaN too
         if len(weak):
             products[:, :, weak] = solved_products(M, D, K, omega[weak], B, Y).T
