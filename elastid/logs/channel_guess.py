@@ -27,7 +27,7 @@ from elastid.logs.motion_relations import (
     torque_relation,
     travel,
 )
-from elastid.logs.units_and_sides import unwrapped
+from elastid.logs.units_and_sides import unwrap
 
 _MOTION_HZ = 3.0  # torques have half of their power below this frequency in motions, above it in vibration tests
 
@@ -105,8 +105,8 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     motions = [_with_unit(m, speeds.get(m.parts[1]), values, rate_hz, slides) for m in motions]
     motions = _with_common_unit(motions)
     motion_at = {m.parts[1]: m for m in motions}
-    paired = [motion_at.get(d.parts[1], motions[min(i, len(motions) - 1)]) for i, d in enumerate(drives)]
-    joints = [_joint(*pair, paired, values, rate_hz) for pair in zip(drives, paired, strict=True)]
+    motion_of_drive = [motion_at.get(d.parts[1], motions[min(i, len(motions) - 1)]) for i, d in enumerate(drives)]
+    joints = [_joint(*pair, motion_of_drive, values, rate_hz) for pair in zip(drives, motion_of_drive, strict=True)]
     joints = _sort(joints, [drive.parts[1] for drive in drives])
     joints = _with_sensors(guesses, joints, values, rate_hz) if has_motors else joints
     motor_motions = {joint.motion.key for joint in joints}
@@ -169,7 +169,7 @@ def _in_si(motion: ChannelGuess, values: Values) -> FloatArray:
     """Return motion (n,) in SI without its sign, an angle unwrapped."""
     size, turns = abs(motion.to_si), motion.quantity == "position" and dimension_and_size(motion.unit)[0] == "rad"
     x = values[motion.key]
-    return size * (unwrapped(x, 2 * np.pi / size)[0] if turns else x)
+    return size * (unwrap(x, 2 * np.pi / size)[0] if turns else x)
 
 
 def _sort(items: Sequence[T], labels: Sequence[str]) -> list[T]:
@@ -263,9 +263,9 @@ def _joint(
     drive: ChannelGuess, motion: ChannelGuess, motions: Sequence[ChannelGuess], values: Values, rate_hz: float
 ) -> JointGuess:
     """Make the joint of a torque and a motion, among the motions of all joints."""
-    others = {g.key: (_in_si(g, values), MOTIONS.index(g.quantity)) for g in (*motions, motion)}
-    y, order = others.pop(motion.key)
-    best = torque_relation(drive.to_si * values[drive.key], y, order, rate_hz, others=[*others.values()])
+    other_motions = {g.key: (_in_si(g, values), MOTIONS.index(g.quantity)) for g in (*motions, motion)}
+    y, order = other_motions.pop(motion.key)
+    best = torque_relation(drive.to_si * values[drive.key], y, order, rate_hz, others=[*other_motions.values()])
     if best.is_against_motion:
         motion = replace(motion, sign=-1, why=f"{motion.why}; sign -1 since inertia and friction are positive so")
     motion = replace(motion, why=f"{motion.why}; it explains {100 * best.explained:.0f} % of {drive.name}")

@@ -21,7 +21,7 @@ from elastid.logs.files.formats import opened_log, read_channels
 from elastid.logs.files.log import Log as LogFile
 from elastid.logs.files.text_format import guess_format
 from elastid.logs.log_signals import signals_of
-from elastid.logs.repair import Log, bridged
+from elastid.logs.repair import Log, interpolate_linearly
 from elastid.logs.units_and_sides import link_side, on_one_side, to_joints
 from elastid.robot import Robot
 from elastid.simulation.controller import loop_of
@@ -101,7 +101,8 @@ def read_study_log(path: Path, recorded: RecordedSpec, robot: Robot, rate_hz: fl
         channels = [_channel(recorded, role, joint) for joint in names]
         log = Log(str(path), tuple(channel.full_name for channel in channels))
         values = read_channels(path, channels, recorded.text)
-        linked = [bridged(link_side(channel, x, robot, log)) for channel, x in zip(channels, values.T, strict=True)]
+        signals = (link_side(channel, x, robot, log) for channel, x in zip(channels, values.T, strict=True))
+        linked = list(map(interpolate_linearly, signals))
         columns[role], _ = on_one_side(channels, np.stack(linked, axis=1), to_joints(channels, robot))
     rate_hz, controller = rate_hz or recorded.known_rate_hz, recorded.controller
     forward = 0.0 if controller is None else controller.velocity_feedforward

@@ -116,7 +116,7 @@ class RecordedRig:
             return self._whole_record(experiment, replace(file, samples=(log.start + first, log.start + last)))
 
         try:
-            record = joined(measured, log.bounds, log.dtype)
+            record = join_pieces(measured, log.bounds, log.dtype)
         except DataError:  # the whole record decides if this piece is an error
             record = None
         if record is None:
@@ -128,8 +128,8 @@ class RecordedRig:
     def _whole_record(self, experiment: Experiment, file: FileSpec, is_one_of_several: bool = False) -> Record:
         recorded = self._recorded
         gathered = gather_channels(recorded, file, self.base, self.robot)
-        channels, where = gathered.channels, f"record {experiment.name}"
-        where += f", {file.path}" if is_one_of_several else ""
+        channels, location = gathered.channels, f"record {experiment.name}"
+        location += f", {file.path}" if is_one_of_several else ""
         roles, places = _columns_of_roles(channels), [channel.at for channel in channels]
         signals, N, rate_hz = repair_signals(gathered, recorded, is_one_of_several)
         log, repairs = gathered.log, gathered.log.findings.repairs
@@ -144,7 +144,7 @@ class RecordedRig:
         signals, _ = on_one_side(channels, signals, to_joints(channels, self.robot))
         hold_lengths = hold_samples(recorded, channels, rate_hz)
         outputs, acting = (tuple(file.at.get(places[i], places[i]) for i in roles[role]) for role in ("y", "u"))
-        has_at = any(other.at for other in recorded.files if other.configuration == file.configuration)
+        has_at = any(f.at for f in recorded.files if f.configuration == file.configuration)
         inputs = recorded.places_of(file.configuration, "u") if has_at else acting
         u = np.zeros((len(signals), len(inputs)))  # a hammer is at one of its points
         u[:, [inputs.index(index) for index in acting]] = signals[:, roles["u"]]
@@ -159,7 +159,7 @@ class RecordedRig:
             quantities=tuple(cast(Motion, channels[i].quantity) for i in roles["y"]), u=u, y=signals[:, roles["y"]],
             r=signals[:, roles["r"]] if roles["r"] else None,
             r_is_reference=bool(roles["r"]) and channels[roles["r"][0]].role == "reference",
-            has_rate=gathered.log.rate_hz is not None, notes=log.findings.at(where),
+            has_rate=gathered.log.rate_hz is not None, notes=log.findings.at(location),
             hold="zero-order" if any(hold_lengths) else "band-limited",
             hold_samples=() if set(hold_lengths) <= {0.0} or set(hold_lengths) == {1.0} else hold_lengths,
             half_wave=recorded.half_wave, repairs=dict(repairs),
@@ -211,9 +211,9 @@ def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...
         count = -(-n * n_channels // large_arrays.PIECE_VALUES)
         return tuple(pairwise(i * n // count for i in range(count + 1)))
     # The first piece, which is repaired in full, is a short one; repairs take several times its memory.
-    periods, rest = max(_MIN_PERIODS, large_arrays.PIECE_VALUES // 4 // (N * n_channels)), n // N - _MIN_PERIODS
-    starts = (_MIN_PERIODS + i * periods for i in range(max(1, rest // periods)))
-    return tuple(pairwise(N * p for p in (0, *starts, n // N))) if rest >= _MIN_PERIODS else ()
+    periods, remainder = max(_MIN_PERIODS, large_arrays.PIECE_VALUES // 4 // (N * n_channels)), n // N - _MIN_PERIODS
+    starts = (_MIN_PERIODS + i * periods for i in range(max(1, remainder // periods)))
+    return tuple(pairwise(N * p for p in (0, *starts, n // N))) if remainder >= _MIN_PERIODS else ()
 
 
 def _lags(difference: FloatArray, mean: FloatArray) -> bool:
@@ -224,7 +224,7 @@ def _lags(difference: FloatArray, mean: FloatArray) -> bool:
     return is_long and along**2 * len(mean) > 36 * steepness * float(difference @ difference)
 
 
-def joined(
+def join_pieces(
     measure: Callable[[int, int], Record], bounds: Sequence[tuple[int, int]], dtype: np.dtype[Any]
 ) -> Record | None:
     """Join the record of all pieces with signals in files; None if they are not synchronous.

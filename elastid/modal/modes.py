@@ -69,8 +69,8 @@ class Modes:
         """For each mode the other mode with the most similar shape, and their MAC; none with one mode or one place."""
         if self.n_modes < 2 or len(self.places) < 2:
             return []
-        others = mac(self.place_shapes[0], self.place_shapes[0]) - 2 * np.eye(self.n_modes)
-        return [(int(k), float(row[k])) for row, k in zip(others, others.argmax(axis=1), strict=True)]
+        similarity = mac(self.place_shapes[0], self.place_shapes[0]) - 2 * np.eye(self.n_modes)
+        return [(int(k), float(row[k])) for row, k in zip(similarity, similarity.argmax(axis=1), strict=True)]
 
     @property
     def display(self) -> Display:
@@ -166,9 +166,9 @@ class Modes:
         denominator = _product(factors)
         numerators = D[:, :, None] * denominator
         for k, (_, slope, offset) in enumerate(sections):
-            rest = _product([*factors[:k], *factors[k + 1 :]])
-            numerators[:, :, 1:-1] += slope[:, :, None] * rest
-            numerators[:, :, 2:] += offset[:, :, None] * rest
+            product = _product([*factors[:k], *factors[k + 1 :]])
+            numerators[:, :, 1:-1] += slope[:, :, None] * product
+            numerators[:, :, 2:] += offset[:, :, None] * product
         return numerators, denominator
 
     def transfer_function(self, residual: bool = True) -> Any:

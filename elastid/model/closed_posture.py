@@ -113,23 +113,23 @@ def are_closed(robot: Robot, q: FloatArray) -> BoolArray:
         return np.ones(len(q), bool)
     parts = mechanism(robot)
     phi, Phi = parts.rows(q)
-    closed = np.abs(phi).max(axis=1, initial=0.0) <= MAX_GAP
+    is_closed = np.abs(phi).max(axis=1, initial=0.0) <= MAX_GAP
     n_p = len(parts.passive)
     if not n_p:
-        return np.asarray(closed)
+        return np.asarray(is_closed)
     s = np.linalg.svd(Phi[:, :, parts.passive], compute_uv=False)
     smallest = s[:, n_p - 1] if s.shape[1] >= n_p else np.zeros(len(q))
-    return np.asarray(closed & (smallest > MIN_LEVER_SINE * np.array([parts.lever(joints) for joints in q])))
+    return np.asarray(is_closed & (smallest > MIN_LEVER_SINE * np.array([parts.lever(joints) for joints in q])))
 
 
 def _continue_posture(parts: Mechanism, q: FloatArray, angles: FloatArray) -> FloatArray:
     """Solve postures at the driven joints' angles (Q, n_u), from one posture q (1, n_l)."""
     steps = max(1, int(np.ceil(np.abs(angles - q[0, parts.driven]).max(initial=0.0) / PATH_STEP)))
     q = np.repeat(q, len(angles), axis=0)
-    way = (angles - q[:, parts.driven]) / steps
+    step = (angles - q[:, parts.driven]) / steps
     for _ in range(steps):
         # Along the tangent, then back onto the closure.
-        q = q + (rates(parts.robot, q) @ way[:, :, None])[:, :, 0]
+        q = q + (rates(parts.robot, q) @ step[:, :, None])[:, :, 0]
         for _ in range(NEWTON_STEPS):
             q = q + _correction(parts, q)
     return q
@@ -178,12 +178,12 @@ def _check_locked(parts: Mechanism, q: FloatArray) -> None:
     """Refuse driven joints that no motion of the passive joints follows; StudyError."""
     _, Phi = parts.rows(q[None])
     is_moving = np.abs(Phi[0] @ rates(parts.robot, q[None])[0]).max(axis=0) > 1e-6 * max(np.abs(Phi).max(), 1e-300)
-    if locked := ", ".join(joint.name for joint, is_left in zip(parts.robot.driven, is_moving, strict=True) if is_left):
+    if names := ", ".join(joint.name for joint, is_left in zip(parts.robot.driven, is_moving, strict=True) if is_left):
         raise StudyError(
             "robot/loops",
             "no motion of the passive joints follows, so that only springs could give; leave "
             "a joint of the loop without motor and spring, or drop a constraint",
-            f"the loops lock {locked}",
+            f"the loops lock {names}",
         )
 
 

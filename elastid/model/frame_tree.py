@@ -85,7 +85,7 @@ def tree(robot: Robot, theta: Mapping[str, ca.SX] = NUMBERS) -> Tree:
     for body in robot.all_bodies:
         seat = seats[body.parent].placed(body.placement.rotation, located(f"p_{body.name}", body.placement.xyz, theta))
         for joint in body.joints:
-            axis, align = _aligned(joint)
+            axis, align = _rotation_between(joint)
             point = located(f"pj_{joint.name}", joint.point, theta)
             at_point = seat.placed(align, point)
             zero = theta.get(f"zero_{joint.name}", joint.zero)
@@ -93,8 +93,8 @@ def tree(robot: Robot, theta: Mapping[str, ca.SX] = NUMBERS) -> Tree:
             seat = replace(Attachment(len(frames) - 1, -align.T, np.zeros(3)).placed(np.eye(3), point), R=align.T)
         seats[body.name] = seat.placed(body.mounting.rotation, np.array(body.mounting.xyz))
     placements = ((seats[frame.body], frame.placement) for frame in robot.frames)
-    named = tuple(seat.placed(place.rotation, np.array(place.xyz)) for seat, place in placements)
-    return Tree(tuple(frames), tuple(seats[body.name] for body in robot.all_bodies), named)
+    frames_ = tuple(seat.placed(place.rotation, np.array(place.xyz)) for seat, place in placements)
+    return Tree(tuple(frames), tuple(seats[body.name] for body in robot.all_bodies), frames_)
 
 
 def located(name: str, xyz: Sequence[float], theta: Mapping[str, ca.SX]) -> Point:
@@ -105,7 +105,7 @@ def located(name: str, xyz: Sequence[float], theta: Mapping[str, ca.SX]) -> Poin
     return ca.vertcat(*(theta.get(name, number) for name, number in zip(names, xyz, strict=True)))
 
 
-def _aligned(joint: Joint) -> tuple[int, FloatArray]:
+def _rotation_between(joint: Joint) -> tuple[int, FloatArray]:
     """Return the coordinate axis of the motion, and the constant rotation from it to the joint's axis."""
     direction = unit_axis(joint.axis)
     largest = int(np.argmax(np.abs(direction)))

@@ -60,7 +60,7 @@ def estimate_net_response(
     if friction is None:
         return response
     arm = partial(_arm_variance, net, response, spec, planned_lines, robot)
-    response = replace(response, notes=(*response.notes, *_unexplained(response, records, friction, arm)))
+    response = replace(response, notes=(*response.notes, *_unexplained_torque(response, records, friction, arm)))
     if not friction.shapes:
         return response
     errors = _coefficient_errors(records, friction, response, spec, planned_lines, E)
@@ -77,7 +77,7 @@ def _travel(records: Sequence[Record]) -> dict[str, float]:
     }
 
 
-def _unexplained(
+def _unexplained_torque(
     response: Response, records: Sequence[Record], friction: CompensatedFriction, arm: Callable[[], FloatArray | float]
 ) -> tuple[Note, ...]:
     if not friction.configurations or response.noise is None or response.total is None:
@@ -201,22 +201,26 @@ def to_shafts(record: Record, E: FloatArray | None) -> Record:
         return record
     columns = [record.outputs.index(location) for location in record.inputs if location in record.outputs]
     if len(columns) < len(record.inputs) or len({record.quantities[i] for i in columns}) > 1:
-        others = [i for i in range(len(record.outputs)) if i not in columns]
-        outputs = tuple(record.outputs[i] for i in others)
-        quantities = tuple(record.quantities[i] for i in others)
-        sampled = tuple(record.sampled[i] for i in others) if record.sampled else ()
-        return replace(record, y=record.y[:, others], outputs=outputs, quantities=quantities, sampled=sampled)
-    return _turned(record, columns, np.asarray(np.linalg.inv(E)), E.T)
+        other_outputs = [i for i in range(len(record.outputs)) if i not in columns]
+        outputs = tuple(record.outputs[i] for i in other_outputs)
+        quantities = tuple(record.quantities[i] for i in other_outputs)
+        sampled = tuple(record.sampled[i] for i in other_outputs) if record.sampled else ()
+        return replace(record, y=record.y[:, other_outputs], outputs=outputs, quantities=quantities, sampled=sampled)
+    return _rotate_friction(record, columns, np.asarray(np.linalg.inv(E)), E.T)
 
 
 def to_links(record: Record, E: FloatArray | None) -> Record:
     """Return the inverse of `to_shafts`, for records of all motors."""
     if E is None:
         return record
-    return _turned(record, [record.outputs.index(place) for place in record.inputs], E, np.asarray(np.linalg.inv(E).T))
+    return _rotate_friction(
+        record, [record.outputs.index(place) for place in record.inputs], E, np.asarray(np.linalg.inv(E).T)
+    )
 
 
-def _turned(record: Record, columns: list[int], torque_matrix: FloatArray, motion_matrix: FloatArray) -> Record:
+def _rotate_friction(
+    record: Record, columns: list[int], torque_matrix: FloatArray, motion_matrix: FloatArray
+) -> Record:
     y = record.y.copy()
     y[:, columns] = record.y[:, columns] @ motion_matrix
     return replace(record, u=record.u @ torque_matrix, y=y, r=None if record.r is None else record.r @ torque_matrix)

@@ -117,7 +117,7 @@ class FrictionRow:
 
 
 # Std of the Coulomb torque by elements that do not slide, over stiffness times swing of their spring (GMS).
-UNSEEN = 6.0
+MAX_UNSEEN_FACTOR = 6.0
 
 
 def friction_rows(friction: CompensatedFriction, springs: Mapping[str, float] = {}) -> tuple[FrictionRow, ...]:
@@ -129,7 +129,7 @@ def friction_rows(friction: CompensatedFriction, springs: Mapping[str, float] = 
     for location, unit, ratio in zip(friction.places, friction.place_units, ratios, strict=True):
         F_c, std = friction.coulomb_friction(location)
         if springs.get(location, 0.0) > 0 and friction.swings:
-            std = math.hypot(std, UNSEEN * springs[location] * friction.swing(location))
+            std = math.hypot(std, MAX_UNSEEN_FACTOR * springs[location] * friction.swing(location))
         interval = (max(F_c - QUANTILE_95 * std, 0.0), F_c + QUANTILE_95 * std)
         rows.append(FrictionRow(location, unit, ratio, *((F_c, std, interval) if location in compensated else ())))
     return tuple(rows)

@@ -88,10 +88,10 @@ class GearData:
 
     def motions(
         self, drives: Sequence[DriveLines], effects: Sequence[GearEffect], magnitudes: FloatArray,
-        before: Sequence[SmoothedMotion], tolerance: float = 1e-4,
+        previous: Sequence[SmoothedMotion], tolerance: float = 1e-4,
     ) -> list[SmoothedMotion]:  # fmt: skip
         """Return the motion in each configuration under effects of given magnitudes, as `smooth_motion` has it."""
-        rows = zip(self.lines, drives, before, strict=True)
+        rows = zip(self.lines, drives, previous, strict=True)
         return [smooth_motion(lines, drive, effects, magnitudes, start, tolerance) for lines, drive, start in rows]
 
     def joint_normal_equations(
@@ -198,11 +198,11 @@ def _update_scales(
     effects: Sequence[GearEffect], scales: Sequence[Sequence[int]], steps: FloatArray
 ) -> list[GearEffect]:
     """Return effects with scales increased by fractions (n_s,), _STEP at most, relative to the first of each."""
-    grown = list(effects)
+    effects_ = list(effects)
     for group, step in zip(scales, np.clip(steps, -_STEP, _STEP).tolist(), strict=True):
         for i in group:
-            grown[i] = replace(effects[i], scale=effects[group[0]].scale * (1 + step))
-    return grown
+            effects_[i] = replace(effects[i], scale=effects[group[0]].scale * (1 + step))
+    return effects_
 
 
 def initial_estimate(data: GearData, parameters: Parameters, x: FloatArray) -> GearEstimate:

@@ -49,7 +49,7 @@ MIN_GAIN_FRACTION = 0.005  # relative to V: residuals of the best model are not 
 MIN_PERIOD_FRACTION = 0.5  # travel of the motor in periods of a transmission error or ripple
 # Std of ln k of a gear with effects besides friction: errors were 0.05 to 0.11 % in six robots simulated by MuJoCo.
 STIFFNESS_ERROR_OF_EFFECTS = 5e-4
-_LOST = 10.0  # factor by which a stiffness fell below its start value, so that it starts there again
+_COLLAPSE_FACTOR = 10.0  # factor by which a stiffness fell below its start value, so that it starts there again
 _ROUGH = 10 * MOVE  # tolerance at which effects are compared; those selected are estimated with tolerance MOVE
 
 
@@ -100,7 +100,7 @@ def choose_effects(data: GearData, parameters: Parameters, x: FloatArray, orders
     What that fit could not tell apart from an effect (a viscous friction of nearly nothing beside dry friction) must
     start where the robot's file has it: parameters.x of a logarithmic one that ended at a tenth of it or less.
     """
-    is_at_limit = parameters.is_log & (x < parameters.x - np.log(_LOST))
+    is_at_limit = parameters.is_log & (x < parameters.x - np.log(_COLLAPSE_FACTOR))
     estimate = initial_estimate(data, parameters, np.where(is_at_limit, parameters.x, x))
     groups = candidate_groups(data, estimate, orders)
     for _ in range(ROUNDS):
@@ -149,8 +149,8 @@ def _on_grid(estimate: GearEstimate, lines: Sequence[PeriodLines]) -> GearEstima
 
 def _converge(data: GearData, estimate: GearEstimate) -> GearEstimate:
     estimate = estimate_gear_parameters(data, estimate, estimate.effects)
-    pruned = _prune(data, estimate)
-    return estimate if pruned is estimate else _converge(data, pruned)
+    smaller = _prune(data, estimate)
+    return estimate if smaller is estimate else _converge(data, smaller)
 
 
 def _kinds(effects: Sequence[GearEffect]) -> list[tuple[str, str]]:
@@ -166,7 +166,7 @@ def _best_law(data: GearData, estimate: GearEstimate, joint: str, family: tuple[
     springs = springs_of(estimate)
     if not springs:
         return estimate
-    others = tuple(effect for effect in estimate.effects if effect not in springs)
+    other_effects = tuple(effect for effect in estimate.effects if effect not in springs)
     deflection = _sizes(data, estimate, data.joints.index(joint))[1]
 
     def cost(magnitudes: GearEstimate) -> float:
@@ -175,13 +175,13 @@ def _best_law(data: GearData, estimate: GearEstimate, joint: str, family: tuple[
     tie = sum(lines.Y.size for lines in data.lines)
 
     def refit(before: GearEstimate, effects: tuple[GearEffect, ...]) -> GearEstimate:
-        return _prune(data, estimate_gear_parameters(data, before, effects, _ROUGH, others, cost(estimate)))
+        return _prune(data, estimate_gear_parameters(data, before, effects, _ROUGH, other_effects, cost(estimate)))
 
     trials = [estimate]
     for kind in family:
         if not any(effect.kind == kind or {effect.kind, kind} == {"range", "gap"} for effect in springs):
             start = KINDS[kind].scales[len(KINDS[kind].scales) // 2] * deflection
-            trials.append(refit(estimate, (*others, GearEffect(kind, joint, start))))
+            trials.append(refit(estimate, (*other_effects, GearEffect(kind, joint, start))))
     best = min(trials, key=cost)
     with_range = next((trial for trial in trials if [effect.kind for effect in springs_of(trial)] == ["range"]), best)
     if best.weighted_cost < with_range.weighted_cost < best.weighted_cost + tie:
@@ -241,12 +241,12 @@ def _prune(data: GearData, estimate: GearEstimate) -> GearEstimate:
         sizes[family] = max(sizes[family], z if effect.row.brakes else abs(z))
         powers[family] += P
     largest = {joint: max(P for family, P in powers.items() if family[1] == joint) for _, joint, *_ in families}
-    keep = [
+    significant = [
         sizes[family] >= MIN_SIGNIFICANCE and powers[family] > SLIGHT**2 * largest[family[1]] for family in families
     ]
-    if all(keep):
+    if all(significant):
         return estimate
-    return estimate_gear_parameters(data, estimate, tuple(compress(estimate.effects, keep)), tolerance=_ROUGH)
+    return estimate_gear_parameters(data, estimate, tuple(compress(estimate.effects, significant)), tolerance=_ROUGH)
 
 
 def _select_effects(data: GearData, estimate: GearEstimate, groups: Sequence[Group]) -> list[GearEffect]:
@@ -265,11 +265,11 @@ def _select_effects(data: GearData, estimate: GearEstimate, groups: Sequence[Gro
         members = (np.arange(ends[i], ends[i + 1]) for i in indices)
         return _cross_validated_cost(sums, prior, np.concatenate([np.arange(ends[0]), *members]))
 
-    def pays(before: float, after: float, indices: list[int]) -> bool:
+    def pays(before: float, new_cost: float, indices: list[int]) -> bool:
         group = groups[indices[-1]]
         # Of what friction leaves unexplained, the law of a spring explains a little of any gear.
         gain, fraction = (MIN_GAIN_OF_SPRING, SLIGHT) if group[0].kind in SPRINGS else (MIN_GAIN, MIN_GAIN_FRACTION)
-        return before - after > max(gain * len(group), fraction * before)
+        return before - new_cost > max(gain * len(group), fraction * before)
 
     return effects_of(greedy(larger, cost, pays)[0])
 

@@ -24,7 +24,7 @@ from elastid.robot.simplified import with_joints, with_straight_springs, without
 
 # Of what the linear fit leaves of the motion, below which the effects of gears explain its misfit: 5 right models leave
 # at most 0.014 of it, 4 wrong ones at least 0.6 (scripts/studies/results.csv).
-EXPLAINED = 0.25
+MAX_UNEXPLAINED = 0.25
 NOT_EXPLAINED = "the effects found in its gears do not explain it"
 NOT_OPENED = "the effects of the gears were not estimated (see the line `gears`)"
 # Makers' units over SI.
@@ -132,7 +132,7 @@ class GearResult:
     @property
     def explains_misfit(self) -> bool:
         """True if the effects explain most of the linear fit's residual, which then does not limit them."""
-        return bool(self.effects) and self.after < EXPLAINED * self.before
+        return bool(self.effects) and self.after < MAX_UNEXPLAINED * self.before
 
     def unanswered_notes(self, notes: Iterable[Note]) -> tuple[Note, ...]:
         """Return notes of a fit and its responses without those that the effects answer."""

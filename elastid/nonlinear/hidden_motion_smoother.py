@@ -74,9 +74,9 @@ class SmoothedMotion:
 
 def residuals(lines: PeriodLines, drive: DriveLines, estimate: SmoothedMotion, magnitudes: FloatArray) -> ComplexArray:
     """Return y - G u + C H P f Phi (F, n_u, M), of the logged angles."""
-    explained = drive.C @ drive.H @ np.tensordot(estimate.Phi, magnitudes, axes=1)
-    explained = explained + np.tensordot(estimate.folded, magnitudes, axes=1)
-    return np.asarray(lines.Y - drive.G @ lines.U + drive.sensor[:, :, None] * explained)
+    modelled_motion = drive.C @ drive.H @ np.tensordot(estimate.Phi, magnitudes, axes=1)
+    modelled_motion = modelled_motion + np.tensordot(estimate.folded, magnitudes, axes=1)
+    return np.asarray(lines.Y - drive.G @ lines.U + drive.sensor[:, :, None] * modelled_motion)
 
 
 def smoothed_covariance(r: ComplexArray, lines: PeriodLines, drive: DriveLines) -> ComplexArray:

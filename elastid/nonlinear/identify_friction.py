@@ -44,7 +44,7 @@ _CHOICE_RECORDS = 24
 FULL_SWING, MIN_UNCERTAIN = 4.0, 0.05
 
 
-class _Unsuited(ValueError):
+class _UnsuitedRecords(ValueError):
     """Why friction cannot be found."""
 
 
@@ -63,7 +63,7 @@ def identify_motor_friction(
     records = tuple(measured[0])
     try:
         return _identify(records, measured, spec, planned, execution or Execution())
-    except _Unsuited as reason:
+    except _UnsuitedRecords as reason:
         is_quiet = spec.friction == "auto" and not any(location.startswith("motor ") for location in records[0].inputs)
         return _no_friction(records[0], "" if is_quiet else str(reason), spec.friction)
 
@@ -83,7 +83,7 @@ def _identify(
         return execution.ordered(partial(_gather, locations, shapes, spec, planned, friction), part)
 
     if reason := refusal(records):
-        raise _Unsuited(reason)
+        raise _UnsuitedRecords(reason)
     refuse_mismatch(records)
     shapes = candidate_basis(records, spec.friction == "coulomb")
     data = gather(measured[:n_first], shapes)
@@ -121,18 +121,18 @@ def _gather(
     records = tuple(measured)
     refuse_mismatch(records)
     if reason := refusal(records):
-        raise _Unsuited(reason)
+        raise _UnsuitedRecords(reason)
     if records[0].inputs != inputs:
-        raise _Unsuited("configurations have different inputs, and so no motors in common")
+        raise _UnsuitedRecords("configurations have different inputs, and so no motors in common")
     data = gather_configuration(records, shapes, spec, planned, friction)
     if not data.is_invertible:
-        raise _Unsuited(
+        raise _UnsuitedRecords(
             f"the torques of {', '.join(inputs)}, or the angles of these motors, are not independent in all "
             f"{len(records)} experiments of configuration {data.name}; check for a file listed twice and for a channel "
             "that holds the signal of another motor"
         )
     if data.U.shape[2] <= data.U.shape[1] and data.excited.all():
-        raise _Unsuited(
+        raise _UnsuitedRecords(
             f"one realisation ({len(records)} experiment{'s' * (len(records) > 1)}) does not separate nonlinear "
             "distortion from the linear response"
         )

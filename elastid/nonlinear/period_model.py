@@ -38,7 +38,7 @@ from elastid.response import Response
 from elastid.robot import Robot
 from elastid.simulation.controller import feed_forward
 
-REACH = 2  # times the highest line of the motion, up to which the torques are kept
+TORQUE_BAND = 2  # times the highest line of the motion, up to which the torques are kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,15 +166,15 @@ def without_arm(lines: PeriodLines, drive: DriveLines, robot: Robot) -> PeriodLi
     of the measured angles.
     """
     top = int(np.flatnonzero(lines.excited)[-1]) + 1
-    reach = min(REACH * top, len(lines.s))
-    H, links, sensor = drive.H[:reach], drive.places["link"], drive.sensor[:reach, :, None]
+    n_lines = min(TORQUE_BAND * top, len(lines.s))
+    H, links, sensor = drive.H[:n_lines], drive.places["link"], drive.sensor[:n_lines, :, None]
     angle_map = links @ H @ drive.B @ np.linalg.inv(drive.C @ H @ drive.B)
     Y, arm = lines.Y.copy(), np.zeros((len(lines.s) + 1, len(links), lines.Y.shape[2]), complex)
     for _ in range(3):  # motion and torques by each other
-        motion = angle_map @ (Y[:reach] / sensor) - links @ H @ links.T @ arm[1 : reach + 1]
+        motion = angle_map @ (Y[:n_lines] / sensor) - links @ H @ links.T @ arm[1 : n_lines + 1]
         motion[top:] = 0.0
-        arm[: reach + 1] = geometric_torques(robot, lines.configuration, motion, lines.s[:reach])
-        Y[:reach] = lines.Y[:reach] + sensor * (drive.C @ H @ links.T @ arm[1 : reach + 1])
+        arm[: n_lines + 1] = geometric_torques(robot, lines.configuration, motion, lines.s[:n_lines])
+        Y[:n_lines] = lines.Y[:n_lines] + sensor * (drive.C @ H @ links.T @ arm[1 : n_lines + 1])
     return replace(lines, Y=Y, arm=arm)
 
 
@@ -185,6 +185,6 @@ def _signals(X: ComplexArray) -> FloatArray:
     """
     F, n, M = X.shape
     N = 8 * (F + 1)
-    padded = np.zeros((N // 2 + 1, n, M), complex)
-    padded[1 : F + 1] = X
-    return np.asarray((irfft(padded, N, axis=0) * (N / 2)).swapaxes(0, 1).reshape(n, -1))
+    spectrum = np.zeros((N // 2 + 1, n, M), complex)
+    spectrum[1 : F + 1] = X
+    return np.asarray((irfft(spectrum, N, axis=0) * (N / 2)).swapaxes(0, 1).reshape(n, -1))

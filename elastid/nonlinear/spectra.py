@@ -110,14 +110,14 @@ def gather_configuration(
     U, Y, Phi = list[ComplexArray](), list[ComplexArray](), list[ComplexArray]()
     velocity_noise = np.zeros((len(spectra), len(first.inputs)))
     places = tuple(dict.fromkeys(shape.place for shape in shapes))
-    for k, logged in enumerate(spectra):
-        record = logged.record
-        used = _periods(logged, lines, is_excited, spec, spec.quantity)
-        Y.append(used.Y[..., columns].mean(axis=0))
-        U.append(used.U.mean(axis=0))
+    for k, spectrum in enumerate(spectra):
+        record = spectrum.record
+        periods = _periods(spectrum, lines, is_excited, spec, spec.quantity)
+        Y.append(periods.Y[..., columns].mean(axis=0))
+        U.append(periods.U.mean(axis=0))
         Phi.append(np.zeros((len(lines), len(shapes)), complex))
         # A last half period without its other half is no part of the motion.
-        complete = used.periods[used.periods < record.n_periods * first.period_samples // first.repeat_samples]
+        complete = periods.periods[periods.periods < record.n_periods * first.period_samples // first.repeat_samples]
         for place in places:
             motion = friction.motion(record, place) if friction else motion_of(record, place)
             velocity_noise[k, first.inputs.index(place)] = motion.velocity_noise
@@ -211,22 +211,22 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
     excited = analysed_lines(list(map(RecordSpectra, records)), spec, planned)
     lines = np.arange(1, (first.period_samples + 1) // 2)
     is_excited = np.isin(lines, excited)
-    whole = (RecordSpectra(replace(record, half_wave=False)) for record in records)
-    periods = [_periods(record, lines, is_excited, spec, "position") for record in whole]
+    full_records = (RecordSpectra(replace(record, half_wave=False)) for record in records)
+    periods = [_periods(record, lines, is_excited, spec, "position") for record in full_records]
     period_spectra = [period.Y[:, :, columns] for period in periods]
-    repeated = [Y.var(axis=0, ddof=1) / len(Y) for Y in period_spectra if len(Y) > 1]
+    variances = [Y.var(axis=0, ddof=1) / len(Y) for Y in period_spectra if len(Y) > 1]
     # Of a single period the highest lines show noise, where a robot barely moves.
-    scatter = np.mean(repeated if repeated else [np.abs(Y[0]) ** 2 for Y in period_spectra], axis=0)
-    logged = np.array([first.quantities[i] == "position" for i in columns])
+    scatter = np.mean(variances if variances else [np.abs(Y[0]) ** 2 for Y in period_spectra], axis=0)
+    is_position = np.array([first.quantities[i] == "position" for i in columns])
     return PeriodLines(
         first.configuration, first.rate_hz, first.period_samples,
         np.stack([period.U.mean(axis=0) for period in periods], axis=2),
         np.stack([Y.mean(axis=0) for Y in period_spectra], axis=2),
-        np.stack([np.where(logged, record.y[:, columns].mean(axis=0), 0.0) for record in records], axis=1),
+        np.stack([np.where(is_position, record.y[:, columns].mean(axis=0), 0.0) for record in records], axis=1),
         np.stack([record.u[: record.n_periods * record.period_samples].mean(axis=0) for record in records], axis=1),
         np.mean(scatter[int(7 / 8 * len(scatter)) :], axis=0), scatter, is_excited,
         np.array([record.realisation for record in records]),
-        np.array([smallest_step(first.y[:, column]) for column in columns]), logged,
+        np.array([smallest_step(first.y[:, column]) for column in columns]), is_position,
     )  # fmt: skip
 
 
@@ -240,10 +240,10 @@ def reason_unsuited(first: Record) -> str:
 
 
 def _periods(
-    logged: RecordSpectra, lines: IntArray, excited: BoolArray, spec: EstimatorSpec, quantity: Motion
+    spectra: RecordSpectra, lines: IntArray, excited: BoolArray, spec: EstimatorSpec, quantity: Motion
 ) -> PeriodSpectra:
     """Return motions and torques of the periods that can be trusted, by their excited lines (F,), at all lines."""
-    periods = period_spectra(logged, lines, quantity)
+    periods = period_spectra(spectra, lines, quantity)
     return periods.only(trusted(periods.on(excited), spec).periods) if len(periods.periods) > 1 else periods
 
 
@@ -255,9 +255,9 @@ def compensation_torque(coefficients: FloatArray, Phi: ComplexArray, motor_of: I
     return torque
 
 
-def evenly_spaced(lines: IntArray, most: int) -> IntArray:
+def evenly_spaced(lines: IntArray, count: int) -> IntArray:
     """Return at most so many of the lines, evenly spaced, with the first and the last."""
-    return lines[np.linspace(0, len(lines) - 1, min(len(lines), most)).round().astype(np.int64)]
+    return lines[np.linspace(0, len(lines) - 1, min(len(lines), count)).round().astype(np.int64)]
 
 
 def _smooth(targets: IntArray, lines: IntArray, G: ComplexArray) -> BoolArray:

@@ -254,7 +254,7 @@ def make_plan(
     experiment: ExperimentSpec,
     robot: Robot,
     seed: int,
-    chosen: Sequence[DesignedConfiguration] = (),
+    designed: Sequence[DesignedConfiguration] = (),
     spectra: Mapping[str, FloatArray] | None = None,
     closed_loop: PredictClosedLoop | None = None,
 ) -> Plan:
@@ -262,7 +262,7 @@ def make_plan(
 
     With several amplitudes each configuration is measured at every one, under a name of its own (`at_amplitude`).
 
-    chosen: configurations that a design has added to those of the study.  spectra: amplitudes (F, n_u) in Nm that it
+    designed: configurations that a design has added to those of the study.  spectra: amplitudes (F, n_u) in Nm that it
     has found, by the configuration's name.  closed_loop: needed where excitation.flat or compress names a quantity
     other than the torque.  The phases of a set depend on seed, configuration index and realisation alone, so that a
     further configuration or realisation leaves the others as they were (but for optimised phases, the first other
@@ -274,7 +274,7 @@ def make_plan(
             index,
             replace(pick, configuration=replace(pick.configuration, name=at_amplitude(pick.configuration.name, index))),
         )
-        for pick in (*picks, *chosen)
+        for pick in (*picks, *designed)
         for index in range(1, len(excitation.amplitudes) + 1)
     ]
     lines, n_u = planned_lines(excitation, seed), len(robot.driven)

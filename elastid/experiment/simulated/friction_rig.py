@@ -141,17 +141,17 @@ def _activities(plan: FrictionPlan, joint: str) -> list[_Activity]:
 
 
 def _between(start_s: float, end_s: float, warm_up: PlannedWarmUp | None, limits: PassLimits) -> list[_Activity]:
-    rest = np.zeros(0)
+    torque = np.zeros(0)
     if warm_up is None:
-        return [(start_s, end_s, rest)]
+        return [(start_s, end_s, torque)]
     low = min(max(warm_up.start_s, start_s), end_s)
     high = max(min(warm_up.start_s + warm_up.time_s, end_s), low)
     speeds = _speeds(planned_pass(warm_up.speed, 0, limits), limits)
-    return [(start_s, low, rest), (low, high, speeds[speeds > 0]), (high, end_s, rest)]
+    return [(start_s, low, torque), (low, high, speeds[speeds > 0]), (high, end_s, torque)]
 
 
-def _speeds(planned: PlannedPass, limits: PassLimits) -> FloatArray:
-    return np.quantile(np.abs(pass_reference(planned, limits, 100.0).velocity), (np.arange(16) + 0.5) / 16)
+def _speeds(plan: PlannedPass, limits: PassLimits) -> FloatArray:
+    return np.quantile(np.abs(pass_reference(plan, limits, 100.0).velocity), (np.arange(16) + 0.5) / 16)
 
 
 @dataclass(frozen=True)
@@ -184,21 +184,21 @@ class SimulatedFrictionRig:
 
     def measure(self, motion: PlannedMotion) -> FrictionRecord:
         """Simulate one motion. DataError where the joint is lost, StudyError where the steps are too long for it."""
-        run, number = self._run(motion), [planned.name for planned in self.plan.motions].index(motion.name)
+        run, number = self._run(motion), [plan.name for plan in self.plan.motions].index(motion.name)
         model, i, rate_hz, seed = run.plant.model, run.index, self.plan.rate_hz, (self.seed, number)
         noise = draw_noise(self.simulated.noise, len(run.path.position), rate_hz, model.n_u, model.inputs, seed)
         trajectory = run.simulated(self.simulated.controller, rate_hz, noise)
         first = motion.period_samples or 0 if motion.purpose == "presliding_test" else 0
-        temperature, planned, E = self._thermometer(run, number), motion.planned, self.robot.mixing
+        temperature, plan, E = self._thermometer(run, number), motion.planned, self.robot.mixing
         return FrictionRecord(
             motion.name, motion.joint, motion.purpose, rate_hz, (trajectory.reading @ E.T + noise.outputs)[first:, i],
             (trajectory.u @ np.linalg.inv(E) + noise.torque)[first:, i],
             temperature=None if temperature is None else temperature[first:], there=run.path.there,
-            back=run.path.back, speed=None if planned is None else planned.speed, load=motion.load,
+            back=run.path.back, speed=None if plan is None else plan.speed, load=motion.load,
             load_torque=self._load_torque(run), torque_delay_s=0.5 / rate_hz,
             resolution=float(run.plant.loop.drives.resolution[i]), start_s=motion.start_s + first / rate_hz,
             period_samples=motion.period_samples, hold="zero-order", configuration=run.plant.point.configuration,
-            is_reference=planned is not None and planned.is_reference, is_warm_up=motion.is_warm_up,
+            is_reference=plan is not None and plan.is_reference, is_warm_up=motion.is_warm_up,
             place=motion.name, slides=self.robot.driven[i].slides,
             notes=tuple(limit_notes(run.plant, motion.name, trajectory.u, [i])),
         )  # fmt: skip

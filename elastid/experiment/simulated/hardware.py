@@ -104,10 +104,10 @@ def point_acceleration(
 
 def _second_derivative(p: FloatArray, rate_hz: float, period_samples: int) -> FloatArray:
     n, N = len(p), min(period_samples, len(p) - 1)
-    before = p[0] - np.arange(_REACH, 0, -1)[:, None] * (p[1] - p[0])
-    after = p[n - N : n - N + _REACH] + (p[n - 1] - p[n - 1 - N])
-    padded = np.concatenate([before, p, after])
-    return np.asarray(sum(weight * padded[i : i + n] for i, weight in enumerate(_SECOND_DERIVATIVE)) * rate_hz**2)
+    head = p[0] - np.arange(_REACH, 0, -1)[:, None] * (p[1] - p[0])
+    tail = p[n - N : n - N + _REACH] + (p[n - 1] - p[n - 1 - N])
+    extended = np.concatenate([head, p, tail])
+    return np.asarray(sum(weight * extended[i : i + n] for i, weight in enumerate(_SECOND_DERIVATIVE)) * rate_hz**2)
 
 
 @dataclass(frozen=True)

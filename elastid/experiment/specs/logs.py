@@ -225,10 +225,10 @@ class RecordedSpec:
     def repeat_refusal(self, number: int) -> str:
         """Return why a file may not have the numbers of an earlier one; empty if it has further periods, or no one."""
         file = self.files[number]
-        earlier = [before for before in self.files[:number] if before.run == file.run]
+        earlier = [previous for previous in self.files[:number] if previous.run == file.run]
         periods = {self.period_of(entry) for entry in (*earlier[:1], file)}
-        is_repeated = any((before.path, before.samples) == (file.path, file.samples) for before in earlier)
-        is_repeated |= any(before.at != file.at for before in earlier)
+        is_repeated = any((previous.path, previous.samples) == (file.path, file.samples) for previous in earlier)
+        is_repeated |= any(previous.at != file.at for previous in earlier)
         if not earlier or (len(periods) == 1 and None not in periods and not is_repeated):
             return ""
         return (

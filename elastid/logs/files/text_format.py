@@ -6,7 +6,7 @@ from typing import Literal
 
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.files.cells import is_number, plain_numbers, split_line
-from elastid.logs.files.encodings import decoded, raw_bytes
+from elastid.logs.files.encodings import decode_text, raw_bytes
 
 # The usual delimiters and decimals of numbers in columns, the most usual first.
 _DECIMALS: tuple[Literal[".", ","], ...] = (".", ",")
@@ -22,7 +22,7 @@ def guess_format(path: Path) -> TextFormatSpec:
 
 def _best_format(path: Path) -> tuple[int, TextFormatSpec]:
     raw = raw_bytes(path, HEAD_BYTES)
-    lines = decoded(raw).splitlines()
+    lines = decode_text(raw).splitlines()
     lines = lines[-21:-1] if len(raw) == HEAD_BYTES else lines[-20:]  # the last of 64 KiB may be cut
 
     def numeric_score(text: TextFormatSpec) -> int:
@@ -30,8 +30,8 @@ def _best_format(path: Path) -> tuple[int, TextFormatSpec]:
         fields = [field for line in plain for field in split_line(line, text) if field]
         return sum(1 if is_number(field) else -1 for field in fields)
 
-    scored = [(numeric_score(text), text) for text in starmap(TextFormatSpec, _FORMATS)]
-    return max(scored, key=lambda pair: pair[0])
+    scores = [(numeric_score(text), text) for text in starmap(TextFormatSpec, _FORMATS)]
+    return max(scores, key=lambda pair: pair[0])
 
 
 def otherwise_written(path: Path, text: TextFormatSpec) -> str:

@@ -84,7 +84,7 @@ def blocks(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
     return X * float(sign) ** np.arange(len(X))[:, None]
 
 
-def bridged(x: FloatArray) -> FloatArray:
+def interpolate_linearly(x: FloatArray) -> FloatArray:
     """Interpolate missing samples of a signal (n,) linearly; 0 without any sample."""
     finite = np.flatnonzero(np.isfinite(x))
     return np.interp(np.arange(len(x)), finite, x[finite]) if finite.size else np.zeros(len(x))

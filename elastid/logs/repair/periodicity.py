@@ -30,7 +30,7 @@ MIN_REST_LAG, MAX_REST_CORRELATION = 0.05, 0.3
 MAX_UNEXPLAINED_RATIO, UNEXPLAINED_MARGIN = 1.2, 0.01
 MIN_PERIODS = 1.9  # least number of periods in a log; the second may end early
 # Largest shift by lost samples, relative to the period and in samples; larger shifts have other causes.
-MAX_SHIFT, MAX_LOST = 0.02, 50
+MAX_SHIFT, MAX_SHIFT_SAMPLES = 0.02, 50
 MIN_FRACTION_OF_BEST = 0.8  # lowest peak, relative to the highest, that is refined
 
 
@@ -51,8 +51,8 @@ class Repetition:
     @property
     def matches_stated_period(self) -> bool:
         """True if the stated lag repeats the signals, as well as any other does."""
-        least = MIN_DELAY_CORRELATION if self.remainder_is_noise else MIN_CORRELATION
-        return self.correlation >= least and _is_as_good(self.correlation, self.best_correlation)
+        min_correlation = MIN_DELAY_CORRELATION if self.remainder_is_noise else MIN_CORRELATION
+        return self.correlation >= min_correlation and _is_as_good(self.correlation, self.best_correlation)
 
     @property
     def rank(self) -> tuple[bool, float]:
@@ -112,16 +112,16 @@ def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repe
 
 def _best(x: FloatArray) -> Repetition:
     """Find the lag at which a signal (n,) repeats, with or without a drift."""
-    levelled = (x - np.nanmean(x), flat(x, len(x)).ravel())
-    best = max((_anywhere(signal) for signal in levelled), key=lambda result: result.rank)
+    candidates = (x - np.nanmean(x), flat(x, len(x)).ravel())
+    best = max((_anywhere(signal) for signal in candidates), key=lambda result: result.rank)
     return _anywhere(_detrend(x, round(best.best_samples))) if best.best_samples else best
 
 
 def _detrend(x: FloatArray, lag: int) -> FloatArray:
     """Remove the mean and the drift of a signal (n,); the drift is the mean change after `lag` samples."""
     change = x[lag:] - x[:-lag]
-    drift = float(np.nanmean(change)) / lag if np.isfinite(change).any() else 0.0
-    residual = x - drift * np.arange(len(x))
+    slope = float(np.nanmean(change)) / lag if np.isfinite(change).any() else 0.0
+    residual = x - slope * np.arange(len(x))
     return np.asarray(residual - np.nanmean(residual))
 
 
@@ -145,8 +145,8 @@ def _remainder_is_noise(rho: FloatArray, lag: float, sign: int = 1) -> bool:
         return False
     T = max(1, round(lag))
     later = np.arange(max(1, round(MIN_REST_LAG * T)), T // 2 + 1)
-    rest = 2 * rho[later] - sign * (rho[T + later] + rho[T - later])
-    return bool(np.all(np.abs(rest) <= MAX_REST_CORRELATION * 2 * max(1 - sign * rho[T], 1e-3)))
+    remainder = 2 * rho[later] - sign * (rho[T + later] + rho[T - later])
+    return bool(np.all(np.abs(remainder) <= MAX_REST_CORRELATION * 2 * max(1 - sign * rho[T], 1e-3)))
 
 
 def _anywhere(x: FloatArray) -> Repetition:
@@ -312,7 +312,7 @@ def _sample_shift(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] 
 
     Each eighth of a period is looked for one period later: after N samples, or by one other lag across the shift.
     """
-    L, reach = max(N // 8, 1), int(np.clip(MAX_SHIFT * N, 2, MAX_LOST))
+    L, max_shift = max(N // 8, 1), int(np.clip(MAX_SHIFT * N, 2, MAX_SHIFT_SAMPLES))
     x = excitation[:, [c for c in range(excitation.shape[1]) if _varies(excitation[:, c])]]
     if not np.isfinite(x).all():
         return None
@@ -320,17 +320,17 @@ def _sample_shift(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] 
     change = np.array([*folded(power, N).mean(axis=1), power[-N:].mean()])
     if len(x) >= 4 * N and change.max() < MIN_OVER_USUAL * np.median(change):
         return None
-    lags, starts = list[int](), range(0, len(x) - N - L - reach, L)
+    lags, starts = list[int](), range(0, len(x) - N - L - max_shift, L)
     for start in starts:
         window = x[start : start + L] - x[start : start + L].mean(axis=0)
-        others = np.stack([x[start + N + k : start + N + k + L] for k in range(-reach, reach + 1)])
-        others = sign * (others - others.mean(axis=1, keepdims=True))
-        inner = np.einsum("nc,knc->k", window, others)
-        rho = inner / np.maximum(np.linalg.norm(window) * np.linalg.norm(others, axis=(1, 2)), 1e-300)
-        is_nearer = 1 - rho.max() < MAX_REMAINING_FRACTION * (1 - rho[reach])
-        lag = int(np.argmax(rho)) - reach if is_nearer else 0
-        lags.append(lag if rho.max() > MIN_CORRELATION else reach + 1)
-    valid = [lag for lag in lags if lag <= reach]
+        shifted = np.stack([x[start + N + k : start + N + k + L] for k in range(-max_shift, max_shift + 1)])
+        shifted = sign * (shifted - shifted.mean(axis=1, keepdims=True))
+        inner = np.einsum("nc,knc->k", window, shifted)
+        rho = inner / np.maximum(np.linalg.norm(window) * np.linalg.norm(shifted, axis=(1, 2)), 1e-300)
+        is_nearer = 1 - rho.max() < MAX_REMAINING_FRACTION * (1 - rho[max_shift])
+        lag = int(np.argmax(rho)) - max_shift if is_nearer else 0
+        lags.append(lag if rho.max() > MIN_CORRELATION else max_shift + 1)
+    valid = [lag for lag in lags if lag <= max_shift]
     shifts, changes = set(valid) - {0}, np.count_nonzero(np.diff(valid))
     if not (len(shifts) == 1 and 0 < changes <= 2 and changes < len(valid) - 1 and len(lags) - len(valid) <= 3):
         return None
@@ -339,6 +339,6 @@ def _sample_shift(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] 
 
 
 def _span(samples: float, log: Log) -> str:
-    shown = round(samples, 2)
-    seconds = "" if log.rate_hz is None else f" ({shown / log.rate_hz:.6g} s)"
-    return f"{shown:.8g} samples{seconds}"
+    rounded = round(samples, 2)
+    seconds = "" if log.rate_hz is None else f" ({rounded / log.rate_hz:.6g} s)"
+    return f"{rounded:.8g} samples{seconds}"

@@ -160,8 +160,8 @@ def struct_table(path: Path, leaves: Mapping[str, StoredArray], name: str) -> Re
     assert data is not None  # it is listed by structs_in
     G = np.moveaxis(data.reshape(data.shape + (1,) * (3 - data.ndim)), 2, 0)
     keys = (prefix + key for key in ("FrequencyUnit", "Units", "TimeUnit"))
-    unit, other, time = (leaves[key].text if key in leaves else "" for key in keys)
-    unit = unit or other
+    unit, alternative, time = (leaves[key].text if key in leaves else "" for key in keys)
+    unit = unit or alternative
     if "timeunit" in unit.lower() and time.lower() not in ("", "seconds", "s"):
         raise table_error(path, f"{prefix}TimeUnit is not seconds. Set frequency_unit, or save it in rad/s")
     freq = np.ravel(np.asarray(leaves[f"{prefix}Frequency"], dtype=np.float64))
