@@ -424,28 +424,15 @@ def _estimate(
     # Without any noise (a simulation) V is compared with the weights.
     expected_cost = uncertainty.expected_cost if uncertainty.expected_cost > 1e-12 * dof else dof
     result = Result(
-        parameters=fit.parameters.with_means(end.x),
-        x=end.x,
-        covariance=uncertainty.covariance,
-        cost=end.cost + float(optimum.factors @ optimum.factors),
-        dof=dof,
-        cost_expected=float(expected_cost),
-        cost_dof=uncertainty.cost_dof,
-        status="converged",
-        message="",
-        starts=starts,
-        n_converged_starts=n_converged,
-        at_bound=at_bound(fit.parameters, end.x),
-        singular_values=uncertainty.singular_values,
-        criterion=fit.parts[0].criterion,
-        configurations=tuple(part.configuration for part in fit.parts),
-        information_fraction=uncertainty.information_fraction,
-        information_band_hz=uncertainty.information_band_hz,
+        parameters=fit.parameters.with_means(end.x), x=end.x, covariance=uncertainty.covariance,
+        cost=end.cost + float(optimum.factors @ optimum.factors), dof=dof, cost_expected=float(expected_cost),
+        cost_dof=uncertainty.cost_dof, status="converged", message="", starts=starts, n_converged_starts=n_converged,
+        at_bound=at_bound(fit.parameters, end.x), singular_values=uncertainty.singular_values,
+        criterion=fit.parts[0].criterion, configurations=tuple(part.configuration for part in fit.parts),
+        information_fraction=uncertainty.information_fraction, information_band_hz=uncertainty.information_band_hz,
         linear=tuple(part.kernel.model for part in fit.parts if part.kernel.model.is_delayed),
-        averaging_fraction=uncertainty.averaging_fraction,
-        persistent_fraction=uncertainty.persistent_fraction,
-        robot=assembly.linearisation.model.robot,
-        equations=assembly.model,
+        averaging_fraction=uncertainty.averaging_fraction, persistent_fraction=uncertainty.persistent_fraction,
+        robot=assembly.linearisation.model.robot, equations=assembly.model,
         model_error=max(weights.floor for weights in assembly.weights),
-    )
+    )  # fmt: skip
     return optimum, uncertainty, result

@@ -96,18 +96,18 @@ def read_study_log(path: Path, recorded: RecordedSpec, robot: Robot, rate_hz: fl
     Velocities are commanded as the controller of the study feeds them forward; its gains are those of the log.
     rate_hz: in place of the study's.  StudyError if a joint has no channel of role reference, or y of its position.
     """
-    names, columns = robot.driven_names, dict[str, FloatArray]()
+    columns = dict[str, FloatArray]()
     for role in ("reference", "y"):
-        channels = [_channel(recorded, role, joint) for joint in names]
+        channels = [_channel(recorded, role, joint) for joint in robot.driven_names]
         log = Log(str(path), tuple(channel.full_name for channel in channels))
         values = read_channels(path, channels, recorded.text)
         signals = (link_side(channel, x, robot, log) for channel, x in zip(channels, values.T, strict=True))
-        linked = list(map(interpolate_linearly, signals))
-        columns[role], _ = on_one_side(channels, np.stack(linked, axis=1), to_joints(channels, robot))
+        link_side_values = np.stack(list(map(interpolate_linearly, signals)), axis=1)
+        columns[role], _ = on_one_side(channels, link_side_values, to_joints(channels, robot))
     rate_hz, controller = rate_hz or recorded.known_rate_hz, recorded.controller
     forward = 0.0 if controller is None else controller.velocity_feedforward
     velocity = forward * rate_hz * np.gradient(columns["reference"], axis=0)
-    loop = None if controller is None else loop_of(controller, len(names))
+    loop = None if controller is None else loop_of(controller, len(robot.driven_names))
     clock_hz = None if recorded.rate_hz == "unknown" else recorded.known_rate_hz
     kp, kd = (None, None) if loop is None else (loop.kp, loop.kd)
     return CommandLog(path.stem, rate_hz, columns["reference"], velocity, columns["y"], kp, kd, clock_hz)

@@ -271,21 +271,14 @@ def rank(test: ScoreTest, scores: Scores, place: int = 0, count: int = LIMITS.ra
         is_equal = (drops > LIMITS.equal_drop * drops[i]) & (correlations[i] > LIMITS.equal_correlation)
         equal = [int(j) for j in np.flatnonzero(is_equal) if j != i]
         return ModificationIndex(
-            name=candidate.name,
-            group=candidate.family,
-            members=tuple(number.name for number in members),
-            values=np.array([number.value for number in members]),
-            units=tuple(number.unit for number in members),
-            log=tuple(number.log for number in members),
-            steps=step,
-            std=test.std(candidate) * math.sqrt(max(scores.variance_ratio, 0.0)),
-            drop=drop / scores.lines,
-            explained_fraction=drop / max(scores.excess, drop, 1e-300),
-            effects=test.effects(candidate, step),
-            alike=tuple(options[j].name for j in sorted(equal, key=lambda j: -drops[j])),
-            place=place,
+            name=candidate.name, group=candidate.family, members=tuple(number.name for number in members),
+            values=np.array([number.value for number in members]), units=tuple(number.unit for number in members),
+            log=tuple(number.log for number in members), steps=step,
+            std=test.std(candidate) * math.sqrt(max(scores.variance_ratio, 0.0)), drop=drop / scores.lines,
+            explained_fraction=drop / max(scores.excess, drop, 1e-300), effects=test.effects(candidate, step),
+            alike=tuple(options[j].name for j in sorted(equal, key=lambda j: -drops[j])), place=place,
             occam=float(occam),
-        )
+        )  # fmt: skip
 
     return [index(i) for k, i in enumerate(order) if k < count or options[i].name.startswith("delay")]
 
