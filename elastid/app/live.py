@@ -65,14 +65,14 @@ def live_study(run: Run, goals: Sequence[str], simulate: bool, robot_time: float
     """
     session = Session.of(run, goals, simulate, robot_time)
     with logged_in(run.folder, run.jobs, run.console), persistent_workers():
-        plans, is_reached, words = session.work()
+        plans, is_reached, end = session.work()
         study = session.write_study(plans)
-        run.console.say(f"live: {words}")
-    finished = replace(run, loaded=load(study))
-    run_all(finished)
-    ratios = session.goal.reached(read_fit(finished.path("fit")))
+        run.console.say(f"live: {end}")
+    final_run = replace(run, loaded=load(study))
+    run_all(final_run)
+    ratios = session.goal.reached(read_fit(final_run.path("fit")))
     if not is_reached or max(ratios.values()) > 1:
-        raise FitError("live/goal", f"{session.worst(ratios) if is_reached else words}", "the goal is not reached")
+        raise FitError("live/goal", f"{session.worst(ratios) if is_reached else end}", "the goal is not reached")
 
 
 @dataclass(frozen=True)
@@ -190,8 +190,8 @@ class Session:
                 proposal = next_experiment(
                     problem, candidates, prior, self.goal, robots, f"x{step}", self._seed(step), execution, remaining_s
                 )
-            if words := self._refusal(proposal, plans, result):
-                return words
+            if reason := self._refusal(proposal, plans, result):
+                return reason
             plan = proposal.plan
             self.run.console.say(
                 f"live: x{step} at {degrees(plan.configurations[0].angles.tolist())}, {len(plan.experiments)} runs of "
@@ -273,8 +273,8 @@ class Session:
         measured = {record.name: record for record in read_records(records, plan.configurations[0].name)}
         for run, rehearsal in zip(plan.experiments, rehearsals, strict=True):
             swings = problem.simulated.carrier is not None
-            if words := contradiction(measured[run.name], plan, rehearsal, coulomb, swings):
-                text = words + ". Replace the log and repeat the command; all earlier logs are kept"
+            if reason := contradiction(measured[run.name], plan, rehearsal, coulomb, swings):
+                text = reason + ". Replace the log and repeat the command; all earlier logs are kept"
                 raise DataError("live/logs", text, f"{self.log(run)} contradicts its plan")
 
     def _size(self, run: Experiment) -> int:

@@ -104,9 +104,9 @@ def hit_place(guess: LogGuess) -> str:
 
 def _by_names(logs: Sequence[Path], guess: LogGuess) -> list[dict[str, str]]:
     """Return locations by the names of the logs, empty for names without locations."""
-    words = [re.findall(r"([a-z]*)[-_ .]?(\d+)([xyz]?)(?![a-z])", path.stem.lower()) for path in logs]
-    is_alike = len({tuple(word for word, *_ in row) for row in words}) == 1
-    moves = [column for column in zip(*words, strict=True) if len(set(column)) > 1] if is_alike else []
+    parts_of_names = [re.findall(r"([a-z]*)[-_ .]?(\d+)([xyz]?)(?![a-z])", path.stem.lower()) for path in logs]
+    is_alike = len({tuple(word for word, *_ in row) for row in parts_of_names}) == 1
+    moves = [column for column in zip(*parts_of_names, strict=True) if len(set(column)) > 1] if is_alike else []
     result: list[dict[str, str]] = [{} for _ in logs]
     outputs = [motion.place for motion in guess.motions]
     for column in moves:

@@ -18,9 +18,9 @@ def overview(study: Study) -> str:
         parts.append(study.robot.display.text)
     if study.robot is not None and study.friction is None:
         parameters = choose(study.fit, study.robot, tuple(study.experiment.configurations))
-        more = len(with_tolerances(parameters, study.robot, study.fit).free) - len(parameters.free)
-        may_move = f"\n  {_plural(more, 'value')} of the robot model with tolerances (robot.tolerances)"
-        parts.append(parameters.display.text + may_move * bool(more))
+        n_nuisance = len(with_tolerances(parameters, study.robot, study.fit).free) - len(parameters.free)
+        may_move = f"\n  {_plural(n_nuisance, 'value')} of the robot model with tolerances (robot.tolerances)"
+        parts.append(parameters.display.text + may_move * bool(n_nuisance))
     parts += ["\n".join(_experiments(study)), "\n".join(_questions(study))]
     parts.append(f"stages: {', '.join(stages_of_study(study))}")
     return "\n\n".join(filter(None, parts))

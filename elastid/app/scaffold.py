@@ -92,8 +92,8 @@ def _with_guessed_drives(robot: Robot, postures: FloatArray, path: Path) -> tupl
         raise StudyError("robot/file", f"joint {lacking[0]}: {text}", f"{path}{line}")
     of_driven = {joint.name: value for joint, value in zip(robot.driven, inertia.tolist(), strict=True)}
     driven = with_joints(robot, lambda joint: _with_drive(joint, of_driven.get(joint.name, 0.0)))
-    guessed = [joint.name for joint in robot.driven if joint.motor is not None and joint.motor.inertia < _NO_ROTOR]
-    rotors = f"; motors of {', '.join(guessed)}, with as much inertia as the links behind them" if guessed else ""
+    joints_ = [joint.name for joint in robot.driven if joint.motor is not None and joint.motor.inertia < _NO_ROTOR]
+    rotors = f"; motors of {', '.join(joints_)}, with as much inertia as the links behind them" if joints_ else ""
     mimics = [one_line(joint.name) for joint in urdf if joint.first("mimic")]
     comments = (
         *([f"Joints that mimic others are fixed at their zero: {', '.join(mimics)}."] if mimics else []),
@@ -139,10 +139,10 @@ def _with_drive(joint: Joint, of_links: float) -> Joint:
             return joint
         return replace(joint, spring=replace(joint.spring, damping=_damping(joint.spring.stiffness)))
     k = of_links * (2 * math.pi * _HELD_HZ) ** 2
-    squared, spring = joint.motor.ratio**2, joint.spring or Spring(float(f"{k:.2g}"), _damping(k))
-    rotor = joint.motor.inertia if joint.motor.inertia >= _NO_ROTOR else of_links / squared
-    of_file = joint.motor.viscous + joint.viscous / squared
-    is_plausible = 0 < of_file < (rotor + of_links / squared) / _SOONEST_S
+    ratio_squared, spring = joint.motor.ratio**2, joint.spring or Spring(float(f"{k:.2g}"), _damping(k))
+    rotor = joint.motor.inertia if joint.motor.inertia >= _NO_ROTOR else of_links / ratio_squared
+    of_file = joint.motor.viscous + joint.viscous / ratio_squared
+    is_plausible = 0 < of_file < (rotor + of_links / ratio_squared) / _SOONEST_S
     viscous = of_file if is_plausible else float(f"{rotor:.2g}")
     return replace(joint, motor=replace(joint.motor, inertia=rotor, viscous=viscous), spring=spring, viscous=0.0)
 
@@ -157,9 +157,9 @@ def _postures(robot: Robot) -> tuple[FloatArray, float]:
     Also returns the largest ratio of gravity torque to torque limit.
     """
     joints, rng = robot.driven, np.random.default_rng(0)
-    reach = [_REACH_M if joint.motion == "translation" else _REACH_RAD for joint in joints]
+    half_ranges = [_REACH_M if joint.motion == "translation" else _REACH_RAD for joint in joints]
     low, high = np.clip([joint.limits.angle for joint in joints], -4, 4).T  # an unlimited joint about zero
-    half = np.minimum(0.3 * (high - low), reach)
+    half = np.minimum(0.3 * (high - low), half_ranges)
     angles = np.round((low + high) / 2 + half * rng.uniform(-1, 1, (_POSTURES**2, len(joints))), 2)
     q = robot.opened(angles @ robot.mixing.T).T  # of the motors' shafts
     theta = np.array([[value] * len(angles) for value, _ in robot.parameters().values()])

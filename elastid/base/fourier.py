@@ -29,12 +29,12 @@ def real_dft(x: FloatArray, lines: IntArray | None = None, out: ComplexArray | N
 @lru_cache(maxsize=4)
 def _plan(N: int) -> tuple[IntArray, IntArray, ComplexArray] | None:
     """Return the factors of N / 2, digit-reversed places of lines (N / 2 + 1,), roots; None with large factors."""
-    factors, place, rest = [], np.zeros(1, np.int64), N // 2
+    factors, place, quotient = [], np.zeros(1, np.int64), N // 2
     for factor in (8, 4, *range(2, 14)):
-        while rest and rest % factor == 0:
+        while quotient and quotient % factor == 0:
             factors.append(factor)
-            rest //= factor
-    if N % 2 or rest != 1 or not factors or N > 1 << 19:  # work space of 64 MB and more
+            quotient //= factor
+    if N % 2 or quotient != 1 or not factors or N > 1 << 19:  # work space of 64 MB and more
         return None
     for factor in reversed(factors):
         place = (place[:, None] + len(place) * np.arange(factor)).ravel()

@@ -24,7 +24,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import DataError, Note
-from elastid.base.statistics import interpolated
+from elastid.base.statistics import interpolate
 from elastid.frf.local.fitted_response import local_mean
 from elastid.frf.period_selection import TRANSIENT_DISCARDED
 from elastid.frf.spec import Method
@@ -99,9 +99,9 @@ def relative_errors(response: Response, local: Response, has_bias: bool) -> tupl
     inside = (local.freq_hz >= response.freq_hz[0]) & (local.freq_hz <= response.freq_hz[-1])
     common = inside & _has_power(local)
     local = local.lines(common if common.any() else inside)
-    G, variance_l = interpolated(local.freq_hz, response.freq_hz, response.G), _variance(local)
+    G, variance_l = interpolate(local.freq_hz, response.freq_hz, response.G), _variance(local)
     line_variance = response.noise.variance if has_bias and response.noise is not None else _variance(response)
-    variance = interpolated(local.freq_hz, response.freq_hz, line_variance)
+    variance = interpolate(local.freq_hz, response.freq_hz, line_variance)
     # |G|^2 of both, each by its weight.
     weight, weight_l = (1 / np.maximum(x, 1e-300) for x in (variance, variance_l))
     power = (np.abs(G) ** 2 * weight + np.abs(local.G) ** 2 * weight_l) / (weight + weight_l)

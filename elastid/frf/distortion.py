@@ -35,7 +35,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.fourier import real_dft
 from elastid.base.large_arrays import release
 from elastid.base.matrices import positive, power
-from elastid.base.statistics import interpolated
+from elastid.base.statistics import interpolate
 from elastid.frf.estimators import equation_error
 from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.spectra import RecordSpectra
@@ -68,7 +68,7 @@ def detect(
     detection: IntArray, lines: IntArray, spacing_hz: float, G: ComplexArray, data: MeanSpectra
 ) -> DetectionLines:
     """Return distortion at the detection lines (K,) of the data, G (F, n_y, n_u) being known at lines (F,)."""
-    every, G_k = data.all_experiments, interpolated(detection, lines, G)
+    every, G_k = data.all_experiments, interpolate(detection, lines, G)
     Y_c = every.Y - G_k @ every.U
     C_V = equation_error(data, G_k)
     odd = detection % 2 == 1

@@ -29,7 +29,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.matrices import inverse
-from elastid.base.statistics import interpolated
+from elastid.base.statistics import interpolate
 from elastid.linear.equilibrium import equilibrium, free_coordinates
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.response.transfer import change_of_angles
@@ -78,7 +78,7 @@ def estimate_motion_bias(
         omega = 2 * np.pi * lines_hz
         bias = _MotionBias.of(expansion, motion, measured, at, mean, max_lines)
         nodes = omega[np.unique(np.linspace(0, len(omega) - 1, max_lines).astype(np.int64))]
-        changes = interpolated(omega, nodes, np.stack([bias.change(node) for node in nodes]))
+        changes = interpolate(omega, nodes, np.stack([bias.change(node) for node in nodes]))
         return change_of_angles(linear, theta, lines_hz, expansion.response_change(omega, changes)[:, :, inputs])
 
     if noise is not None:

@@ -24,7 +24,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, laplace_variable
 from elastid.base.errors import DataError, Note, StudyError
-from elastid.base.statistics import interpolated
+from elastid.base.statistics import interpolate
 from elastid.fit.parameter_selection import local_ratio_std
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
@@ -155,7 +155,7 @@ def _coefficient_errors(
         coulomb_errors = np.einsum("fik,ib->fbk", data.Phi[on], L)
         reversal_errors = delay * np.einsum("fik,i->fk", data.Phi[on], friction.coulomb_torque * (motor_of == j))
         patterns = np.concatenate([coulomb_errors, reversal_errors[:, None]], axis=1)
-        rows = interpolated(lines, data.lines[on], patterns @ pseudo)
+        rows = interpolate(lines, data.lines[on], patterns @ pseudo)
         errors[: patterns.shape[1], j] = (response.G @ coupling[j])[:, :, None] * rows.swapaxes(0, 1)[:, :, None, :]
     return errors
 

@@ -9,7 +9,7 @@ from numpy.fft import irfft, rfft
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, laplace_variable
 from elastid.base.errors import DataError
-from elastid.base.statistics import interpolated, smallest_step
+from elastid.base.statistics import interpolate, smallest_step
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.lines import analysed_lines
 from elastid.frf.period_selection import settled, trusted
@@ -78,7 +78,7 @@ class ConfigurationSpectra:
         net = self.U - friction
         pseudo = np.linalg.pinv(net[on], rcond=_MIN_SINGULAR)
         G = self.Y[on] @ pseudo
-        e, X = self.U - np.linalg.solve(interpolated(self.lines, self.lines[on], G), self.Y), self.Phi.copy()
+        e, X = self.U - np.linalg.solve(interpolate(self.lines, self.lines[on], G), self.Y), self.Phi.copy()
         # The span of the net torques is that of Y, too, as far as G maps one onto the other.
         for signal in (e, X):
             signal[on] -= (signal[on] @ pseudo) @ net[on]

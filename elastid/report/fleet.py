@@ -38,9 +38,9 @@ class Outcome:
 
 def answer_of_fleet(title: str, findings: Sequence[Finding], outcomes: Sequence[Outcome], rate: float) -> Answer:
     """Answer three questions as on every page, with findings and every study; rate: false discovery rate."""
-    n_robots, failed = len({run.robot for run in outcomes}), [run for run in outcomes if run.failed]
+    n_robots, failures = len({run.robot for run in outcomes}), [run for run in outcomes if run.failed]
     robots = f"{n_robots} robot{'s' if n_robots > 1 else ''}"
-    good = f"{robots}, {len(outcomes) - len(failed)} of {len(outcomes)} measurements identified."
+    identified_text = f"{robots}, {len(outcomes) - len(failures)} of {len(outcomes)} measurements identified."
     answer, advice = "None beyond the natural spread.", "Measure again at the next service."
     if findings:
         answer = "; ".join(change.sentence for change in findings[:3])
@@ -49,7 +49,7 @@ def answer_of_fleet(title: str, findings: Sequence[Finding], outcomes: Sequence[
     elif max(n_robots, *Counter(run.robot for run in outcomes).values()) < 3:
         answer = "Not known: at least 3 robots, or 3 dates of one robot, are needed to estimate the natural spread."
     questions = (
-        ("Are the numbers good?", (good,)),
+        ("Are the numbers good?", (identified_text,)),
         ("Which robots differ or drift?", (answer,)),
         ("What next?", (advice,)),
     )

@@ -266,9 +266,9 @@ class Joint:
             )
         if low <= at - swing <= at + swing <= high:
             return ""
-        reach = f" with the carrier's {swing:.4g} {self.unit} to either side" if swing else ""
+        range_text = f" with the carrier's {swing:.4g} {self.unit} to either side" if swing else ""
         return (
-            f"joint {self.name} at {at:.4g} {self.unit}{reach} is outside its limits [{low:.4g}, {high:.4g}] "
+            f"joint {self.name} at {at:.4g} {self.unit}{range_text} is outside its limits [{low:.4g}, {high:.4g}] "
             f"{self.unit}"
         )
 

@@ -93,8 +93,8 @@ FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 def split_place(location: str) -> tuple[str, str, str]:
     """Return kind, name and axis of a place on a body or a frame, such as `frame tool rz`."""
-    kind, _, rest = location.partition(" ")
-    name, _, axis = rest.rpartition(" ")
+    kind, _, axis_name = location.partition(" ")
+    name, _, axis = axis_name.rpartition(" ")
     return kind, name, axis
 
 
@@ -398,8 +398,8 @@ class Robot:
             for name, (channel, kind) in channel_names.items():
                 key = channel.role, channel.at
                 channels[key] = replaced(channels.get(key, channel), {(kind,): values[name]})
-            changed: Robot = replace(self, chain=replace(self.chain, channels=tuple(channels.values())))
-            return changed.with_parameters({name: value for name, value in values.items() if name not in channel_names})
+            robot: Robot = replace(self, chain=replace(self.chain, channels=tuple(channels.values())))
+            return robot.with_parameters({name: value for name, value in values.items() if name not in channel_names})
         for name in values:
             if name not in numbers:
                 raise StudyError(

@@ -290,8 +290,8 @@ def _limits(joint: UrdfElement) -> Limits:
     if limit is None:
         return Limits()
     velocity, effort = (limit.number(key, "0") or math.inf for key in ("velocity", "effort"))
-    unlimited = joint.text("type") == "continuous" or not {"lower", "upper"} & limit.attributes.keys()
-    low, high = (-math.inf, math.inf) if unlimited else (limit.number("lower", "0"), limit.number("upper", "0"))
+    is_unlimited = joint.text("type") == "continuous" or not {"lower", "upper"} & limit.attributes.keys()
+    low, high = (-math.inf, math.inf) if is_unlimited else (limit.number("lower", "0"), limit.number("upper", "0"))
     if low == high == 0:  # as exporters write a joint without limits
         low, high = -math.inf, math.inf
     try:

@@ -154,8 +154,8 @@ def rigid_rates(
     v, a = ((T @ rate[:, :, None])[:, :, 0] for rate in (velocity, acceleration))
     if model.robot.loops:
         step_s = 1e-4  # of the central difference
-        before, after = (rigid_motion(model, q + sign * step_s * v) for sign in (-1, 1))
-        a += ((after - before) / (2 * step_s) @ velocity[:, :, None])[:, :, 0]
+        q_before, q_after = (rigid_motion(model, q + sign * step_s * v) for sign in (-1, 1))
+        a += ((q_after - q_before) / (2 * step_s) @ velocity[:, :, None])[:, :, 0]
     return T, v, a
 
 

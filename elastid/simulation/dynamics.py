@@ -216,10 +216,10 @@ def projection(model: ElasticModel, theta: ca.SX | None = None) -> ca.Function:
     numbers = model.theta if theta is None else theta
     division = pivots(model)
     _, step = _solve(model.constraint_jacobian(q, numbers), -model.constraint(q, numbers), division)
-    closed = q + step
-    Z, _ = _solve(model.constraint_jacobian(closed, numbers), ca.SX(model.n_c, 1), division)
+    projected = q + step
+    Z, _ = _solve(model.constraint_jacobian(projected, numbers), ca.SX(model.n_c, 1), division)
     arguments = [q, v, *([] if theta is None else [theta])]
-    return ca.Function("projection", arguments, [closed, Z @ v[division.independent.tolist()]], {"cse": True})
+    return ca.Function("projection", arguments, [projected, Z @ v[division.independent.tolist()]], {"cse": True})
 
 
 def pivots(model: ElasticModel) -> Partition:

@@ -30,8 +30,8 @@ class ReferencePath:
         early = 2 * n - 1 if self.spec.interpolation == "spline" else 0
         t = np.abs(np.arange(-early, early + 1)) / n
         near, far = 1.5 * t**3 - 2.5 * t**2 + 1, -0.5 * t**3 + 2.5 * t**2 - 4 * t + 2
-        hold = np.ones(n)
-        shapes = {"hold": hold, "linear": np.convolve(hold, hold) / n, "spline": np.where(t <= 1, near, far)}
+        taps_ = np.ones(n)
+        shapes = {"hold": taps_, "linear": np.convolve(taps_, taps_) / n, "spline": np.where(t <= 1, near, far)}
         return np.convolve(shapes[self.spec.interpolation], np.ones(window) / window), early
 
     @property
@@ -42,8 +42,8 @@ class ReferencePath:
     def response(self, freq_hz: FloatArray) -> ComplexArray:
         """Compute F_r (F,) at freq_hz (F,)."""
         (h, early), z_inverse = self.taps, np.exp(-2j * np.pi * freq_hz / self.rate_hz)
-        interpolated = z_inverse[:, None] ** (np.arange(len(h)) - early) @ h / self.spec.cycle_samples(self.rate_hz)
-        return np.asarray(interpolated * ((1 - self.lag) / (1 - self.lag * z_inverse)) ** self.spec.filter_order)
+        interpolate = z_inverse[:, None] ** (np.arange(len(h)) - early) @ h / self.spec.cycle_samples(self.rate_hz)
+        return np.asarray(interpolate * ((1 - self.lag) / (1 - self.lag * z_inverse)) ** self.spec.filter_order)
 
     def played(self, rows: FloatArray) -> FloatArray:
         """Compute the reference inside the controller (m n, n_u) from rows (m, n_u) that are at rest at both ends."""

@@ -86,9 +86,9 @@ def write_references(path: Path, plan: Plan, experiment: Experiment, simulated: 
     ]
     _write_csv(path, ["time_s", *headings], x, rate_hz, first, 12)
     if plan.inject == "position":
-        more = {"velocities": np.gradient(rows, axis=0) * rate_hz} if spec.interpolation == "spline" else {}
+        velocities = {"velocities": np.gradient(rows, axis=0) * rate_hz} if spec.interpolation == "spline" else {}
         time_s = np.arange(len(rows)) / rate_hz
-        write_trajectory(path.with_suffix(".yaml"), robot.driven_names, time_s, positions=rows, **more)
+        write_trajectory(path.with_suffix(".yaml"), robot.driven_names, time_s, positions=rows, **velocities)
 
 
 def write_signals(path: Path, rate_hz: float, **signals: FloatArray) -> None:

@@ -36,8 +36,8 @@ def read_value(group: Any, name: str, annotation: Any, label: Label = NO_LABEL) 
 
 def read_dataclass(group: Any, kind: type[T]) -> T:
     """Read a dataclass from a group of its fields."""
-    there = {*group, *group.attrs}
-    slots = [field for field in fields_of(kind) if field.name in there or not field.may_be_empty]
+    names = {*group, *group.attrs}
+    slots = [field for field in fields_of(kind) if field.name in names or not field.may_be_empty]
     return kind(**{field.name: read_value(group, field.name, field.annotation, field.label) for field in slots})
 
 
@@ -51,8 +51,8 @@ def entry_names(group: Any) -> tuple[str, ...]:
 def _scalar(value: Any, kind: Kind) -> Any:
     value = plain(value)
     if type(value) is not kind.type or (kind.choices and value not in kind.choices):
-        expected = f"one of {', '.join(map(str, kind.choices))}" if kind.choices else kind.type.__name__
-        raise ValueError(f"{value!r} where {expected} is expected")
+        expectation = f"one of {', '.join(map(str, kind.choices))}" if kind.choices else kind.type.__name__
+        raise ValueError(f"{value!r} where {expectation} is expected")
     return value
 
 
@@ -145,8 +145,8 @@ def reader(kind: str, name: str, annotation: type[T] | str, may_miss: bool = Fal
     """Make the reader of a part of a file of a kind; annotation: "module:name" of a module loaded for it alone."""
 
     def read(path: Path | str) -> T:
-        resolved: Any = resolve_name(annotation) if isinstance(annotation, str) else annotation
-        part: T = read_part(path, kind, name, resolved | None if may_miss else resolved)
+        kind_: Any = resolve_name(annotation) if isinstance(annotation, str) else annotation
+        part: T = read_part(path, kind, name, kind_ | None if may_miss else kind_)
         return part
 
     return read
@@ -169,7 +169,7 @@ def _content_lines(group: Any, depth: int) -> Iterator[str]:
             yield f"{indent}{name}/"
             yield from _content_lines(item, depth + 1)
         elif name != "study":
-            yield f"{indent}{name} {_axes(item)}{_words(item)}{_format_values(item)}"
+            yield f"{indent}{name} {_axes(item)}{_in_words(item)}{_format_values(item)}"
 
 
 def _axes(dataset: Any) -> str:
@@ -179,11 +179,11 @@ def _axes(dataset: Any) -> str:
     labels = np.asarray(dataset.attrs.get("DIMENSION_LABELS", []))
     if labels.shape != (dataset.ndim,):
         labels = np.full(dataset.ndim, "")
-    words = (label.decode(errors="replace") if isinstance(label, bytes) else str(label) for label in labels)
-    return "(" + ", ".join(f"{word} {n}".strip() for word, n in zip(words, dataset.shape, strict=True)) + ")"
+    labels_ = (label.decode(errors="replace") if isinstance(label, bytes) else str(label) for label in labels)
+    return "(" + ", ".join(f"{word} {n}".strip() for word, n in zip(labels_, dataset.shape, strict=True)) + ")"
 
 
-def _words(dataset: Any) -> str:
+def _in_words(dataset: Any) -> str:
     units, long_name = dataset.attrs.get("units"), dataset.attrs.get("long_name", "")
     return (f": {long_name}" if long_name else "") + (f" [{units}]" if units else "")
 

@@ -240,7 +240,7 @@ def _write_fields(group: Any, name: str, value: Any, kind: Kind, label: Label, a
     """Write a dataclass to a group; fields that are dataclasses come last, since their axes may be in this one."""
     group = group.create_group(name)
     scopes = (_Scope(group, value), *above)
-    inner, labelled = [], []
+    inner, with_label = [], []
     for slot in fields_of(type(value)):
         content = getattr(value, slot.name)
         if content is None or (slot.may_be_empty and not content):
@@ -253,8 +253,8 @@ def _write_fields(group: Any, name: str, value: Any, kind: Kind, label: Label, a
             scopes[0].axes[slot.name] = dataset
             # The times of a large record would take as much room as its signals.
             if slot.label.axes and not isinstance(content, LargeArray):
-                labelled.append((dataset, slot.label.axes))
-    for dataset, axes in labelled:
+                with_label.append((dataset, slot.label.axes))
+    for dataset, axes in with_label:
         _attach(dataset, axes, scopes)
     for slot in inner:
         write_value(group, slot.name, getattr(value, slot.name), slot.annotation, slot.label, scopes)

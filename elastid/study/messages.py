@@ -48,8 +48,8 @@ def validate(data: Any, root: type) -> tuple[Any, list[Problem]]:
         value = validator(root).validate_python(data)
     except ValidationError as error:
         problems = _find_problems(error.errors(include_url=False), root, data)
-    reported = {problem.path for problem in problems}
-    problems += [problem for problem in _find_booleans(data, value, root) if problem.path not in reported]
+    paths = {problem.path for problem in problems}
+    problems += [problem for problem in _find_booleans(data, value, root) if problem.path not in paths]
     return value, problems
 
 
@@ -177,8 +177,8 @@ def make_error(source: YamlSource, problems: Iterable[Problem], robot_errors: st
 def _line(source: YamlSource, problem: Problem) -> tuple[Place, str]:
     value = value_at(source.data, problem.path)
     place = source.place(problem.path, of_value=not problem.at_key and value is not None)
-    is_said = problem.at_key or (isinstance(value, str) and value in problem.message)
-    value_text = "" if is_said or isinstance(value, dict | list) or value is None else f" (got {value!r:.60})"
+    has_value = problem.at_key or (isinstance(value, str) and value in problem.message)
+    value_text = "" if has_value or isinstance(value, dict | list) or value is None else f" (got {value!r:.60})"
     steps = (f"[{step}]" if isinstance(step, int) else f".{step}" for step in problem.path[place.skipped_keys :])
     keys = one_line("".join(steps).lstrip("."))
     return place, printable(f"{place}: {keys}{': ' if keys else ''}{problem.message}{value_text}")

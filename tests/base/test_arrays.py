@@ -12,7 +12,16 @@ import numpy as np
 import pytest
 
 from elastid.base import large_arrays
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, folded, frozen, frozen_value, quotient
+from elastid.base.arrays import (
+    BoolArray,
+    ComplexArray,
+    FloatArray,
+    IntArray,
+    folded,
+    frozen,
+    frozen_value,
+    quotient,
+)
 from elastid.base.large_arrays import LargeArray, map_dataset, mean_of_rows, move_beside, move_to_file, release
 from elastid.base.value_range import format_values
 

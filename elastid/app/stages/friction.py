@@ -98,8 +98,8 @@ def constant_velocity(study: Study, work: Work) -> Artefacts:
         joint_fits = identify_sliding_friction(study.as_robot(), joints, measured, execution.progress)
 
     def report(console: Console) -> None:
-        said = notes_of(measured.records)
-        console.notes(note for note in notes_of(joint_fits) if note not in said)
+        notes = notes_of(measured.records)
+        console.notes(note for note in notes_of(joint_fits) if note not in notes)
         for fit in joint_fits:
             console.say(f"constant_velocity: joint {fit.joint}: {_level_words(fit)}")
 
@@ -119,14 +119,14 @@ def friction(study: Study, work: Work) -> Artefacts:
     except FitError as error:
         return Artefacts({"summary.json": as_json(failed_friction(name, str(error)))}, error=error)
     # Along the first log of each group of joints that moved together.
-    identified, controller = with_identified_friction(robot, result), None if recorded is None else recorded.controller
+    true_robot_, controller = with_identified_friction(robot, result), None if recorded is None else recorded.controller
     with work.execution() as execution:
-        log_comparison = compare_friction_logs(identified, result.joints, measured, controller, execution)
-        judged = predict_logs(identified, result.joints, validation, controller, execution)
-    reported = notes_of(joint_fits)
+        log_comparison = compare_friction_logs(true_robot_, result.joints, measured, controller, execution)
+        judged = predict_logs(true_robot_, result.joints, validation, controller, execution)
+    notes_ = notes_of(joint_fits)
 
     def report(console: Console) -> None:
-        console.notes(note for note in notes_of(result.joints) if note not in reported)
+        console.notes(note for note in notes_of(result.joints) if note not in notes_)
         console.say(f"friction: {result.message}")
         for words in (*log_comparison.sentences, *(f"validation: {words}" for words in judged.sentences)):
             console.say(f"friction: {words}")
@@ -197,21 +197,21 @@ def track_friction(study: Study, work: Work) -> Artefacts:
     measured = stored.read_friction_records(work.sources["measure"])
     result = stored.read_friction_result(work.sources["friction"])
     with work.execution() as execution:
-        followed, notes = track_joints(
+        tracked, notes = track_joints(
             study.as_robot(), result.joints, measured.records, study.filter or FilterSpec(), execution.progress
         )
 
     def report(console: Console) -> None:
-        console.notes([*notes, *notes_of(followed)])
-        for joint in followed:
-            console.say(f"follow: joint {joint.joint}: {_words(joint)}")
+        console.notes([*notes, *notes_of(tracked)])
+        for joint in tracked:
+            console.say(f"follow: joint {joint.joint}: {_tracking_sentence(joint)}")
 
-    return Artefacts({"filter.h5": lambda path, stamp: stored.write_filter(path, followed, stamp)}, report)
+    return Artefacts({"filter.h5": lambda path, stamp: stored.write_filter(path, tracked, stamp)}, report)
 
 
-def _words(followed: TrackedFriction) -> str:
+def _tracking_sentence(tracked: TrackedFriction) -> str:
     ends = [
-        f"{name} {number(followed.values[-1, i])} ({number(followed.low[-1, i])} to {number(followed.high[-1, i])})"
-        for i, name in enumerate(followed.names)
+        f"{name} {number(tracked.values[-1, i])} ({number(tracked.low[-1, i])} to {number(tracked.high[-1, i])})"
+        for i, name in enumerate(tracked.names)
     ]
-    return f"final values {', '.join(ends)}; mean NIS {number(followed.consistency.nis, 3)}; {followed.verdict}"
+    return f"final values {', '.join(ends)}; mean NIS {number(tracked.consistency.nis, 3)}; {tracked.verdict}"

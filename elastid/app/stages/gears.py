@@ -44,12 +44,12 @@ def gears(study: Study, work: Work) -> Artefacts:
     robot, model, files_of = study.as_robot(), study.model, work.sources
     measured, friction = read_responses(files_of["estimate"]), read_friction(files_of["estimate"])
     responses, result = study.fitted(measured), read_fit(files_of["fit"])
-    planned = read_plan(files_of["design"]).lines if "design" in files_of else None
+    plan_lines = read_plan(files_of["design"]).lines if "design" in files_of else None
     records = [RecordsOnShafts(files_of["measure"], response.configuration.name, None) for response in responses]
     with work.execution() as execution:
         start = on_straight_springs(robot, responses, result, model, study.seeded_fit, execution)
         spec = study.gears or GearsSpec()
-        gear_result = identify_gears(records, responses, *start, study.estimator, spec, execution, model, planned)
+        gear_result = identify_gears(records, responses, *start, study.estimator, spec, execution, model, plan_lines)
     final, summary = with_gears(result, gear_result), _summary(files_of["fit"].with_name("summary.json"))
     content = with_gear_section(summary, result, fitted_rows(study, final, friction, gear_result), gear_result)
     robots = robot_files(study.name, robot, final, friction, measured.names, gear_result)

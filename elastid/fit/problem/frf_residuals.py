@@ -20,7 +20,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.base.errors import DataError
 from elastid.base.execution import HERE, Execution
-from elastid.base.workers import Kept
+from elastid.base.workers import KeptOnce
 from elastid.fit.problem.compressed_residuals import CompressedResiduals, NormalEquations
 from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares, ResidualKind, difference, error_gain
@@ -47,7 +47,7 @@ Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, eq=False)
-class Part(Kept):
+class Part(KeptOnce):
     """One configuration: measured G (F, n_y, n_u), the columns of its model, and the scale of its residuals.
 
     measured: without the aliases of ZOH torques, by the model where it was linearised.
@@ -139,7 +139,7 @@ def mixed(mixing: ComplexArray | None, values: ComplexArray) -> ComplexArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Chunk(Kept):
+class Chunk(KeptOnce):
     """Some configurations over one set of parameters."""
 
     parameters: Parameters

@@ -12,7 +12,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen, fro
 from elastid.base.errors import DataError, Note, StudyError, did_you_mean
 from elastid.base.matrices import inverse
 from elastid.base.names import posture_of
-from elastid.base.workers import Kept
+from elastid.base.workers import KeptOnce
 from elastid.covariance import kronecker
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.spec import TYPICAL_MODEL_ERROR, FactorSpec, FitSpec, misnamed
@@ -20,7 +20,7 @@ from elastid.response import Covariance, Response
 
 
 @dataclass(frozen=True, eq=False)
-class Whitening(Kept):
+class Whitening(KeptOnce):
     """Whitening of errors relative to sigma (F, n_y, n_u), inf for excluded elements; factors only, to save memory.
 
     noise: C~.  floor: alpha, of |G| (F, n_y, n_u).
@@ -84,7 +84,7 @@ def _is_singular(noise: Covariance, sigma: FloatArray) -> bool:
 
 
 @frozen_value
-class Weights(Kept):
+class Weights(KeptOnce):
     """sigma (F, n_y, n_u): standard deviation E|dG|^2 ^ 1/2 with which each element counts, inf where it is left out.
 
     factor (F, n_y, n_u): of the study, times the inverse variance.  noise: of the response, None where it is unknown.

@@ -27,7 +27,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.kernels import call, is_compiled
-from elastid.base.workers import Kept
+from elastid.base.workers import KeptOnce
 from elastid.linear.linear_model import DELAY, TORQUE_LAG, LinearModel
 from elastid.linear.response.closed_loop import GAINS, ClosedLoop, closed, open_loops
 from elastid.linear.response.transfer import factor, folded_images, zoh_aliases
@@ -70,7 +70,7 @@ class Sides:
 
 
 @frozen_value(eq=False)
-class Kernel(Kept):
+class Kernel(KeptOnce):
     """G of one LinearModel on the lines freq_hz (F,), and the factors for its derivatives with respect to `parameters`
     (P names).
 

@@ -69,8 +69,8 @@ def forest(rows: Sequence[ParameterRow]) -> Figure:
         Panel([*marks, *_values(ratios, at_bound)], f"ratio to the {to}", x_ends=(low, high)),
         Panel([*_values(percent, at_bound), *[off] * bool(beyond.any())], f"deviation from the {to} in %", x_ends=ends),
     ]
-    left, heights = 0.4 + 0.075 * max(len(row.name) for row in rows), [0.26 * len(rows) + 0.3]
-    figure = style.matrix("Parameters", [panels], heights, left=left, sharey=True)
+    left_margin, heights = 0.4 + 0.075 * max(len(row.name) for row in rows), [0.26 * len(rows) + 0.3]
+    figure = style.matrix("Parameters", [panels], heights, left=left_margin, sharey=True)
     ratio, deviation = figure.axes
     style.set_names(ratio.yaxis, [row.name for row in rows])
     ratio.set_ylim(len(rows) - 0.4, -0.6)
@@ -141,9 +141,9 @@ def hysteresis(gears: GearResult, robot: Robot | None) -> Figure:
         stiffness = sheet.number(f"k_{sheet.joint}")
         linear = sheet.torque / (math.inf if stiffness is None else stiffness.value)
         straight = Curve(sheet.torque, factor * linear, "k at zero torque", style.WEAK, looks={"ls": "--"})
-        label, words = f"torque of the gear in {torque}", f"joint {sheet.joint}"
-        above.append(Panel([*_loop(sheet, 0.0 * linear, factor), straight], label, f"torsion in {angle}", words))
-        below.append(Panel(_loop(sheet, linear, factor), label, f"less torque / k, {angle}", words))
+        label, title = f"torque of the gear in {torque}", f"joint {sheet.joint}"
+        above.append(Panel([*_loop(sheet, 0.0 * linear, factor), straight], label, f"torsion in {angle}", title))
+        below.append(Panel(_loop(sheet, linear, factor), label, f"less torque / k, {angle}", title))
     return style.matrix("Torsion of the gears over their torque", style.in_columns(above, below))
 
 
@@ -213,10 +213,10 @@ def _modelled(model: Response, i: int, j: int, std: FloatArray | None) -> tuple[
     if std is not None:
         spread = 2 * std[:, i, j]
         band = in_db(np.maximum(size - spread, 1e-3 * size)), in_db(size + spread)
-    again = phase.copy()
-    again[:-1][np.abs(np.diff(phase)) > 180] = np.nan
+    phase_ = phase.copy()
+    phase_[:-1][np.abs(np.diff(phase)) > 180] = np.nan
     magnitude = Curve(f, in_db(G), "model", style.FITTED, band=band, band_label="2 std of the model")
-    return [magnitude], [Curve(np.repeat(f, 2), np.stack([phase, again], axis=1).ravel(), "model", style.FITTED)]
+    return [magnitude], [Curve(np.repeat(f, 2), np.stack([phase, phase_], axis=1).ravel(), "model", style.FITTED)]
 
 
 def quality_figure(response: Response, quality: Quality, title: str) -> Figure:
@@ -237,8 +237,8 @@ def quality_figure(response: Response, quality: Quality, title: str) -> Figure:
     ]
     panels.append(Panel(absent, label, title="1 − multiple coherence", frequency=f, scale="log"))
     for sigma, name in ((quality.singular_values, "G"), (quality.input_singular_values, "the inputs")):
-        words = f"singular values of {name}, dB; condition {np.median(sigma[:, 0] / sigma[:, -1]):.3g}"
-        panels.append(Panel([Curve(f, in_db(column)) for column in sigma.T], label, title=words, frequency=f))
+        label_ = f"singular values of {name}, dB; condition {np.median(sigma[:, 0] / sigma[:, -1]):.3g}"
+        panels.append(Panel([Curve(f, in_db(column)) for column in sigma.T], label, title=label_, frequency=f))
     return style.matrix(title, style.in_columns(panels))
 
 

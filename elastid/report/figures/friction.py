@@ -67,8 +67,8 @@ class Condition:
     def text(self, law: StaticLaw) -> str:
         """Describe the conditions that the friction model depends on."""
         load, heat = f"a load of {self.load:.3g} {units(law.curve.slides)[1]}", f"{self.temperature:.3g} °C"
-        words = [text for kind, text in (("load", load), ("temperature", heat)) if depends_on(law, kind)]
-        return f"at {' and '.join(words)}" if words else ""
+        texts = [text for kind, text in (("load", load), ("temperature", heat)) if depends_on(law, kind)]
+        return f"at {' and '.join(texts)}" if texts else ""
 
 
 def friction_curve(law: StaticLaw) -> Figure:
@@ -192,10 +192,10 @@ def _taken_out(friction: CompensatedFriction, i: int, modelled: float | None) ->
         curves.append(Curve(ends, [coulomb, coulomb], "F_c of the robot model", style.TRUTH, looks=looks))
     F_c, of_own = friction.coulomb_friction(location)
     length, quantity = ("mm", "force") if unit == "N" else ("mrad", "torque")
-    words = f"distance from a reversal in {length}" if is_distance else f"velocity in {length}/s"
+    label = f"distance from a reversal in {length}" if is_distance else f"velocity in {length}/s"
     unit = style.pretty_unit(unit)
     title = f"{location}: F_c = {F_c:.4g} ± {QUANTILE_95 * of_own:.2g} {unit}"
-    return Panel(curves, words, f"{quantity} in {unit}", title)
+    return Panel(curves, label, f"{quantity} in {unit}", title)
 
 
 def _unexplained(friction: CompensatedFriction, i: int) -> Panel:

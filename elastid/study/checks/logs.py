@@ -109,9 +109,9 @@ def check_files(
     for i, file in enumerate(files):
         yield from _check_file(study, file, (*path, "files", i), base)
     tools = filter(None, (study.tool, study.validation.tool))
-    tapped = {file.configuration for tool in tools for file in tool.responses.files}
+    with_tool = {file.configuration for tool in tools for file in tool.responses.files}
     for name in study.experiment.configurations if study.friction is None else ():
-        if name not in {file.configuration for file in files} | tapped:
+        if name not in {file.configuration for file in files} | with_tool:
             message = f"no file belongs to configuration {name}. List one in {'.'.join(map(str, path))}.files"
             yield Problem(("experiment", "configurations", name), message, at_key=True)
 
@@ -178,8 +178,8 @@ def check_logs(study: Study, base: Path) -> Iterator[Problem]:
         for problem in _check_log(study, recorded, i, base):
             problems.setdefault(problem.path, problem)
             counts[problem.path] += 1
-    least = min(2, len(selection))
-    yield from (p for p in problems.values() if not p.is_weak or counts[p.path] >= least)
+    min_count = min(2, len(selection))
+    yield from (p for p in problems.values() if not p.is_weak or counts[p.path] >= min_count)
     if problems or study.friction is not None:
         return
     # The logs of one experiment have a common signal or clock, which the stage measure needs.
@@ -229,10 +229,10 @@ def _check_content(
     channels = [recorded.channels[k] for k in members]
     first, end = file.samples or (0, None)
     period = recorded.period_of(file)
-    most = max(MAX_SAMPLES, int(4 * period) if isinstance(period, float) else 0)
-    span = slice(first, first + most if end is None else min(end, first + most))
+    max_samples = max(MAX_SAMPLES, int(4 * period) if isinstance(period, float) else 0)
+    span = slice(first, first + max_samples if end is None else min(end, first + max_samples))
     values = without_placeholders(log.values(channels, span))
-    if end is not None and len(values) < min(end - first, most):
+    if end is not None and len(values) < min(end - first, max_samples):
         text = f"the log ends after sample {first + len(values)}, counted from 0. Correct samples"
         yield Problem((*path, "samples"), text)
         return
@@ -283,8 +283,8 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
         rates = {unit: (hz[0] / s, hz[1] / s) for unit, s in time_units(stamps).items()}
         unit, _ = stamp_size(stamps, rate_hz)
         if recorded.time and rates[unit][0] < 0.7 * rate_hz:
-            others = [hz for other, pair in rates.items() if other != unit for hz in pair]
-            is_unit_certain = all(_differs(hz, rate_hz) for hz in others)
+            other_rates = [hz for other, pair in rates.items() if other != unit for hz in pair]
+            is_unit_certain = all(_differs(hz, rate_hz) for hz in other_rates)
             advice = "lower rate_hz to that" if is_unit_certain else "correct rate_hz, or give the time in s"
             yield Problem(where, f"{name} has a mean rate of {rates[unit][0]:.5g} Hz in {unit}. {advice}")
         elif not recorded.time and all(_differs(hz, rate_hz) for pair in rates.values() for hz in pair):
