@@ -77,7 +77,7 @@ class PackedSum:
         return np.asarray(diagonal * np.abs(self.scale) ** 2)
 
     def collect(self) -> ComplexArray:
-        """Return sum as of `FullSum.collected`."""
+        """Return sum as of `FullSum.collect`."""
         S = np.empty((*self.scale.shape, self.scale.shape[1]), np.complex128)
         call("collect", *self.scale.shape, self.S, self.scale, S)
         return S

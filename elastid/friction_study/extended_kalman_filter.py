@@ -132,7 +132,7 @@ class FilterNoise:
     """Standard deviations of the noise and drift of a filter, one side of the gear, SI.
 
     angle: of a sample of the motor's angle; encoder counts have count / sqrt(12).  torque: white, of a sample.
-    correlated: of w, in torque.  drift: of the followed numbers, in a root second; of the logarithms relative.
+    correlated_torque: of w.  drift: of the followed numbers, in a root second; of the logarithms relative.
     slip: of the bristle in z_s = F_c / sigma_0, for each z_s of slip, as a random walk: a filter that takes its bristle
     for certain gets F_c wrong at every stop.
     """

@@ -17,7 +17,7 @@ from plain_text import escaped, list_table, restructured
 import elastid
 from elastid.app.cli import cli, run_command
 from elastid.app.target_table import MODULES, targets
-from elastid.store.reading import described
+from elastid.store.reading import describe_artefact
 from elastid.study.reference import StudyKey, explain, keys_of, list_keys
 from elastid.study.sections import Study
 from elastid.targets.target import VALUES
@@ -137,7 +137,7 @@ def files(folder: Path) -> str:
     parts = [title("Files of a run"), inspect.cleandoc(_FILES)]
     for name, artefacts in HDF5.items():
         for artefact in artefacts:
-            text = "\n".join(_structure(described(folder / name / "run" / artefact).splitlines()[1:]))
+            text = "\n".join(_structure(describe_artefact(folder / name / "run" / artefact).splitlines()[1:]))
             parts += [title(artefact, "-"), block(text)]
     summary = json.loads((folder / "recorded" / "run" / "summary.json").read_text())
     parts += [

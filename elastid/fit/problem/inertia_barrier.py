@@ -28,7 +28,7 @@ BORDER = 1e-5  # of the second moments, by which the border is farther for a bod
 class BodyInertia:
     """The inertia of one body in a configuration: the places in theta of its entries.
 
-    beyond: distance of the border beyond the possible inertias, relative to the second moments.
+    margin: distance of the border beyond the possible inertias, relative to the second moments.
     """
 
     name: str
