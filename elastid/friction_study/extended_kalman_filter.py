@@ -334,7 +334,7 @@ def estimate_noise(
     Without the bristle's slip other frictions than LuGre's put F_c off by 4 to 18 % where a joint slips by about z_s in
     a sample.
     """
-    names = ["angle", "torque", "slip", *(["correlated"] if kalman.joint.correlation_s > 0 else [])]
+    names = ["angle", "torque", "slip", *(["correlated_torque"] if kalman.joint.correlation_s > 0 else [])]
     is_steady = np.arange(len(samples.angle)) >= round(settled_s * kalman.rate_hz)
     lowest = np.log([{"angle": 1.0, "slip": 1.0}.get(name, 1e-3) for name in names])
 

@@ -12,7 +12,13 @@ from elastid.fit.result import Result
 from elastid.fit.result_rows import ModificationIndex
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
-from elastid.nonlinear.gear_characteristics import CONSEQUENCE, coarse_encoders, difference, refusal, unexplained_fraction
+from elastid.nonlinear.gear_characteristics import (
+    CONSEQUENCE,
+    coarse_encoders,
+    difference,
+    refusal,
+    unexplained_fraction,
+)
 from elastid.nonlinear.gear_estimation import GearData
 from elastid.nonlinear.hidden_motion_smoother import SmoothedMotion
 from elastid.nonlinear.period_model import DriveLines

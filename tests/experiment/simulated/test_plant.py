@@ -9,8 +9,8 @@ from scipy.linalg import eigh
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.plant import (
     DAMPING,
-    MASSES,
     EXCITED_STATES,
+    MASSES,
     STIFFNESSES,
     closed_loop_of,
     shake,
