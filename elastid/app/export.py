@@ -145,12 +145,12 @@ class _Fit(_Responses):
         return self._models(self.run.study.as_robot(), self.result)
 
     def model(self) -> Values:
-        robot_ = self.geared()[""]
-        return self.linear if robot_ is None else self._models(robot_, with_terms_of(self.result, robot_))
+        plain = self.geared()[""]
+        return self.linear if plain is None else self._models(plain, with_terms_of(self.result, plain))
 
     def linear_model(self) -> Values:
-        robot_ = self.geared()[""]
-        straight = None if robot_ is None else with_linear_springs(robot_)
+        plain = self.geared()[""]
+        straight = None if plain is None else with_linear_springs(plain)
         return self.linear if straight is None else self._models(straight, with_terms_of(self.result, straight))
 
     def geared(self) -> Values:
@@ -177,8 +177,8 @@ class _Fit(_Responses):
     def draws(self) -> Values:
         run, result, samples = self.run, self.result, {}
         if self.gears is not None and result.robot is not None:
-            robot_ = with_effects(result.robot, self.gears)
-            result = with_terms_of(replace(result, robot=robot_), robot_)
+            plain = with_effects(result.robot, self.gears)
+            result = with_terms_of(replace(result, robot=plain), plain)
             run.console.say("export: all samples have the same effects of the gears")
         for label, (_, members) in robots_by_group(result, run.study.as_robot(), result.configurations).items():
             samples[label] = draw_robots(result, self.count, run.study.seed, members[0])

@@ -201,7 +201,7 @@ def _unlike(
     other_gains = _controller(path, len(pairs))
     if gains is None or other_gains is None or np.array_equal(gains, other_gains):
         return ""
-    numbers = ["; ".join(", ".join(f"{x:.6g}" for x in row) for row in row_) for row_ in (other_gains, gains)]
+    numbers = ["; ".join(", ".join(f"{x:.6g}" for x in row) for row in gain_rows) for gain_rows in (other_gains, gains)]
     return f"kp; kd are {numbers[0]}, but {numbers[1]} in {first}; a study has one controller"
 
 

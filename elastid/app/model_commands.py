@@ -135,16 +135,16 @@ def tune_study(
         robots = _move_robots(run, result, frame, samples, rate_hz, bandwidth_hz, error_mm / 1e3)
         move = read_move(path, robots.identified, robots.frame, 0.0 if fastest else duration)
         with run.console.progress("tune") as progress:
-            move_ = tune_move(robots, move, run.study.name, progress)
+            tuned_move = tune_move(robots, move, run.study.name, progress)
         folder = clear_folder(run.folder, "tune")
         files = {
-            "tune.h5": lambda path: write_tune(path, move_, run.stamps["fit"]),
-            "tune.csv": lambda path: write_table(path, move_),
-            "tune": lambda _: (write_move(folder, move_), write_move_fmu(folder, robots.identified, move_)),
+            "tune.h5": lambda path: write_tune(path, tuned_move, run.stamps["fit"]),
+            "tune.csv": lambda path: write_table(path, tuned_move),
+            "tune": lambda _: (write_move(folder, tuned_move), write_move_fmu(folder, robots.identified, tuned_move)),
         }
-        if move_.advice:
-            run.console.warn(f"tune: {move_.advice}")
-        return UsedRobot(answer_of_move(move_), files, partial(move_figure, move_))
+        if tuned_move.advice:
+            run.console.warn(f"tune: {tuned_move.advice}")
+        return UsedRobot(answer_of_move(tuned_move), files, partial(move_figure, tuned_move))
 
     use_fit(run, "tune", work)
 
@@ -173,12 +173,12 @@ def _move_robots(
     )  # fmt: skip
 
 
-def write_table(path: Path, move_: TunedMove) -> None:
+def write_table(path: Path, tuned_move: TunedMove) -> None:
     """Write tune.csv: a row for each sample, link side, SI."""
     parts = ("position", "velocity", "torque")
-    heads = ["t", *(f"{part} {joint}" for joint in move_.joints for part in parts), "x", "y", "z", "planned error"]
-    columns = [getattr(move_, part)[:, i] for i in range(len(move_.joints)) for part in parts]
-    rows = zip(move_.time_s, *columns, *move_.target.T, move_.predicted_error, strict=True)
+    heads = ["t", *(f"{part} {joint}" for joint in tuned_move.joints for part in parts), "x", "y", "z", "planned error"]
+    columns = [getattr(tuned_move, part)[:, i] for i in range(len(tuned_move.joints)) for part in parts]
+    rows = zip(tuned_move.time_s, *columns, *tuned_move.target.T, tuned_move.predicted_error, strict=True)
     write_rows(path, [heads, *([float(cell) for cell in row] for row in rows)])
 
 
@@ -264,10 +264,10 @@ def predict(run: Run, source: Path) -> None:
         for name in ("design", "measure", *(() if of_friction else ("estimate",))):
             if name in run.stages and not run.is_current(name):
                 carry_out(run, name)
-        validation_, content, words = (_friction if of_friction else _elasticity)(run, path)
+        judgement, content, words = (_friction if of_friction else _elasticity)(run, path)
         write_json(summary := run.folder / "prediction.json", content | {"with": str(path)})
-        if validation_.balances:
-            octaves_figure(validation_.balances).savefig(run.folder / "prediction.png")
+        if judgement.balances:
+            octaves_figure(judgement.balances).savefig(run.folder / "prediction.png")
         keep_checksums(run.folder, [summary.name])
         for sentence in (*words, str(summary)):
             run.console.say(f"predict: {sentence}")
@@ -314,6 +314,6 @@ def _elasticity(run: Run, path: Path) -> tuple[LogComparison, dict[str, Any], Se
     model = FittedRobot.of(result, robot, responses, study.model)
     records = run.path("measure") if "measure" in run.stages else None
     validated = ValidationBasis(replace(study, validation=ValidationSpec()), model, friction, gears)
-    validation_, log_comparison = judge(validated, responses.names, records, run.console, Execution(run.jobs))
-    content = validation_summary(study.name, validation_, log_comparison)
-    return log_comparison, content, [words for words in (validation_.verdict, *log_comparison.sentences) if words]
+    judgement, log_comparison = judge(validated, responses.names, records, run.console, Execution(run.jobs))
+    content = validation_summary(study.name, judgement, log_comparison)
+    return log_comparison, content, [words for words in (judgement.verdict, *log_comparison.sentences) if words]

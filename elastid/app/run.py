@@ -103,10 +103,10 @@ class Work:
 
         key = hash_of([self.stamp.inputs, self.stamp.code, [file_hash(path) for path in self.sources.values()]])
         remove_leftovers(self.parts)
-        checkpoint_ = Checkpoint(self.parts, key)
-        if checkpoint_:
-            self.console.say(f"{self.stage}: resumed from {checkpoint_.description}")
-        return checkpoint_
+        finished_parts = Checkpoint(self.parts, key)
+        if finished_parts:
+            self.console.say(f"{self.stage}: resumed from {finished_parts.description}")
+        return finished_parts
 
 
 def text(content: str) -> Write:

@@ -92,8 +92,8 @@ def _with_guessed_drives(robot: Robot, postures: FloatArray, path: Path) -> tupl
         raise StudyError("robot/file", f"joint {lacking[0]}: {text}", f"{path}{line}")
     of_driven = {joint.name: value for joint, value in zip(robot.driven, inertia.tolist(), strict=True)}
     driven = with_joints(robot, lambda joint: _with_drive(joint, of_driven.get(joint.name, 0.0)))
-    joints_ = [joint.name for joint in robot.driven if joint.motor is not None and joint.motor.inertia < _NO_ROTOR]
-    rotors = f"; motors of {', '.join(joints_)}, with as much inertia as the links behind them" if joints_ else ""
+    rotorless = [joint.name for joint in robot.driven if joint.motor is not None and joint.motor.inertia < _NO_ROTOR]
+    rotors = f"; motors of {', '.join(rotorless)}, with as much inertia as the links behind them" if rotorless else ""
     mimics = [one_line(joint.name) for joint in urdf if joint.first("mimic")]
     comments = (
         *([f"Joints that mimic others are fixed at their zero: {', '.join(mimics)}."] if mimics else []),

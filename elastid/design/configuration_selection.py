@@ -88,8 +88,8 @@ def _proposed_angles(
 ) -> tuple[Sequence[str], FloatArray]:
     n = len(robot.driven)
     if spec.given:
-        for name, angles_ in spec.given.items():
-            if refusal := robot.count_refusal(len(angles_)):
+        for name, position in spec.given.items():
+            if refusal := robot.count_refusal(len(position)):
                 raise StudyError("design/candidates", refusal, f"design.candidates.given.{name}")
         return list(spec.given), np.array(list(spec.given.values()))
     if spec.grid is not None:

@@ -312,8 +312,8 @@ def warm_up_of(
 ) -> tuple[PlannedWarmUp, tuple[PlannedMotion, ...], float]:
     """Plan motion to and fro over the window, interrupted by groups of test passes; return its end, too."""
     joint, limits = axis.joint.name, axis.limits
-    pass_ = planned_pass(spec.speed, 0, limits)
-    warm_up = PlannedWarmUp(joint, posture, pass_.start, pass_.stop, spec.speed, start_s, spec.time)
+    speed_pass = planned_pass(spec.speed, 0, limits)
+    warm_up = PlannedWarmUp(joint, posture, speed_pass.start, speed_pass.stop, spec.speed, start_s, spec.time)
     # A slow, a medium and the highest speed of the passes.
     places = sorted({round(place * (len(design.speed) - 1)) for place in (0.3, 0.65, 1.0)})
     tests = list[PlannedMotion]()
@@ -363,11 +363,11 @@ def _planned_motion(
     design = JointPassDesign(joint.name, axis.limits, *_speeds(passes, axis))
     axis.check_speeds(design.speed)
     draws = np.random.SeedSequence(seed).spawn(2)
-    motion_ = (
+    trajectory = (
         *passes_of(passes, loads, postures, design, int(draws[0].generate_state(1)[0])),
         *standstill_of(spec, axis, postures[0], np.random.default_rng(draws[1])),
     )
-    motions, end_s = schedule(motion_, axis.limits, start_s, spec.rate_hz)
+    motions, end_s = schedule(trajectory, axis.limits, start_s, spec.rate_hz)
     warm_ups: tuple[PlannedWarmUp, ...] = ()
     if spec.warm_up is not None:
         warm_up, tests, end_s = warm_up_of(spec.warm_up, axis, design, postures[0], end_s)

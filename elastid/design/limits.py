@@ -153,13 +153,13 @@ def within_limits(
     configuration by the same factor.  Raises StudyError where a limit leaves no room for any excitation.
     """
     plan, (limit, base) = rig.plan, _limits_and_base(rig, excitation.margin)
-    limit_ = (1 - excitation.margin) * limit
+    max_peaks = (1 - excitation.margin) * limit
     is_free = excitation.torque_rms == "limits"
     factor = np.ones((len(plan.configurations), len(plan.inputs)))
     if is_free:
         for q in range(len(factor)):
-            factor[q] = _filling(rig, q, limit_[q] - base[q], excitation.flat == "information")
-    factor, runs = _rehearse(rig, factor, base, limit_, is_free, execution or Execution())
+            factor[q] = _filling(rig, q, max_peaks[q] - base[q], excitation.flat == "information")
+    factor, runs = _rehearse(rig, factor, base, max_peaks, is_free, execution or Execution())
     scaled_plan = plan.scaled(factor)
     notes = () if is_free else _notes(plan, factor, excitation.margin)
     names = tuple(c.name for c in plan.configurations)

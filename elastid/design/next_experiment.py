@@ -70,7 +70,7 @@ def read_goal(texts: Sequence[str], names: Sequence[str]) -> Goal:
     names: of the parameters that the fit identifies.  StudyError for a text without a width, or of no parameter.
     """
     widths: dict[str, float] = {}
-    for text in (part.strip() for text_ in texts for part in text_.split(",")):
+    for text in (part.strip() for argument in texts for part in argument.split(",")):
         pattern, _, width = (part.strip() for part in text.partition(":"))
         if not pattern or not 0 < (fraction := _fraction(width)) < 1:
             raise StudyError(

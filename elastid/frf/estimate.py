@@ -168,8 +168,8 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
     everywhere = np.union1d(lines, detection)
     is_excited = np.isin(everywhere, lines)
     everything = gather_spectra(spectra, everywhere, is_excited, spec, method == "joint")
-    usable, data, estimate_ = _fit_method(everything.on(is_excited), groups, method, lines)
-    error = total_error(data, estimate_)
+    usable, data, result = _fit_method(everything.on(is_excited), groups, method, lines)
+    error = total_error(data, result)
     notes = [*(note for group in groups for note in notes_of(group)), *data.notes]
     if not usable.all():
         why = "the inputs are less than 6 dB above the noise there, or not independent"
@@ -177,13 +177,13 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
     notes += [*repeated_phase_notes(data.blocks, groups), *inconsistency_notes(data, groups)]
     lines = lines[usable]
     freq_hz = line_frequencies(lines, first.rate_hz, first.period_samples)
-    quality = measured_quality(freq_hz, data, estimate_.G)
-    response = measured_response(first, spec.quantity, freq_hz, estimate_.G, quality=quality)
-    inside, detection_ = (detection > lines[0]) & (detection < lines[-1]), None
+    quality = measured_quality(freq_hz, data, result.G)
+    response = measured_response(first, spec.quantity, freq_hz, result.G, quality=quality)
+    inside, detected = (detection > lines[0]) & (detection < lines[-1]), None
     if inside.any():
         spacing_hz, off_lines = freq_hz[0] / lines[0], everything.on(~is_excited).on(inside)
-        detection_ = detect(detection[inside], lines, spacing_hz, estimate_.G, off_lines)
-    response = _with_covariances(response, data, estimate_, error, detection_, lines, spectra)
+        detected = detect(detection[inside], lines, spacing_hz, result.G, off_lines)
+    response = _with_covariances(response, data, result, error, detected, lines, spectra)
     notes += [
         *input_notes(first.inputs, data, quality),
         *output_notes(first.outputs, quality),

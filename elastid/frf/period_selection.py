@@ -120,10 +120,10 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
         raise DataError(
             "frf/periods", "fewer than two periods remain after its correction. Measure more", f"record {record.name}"
         )
-    periods_ = ComparedPeriods.from_spectra(spectra, spec.outlier_sigma)
+    comparable = ComparedPeriods.from_spectra(spectra, spec.outlier_sigma)
     logs = list(starmap(np.arange, pairwise([0, *np.searchsorted(spectra.periods, record.starts).tolist(), P])))
     if spec.transient_periods == "auto":
-        leading, notes = _transient(spectra, periods_, logs)
+        leading, notes = _transient(spectra, comparable, logs)
     else:
         leading, notes = _flags(P, [log[: spec.transient_periods] for log in logs]), ()
     steady = np.flatnonzero(~leading)
@@ -136,8 +136,8 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
         )
     far = steady[:0]
     further_notes: tuple[Note, ...] = ()
-    if len(steady) >= MIN_PERIODS and not periods_.agree:
-        measured = distances(periods_, steady)
+    if len(steady) >= MIN_PERIODS and not comparable.agree:
+        measured = distances(comparable, steady)
         far = steady[measured.far[steady]]
         further_notes = (_note(spectra, far, measured, "the other periods"),) if len(far) else ()
     selection = spectra.only(np.setdiff1d(steady, far) if len(far) else steady)

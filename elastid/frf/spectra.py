@@ -175,7 +175,7 @@ def period_groups(
     """
     record = spectra.record
     scale = amplitude_scale(record, lines, quantity) if scale is None else scale
-    drifts = np.array([quantity_ != "acceleration" for quantity_ in record.quantities])
+    drifts = np.array([own_quantity != "acceleration" for own_quantity in record.quantities])
     drift = _drift(record, lines, drifts) if drifts.any() else None
     first = 0
     for z in spectra.dft_at(("y", "u"), lines):

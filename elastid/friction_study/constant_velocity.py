@@ -238,9 +238,9 @@ def estimate_friction_curve(passes: Sequence[Pass], has_gravity: bool, turn: flo
     has_gravity: True if its torque changes with the angle.  turn: of the joint for one of the motor, whose ripple is
     regressed too; 0 for none.  DataError where a pair has one direction only, or no pair slides.
     """
-    passes_, notes = _sliding(passes)
-    pairs = {test.pair: [back for back in passes_ if back.pair == test.pair] for test in passes_}
-    place = passes_[0].place
+    moving, notes = _sliding(passes)
+    pairs = {test.pair: [back for back in moving if back.pair == test.pair] for test in moving}
+    place = moving[0].place
     for name, members in pairs.items():
         if len({test.direction for test in members}) < 2:
             text = (
@@ -248,7 +248,7 @@ def estimate_friction_curve(passes: Sequence[Pass], has_gravity: bool, turn: flo
                 "back; record both directions"
             )
             raise DataError("friction/constant-velocity", text, f"pass {name} of {place}")
-    design, n_k = PassRegression.of(passes_, has_gravity, turn), len(pairs)
+    design, n_k = PassRegression.of(moving, has_gravity, turn), len(pairs)
     values, covariance = design.solve()
     stds = np.sqrt(np.diag(covariance))
     states = [[(np.abs(test.velocity).mean(), test.load, test.temperature) for test in pair] for pair in pairs.values()]
@@ -267,7 +267,7 @@ def estimate_friction_curve(passes: Sequence[Pass], has_gravity: bool, turn: flo
     signs = (1.0, -1.0) if uneven.any() else (0.0,)
     speed, load, temperature = np.tile(conditions.T, len(signs))
     torque, std = np.concatenate([g + s * uneven for s in signs]), np.tile(stds[:n_k] * np.sqrt(len(signs)), len(signs))
-    directions, slides = np.repeat(signs, n_k), passes_[0].slides
+    directions, slides = np.repeat(signs, n_k), moving[0].slides
     return FrictionCurve(place, speed, directions, torque, std, load, temperature, slides, shared_numbers, tuple(notes))
 
 

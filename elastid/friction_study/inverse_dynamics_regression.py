@@ -413,13 +413,13 @@ def regress_robot_motion(
     for joint in joints:
         chance = full.at(joint).chance("directions.viscous", 0)
         terms[joint] = replace(terms[joint], by_direction=chance < FALSE_ALARM)
-    sliding, equations_ = equations(terms), equations(terms, False)
+    sliding, all_samples = equations(terms), equations(terms, False)
     least = solve(sliding, rate_hz)
-    with_delay = solve([with_delays(*log, least, rate_hz) for log in zip(sliding, equations_, strict=True)], rate_hz)
+    with_delay = solve([with_delays(*log, least, rate_hz) for log in zip(sliding, all_samples, strict=True)], rate_hz)
     shifts = band_differences(both_bands(logs), lambda log: equations_of(log, terms, base.filtered(log)))
     names, units = zip(*column_names(robot, joints), strict=True)
     # Samples near reversals violate the friction law, but constrain the rigid body: the ridge regression uses them.
-    shrunk, least_shrunk = (ridge_estimate(equations_, least, ridges) for ridges in (RIDGES, RIDGES[:1]))
+    shrunk, least_shrunk = (ridge_estimate(all_samples, least, ridges) for ridges in (RIDGES, RIDGES[:1]))
     base_units = tuple(units[i] for i in base_columns)
     body = RigidBody(joints, base_units, least.pi, least.pi_std, shrunk, base_columns, regrouped, names)
     alone = [

@@ -288,9 +288,9 @@ def columns_of(signals: MotionSignals, terms: MotionTerms, about: Regression | N
 
     def raw(part: MotionSignals, span: slice) -> dict[str, FloatArray]:
         columns, velocity = full_rate_columns(part, terms, about), part.derivatives[0]
-        columns_ = {"inertia": inertial[span], "viscous": velocity}
-        columns_["directions.viscous"] = np.sign(part.velocity) * velocity
-        return columns | {name: column for name, column in columns_.items() if name in columns}
+        motion_columns = {"inertia": inertial[span], "viscous": velocity}
+        motion_columns["directions.viscous"] = np.sign(part.velocity) * velocity
+        return columns | {name: column for name, column in motion_columns.items() if name in columns}
 
     pieces = [{name: part.filtered(x) for name, x in raw(part, span).items()} for part, span in signals.pieces()]
     columns = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}

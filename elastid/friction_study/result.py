@@ -382,8 +382,8 @@ def _numbers(
         motion, fit = sliding.motion, sliding.motion.regression
         learnt = f"the motion, {len(motion.plateaus)} plateaus, up to {motion.passband_hz:g} Hz"
         rigid = "inertia", "offset", "gain", "gravity.cos", "gravity.sin"
-        names_ = identified_names(fit.names, motion.unidentified) if static is None else rigid
-        yield from table(learnt, names_, fit)
+        identifiable_names = identified_names(fit.names, motion.unidentified) if static is None else rigid
+        yield from table(learnt, identifiable_names, fit)
     if sliding.commanded is not None:
         joint = sliding.commanded
         learnt, names = f"commands, {joint.seconds:.3g} s", joint.names

@@ -63,29 +63,29 @@ def _equilibrium(model: ElasticModel, numbers: bytes, angles: bytes, name: str, 
     free, theta = free_coordinates(model), model.carried(theta, configuration.has_payload)
     q = rigid_posture(model, configuration, theta)
     rigid = q.copy()
-    balance_ = _balance(model, theta, q, free)
+    state = _balance(model, theta, q, free)
     gravity = model.potential_gradient(q, theta).full()[:, 0]
-    bad = np.flatnonzero(~np.isfinite(np.column_stack([gravity, balance_.K])).all(axis=1))
+    bad = np.flatnonzero(~np.isfinite(np.column_stack([gravity, state.K])).all(axis=1))
     if bad.size:
         text = "a parameter of the robot is not finite, or a gas spring is at its end, without a gas column left"
         text = f"the torque on {model.coordinates[bad[0]]} is not a finite number; {text}"
         raise StudyError("robot/no-equilibrium", text, f"configuration {configuration.name}")
     for _ in range(MAX_STEPS):
         # Back onto the loops in full, and from there downhill along them.
-        Z, K = null_space(balance_.Phi[:, free]), balance_.K[np.ix_(free, free)]
-        close = np.linalg.lstsq(balance_.Phi[:, free], -balance_.phi)[0]
-        pull = Z.T @ (balance_.torque[free] + K @ close)
+        Z, K = null_space(state.Phi[:, free]), state.K[np.ix_(free, free)]
+        close = np.linalg.lstsq(state.Phi[:, free], -state.phi)[0]
+        pull = Z.T @ (state.torque[free] + K @ close)
         along = _downhill(Z.T @ K @ Z, pull, 1e-9 * np.abs(gravity).max())
         back, step = np.zeros(model.n_q), np.zeros(model.n_q)
         back[free], step[free] = close, Z @ along
         largest = np.abs(back + step).max(initial=0.0)
         scale = min(1.0, MAX_STEP / max(largest, CONVERGED_STEP))
-        q, balance_ = _shorten_step(model, theta, q + scale * back, scale * step, scale * float(pull @ along), free)
+        q, state = _shorten_step(model, theta, q + scale * back, scale * step, scale * float(pull @ along), free)
         if largest <= CONVERGED_STEP:
             break
-    for fault in _faults(model, theta, free, q, rigid, balance_, np.abs(gravity).max()):
+    for fault in _faults(model, theta, free, q, rigid, state, np.abs(gravity).max()):
         raise StudyError("robot/no-equilibrium", fault, f"configuration {configuration.name}")
-    return OperatingPoint(configuration, q, balance_.lambda_, model.B.T @ balance_.torque)
+    return OperatingPoint(configuration, q, state.lambda_, model.B.T @ state.torque)
 
 
 @dataclass(frozen=True)
@@ -139,10 +139,10 @@ def _shorten_step(
     """
     for halving in range(HALVINGS):
         q_new = q + 0.5**halving * step
-        balance_ = _balance(model, theta, q_new, free)
-        if float(balance_.torque @ step) <= -0.9 * slope or np.abs(step).max(initial=0.0) < ROUNDING_STEP:
+        state = _balance(model, theta, q_new, free)
+        if float(state.torque @ step) <= -0.9 * slope or np.abs(step).max(initial=0.0) < ROUNDING_STEP:
             break
-    return q_new, balance_
+    return q_new, state
 
 
 def rigid_posture(model: ElasticModel, configuration: Configuration, theta: FloatArray | None = None) -> FloatArray:

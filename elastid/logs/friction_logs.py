@@ -130,8 +130,8 @@ class _LogReader:
         raise DataError("records/channels", f"{text} controller), and {advice}", self.path)
 
     def _segment_records(self, gathered: GatheredChannels) -> tuple[FrictionRecord, ...]:
-        signals_, N, rate_hz = self._repair(gathered)
-        values, tau_d = on_one_side(gathered.channels, signals_, to_shafts(gathered.channels, self.robot))
+        repaired_signals, N, rate_hz = self._repair(gathered)
+        values, tau_d = on_one_side(gathered.channels, repaired_signals, to_shafts(gathered.channels, self.robot))
         if self.recorded.controller is None:
             report_unused_references(gathered.channels, gathered.log)
         motors = [c.at for c in gathered.channels if c.role == "u"]

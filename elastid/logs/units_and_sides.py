@@ -181,8 +181,8 @@ def report_drives(channels: Sequence[ChannelSpec], signals: FloatArray, N: int |
             text += f" and r have opposite signs (correlation {rho:.2f}). Give the inverted channel sign: -1"
             log.note("records/torque", text)
     C = np.cov(signals, rowvar=False)
-    columns_ = [i for i, c in enumerate(channels) if c.role in ("u", "y") and c.at.startswith("motor ") and C[i, i] > 0]
-    for a, b in combinations(columns_, 2):
+    indices = [i for i, c in enumerate(channels) if c.role in ("u", "y") and c.at.startswith("motor ") and C[i, i] > 0]
+    for a, b in combinations(indices, 2):
         if channels[a].role == channels[b].role and C[a, b] ** 2 >= (1 - MAX_DIFFERENCE**2) * C[a, a] * C[b, b]:
             text = f"{channels[b].full_name} and {channels[a].full_name} have identical samples, so that one is not the"
             advice = "Check channel and column in the study, and the wiring of the logger"

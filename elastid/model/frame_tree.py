@@ -93,8 +93,8 @@ def tree(robot: Robot, theta: Mapping[str, ca.SX] = NUMBERS) -> Tree:
             seat = replace(Attachment(len(frames) - 1, -align.T, np.zeros(3)).placed(np.eye(3), point), R=align.T)
         seats[body.name] = seat.placed(body.mounting.rotation, np.array(body.mounting.xyz))
     placements = ((seats[frame.body], frame.placement) for frame in robot.frames)
-    frames_ = tuple(seat.placed(place.rotation, np.array(place.xyz)) for seat, place in placements)
-    return Tree(tuple(frames), tuple(seats[body.name] for body in robot.all_bodies), frames_)
+    frame_attachments = tuple(seat.placed(place.rotation, np.array(place.xyz)) for seat, place in placements)
+    return Tree(tuple(frames), tuple(seats[body.name] for body in robot.all_bodies), frame_attachments)
 
 
 def located(name: str, xyz: Sequence[float], theta: Mapping[str, ca.SX]) -> Point:

@@ -198,11 +198,11 @@ def _update_scales(
     effects: Sequence[GearEffect], scales: Sequence[Sequence[int]], steps: FloatArray
 ) -> list[GearEffect]:
     """Return effects with scales increased by fractions (n_s,), _STEP at most, relative to the first of each."""
-    effects_ = list(effects)
+    next_effects = list(effects)
     for group, step in zip(scales, np.clip(steps, -_STEP, _STEP).tolist(), strict=True):
         for i in group:
-            effects_[i] = replace(effects[i], scale=effects[group[0]].scale * (1 + step))
-    return effects_
+            next_effects[i] = replace(effects[i], scale=effects[group[0]].scale * (1 + step))
+    return next_effects
 
 
 def initial_estimate(data: GearData, parameters: Parameters, x: FloatArray) -> GearEstimate:

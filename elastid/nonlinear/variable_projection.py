@@ -336,7 +336,7 @@ def greedy(
     """Select by forward selection: add the member that pays and lowers the cost most."""
     members: list[int] = []
     best_cost = cost(members)
-    while better := [(cost_, sets) for sets in larger(members) if pays(best_cost, cost_ := cost(sets), sets)]:
+    while better := [(new_total, sets) for sets in larger(members) if pays(best_cost, new_total := cost(sets), sets)]:
         best_cost, members = min(better)
     return members, best_cost
 
@@ -363,13 +363,13 @@ def select_motor_basis(
     def power(members: list[int]) -> float:
         return residual_power(equations, motor, np.array(members, dtype=np.int64))
 
-    def pays(cost_: float, new_cost: float, _: list[int]) -> bool:
-        return new_cost < (1 - SLIGHT) * cost_  # not where no line shows any power
+    def pays(new_total: float, new_cost: float, _: list[int]) -> bool:
+        return new_cost < (1 - SLIGHT) * new_total  # not where no line shows any power
 
     def larger(members: list[int], firsts: list[list[int]]) -> list[list[int]]:
         member_shapes = [shapes[i] for i in members]
-        candidates_ = [i for i in indices if i not in members and may_join(shapes[i], member_shapes)]
-        return firsts if not members else [[*members, i] for i in candidates_]
+        free_indices = [i for i in indices if i not in members and may_join(shapes[i], member_shapes)]
+        return firsts if not members else [[*members, i] for i in free_indices]
 
     total, indices = power([]), candidates.tolist()
     singles = [[i] for i in indices if may_join(shapes[i], ())]

@@ -147,16 +147,16 @@ class FrictionContent:
 
 def answer(joint: JointFriction) -> str:
     """Summarise the identified numbers of a joint in one sentence."""
-    symbols = {number_.symbol for number_ in joint.numbers}
+    symbols = {estimate.symbol for estimate in joint.numbers}
     parts = [
         s
         for symbol in CODES_WITH_CAUSE
         for s in ((f"{symbol}+", f"{symbol}-") if f"{symbol}+" in symbols else (symbol,))
     ]
-    first = [number_ for symbol in parts for number_ in joint.numbers if number_.symbol == symbol]
+    first = [estimate for symbol in parts for estimate in joint.numbers if estimate.symbol == symbol]
     if not first:
         return f"Joint {joint.joint}: no friction could be identified."
-    numbers = ", ".join(f"{number_.symbol} = {with_interval(number_)}" for number_ in first)
+    numbers = ", ".join(f"{estimate.symbol} = {with_interval(estimate)}" for estimate in first)
     return f"Joint {joint.joint}: {numbers}."
 
 

@@ -201,14 +201,14 @@ def _status_clause(result: Result, agreements: Sequence[FrfError]) -> str:
 
 
 def _widths_clause(rows: Sequence[ParameterRow]) -> str:
-    rows_ = springs_and_dampers(rows)
-    kind = "stiffnesses and dampings" if any(row.name.startswith(("k", "d")) for row in rows_) else "parameters"
-    if any(row.verdict.startswith((BIASED, UNCERTAIN)) for row in rows_):
+    joint_rows = springs_and_dampers(rows)
+    kind = "stiffnesses and dampings" if any(row.name.startswith(("k", "d")) for row in joint_rows) else "parameters"
+    if any(row.verdict.startswith((BIASED, UNCERTAIN)) for row in joint_rows):
         return ""  # the verdicts say more
-    parameters = [row for row in rows if row not in rows_ and not row.has_coulomb]
+    parameters = [row for row in rows if row not in joint_rows and not row.has_coulomb]
     largest = max(map(half_width, parameters), default=math.inf)
     last = f", and all {len(parameters)} other parameters of ±{percent(largest)} or less"
-    first = _width_clause(rows_, kind)
+    first = _width_clause(joint_rows, kind)
     return first and f"{first}{last if largest <= WIDTH_CLASSES[-1] else ''} (half-width, 95 %)"
 
 

@@ -37,12 +37,12 @@ def _filter(x: FloatArray, rate_hz: float, channels: Sequence[Channel], power: i
         return x * gain
     lag_s = power * sum(channel.delay + channel.low_pass for channel in delays)
     m = min(len(x) - 1, _EDGE_SAMPLES)
-    padded_ = np.pad(x, m, mode="reflect", reflect_type="odd")
-    slope = (padded_[-1] - padded_[0]) / (len(padded_) - 1)
-    line = padded_[0] + slope * np.arange(len(padded_))
-    s = laplace_variable(np.fft.rfftfreq(len(padded_), 1 / rate_hz))
+    mirrored = np.pad(x, m, mode="reflect", reflect_type="odd")
+    slope = (mirrored[-1] - mirrored[0]) / (len(mirrored) - 1)
+    line = mirrored[0] + slope * np.arange(len(mirrored))
+    s = laplace_variable(np.fft.rfftfreq(len(mirrored), 1 / rate_hz))
     H: ComplexArray = np.prod([_response(s, channel) ** power for channel in delays], axis=0)
-    result = np.fft.irfft(np.fft.rfft(padded_ - line) * H, len(padded_)) + line - slope * rate_hz * lag_s
+    result = np.fft.irfft(np.fft.rfft(mirrored - line) * H, len(mirrored)) + line - slope * rate_hz * lag_s
     return np.asarray(gain * result[m : m + len(x)])
 
 

@@ -30,8 +30,8 @@ class ReferencePath:
         early = 2 * n - 1 if self.spec.interpolation == "spline" else 0
         t = np.abs(np.arange(-early, early + 1)) / n
         near, far = 1.5 * t**3 - 2.5 * t**2 + 1, -0.5 * t**3 + 2.5 * t**2 - 4 * t + 2
-        taps_ = np.ones(n)
-        shapes = {"hold": taps_, "linear": np.convolve(taps_, taps_) / n, "spline": np.where(t <= 1, near, far)}
+        hold = np.ones(n)
+        shapes = {"hold": hold, "linear": np.convolve(hold, hold) / n, "spline": np.where(t <= 1, near, far)}
         return np.convolve(shapes[self.spec.interpolation], np.ones(window) / window), early
 
     @property

@@ -95,16 +95,16 @@ def opened(path: Path | str, kind: str) -> Iterator[Any]:
 
 def _require_kind(path: Path, file: Any, kind: str) -> None:
     _check_self_contained(path)
-    kind_, format_ = plain(file.attrs.get("elastid")), plain(file.attrs.get("format", 0))
-    if kind_ != kind:
-        holds = f"holds {kind_}" if kind_ else "was not written by elastid"
+    file_kind, version = plain(file.attrs.get("elastid")), plain(file.attrs.get("format", 0))
+    if file_kind != kind:
+        holds = f"holds {file_kind}" if file_kind else "was not written by elastid"
         raise StudyError(
             "files/kind", f"{holds}, expected {kind}; name another; `elastid inspect {path}` shows its content", path
         )
-    if format_ != FORMAT:
+    if version != FORMAT:
         raise DataError(
             "files/version",
-            f"format {format_}, written by {'a newer' if format_ > FORMAT else 'an older'} elastid; this one reads "
+            f"format {version}, written by {'a newer' if version > FORMAT else 'an older'} elastid; this one reads "
             f"format {FORMAT}: update it, or delete the file and run its stage again",
             path,
         )

@@ -145,8 +145,8 @@ def reader(kind: str, name: str, annotation: type[T] | str, may_miss: bool = Fal
     """Make the reader of a part of a file of a kind; annotation: "module:name" of a module loaded for it alone."""
 
     def read(path: Path | str) -> T:
-        kind_: Any = resolve_name(annotation) if isinstance(annotation, str) else annotation
-        part: T = read_part(path, kind, name, kind_ | None if may_miss else kind_)
+        annotation_type: Any = resolve_name(annotation) if isinstance(annotation, str) else annotation
+        part: T = read_part(path, kind, name, annotation_type | None if may_miss else annotation_type)
         return part
 
     return read
@@ -179,8 +179,8 @@ def _axes(dataset: Any) -> str:
     labels = np.asarray(dataset.attrs.get("DIMENSION_LABELS", []))
     if labels.shape != (dataset.ndim,):
         labels = np.full(dataset.ndim, "")
-    labels_ = (label.decode(errors="replace") if isinstance(label, bytes) else str(label) for label in labels)
-    return "(" + ", ".join(f"{word} {n}".strip() for word, n in zip(labels_, dataset.shape, strict=True)) + ")"
+    axis_names = (label.decode(errors="replace") if isinstance(label, bytes) else str(label) for label in labels)
+    return "(" + ", ".join(f"{word} {n}".strip() for word, n in zip(axis_names, dataset.shape, strict=True)) + ")"
 
 
 def _in_words(dataset: Any) -> str:

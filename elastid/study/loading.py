@@ -207,9 +207,9 @@ def _load(path: Path, overrides: tuple[str, ...]) -> tuple[LoadedStudy, YamlSour
     if problems or robot_errors:  # of a robot whose file cannot be read, the errors of that file alone count
         problems = [problem for problem in problems if not robot_errors or problem.path != ("robot",)]
         raise make_error(source, problems, robot_errors)
-    study, problems_ = convert_to_si(study)
-    study = with_usual_tolerances(study) if not problems_ else study
-    problems = [*check_study(study, path.parent), *problems_]
+    study, unit_problems = convert_to_si(study)
+    study = with_usual_tolerances(study) if not unit_problems else study
+    problems = [*check_study(study, path.parent), *unit_problems]
     if problems:
         raise make_error(source, _with_origin(problems, source.text))
     return LoadedStudy(_exclude_all_amplitudes(study), path, source.text, overrides), source

@@ -77,15 +77,15 @@ def fit(study: Study, work: Work) -> Artefacts:
         ]
     try:
         with work.execution(work.checkpoint()) as execution:
-            responses_ = [*study.fitted(responses), *tapped]
-            result, effects = identified(responses_, robot, spec, study.model, execution, loads=tests)
+            all_responses = [*study.fitted(responses), *tapped]
+            result, effects = identified(all_responses, robot, spec, study.model, execution, loads=tests)
     except FitError as error:
         return Artefacts({"summary.json": as_json(failure(study.name, spec.starts, str(error)))}, error=error)
     # The fixed values and the base of a simulated robot are exact.
     exact = () if study.experiment.simulated is None else (FIXED_VALUES, "fit/assumed-rigid")
-    notes_ = [note for note in result.notes if note.code not in exact]
+    remarks = [note for note in result.notes if note.code not in exact]
     loop_notes = () if loop is None else loop_note(result, robot, loop)
-    result = replace(result, notes=(*notes_, *notes_of(tapped), *loop_notes, *combination_notes(result)))
+    result = replace(result, notes=(*remarks, *notes_of(tapped), *loop_notes, *combination_notes(result)))
     model_of_all = FittedRobot.of(result, robot, responses, study.model)
     modelled = model_of_all.responses_by(effects)
     agreements = [agreement(m, G, m.configuration.name in validation) for m, G in zip(responses, modelled, strict=True)]

@@ -119,14 +119,14 @@ def friction(study: Study, work: Work) -> Artefacts:
     except FitError as error:
         return Artefacts({"summary.json": as_json(failed_friction(name, str(error)))}, error=error)
     # Along the first log of each group of joints that moved together.
-    true_robot_, controller = with_identified_friction(robot, result), None if recorded is None else recorded.controller
+    full_robot, controller = with_identified_friction(robot, result), None if recorded is None else recorded.controller
     with work.execution() as execution:
-        log_comparison = compare_friction_logs(true_robot_, result.joints, measured, controller, execution)
-        judged = predict_logs(true_robot_, result.joints, validation, controller, execution)
-    notes_ = notes_of(joint_fits)
+        log_comparison = compare_friction_logs(full_robot, result.joints, measured, controller, execution)
+        judged = predict_logs(full_robot, result.joints, validation, controller, execution)
+    joint_notes = notes_of(joint_fits)
 
     def report(console: Console) -> None:
-        console.notes(note for note in notes_of(result.joints) if note not in notes_)
+        console.notes(note for note in notes_of(result.joints) if note not in joint_notes)
         console.say(f"friction: {result.message}")
         for words in (*log_comparison.sentences, *(f"validation: {words}" for words in judged.sentences)):
             console.say(f"friction: {words}")

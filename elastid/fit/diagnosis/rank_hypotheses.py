@@ -240,13 +240,13 @@ def modification_indices(evidence: Evidence, scores: Scores) -> tuple[Modificati
 def _following_causes(first: ModificationIndex, scores: Scores) -> list[ModificationIndex]:
     by_name = {candidate.name: candidate for candidate in scores.candidates}
     previous, following, test = first, list[ModificationIndex](), scores.test
-    for rank_ in range(2, LIMITS.refits + 1):
+    for rank_number in range(2, LIMITS.refits + 1):
         linear = as_delay(previous.name)
         # Further resonances, and results of a separate fit, are no linear changes.
         if linear not in by_name or previous.group == "compliance" or math.isnan(previous.std):
             break
         test = test.freed(by_name[linear])
-        best = rank(test, scores, rank_, 1)[:1]
+        best = rank(test, scores, rank_number, 1)[:1]
         if not best or best[0].explained_fraction < LIMITS.min_further_fraction:
             break
         previous = best[0]

@@ -60,8 +60,8 @@ class StaticLoads:
     def of(cls, tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: Parameters) -> "StaticLoads":
         """Return the loads of a robot at the start of the parameters; StudyError for an unknown frame, or no rest."""
         loads = tuple(load_of(load, robot) for load in tests)
-        robot_ = with_frames(robot, (name for load in loads for name in (load.frame, load.read_at)))
-        equations = formulate(robot_, model, tuple(name for name in robot.on_demand if name in parameters.names))
+        framed_robot = with_frames(robot, (name for load in loads for name in (load.frame, load.read_at)))
+        equations = formulate(framed_robot, model, tuple(name for name in robot.on_demand if name in parameters.names))
         names = [load.configuration.name for load in loads]
         dependent = {name for configuration in names for name in parameters.dependent_names(configuration)}
         theta = [parameters.expand(parameters.x, configuration)[:-1] for configuration in names]

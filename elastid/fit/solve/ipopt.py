@@ -36,27 +36,27 @@ def ipopt(
 
     Errors of the problem are raised as they are; Ctrl-C becomes KeyboardInterrupt.
     """
-    problem_, n = _ScaledProblem(problem, x0, beginning), len(x0)
+    nlp, n = _ScaledProblem(problem, x0, beginning), len(x0)
     x, number, none, no_rows = (ca.Sparsity.dense(n, 1), ca.Sparsity.dense(1, 1), ca.Sparsity(0, 0), ca.Sparsity(0, 1))
     point = [("x", x), ("p", none)]
     at_multipliers = [*point, ("lam_f", number), ("lam_g", no_rows)]
-    objective = _Callback("objective", point, [("f", number), ("g", no_rows)], problem_.objective)
-    gradient = _Callback("nlp_grad_f", point, [("f", number), ("grad_f_x", x)], problem_.gradient)
-    hessian = _Callback("nlp_hess_l", at_multipliers, [("hess_gamma_x_x", ca.Sparsity.upper(n))], problem_.hessian)
+    objective = _Callback("objective", point, [("f", number), ("g", no_rows)], nlp.objective)
+    gradient = _Callback("nlp_grad_f", point, [("f", number), ("grad_f_x", x)], nlp.gradient)
+    hessian = _Callback("nlp_hess_l", at_multipliers, [("hess_gamma_x_x", ca.Sparsity.upper(n))], nlp.hessian)
     options = _OPTIONS | {"grad_f": gradient, "hess_lag": hessian}
-    options |= {"ipopt.max_iter": max_iterations, "ipopt.tol": tolerance * problem_.weight}
+    options |= {"ipopt.max_iter": max_iterations, "ipopt.tol": tolerance * nlp.weight}
     solver = ca.nlpsol("fit", "ipopt", objective, options)
-    lower, upper = map(problem_.to_z, problem.parameters.x_bounds)
-    solution = solver(x0=problem_.to_z(x0), lbx=lower, ubx=upper)
+    lower, upper = map(nlp.to_z, problem.parameters.x_bounds)
+    solution = solver(x0=nlp.to_z(x0), lbx=lower, ubx=upper)
     stats = solver.stats()
-    if problem_.error is not None:
-        raise problem_.error
+    if nlp.error is not None:
+        raise nlp.error
     # Ctrl-C inside IPOPT does not raise; it returns this status and an x that is no solution.
     if stats["return_status"] == _FOREIGN_EXCEPTION:
         raise KeyboardInterrupt
-    end = np.clip(problem_.to_x(solution["x"]), *problem.parameters.x_bounds)
+    end = np.clip(nlp.to_x(solution["x"]), *problem.parameters.x_bounds)
     status = "" if stats["return_status"] == _SUCCESS else str(stats["return_status"])
-    return Ending(end, problem_.at(end), status, int(stats["iter_count"]))
+    return Ending(end, nlp.at(end), status, int(stats["iter_count"]))
 
 
 class _ScaledProblem:

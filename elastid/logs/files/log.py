@@ -199,11 +199,11 @@ class ArrayLog:
 def missing_channel(path: Path, channel: ChannelSpec, shapes: Mapping[str, tuple[int, ...]]) -> str:
     """Return the message about a channel that is not in a file, with those that are."""
     names = [f"{name} ({' x '.join(str(n) for n in shape)})" for name, shape in shapes.items()]
-    rest_ = f" and {len(names) - 40} more" if len(names) > 40 else ""
+    rest_text = f" and {len(names) - 40} more" if len(names) > 40 else ""
     close = difflib.get_close_matches(channel.channel, shapes, n=1)
     hint = f"did you mean {close[0]}? " if close else ""
     problem = f"there is no channel '{channel.channel}'" if channel.channel else "give the name of a channel"
-    return f"{path}: {problem}; {hint}There are {', '.join(names[:40]) or 'no signals in it'}{rest_}"
+    return f"{path}: {problem}; {hint}There are {', '.join(names[:40]) or 'no signals in it'}{rest_text}"
 
 
 def seconds(stamps: NDArray[Any], first: Any) -> FloatArray:

@@ -59,14 +59,14 @@ class TextLog(Log):
         if len(times) < 2 or not any(is_empty(n - 1, i) for i in times):
             return self
         lengths = [bisect_left(range(n), True, key=partial(is_empty, column=i)) for i in range(self.n_columns)]
-        columns_ = {name: (m, i) for i, (name, m) in enumerate(zip(self.headings, lengths, strict=True))}
+        column_of = {name: (m, i) for i, (name, m) in enumerate(zip(self.headings, lengths, strict=True))}
         units = self.units or ("",) * self.n_columns
 
         def read(m: int, i: int) -> FloatArray:
             return replace(self, number_lines=_first_lines(self.number_lines, self.first + m)).columns([i])[:, 0]
 
         dtype = np.dtype(np.float64)
-        arrays = {name: StoredArray((m,), dtype, partial(read, m, i), units[i]) for name, (m, i) in columns_.items()}
+        arrays = {name: StoredArray((m,), dtype, partial(read, m, i), units[i]) for name, (m, i) in column_of.items()}
         return ArrayLog(self.path, arrays)
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
@@ -176,18 +176,18 @@ class TextLog(Log):
         if number_match and column in (None, int(number_match[1])):
             column = int(number_match[1])
         elif channel.channel and (self.headings or column is None or number_match):
-            columns_ = [i for i, heading in enumerate(self.headings, start=1) if heading == channel.channel]
-            if not columns_:
+            column_of = [i for i, heading in enumerate(self.headings, start=1) if heading == channel.channel]
+            if not column_of:
                 start = f"; the data are assumed to start in row {self.first + 1} (set text.header_lines otherwise)"
                 message = missing_channel(self.path, channel, self.shapes())
                 raise DataError("records/channels", message + start + otherwise_written(self.path, self.format))
-            if column not in (columns_ if len(columns_) > 1 else (None, *columns_)):
-                places = ", ".join(map(str, columns_))
+            if column not in (column_of if len(column_of) > 1 else (None, *column_of)):
+                places = ", ".join(map(str, column_of))
                 text = f"several columns have the heading '{channel.channel}', {places}. Give column, too"
                 if column is not None:
                     text = f"the heading '{channel.channel}' is not in column {column} but in column {places}"
                 raise DataError("records/channels", text, self.path)
-            return (column or columns_[0]) - 1
+            return (column or column_of[0]) - 1
         column = column or 1
         if column > self.n_columns:
             text = f"column {column} does not exist; the file has {self.n_columns}, counted from 1. Correct column"

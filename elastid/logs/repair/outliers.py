@@ -110,7 +110,7 @@ def _mask(
 
 def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
     """Find samples (k,) of the lost messages and spikes of a signal (P L,), NaN where missing."""
-    is_finite_, full, q = np.isfinite(x), _interpolate(x, L, sign), step(x)
+    has_value, full, q = np.isfinite(x), _interpolate(x, L, sign), step(x)
     is_lost, may_be_lost = _lost_messages(x, q)
     is_spike = np.zeros(len(x), dtype=np.bool_)
     if is_lost.any():
@@ -122,17 +122,17 @@ def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
         in_all, in_any = np.ones(len(x), dtype=np.bool_), np.zeros(len(x), dtype=np.bool_)
         for e in _differences(full, L, sign):
             if in_all.any() or may_be_lost.any():
-                new_spikes = _spikes(x, e, is_finite_ & ~is_spike, L, noise, MAX_RUN, q)
+                new_spikes = _spikes(x, e, has_value & ~is_spike, L, noise, MAX_RUN, q)
                 in_all, in_any = in_all & new_spikes, in_any | new_spikes
         candidates = in_all | (may_be_lost & in_any)
         if not candidates.any():
             break
-        is_rough = _roughest(full, candidates, is_finite_ & ~is_spike, L)
+        is_rough = _roughest(full, candidates, has_value & ~is_spike, L)
         is_rough[:L] &= _lone_distance(full[:L]) >= _transient_pulse(full, L, sign, q)
         if not is_rough.any():
             break
         full, is_new = _replace(full, is_rough, L, sign, np.full(len(full), np.inf))
-        is_finite_ &= ~is_rough
+        has_value &= ~is_rough
         is_spike |= is_new
     return np.flatnonzero(is_spike)
 

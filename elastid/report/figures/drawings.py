@@ -154,11 +154,11 @@ def friction_study_drawings(
         yield Drawing("left-out", "left-out", caption, partial(fit.octaves_figure, left_out.balances))
     for joint in result.joints:
         file = f"friction-{file_name(joint.joint)}"
-        filters_ = [tracked for tracked in filters if tracked.joint == joint.joint]
-        balances_ = [balance for balance in log_comparison.balances if balance.place == f"{JOINT}{joint.joint}"]
-        draws = [partial(fit.torque_balance_figure, balance) for balance in balances_]
+        trackings = [tracked for tracked in filters if tracked.joint == joint.joint]
+        of_joint = [balance for balance in log_comparison.balances if balance.place == f"{JOINT}{joint.joint}"]
+        draws = [partial(fit.torque_balance_figure, balance) for balance in of_joint]
         torques: list[NamedFigure] = [("torque", fit.TORQUE_CAPTION, draw) for draw in draws]
-        for name, caption, draw in (*_joint_figure(joint), *torques, *map(_filter_figure, filters_)):
+        for name, caption, draw in (*_joint_figure(joint), *torques, *map(_filter_figure, trackings)):
             yield Drawing(f"{file}-{name}", f"{JOINT}{joint.joint}", f"Joint {joint.joint}: {caption}", draw)
 
 

@@ -213,10 +213,10 @@ def _modelled(model: Response, i: int, j: int, std: FloatArray | None) -> tuple[
     if std is not None:
         spread = 2 * std[:, i, j]
         band = in_db(np.maximum(size - spread, 1e-3 * size)), in_db(size + spread)
-    phase_ = phase.copy()
-    phase_[:-1][np.abs(np.diff(phase)) > 180] = np.nan
+    next_phase = phase.copy()
+    next_phase[:-1][np.abs(np.diff(phase)) > 180] = np.nan
     magnitude = Curve(f, in_db(G), "model", style.FITTED, band=band, band_label="2 std of the model")
-    return [magnitude], [Curve(np.repeat(f, 2), np.stack([phase, phase_], axis=1).ravel(), "model", style.FITTED)]
+    return [magnitude], [Curve(np.repeat(f, 2), np.stack([phase, next_phase], axis=1).ravel(), "model", style.FITTED)]
 
 
 def quality_figure(response: Response, quality: Quality, title: str) -> Figure:
@@ -237,8 +237,8 @@ def quality_figure(response: Response, quality: Quality, title: str) -> Figure:
     ]
     panels.append(Panel(absent, label, title="1 − multiple coherence", frequency=f, scale="log"))
     for sigma, name in ((quality.singular_values, "G"), (quality.input_singular_values, "the inputs")):
-        label_ = f"singular values of {name}, dB; condition {np.median(sigma[:, 0] / sigma[:, -1]):.3g}"
-        panels.append(Panel([Curve(f, in_db(column)) for column in sigma.T], label, title=label_, frequency=f))
+        caption = f"singular values of {name}, dB; condition {np.median(sigma[:, 0] / sigma[:, -1]):.3g}"
+        panels.append(Panel([Curve(f, in_db(column)) for column in sigma.T], label, title=caption, frequency=f))
     return style.matrix(title, style.in_columns(panels))
 
 
