@@ -100,7 +100,7 @@ def _reasons(outcomes: Sequence[Outcome]) -> list[str]:
 
 def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[Outcome, ...]:
     """Run all members, then repeat those whose worker died. Return the outcome of each."""
-    work = partial(_identify, fleet.study, folder)
+    work = partial(_run_member, fleet.study, folder)
     outcomes: dict[str, Outcome] = {}
     for attempt in range(2):
         todo = [member for member in fleet.members if member.name not in outcomes]
@@ -113,7 +113,7 @@ def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[
     return tuple(outcomes.get(m.name, Outcome(m.robot, m.date, "died", DEATH_MESSAGE)) for m in fleet.members)
 
 
-def _identify(study: Path, folder: Path, member: Member) -> Outcome:
+def _run_member(study: Path, folder: Path, member: Member) -> Outcome:
     """Run the stages of a member's study that are not current, in its own folder; returns how it ended."""
     run = Run(load(study, member.overrides), folder / MEMBERS / member.name, 1, Console(-2))
     try:
@@ -140,8 +140,8 @@ def rows_of(folder: Path, member: Member) -> Iterator[Row]:
     values |= {k: _numbers_of(number) for k, number in gears.items() if k not in parameters and not k.startswith("K")}
     units = {name: number["unit"] for name, number in (gears | parameters).items()}
     for name, numbers in values.items():
-        of = {"robot": member.robot, "date": member.date, "status": str(summary["status"]), "parameter": name}
-        yield of | {"unit": units[name]} | numbers
+        labels = {"robot": member.robot, "date": member.date, "status": str(summary["status"]), "parameter": name}
+        yield labels | {"unit": units[name]} | numbers
 
 
 def _numbers_of(number: Mapping[str, Any]) -> Row:

@@ -80,9 +80,9 @@ def hit_runs(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> lis
     if len(set(headings)) > 1:
         drive = guess.joints[0].torque
         places = {drive.name: hit_place(guess)} | {motion.name: motion.place for motion in guess.motions}
-        columns = [(index, headings[0].index(name)) for name, index in places.items()]
-        by_log = [{index: guess_by_name(row[i], None).place for index, i in columns} for row in headings]
-        by_log = [{index: name for index, name in at.items() if name != index} for at in by_log]
+        columns = [(location, headings[0].index(name)) for name, location in places.items()]
+        by_log = [{location: guess_by_name(row[i], None).place for location, i in columns} for row in headings]
+        by_log = [{location: name for location, name in at.items() if name != location} for at in by_log]
     elif not (by_log := _by_names(logs, guess)):
         by_log = [{hit_place(guess): point} for point in _points_by_response(logs, form, guess)]
     first = [at for i, at in enumerate(by_log) if at not in by_log[:i]]

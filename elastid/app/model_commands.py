@@ -58,7 +58,7 @@ Vector: TypeAlias = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class UsedRobot:
+class ModelOutputs:
     """Files (name in the run folder -> write(path)), figure of the page, and data of an explorable map."""
 
     answer: Answer
@@ -67,7 +67,7 @@ class UsedRobot:
     data: str = ""
 
 
-def use_fit(run: Run, name: str, work: Callable[[Result], UsedRobot]) -> None:
+def use_fit(run: Run, name: str, work: Callable[[Result], ModelOutputs]) -> None:
     """Run a command `name` on the study's fit and write its results; StudyError without a current fit."""
     result = current_fit(run)
     with logged_in(run.folder, run.jobs, run.console):
@@ -96,7 +96,7 @@ def map_study(
     except ValueError as error:
         raise StudyError("options/invalid", str(error)) from None
 
-    def work(fit: Result) -> UsedRobot:
+    def work(fit: Result) -> ModelOutputs:
         """Map of the fitted robot, with its files."""
         ports, seed = posture.PredictionPorts(frame=frame, axes="world"), run.study.seed
         family = with_gears(fit, gears_of(run)).family(ports)
@@ -117,7 +117,7 @@ def map_study(
             "map.h5": lambda path: write_map(path, workspace, run.stamps["fit"]),
             "map.csv": lambda path: write_map_table(path, workspace),
         }
-        return UsedRobot(answer_of_map(workspace), files, partial(workspace_figure, workspace), map_data(workspace))
+        return ModelOutputs(answer_of_map(workspace), files, partial(workspace_figure, workspace), map_data(workspace))
 
     use_fit(run, "map", work)
 
@@ -130,7 +130,7 @@ def tune_study(
     if duration is not None and fastest:
         raise StudyError("options/invalid", "--time and --fastest are exclusive. Give one of them")
 
-    def work(result: Result) -> UsedRobot:
+    def work(result: Result) -> ModelOutputs:
         """Move of the fitted robot, with its files."""
         robots = _move_robots(run, result, frame, samples, rate_hz, bandwidth_hz, error_mm / 1e3)
         move = read_move(path, robots.identified, robots.frame, 0.0 if fastest else duration)
@@ -144,7 +144,7 @@ def tune_study(
         }
         if tuned_move.advice:
             run.console.warn(f"tune: {tuned_move.advice}")
-        return UsedRobot(answer_of_move(tuned_move), files, partial(move_figure, tuned_move))
+        return ModelOutputs(answer_of_move(tuned_move), files, partial(move_figure, tuned_move))
 
     use_fit(run, "tune", work)
 
@@ -198,7 +198,7 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, samples: int
     if hz is None:
         raise StudyError("options/invalid", "the study has no rate of the controller. Give --rate", run.loaded.path)
 
-    def work(result: Result) -> UsedRobot:
+    def work(result: Result) -> ModelOutputs:
         """Analyse and design the loops of the fitted robot; returns them with their files."""
         family = PostureFamily.of(result, [linear.configuration for linear in result.linear], hz)
         delay_samples = (0 if today is None else today.delay_samples) if delay is None else delay
@@ -208,7 +208,7 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, samples: int
             "loops.yml": lambda path: write_text(path, loops_section(loops)),
         }
         answer, figure = replace(answer_of_loops(loops), text=loops_section(loops)), partial(loops_figure, loops)
-        return UsedRobot(answer, files, figure)
+        return ModelOutputs(answer, files, figure)
 
     use_fit(run, "loops", work)
 

@@ -268,8 +268,8 @@ class Run:
         if stamp is None or stamp.inputs != required.inputs:
             text = f"{path} is missing, damaged, or made from another study, other data or other options"
             raise StudyError("run/earlier-stage", f"{text}. {command}")
-        why = "" if stamp.code == required.code else f"was made by other code or versions ({stamp.software})"
-        if reason := why or ("" if has_checksum(path) else "has no checksum, so that damage is not detectable"):
+        code_reason = "" if stamp.code == required.code else f"was made by other code or versions ({stamp.software})"
+        if reason := code_reason or ("" if has_checksum(path) else "has no checksum, so that damage is not detectable"):
             advice = f"To make it again: `elastid run {self.loaded.path} {name}`"
             self.console.warn(f"{path} {reason} and is used unchanged. {advice}")
 
@@ -330,8 +330,8 @@ def carry_out(run: Run, name: str) -> None:
     """Run a stage with its inputs, write its files, report, and then raise the error of a stage that failed."""
     stage, names = run.stages[name], [*run.stages]
     first = names.index(name)
-    later_stages = [after for after in names[first:] if after == name or not run.is_current(after)]
-    texts = {text for after in later_stages for text in run.stages[after].texts}
+    later_stages = [later for later in names[first:] if later == name or not run.is_current(later)]
+    texts = {text for later in later_stages for text in run.stages[later].texts}
     # Else they would be read as results where this stage fails.
     remove_texts(run.folder, texts - {text for earlier in names[:first] for text in run.stages[earlier].texts})
     artefacts = resolve_name(stage.function)(stage.sees(run.study), run.work(name))

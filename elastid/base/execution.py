@@ -18,7 +18,7 @@ from typing import Any, TypeAlias, TypeVar
 from uuid import uuid4
 
 from elastid.base.errors import ElastidError, installed
-from elastid.base.workers import End, LostError, Outcome, ServedFunctions, Worker, dismiss, outcomes
+from elastid.base.workers import End, LostError, Outcome, Worker, WorkerState, dismiss, outcomes
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
@@ -293,12 +293,12 @@ class Remote(Thread):
 
 
 # Values at the workers of a process on a cluster, by their names.
-_FUNCTIONS = dict[str, ServedFunctions]()
+_FUNCTIONS = dict[str, WorkerState]()
 
 
 def _answer(name: str, message: bytes) -> bytes | None:
     """Answer as the worker of a name; LostError if it was another process."""
-    answer = _FUNCTIONS.setdefault(name, ServedFunctions()).answer(message)
+    answer = _FUNCTIONS.setdefault(name, WorkerState()).answer(message)
     return None if answer is None else bytes(answer)
 
 

@@ -106,14 +106,14 @@ class _Pickler(pickle.Pickler):
             parts = (move_to_file, value.folder, np.array(value))
         else:
             return NotImplemented
-        name = _NAMES.get(id(value)) or _by_key(os.urandom(8), value)
+        name = _NAMES.get(id(value)) or _register(os.urandom(8), value)
         if name in self._known:
             return _recall, (name,)
         self.new[name] = value
-        return _received, (name, *parts)
+        return _receive, (name, *parts)
 
 
-def _by_key(name: bytes, value: Any) -> bytes:
+def _register(name: bytes, value: Any) -> bytes:
     _NAMES[id(value)], _VALUES[name] = name, value
     finalize(value, _NAMES.pop, id(value)).atexit = False
     return name
@@ -126,10 +126,10 @@ def _recall(name: bytes) -> Any:
     return value
 
 
-def _received(name: bytes, make: Callable[..., Any], *parts: Any) -> Any:
+def _receive(name: bytes, make: Callable[..., Any], *parts: Any) -> Any:
     value = _VALUES.get(name)  # as in a worker that is a thread of this process
     if value is None:
-        _by_key(name, value := make(*parts))
+        _register(name, value := make(*parts))
     _RECEIVED.get()[name] = value
     return value
 
@@ -343,7 +343,7 @@ def _serve(pipe: Connection) -> None:
     logging.captureWarnings(True)
     logging.getLogger().addHandler(logging.NullHandler())
     Thread(target=_end_with_parent, daemon=True).start()
-    served = ServedFunctions()
+    served = WorkerState()
     with suppress(EOFError, ConnectionResetError, LostError):
         while True:
             answer = served.answer(pipe.recv_bytes())
@@ -351,7 +351,7 @@ def _serve(pipe: Connection) -> None:
                 pipe.send_bytes(answer)
 
 
-class ServedFunctions:
+class WorkerState:
     """The function of a work, and the values that came with it, in a worker."""
 
     def __init__(self) -> None:

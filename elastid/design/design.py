@@ -101,7 +101,7 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     plan, limit_use = within_limits(problem.rig(plan), excitation, execution)
     measurements, truth = completed.fit_measurements(plan), true_robot(problem.robot, problem.simulated.truth)
     friction = presliding(measurements, truth)
-    responses = _expected_response(completed, measurements, friction)
+    responses = _expected_responses(completed, measurements, friction)
     is_compensated = not completed.includes_friction and bool(coulomb_torques(completed.robot).any())
     expected = forecast(responses, responses[0].parameters.x, is_compensated)
     notes = (*sticking_notes(plan, truth, problem.simulated.carrier), *map(_presliding_note, friction), *expected.notes)
@@ -109,14 +109,14 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     return Design(plan, expected, limit_use)
 
 
-def _expected_response(
+def _expected_responses(
     problem: DesignProblem, measurements: Sequence[Measurement], friction: Sequence[Presliding]
 ) -> list[ExpectedResponse]:
     """Return responses with the tolerances of the robot's file and its gears, and with presliding friction."""
     robot, freq_hz = problem.robot, measurements[0][0].plan.freq_hz
     springs = {row.spring: (row.stiffness, row.rate) for row in friction}
-    within = with_tolerances(problem.parameters, robot, problem.fit)
-    parameters = with_relaxing_springs(within, springs, (2 * np.pi * freq_hz[0], 2 * np.pi * freq_hz[-1]))
+    tolerant = with_tolerances(problem.parameters, robot, problem.fit)
+    parameters = with_relaxing_springs(tolerant, springs, (2 * np.pi * freq_hz[0], 2 * np.pi * freq_hz[-1]))
     responses = []
     for prospect, configuration in measurements:
         _, _, travel = prospect.reversals(configuration, problem.parameters.x)

@@ -372,7 +372,7 @@ def _planned_motion(
     if spec.warm_up is not None:
         warm_up, tests, end_s = warm_up_of(spec.warm_up, axis, design, postures[0], end_s)
         motions, warm_ups = (*motions, *tests), (warm_up,)
-    return FrictionPlan(spec.rate_hz, motions, (design,), end_s, warm_ups, (_known_friction(axis, design),))
+    return FrictionPlan(spec.rate_hz, motions, (design,), end_s, warm_ups, (_runs_note(axis, design),))
 
 
 def _posture(experiment: ExperimentSpec, robot: Robot, name: str | None) -> Configuration:
@@ -400,7 +400,7 @@ def _speeds(passes: ConstantVelocitySpec, axis: Axis) -> tuple[FloatArray, Float
     return np.geomspace(lowest, highest, passes.count), np.ones(passes.count), math.nan
 
 
-def _known_friction(axis: Axis, design: JointPassDesign) -> str:
+def _runs_note(axis: Axis, design: JointPassDesign) -> str:
     source = "the robot's file" if axis.guess.is_from_file else "common gears"
     certificate = "" if np.isnan(design.efficiency) else f", {design.efficiency:.0%} of the best information"
     return (

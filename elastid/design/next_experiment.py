@@ -72,7 +72,7 @@ def read_goal(texts: Sequence[str], names: Sequence[str]) -> Goal:
     widths: dict[str, float] = {}
     for text in (part.strip() for argument in texts for part in argument.split(",")):
         pattern, _, width = (part.strip() for part in text.partition(":"))
-        if not pattern or not 0 < (fraction := _fraction(width)) < 1:
+        if not pattern or not 0 < (fraction := _parse_width(width)) < 1:
             raise StudyError(
                 "design/goal",
                 f"--goal '{text}' is invalid. Give parameters and half-widths of their intervals between 0 and 100 % "
@@ -83,7 +83,7 @@ def read_goal(texts: Sequence[str], names: Sequence[str]) -> Goal:
     return Goal({name: widths[name] for name in names if name in widths})
 
 
-def _fraction(width: str) -> float:
+def _parse_width(width: str) -> float:
     try:
         return to_si(width, "1") if width.endswith("%") else math.nan
     except ValueError:

@@ -311,9 +311,9 @@ def relinearise(
             return _nearest_equilibrium(assembly, end, criterion, error)
         if len(c):
             with_bias = current.with_modelled_bias(fit, end.x)
-            following = next_factors(with_bias.unbiased(c).as_linearised(fit, current), with_bias.responses, end.x, c)
-            history = [*history[-1:], (c, following)]
-            c = accelerate(*history) if i > 1 and len(history) == 2 else following
+            next_c = next_factors(with_bias.unbiased(c).as_linearised(fit, current), with_bias.responses, end.x, c)
+            history = [*history[-1:], (c, next_c)]
+            c = accelerate(*history) if i > 1 and len(history) == 2 else next_c
             current, fit = with_bias, with_bias.unbiased(c).as_linearised(fit, current)
         tolerance = NEAR_ENOUGH if is_far_from_noise(end.cost, fit.problem.dof) else FINE
         precise = replace(fit.problem, evaluate=fit.evaluate)

@@ -319,7 +319,7 @@ def free_nuisance_parameters(
     best = None
     for begin in begins[:ATTEMPTS]:
         try:
-            end, dof = _without_cache(nuisance, begin)
+            end, dof = _settle_start(nuisance, begin)
         except (StudyError, FitError):  # no robot stands on the way
             continue
         best = end if best is None or end.cost < best.cost else best
@@ -328,7 +328,7 @@ def free_nuisance_parameters(
     return (assembly, starts) if best is None else (nuisance, (best, *ends[1:]))
 
 
-def _without_cache(assembly: Assembly, begin: LocalOptimum) -> tuple[LocalOptimum, int]:
+def _settle_start(assembly: Assembly, begin: LocalOptimum) -> tuple[LocalOptimum, int]:
     """Return the optimum near the end of a start, and its degrees of freedom.
 
     Products such as m c^2 change little within tolerances: a round for each linearisation, not one at every x.

@@ -42,7 +42,7 @@ STIFFNESS_STD, TIME_STD = 3.0, 1.5
 RATE_BOUNDS, N_RATES = (1e-3, 2.4), 4
 # Start value of a stiffness relative to the median of torque over angle: lower bound; value without a linear step.
 FIRST_FRACTIONS = (1e-3, 0.1)
-MIN_P_VALUE = 0.1  # probability of V by noise alone, below which springs are tested
+MAX_P_VALUE = 0.1  # probability of V by noise alone, below which springs are tested
 MAX_STD = 0.8  # largest std of ln(stiffness) of an identified spring
 PREDICTED_FRACTION = 0.5  # least drop of V by a linear step, relative to a significant drop
 START_FRACTION = 0.6  # least drop by a linear step at a start rate, relative to the largest, for a solve from this rate
@@ -57,7 +57,7 @@ def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
     the tool and load tests, if the noise is unknown, and if another cause has better odds.
     """
     assembly, result, dof = evidence.assembly, evidence.result, max(evidence.result.cost_dof, 1.0)
-    is_large = result.cost > result.cost_expected * chi_square_limit(dof, MIN_P_VALUE) / dof
+    is_large = result.cost > result.cost_expected * chi_square_limit(dof, MAX_P_VALUE) / dof
     is_large |= any(note.code == UNEXPLAINED for note in notes_of(assembly.responses))
     joints = _joints(assembly, is_large or any(map(is_distorted_by_friction, assembly.responses)))
     is_explained = evidence.best.explained_fraction > LIMITS.complete_fraction and evidence.is_unexplained

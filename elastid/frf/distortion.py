@@ -45,7 +45,7 @@ from elastid.response import SYSTEMATIC_ERRORS, LineAmplitudes
 
 @dataclass(frozen=True)
 class DetectionLines:
-    """Levels at the even and at the odd detection lines; excess (K_odd, n_y, n_y): mean Y_c Y_c^H less its noise.
+    """Amplitudes at the even and at the odd detection lines; excess (K_odd, n_y, n_y): mean Y_c Y_c^H less its noise.
 
     odd_lines (K_odd,): DFT lines of excess; count: its experiments.
     """

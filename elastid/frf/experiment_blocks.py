@@ -262,10 +262,10 @@ def _mean(
     Third, the same periods at all lines; None for a large record.
     """
     if not spectra.is_large:
-        every = period_spectra(spectra, lines, spec.quantity, sums.scale)
-        selection = trusted(every.on(is_excited), spec)
-        every = every.only(np.searchsorted(every.periods, selection.periods))
-        return selection, add_periods(sums, [every], mean), every
+        all_lines = period_spectra(spectra, lines, spec.quantity, sums.scale)
+        selection = trusted(all_lines.on(is_excited), spec)
+        all_lines = all_lines.only(np.searchsorted(all_lines.periods, selection.periods))
+        return selection, add_periods(sums, [all_lines], mean), all_lines
     # Few lines show the periods that can be trusted; then all lines are added up, some periods at a time.
     values = spectra.record.n_repeats * sums.scale.shape[1]
     step = -(-int(is_excited.sum()) // max(20, _MAX_COMPARED_VALUES // values))

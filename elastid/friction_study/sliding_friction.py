@@ -55,7 +55,7 @@ from elastid.robot.friction_numbers import TERMS
 from elastid.robot.simplified import with_point_mass
 
 # Std of a number over it, from which on its combination with others is stated instead.
-WIDE = 0.1
+MAX_RELATIVE_STD = 0.1
 # Sweeps of the coupling of joints in a simulation, and the change of positions over their extent at which they end.
 MAX_SWEEPS, SWEEP_TOLERANCE = 20, 1e-4
 # Purposes of records of a joint that does not slide.
@@ -119,7 +119,7 @@ def _combination_notes(joint: Joint, fit: CommandedJoint, measured: FrictionReco
     for combination in identifiable_combinations(fit.values[last], fit.covariance[np.ix_(last, last)]):
         names = [last_names[i] for i in combination.members]
         relative = [float(std[i] / max(abs(fit.values[last][i]), 1e-300)) for i in combination.members]
-        if max(relative) < WIDE:
+        if max(relative) < MAX_RELATIVE_STD:
             continue
         pairs = list(zip(combination.weights, (terms[name].symbol for name in names), strict=True))
         rest = (f"{'-' if w < 0 else '+'} {abs(w):.2g} {symbol}" for w, symbol in pairs[1:])
@@ -169,13 +169,13 @@ def commanded_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> CommandedL
     position = np.stack([record.position for record in records], axis=1)
     load, inertia = rigid_loads(robot, records, position)
     kp, kd = np.array([record.gains for record in records]).T
-    kd, late = acting_gains(kp, kd, *np.array([record.feedback_delays_s for record in records]).T)
+    kd, delay_s = acting_gains(kp, kd, *np.array([record.feedback_delays_s for record in records]).T)
     pairs = zip(records, inertia.tolist(), strict=True)
     turns = [not c and turns_against_gravity(robot, joints[r.joint], r.configuration) for r, c in pairs]
     return CommandedLog(
         records[0].name, tuple(log), records[0].rate_hz, position,
         np.stack([record.command for record in records if record.command is not None], axis=1), kp, kd,
-        np.array([_first_velocity(record) for record in records]), np.array(turns), load, inertia, late,
+        np.array([_first_velocity(record) for record in records]), np.array(turns), load, inertia, delay_s,
         records[0].hold == "zero-order"
     )  # fmt: skip
 
@@ -200,8 +200,8 @@ def rigid_loads(robot: Robot, records: Sequence[FrictionRecord], position: Float
     # Columns of the mass matrix at some instants.
     sample, unit = states[0][:, :: max(1, n // 20)], np.zeros((len(robot.joints), 1))
     zeros, columns = np.zeros_like(sample), []
-    for place in indices:
-        unit[:], unit[place] = 0.0, 1.0
+    for index in indices:
+        unit[:], unit[index] = 0.0, 1.0
         columns.append(torque(sample, zeros, zeros + unit) - torque(sample, zeros, zeros))
     M = np.array(columns)  # (m, m, k)
     diagonal = np.mean(M[range(m), range(m)], axis=1)
@@ -216,15 +216,15 @@ def simulated_commands(
 ) -> FloatArray:
     """Return positions (n, m) of the joints of a log from its commands alone, by waveform relaxation of their coupling.
 
-    Each sweep takes the torque of the coupling from the positions of the sweep commands (Lelarasmee, Ruehli and
+    Each sweep takes the torque of the coupling from the positions of the sweep before (Lelarasmee, Ruehli and
     Sangiovanni-Vincentelli, IEEE Trans. CAD 1, 1982).
     """
     commanded, records = commanded_log(robot, log), list(log.values())
     positions = simulate_commanded(commanded, joints)
     for _ in range(MAX_SWEEPS if np.any(commanded.coupled_inertia) else 0):
-        commands, (load, inertia) = positions, rigid_loads(robot, records, positions)
+        last_positions, (load, inertia) = positions, rigid_loads(robot, records, positions)
         positions = simulate_commanded(replace(commanded, load=load, coupled_inertia=inertia), joints)
-        if np.max(np.abs(positions - commands)) < SWEEP_TOLERANCE * float(np.ptp(positions)):
+        if np.max(np.abs(positions - last_positions)) < SWEEP_TOLERANCE * float(np.ptp(positions)):
             break
     return positions
 
@@ -294,14 +294,14 @@ class JointMotion:
 def _motions(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> Mapping[str, JointMotion]:
     """Return the motions of each joint that has some; where it moved alone and with others, alone counts."""
     logs = motion_logs(measured)
-    evaluated = _joint_group_motion(robot, [log for log in logs if len(log) > 1])
+    motions = _joint_group_motion(robot, [log for log in logs if len(log) > 1])
     for joint in joints:
-        alone = [log[joint.name] for log in logs if len(log) == 1 and joint.name in log]
-        if alone:
-            evaluated[joint.name] = _single_joint_motion(robot, joint, alone)
+        records_alone = [log[joint.name] for log in logs if len(log) == 1 and joint.name in log]
+        if records_alone:
+            motions[joint.name] = _single_joint_motion(robot, joint, records_alone)
         elif run_downs := measured.of(joint.name, "coast_down"):
-            evaluated[joint.name] = _coasting(robot, joint, run_downs)
-    return evaluated
+            motions[joint.name] = _coasting(robot, joint, run_downs)
+    return motions
 
 
 def motion_logs(measured: FrictionRecords, purpose: Purpose = "motion") -> list[dict[str, FrictionRecord]]:
@@ -352,9 +352,9 @@ def _joint_group_motion(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord
         for log, motions in zip(members, robot_logs, strict=True):
             measured = {joint: record.torque for joint, record in log.items()}
             check_torques(robot, measured, torques_in_file(robot, motions), next(iter(log.values())).place)
-        friction, alone = regress_robot_motion(robot, robot_logs)
+        friction, rigid_motions = regress_robot_motion(robot, robot_logs)
         for joint in joints:
-            pairs = zip(members, alone, strict=True)
+            pairs = zip(members, rigid_motions, strict=True)
             records = [replace(log[joint], torque=rigid[joint].motion.torque) for log, rigid in pairs]
             passes = [part for record in records for part in detect_passes(record, has_gravity=False)]
             evaluated[joint] = JointMotion(friction[joint], _sufficient_runs(passes), friction[joint].notes)
@@ -378,13 +378,13 @@ def motion_log(robot: Robot, log: Mapping[str, FrictionRecord], passband_hz: flo
 
 
 def _motion(record: FrictionRecord, against_gravity: bool, turn: float = 0.0) -> Motion:
-    place, degc = f"joint {record.joint}", record.temperature
-    measured = np.zeros(0, bool) if degc is None else np.isfinite(degc)
-    if degc is not None and measured.any():
-        degc = np.interp(np.arange(len(degc)), np.flatnonzero(measured), degc[measured])
+    location, degc = f"joint {record.joint}", record.temperature
+    is_measured = np.zeros(0, bool) if degc is None else np.isfinite(degc)
+    if degc is not None and is_measured.any():
+        degc = np.interp(np.arange(len(degc)), np.flatnonzero(is_measured), degc[is_measured])
     return Motion(
-        place, record.rate_hz, record.position, record.torque, record.slides, against_gravity, turn,
-        record.load_torque, degc if measured.any() else None, record.torque_delay_s
+        location, record.rate_hz, record.position, record.torque, record.slides, against_gravity, turn,
+        record.load_torque, degc if is_measured.any() else None, record.torque_delay_s
     )  # fmt: skip
 
 

@@ -107,7 +107,7 @@ def differentiate_point(
     return PointDerivatives(model, ca.Function("partial", [q, lambda_, theta], list(map(ca.densify, slopes))))
 
 
-def _measured_row(
+def _output_slopes(
     model: ElasticModel, q: FloatArray, theta: FloatArray, outputs: tuple[str, ...], dq: FloatArray
 ) -> dict[str, FloatArray]:
     """Return slopes of C and T (n_theta, n_y, n_q) of the outputs; none for motors and joints."""
@@ -212,7 +212,7 @@ class Linearisation:
         of_theta, dZ = {}, None
         if self.point is not None:
             dq, of_point, dZ = self.point.at(point, theta, K, Z)
-            slopes, of_theta = slopes + of_point, _measured_row(model, point.q, theta, tuple(outputs), dq)
+            slopes, of_theta = slopes + of_point, _output_slopes(model, point.q, theta, tuple(outputs), dq)
         triangles_of_theta = slopes.T.reshape(len(model.parameters), 3, -1).swapaxes(0, 1)
         of_theta |= dict(zip("MDK", triangles_of_theta[:, :, _scatter_indices(model.n_q)], strict=True))
         absent = () if configuration.has_payload else model.of_payload

@@ -220,7 +220,7 @@ def usable(response: Response, band_hz: tuple[float, float] | None) -> Response:
     is_usable = response.freq_hz > 0
     if band_hz is not None:
         is_usable &= (response.freq_hz >= band_hz[0]) & (response.freq_hz <= band_hz[1])
-    mask = is_usable & _reached_lines(response)
+    mask = is_usable & _measurable_lines(response)
     if np.sum(mask) < LIMITS.lines:
         where = "" if band_hz is None else f" from {band_hz[0]:g} to {band_hz[1]:g} Hz"
         raise DataError(
@@ -243,7 +243,7 @@ def _refuse_overload(response: Response) -> None:
         )
 
 
-def _reached_lines(response: Response) -> BoolArray:
+def _measurable_lines(response: Response) -> BoolArray:
     """Return flags (F,) of lines with force and coherence."""
     from scipy.ndimage import median_filter
 

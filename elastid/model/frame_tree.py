@@ -85,7 +85,7 @@ def tree(robot: Robot, theta: Mapping[str, ca.SX] = NUMBERS) -> Tree:
     for body in robot.all_bodies:
         seat = seats[body.parent].placed(body.placement.rotation, located(f"p_{body.name}", body.placement.xyz, theta))
         for joint in body.joints:
-            axis, align = _rotation_between(joint)
+            axis, align = _axis_and_rotation(joint)
             point = located(f"pj_{joint.name}", joint.point, theta)
             at_point = seat.placed(align, point)
             zero = theta.get(f"zero_{joint.name}", joint.zero)
@@ -105,7 +105,7 @@ def located(name: str, xyz: Sequence[float], theta: Mapping[str, ca.SX]) -> Poin
     return ca.vertcat(*(theta.get(name, number) for name, number in zip(names, xyz, strict=True)))
 
 
-def _rotation_between(joint: Joint) -> tuple[int, FloatArray]:
+def _axis_and_rotation(joint: Joint) -> tuple[int, FloatArray]:
     """Return the coordinate axis of the motion, and the constant rotation from it to the joint's axis."""
     direction = unit_axis(joint.axis)
     largest = int(np.argmax(np.abs(direction)))

@@ -206,19 +206,19 @@ def to_shafts(record: Record, E: FloatArray | None) -> Record:
         quantities = tuple(record.quantities[i] for i in other_outputs)
         sampled = tuple(record.sampled[i] for i in other_outputs) if record.sampled else ()
         return replace(record, y=record.y[:, other_outputs], outputs=outputs, quantities=quantities, sampled=sampled)
-    return _rotate_friction(record, columns, np.asarray(np.linalg.inv(E)), E.T)
+    return _transform_record(record, columns, np.asarray(np.linalg.inv(E)), E.T)
 
 
 def to_links(record: Record, E: FloatArray | None) -> Record:
     """Return the inverse of `to_shafts`, for records of all motors."""
     if E is None:
         return record
-    return _rotate_friction(
+    return _transform_record(
         record, [record.outputs.index(place) for place in record.inputs], E, np.asarray(np.linalg.inv(E).T)
     )
 
 
-def _rotate_friction(
+def _transform_record(
     record: Record, columns: list[int], torque_matrix: FloatArray, motion_matrix: FloatArray
 ) -> Record:
     y = record.y.copy()

@@ -55,7 +55,7 @@ _VALID_STATUSES = ("converged", "noise_unknown", "at_bound", "misfit")
 HIDDEN, COUNT = 0.1, 0.025
 # Names of modification indices that make a channel late.
 _LATE = ("delay", "low_pass", "hold", "torque_lag", "sensor_lag")
-LINEAR_FIT = "stiffness, damping and friction stay those of the linear fit"
+FALLBACK = "stiffness, damping and friction stay those of the linear fit"
 
 
 def identify_gears(
@@ -82,7 +82,7 @@ def identify_gears(
     elastic = elastic_joints(linearisation)
     if not elastic:
         no_spring = "has a spring in its gear, by which its effects would be found; give joints a spring"
-        return replace(nothing, refused=f"no driven joint of robot {robot.name} {no_spring}; {LINEAR_FIT}")
+        return replace(nothing, refused=f"no driven joint of robot {robot.name} {no_spring}; {FALLBACK}")
     try:
         lines = execution.quiet.ordered(partial(gather_lines, spec=spec, planned=planned), measured)
         linear = GearData(lines, responses, linearisation)
@@ -91,7 +91,7 @@ def identify_gears(
             return replace(nothing, refused=reason)
         data = replace(linear, lines=[without_arm(*pair, robot) for pair in zip(lines, drives, strict=True)])
     except (DataError, StudyError) as error:
-        return replace(nothing, refused=f"{error}; {LINEAR_FIT}")
+        return replace(nothing, refused=f"{error}; {FALLBACK}")
     execution.progress(0, 3)
     estimate = choose_effects(data, result.parameters, result.x, gears.orders)
     execution.progress(2, 3)  # the search takes about two thirds of the time
@@ -121,7 +121,7 @@ def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str
     if len(np.unique(np.concatenate([lines.realisation for lines in data.lines]))) < 2:
         return (
             "the records are of one realisation, and an effect is taken where it predicts those that it was not fitted "
-            f"to; measure two or more realisations; {LINEAR_FIT}"
+            f"to; measure two or more realisations; {FALLBACK}"
         )
     lag = next(
         (index for index in result.indices if index.name.startswith(_LATE) and index.explained_fraction > 0.5), None
@@ -132,7 +132,7 @@ def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str
         return (
             f"the fit finds {lag.name} ({100 * lag.explained_fraction:.0f} % of the excess of V): the logged torque "
             "differs from the acting one, and effects of gears would follow; give the robot's chain its torque_lag, "
-            f"or free the delay; {LINEAR_FIT}"
+            f"or free the delay; {FALLBACK}"
         )
     ratios = {lines.configuration.name: difference(lines) for lines in data.lines}
     if moving := [name for name, ratio in ratios.items() if ratio > HIDDEN]:
@@ -140,7 +140,7 @@ def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str
             f"the records of {', '.join(moving)} are not settled, or disturbed: their periods differ by up to "
             f"{100 * max(ratios.values()):.2g} % of the motion, and effects of gears are found between the excited "
             "lines, where a transient lies, too; measure more periods and leave the first out "
-            f"(estimator.transient_periods); {LINEAR_FIT}"
+            f"(estimator.transient_periods); {FALLBACK}"
         )
     first = min(float(modes(drive.model, drive.theta).freq_hz.min(initial=np.inf)) for drive in drives)
     highest = max(float(lines.freq_hz[lines.excited].max()) for lines in data.lines)
@@ -148,11 +148,11 @@ def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str
         return (
             f"the first mode, {first:.3g} Hz, lies above the highest excited line, {highest:.3g} Hz: motors and links "
             "move as one, so that nothing behind a gear is distinguished from the same before it; excite higher lines; "
-            f"{LINEAR_FIT}"
+            f"{FALLBACK}"
         )
     coarse = coarse_encoders(data.lines, drives)
     if coarse and len(coarse) == sum(bool(row.any()) for row in drives[0].places["gear"]):
-        return f"{coarse[0]}; {LINEAR_FIT}"
+        return f"{coarse[0]}; {FALLBACK}"
     return ""
 
 

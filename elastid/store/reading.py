@@ -169,7 +169,7 @@ def _content_lines(group: Any, depth: int) -> Iterator[str]:
             yield f"{indent}{name}/"
             yield from _content_lines(item, depth + 1)
         elif name != "study":
-            yield f"{indent}{name} {_axes(item)}{_in_words(item)}{_format_values(item)}"
+            yield f"{indent}{name} {_axes(item)}{_label_text(item)}{_format_values(item)}"
 
 
 def _axes(dataset: Any) -> str:
@@ -183,7 +183,7 @@ def _axes(dataset: Any) -> str:
     return "(" + ", ".join(f"{word} {n}".strip() for word, n in zip(axis_names, dataset.shape, strict=True)) + ")"
 
 
-def _in_words(dataset: Any) -> str:
+def _label_text(dataset: Any) -> str:
     units, long_name = dataset.attrs.get("units"), dataset.attrs.get("long_name", "")
     return (f": {long_name}" if long_name else "") + (f" [{units}]" if units else "")
 

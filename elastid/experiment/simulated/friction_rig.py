@@ -247,9 +247,9 @@ class SimulatedFrictionRig:
         time_s, T, power = heat_of(self.plan, true_robot(self.robot, self.simulated.truth), spec, warm_up.joint)
         tests = [test.start_s for test in self.plan.motions if test.joint == warm_up.joint and test.is_warm_up]
         end_s = max(warm_up.start_s + warm_up.time_s, *tests)
-        indices = np.flatnonzero((time_s > warm_up.start_s - 1e-6) & (time_s < end_s + 1e-6))
+        samples = np.flatnonzero((time_s > warm_up.start_s - 1e-6) & (time_s < end_s + 1e-6))
         joint = self.robot.driven_names.index(warm_up.joint)
         rng = np.random.default_rng(np.random.SeedSequence((self.seed, joint, 2)))
         std = np.nan if spec.thermometer_std is None else spec.thermometer_std
-        signals = time_s[indices], power[indices[:-1]], T[indices] + std * rng.standard_normal(len(indices))
-        return WarmUpLog(warm_up.joint, *signals, spec.thermometer_std or 0.0, spec.ambient, float(T[indices[0]]))
+        signals = time_s[samples], power[samples[:-1]], T[samples] + std * rng.standard_normal(len(samples))
+        return WarmUpLog(warm_up.joint, *signals, spec.thermometer_std or 0.0, spec.ambient, float(T[samples[0]]))

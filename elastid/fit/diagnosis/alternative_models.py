@@ -204,16 +204,16 @@ def _centre(scores: Scores, body: str) -> FloatArray:
 
 
 def _carrying(
-    evidence: Evidence, body: str, mass: float, index: FloatArray
+    evidence: Evidence, body: str, mass: float, centre: FloatArray
 ) -> tuple[float, FloatArray, FloatArray] | None:
     """Fit the mass (kg) and the position (m) of a load on a body. Return V, the load (4,) and x (n_x,)."""
     study = evidence.assembly
     inertia, names = mass * LIMITS.load_radius**2, tuple(f"c_payload_{axis}" for axis in "xyz")
-    robot = replace(study.linearisation.model.robot, payload=Payload(mass, tuple(index.tolist()), inertia, body))
+    robot = replace(study.linearisation.model.robot, payload=Payload(mass, tuple(centre.tolist()), inertia, body))
     numbers = (
         Parameter("m_payload", mass, "kg", log=True, prior=Prior(mass, LIMITS.load_std)),
         *(Parameter(n, float(v), "m", prior=Prior(float(v), LIMITS.load_std))
-          for n, v in zip(names, index, strict=True)),
+          for n, v in zip(names, centre, strict=True)),
         Parameter("I_payload", inertia, "kg*m^2", log=True, prior=Prior(inertia, LIMITS.load_std)),
     )  # fmt: skip
     file, estimates = study.parameters, named(study.parameters.free_names, evidence.result.x)

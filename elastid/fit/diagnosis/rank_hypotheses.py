@@ -174,8 +174,8 @@ def candidates(numbers: Sequence[FixedNumber], robot: Robot, hypotheses: Sequenc
     A torque constant that is wrong in every drive is one error and not six: gain_u_* is a factor of all of them.  A
     payload changes mass, centre and inertia of a body; the angle of an axis may be off in every posture.
     """
-    index = {number.name: i for i, number in enumerate(numbers)}
-    parts = {name for name in index for prefix in ("m_", "c_", "I_") if name.startswith(prefix) and "@" in name}
+    index_of = {number.name: i for i, number in enumerate(numbers)}
+    parts = {name for name in index_of for prefix in ("m_", "c_", "I_") if name.startswith(prefix) and "@" in name}
     options = [
         Candidate(n.name, n.family, np.array([i]), np.eye(1)) for i, n in enumerate(numbers) if n.name not in parts
     ]
@@ -185,20 +185,20 @@ def candidates(numbers: Sequence[FixedNumber], robot: Robot, hypotheses: Sequenc
             options.append(Candidate(name, numbers[members[0]].family, np.array(members), np.ones((len(members), 1))))
 
     for prefix in (prefix for h in hypotheses if h.is_common for prefix in h.numbers):
-        add_common(f"{prefix}_*", [i for name, i in index.items() if name.startswith(f"{prefix}_")])
+        add_common(f"{prefix}_*", [i for name, i in index_of.items() if name.startswith(f"{prefix}_")])
     for body in robot.bodies:
         moments = [f"I_{body.name}_{axis}" for axis in ("xx", "yy", "zz")]
-        if f"I_{body.name}" not in index:
-            add_common(f"I_{body.name}_*", [index[name] for name in moments if name in index])
-    for name, family, members in _common_causes(robot, index):
-        together = [index[member] for member in members if member in index]
+        if f"I_{body.name}" not in index_of:
+            add_common(f"I_{body.name}_*", [index_of[name] for name in moments if name in index_of])
+    for name, family, members in _common_causes(robot, index_of):
+        together = [index_of[member] for member in members if member in index_of]
         if len(together) > 1:
             options.append(Candidate(name, family, np.array(together), np.eye(len(together))))
     return options
 
 
-def _common_causes(robot: Robot, index: dict[str, int]) -> Iterator[tuple[str, str, list[str]]]:
-    postures = sorted({name.partition("@")[2] for name in index if "@" in name})
+def _common_causes(robot: Robot, index_of: dict[str, int]) -> Iterator[tuple[str, str, list[str]]]:
+    postures = sorted({name.partition("@")[2] for name in index_of if "@" in name})
     for body in robot.bodies:
         yield f"payload_{body.name}", "payload", inertial(body)
         for posture in postures:

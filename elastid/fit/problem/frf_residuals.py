@@ -214,8 +214,8 @@ class ElasticFit:
     def evaluate(self, x: FloatArray, precision: type[np.floating[Any]] = np.float64) -> Evaluation:
         """Return V, its gradient and 2 J^T J at x (n_x,); V is infinite where the model has no response."""
         try:
-            every = self.home.at_home(partial(Chunk.sums, x=x, precision=precision), self.chunks)
-            V, g, A = (sum(terms) for terms in zip(*every, strict=True))  # in the order of the chunks
+            chunk_sums = self.home.at_home(partial(Chunk.sums, x=x, precision=precision), self.chunks)
+            V, g, A = (sum(terms) for terms in zip(*chunk_sums, strict=True))  # in the order of the chunks
             r, J = self.static(x)
         except np.linalg.LinAlgError:
             return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
@@ -329,8 +329,8 @@ def at_measured_places(model: LinearModel, response: Response | LinearModel) -> 
             raise DataError("fit/responses", text, f"configuration {response.configuration.name}")
     if loads and model.inputs != response.inputs:
         model = acted_on(model, Ports.at_frames(model, response.inputs), response.motors, response.loop)
-    acting = response.controller.motors if response.controller is not None and is_closed else response.inputs
-    B = model.B if model.controller is not None else model.B[:, [model.inputs.index(name) for name in acting]]
+    acting_motors = response.controller.motors if response.controller is not None and is_closed else response.inputs
+    B = model.B if model.controller is not None else model.B[:, [model.inputs.index(name) for name in acting_motors]]
     model, loop = model.with_outputs([model.outputs.index(name) for name in response.outputs]), response.controller
     return replace(model, B=B, inputs=response.inputs, hold=response.hold, controller=loop)
 

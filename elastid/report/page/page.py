@@ -80,7 +80,7 @@ def robot_sketch(robot: Robot, drawing: ModeDrawing, rows: Sequence[ParameterRow
     return Markup(f'<svg class="robot" role="img" aria-label="{title}" {box}>{"".join(parts)}</svg>')
 
 
-def _status_class(names: Sequence[str], rows: Iterable[ParameterRow]) -> int | None:
+def _widest_class(names: Sequence[str], rows: Iterable[ParameterRow]) -> int | None:
     """Index of WIDTH_WORDS of the widest interval of stiffness and damping at these joints; None without one."""
     terms = {f"{kind}_{name}" for name in names for kind in "kd"}
     return max((run_summary.width_class(row) for row in rows if row.name in terms), default=None)
@@ -88,7 +88,7 @@ def _status_class(names: Sequence[str], rows: Iterable[ParameterRow]) -> int | N
 
 def _joint(point: FloatArray, names: Sequence[str], rows: Mapping[str, ParameterRow]) -> str:
     terms = [rows[f"{kind}_{name}"] for name in names for kind in ("k", "d", "fm") if f"{kind}_{name}" in rows]
-    place = _status_class(names, rows.values())
+    place = _widest_class(names, rows.values())
     widths = (
         ", ".join(f"{row.name} ±{percent(run_summary.half_width(row))}" for row in terms) or "nothing identified here"
     )
@@ -123,7 +123,7 @@ def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapp
     robot = content.robot if drawing is not None else None
     classes: list[int | None] = [run_summary.width_class(row) for row in rows]
     if robot is not None:
-        classes = [_status_class(names, rows) for names in joint_groups(robot)]
+        classes = [_widest_class(names, rows) for names in joint_groups(robot)]
     return {
         "sentence": run_summary.verdict_sentence(content.result, rows, content.agreements),
         "numbers_answer": run_summary.numbers_answer(content.result, rows, content.gears),
@@ -276,13 +276,13 @@ def _environment() -> Environment:
     environment.trim_blocks = environment.lstrip_blocks = True
     environment.filters |= {
         "number": number, "digits": digits, "percent": percent, "interval_of": interval_of, "grouped": grouped,
-        "friction_rows": friction_rows, "coded": _base64_png, "gear_table": gear_table, "gear_line": gear_line,
+        "friction_rows": friction_rows, "coded": _code_markup, "gear_table": gear_table, "gear_line": gear_line,
         "seen_words": seen_words,
     }  # fmt: skip
     return environment
 
 
-def _base64_png(sentence: str) -> Markup:
+def _code_markup(sentence: str) -> Markup:
     parts = [escape(part) for part in sentence.split("`")]
     return Markup("").join(Markup("<code>{}</code>").format(part) if i % 2 else part for i, part in enumerate(parts))
 
