@@ -29,7 +29,7 @@ from elastid.logs.repair.clock_drift import (
     delay_by_torque,
 )
 from elastid.logs.repair.masks import samples_before_motion
-from elastid.logs.repair.missing import fill_missing, resampled_with_gaps
+from elastid.logs.repair.missing import fill_gaps, resampled_with_gaps
 from elastid.logs.repair.periodicity import check_complete, period_samples, round_samples
 from elastid.logs.repair.resampling import PASSBAND, at_times
 from elastid.logs.repair.time_stamps import sampling_times, to_rate
@@ -275,7 +275,7 @@ def _at_rate(group: _Group, rate_hz: float, period_s: float | None, experiment: 
         signals = resampled_with_gaps(signals, times, 1 / ratio, log)
     else:
         period = period_samples_of_channel(period_s, group.rate_hz, experiment.recorded, experiment.file)
-        complete = signals if np.isfinite(signals).all() else fill_missing(signals, round(period), 1, log)
+        complete = signals if np.isfinite(signals).all() else fill_gaps(signals, round(period), 1, log)
         signals = at_times(complete, times, period, 1 / ratio)
     return replace(group, rate_hz=rate_hz, signals=signals, rows=None)
 

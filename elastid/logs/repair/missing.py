@@ -37,7 +37,7 @@ REPLACED = "interpolated from other periods and adjacent samples"
 INTERPOLATED = "missing samples interpolated"
 
 
-def fill_missing(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
+def fill_gaps(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
     """Interpolate the missing samples (NaN) of the whole repetitions of signals (n, c).
 
     A repetition that lacks more than a tenth of a channel, or whose gap no interpolation predicts to within its noise,
@@ -156,7 +156,7 @@ def repair(
     on_clock = with_gaps if clock is stack else _with_missing(clock, signals.shape[1])
     check(on_clock[:, drivers])
     repeating = replace(log, names=log.names[: sum(map(len, roles.values()))])
-    full = fill_missing(without_spikes(on_clock, L, sign, repeating), L, sign, log)
+    full = fill_gaps(without_spikes(on_clock, L, sign, repeating), L, sign, log)
     as_logged = full if clock is stack else _bridge(complete)
     report_clipping(as_logged, L, repeating)
     report_steps(as_logged, L, sign, repeating)
