@@ -287,7 +287,7 @@ class Record:
     def output_units(self) -> tuple[str, ...]:
         """The unit of each output."""
         pairs = zip(self.quantities, self.outputs, strict=True)
-        return tuple(motion_unit(quantity, place in self.sliding) for quantity, place in pairs)
+        return tuple(motion_unit(quantity, location in self.sliding) for quantity, location in pairs)
 
     @property
     def units_of_inputs(self) -> tuple[str, ...]:

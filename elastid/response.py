@@ -285,10 +285,10 @@ class Response(KeptOnce):
         if np.shape(keep) != (self.n_lines,):
             raise ValueError(f"keep has shape {np.shape(keep)}; the response has {self.n_lines} lines")
 
-        given = {name: part for name, part in vars(self).items() if part is not None}
+        given = {name: value for name, value in vars(self).items() if value is not None}
         arrays = {name: given[name][keep] for name in ("freq_hz", "G", "leakage") if name in given}
-        parts = {name: given[name].lines(keep) for name in ("noise", "total", "quality") if name in given}
-        return replace(self, **arrays, **parts, bias=None if self.bias is None else self.bias[:, :, keep])
+        selected = {name: given[name].lines(keep) for name in ("noise", "total", "quality") if name in given}
+        return replace(self, **arrays, **selected, bias=None if self.bias is None else self.bias[:, :, keep])
 
     def __getitem__(self, locations: tuple[str | Sequence[str], str | Sequence[str]]) -> "Response":
         """The response of some outputs to some inputs: response["motor 1", "motor 2"], outputs first, with covariance.
@@ -302,9 +302,9 @@ class Response(KeptOnce):
         columns = [index_of(location, self.inputs, "input") for location in inputs]
 
         uncertainties = {"noise": self.noise, "total": self.total}
-        part: dict[str, Any] = {n: c.elements(rows, columns) for n, c in uncertainties.items() if c is not None}
+        selected: dict[str, Any] = {n: c.elements(rows, columns) for n, c in uncertainties.items() if c is not None}
         return replace(
-            self, **part, G=self.G[:, rows][:, :, columns], inputs=inputs, outputs=outputs,
+            self, **selected, G=self.G[:, rows][:, :, columns], inputs=inputs, outputs=outputs,
             input_units=tuple(self.input_units[j] for j in columns) if self.input_units else (),
             leakage=None if self.leakage is None else self.leakage[:, rows][:, :, columns], quality=None, bias=None,
             image_errors=0, ratio_std=self.ratio_std[columns] if len(self.ratio_std) else self.ratio_std,

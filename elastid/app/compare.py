@@ -162,8 +162,8 @@ def _weighed_as(study: Study, variant: Study) -> FitSpec:
 
 def refit_all(run: Run, models: Sequence[ComparedVariant], responses: Responses) -> list[list[Refit]]:
     """Fit each model to all responses and without each fold; missing fits run in several processes."""
-    parts = ((), *divide(responses.names, run.study.compare.folds))
-    tasks = [(variant, part) for variant in models for part in parts]
+    folds = ((), *divide(responses.names, run.study.compare.folds))
+    tasks = [(variant, fold) for variant in models for fold in folds]
     checkpoint = Checkpoint(path_below(run.folder, PARTIAL), run.stamps["estimate"].code)
     # Of everything that a fit depends on except the code.
     keys = [f"refit-{hash_of([task, run.stamps['estimate'].inputs])[:24]}" for task in tasks]
@@ -171,7 +171,7 @@ def refit_all(run: Run, models: Sequence[ComparedVariant], responses: Responses)
         run.console.say(f"compare: resumed, {n_finished} of {len(tasks)} fits kept")
     with run.console.progress("compare") as progress:
         results = Execution(run.jobs, progress, checkpoint).resumed(partial(refit, responses), tasks, keys)
-    n = len(parts)
+    n = len(folds)
     return [results[i * n : (i + 1) * n] for i in range(len(models))]
 
 

@@ -166,13 +166,13 @@ class _Fit(_Responses):
         return {label: with_findings(m.robot, self.friction, self.gears) for label, m in self.linear.items()}
 
     def robot_file(self) -> Values:
-        parts = {label: (m.name, m.robot, self.friction, interval_lines(m)) for label, m in self.linear.items()}
-        return {label: robot_of_fit(*values, self.gears) for label, values in parts.items()}
+        contents = {label: (m.name, m.robot, self.friction, interval_lines(m)) for label, m in self.linear.items()}
+        return {label: robot_of_fit(*values, self.gears) for label, values in contents.items()}
 
     def actuators(self) -> Values:
         robots, gains = self.robot(), _gains(self.run.study)
-        parts = {k: (m.name, robots[k], fit_intervals(m, self.friction)) for k, m in self.linear.items()}
-        return {label: actuators_of(*values, gains) for label, values in parts.items()}
+        contents = {k: (m.name, robots[k], fit_intervals(m, self.friction)) for k, m in self.linear.items()}
+        return {label: actuators_of(*values, gains) for label, values in contents.items()}
 
     def draws(self) -> Values:
         run, result, samples = self.run, self.result, {}

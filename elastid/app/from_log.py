@@ -127,8 +127,8 @@ def _torque_study_lines(
     if hits and not is_universal_file(logs[0]):
         yield "# modal: {geometry: {points: {p1: [0, 0, 0]}, motion: {p1: [p1, z]}}} # to animate the shapes"
     elif guess.is_hit and len(logs) > 1 and not hits:
-        place = guess.joints[0].torque.place
-        yield f"      # hit at another point: {{..., at: {{{place}: point 2}}, experiment: 1}}"
+        location = guess.joints[0].torque.place
+        yield f"      # hit at another point: {{..., at: {{{location}: point 2}}, experiment: 1}}"
     yield from _FIT if robot is not None else ()
     if "none" in period[0] or len(guess.joints) > 1:  # means of periods need as many experiments as inputs
         yield "estimator: {method: auto} # selects a method that fits logs without a period, or fewer logs than inputs"

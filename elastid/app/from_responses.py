@@ -161,23 +161,23 @@ def _text_table(log: TextLog) -> _Table | None:
     for words in _PAIRS if frequency else ():
         patterns = [rf"(?<![a-z])({'|'.join(side)})(?![a-z])" for side in words]
         first, second = ([h for h in log.headings if re.search(p, h, re.IGNORECASE)] for p in patterns)
-        places, second_places = ([tuple(re.findall(r"\d+", name)[-2:]) for name in side] for side in (first, second))
-        rows, columns = ([*dict.fromkeys(place[i] for place in places if len(place) == 2)] or ["1"] for i in (0, 1))
-        is_matrix = len(first) in (1, len(set(places))) and len(first) == len(rows) * len(columns)
-        if not first or not is_matrix or places != second_places:
+        numbers, second_numbers = ([tuple(re.findall(r"\d+", name)[-2:]) for name in side] for side in (first, second))
+        rows, columns = ([*dict.fromkeys(pair[i] for pair in numbers if len(pair) == 2)] or ["1"] for i in (0, 1))
+        is_matrix = len(first) in (1, len(set(numbers))) and len(first) == len(rows) * len(columns)
+        if not first or not is_matrix or numbers != second_numbers:
             continue
         labels = [re.sub(r"(\d+)(\D+)(\d+)(\D*)$", r"{y}\2{u}\4", name) for name in (first[0], second[0])]
         x, y = (log.columns([log.headings.index(name) for name in side]) for side in (first, second))
         is_polar = words is not _PAIRS[0]
         names = ("magnitude", "phase") if is_polar else ("real", "imaginary")
-        parts = dict(zip(names, map(quoted, labels), strict=True))
+        label_of = dict(zip(names, map(quoted, labels), strict=True))
         if is_polar:  # dB if any magnitude is negative, degrees if any phase is beyond pi
-            parts["magnitude_unit"] = "dB" if x.min() < 0 else quoted("1")
-            parts["phase_unit"] = "deg" if np.abs(y).max() > np.pi + 0.01 else "rad"
+            label_of["magnitude_unit"] = "dB" if x.min() < 0 else quoted("1")
+            label_of["phase_unit"] = "deg" if np.abs(y).max() > np.pi + 0.01 else "rad"
             x = 10 ** (x / 20) if x.min() < 0 else x
         G = (x if is_polar else x + 1j * y).astype(np.complex128)
         unit = "rad/s" if _RADIANS.fullmatch(frequency) else "Hz"
-        columns_text = mapping({"frequency": quoted(frequency)} | parts)
+        columns_text = mapping({"frequency": quoted(frequency)} | label_of)
         keys = {"columns": columns_text, "frequency_unit": f"{unit} # guessed by the name {frequency}"}
         outputs, inputs = (tuple(ChannelGuess("", int(n), "", "", 0, "") for n in side) for side in (rows, columns))
         freq = log.columns([log.headings.index(frequency)])[:, 0]

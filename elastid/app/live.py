@@ -280,7 +280,7 @@ class Session:
     def _size(self, run: Experiment) -> int:
         """Return the size of a run's log in bytes; -1 without a log."""
         path = self.log(run)
-        return -1 if path is None else sum(part.stat().st_size for part in (path, *path.rglob("*")))
+        return -1 if path is None else sum(file.stat().st_size for file in (path, *path.rglob("*")))
 
     def _fit(self, plans: Sequence[Plan], previous: Result | None) -> Result:
         loaded = load(self.write_study(plans), ("fit.profile=[]", "fit.bootstrap=0"))

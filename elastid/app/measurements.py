@@ -79,8 +79,8 @@ def hit_runs(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> lis
     headings = [headings_of(path, form) for path in logs]
     if len(set(headings)) > 1:
         drive = guess.joints[0].torque
-        places = {drive.name: hit_place(guess)} | {motion.name: motion.place for motion in guess.motions}
-        columns = [(location, headings[0].index(name)) for name, location in places.items()]
+        locations = {drive.name: hit_place(guess)} | {motion.name: motion.place for motion in guess.motions}
+        columns = [(location, headings[0].index(name)) for name, location in locations.items()]
         by_log = [{location: guess_by_name(row[i], None).place for location, i in columns} for row in headings]
         by_log = [{location: name for location, name in at.items() if name != location} for at in by_log]
     elif not (by_log := _by_names(logs, guess)):
@@ -98,8 +98,8 @@ def headings_of(path: Path, form: TextFormatSpec) -> tuple[str, ...]:
 
 def hit_place(guess: LogGuess) -> str:
     """Return the location of the input, with a name that no output has."""
-    place = guess.joints[0].torque.place
-    return "hammer" if place in {motion.place for motion in guess.motions} else place
+    location = guess.joints[0].torque.place
+    return "hammer" if location in {motion.place for motion in guess.motions} else location
 
 
 def _by_names(logs: Sequence[Path], guess: LogGuess) -> list[dict[str, str]]:
@@ -114,7 +114,7 @@ def _by_names(logs: Sequence[Path], guess: LogGuess) -> list[dict[str, str]]:
         locations = {_POINT: [hit_place(guess)], _SENSOR: outputs}.get(kind, [])
         for at, (word, number, axis) in zip(result, column, strict=True):
             name = f"{word}{number} {axis}".strip()
-            at |= {place: f"{place} {name}" if len(locations) > 1 else name for place in locations}
+            at |= {location: f"{location} {name}" if len(locations) > 1 else name for location in locations}
     return result if any(result) else []
 
 

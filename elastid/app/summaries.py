@@ -135,9 +135,9 @@ def summary(
             for index in result.indices
         ],
         "assumed_rigid": [
-            section(part, "name stiffness detection_limit")
-            | {"changes": dict(zip(names[:n_of_interest], json_value(part.changes), strict=True))}
-            for part in result.assumed_rigid
+            section(rigid_part, "name stiffness detection_limit")
+            | {"changes": dict(zip(names[:n_of_interest], json_value(rigid_part.changes), strict=True))}
+            for rigid_part in result.assumed_rigid
         ],
         # Load tests in m, and responses at the tool, compared with the responses of the motors.
         "static_loads": result.static

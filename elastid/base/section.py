@@ -65,7 +65,7 @@ class Key:
         from pydantic_core import core_schema  # value types stay free of pydantic
 
         nested = core_schema.no_info_plain_validator_function(lambda value: validator(source).validate_python(value))
-        has_section = any(hasattr(part, "__pydantic_config__") for part in (source, *get_args(source)))
+        has_section = any(hasattr(argument, "__pydantic_config__") for argument in (source, *get_args(source)))
         schema = nested if has_section and _in_validator.get() else handler(source)
         return core_schema.no_info_after_validator_function(self.checked, schema)
 

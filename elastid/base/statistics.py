@@ -244,12 +244,12 @@ def mean_of_neighbours(values: Values, width: int = NEIGHBOURS) -> Values:
     return np.asarray((total[end] - total[first]) / (end - first).reshape(-1, *(1,) * (values.ndim - 1)))
 
 
-def interpolate(places: FloatArray | IntArray, lines: FloatArray | IntArray, values: Values) -> Values:
-    """Interpolate values (F, ...) at lines (F,) linearly to `places` (K,); extrapolate beyond."""
-    right = np.clip(np.searchsorted(lines, places), 1, len(lines) - 1)
-    part = (places - lines[right - 1]) / np.maximum(lines[right] - lines[right - 1], 1e-300)
-    part = part.reshape(-1, *(1,) * (values.ndim - 1))
-    return (1 - part) * values[right - 1] + part * values[right]
+def interpolate(x: FloatArray | IntArray, lines: FloatArray | IntArray, values: Values) -> Values:
+    """Interpolate values (F, ...) at lines (F,) linearly to `x` (K,); extrapolate beyond."""
+    right = np.clip(np.searchsorted(lines, x), 1, len(lines) - 1)
+    fraction = (x - lines[right - 1]) / np.maximum(lines[right] - lines[right - 1], 1e-300)
+    fraction = fraction.reshape(-1, *(1,) * (values.ndim - 1))
+    return (1 - fraction) * values[right - 1] + fraction * values[right]
 
 
 def principal_axes(covariance: FloatArray) -> FloatArray:

@@ -193,7 +193,7 @@ def outcomes(
     lasting: those at rest, which work again and rest again behind it.  Workers that are at an item when this ends are
     ended.
     """
-    ends = [len(items) * place // count for place in range(count + 1)] if at_home else [0, len(items)]
+    ends = [len(items) * i // count for i in range(count + 1)] if at_home else [0, len(items)]
     waiting = [deque(items[first:last]) for first, last in pairwise(ends)]
     at_rest = [] if lasting is None else lasting
     workers: list[Worker] = []
@@ -222,7 +222,7 @@ def outcomes(
         yield from give(_call(at_rest, workers, worker.place, new or _local), is_new=True)
 
     try:
-        for worker in [_call(at_rest, workers, place, new or _local) for place in range(count)]:
+        for worker in [_call(at_rest, workers, i, new or _local) for i in range(count)]:
             yield from give(worker, is_new=True)
         while busy:
             ready = wait(list(busy))

@@ -131,8 +131,8 @@ def _link_points(skeleton: Skeleton) -> FloatArray:
     points = [skeleton.points[:, skeleton.moves]]
     for a, b in skeleton.links:
         if skeleton.moves[a] and skeleton.moves[b]:
-            part = np.linspace(0, 1, 7)[1:-1, None]
-            points.append(skeleton.points[:, [a]] + part * (skeleton.points[:, [b]] - skeleton.points[:, [a]]))
+            fractions = np.linspace(0, 1, 7)[1:-1, None]
+            points.append(skeleton.points[:, [a]] + fractions * (skeleton.points[:, [b]] - skeleton.points[:, [a]]))
     return np.concatenate(points, axis=1)
 
 

@@ -149,9 +149,9 @@ def _undetermined(blind: FloatArray, names: Sequence[str]) -> list[Note]:
     """Return a note for each undetermined direction (n_b, n)."""
     notes = []
     for direction in blind:
-        parts = [i for i in np.argsort(-np.abs(direction), kind="stable") if abs(direction[i]) > MIN_COMPONENT]
-        terms = " ".join(f"{direction[i] * np.sign(direction[parts[0]]):+.2f} {names[i]}" for i in parts)
-        unknown = names[parts[0]] if len(parts) == 1 else f"the combination {terms} (relative changes)"
+        members = [i for i in np.argsort(-np.abs(direction), kind="stable") if abs(direction[i]) > MIN_COMPONENT]
+        terms = " ".join(f"{direction[i] * np.sign(direction[members[0]]):+.2f} {names[i]}" for i in members)
+        unknown = names[members[0]] if len(members) == 1 else f"the combination {terms} (relative changes)"
         text = (
             f"this plan does not identify {unknown}. Fix or tie one parameter, or measure an output that depends on it"
         )

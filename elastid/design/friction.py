@@ -315,10 +315,10 @@ def warm_up_of(
     speed_pass = planned_pass(spec.speed, 0, limits)
     warm_up = PlannedWarmUp(joint, posture, speed_pass.start, speed_pass.stop, spec.speed, start_s, spec.time)
     # A slow, a medium and the highest speed of the passes.
-    places = sorted({round(place * (len(design.speed) - 1)) for place in (0.3, 0.65, 1.0)})
+    indices = sorted({round(quantile * (len(design.speed) - 1)) for quantile in (0.3, 0.65, 1.0)})
     tests = list[PlannedMotion]()
     for number in range(int(spec.time / spec.test_every) + 1):
-        passes = [planned_pass(design.speed[place], number, limits) for place in places]
+        passes = [planned_pass(design.speed[quantile], number, limits) for quantile in indices]
         motions = (
             PlannedMotion(f"j{joint}-test-{p.name}", joint, "constant_velocity", posture, planned=p, is_warm_up=True)
             for p in passes
@@ -334,17 +334,17 @@ def design_friction(
 
     Raises StudyError that names joint, speed and numbers where limits, window or loop do not allow a pass.
     """
-    parts, end_s = list[FrictionPlan](), 0.0
+    plans, end_s = list[FrictionPlan](), 0.0
     for number, joint in enumerate(joints):
-        parts.append(_planned_motion(spec, joint, experiment, robot, (seed, number), end_s))
-        end_s = parts[-1].robot_time_s
+        plans.append(_planned_motion(spec, joint, experiment, robot, (seed, number), end_s))
+        end_s = plans[-1].robot_time_s
     return FrictionPlan(
         spec.rate_hz,
-        tuple(motion for part in parts for motion in part.motions),
-        tuple(design for part in parts for design in part.designs),
+        tuple(motion for plan in plans for motion in plan.motions),
+        tuple(design for plan in plans for design in plan.designs),
         end_s,
-        tuple(warm_up for part in parts for warm_up in part.warm_ups),
-        tuple(sentence for part in parts for sentence in part.assumed_friction),
+        tuple(warm_up for plan in plans for warm_up in plan.warm_ups),
+        tuple(sentence for plan in plans for sentence in plan.assumed_friction),
     )
 
 

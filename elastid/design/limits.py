@@ -93,7 +93,7 @@ def _reference_peaks(rig: SimulatedRig, configuration: Configuration, rows: Floa
     if rig.plan.inject == "velocity":
         x = np.cumsum(rows, axis=0) / rate_hz
     v = np.diff(x, axis=0) * rate_hz
-    return np.array([np.abs(part).max(axis=0, initial=0.0) for part in (x, v, np.diff(v, axis=0) * rate_hz)])
+    return np.array([np.abs(signal).max(axis=0, initial=0.0) for signal in (x, v, np.diff(v, axis=0) * rate_hz)])
 
 
 def expected_use(rig: SimulatedRig, margin: float) -> LimitUse:
@@ -201,17 +201,17 @@ def _response(rig: SimulatedRig, q: int) -> ComplexArray:
 
     Torque, position, velocity and acceleration of the motors; position, velocity and acceleration of references.
     """
-    plan, s, parts = rig.plan, laplace_variable(rig.plan.freq_hz[:, None, None]), list[list[ComplexArray]]()
+    plan, s, blocks = rig.plan, laplace_variable(rig.plan.freq_hz[:, None, None]), list[list[ComplexArray]]()
     is_torque = plan.inject == "torque"
     x = np.asarray(s if is_torque else plan.S_inverse[q] / (s if plan.inject == "velocity" else 1.0), np.complex128)
     for gain in ((1.0, 1.0),) if is_torque else GAINS:
         predict = closed_loop_of(rig.robot, rig.simulated.controller.scaled(*gain), plan.rate_hz, plan.inject)
         loop = predict(plan.configurations[q], plan.freq_hz)
-        parts.append([loop.torque, loop.position, loop.velocity, loop.acceleration])
+        blocks.append([loop.torque, loop.position, loop.velocity, loop.acceleration])
         if not is_torque:  # the references are for the gains of the study
             controlled = np.linalg.solve(loop.reference, plan.S_inverse[q])
-            parts[-1] = [*(signal @ controlled for signal in parts[-1]), x, s * x, s**2 * x]
-    return np.moveaxis(np.array(parts), 2, 0)
+            blocks[-1] = [*(signal @ controlled for signal in blocks[-1]), x, s * x, s**2 * x]
+    return np.moveaxis(np.array(blocks), 2, 0)
 
 
 def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, FloatArray]:

@@ -205,8 +205,8 @@ def _rank(
         prospect = replace(longer.prospect(longer.probe(longer.experiment), -1), parameters=state.parameters)
         H, rows = informations(prospect, configurations, state.x, execution)
         time_s = unit_time_s(problem.excitation, problem.experiment, len(problem.robot.driven), periods)
-        places = zip(H, rows.tolist(), strict=True)
-        return [_option(state, goal, design, configurations[i], periods, time_s) for design, i in places]
+        pairs = zip(H, rows.tolist(), strict=True)
+        return [_option(state, goal, design, configurations[i], periods, time_s) for design, i in pairs]
 
     options = sorted(at(usual, candidates.configurations), key=lambda option: option.order)
     best = [option.configuration for option in options[:MAX_TRIALS]]

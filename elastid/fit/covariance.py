@@ -137,7 +137,7 @@ def estimate_uncertainty(
     torques.  Load tests have the covariance that their file states.
     """
     sums = sum_up(fit, responses, weights, x, execution or Execution())
-    parts, half, unreached = sums.parts, sums.half, sums.unidentifiable
+    line_sums, half, unreached = sums.parts, sums.half, sums.unidentifiable
     noise, expected_cost, cost_dof = noise_covariance(sums)
     cost = expected_cost if is_forecast else sums.cost
     is_excess = exceeds_noise(cost, expected_cost, cost_dof)
@@ -145,17 +145,17 @@ def estimate_uncertainty(
     # With a model error, which ratios did not explain, the std of each gear is at least the tolerance of the file.
     has_model_error = float(any(weight.floor > 0 for weight in weights))
     V = math.nan if is_forecast else cost
-    ratios = scatter_of_ratios(parts, half, V, expected_cost, together, is_excess, has_model_error)
+    ratios = scatter_of_ratios(line_sums, half, V, expected_cost, together, is_excess, has_model_error)
     nuisance = [i for i, parameter in enumerate(fit.parameters.free) if parameter.is_nuisance]
     by_prior, persistent = prior_variance(sums, nuisance)
     averaging = np.maximum(np.diag(noise) - by_prior, 0.0)
-    power = tuple(part.power for part in parts)
-    dof = noise_dof(power, [part.noise_dof for part in parts], sums.load_power)
+    power = tuple(part.power for part in line_sums)
+    dof = noise_dof(power, [part.noise_dof for part in line_sums], sums.load_power)
     dof = dof / np.maximum(quotient(averaging, np.diag(noise), 1.0), 1e-6) ** 2
-    blocks = block_variance([part.blocks for part in parts], half)
+    blocks = block_variance([part.blocks for part in line_sums], half)
     contributions = Contributions(
         noise=noise, widening=small_sample_factors(dof), residuals=sandwich_variance(sums),
-        blocks=np.maximum(blocks, jackknife_variance(parts, half)) if is_excess else np.zeros(len(x)),
+        blocks=np.maximum(blocks, jackknife_variance(line_sums, half)) if is_excess else np.zeros(len(x)),
         model_error=model_error_covariance(sums, cost, expected_cost, cost_dof), ratios=ratios.covariance,
         friction=friction_variance(fit.parameters, responses, is_compensated),
     )  # fmt: skip
@@ -163,15 +163,15 @@ def estimate_uncertainty(
     random_fraction = contributions.random_fraction(covariance, is_excess) / contributions.random
     covariance[unreached] = covariance[:, unreached] = np.nan
     covariance[unreached, unreached] = np.inf
-    fraction, band_hz = information(power, [part.freq_hz for part in parts], sums.load_power)
+    fraction, band_hz = information(power, [part.freq_hz for part in line_sums], sums.load_power)
     return Uncertainty(
         covariance=covariance, singular_values=sums.singular_values, unidentifiable=unreached,
         expected_cost=expected_cost, cost_dof=cost_dof, information_fraction=fraction, information_band_hz=band_hz,
-        disagreement=disagreement([part.disagreement for part in parts], len(half)),
+        disagreement=disagreement([part.disagreement for part in line_sums], len(half)),
         shift=np.where(unreached, 0.0, np.sqrt(blocks / (contributions.random + np.diag(contributions.model_error)))),
         averaging_fraction=averaging * random_fraction,
         persistent_fraction=(np.minimum(persistent, by_prior) + np.diag(contributions.ratios)) * random_fraction,
-        costs=np.array([part.cost for part in parts]), power=power, ratios=ratios,
+        costs=np.array([part.cost for part in line_sums]), power=power, ratios=ratios,
     )  # fmt: skip
 
 
@@ -263,12 +263,12 @@ def sum_up(
     for block in home.at_home(partial(triangle, bare, x, factors), chunked(configurations)):  # R of the stacked J = Q R
         R = np.asarray(np.linalg.qr(np.vstack([R, block]), mode="r"))
     half, singular_values, unidentifiable = inverse_information(R)
-    parts, pulls = list[LineSums](), dict[tuple[str, str, int], ComplexArray]()
+    line_sums, pulls = list[LineSums](), dict[tuple[str, str, int], ComplexArray]()
     for sums in each_at_home(partial(sum_lines, bare, x, factors, half), configurations, home):
         pulls |= {key: pulls.get(key, 0.0) + pull for key, pull in sums.model_error_pull.items()}
-        parts.append(replace(sums, model_error_pull={}))
+        line_sums.append(replace(sums, model_error_pull={}))
     arrays = half[:, :n_x], singular_values, unidentifiable[:n_x], prior_J @ half.T, static_J @ half.T, static_r
-    return Sums(tuple(parts), *arrays, pulls, fit.n_residuals, fit.problem.dof)
+    return Sums(tuple(line_sums), *arrays, pulls, fit.n_residuals, fit.problem.dof)
 
 
 def noise_covariance(sums: Sums) -> tuple[FloatArray, float, float]:
@@ -276,18 +276,18 @@ def noise_covariance(sums: Sums) -> tuple[FloatArray, float, float]:
 
     Configurations without measured noise have the noise of their residuals.
     """
-    parts = sums.parts
+    line_sums = sums.parts
     meat = sums.prior_J.T @ sums.prior_J + sums.static_J.T @ sums.static_J
     power = float(np.count_nonzero(np.any(sums.prior_J, axis=1)) + len(sums.static_J))
-    variance, spread = sum(part.cost for part in parts) / max(sums.dof, 1), 2 * power
-    for part in parts:
+    variance, spread = sum(part.cost for part in line_sums) / max(sums.dof, 1), 2 * power
+    for part in line_sums:
         if part.noise is None:
             meat, power = meat + variance * part.rows.T @ part.rows, power + variance * part.n_residuals
             spread += 2 * variance**2 * part.n_residuals
         else:
             meat, power = meat + part.noise, power + part.noise_power
             spread += part.noise_spread
-    has_noise = any(part.noise is not None for part in parts)
+    has_noise = any(part.noise is not None for part in line_sums)
     cost_dof = 2 * power**2 / max(spread, 1e-300) if has_noise else math.nan
     return sums.half.T @ meat @ sums.half, power - float(np.trace(meat)), cost_dof
 

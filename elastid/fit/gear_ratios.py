@@ -65,7 +65,7 @@ def scatter_of_ratios(
     power = block_diag(*(part.ratios.power for part in parts)) - pull @ pull.T
     slopes = np.concatenate([part.ratios.slopes for part in parts])
     groups = _same_angles(joints)
-    to_groups = np.array([[place == group for group in dict.fromkeys(groups)] for place in groups], float)
+    to_groups = np.array([[label == group for group in dict.fromkeys(groups)] for label in groups], float)
     names = [name for name, _ in dict.fromkeys(groups)]
     shifts = to_groups.T @ pull @ half
     N, h, drop = to_groups.T @ power @ to_groups, to_groups.T @ slopes, 0.0

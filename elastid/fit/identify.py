@@ -270,8 +270,8 @@ def check_effects(fit: ElasticFit, robot: Robot) -> None:
     without = effect <= 1e-9 * effect.max()  # rounding leaves about 1e-16
     if without.any():
         names = ", ".join(name for name, none in zip(parameters.free_names, without, strict=True) if none)
-        places = any(name.partition("@")[0] in robot.geometry for name in names.split(", "))
-        hint = ". Coordinates along the axis of a joint have no effect" * places
+        has_geometry = any(name.partition("@")[0] in robot.geometry for name in names.split(", "))
+        hint = ". Coordinates along the axis of a joint have no effect" * has_geometry
         raise FitError(
             "fit/not-identifiable",
             f"{names}: not identifiable, without effect on the frequency responses. Fix it "
@@ -379,11 +379,11 @@ def _with_agreements(estimate: _Estimate, assembly: Assembly, spec: FitSpec, end
     starts, n_converged = ends
     begin = replace(starts[0], x=estimate[1].end.x)
 
-    def refit(part: Assembly, is_global: bool = False) -> _Estimate:
+    def refit(assembly_: Assembly, is_global: bool = False) -> _Estimate:
         if not is_global:
-            return _with_model_error(part, spec, ((begin, *starts[1:]), n_converged), Execution())
-        ends = _from_all_starts(part, part.at(begin.x, spec.criterion), spec, Execution())
-        return _with_model_error(part, spec, ends, Execution())
+            return _with_model_error(assembly_, spec, ((begin, *starts[1:]), n_converged), Execution())
+        ends = _from_all_starts(assembly_, assembly_.at(begin.x, spec.criterion), spec, Execution())
+        return _with_model_error(assembly_, spec, ends, Execution())
 
     def compare(motors: Result) -> tuple[StaticAgreement | None, ToolAgreement | None]:
         tool = tool_agreement(at_tool, motors) if at_tool.responses else None

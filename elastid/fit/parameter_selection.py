@@ -331,8 +331,8 @@ def local_ratio_std(robot: Robot | None, travel: Mapping[str, float]) -> FloatAr
     """
     joints = () if robot is None else robot.driven
     ratios = {f"motor {joint.name}": abs(joint.motor.ratio) for joint in joints if joint.motor is not None}
-    turns = {place: max(1.0, ratios.get(place, 1.0) * angle / (2 * np.pi)) for place, angle in travel.items()}
-    return np.array([RATIO / turns[place] if ratios.get(place, 1.0) != 1 else 0.0 for place in travel])
+    turns = {motor: max(1.0, ratios.get(motor, 1.0) * angle / (2 * np.pi)) for motor, angle in travel.items()}
+    return np.array([RATIO / turns[motor] if ratios.get(motor, 1.0) != 1 else 0.0 for motor in travel])
 
 
 def ratio_within(response: Response, robot: Robot) -> Response:

@@ -84,13 +84,13 @@ class Family:
         inputs = request.inputs or tuple(f"force {frame} {axis}" for axis in "xyz")
         outputs = request.outputs or tuple(f"frame {frame} {axis}" for axis in "xyz")
         frames = dict.fromkeys([frame, *(_frame_of(place) for place in (*inputs, *outputs) if _frame_of(place))])
-        places = (
+        locations = (
             *(f"frame {name} {axis}" for name in frames for axis in FRAME_AXES),
             *(f"accelerometer {name} {axis}" for name in _accelerometers(outputs) for axis in "xyz"),
             *(place for place in outputs if not place.startswith(("frame ", "accelerometer "))),
         )
         _check_ports(loaded, inputs, outputs, request.motors)
-        return cls(linearisation, loaded, request, estimated, tuple(dict.fromkeys(places)), inputs, outputs, frame)
+        return cls(linearisation, loaded, request, estimated, tuple(dict.fromkeys(locations)), inputs, outputs, frame)
 
     @property
     def model(self) -> ElasticModel:

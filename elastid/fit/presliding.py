@@ -76,17 +76,17 @@ def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
 
 def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:
     """Return the joints whose motors may have presliding friction."""
-    places = set[str]()
+    motors = set[str]()
     for response in assembly.responses:
         if any(map(is_load, response.inputs)) or response.controller is not None:
             return ()
         bias = None
         if response.bias is not None and is_friction_compensated(response):
             bias = response.bias[response.image_errors : -1]
-        places |= {
-            place for j, place in enumerate(response.inputs) if is_large or (bias is not None and bias[:, j].any())
+        motors |= {
+            motor for j, motor in enumerate(response.inputs) if is_large or (bias is not None and bias[:, j].any())
         }
-    return tuple(name for name in assembly.linearisation.model.robot.driven_names if f"motor {name}" in places)
+    return tuple(name for name in assembly.linearisation.model.robot.driven_names if f"motor {name}" in motors)
 
 
 def _is_rejected(evidence: Evidence, first: "_State", last: "_State") -> bool:
@@ -220,10 +220,10 @@ def _columns(evaluated: EvaluatedResponse, rates: FloatArray) -> Iterator[tuple[
     """Yield joint and dr/d(stiffness) (n_a, N) for each motor with a measured motion."""
     kernel, G = evaluated.part.kernel, evaluated.G
     model, s = kernel.model, laplace_variable(kernel.freq_hz[:, None, None])
-    for j, place in enumerate(model.inputs):
-        if place in model.outputs:
-            by_angle = G[:, :, [j]] * (G[:, [model.outputs.index(place)]] / s ** MOTION_ORDER[model.quantity])
-            yield place.removeprefix("motor "), -evaluated.whitened(np.stack([-by_angle * s / (s + a) for a in rates]))
+    for j, motor in enumerate(model.inputs):
+        if motor in model.outputs:
+            by_angle = G[:, :, [j]] * (G[:, [model.outputs.index(motor)]] / s ** MOTION_ORDER[model.quantity])
+            yield motor.removeprefix("motor "), -evaluated.whitened(np.stack([-by_angle * s / (s + a) for a in rates]))
 
 
 def _torque_per_angle(responses: Sequence[Response], location: str) -> float:

@@ -120,6 +120,6 @@ class Estimate:
         return self.low, self.high
 
     def __str__(self) -> str:
-        places = digits(self.value, self.std)
-        ends = " to ".join(interval_of(self.interval, places))
-        return f"{self.name} = {number(self.value, places)} {self.unit}, 95 % {ends}"
+        n_digits = digits(self.value, self.std)
+        ends = " to ".join(interval_of(self.interval, n_digits))
+        return f"{self.name} = {number(self.value, n_digits)} {self.unit}, 95 % {ends}"

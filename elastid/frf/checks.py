@@ -249,9 +249,9 @@ def hit_notes(record: Record) -> Iterator[Note]:
         ends = (y.max(), y.min()) if overloads and np.ptp(y) > 0 else ()
         visits = sum(len(runs(y == end, CLIPPED_RUN)) for end in ends)
         overloads |= {name: visits} if visits > 1 else {}  # one alone may be rest
-    if places := [f"{name} ({count} times)" for name, count in overloads.items() if count]:
+    if names := [f"{name} ({count} times)" for name, count in overloads.items() if count]:
         text = (
-            f"overloaded at {', '.join(places)}, which biases magnitude and damping. Hit more softly, or choose a "
+            f"overloaded at {', '.join(names)}, which biases magnitude and damping. Hit more softly, or choose a "
             "wider range"
         )
         yield Note("frf/overload", text, place)

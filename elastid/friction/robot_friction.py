@@ -132,7 +132,7 @@ def coulomb_torques(robot: Robot) -> FloatArray:
 
     A gear spring lets the motor move against a joint that sticks: there the friction of the joint does not count.
     """
-    torques = {place.place: float(place.curve()[0]) for place in frictions(robot)}
+    torques = {law.place: float(law.curve()[0]) for law in frictions(robot)}
     rigid = [0.0 if joint in robot.flexible else torques.get(f"joint {joint.name}", 0.0) for joint in robot.driven]
     return np.add([torques.get(f"motor {joint.name}", 0.0) for joint in robot.driven], rigid)
 

@@ -78,28 +78,28 @@ class PassRegression:
     @classmethod
     def of(cls, passes: Sequence[Pass], has_gravity: bool, turn: float) -> "PassRegression":
         """Return the columns of all passes; turn: angle of the joint for a turn of the motor, 0 without ripple."""
-        lengths = [len(part.position) for part in passes]
+        lengths = [len(run.position) for run in passes]
         total, shortest = sum(lengths), min(lengths)
         # Rows of all passes, and of the shortest; of very many passes fewer of the shortest, for the memory.
         step = max(1, min(total // 15_000, max(shortest // 40, min(total // 30_000, shortest // 4))))
-        has_ripple = turn > 0 and any(np.ptp(part.position) > turn for part in passes)
-        pairs = list(dict.fromkeys(part.pair for part in passes))
-        loads = list(dict.fromkeys(part.load_name for part in passes)) if has_gravity else []
+        has_ripple = turn > 0 and any(np.ptp(run.position) > turn for run in passes)
+        pairs = list(dict.fromkeys(run.pair for run in passes))
+        loads = list(dict.fromkeys(run.load_name for run in passes)) if has_gravity else []
         wave_numbers = range(N_WAVES if has_ripple else 0)
         rows, torques, waves = [], [], []
         n_k = len(pairs)
-        for part in passes:
-            q, s, mean = part.position, part.direction, abs(part.velocity.mean())
-            about = np.abs(part.velocity) - mean
+        for run in passes:
+            q, s, mean = run.position, run.direction, abs(run.velocity.mean())
+            about = np.abs(run.velocity) - mean
             about[np.abs(about) < 1e-9 * mean] = 0.0  # rounding is all that a constant speed leaves
-            columns = [s * np.ones_like(q), np.ones_like(q), part.acceleration, s * about, np.cos(q), np.sin(q)]
-            pair, load = pairs.index(part.pair), 2 * loads.index(part.load_name) if loads else -2
-            places = [pair, n_k + pair, *(2 * n_k + i for i in (0, 1, 2 + load, 3 + load))]
+            columns = [s * np.ones_like(q), np.ones_like(q), run.acceleration, s * about, np.cos(q), np.sin(q)]
+            pair, load = pairs.index(run.pair), 2 * loads.index(run.load_name) if loads else -2
+            columns_ = [pair, n_k + pair, *(2 * n_k + i for i in (0, 1, 2 + load, 3 + load))]
             if not loads:
-                places, columns = places[:4], columns[:4]
-            torques.append(folded(part.torque, step).mean(axis=1))
+                columns_, columns = columns_[:4], columns[:4]
+            torques.append(folded(run.torque, step).mean(axis=1))
             X = np.zeros((len(torques[-1]), 2 * n_k + 2 + 2 * len(loads)))
-            X[:, places] = folded(np.stack(columns, axis=1), step).mean(axis=1)
+            X[:, columns_] = folded(np.stack(columns, axis=1), step).mean(axis=1)
             rows.append(X)
             waves.append(folded(turn_waves(q, s, turn, wave_numbers), step).mean(axis=1))
         gravity = [f"gravity.{wave}.{load}".rstrip(".") for load in loads for wave in ("cos", "sin")]
@@ -154,8 +154,8 @@ def turn_waves(
     """Return exp(j h N q) (n, n_h), chosen waves of the motor's turns: ripple, then s times these, dry friction."""
     waves = [np.exp(2j * np.pi / turn * (i % MAX_HARMONIC + 1) * position) for i in numbers]
     signs = [1.0 if i < MAX_HARMONIC else direction for i in numbers]
-    parts = [sign * wave for sign, wave in zip(signs, waves, strict=True)]
-    return np.stack(parts, axis=1) if parts else np.zeros((len(position), 0), complex)
+    signed_waves = [sign * wave for sign, wave in zip(signs, waves, strict=True)]
+    return np.stack(signed_waves, axis=1) if signed_waves else np.zeros((len(position), 0), complex)
 
 
 def wave_names(wave: int) -> tuple[str, str]:

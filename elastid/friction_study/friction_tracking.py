@@ -160,8 +160,8 @@ def _track_joint(
     laws = frictions(with_laws(robot, {name: (identified.friction, identified.viscous)}))
     law = next(law for law in laws if law.place == f"motor {name}")
     joints = _joints(robot, identified, records, spec, law, identified.viscous)
-    parts = ("gravity.cos", "gravity.sin", "offset")
-    cos, sin, constant = (identified.shared.get(part, (0.0, 0.0))[0] for part in parts)
+    terms = ("gravity.cos", "gravity.sin", "offset")
+    cos, sin, constant = (identified.shared.get(term, (0.0, 0.0))[0] for term in terms)
     motions = tuple(
         # A filter reads a torque that is held from one sample to the next, at whose end the angle is.
         JointSamples(u[:-1], cos * np.cos(q[:-1]) + sin * np.sin(q[:-1]) + constant, q[1:], r.start_s - first_s)

@@ -380,13 +380,13 @@ def torque_components(numbers: Regression, columns: Mapping[str, FloatArray]) ->
 
     Offset, ripple and delay are in that of gravity, without an offset in that of Coulomb friction.
     """
-    parts = dict[str, FloatArray]()
+    components = dict[str, FloatArray]()
     gravity_names = ["gravity", "gain", "offset", *(("ripple", "delay") if "offset" in columns else ())]
-    part_of = {"inertia": "inertia"} | dict.fromkeys(gravity_names, "gravity")
+    component_of = {"inertia": "inertia"} | dict.fromkeys(gravity_names, "gravity")
     for name in (name for name in columns if name in numbers.names):
-        part = "viscous" if name.endswith("viscous") else part_of.get(name.partition(".")[0], "coulomb")
-        parts[part] = parts.get(part, 0.0) + numbers[name] * columns[name]
-    return parts
+        component = "viscous" if name.endswith("viscous") else component_of.get(name.partition(".")[0], "coulomb")
+        components[component] = components.get(component, 0.0) + numbers[name] * columns[name]
+    return components
 
 
 # Below the first resonance of a robot, so that it is rigid, and above the frequencies of its motions.

@@ -221,7 +221,7 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     scores = np.einsum("nmx,nm->nx", (free_X / size).reshape(n, m, n_x), e)
     ends = np.cumsum([len(log.y) for log in logs])[:-1]
     parts = np.split(scores, ends)
-    terms = [cosine_count(len(part) / rate_hz, len(parts)) for part in parts]
+    terms = [cosine_count(len(block) / rate_hz, len(parts)) for block in parts]
     bread = np.linalg.pinv((free_X / size).T @ (free_X / size))
     meat = sum(starmap(long_run, zip(parts, terms, strict=True)))
     error_influence = (free_X / size @ bread).reshape(n, m, n_x)
@@ -243,7 +243,7 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     relative = np.sqrt(squares / np.maximum(np.sum(y**2, axis=0), 1e-300))
     return Solution(
         logs[0].names, beta, pi, pi_std, covariance, relative, squares, independent, dof, widening,
-        tuple(part @ bread / size for part in parts)
+        tuple(block @ bread / size for block in parts)
     )  # fmt: skip
 
 
@@ -266,8 +266,8 @@ def shift_between(first: Solution, second: Solution, rate_hz: float) -> dict[tup
     """
     pairs = list(zip(first.influences, second.influences, strict=True))
     terms = [cosine_count(len(low) / rate_hz, len(pairs)) for low, _ in pairs]
-    parts = [high - low for low, high in pairs]
-    variance = sum(np.diag(long_run(part, count)) for part, count in zip(parts, terms, strict=True))
+    differences = [high - low for low, high in pairs]
+    variance = sum(np.diag(long_run(block, count)) for block, count in zip(differences, terms, strict=True))
     std = np.maximum(np.sqrt(variance) * small_sample_factors(sum(terms)), 1e-300)
     return dict(zip(first.names, zip((second.beta - first.beta).tolist(), std.tolist(), strict=True), strict=True))
 
@@ -294,7 +294,7 @@ def _variance_moments(
         starts = np.linspace(0, len(e), min(len(e), 16 * count), endpoint=False).astype(int)  # sixteen a half wave
         ranges = [*pairwise([*starts.tolist(), len(e)])]
         sums = np.concatenate(
-            [[np.tensordot(e[i:j], part[i:j], ((0, 1), (0, 1))) for i, j in ranges] for part in columns], axis=2
+            [[np.tensordot(e[i:j], basis[i:j], ((0, 1), (0, 1))) for i, j in ranges] for basis in columns], axis=2
         )
         projections = dct(sums, axis=0)[1 : count + 1] / 2
         M = (cosines[np.abs(j - k)] + cosines[j + k]) / 2 - np.einsum("jxr,kxr->jkx", projections, projections)

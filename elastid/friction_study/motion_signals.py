@@ -116,8 +116,8 @@ def _plateaus(record: FrictionRecord) -> tuple[Plateau, ...]:
     candidates = [_way_plateau(position, *span, record.rate_hz) for span in _one_way_spans(position)]
     fits = [plateau for plateau in candidates if plateau is not None]
     steady = find_plateaus(velocity, acceleration, record.rate_hz)
-    parts = [part for part in steady if not any(part.start < span.stop and span.start < part.stop for span in fits)]
-    plateaus = [*fits, *parts]
+    spans = [part for part in steady if not any(part.start < span.stop and span.start < part.stop for span in fits)]
+    plateaus = [*fits, *spans]
     if record.speed is not None:
         max_difference = MAX_SPEED_DIFFERENCE * record.speed
         plateaus = [part for part in plateaus if abs(abs(part.velocity) - record.speed) <= max_difference]
@@ -177,7 +177,7 @@ def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: boo
         limit = MAX_STEADY_CHANGE * abs(first.velocity)
         if first.velocity * other.velocity >= 0 or abs(first.velocity + other.velocity) > limit:
             return False
-        q, q_back = (record.position[part.start : part.stop] for part in (first, other))
+        q, q_back = (record.position[plateau.start : plateau.stop] for plateau in (first, other))
         common = min(q.max(), q_back.max()) - max(q.min(), q_back.min())
         return not has_gravity or bool(common > MIN_OVERLAP * min(np.ptp(q), np.ptp(q_back)))
 
@@ -315,12 +315,12 @@ class MotionSignals:
             span = slice(max(0, start - overlap), min(n, stop + overlap))
             names = ("position", "torque", "temperature", "payload_torque")
             signals = {name: None if (x := getattr(log, name)) is None else x[span] for name in names}
-            part = replace(
+            piece = replace(
                 self, motion=replace(log, **signals), decimation=slice(start - span.start, stop - span.start, step),  # type: ignore[arg-type]
                 derivatives=self.derivatives[:, span],
                 **{name: getattr(self, name)[span] for name in ("position", "velocity", "acceleration", "direction")}
             )  # fmt: skip
-            yield part, span
+            yield piece, span
 
     @property
     def noise_powers(self) -> FloatArray:
@@ -435,7 +435,7 @@ def both_bands(logs: Sequence[MotionLog]) -> tuple[list[MotionLog], ...]:
             return ()
         inner = slow.first.decimation
         samples = slice(inner.start, inner.stop, log.first.decimation.step)
-        for band, part in zip(bands, (log, slow), strict=True):
-            signals = {joint: replace(axis, decimation=samples) for joint, axis in part.signals.items()}
-            band.append(replace(part, signals=signals))
+        for band, log_ in zip(bands, (log, slow), strict=True):
+            signals = {joint: replace(axis, decimation=samples) for joint, axis in log_.signals.items()}
+            band.append(replace(log_, signals=signals))
     return bands

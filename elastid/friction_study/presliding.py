@@ -104,7 +104,7 @@ def fit_presliding(loops: FrictionRecord, frequency_hz: float | None, elements: 
     q, spectrum = min(candidates, key=lambda pair: pair[1].mean_square)
     if elements is not None:
         return _element_fit(q, u, spectrum, elements, used)
-    folds = [np.isin(np.arange(len(used)), part) for part in np.array_split(np.flatnonzero(used), 5)]
+    folds = [np.isin(np.arange(len(used)), rows) for rows in np.array_split(np.flatnonzero(used), 5)]
     fits = [_element_fit(q, u, spectrum, count, used) for count in range(1, MAX_ELEMENTS + 1)]
     # Mean squares of what the rest of the log misses in each part of it; the best ones within one std.
     errors = np.array([

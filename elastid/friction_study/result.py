@@ -134,7 +134,7 @@ class JointFriction(SlidingFriction):
             why = "no friction is significant and most torque is unexplained. Check the joint and time of the torque"
             return (UnidentifiedTerm("friction", why),)
         if self.friction is None and not self.has_one_speed:
-            slid = any(part is not None for part in (self.static, self.motion, self.commanded))
+            slid = any(fit is not None for fit in (self.static, self.motion, self.commanded))
             why = "the data identify no law that is physically possible" if slid else "the joint slides in no log"
             return (UnidentifiedTerm("friction", why),)
         terms = (term for term in self.unidentified if term.term in ("stribeck", "presliding"))
@@ -288,8 +288,8 @@ def identify_friction(
     """Identify friction of all joints; truth: the simulated robot.  FitError if a required part is not identifiable."""
     joints = tuple(_joint(robot, part, measured, spec, truth) for part in sliding)
     misfits = [f"joint {joint.joint}: {joint.misfit}" for joint in joints if joint.misfit]
-    parts = ((j.friction, j.presliding, j.presliding_test, j.thermal, j.has_one_speed) for j in joints)
-    if not any(map(any, parts)) or all(joint.is_unrelated for joint in joints):
+    results = ((j.friction, j.presliding, j.presliding_test, j.thermal, j.has_one_speed) for j in joints)
+    if not any(map(any, results)) or all(joint.is_unrelated for joint in joints):
         reasons = [f"joint {joint.joint}: {term.reason}" for joint in joints for term in joint.missing]
         return FrictionResult(joints, measured.notes, "failed", "; ".join(reasons))
     status: Status = "misfit" if misfits else "partly" if any(joint.missing for joint in joints) else "identified"

@@ -169,13 +169,13 @@ class RigidColumns:
 
     def at(self, log: MotionLog, samples: slice) -> FloatArray:
         """Return columns (n, len(rows), n_b) at some samples."""
-        (function, further, places), state = self._function, _states(self.robot, log, samples)
+        (function, further, indices), state = self._function, _states(self.robot, log, samples)
         n, m = state.shape[2], len(self.joints)
-        rotors = np.zeros((n, len(places), 2 * m))
-        for i, (joint, place) in enumerate(zip(self.rows, places, strict=True)):
+        rotors = np.zeros((n, len(indices), 2 * m))
+        for i, (joint, index) in enumerate(zip(self.rows, indices, strict=True)):
             k = self.joints.index(joint)
-            rotors[:, i, k], rotors[:, i, m + k] = state[2, place], 1.0
-        body_columns = np.asarray(ca.DM(function(*state))).reshape(len(places), n, -1).swapaxes(0, 1)
+            rotors[:, i, k], rotors[:, i, m + k] = state[2, index], 1.0
+        body_columns = np.asarray(ca.DM(function(*state))).reshape(len(indices), n, -1).swapaxes(0, 1)
         coupled_joints, to_joints = _coupled_joints(self.robot), np.linalg.inv(self.robot.mixing)
         v = to_joints[coupled_joints] @ state[1, list(self.robot.driven_indices)]
         rows = to_joints.T[[self.robot.driven_names.index(joint) for joint in self.rows]][:, coupled_joints]
@@ -193,7 +193,7 @@ class RigidColumns:
 
     def filtered(self, log: MotionLog) -> FloatArray:
         """Return columns (n, n_y, n_b) behind the filter of both sides, at the samples that are kept."""
-        return np.concatenate([part.filtered(self.at(log, span)) for part, span in log.first.pieces()])
+        return np.concatenate([piece.filtered(self.at(log, span)) for piece, span in log.first.pieces()])
 
 
 def ridge_estimate(logs: Sequence[Equations], solution: Solution, ridges: Sequence[float]) -> FloatArray:

@@ -246,7 +246,7 @@ def _joint_friction(robot: Robot, joint: Joint, measured: FrictionRecords, motio
         # The passes of joints that moved together are free of the rigid body.
         is_free = not planned_runs and motion.friction is not None and motion.friction.rigid_body is not None
         against = not is_free and turns_against_gravity(robot, joint, records[0].configuration)
-        passes = [part for record in records for part in passes_of(record)]
+        passes = [run for record in records for run in passes_of(record)]
         curve = estimate_friction_curve(passes, against, _turn(joint))
         notes += curve.notes
     elif not (motion.friction or joint.name in warm_joints or any(r.purpose in STILL for r in logs)):
@@ -317,15 +317,15 @@ def _single_joint_motion(robot: Robot, joint: Joint, records: Sequence[FrictionR
     records, notes = sorted(records, key=lambda record: record.payload), list[Note]()
     against, code = turns_against_gravity(robot, joint, records[0].configuration), "friction/no-record"
     detected = [attempt(notes, code, detect_passes, record, against) or () for record in records]
-    passes = _sufficient_runs([part for parts in detected for part in parts])
+    passes = _sufficient_runs([part for components in detected for part in components])
     friction = attempt(notes, code, _regress, robot, joint, records, against)
     if friction is None and not passes:
         raise DataError(code, str(notes[0]))
     if friction is not None and not robot.loops and friction.regression.chance("inertia", 1) < FALSE_ALARM:
         log, signals = motion_log(robot, {joint.name: records[0]}, PASSBAND_HZ), friction.motion
         columns = full_rate_columns(MotionSignals.of(signals, PASSBAND_HZ), friction.terms)
-        parts = torque_components(friction.regression, columns)
-        rigid = {joint.name: parts["inertia"] + parts.get("gravity", 0.0)}
+        components = torque_components(friction.regression, columns)
+        rigid = {joint.name: components["inertia"] + components.get("gravity", 0.0)}
         check_torques(robot, rigid, torques_in_file(robot, log), records[0].place)
     return JointMotion(friction, passes, (*(friction.notes if friction is not None else ()), *notes))
 
@@ -356,15 +356,15 @@ def _joint_group_motion(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord
         for joint in joints:
             pairs = zip(members, rigid_motions, strict=True)
             records = [replace(log[joint], torque=rigid[joint].motion.torque) for log, rigid in pairs]
-            passes = [part for record in records for part in detect_passes(record, has_gravity=False)]
+            passes = [run for record in records for run in detect_passes(record, has_gravity=False)]
             evaluated[joint] = JointMotion(friction[joint], _sufficient_runs(passes), friction[joint].notes)
     return evaluated
 
 
 def _sufficient_runs(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, ...]:
-    numbers = ((part, np.log(part.speed or 1.0), np.nan_to_num(part.mean_temperature)) for part in passes)
+    numbers = ((run, np.log(run.speed or 1.0), np.nan_to_num(run.mean_temperature)) for run in passes)
     conditions = {
-        (round(log / MAX_STEADY_CHANGE), part.load, round(degc / TEMPERATURE_STEP_K)) for part, log, degc in numbers
+        (round(log / MAX_STEADY_CHANGE), run.load, round(degc / TEMPERATURE_STEP_K)) for run, log, degc in numbers
     }
     return tuple(passes) if len(conditions) >= MIN_SPEEDS else ()
 
@@ -419,10 +419,10 @@ def turns_against_gravity(robot: Robot, joint: Joint, posture: Configuration | N
     """Return True if gravity at a motor changes with its angle, the others fixed; true of a robot with loops."""
     if joint.slides or robot.loops:
         return not joint.slides
-    place, q = [link.name for link in robot.joints].index(joint.name), np.zeros((len(robot.joints), 3))
+    index, q = [link.name for link in robot.joints].index(joint.name), np.zeros((len(robot.joints), 3))
     if posture is not None:
         q[list(robot.driven_indices)] = (robot.mixing @ posture.angles)[:, None]
-    q[place] += (0.0, 1.1, 2.3)  # of these angles no two have the same gravity, whatever its phase
+    q[index] += (0.0, 1.1, 2.3)  # of these angles no two have the same gravity, whatever its phase
     theta = np.array([[value] * 3 for value, _ in robot.parameters().values()])
-    torques = np.asarray(inverse_dynamics(robot)(q, 0 * q, 0 * q, theta).full())[place]
+    torques = np.asarray(inverse_dynamics(robot)(q, 0 * q, 0 * q, theta).full())[index]
     return bool(np.ptp(torques) > 1e-9 * max(1.0, float(np.abs(torques).max())))

@@ -86,9 +86,9 @@ class Estimated:
     ) -> "Estimated":  # fmt: skip
         """Return the numbers x (n_x,) of a fit.  base (n_theta,): SI.  fixed: names that keep their base."""
         indices = [i for i, name in enumerate(names) if name in parameters.names and name not in fixed]
-        places = [parameters.names.index(names[i]) for i in indices]
+        rows = [parameters.names.index(names[i]) for i in indices]
         return cls(
-            parameters, x, covariance, names, base, np.array(indices, int), np.array(places, int), configuration,
+            parameters, x, covariance, names, base, np.array(indices, int), np.array(rows, int), configuration,
             model_error_factors
         )  # fmt: skip
 

@@ -192,7 +192,7 @@ class LinearModel:
     @cached_property
     def output_parameters(self) -> tuple[str, ...]:
         """Names of parameters that C, T or B depend on."""
-        return tuple(name for name, s in self.slopes.items() if any(part is not None for part in (s.C, s.T, s.B)))
+        return tuple(name for name, s in self.slopes.items() if any(matrix is not None for matrix in (s.C, s.T, s.B)))
 
     @property
     def is_delayed(self) -> bool:

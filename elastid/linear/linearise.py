@@ -67,7 +67,7 @@ class PointDerivatives:
         """
         model, free = self.model, free_coordinates(self.model)
         numbers = (point.q[None], point.lambda_[None], theta[None])
-        statics, phi, Phi_theta, A_q, Phi_q, A_lambda = (part[0] for part in evaluate_rows(self.partial, *numbers))
+        statics, phi, Phi_theta, A_q, Phi_q, A_lambda = (block[0] for block in evaluate_rows(self.partial, *numbers))
         if not model.n_c:
             dq = -np.linalg.lstsq(K[np.ix_(free, free)], statics)[0]
             return dq, A_q @ dq, None
@@ -102,8 +102,8 @@ def differentiate_point(
     Phi, phi = model.constraint_jacobian(q, theta), model.constraint(q, theta)
     statics = model.potential_gradient(q, theta) + Phi.T @ lambda_
     A, vec_Phi = ca.vec(triangles), ca.vec(Phi)
-    slopes = [ca.jacobian(part, theta) for part in (statics[free], phi, vec_Phi)]
-    slopes += [*(ca.jacobian(part, q)[:, free] for part in (A, vec_Phi)), ca.jacobian(A, lambda_)]
+    slopes = [ca.jacobian(expression, theta) for expression in (statics[free], phi, vec_Phi)]
+    slopes += [*(ca.jacobian(expression, q)[:, free] for expression in (A, vec_Phi)), ca.jacobian(A, lambda_)]
     return PointDerivatives(model, ca.Function("partial", [q, lambda_, theta], list(map(ca.densify, slopes))))
 
 
@@ -113,10 +113,10 @@ def _output_slopes(
     """Return slopes of C and T (n_theta, n_y, n_q) of the outputs; none for motors and joints."""
     if all(location.startswith(("motor ", "joint ")) for location in outputs):
         return {}
-    C_q, C_theta, T_q, T_theta = (part.full() for part in _readout_slopes(model, outputs)(q, theta))
+    C_q, C_theta, T_q, T_theta = (block.full() for block in _readout_slopes(model, outputs)(q, theta))
     slopes = {"C": C_theta + C_q @ dq, "T": T_theta + T_q @ dq}
     return {
-        letter: part.T.reshape(-1, model.n_q, len(outputs)).transpose(0, 2, 1) for letter, part in slopes.items()
+        letter: block.T.reshape(-1, model.n_q, len(outputs)).transpose(0, 2, 1) for letter, block in slopes.items()
     }  # fmt: skip
 
 
@@ -124,8 +124,8 @@ def _output_slopes(
 def _readout_slopes(model: ElasticModel, outputs: tuple[str, ...]) -> ca.Function:
     """Build (q, theta) -> d vec C / dq_f, d vec C / d theta, and of T."""
     (q, theta), free = model.symbols("q", "theta"), free_coordinates(model)
-    parts = [ca.vec(ca.densify(part)) for part in model.readout(q, theta, outputs)]
-    slopes = [s for part in parts for s in (ca.jacobian(part, q)[:, free.tolist()], ca.jacobian(part, theta))]
+    entries = [ca.vec(ca.densify(matrix)) for matrix in model.readout(q, theta, outputs)]
+    slopes = [s for matrix in entries for s in (ca.jacobian(matrix, q)[:, free.tolist()], ca.jacobian(matrix, theta))]
     return ca.Function("readout_slopes", [q, theta], slopes)
 
 
@@ -271,10 +271,10 @@ def linearise(
 @cache
 def _scatter_indices(n: int) -> IntArray:
     """Return the index of each entry of a symmetric (n, n) matrix in its lower triangle."""
-    places = np.zeros((n, n), np.int64)
+    indices = np.zeros((n, n), np.int64)
     rows, columns = np.tril_indices(n)
-    places[rows, columns] = places[columns, rows] = np.arange(rows.size)
-    return places
+    indices[rows, columns] = indices[columns, rows] = np.arange(rows.size)
+    return indices
 
 
 def _slopes(

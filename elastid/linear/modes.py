@@ -101,7 +101,7 @@ def strain_energy(model: ElasticModel, theta: FloatArray, point: OperatingPoint,
     Neither the length nor the phase of a shape matters. NaN for a motion without potential energy, as that of a rigid
     body is.
     """
-    c, b = (part.full() for part in model.strain(point.q, theta))
+    c, b = (matrix.full() for matrix in model.strain(point.q, theta))
     K = model.stiffness(point.q, point.lambda_, theta).full()
     energy = np.einsum("im,ij,jm->m", shapes.conj(), K, shapes).real
     size = np.einsum("im,ij,jm->m", np.abs(shapes), np.abs(K), np.abs(shapes))

@@ -47,7 +47,7 @@ class Ports:
     @classmethod
     def at_frames(cls, model: LinearModel, inputs: tuple[str, ...]) -> "Ports":
         """Return forces on motions that are among the outputs of a model, which are read as they are."""
-        n, rows = len(model.outputs), [model.outputs.index(moved_by(place)) for place in inputs if is_load(place)]
+        n, rows = len(model.outputs), [model.outputs.index(moved_by(load)) for load in inputs if is_load(load)]
         return cls(inputs, model.outputs, np.eye(n, n + len(model.inputs))[rows], np.eye(n))
 
 
@@ -70,6 +70,6 @@ def acted_on(model: LinearModel, ports: Ports, motors: Motors, loop: JointLoop |
 
 def _on(slope: Slope, N: FloatArray, ports: Ports) -> Slope:
     M, D, K = (None if A is None or not np.any(N.T @ A) else project(N, A) for A in (slope.M, slope.D, slope.K))
-    C, T = (None if part is None else ports.read @ part @ N for part in (slope.C, slope.T))
+    C, T = (None if matrix is None else ports.read @ matrix @ N for matrix in (slope.C, slope.T))
     B = None if slope.C is None else N.T @ slope.C.T @ ports.act[:, : len(slope.C)].T
     return Slope(M, D, K, C, T, B if B is not None and np.any(B) else None)

@@ -78,7 +78,7 @@ class LoadedRobot:
                     f"robot {model.robot.name} has no frame {name}; {did_you_mean(name, frame_names)}",
                 )
         free = free_coordinates(model)
-        places = np.array([i for i, name in enumerate(model.parameters) if name in dependent], np.int64)
+        indices = np.array([i for i, name in enumerate(model.parameters) if name in dependent], np.int64)
         points = [equilibrium(model, t, load.configuration) for t, load in zip(theta, loads, strict=True)]
         z = np.array([np.append(point.q[free], point.lambda_) for point in points])
         q_locked = np.array([point.q for point in points])
@@ -86,9 +86,9 @@ class LoadedRobot:
         for i, load in enumerate(loads):
             wrench[i, frames.index(load.frame)] = np.append(load.force, load.torque)
         wrenches = np.concatenate([np.zeros_like(wrench), wrench]).reshape(2 * len(loads), -1)
-        functions = _functions(model, frames, tuple(places.tolist()))
+        functions = _functions(model, frames, tuple(indices.tolist()))
         return cls(
-            model, tuple(loads), frames, places, np.tile(z, (2, 1)), np.tile(q_locked, (2, 1)), wrenches, *functions
+            model, tuple(loads), frames, indices, np.tile(z, (2, 1)), np.tile(q_locked, (2, 1)), wrenches, *functions
         )
 
     def deflections(self, theta: Sequence[FloatArray]) -> tuple[list[FloatArray], list[FloatArray]]:

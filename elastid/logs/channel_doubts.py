@@ -243,8 +243,8 @@ def _torque_relation(joint: JointSignals, i: int) -> TorqueRelation:
     if joint.torque is None:
         return TorqueRelation()
     u, y = joint.signals[:, joint.torque], joint.signals[:, i]
-    places = {c.at: k for k, c in reversed(list(enumerate(joint.channels))) if c.role == "y"}
-    other_motions = [(joint.signals[:, k], joint.order(k)) for k in places.values() if k not in joint.motions]
+    index_of = {c.at: k for k, c in reversed(list(enumerate(joint.channels))) if c.role == "y"}
+    other_motions = [(joint.signals[:, k], joint.order(k)) for k in index_of.values() if k not in joint.motions]
     return torque_relation(u, y, joint.order(i), joint.rate_hz, not joint.joint.slides, other_motions)
 
 

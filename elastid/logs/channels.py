@@ -333,7 +333,7 @@ def _clock_ratio(base: Signals, file: Signals, N: int) -> float:
 def _periodic(signals: Signals, N: int) -> FloatArray | None:
     """Return whole periods (n, c) of the least noisy role that has two; None without."""
     for role in ("r", "reference", "u", "y"):
-        if x := [x for place, x in signals.items() if place[0] == role and len(x) >= 2 * N]:
+        if x := [x for key, x in signals.items() if key[0] == role and len(x) >= 2 * N]:
             return _stack(x)[: min(map(len, x)) // N * N]
     return None
 
@@ -396,4 +396,4 @@ def _signals(groups: Sequence[_Group], N: int | None, channels: Sequence[Channel
         for group in groups
         for i, column in zip(group.members, group.signals.T, strict=True)
     }
-    return {place: x for place, x in signals.items() if len(x) >= (N or 1) and np.isfinite(x).all()}
+    return {key: x for key, x in signals.items() if len(x) >= (N or 1) and np.isfinite(x).all()}

@@ -121,8 +121,8 @@ class _LogReader:
         for i, segment in enumerate(segments):
             name = f"{self.name} part {i + 1}" if i else self.name
             offset_s = (segment.log.first - gathered.log.first) / recorded.known_rate_hz
-            part = replace(self, name=name, start_s=self.start_s + offset_s, offset_s=offset_s)
-            records += part._segment_records(segment)
+            reader = replace(self, name=name, start_s=self.start_s + offset_s, offset_s=offset_s)
+            records += reader._segment_records(segment)
         if records:
             return tuple(records)
         text = "no moving joint has both torque and position in it. Log role u (or role reference, with the gains as"

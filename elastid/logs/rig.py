@@ -130,7 +130,7 @@ class RecordedRig:
         gathered = gather_channels(recorded, file, self.base, self.robot)
         channels, location = gathered.channels, f"record {experiment.name}"
         location += f", {file.path}" if is_one_of_several else ""
-        roles, places = _columns_of_roles(channels), [channel.at for channel in channels]
+        roles, locations = _columns_of_roles(channels), [channel.at for channel in channels]
         signals, N, rate_hz = repair_signals(gathered, recorded, is_one_of_several)
         log, repairs = gathered.log, gathered.log.findings.repairs
         report_unused_references(channels, log, roles["r"] or roles["u"])
@@ -143,7 +143,7 @@ class RecordedRig:
         signals = without_step_images(signals, channels, roles, recorded, rate_hz, self.robot, log)
         signals, _ = on_one_side(channels, signals, to_joints(channels, self.robot))
         hold_lengths = hold_samples(recorded, channels, rate_hz)
-        outputs, acting = (tuple(file.at.get(places[i], places[i]) for i in roles[role]) for role in ("y", "u"))
+        outputs, acting = (tuple(file.at.get(locations[i], locations[i]) for i in roles[role]) for role in ("y", "u"))
         has_at = any(f.at for f in recorded.files if f.configuration == file.configuration)
         inputs = recorded.places_of(file.configuration, "u") if has_at else acting
         u = np.zeros((len(signals), len(inputs)))  # a hammer is at one of its points

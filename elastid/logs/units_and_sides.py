@@ -224,10 +224,10 @@ def _gear_factor(channel: ChannelSpec, robot: Places) -> float:
 
 
 def _place(channels: Sequence[ChannelSpec], like: ChannelSpec, motor: str) -> int:
-    for place, channel in enumerate(channels):
+    for i, channel in enumerate(channels):
         same_kind = not like.is_motion or channel.quantity == like.quantity
         if (channel.role, channel.side, channel.at) == (like.role, like.side, motor) and same_kind:
-            return place
+            return i
     text = f"{like.at} is coupled by gears with {motor}, which has no channel with role {like.role} and side:"
     text += (
         f" {like.side}{f' for the {like.quantity}' if like.is_motion else ''}. Log it too, or give the signal on the"

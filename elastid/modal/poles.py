@@ -128,14 +128,14 @@ def _roots(M: FloatArray, n_u: int, step_s: float) -> ComplexArray:
 
 def stabilisation(orders: tuple[tuple[int, ComplexArray], ...]) -> StabilisationDiagram:
     """Return all poles; stable: the previous order has one within 1 % of the frequency and 5 % of the damping ratio."""
-    parts, previous = [], np.empty((0, 2))
+    poles_of_orders, previous = [], np.empty((0, 2))
     for n, poles in orders:
         numbers = np.stack([np.abs(poles), -poles.real / np.abs(poles)], axis=1)
         gap = np.abs(numbers[:, None] - previous) / numbers[:, None]
         stable = np.any(np.all(gap < (LIMITS.frequency, LIMITS.damping), axis=2), axis=1)
-        parts.append((np.full(len(poles), n), numbers[:, 0] / (2 * np.pi), numbers[:, 1], stable))
+        poles_of_orders.append((np.full(len(poles), n), numbers[:, 0] / (2 * np.pi), numbers[:, 1], stable))
         previous = numbers
-    return StabilisationDiagram(*map(np.concatenate, zip(*parts, strict=True)))
+    return StabilisationDiagram(*map(np.concatenate, zip(*poles_of_orders, strict=True)))
 
 
 def clusters(orders: tuple[tuple[int, ComplexArray], ...]) -> ComplexArray:
@@ -189,9 +189,9 @@ def separate_determinations(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
     Q, R, norms = fit.factors
     rows = np.linalg.pinv(R, rcond=1e-12)[: 2 * n].reshape(n, 2, -1)
     # Q times these: part of each pole's columns orthogonal to all other columns.
-    parts = np.linalg.pinv(rows @ rows.mT) @ rows
-    total = np.sum((parts.mT @ (fit.coefficients * norms[:, None])[: 2 * n].reshape(n, 2, -1)) ** 2, axis=1)
-    columns = complex_columns(Q @ parts.reshape(2 * n, -1).T).reshape(-1, n, 2)
+    projections = np.linalg.pinv(rows @ rows.mT) @ rows
+    total = np.sum((projections.mT @ (fit.coefficients * norms[:, None])[: 2 * n].reshape(n, 2, -1)) ** 2, axis=1)
+    columns = complex_columns(Q @ projections.reshape(2 * n, -1).T).reshape(-1, n, 2)
     near = np.arange(len(omega)) == np.argmax(np.sum(np.abs(columns) ** 2, axis=2), axis=0)[:, None]
     about = np.zeros_like(near)
     for r in np.flatnonzero(-2 * fit.poles.real <= spacing).tolist():

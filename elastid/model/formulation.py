@@ -180,9 +180,9 @@ def series_stiffness(robot: Robot, equations: Equations, rods: Sequence[Closure]
             equations, (k_eff - k) * deflection**2 / 2, (d_eff - d) * ca.sparsify(across @ across.T)
         )
         # Both bear the torque k_eff times the deflection.
-        parts = {f"k_{joint}": k, f"k_{name}": k_rod}
+        springs = {f"k_{joint}": k, f"k_{name}": k_rod}
         equations = with_strains(
-            equations, *(Strain(spring, k_eff**2 / part, deflection) for spring, part in parts.items())
+            equations, *(Strain(spring, k_eff**2 / k_part, deflection) for spring, k_part in springs.items())
         )
     return equations
 
@@ -224,12 +224,12 @@ def locked_joint(robot: Robot, joint: str, angles: FloatArray) -> ElasticJoint |
     angles (n_u,): posture in which the other joints are locked, with stiff springs, as in undriven joints.
     Without the form: a stiff joint, one in a loop, of coupled gears, or with a spring that is not linear.
     """
-    index = [part.name for part in robot.joints].index(joint)
+    index = [side.name for side in robot.joints].index(joint)
     spec = robot.joints[index]
     if spec.motor is None or not spec.is_flexible or index in robot.joints_in_loops:
         return None
-    place = robot.driven_indices.index(index)
-    coupling = np.abs(robot.mixing[place]) + np.abs(robot.mixing[:, place])
+    driven_index = robot.driven_indices.index(index)
+    coupling = np.abs(robot.mixing[driven_index]) + np.abs(robot.mixing[:, driven_index])
     if np.count_nonzero(coupling) > 1 or not (spec.spring is None or spec.spring.is_linear):
         return None
     springs = [(spec.spring, 1.0), (spec.motor.spring, robot.ratio(joint) ** 2)]
@@ -241,5 +241,5 @@ def locked_joint(robot: Robot, joint: str, angles: FloatArray) -> ElasticJoint |
     q[: len(robot.joints)] = followed(robot, angles[None])
     q[[model.index(motor) for motor in model.inputs]] = angles
     inertia = np.diag(np.asarray(model.mass(q, model.theta)))
-    motor, link = (float(inertia[model.index(f"{part} {joint}")]) for part in ("motor", "joint"))
+    motor, link = (float(inertia[model.index(f"{side} {joint}")]) for side in ("motor", "joint"))
     return ElasticJoint(motor, link, 1 / compliance, damping)

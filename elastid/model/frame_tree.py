@@ -175,19 +175,19 @@ def turns(layout: Tree, q: ca.SX) -> tuple[Turn, ...]:
 def seat(robot: Robot, layout: Tree, body: str) -> Attachment:
     """Return the seat of a body in the tree of frames; `base` for the base itself. KeyError for an unknown body."""
     seats = {BASE: ON_BASE}
-    seats |= {part.name: place for part, place in zip(robot.all_bodies, layout.attachments, strict=True)}
+    seats |= {part.name: placement for part, placement in zip(robot.all_bodies, layout.attachments, strict=True)}
     if body not in seats:
         raise KeyError(f"robot {robot.name} has no body {body}; there are {', '.join(seats)}")
     return seats[body]
 
 
 def ends_of(
-    robot: Robot, layout: Tree, part: Loop | Compensator, letter: str, theta: Mapping[str, ca.SX]
+    robot: Robot, layout: Tree, link: Loop | Compensator, letter: str, theta: Mapping[str, ca.SX]
 ) -> tuple[tuple[Attachment, Point], ...]:
     """Return body and location of both ends of a loop or a compensator. letter: prefix of the coordinate names."""
     return tuple(
-        (seat(robot, layout, end.body), located(f"{letter}{i}_{part.name}", end.point, theta))
-        for i, end in enumerate(part.ends, start=1)
+        (seat(robot, layout, end.body), located(f"{letter}{i}_{link.name}", end.point, theta))
+        for i, end in enumerate(link.ends, start=1)
     )
 
 

@@ -135,8 +135,8 @@ def bias(
         if parent >= 0:
             moment, force = _force_on_parent(moments[i], forces[i], layout.frames[i], joint_turns[i])
             moments[parent], forces[parent] = moments[parent] + moment, forces[parent] + force
-    parts = zip(layout.frames, forces, moments, strict=True)
-    return ca.vertcat(*((force if frame.slides else moment)[frame.axis] for frame, force, moment in parts))
+    rows = zip(layout.frames, forces, moments, strict=True)
+    return ca.vertcat(*((force if frame.slides else moment)[frame.axis] for frame, force, moment in rows))
 
 
 def sensor_kinematics(robot: Robot, layout: Tree, joint_turns: tuple[Turn, ...]) -> tuple[ca.SX, ca.SX]:

@@ -186,9 +186,9 @@ def compensate_friction(record: Record, friction: CompensatedFriction) -> Record
     n = whole_samples(record)
     record = replace(record, u=record.u[:n], y=record.y[:n], r=None if record.r is None else record.r[:n])
     u = record.u.copy()
-    for place in friction.compensated_motors():
-        basis, motion = friction.compensated_basis(place), friction.motion(record, place)
-        u[:, record.inputs.index(place)] -= zoh_samples(record, place, motion, basis)
+    for location in friction.compensated_motors():
+        basis, motion = friction.compensated_basis(location), friction.motion(record, location)
+        u[:, record.inputs.index(location)] -= zoh_samples(record, location, motion, basis)
     return replace(record, u=u)
 
 
@@ -214,7 +214,7 @@ def to_links(record: Record, E: FloatArray | None) -> Record:
     if E is None:
         return record
     return _transform_record(
-        record, [record.outputs.index(place) for place in record.inputs], E, np.asarray(np.linalg.inv(E).T)
+        record, [record.outputs.index(motor) for motor in record.inputs], E, np.asarray(np.linalg.inv(E).T)
     )
 
 

@@ -63,8 +63,8 @@ class GearEstimate:
 
     def motions_of(self, effects: Sequence[GearEffect], further: int = 0) -> list[SmoothedMotion]:
         """Return the estimated motions with forces of any effects, 0 of those not among these and of further ones."""
-        places = {effect: i for i, effect in enumerate(self.effects)}
-        columns = [*(places.get(effect, -1) for effect in effects), *(-1,) * further]
+        index_of = {effect: i for i, effect in enumerate(self.effects)}
+        columns = [*(index_of.get(effect, -1) for effect in effects), *(-1,) * further]
         return [motion.of(columns) for motion in self.estimates]
 
 

@@ -325,10 +325,10 @@ def _newton_step(
 
     To some percent, so that numbers of four bytes do.
     """
-    x_slope, part = (slope * size).astype(np.float32), (1 / size).astype(np.float32)
+    x_slope, weight = (slope * size).astype(np.float32), (1 / size).astype(np.float32)
 
     def product(v: FloatArray) -> FloatArray:
-        return v + (linear(x_slope * v.reshape(x_0.shape)) * part).ravel()
+        return v + (linear(x_slope * v.reshape(x_0.shape)) * weight).ravel()
 
     operator = LinearOperator((x_0.size, x_0.size), matvec=product, dtype=np.float32)
     step = gmres(operator, (x_0 / size).astype(np.float32).ravel(), rtol=tolerance, restart=40, maxiter=1)[0]

@@ -95,13 +95,13 @@ def _identify(
         if delay_s > 0 or any(shape.is_memoryless for shape in late_choice.shapes):
             data, shapes, choice, indices = late, late_shapes, late_choice, late_indices
     basis_spectra = [replace(spectra, Phi=spectra.Phi[:, indices]) for spectra in data]
-    swings = tuple(median_swing([motion_of(record, place) for record in records]) for place in locations)
+    swings = tuple(median_swing([motion_of(record, motor) for record in records]) for motor in locations)
     first, friction = _FrictionFit(records[0], spec, basis_spectra, choice, swings), None
     if choice.shapes:
         noise = np.sqrt(np.mean([spectra.velocity_noise**2 for spectra in basis_spectra], axis=0))
         near = refine_basis(choice, first.sums[0], locations, noise)
         between = replace(first, choice=near, data=gather(measured[:n_first], near.shapes, first.result))
-        pairs = [[fit.result.coulomb_friction(place)[0] for fit in (between, first)] for place in locations]
+        pairs = [[fit.result.coulomb_friction(motor)[0] for fit in (between, first)] for motor in locations]
         # Of many configurations the motion between the samples is looked at where it moves F_c by what is known of it.
         is_near = all(abs(coefficient - sampled) <= SIGN_ERROR * coefficient for coefficient, sampled in pairs)
         if n_first >= len(measured) or not is_near:
@@ -227,24 +227,24 @@ def _notes(result: CompensatedFriction) -> tuple[Note, ...]:
             f"early. State `delay: {delay_ms:.3g} ms` at the channels of role u, or free `delay_u` in the fit"
         )
         notes.append(Note("nonlinear/torque-delay", text, severity="warning"))
-    for place, unit, percent in zip(result.places, result.place_units, 100 * result.residual_power_ratio, strict=True):
-        if place in result.compensated_motors():
-            F_c, std = result.coulomb_friction(place)
+    for motor, unit, percent in zip(result.places, result.place_units, 100 * result.residual_power_ratio, strict=True):
+        if motor in result.compensated_motors():
+            F_c, std = result.coulomb_friction(motor)
             text = (
-                f"{place}: Coulomb friction of {F_c:.4g} {unit} (std {std:.2g}, link side) is compensated. The power "
+                f"{motor}: Coulomb friction of {F_c:.4g} {unit} (std {std:.2g}, link side) is compensated. The power "
                 f"of noise and distortion decreases to {percent:.2g} % of its value without compensation"
             )
             notes.append(Note("nonlinear/friction-compensated", text, severity="information"))
-            ratio = result.swing_ratio(place)
+            ratio = result.swing_ratio(motor)
             if std > MIN_UNCERTAIN * F_c and ratio < FULL_SWING:
                 text = (
-                    f"{place}: the Coulomb torque is {F_c:.3g} {unit} (std {std:.2g}). The motion between two "
+                    f"{motor}: the Coulomb torque is {F_c:.3g} {unit} (std {std:.2g}). The motion between two "
                     f"reversals is {ratio:.2g} of the presliding distance (limit {FULL_SWING:g}). Raise the amplitude"
                 )
                 notes.append(Note("nonlinear/presliding", text, severity="information"))
         else:
             text = (
-                f"{place}: Coulomb friction is not significant and not compensated. In cross-validation, "
+                f"{motor}: Coulomb friction is not significant and not compensated. In cross-validation, "
                 f"{percent:.3g} % of the power of noise and distortion remains with compensation"
             )
             notes.append(Note("nonlinear/friction-not-compensated", text, severity="information"))
@@ -270,7 +270,7 @@ def refusal(records: Sequence[Record]) -> str:
     if reason := reason_unsuited(first):
         return reason
     equal = np.zeros(len(first.inputs)) if first.r is None else np.all(first.u == first.r, axis=0)
-    if same := [place for place, is_equal in zip(first.inputs, equal, strict=True) if is_equal]:
+    if same := [motor for motor, is_equal in zip(first.inputs, equal, strict=True) if is_equal]:
         return (
             f"the torque of {', '.join(same)} equals the reference to the last bit, so that the controller's part "
             "against friction is not in it and friction cannot be found; log the torque, or the current, that the "
@@ -281,11 +281,11 @@ def refusal(records: Sequence[Record]) -> str:
     n_u, K = len(first.inputs), len(records)
     if n_u > K:
         return f"{K} experiments do not separate {n_u} inputs; measure more, since friction is what responses leave"
-    for place in first.inputs:
-        motion = motion_of(first, place)
+    for motor in first.inputs:
+        motion = motion_of(first, motor)
         if motion.velocity_noise > VELOCITY_NOISE * motion.speed:
             return (
-                f"the velocity of {place} is {motion.speed:.2g} RMS and its noise {motion.velocity_noise:.2g}, so that "
+                f"the velocity of {motor} is {motion.speed:.2g} RMS and its noise {motion.velocity_noise:.2g}, so that "
                 "its sign is not known; use an encoder of more counts, or excite slower or larger motions"
             )
     return ""

@@ -128,9 +128,9 @@ def drive_lines(
         for letter, without in (("k", 1.0), ("d", 0.0))
     )
     point = equilibrium(linearisation.model, theta[: -1 if DELAY in model.parameters else None], lines.configuration)
-    places = {location: row @ model.Z for location, row in rows.items()}
+    rows_of = {location: row @ model.Z for location, row in rows.items()}
     chain = parameters.jacobian(x, name)[kernel.places]
-    joint_numbers = driven, ratios, places, k, d, k * (rows["gear"] @ point.q)
+    joint_numbers = driven, ratios, rows_of, k, d, k * (rows["gear"] @ point.q)
     return DriveLines(model, kernel, theta, H, C, model.B, G, images, command, sensor, *joint_numbers, chain)
 
 
@@ -150,8 +150,8 @@ def geometric_torques(robot: Robot, at: Configuration, motion: ComplexArray, s: 
             "own distortion is not known; check the lengths of its loops, and the angles of configurations",
         )
 
-    def tau(part: float) -> FloatArray:
-        return feed_forward(model, q0, *(part * x for x in states)).T
+    def tau(fraction: float) -> FloatArray:
+        return feed_forward(model, q0, *(fraction * x for x in states)).T
 
     h = 1e-3
     distortion = (tau(1.0) - (tau(h) - tau(-h)) / (2 * h) - tau(0.0)).reshape(n, -1, M)

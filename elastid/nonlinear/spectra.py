@@ -106,10 +106,10 @@ def gather_configuration(
     everywhere = np.arange(excited[0], excited[-1] + 1, 2 if first.half_wave else 1)
     lines = np.union1d(evenly_spaced(excited, 400), evenly_spaced(np.setdiff1d(everywhere, excited), 400))
     is_excited = np.isin(lines, excited)
-    columns = [first.outputs.index(place) for place in first.inputs]
+    columns = [first.outputs.index(motor) for motor in first.inputs]
     U, Y, Phi = list[ComplexArray](), list[ComplexArray](), list[ComplexArray]()
     velocity_noise = np.zeros((len(spectra), len(first.inputs)))
-    places = tuple(dict.fromkeys(shape.place for shape in shapes))
+    motors = tuple(dict.fromkeys(shape.place for shape in shapes))
     for k, spectrum in enumerate(spectra):
         record = spectrum.record
         periods = _periods(spectrum, lines, is_excited, spec, spec.quantity)
@@ -118,10 +118,10 @@ def gather_configuration(
         Phi.append(np.zeros((len(lines), len(shapes)), complex))
         # A last half period without its other half is no part of the motion.
         complete = periods.periods[periods.periods < record.n_periods * first.period_samples // first.repeat_samples]
-        for place in places:
-            motion = friction.motion(record, place) if friction else motion_of(record, place)
-            velocity_noise[k, first.inputs.index(place)] = motion.velocity_noise
-            rows = [i for i, shape in enumerate(shapes) if shape.place == place]
+        for motor in motors:
+            motion = friction.motion(record, motor) if friction else motion_of(record, motor)
+            velocity_noise[k, first.inputs.index(motor)] = motion.velocity_noise
+            rows = [i for i, shape in enumerate(shapes) if shape.place == motor]
             Phi[-1][:, rows] = amplitudes(record, motion, [shapes[i] for i in rows], complete, lines).T
     return ConfigurationSpectra(
         lines, line_frequencies(lines, first.rate_hz, first.period_samples), is_excited, np.stack(U, axis=2),

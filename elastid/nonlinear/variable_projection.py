@@ -301,13 +301,13 @@ def candidate_basis(records: Sequence[Record], signs_alone: bool) -> tuple[Basis
     for location in records[0].inputs:
         motions = [motion_of(record, location) for record in records]
         speed = math.sqrt(np.mean([motion.speed**2 for motion in motions]))
-        shapes += [BasisFunction(location, "sign", part * speed) for part in _TURNING]
+        shapes += [BasisFunction(location, "sign", fraction * speed) for fraction in _TURNING]
         if signs_alone:
             continue
-        shapes += [BasisFunction(location, "stribeck", part * speed) for part in _FALLING if speed > 0]
+        shapes += [BasisFunction(location, "stribeck", fraction * speed) for fraction in _FALLING if speed > 0]
         if (swing := median_swing(motions)) > 0:
             kinds: tuple[Kind, ...] = ("stop", "bristle", "stop damping", "bristle damping")
-            shapes += [BasisFunction(location, kind, part * swing) for kind in kinds for part in _BENDING]
+            shapes += [BasisFunction(location, kind, fraction * swing) for kind in kinds for fraction in _BENDING]
     return tuple(shapes)
 
 
@@ -391,7 +391,7 @@ def residual_power_ratios(equations: NormalEquations, motors: int, motor_of: Int
     return ratios
 
 
-def refine_basis(choice: Basis, coefficients: FloatArray, places: Sequence[str], velocity_noise: FloatArray) -> Basis:
+def refine_basis(choice: Basis, coefficients: FloatArray, motors: Sequence[str], velocity_noise: FloatArray) -> Basis:
     """Refine the choice: signs and Stribeck curves of a motor near the mean speed of the selected ones.
 
     A sign turns over the square root of D^2 - (c sigma)^2, D being the mean speed that fits and sigma (n_m,) the
@@ -399,9 +399,9 @@ def refine_basis(choice: Basis, coefficients: FloatArray, places: Sequence[str],
     Signs that are far from each other stay.
     """
     shapes: list[BasisFunction] = []
-    for place, noise in zip(places, velocity_noise.tolist(), strict=True):
+    for motor, noise in zip(motors, velocity_noise.tolist(), strict=True):
         pairs = [
-            (shape, f) for shape, f in zip(choice.shapes, coefficients.tolist(), strict=True) if shape.place == place
+            (shape, f) for shape, f in zip(choice.shapes, coefficients.tolist(), strict=True) if shape.place == motor
         ]
         for kind, near in _NEAR.items():
             members = [(shape.threshold, f) for shape, f in pairs if shape.kind == kind and f > 0]
@@ -412,9 +412,9 @@ def refine_basis(choice: Basis, coefficients: FloatArray, places: Sequence[str],
             if kind == "sign":
                 mean = math.sqrt(max(mean**2 - (SIGN_BLUR * noise) ** 2, 0.0))
             pairs = [(shape, f) for shape, f in pairs if shape.kind != kind]
-            pairs += [(BasisFunction(place, kind, part * mean), 0.0) for part in (near if mean else near[:1])]
+            pairs += [(BasisFunction(motor, kind, factor * mean), 0.0) for factor in (near if mean else near[:1])]
         shapes += [replace(shape, delay_s=choice.delay_s) for shape, _ in pairs]
-    return Basis(tuple(shapes), _motors(shapes, places), choice.residual_power_ratio)
+    return Basis(tuple(shapes), _motors(shapes, motors), choice.residual_power_ratio)
 
 
 def basis_error_covariance(choice: Basis, coefficients: FloatArray) -> FloatArray:

@@ -234,7 +234,7 @@ def parameter_rows(
         known_of = name, parameter.unit, estimates[name], stds[name], result.interval(name)
         file, at_bound = (parameter.value, (parameter.lower, parameter.upper)), bool(result.at_bound[i])
         contained = (contents or {}).get(name, "")
-        parts = {kind: part[name] for kind, part in result.std_contributions.items()}
+        parts = {kind: stds_of[name] for kind, stds_of in result.std_contributions.items()}
         of_base = "" if truths else bases.get(name, "")  # the base of a simulated robot is rigid
         rows.append(ParameterRow(*known_of, *file, at_bound, true, deviation, contained, parts, verdicts[i], of_base))
     return tuple(rows)

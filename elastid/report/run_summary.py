@@ -157,13 +157,13 @@ def _with_verdicts(rows: Sequence[ParameterRow]) -> str:
         has_size = row.verdict == UNCERTAIN and row.estimate != 0
         size = f" (std {percent(row.std / abs(row.estimate))})" if has_size else ""
         names.setdefault(row.verdict, []).append(f"{row.name}{size}")
-    parts = []
+    phrases = []
     for verdict, of_verdict in names.items():
         word, _, reason = verdict.partition(": ")
         verb = "is" if len(of_verdict) == 1 else "are"
         reason = "limit 50 %; do not use" if verdict == UNCERTAIN else reason
-        parts.append(f"{', '.join(of_verdict)} {verb} {word}{reason and f' ({reason})'}")
-    return ", and ".join(parts)
+        phrases.append(f"{', '.join(of_verdict)} {verb} {word}{reason and f' ({reason})'}")
+    return ", and ".join(phrases)
 
 
 def _noise_and_error(result: Result, agreements: Sequence[FrfError]) -> str:
@@ -255,11 +255,11 @@ def _titles(agreements: Sequence[FrfError]) -> tuple[str, tuple[str, ...], tuple
 def summary_line(content: ReportContent) -> str:
     """State the number of configurations and experiments, and the robot's time."""
     n = len(content.frf)
-    parts = [f"{n} configuration{'s' if n != 1 else ''}"]
+    phrases = [f"{n} configuration{'s' if n != 1 else ''}"]
     if content.plan is not None:
         records = sum(content.plan.realisations) * len(content.plan.inputs)
-        parts += [f"{records} records", f"{number(content.plan.robot_time_s, 3)} s of robot time"]
-    return " · ".join(parts)
+        phrases += [f"{records} records", f"{number(content.plan.robot_time_s, 3)} s of robot time"]
+    return " · ".join(phrases)
 
 
 # Actions that are shown, and the half-width of an interval that needs no further measurement.

@@ -90,7 +90,7 @@ class Motor:
         entries: Numbers = {f"Jm_{joint}": ("kg*m^2", ("inertia",)), f"fm_{joint}": ("N*m*s/rad", ("viscous",))}
         if self.spring is None:
             return entries
-        shaft = {f"{name[0]}m{name[1:]}": place for name, place in self.spring.numbers(joint).items()}
+        shaft = {f"{name[0]}m{name[1:]}": path for name, path in self.spring.numbers(joint).items()}
         return entries | below("spring", shaft)
 
 

@@ -59,9 +59,9 @@ def channel_meaning(name: str) -> str:
     match = re.fullmatch(rf"({'|'.join(CHANNEL_NUMBERS)})_(kp|kd|[uyr])(?:_(.+))?", name)
     if match is None:
         return ""
-    kind, role, place = match[1], match[2], (match[3] or "").replace("_", " ")
+    kind, role, location = match[1], match[2], (match[3] or "").replace("_", " ")
     signal = SIGNALS.get(role, "")
-    owner = place or "all motors" if not signal else f"the {signal} of {place}" if place else f"all {signal}s"
+    owner = location or "all motors" if not signal else f"the {signal} of {location}" if location else f"all {signal}s"
     return MEANINGS.get(f"{kind} {role}", MEANINGS[kind]).format(owner)
 
 
@@ -120,9 +120,9 @@ class Chain:
 
     def __post_init__(self) -> None:
         channels = [(channel.role, channel.at) for channel in self.channels]
-        for role, place in channels:
-            if channels.count((role, place)) > 1:
-                raise ValueError(f"channels has {role} at {place or 'all places'} twice; leave one out")
+        for role, location in channels:
+            if channels.count((role, location)) > 1:
+                raise ValueError(f"channels has {role} at {location or 'all places'} twice; leave one out")
 
     @property
     def numbers(self) -> Numbers:
@@ -149,7 +149,7 @@ class Chain:
     def at(self, role: str, locations: Iterable[str]) -> list[tuple[Channel, ...]]:
         """Return the listed channels of a role at each place, including channels for all places."""
         channels = [channel for channel in self.channels if channel.role == role]
-        return [tuple(channel for channel in channels if channel.at in ("", place)) for place in locations]
+        return [tuple(channel for channel in channels if channel.at in ("", location)) for location in locations]
 
     def check_places(self, motors: Collection[str], locations: Collection[str]) -> None:
         """Raise ValueError for a listed channel that does not exist, and for a common gain of a role."""

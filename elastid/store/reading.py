@@ -85,7 +85,7 @@ def _read_mapping(item: Any, kind: Kind, label: Label) -> dict[str, Any]:
 
 
 def _read_union(item: Any, kind: Kind, _: Label) -> Any:
-    return read_dataclass(item, {part.__name__: part for part in kind.parts}[item.attrs["type"]])
+    return read_dataclass(item, {type_.__name__: type_ for type_ in kind.parts}[item.attrs["type"]])
 
 
 _READERS: dict[str, Callable[..., Any]] = {
@@ -137,8 +137,8 @@ def _numbers(dataset: Any, number: type, shape: tuple[int, ...] | None = None) -
 def read_part(path: Path | str, kind: str, name: str, annotation: type[T]) -> T:
     """Read one part of a file of a kind; raise DataError if it is absent, unless its annotation allows None."""
     with opened(path, kind) as file:
-        part: T = read_value(file, name, annotation)
-        return part
+        value: T = read_value(file, name, annotation)
+        return value
 
 
 def reader(kind: str, name: str, annotation: type[T] | str, may_miss: bool = False) -> Callable[[Path | str], T]:
@@ -146,8 +146,8 @@ def reader(kind: str, name: str, annotation: type[T] | str, may_miss: bool = Fal
 
     def read(path: Path | str) -> T:
         annotation_type: Any = resolve_name(annotation) if isinstance(annotation, str) else annotation
-        part: T = read_part(path, kind, name, annotation_type | None if may_miss else annotation_type)
-        return part
+        value: T = read_part(path, kind, name, annotation_type | None if may_miss else annotation_type)
+        return value
 
     return read
 

@@ -85,7 +85,7 @@ class Numbers:
         focus = result.parameters.of_interest
         parts = (*result.std_contributions.values(),) or (dict.fromkeys(result.std, math.nan),) * 3
         rows = [
-            (result.values[p.name], result.std[p.name], *(part[p.name] for part in parts), *result.interval(p.name))
+            (result.values[p.name], result.std[p.name], *(stds[p.name] for stds in parts), *result.interval(p.name))
             for p in focus
         ]  # fmt: skip
         return cls(tuple(p.name for p in focus), tuple(p.unit for p in focus), *np.array(rows).reshape(-1, 7).T)
@@ -103,9 +103,9 @@ def write_fit(
     modelled: responses of the fitted model at the lines of each measured one.  figures: values and types of the page.
     """
     check_kind(result, Result, "result", "elastid.identify(...) and elastid.load(path) give one")
-    parts: dict[str, tuple[Any, Any]] = {"fit": (result, Result), "numbers": (Numbers.of(result), Numbers)}
-    parts["modelled"] = modelled, tuple[Response, ...] | None
-    write_artefact(path, FIT, stamp, parts | dict(figures), {"modelled": "configuration.name"})
+    contents: dict[str, tuple[Any, Any]] = {"fit": (result, Result), "numbers": (Numbers.of(result), Numbers)}
+    contents["modelled"] = modelled, tuple[Response, ...] | None
+    write_artefact(path, FIT, stamp, contents | dict(figures), {"modelled": "configuration.name"})
 
 
 def write_map_table(path: Path, workspace: "WorkspaceMap") -> None:

@@ -163,7 +163,7 @@ def json_value(value: Any, number: Callable[[float], Any] = or_null) -> Any:
     if isinstance(value, list | tuple):
         return [json_value(entry, number) for entry in value]
     if hasattr(value, "__dataclass_fields__"):
-        return {part.name: json_value(getattr(value, part.name), number) for part in fields_of(type(value))}
+        return {field_.name: json_value(getattr(value, field_.name), number) for field_ in fields_of(type(value))}
     return value
 
 
@@ -183,8 +183,8 @@ def from_json(content: Any, annotation: Any) -> Any:
         case "array" if isinstance(content, list):
             return np.array([math.nan if number is None else number for number in content], kind.type)
         case "array":
-            part = float if kind.type is np.complex128 else kind.type
-            return np.array(content["values"], part).view(kind.type).reshape(content["shape"])
+            convert = float if kind.type is np.complex128 else kind.type
+            return np.array(content["values"], convert).view(kind.type).reshape(content["shape"])
         case "fields":
             if not content.keys() <= {slot.name for slot in fields_of(kind.type)}:
                 raise ValueError(f"{', '.join(content)} are not the fields of {kind.type.__name__}")

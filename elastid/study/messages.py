@@ -82,8 +82,8 @@ def _walk(error: PydanticError, data: Any) -> tuple[KeyPath, KeyPath | None]:
     """Return pydantic's location as a path through the data, and the path of the outermost union on its way."""
     path: list[str | int] = []
     union = None
-    for place, step in enumerate(error["loc"], start=1):
-        is_missing = error["type"] == "missing" and place == len(error["loc"])
+    for depth, step in enumerate(error["loc"], start=1):
+        is_missing = error["type"] == "missing" and depth == len(error["loc"])
         if isinstance(data, dict) and (step in data or is_missing):
             path.append(step)
             data = data.get(step)
@@ -145,8 +145,8 @@ def _named_key(message: str, path: KeyPath, section: Any) -> KeyPath:
         for i, entry in enumerate(value if isinstance(value, list) else [])
         if isinstance(entry, dict) and entry.get("name")
     }
-    places = {name: re.search(rf"(?<![\w.-]){re.escape(name)}(?!\w|[.-]\w)", message) for name in (*section, *entries)}
-    starts = {name: place.start() for name, place in places.items() if place is not None}
+    matches = {name: re.search(rf"(?<![\w.-]){re.escape(name)}(?!\w|[.-]\w)", message) for name in (*section, *entries)}
+    starts = {name: match.start() for name, match in matches.items() if match is not None}
     if not starts:
         return path
     first = min(starts, key=starts.__getitem__)

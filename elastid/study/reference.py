@@ -320,8 +320,8 @@ def explain_parameter(name: str, robot: Robot | None = None) -> str:
             for step in steps:
                 item = item[step] if isinstance(step, int) else getattr(item, step)
                 owners += [f"{type(item).__name__.lower()} {item.name}"] if hasattr(item, "name") else []
-            place = f" Of {', '.join(owners)}; nominal {item:g} {unit} ({'.'.join(map(str, steps))})." if steps else ""
-            return f"{f'{capital(meaning)}.' if meaning else key.text}{side}{place}"
+            origin = f" Of {', '.join(owners)}; nominal {item:g} {unit} ({'.'.join(map(str, steps))})." if steps else ""
+            return f"{f'{capital(meaning)}.' if meaning else key.text}{side}{origin}"
     if name == "delay":
         return "Time delay of all outputs relative to the inputs, s."
     terms = [term.meaning for term in TERMS.values() if name.startswith(f"{term.prefix}_m")]

@@ -75,11 +75,11 @@ class Actuators:
 
     def interval_text(self, row: Actuator, *quantities: str) -> str:
         """Return intervals of quantities of a joint in a line; empty without any."""
-        parts = []
+        phrases = []
         for quantity in quantities:
             if ends := self.intervals.get((row.joint, quantity)):
-                parts.append(f"{quantity} {ends[0]:.6g} to {ends[1]:.6g} {UNITS[quantity][row.slides]}")
-        return f"95 %: {', '.join(parts)}" if parts else ""
+                phrases.append(f"{quantity} {ends[0]:.6g} to {ends[1]:.6g} {UNITS[quantity][row.slides]}")
+        return f"95 %: {', '.join(phrases)}" if phrases else ""
 
 
 Gains: TypeAlias = Sequence[tuple[float, float]]
@@ -110,12 +110,12 @@ def _actuator(robot: Robot, joint: Joint, kp: float | None, kd: float | None, de
 
 def _parts_without_snippet(joint: Joint, law: Friction | None) -> Iterator[str]:
     """Yield the model terms of a joint that no snippet contains."""
-    parts = {
+    name_of = {
         "quadratic friction": "quadratic", "friction by direction": "directions", "load-dependent friction": "load",
         "temperature dependence of the friction": "temperature", "presliding (LuGre)": "lugre",
         "presliding (Maxwell slip)": "maxwell_slip",
     }  # fmt: skip
-    yield from (part_name for part_name, key in parts.items() if law is not None and getattr(law, key, None))
+    yield from (part_name for part_name, key in name_of.items() if law is not None and getattr(law, key, None))
     if joint.spring is not None and joint.spring.backlash is not None:
         yield "backlash of the gear (export to mujoco has it)"
     if joint.spring is not None and any((joint.spring.quadratic, joint.spring.symmetric_quadratic, joint.spring.cubic)):
@@ -129,19 +129,19 @@ def _parts_without_snippet(joint: Joint, law: Friction | None) -> Iterator[str]:
 def fit_intervals(model: FittedRobot, friction: CompensatedFriction | None) -> Intervals:
     """Return intervals of the numbers of a fit and of its Coulomb friction, on the link side."""
     numbers = {number.name: number for number in known_numbers(model) if math.isfinite(number.std)}
-    places = {row.place: row.interval for row in (friction_rows(friction) if friction else ()) if row.interval}
+    interval_of = {row.place: row.interval for row in (friction_rows(friction) if friction else ()) if row.interval}
     intervals: dict[tuple[str, str], tuple[float, float]] = {}
     for joint in model.robot.driven:
         name, square = joint.name, model.robot.ratio(joint.name) ** 2
-        for quantity, parts in (
+        for quantity, scale_of in (
             ("armature", {f"Jm_{name}": square}), ("viscous", {f"fm_{name}": square, f"f_{name}": 1.0}),
             ("stiffness", {f"k_{name}": 1.0}), ("damping", {f"d_{name}": 1.0}),
         ):  # fmt: skip
-            if free := [(numbers[part], scale) for part, scale in parts.items() if part in numbers]:
+            if free := [(numbers[part], scale) for part, scale in scale_of.items() if part in numbers]:
                 value = float(joint.all_viscous) if quantity == "viscous" else free[0][0].value * free[0][1]
                 down, up = (math.hypot(*(k * (n.value - getattr(n, end)) for n, k in free)) for end in ("low", "high"))
                 intervals[name, quantity] = value - down, value + up
-        if ends := places.get(f"motor {name}"):
+        if ends := interval_of.get(f"motor {name}"):
             intervals[name, "coulomb"] = ends
     return intervals
 

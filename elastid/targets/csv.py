@@ -99,7 +99,7 @@ def _modes(model: FittedRobot) -> Iterable[Sequence[Any]]:
 
 def _response(measured: Response, G: ComplexArray, variance: FloatArray | None) -> Iterable[Sequence[Any]]:
     elements = [(a, b, f"{y}_{u}") for a, y in enumerate(measured.outputs) for b, u in enumerate(measured.inputs)]
-    names = [f"{part}_{name}" for part in ("re", "im") for _, _, name in elements]
+    names = [f"{component}_{name}" for component in ("re", "im") for _, _, name in elements]
     names += [f"std_{name}" for _, _, name in elements] if variance is not None else []
     yield "freq_hz", *names
     rows, columns = [a for a, _, _ in elements], [b for _, b, _ in elements]

@@ -137,11 +137,11 @@ def layout(
         "RATE": [Variable("controller_rate", "parameter", "fixed", "Rate of the controller, Hz", rate_hz)],
         "STEP": [Variable("largest_step", "parameter", "fixed", "Longest step of integration, s", step_s)],
     }
-    places, first = {}, 0
+    starts, first = {}, 0
     for name, members in groups.items():
-        places[name] = first
+        starts[name] = first
         first += len(members)
-    return Layout(tuple(variable for members in groups.values() for variable in members), places)
+    return Layout(tuple(variable for members in groups.values() for variable in members), starts)
 
 
 def _of(
@@ -238,9 +238,9 @@ def _describe_3(variables: ET.Element, structure: ET.Element, layout: Layout, na
         ET.SubElement(variables, "Float64", _attributes(variable, reference) | _start_of(variable))
     limits = {"start": "1", "min": "1", "max": str(len(names))}
     ET.SubElement(variables, "Int32", _configuration(len(layout.variables), names) | limits)
-    for part in ("Output", "InitialUnknown"):
+    for section in ("Output", "InitialUnknown"):
         for reference in layout.outputs:
-            ET.SubElement(structure, part, valueReference=str(reference))
+            ET.SubElement(structure, section, valueReference=str(reference))
 
 
 def build_description(sources: Sequence[str]) -> str:
@@ -285,15 +285,15 @@ def equations(model: ElasticModel, contacts: Contacts) -> tuple[ca.Function, ...
     z, u = ca.SX.sym("z", contacts.n_states), ca.SX.sym("u", model.n_u)
     friction, step = ca.SX.sym("friction", len(contacts.curves)), ca.SX.sym("step")
     B, n_l = ca.DM(model.B), len(model.robot.joints)
-    places = origins(model, q)
-    force = ca.SX.sym("force", places.numel())
+    origin_of = origins(model, q)
+    force = ca.SX.sym("force", origin_of.numel())
     torque = B @ u - contacts.torque(v, z, friction) - gear_forces(model, q, v, theta)
-    torque += ca.jacobian(places, q).T @ force
+    torque += ca.jacobian(origin_of, q).T @ force
     accelerate = free_acceleration(model, theta=theta)
     functions = [
         dense("acceleration", [q, v, z, u, force, theta, friction], [accelerate(q, v, torque, theta)]),
         dense("bristles", [z, v, friction, step], [contacts.advanced(v, z, friction, step)]),
-        dense("readings", [q, v], [B.T @ q, B.T @ v, q[:n_l], places]),
+        dense("readings", [q, v], [B.T @ q, B.T @ v, q[:n_l], origin_of]),
     ]
     if model.n_c:
         functions.append(dense("closing", [q, v, theta], list(projection(model, theta)(q, v, theta))))
@@ -399,7 +399,7 @@ def _sizes(subject: Subject, n_z: int, functions: tuple[ca.Function, ...], varia
         "N_POSTURES": len(subject.postures), "N_VALUES": len(variables.variables),
         "HAS_LOOPS": int(equations_of.n_c > 0), "HAS_MOVE": int(subject.move is not None),
         **{f"N_{of.upper()}": max(getattr(f, f"sz_{of}")() for f in functions) for of in ("arg", "res", "iw", "w")},
-        **{f"OF_{name}": place for name, place in {"OUTPUTS": variables.places["ANGLE"], **variables.places}.items()},
+        **{f"OF_{name}": index for name, index in {"OUTPUTS": variables.places["ANGLE"], **variables.places}.items()},
         "START_REFUSED": '"no such configuration, or a rate or step that is not positive"',
         "LOST": '"the motion has left all bounds: take a smaller largest_step, or gentler inputs"',
     }  # fmt: skip

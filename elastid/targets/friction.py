@@ -124,7 +124,7 @@ def compensation(robot: Robot) -> ca.Function:
         is_flexible = joint in robot.flexible
         locations = [f"motor {joint.name}", *([] if is_flexible else [f"joint {joint.name}"])]
         total = (joint.all_viscous - is_flexible * joint.viscous) * v[i]
-        for law in (laws[place] for place in locations if place in laws):
+        for law in (laws[location] for location in locations if location in laws):
             curve = law.symbols(law.curve().tolist())
             total += curve.torque(v[i]) * ca.tanh(v[i] / SLIDING) + curve.growing(v[i])
         torques.append(total)

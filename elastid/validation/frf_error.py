@@ -152,9 +152,9 @@ def noise_p(agreements: Sequence[FrfError]) -> float:
 
 def power_ratio(agreements: Sequence[FrfError]) -> tuple[float, float]:
     """Return ratio of residual power to noise power, over all configurations, and its degrees of freedom."""
-    tested = [(a.power_dof, a.power_ratio) for a in agreements if a.power_dof > 0]
-    dof = sum(weight for weight, _ in tested)
-    return (sum(weight * ratio for weight, ratio in tested) / dof, dof) if tested else (math.nan, 0.0)
+    pairs = [(a.power_dof, a.power_ratio) for a in agreements if a.power_dof > 0]
+    dof = sum(weight for weight, _ in pairs)
+    return (sum(weight * ratio for weight, ratio in pairs) / dof, dof) if pairs else (math.nan, 0.0)
 
 
 @dataclass(frozen=True)
@@ -266,10 +266,10 @@ def _tests(
     return *power_over_noise(z, whiten, noise, shift_dof), white_by_chance(z)
 
 
-def _mean(values: FloatArray | BoolArray, where: BoolArray) -> FloatArray:
+def _mean(values: FloatArray | BoolArray, mask: BoolArray) -> FloatArray:
     """Return mean (n_y, n_u) along frequency over some lines, NaN without any."""
-    count = where.sum(axis=0)
-    return np.asarray(np.where(where, values, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan))
+    count = mask.sum(axis=0)
+    return np.asarray(np.where(mask, values, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan))
 
 
 def _verdict(agreements: Sequence[FrfError]) -> str:
@@ -293,8 +293,8 @@ def _verdict(agreements: Sequence[FrfError]) -> str:
     test = "the noise is unknown"
     if not math.isnan(p):
         test = f"residuals {color}, {math.sqrt(ratio):.3g} times the noise (rms)"
-    where = f"configuration {names}, which was not fitted"
-    return f"Validation {verdict}. The model predicts {where}: {test}. Error of the FRFs: {error} including noise."
+    subject = f"configuration {names}, which was not fitted"
+    return f"Validation {verdict}. The model predicts {subject}: {test}. Error of the FRFs: {error} including noise."
 
 
 def _over(agreements: Sequence[FrfError]) -> tuple[float, float]:

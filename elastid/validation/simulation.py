@@ -134,11 +134,11 @@ def _logged(record: Record, plant: Plant, trajectory: Trajectory) -> Record:
     N, model, chain = record.period_samples, plant.model, plant.model.robot.chain
     y = sense(trajectory.q, trajectory.reading, model, plant.point.q, record.outputs, record.rate_hz, N)
     y = logged(filter_motions(model.robot, y, record.rate_hz), record.rate_hz, chain.at("y", record.outputs))
-    motors = [model.inputs.index(place) for place in record.inputs]
+    motors = [model.inputs.index(motor) for motor in record.inputs]
     u = logged(trajectory.u[:, motors], record.rate_hz, chain.at("u", record.inputs))
     return replace(
         record, u=u[-N:], y=y[-N:], r=None, discarded_periods=(), hold="zero-order", hold_samples=(),
-        quantities=tuple(logged_quantity(place) for place in record.outputs), sampled=(True,) * len(record.outputs)
+        quantities=tuple(logged_quantity(motor) for motor in record.outputs), sampled=(True,) * len(record.outputs)
     )  # fmt: skip
 
 

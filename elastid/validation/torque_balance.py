@@ -59,8 +59,8 @@ def torque_balance(
     power = [float(np.sum(np.abs(U[inside]) ** 2)) for _, _, inside in octaves]
     total = max(sum(power), 1e-300)
     bands = tuple(
-        BandBalance(low, high, part / total, *_explained(U[inside], T[:, inside], dry))
-        for part, (low, high, inside) in zip(power, octaves, strict=True)
+        BandBalance(low, high, component / total, *_explained(U[inside], T[:, inside], dry))
+        for component, (low, high, inside) in zip(power, octaves, strict=True)
     )
     header = location, log, unit, rate_hz, names, measured, torques
     return TorqueBalance(*header, fractions, ratio, without, bands, has_rate)
@@ -132,7 +132,7 @@ def elastic_balances(
     (Y,), (U,) = last_period(record, lines, motors.quantity)
     (_,), (U_net,) = last_period(net, lines, motors.quantity)
     Y_m = Y[:, [record.outputs.index(index) for index in motors.outputs]]
-    modelled = (frequency_response(*part, freq_hz) for part in parts)
+    modelled = (frequency_response(*pair, freq_hz) for pair in parts)
     torques_of_models = (np.asarray(np.linalg.solve(G, Y_m[..., None])[..., 0]) for G in modelled)
     full, frictionless, rigid = (synthesise(lines, torque, N) for torque in torques_of_models)
     measured, dry = synthesise(lines, U, N), synthesise(lines, U - U_net, N)

@@ -199,9 +199,9 @@ def _legend(
     groups = []
     for owner, has_motor, families in SYMBOLS:
         of_owner = {
-            family: (name, place)
-            for name, family, place in symbols
-            if family in families and has_motor in (None, place.partition(SEPARATOR)[0] in robot.driven_names)
+            family: (name, location)
+            for name, family, location in symbols
+            if family in families and has_motor in (None, location.partition(SEPARATOR)[0] in robot.driven_names)
         }
         names = ", ".join(f"{of_owner[family][0]} ({families[family]})" for family in families if family in of_owner)
         groups += [f"{names} of {owner.format(next(iter(of_owner.values()))[1])}"] if of_owner else []

@@ -84,10 +84,10 @@ def import_motions(study: Study, work: Work) -> Artefacts:
     with work.execution() as execution:
         logs = read_friction_logs(study.as_robot(), study.experiment, work.base, joints, payloads, execution.progress)
     notes = (*logs.notes, *notes_of(logs.records))
-    parts: dict[str, Write] = {
+    files: dict[str, Write] = {
         "records.h5": lambda p, stamp: stored.write_friction_records(p, logs.records, stamp, logs.warm_ups, logs.notes)
     }
-    return Artefacts(parts, partial(report_count, notes, len(logs.records)))
+    return Artefacts(files, partial(report_count, notes, len(logs.records)))
 
 
 def constant_velocity(study: Study, work: Work) -> Artefacts:

@@ -60,7 +60,7 @@ def measure_parts(
     read: Callable[[Path], Iterable[R]],
     write: Callable[[Path, Iterable[R], Stamp], None],
     noun: str,
-    is_large: Callable[[Any], bool] = lambda part: False,
+    is_large: Callable[[Any], bool] = lambda item: False,
 ) -> tuple[Iterator[R], Callable[[Console], None]]:
     """Measure each experiment or motion into its own file; keep the files of an interrupted run.
 
@@ -70,7 +70,7 @@ def measure_parts(
     """
     work.parts.mkdir(parents=True, exist_ok=True)
     remove_leftovers(work.parts)
-    files = {part.name: work.parts / f"{part.name}.h5" for part in parts if not is_large(part)}
+    files = {item.name: work.parts / f"{item.name}.h5" for item in parts if not is_large(item)}
     stamps = {name: read_stamp(path) for name, path in files.items()}
     done_names = [name for name, stamp in stamps.items() if stamp is not None and stamp.is_of(work.stamp)]
     remaining = [(files[p.name], p) for p in parts if p.name in files and p.name not in done_names]
@@ -81,8 +81,8 @@ def measure_parts(
     notes: list[Note] = []
 
     def gathered() -> Iterator[R]:
-        for part in parts:
-            for record in read(files[part.name]) if part.name in files else [measure(part)]:
+        for item in parts:
+            for record in read(files[item.name]) if item.name in files else [measure(item)]:
                 notes.extend(record.notes)
                 yield record
 

@@ -228,9 +228,9 @@ class SimulatedFrictionRig:
         model = model_of(with_point_mass(self.robot, run.motion.payload))
         windows = [window for window in (run.path.there, run.path.back) if window is not None]
         sliding = np.concatenate(list(starmap(np.arange, windows))) if windows else np.zeros(1, int)
-        places = np.linspace(0, len(sliding) - 1, min(20, len(sliding))).astype(int)
+        samples = np.linspace(0, len(sliding) - 1, min(20, len(sliding))).astype(int)
         point = equilibrium(model, model.theta, run.plant.point.configuration)
-        torque = holding_torque(model, point, run.index, run.path.position[sliding[places]])
+        torque = holding_torque(model, point, run.index, run.path.position[sliding[samples]])
         return float(np.abs(torque @ np.linalg.inv(self.robot.mixing)[:, run.index]).mean())
 
     def _thermometer(self, run: FrictionRun, number: int) -> FloatArray | None:

@@ -182,8 +182,8 @@ def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     body = max(loads, key=lambda name: loads[name].drop, default="")
     if evidence.assembly.linearisation.model.robot.payload is not None or not body or not loads[body].mass > 0:
         return []
-    mass, place = loads[body].mass, _centre(scores, body) + loads[body].place
-    loaded = _carrying(evidence, body, mass, place)
+    mass, centre = loads[body].mass, _centre(scores, body) + loads[body].place
+    loaded = _carrying(evidence, body, mass, centre)
     if loaded is None or not loaded[0] < scores.cost:
         return []
     cost, p, x = loaded

@@ -130,8 +130,8 @@ def _tilting(scores: Scores, n: int) -> dict[str, tuple[FloatArray, float]]:
     """Return dx / dc (n,) for elastic rotations of the base, and the detectable compliance c, rad/(N m), by name."""
     test = scores.test
     return {
-        f"base about {number.name[-1]}": (test.response[:n, place], scores.detectable(np.array([place]), np.ones(1)))
-        for place, number in enumerate(test.numbers)
+        f"base about {number.name[-1]}": (test.response[:n, i], scores.detectable(np.array([i]), np.ones(1)))
+        for i, number in enumerate(test.numbers)
         if number.name.startswith("base_")
     }
 

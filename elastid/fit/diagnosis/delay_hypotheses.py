@@ -128,10 +128,10 @@ def find_delays(indices: list[ModificationIndex], evidence: Evidence, scores: Sc
     # A delay of all references delays all motions, one of the torques is within the loop.
     common = DELAY if all(model.controller is None for model in models) else channel_name(DELAY, "r")
     channels = {common: ("", "")} | {
-        channel_name(DELAY, role, place): (role, place)
+        channel_name(DELAY, role, location): (role, location)
         for model in models
         for role, locations in (("y", model.outputs), (model.input_role, model.driven))
-        for place in locations
+        for location in locations
     }
     delayed = [row for row in indices if row.name in channels and row.explained_fraction > LIMITS.min_stated_fraction]
     delayed = delayed[: LIMITS.refits]

@@ -92,8 +92,8 @@ def _parameter_changes(numbers: list[FixedNumber]) -> FloatArray:
     for row, number in zip(A, numbers, strict=True):
         # m, cx, Ixy, I of m_fore, c_fore_x@c1, I_fore_xy, I_fore of the body fore
         letter, _, entry = number.name.partition("@")[0].partition("_")
-        for place, factor in J.get(letter + entry.removeprefix(body).removeprefix("_"), {}).items():
-            row[place] = factor / number.value if number.log else factor
+        for entry_index, factor in J.get(letter + entry.removeprefix(body).removeprefix("_"), {}).items():
+            row[entry_index] = factor / number.value if number.log else factor
     return A
 
 

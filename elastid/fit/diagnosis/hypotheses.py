@@ -90,8 +90,8 @@ def payload(index: ModificationIndex) -> str:
     """Return the mass, centre and inertia of a body together; where a mass is added, its place."""
     body, mass, new = axis(index), float(index.values[0]), index.changed[0]
     members = zip(index.members, index.values, index.changed, strict=True)
-    place = [f"{(new * c - mass * float(c_0)) / (new - mass):.2g}" for name, c_0, c in members if name[0] == "c"]
-    at = f" at about [{', '.join(place)}] m in the axes of {body}" if new > mass and len(place) == 3 else ""
+    centre = [f"{(new * c - mass * float(c_0)) / (new - mass):.2g}" for name, c_0, c in members if name[0] == "c"]
+    at = f" at about [{', '.join(centre)}] m in the axes of {body}" if new > mass and len(centre) == 3 else ""
     return f"mass of {body} = {new:.4g} kg instead of {mass:.4g} kg ({new - mass:+.2g} kg{at})"
 
 
@@ -99,18 +99,18 @@ def delay_phrase(index: ModificationIndex) -> str:
     """Return the delay or low pass of a channel, or of the motions relative to the torques."""
     T, name = float(index.steps[0]), index.name.partition("@")[0]
     form = next(form for form in FORMS if name.startswith(form))
-    role, _, place = name.removeprefix(form).lstrip("_").replace("_", " ").partition(" ")
+    role, _, location = name.removeprefix(form).lstrip("_").replace("_", " ").partition(" ")
     signals, reference = ("motions", "torques") if T > 0 else ("torques", "motions")
     if role == "r":
-        signals = f"references{place and f' of {place}'}"
+        signals = f"references{location and f' of {location}'}"
     if form == "delay":
-        ms, of = f"{T / 1e-3:.3g} ms", f"the {signals}" if role == "r" else f"{role} at {place}"
+        ms, of = f"{T / 1e-3:.3g} ms", f"the {signals}" if role == "r" else f"{role} at {location}"
         lag = f": {signals} logged {ms.lstrip('-')} later than the {reference}"
         return f"a delay of {ms}{f' of {of}' if role else lag}"
     size = f"a low pass of first order of {abs(T) / 1e-3:.3g} ms ({1 / (2 * math.pi * abs(T)):.3g} Hz)"
     if role in ("", "r"):
         return f"{size} in the log of the {signals}"
-    return f"{size} of {role} at {place}{'' if T > 0 else ' that was compensated and does not exist'}"
+    return f"{size} of {role} at {location}{'' if T > 0 else ' that was compensated and does not exist'}"
 
 
 def scale(index: ModificationIndex) -> str:

@@ -30,10 +30,10 @@ def channel_delays(response: ModelResponse) -> dict[str, ComplexArray]:
     """Return the derivatives with respect to the delay (s) of each output and input, or to a single one of all."""
     s, model, columns = laplace_variable(response.freq_hz[:, None, None]), response.model, dict[str, ComplexArray]()
     for role, locations, axis in (("y", model.outputs, 1), (model.input_role, model.driven, 2)):
-        for i, place in enumerate(locations if len(locations) > 1 else ()):
+        for i, location in enumerate(locations if len(locations) > 1 else ()):
             mask = np.zeros((1, len(model.outputs), len(model.inputs)))
             mask[(slice(None),) * axis + (i,)] = 1.0
-            columns[channel_name("delay", role, place)] = (s if role == "u" else -s) * mask * response.G
+            columns[channel_name("delay", role, location)] = (s if role == "u" else -s) * mask * response.G
     return columns if model.controller is None else columns | {channel_name("delay", "r"): -s * response.G}
 
 
@@ -105,17 +105,17 @@ def gear_couplings(response: ModelResponse) -> dict[str, ComplexArray]:
     """Return the derivatives with respect to turns of motor i per turn of joint j, if no gear couples them."""
     robot, model, G, s = response.robot, response.model, response.G, laplace_variable(response.freq_hz[:, None, None])
     driven, inverse, columns = robot.driven, np.linalg.inv(robot.mixing), dict[str, ComplexArray]()
-    places = model.outputs
-    if model.inputs != places or model.quantity != "acceleration" or not set(places) <= set(robot.motor_locations):
+    outputs = model.outputs
+    if model.inputs != outputs or model.quantity != "acceleration" or not set(outputs) <= set(robot.motor_locations):
         return {}
     rotors = [(response.value(f"Jm_{j.name}"), response.value(f"fm_{j.name}")) for j in driven]
     ratios_squared = [abs(j.motor.ratio) ** 2 if j.motor is not None else 0.0 for j in driven]
     for i, j in permutations(range(len(driven)), 2):
         turn = inverse[:, [i]] * np.eye(len(driven))[j]
-        rows, columns_of = (_between(turn, robot, p) for p in (places, places))
+        rows, columns_of = (_between(turn, robot, p) for p in (outputs, outputs))
         rotor = ratios_squared[i] * (rotors[i][0] + rotors[i][1] / s)
         pair = np.outer(robot.mixing[i], np.eye(len(driven))[j])
-        pairs = _between(pair + pair.T, robot, places)
+        pairs = _between(pair + pair.T, robot, outputs)
         columns[f"coupling_{driven[i].name}_{driven[j].name}"] = rows @ G + G @ columns_of.T - rotor * (G @ pairs @ G)
     return columns
 

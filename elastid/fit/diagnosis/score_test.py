@@ -95,8 +95,8 @@ class ScoreTest:
         steps = D[:, 0] * (-g[0] / S[0, 0]) if len(g) == 1 else D @ self._bounded(along, S, g)
         # The fraction of the steps that stays within all limits.
         pairs = [(step, self.numbers[i]) for step, i in zip(steps, locations, strict=True) if step != 0]
-        parts = ((number.upper if step > 0 else -number.lower) / abs(step) for step, number in pairs)
-        steps = steps * max(min([1.0, *parts]), 0.0)
+        factors = ((number.upper if step > 0 else -number.lower) / abs(step) for step, number in pairs)
+        steps = steps * max(min([1.0, *factors]), 0.0)
         return steps, max(float(-steps @ (2 * self.g[locations] + self.S[np.ix_(locations, locations)] @ steps)), 0.0)
 
     def max_drop(self, candidate: Candidate) -> float:

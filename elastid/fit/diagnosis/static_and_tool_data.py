@@ -191,7 +191,7 @@ def _interpretations(responses: Sequence[Response]) -> Iterator[tuple[tuple[Resp
         interpreted = []
         for G in responses:
             s = laplace_variable(G.freq_hz[:, None, None])
-            noise, total = (scaled(part, np.abs(s) ** (2 * power)) for part in (G.noise, G.total))
+            noise, total = (scaled(covariance, np.abs(s) ** (2 * power)) for covariance in (G.noise, G.total))
             interpreted.append(replace(G, G=sign * G.G * s**power, noise=noise, total=total))
         return tuple(interpreted)
 

@@ -96,8 +96,8 @@ class Packed:
         F, n_r = rows.shape
         padded_rows = np.zeros((-(-F // BATCH) * BATCH, n_r), complex)
         padded_rows[:F] = rows
-        parts = np.stack([padded_rows.real, padded_rows.imag], axis=2).reshape(-1, BATCH, n_r, 2)
-        return cls(np.ascontiguousarray(parts.transpose(0, 2, 3, 1)))
+        pairs = np.stack([padded_rows.real, padded_rows.imag], axis=2).reshape(-1, BATCH, n_r, 2)
+        return cls(np.ascontiguousarray(pairs.transpose(0, 2, 3, 1)))
 
     def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> BlockSums:
         """Return the sums of `Full.sums`; callable only where the kernels are built."""
@@ -213,7 +213,7 @@ class CompressedResiduals(KeptOnce):
             q = (basis.mT.conj() @ residual[:, :, None])[:, :, 0]
             residual = residual - (basis @ q[:, :, None])[:, :, 0]
         else:
-            gain, mirror = (self.gain.reshape(len(self.gain), -1)[:, place] for place in (first, second))
+            gain, mirror = (self.gain.reshape(len(self.gain), -1)[:, columns] for columns in (first, second))
             size = np.hypot(gain, mirror * has_mirror)
             Q, weights = (
                 np.stack([gain, mirror * has_mirror], axis=2) / np.where(size > 0, size, 1.0)[:, :, None],
@@ -266,10 +266,10 @@ class NormalEquations:
             sums = R.sums(part, e, scale, precision)
             V, pull, moments = V + (constant + sums.cost), pull + sums.pull, moments + sums.moments
         release(R.R)
-        places, sign = self._pairs
+        indices, sign = self._pairs
         g = highest * pull[pieces.power, pieces.base].real
         sigma = (highest / scale[pieces.base])[:, None] * pieces.sigma
-        return V, pieces.sigma.T @ g, sigma.T @ (sign * moments.take(places)) @ sigma
+        return V, pieces.sigma.T @ g, sigma.T @ (sign * moments.take(indices)) @ sigma
 
     @cached_property
     def _pairs(self) -> tuple[IntArray, FloatArray]:
@@ -281,5 +281,5 @@ class NormalEquations:
         order, apart = power + power[:, None], power - power[:, None]
         signs = np.where(base < base[:, None], -1.0, 1.0) ** order
         n_b = base.max(initial=-1) + 1
-        places = (order * n_b + np.minimum(base, base[:, None])) * n_b + np.maximum(base, base[:, None])
-        return places, signs * np.array([1.0, -1.0, -1.0, 1.0])[apart % 4]
+        indices = (order * n_b + np.minimum(base, base[:, None])) * n_b + np.maximum(base, base[:, None])
+        return indices, signs * np.array([1.0, -1.0, -1.0, 1.0])[apart % 4]

@@ -205,8 +205,8 @@ def _model(response: Response, raw: Covariance, S: ComplexArray) -> ComplexArray
         return noise_model(S, shapes)
     _, n_y, n_u = response.G.shape
     model = np.zeros_like(S)
-    for place in (slice(j * n_y, (j + 1) * n_y) for j in range(n_u)):
-        model[:, place, place] = noise_model(S[:, place, place], shapes)
+    for rows in (slice(j * n_y, (j + 1) * n_y) for j in range(n_u)):
+        model[:, rows, rows] = noise_model(S[:, rows, rows], shapes)
     return model
 
 

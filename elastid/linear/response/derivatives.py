@@ -249,9 +249,9 @@ class Columns(KeptOnce):
         for band in self.at(theta):
             U = band.columns(np.ones(pieces.base.max(initial=-1) + 1), np.float64)
             of_elements = np.zeros((len(dG), *band.G.shape), complex)
-            for t, place in enumerate(indices):
-                of_elements[place] -= (
-                    pieces.sigma[t, place] * band.s[:, None] ** pieces.power[t] * U[:, :, pieces.base[t]]
+            for t, index in enumerate(indices):
+                of_elements[index] -= (
+                    pieces.sigma[t, index] * band.s[:, None] ** pieces.power[t] * U[:, :, pieces.base[t]]
                 )
             G[band.block], dG[:, band.block] = band.G.take(self.entries, axis=1), of_elements.take(self.entries, axis=2)
         return G, dG
@@ -271,7 +271,7 @@ def _first_alike(E: FloatArray) -> tuple[FloatArray, IntArray]:
     sign = np.sign(cosine[rows, earlier])
     is_alike = np.abs(unit[rows] - sign[:, None] * unit[earlier]).max(axis=1, initial=0.0) < EQUAL_TOLERANCE
     # np.nonzero lists the earliest row first; in reverse order the earliest is assigned last.
-    rows, earlier, sign = (part[is_alike][::-1] for part in (rows, earlier, sign))
+    rows, earlier, sign = (values[is_alike][::-1] for values in (rows, earlier, sign))
     first[rows] = earlier
     size[rows] *= sign
     return size, first

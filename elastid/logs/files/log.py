@@ -120,8 +120,8 @@ class ArrayLog:
 
         def timed(name: str, array: StoredArray) -> StoredArray:
             alike = [t for t, n in lengths.items() if array.is_signal and n == array.shape[0] and name not in lengths]
-            beside = [t for t in alike if re.split(r"[/.][^/.]*$", t)[0] == re.split(r"[/.][^/.]*$", name)[0]]
-            times = beside if len(beside) == 1 else alike
+            same_group = [t for t in alike if re.split(r"[/.][^/.]*$", t)[0] == re.split(r"[/.][^/.]*$", name)[0]]
+            times = same_group if len(same_group) == 1 else alike
             return replace(array, time=times[0]) if len(times) == 1 and not array.time else array
 
         return replace(self, arrays={n: timed(n, a) for n, a in self.arrays.items()}) if len(lengths) > 1 else self

@@ -75,7 +75,7 @@ def guarded(reader: Opener) -> Opener:
 
 def _ask(file: _File, name: str = "", span: slice | None = None) -> Any:
     """Ask for the signals of a file, or for values of one; raise the reader's error, ValueError if it died."""
-    search_path = os.pathsep.join(place or os.getcwd() for place in sys.path)
+    search_path = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
     with _one_request:
         try:
             reply = _exchange(_reader(search_path), (file, name, span))

@@ -182,10 +182,10 @@ class TextLog(Log):
                 message = missing_channel(self.path, channel, self.shapes())
                 raise DataError("records/channels", message + start + otherwise_written(self.path, self.format))
             if column not in (column_of if len(column_of) > 1 else (None, *column_of)):
-                places = ", ".join(map(str, column_of))
-                text = f"several columns have the heading '{channel.channel}', {places}. Give column, too"
+                numbers = ", ".join(map(str, column_of))
+                text = f"several columns have the heading '{channel.channel}', {numbers}. Give column, too"
                 if column is not None:
-                    text = f"the heading '{channel.channel}' is not in column {column} but in column {places}"
+                    text = f"the heading '{channel.channel}' is not in column {column} but in column {numbers}"
                 raise DataError("records/channels", text, self.path)
             return (column or column_of[0]) - 1
         column = column or 1

@@ -226,8 +226,8 @@ def rising(
     other clocks continue.  Raises DataError for missing stamps and for too many decreasing steps.
     """
     if not np.isfinite(time_s).all():
-        place = log.time_of(np.flatnonzero(~np.isfinite(time_s))[0])
-        raise log.error("records/clock", f"the time is missing at {place}. Exclude that part by samples")
+        name = log.time_of(np.flatnonzero(~np.isfinite(time_s))[0])
+        raise log.error("records/clock", f"the time is missing at {name}. Exclude that part by samples")
     twice = np.flatnonzero(np.diff(time_s) == 0) + 1
     if len(twice) > 0 and np.array_equal(signals[twice], signals[twice - 1], equal_nan=True):
         text = f"{len(twice)} rows repeat the time of the previous row, the first at {log.time_of(twice[0])}; discarded"
@@ -236,18 +236,18 @@ def rising(
     jumps = without_jumps(time_s)[1]
     if not len(jumps):
         return time_s, signals
-    place = log.time_of(jumps[0])
+    name = log.time_of(jumps[0])
     if len(jumps) > max(1.0, MAX_WRONG_FRACTION * len(time_s)):
-        text = f"the time runs backwards or jumps in {len(jumps)} of {len(time_s) - 1} steps, the first at {place}"
+        text = f"the time runs backwards or jumps in {len(jumps)} of {len(time_s) - 1} steps, the first at {name}"
         raise log.error("records/clock", f"{text}. Sort the rows by time, or exclude that part by samples")
     order = np.argsort(time_s, kind="stable")
     steps = np.diff(time_s[order])
     if steps.min() > np.median(steps) / 2 and np.sum(steps > MIN_GAP * np.median(steps)) < len(jumps):
-        text = f"{len(jumps)} rows were not in time order, the first at {place}; sorted"
+        text = f"{len(jumps)} rows were not in time order, the first at {name}; sorted"
         log.report("rows sorted by time", len(jumps), text)
         return time_s[order], signals[order]
     gap = "elastid assumes no lost message" if has_clocks else "treated as a gap"
-    log.report(SET_BACK, len(jumps), f"the time jumps at {place}, as if the clock was set; {gap}")
+    log.report(SET_BACK, len(jumps), f"the time jumps at {name}, as if the clock was set; {gap}")
     return without_jumps(time_s, 1 if has_clocks else MAX_BRIDGED + 2)[0], signals
 
 

@@ -272,9 +272,9 @@ def geometry_of_files(experiment: ExperimentSpec, folder: Path) -> GeometrySpec 
     spec = experiment.responses or experiment.recorded
     if spec is None:
         return None
-    places = {at for file in getattr(spec, "files", ()) for at in getattr(file, "at", {}).values()}
+    locations = {at for file in getattr(spec, "files", ()) for at in getattr(file, "at", {}).values()}
     paths = [path for file in spec.files if (path := folder / file.path).is_file() and is_universal_file(path)]
-    geometries = (uff_geometry(path, spec.channels, sorted(places)) for path in paths)
+    geometries = (uff_geometry(path, spec.channels, sorted(locations)) for path in paths)
     return next((geometry for geometry in geometries if geometry is not None), None)
 
 

@@ -150,9 +150,9 @@ def hysteresis(gears: GearResult, robot: Robot | None) -> Figure:
 def _loop(sheet: GearSheet, less: FloatArray, factor: float) -> list[Curve]:
     y, half = factor * (sheet.torsion - less), len(sheet.torque) // 2
     curves = []
-    for part in (slice(None, half), slice(half, None)):
-        rising = np.argsort(sheet.torque[part])
-        x, torsion, std = (x_all[part][rising] for x_all in (sheet.torque, y, factor * sheet.torsion_std))
+    for half_loop in (slice(None, half), slice(half, None)):
+        rising = np.argsort(sheet.torque[half_loop])
+        x, torsion, std = (x_all[half_loop][rising] for x_all in (sheet.torque, y, factor * sheet.torsion_std))
         band = style.about(torsion, std)
         curves.append(Curve(x, torsion, "torsion, to and fro", style.FITTED, band=band, band_label="95 % band"))
     return curves
@@ -232,8 +232,8 @@ def quality_figure(response: Response, quality: Quality, title: str) -> Figure:
         for i, output in enumerate(response.outputs)
     ]
     absent = [
-        Curve(f, np.maximum(1 - part, 1e-16), color=style.SERIES[i % len(style.SERIES)])  # less is rounding
-        for i, part in enumerate(quality.multiple_coherence.T)
+        Curve(f, np.maximum(1 - coherence, 1e-16), color=style.SERIES[i % len(style.SERIES)])  # less is rounding
+        for i, coherence in enumerate(quality.multiple_coherence.T)
     ]
     panels.append(Panel(absent, label, title="1 − multiple coherence", frequency=f, scale="log"))
     for sigma, name in ((quality.singular_values, "G"), (quality.input_singular_values, "the inputs")):
@@ -298,7 +298,7 @@ def torque_balance_figure(balance: TorqueBalance) -> Figure:
         whole.insert(0, (modelled - balance.torque_sum(FRICTION), style.WEAK, "model without friction"))
     whole.append((balance.residual, style.RESIDUAL, "measured − model"))
     total = [Curve(t, torque[part], text, ink) for torque, ink, text in whole]
-    parts = [
+    curves_ = [
         Curve(t, torque[part], name, COLORS[name]) for name, torque in zip(balance.parts, balance.torques, strict=True)
     ]
     curves = [
@@ -313,7 +313,7 @@ def torque_balance_figure(balance: TorqueBalance) -> Figure:
     unit, time = style.pretty_unit(balance.unit), "time in s" if balance.has_rate else "time in samples"
     below = Panel(curves, style.frequency_label(balance.has_rate), "%", scale="log")
     title = f"{balance.place}, {balance.log}: {100 * balance.unexplained_fraction:.2g} % of the mean square unexplained"
-    figure = style.matrix(title, [[Panel(total, y=unit)], [Panel(parts, time, unit)], [below]])
+    figure = style.matrix(title, [[Panel(total, y=unit)], [Panel(curves_, time, unit)], [below]])
     style.set_names(figure.axes[-1].xaxis, [f"{band.low_hz:.3g}–{band.high_hz:.3g}" for band in balance.bands])
     return figure
 

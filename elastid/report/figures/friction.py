@@ -108,9 +108,9 @@ def units(slides: bool) -> tuple[str, str]:
     return ("m/s", "N") if slides else ("rad/s", "N·m")
 
 
-def depends_on(law: StaticLaw, part: str) -> bool:
+def depends_on(law: StaticLaw, prefix: str) -> bool:
     """True where the law has numbers of `load`, `temperature` or `directions`."""
-    return any(name.startswith(part) for name in law.names)
+    return any(name.startswith(prefix) for name in law.names)
 
 
 def residuals(law: StaticLaw) -> FloatArray:

@@ -36,10 +36,10 @@ def friction_motion(friction: MotionFriction) -> Figure:
     """
     signals, slides = MotionSignals.of(friction.motion, friction.passband_hz), friction.motion.slides
     columns, (speed, unit) = columns_of(signals, friction.terms), units(slides)
-    parts = torque_components(friction.regression, columns)
+    components = torque_components(friction.regression, columns)
     torque, v = signals.filtered(friction.motion.torque), signals.filtered(signals.velocity)
     regressed, rigid = (
-        np.sum([parts[name] for name in names if name in parts], axis=0)
+        np.sum([components[name] for name in names if name in components], axis=0)
         for names in (TORQUE_COMPONENTS, TORQUE_COMPONENTS[:2])
     )
     time_s = np.arange(len(friction.motion.position))[signals.decimation] / friction.motion.rate_hz

@@ -283,8 +283,8 @@ def _environment() -> Environment:
 
 
 def _code_markup(sentence: str) -> Markup:
-    parts = [escape(part) for part in sentence.split("`")]
-    return Markup("").join(Markup("<code>{}</code>").format(part) if i % 2 else part for i, part in enumerate(parts))
+    pieces = [escape(part) for part in sentence.split("`")]
+    return Markup("").join(Markup("<code>{}</code>").format(part) if i % 2 else part for i, part in enumerate(pieces))
 
 
 def rendered(figure: Figure) -> bytes:

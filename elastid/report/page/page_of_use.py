@@ -26,7 +26,7 @@ def map_data(workspace: WorkspaceMap) -> str:
     for quantity in m.quantities:
         unit, factor = SHOWN[quantity.unit]
         low, high = quantity.interval
-        columns = [pack(factor * part) for part in (quantity.value, low, high)]
+        columns = [pack(factor * values) for values in (quantity.value, low, high)]
         quantities.append({"name": quantity.name, "text": quantity.text, "unit": unit, "columns": columns})
     units = [(1.0, " m") if slides else (180 / np.pi, "°") for slides in m.sliding]
     angles = m.angles * [factor for factor, _ in units]
@@ -34,7 +34,7 @@ def map_data(workspace: WorkspaceMap) -> str:
         "units": [unit for _, unit in units],
         "frame": m.frame, "joints": list(m.joints), "springs": list(m.springs), "is_path": m.is_path,
         "count": len(m), "angles": pack(angles), "asked": (m.asked + 1).tolist(),
-        "places": [pack(part) for part in (x, y, np.hypot(x, y), z)], "share": pack(m.compliance_fraction),
+        "places": [pack(values) for values in (x, y, np.hypot(x, y), z)], "share": pack(m.compliance_fraction),
         "quantities": quantities, "softest": m.softest[:N_SOFTEST].tolist(),
         "lines": pack(m.curve_hz), "curve": pack(1e6 * m.magnitude), "std": pack(1e6 * m.magnitude_std),
     }  # fmt: skip

@@ -138,18 +138,18 @@ def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> I
         message = f"{len(tool.stiffness)} drives for {len(robot.driven)} driven joints of robot {robot.name}"
         yield Problem((*section, "stiffness"), message + ". Give one per joint")
     for i, channel in enumerate(tool.responses.channels):
-        place = (*path, "channels", i)
+        key_path = (*path, "channels", i)
         if channel.role == "u" and channel.at not in inputs:
-            yield unknown((*place, "at"), "input", channel.at, inputs)
+            yield unknown((*key_path, "at"), "input", channel.at, inputs)
         elif channel.role == "y":
             if refusal := refusal_of(robot.check_location, channel.at):
-                yield Problem((*place, "at"), refusal)
+                yield Problem((*key_path, "at"), refusal)
             if tool.motors == "locked" and channel.at.startswith("motor "):
-                yield Problem((*place, "at"), f"{channel.at} is locked and does not move. Omit it")
+                yield Problem((*key_path, "at"), f"{channel.at} is locked and does not move. Omit it")
         elif channel.quantity != ("force" if channel.at.startswith("force ") else "torque"):
             kind = channel.at.partition(" ")[0]
             message = f"the channel contains a {channel.quantity}, and a {kind} acts at {channel.at}"
-            yield Problem((*place, "quantity"), f"{message}. Set quantity: {kind}")
+            yield Problem((*key_path, "quantity"), f"{message}. Set quantity: {kind}")
 
 
 def check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath) -> Iterator[Problem]:
@@ -192,9 +192,9 @@ def check_logs(study: Study, base: Path) -> Iterator[Problem]:
 def _check_log(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iterator[Problem]:
     file, path = recorded.files[i], (*_RECORDED, "files", i)
     for number, name in enumerate((file.path, *file.also), start=1):
-        place = (*path, "path") if number == 1 else (*path, "also", number - 2)
+        key_path = (*path, "path") if number == 1 else (*path, "also", number - 2)
         if not is_log(base / name):
-            yield Problem(place, f"no such file (looked for {base / name})")
+            yield Problem(key_path, f"no such file (looked for {base / name})")
             continue
         members = [k for k, channel in enumerate(recorded.channels) if channel.file == number]
         try:
@@ -204,7 +204,7 @@ def _check_log(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iter
                 if number == 1 and not absences:
                     yield from _check_content(study, recorded, file, path, log, base / name)
         except ElastidError as error:
-            yield Problem((*_RECORDED, "text") if WRITTEN_OTHERWISE in str(error) else place, str(error))
+            yield Problem((*_RECORDED, "text") if WRITTEN_OTHERWISE in str(error) else key_path, str(error))
 
 
 def _check_names(log: OpenLog, recorded: RecordedSpec, members: Sequence[int]) -> Iterator[Problem]:
