@@ -44,7 +44,7 @@ from elastid.model.evaluation import evaluated
 from elastid.simulation.closed_loop import compiled
 from elastid.simulation.dynamics import runge_kutta_step
 
-# Relative std of held numbers where none are known; F_s / F_c falls by a tenth while a gear warms up.
+# Default relative std of the fixed parameters; F_s / F_c falls by a tenth while a gear warms up.
 TOLERANCES: Mapping[str, float] = {
     "stiction_ratio": 0.08, "stribeck_velocity": 0.3, "inertia": 0.02, "stiffness": 0.05, "gravity": 0.1
 }  # fmt: skip
@@ -52,12 +52,12 @@ TOLERANCES: Mapping[str, float] = {
 
 @dataclass(frozen=True)
 class TrackedJoint:
-    """Inertias, spring and damper, and the friction from which a filter starts; all on one side of the gear, SI.
+    """Inertias, spring, damper, and initial friction of a joint with a filter; all on one side of the gear, SI.
 
-    link_inertia, stiffness, damping: 0 for a joint that is rigid, with all of its inertia in motor_inertia.
-    stiction_ratio: F_s / F_c.  bristle_stiffness, bristle_damping: sigma_0, sigma_1.  followed: what changes.
-    correlation_s: time constant of the torque noise w, 0 for none.  tolerances: relative std of numbers that are held,
-    those of TOLERANCES; left out or 0 where exact.
+    link_inertia, stiffness, damping: 0 for a rigid joint, whose whole inertia is motor_inertia.  stiction_ratio:
+    F_s / F_c.  bristle_stiffness, bristle_damping: sigma_0, sigma_1.  followed: the tracked parameters.
+    correlation_s: time constant of the torque noise w, 0 for none.  tolerances: relative std of the fixed parameters,
+    by the names of TOLERANCES; missing or 0 for exact ones.
     """
 
     motor_inertia: float
@@ -82,7 +82,7 @@ class TrackedJoint:
 
     @property
     def consider_parameters(self) -> tuple[str, ...]:
-        """The numbers that the filter holds, with a tolerance, in order."""
+        """The fixed parameters with a tolerance, in order (Schmidt's consider parameters)."""
         is_modelled = dict.fromkeys(("stiction_ratio", "stribeck_velocity"), self.stribeck_velocity > 0)
         is_modelled["stiffness"] = self.stiffness > 0
         return tuple(name for name in TOLERANCES if self.tolerances.get(name, 0.0) > 0 and is_modelled.get(name, True))
@@ -90,7 +90,7 @@ class TrackedJoint:
     def step(self, rate_hz: float) -> ca.Function:
         """Return (x (n,), c (m,), u, g) -> x (n,) a sample later: a Runge-Kutta step and the bristle's exact update.
 
-        u, g: torques, held over the sample.  c: relative errors of the held numbers.
+        u, g: torques, constant over the sample.  c: relative errors of the consider parameters.
         """
         names = self.states
         x, u, g = ca.SX.sym("x", len(names)), ca.SX.sym("u"), ca.SX.sym("g")
@@ -133,8 +133,8 @@ class FilterNoise:
 
     angle: of a sample of the motor's angle; encoder counts have count / sqrt(12).  torque: white, of a sample.
     correlated_torque: of w.  drift: of the followed numbers, in a root second; of the logarithms relative.
-    slip: of the bristle in z_s = F_c / sigma_0, for each z_s of slip, as a random walk: a filter that takes its bristle
-    for certain gets F_c wrong at every stop.
+    slip: of the bristle in z_s = F_c / sigma_0, for each z_s of slip, as a random walk: without this noise F_c is wrong
+    after every stop.
     """
 
     angle: float
@@ -153,8 +153,8 @@ class FilterNoise:
 def filter_step(joint: TrackedJoint, rate_hz: float) -> ca.Function:
     """Return (x (n,), P (n, n + m), u, g, y, noise (4 + n_followed,)) -> (x, P, innovation e, its variance S).
 
-    P: covariance of the states, then their cross covariance with the m held numbers, over the std of these.
-    u, g: torque of the motor and of the load, held from the sample before.  y: angle now.  noise: FilterNoise.vector.
+    P: covariance of the states, then their cross covariance with the m consider parameters, divided by their stds.
+    u, g: motor and load torque since the previous sample.  y: present angle.  noise: FilterNoise.vector.
     """
     n, m = len(joint.states), len(joint.consider_parameters)
     x, P, c = ca.SX.sym("x", n), ca.SX.sym("P", n, n + m), ca.SX.sym("c", m)
@@ -189,14 +189,14 @@ def filter_step(joint: TrackedJoint, rate_hz: float) -> ca.Function:
 
 # A count over the standard deviation of rounding to it; counts a sample below which rounding is an error for long.
 COUNT_OVER_STD, MOVING = math.sqrt(12), 0.2
-_BLOCK = 1024  # samples of one call, of which all states are kept at once; the last call repeats a motion's last sample
-# Uncertainty of friction before the first sample: relative std, and of the offset as a share of F_c.
+_BLOCK = 1024  # samples of one call, whose states are in memory at once; the last call repeats a motion's last sample
+# Uncertainty of friction before the first sample: relative std; of the offset relative to F_c.
 PRIOR = dict.fromkeys(("f", "f+", "f-", "offset"), 0.5) | {"Fc": 0.3}
 
 
 @frozen_value
 class JointSamples:
-    """Torque and load (n,), each held until the sample's end, and the motor's angle (n,) there; one side, SI.
+    """Torque and load (n,), constant over each sample, and the motor's angle (n,) at its end; one side, SI.
 
     start_s: of the motion, after the first one.
     """
@@ -208,7 +208,7 @@ class JointSamples:
 
     def moves(self, count: float) -> BoolArray:
         """Return True (n,) where the angle moves by MOVING counts a sample, so that rounding is noise."""
-        # Where it stands the likeliest filter is one that runs after the rounded angle, with tenfold torque noise.
+        # At standstill the likelihood prefers ten times the torque noise, which lets the filter follow rounding.
         half_window = min(5, (len(self.angle) - 1) // 2)
         span = np.abs(self.angle[2 * half_window :] - self.angle[: len(self.angle) - 2 * half_window])
         return np.pad(span >= 2 * half_window * MOVING * count, half_window)
@@ -216,11 +216,11 @@ class JointSamples:
 
 @dataclass(frozen=True)
 class Track:
-    """Followed numbers x (n, p) over n samples, their std (n, p), and variance (n, p) without errors of held ones.
+    """Output of the filter over n samples: tracked parameters x (n, p), their std (n, p), and innovations.
 
-    innovation, innovation_variance (n,): error of the predicted angle, and its variance without errors of held numbers.
-    covariance (p, p): at the end, as variance.  drift (p,): in a root second.  time_s (n,): from the first motion.
-    moves (n,): as of `JointSamples`; all where hardly any does.
+    variance (n, p): of x without the errors of the consider parameters.  innovation, innovation_variance (n,): error of
+    the predicted angle, and its variance, likewise.  covariance (p, p): at the end, likewise.  drift (p,): std per root
+    second.  time_s (n,): from the first motion.  moves (n,): as in `JointSamples`; all True if fewer than 10 % are.
     """
 
     joint: TrackedJoint
@@ -241,7 +241,7 @@ class Track:
         return self.innovation**2 / self.innovation_variance
 
     def values(self, name: str, stds: float = 0.0) -> FloatArray:
-        """Return number over time (n,), or the limit of its band at so many stds."""
+        """Return a tracked parameter over time (n,), shifted by `stds` standard deviations."""
         i = self.joint.followed.index(name)
         column = self.x[:, i] + stds * self.std[:, i]
         return column if name == "offset" else np.exp(column)
@@ -250,7 +250,7 @@ class Track:
 def first_estimate(
     joint: TrackedJoint, angle: float, load: float = 0.0, velocity: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[FloatArray, FloatArray]:
-    """Return x (n,), P (n, n) of `filter_step` at an angle, spring bent by the load, any bristle, friction by PRIOR.
+    """Return the first x (n,), P (n, n + m) of `filter_step`: spring deflected by the load, friction with std by PRIOR.
 
     velocity: with its standard deviation.
     """
@@ -271,9 +271,9 @@ FIRST_SAMPLES = 5  # over which the velocity at the start of a motion is average
 
 
 class KalmanFilter:
-    """A joint's filter at a rate; run(...) carries an estimate over motions.
+    """Filter of a joint at a sampling rate.
 
-    samples: about how many it will filter in all, as machine code from many on.
+    samples: approximate number that it will filter in all; from many on it is compiled to machine code.
     """
 
     def __init__(self, joint: TrackedJoint, rate_hz: float, samples: int = 0) -> None:
@@ -281,9 +281,9 @@ class KalmanFilter:
         self._block = compiled(filter_step(joint, rate_hz), samples).mapaccum("filter", _BLOCK, 2)
 
     def run(self, motions: Sequence[JointSamples], noise: FilterNoise) -> Track:
-        """Return the track over motions; the pause before one makes friction less certain.
+        """Filter motions one after the other; each pause adds the drift of its duration to the variance of friction.
 
-        A motion starts with the mean velocity of its first samples, as friction would explain a wrong one.
+        A motion starts with the mean velocity of its first samples: an error of it would bias friction.
         """
         joint, n_x, p = self.joint, len(self.joint.states), len(self.joint.followed)
         drift, friction_rows = np.array([noise.drift.get(name, 0.0) for name in joint.followed]), slice(n_x - p, n_x)
@@ -329,10 +329,8 @@ def estimate_noise(
 
     Also returns -2 ln of this likelihood for each sample, less a constant.
 
-    Over samples that move (Track.moves); of angle and bristle's slip at least as guessed.
-
-    Without the bristle's slip other frictions than LuGre's put F_c off by 4 to 18 % where a joint slips by about z_s in
-    a sample.
+    Only samples that move (Track.moves) count. The noise of angle and slip is at least as large as guessed: without
+    slip, F_c is wrong by 4 to 18 % if the friction is not LuGre's and the joint slips by about z_s in a sample.
     """
     names = ["angle", "torque", "slip", *(["correlated_torque"] if kalman.joint.correlation_s > 0 else [])]
     is_steady = np.arange(len(samples.angle)) >= round(settled_s * kalman.rate_hz)
@@ -348,8 +346,8 @@ def estimate_noise(
         value = float(np.mean(np.log(S) + e**2 / S))
         return value if np.isfinite(value) else 1e6
 
-    # Factors of three about the guess, and about one with less torque and more slip, where another minimum may be, of
-    # other likelihood by more than chance; noise that is known to 5 % is known well enough.
+    # Two simplices with factors of three: about the guess, and about less torque and more slip, where another minimum
+    # may be. The second one counts if its likelihood is significantly larger; an accuracy of 5 % is sufficient.
     n, ends = len(names), list[Any]()
     options: dict[str, Any] = {"xatol": 0.05, "fatol": 1e-4, "maxfev": 150}
     bounds = [(low, math.log(1e3)) for low in lowest.tolist()]

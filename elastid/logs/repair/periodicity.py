@@ -2,8 +2,8 @@ r"""The period of a recorded excitation, stated or detected, by autocorrelation 
 
 .. math:: \rho(l) = \frac{\sum_t x(t)\, x(t + l)}{\sqrt{\sum_t x(t)^2 \sum_t x(t + l)^2}}
 
-A part of the signal that repeats, and noise in the rest, have the same rho after one, two and more periods; a slow
-motion that resembles itself after some lag does not.
+If a signal is periodic except for noise, rho is the same after one, two and more periods. A slow motion, which is
+similar to itself after some lag, has another rho after each of them.
 """
 
 from dataclasses import dataclass, replace
@@ -18,29 +18,28 @@ from elastid.logs.repair.clock_drift import MAX_CLOCK_ERROR, MAX_REMAINING_FRACT
 from elastid.logs.repair.masks import CHECK_CELLS, MAX_MISSING_FRACTION, MIN_OVER_USUAL
 from elastid.logs.repair.resampling import at_times
 
-# Limits of the tests for periods.
-# Least correlation of repetitions; MIN_DELAY_CORRELATION if several periods show that the remainder is noise.
+# Minimum correlation of repetitions; MIN_DELAY_CORRELATION if several periods show that the remainder is noise.
 MIN_CORRELATION = 0.95
-# Least number of periods for the test of the remainder, and the largest relative change of their correlations.
+# Minimum number of periods for the test of the remainder, and maximum relative change of their correlations.
 MIN_NOISY_PERIODS, MAX_CORRELATION_CHANGE = 4, 0.1
-# The change from one period to the next is noise if its autocorrelation at lags from 1/20 to 1/2 of a period is at most
-# MAX_REST_CORRELATION; the change of a motion is as slow as the motion.
+# The change between periods is noise if its autocorrelation at lags from 1/20 to 1/2 of a period is at most
+# MAX_REST_CORRELATION: an aperiodic motion changes as slowly as it moves, which correlates at these lags.
 MIN_REST_LAG, MAX_REST_CORRELATION = 0.05, 0.3
-# A period is as good as another if it leaves at most 1.2 times its unexplained power plus 1 % of the signal's power.
+# A period is as good as another one if its unexplained power is at most 1.2 times as large plus 1 % of the signal's.
 MAX_UNEXPLAINED_RATIO, UNEXPLAINED_MARGIN = 1.2, 0.01
-MIN_PERIODS = 1.9  # least number of periods in a log; the second may end early
-# Largest shift by lost samples, relative to the period and in samples; larger shifts have other causes.
+MIN_PERIODS = 1.9  # in a log; the second may end early
+# Maximum shift by lost samples, relative to the period and in samples; larger shifts have other causes.
 MAX_SHIFT, MAX_SHIFT_SAMPLES = 0.02, 50
-MIN_FRACTION_OF_BEST = 0.8  # lowest peak, relative to the highest, that is refined
+MIN_FRACTION_OF_BEST = 0.8  # lower peaks, relative to the highest one, are not refined
 
 
 @dataclass(frozen=True)
 class Repetition:
-    """How well signals repeat after the stated lag, and the lag (in samples, not always whole) that repeats them best.
+    """Correlation of signals with themselves at the stated lag, and the lag with the largest correlation.
 
-    correlation: with themselves at the stated lag.  best_correlation: at best_samples; both count minus a half wave
-    as a repetition if the study states it.  best_samples is 0 without a repetition.  remainder_is_noise: several
-    repetitions agree that what does not repeat is noise.
+    best_samples: that lag, not always an integer; 0 if the signals do not repeat.  best_correlation: at this lag.  If
+    the study states a half wave, both are correlations with the negative signal.  remainder_is_noise: the part that
+    does not repeat is noise, by several repetitions.
     """
 
     correlation: float
@@ -50,7 +49,7 @@ class Repetition:
 
     @property
     def matches_stated_period(self) -> bool:
-        """True if the stated lag repeats the signals, as well as any other does."""
+        """True if signals repeat after the stated lag, and no other lag is better."""
         min_correlation = MIN_DELAY_CORRELATION if self.remainder_is_noise else MIN_CORRELATION
         return self.correlation >= min_correlation and _is_as_good(self.correlation, self.best_correlation)
 
@@ -64,18 +63,18 @@ _NONE = Repetition(0.0, 0.0, 0.0)
 
 
 def repetition(signals: FloatArray, lag: int, sign: int = 1) -> Repetition:
-    """Test if signals (n, c), NaN where missing, repeat after lag samples, with sign -1 as x(t + lag) = -x(t).
+    """Test if signals (n, c), NaN where missing, repeat after lag samples; sign -1: as x(t + lag) = -x(t).
 
-    The signal that repeats best stands for all: not every input is excited in every experiment.  One repetition is
-    compared with the next and, to detect a period that is off by a fraction of a sample, with many later ones.  Means
-    and ramps of each lag are removed first: a position that drifts still repeats.
+    The result is that of the signal that repeats best, since not every input is excited in every experiment.  One
+    repetition is compared with the next and, to detect a period that is off by a fraction of a sample, with many later
+    ones.  Means and ramps of each lag are removed first: a position that drifts still repeats.
     """
     results = [_repetition(x, lag, sign) for x in signals.T if _varies(x)]
     return max(results, key=lambda result: (result.matches_stated_period, result.best_correlation), default=_NONE)
 
 
 def find_period(signals: FloatArray) -> Repetition:
-    """Find the shortest lag after which a signal of (n, c) repeats, least drift; best_samples 0 without one."""
+    """Find the shortest lag after which a signal of (n, c) repeats, except for drift; best_samples 0 without one."""
     return max((_best(x) for x in signals.T if _varies(x)), key=lambda result: result.rank, default=_NONE)
 
 
@@ -84,8 +83,8 @@ def _varies(x: FloatArray) -> bool:
 
 
 def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repetition:
-    """Test one signal (n,); starts: its first repetition may hold the start from rest."""
-    # Repetitions at the end that are missing altogether show nothing.
+    """Test one signal (n,); starts: its first repetition may contain the start from rest."""
+    # Missing repetitions at the end do not count.
     finite = np.flatnonzero(np.isfinite(x))
     x = x[: max(int(finite.max(initial=-1)) + 1, 2 * lag)]
     n = len(x)
@@ -101,7 +100,7 @@ def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repe
         correlation = sign**repeats * float(rho[middle]) if middle < len(rho) else 0.0
         result = replace(result, correlation=correlation, best_correlation=float(near.max(initial=0.0)))
         if not result.matches_stated_period:
-            # Estimators leave the first repetition out where it differs.
+            # Estimators discard the first repetition if it differs.
             later = _repetition(x[lag:], lag, sign, starts=False) if starts and n >= 3 * lag else _NONE
             if later.matches_stated_period:
                 return later
