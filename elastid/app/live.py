@@ -198,16 +198,21 @@ class Session:
                 f"{plan.periods} periods, {plan.robot_time_s:.4g} s; {proposal.limit_use.closest}"
             )
             write_plan(path, plan, self.stamp, peaks=proposal.limit_use)
+        self._write_references(plan, problem)
+        return plan
+
+    def _write_references(self, plan: Plan, problem: DesignProblem) -> None:
+        """Write the references of the runs of a plan that have none yet."""
         references, carrier = self.path / "references", problem.simulated.carrier
         movement = movement_of(plan, carrier, problem.robot, plan.configurations[0])
         references.mkdir(parents=True, exist_ok=True)
         for run in plan.experiments:
-            if not (path := references / f"{run.name}.csv").exists():
-                if plan.inject == "torque":
-                    write_run(path, movement, plan.inputs, plan.sliding, movement.injected(plan.torque(run)))
-                else:
-                    write_references(path, plan, run, problem.simulated, problem.robot)
-        return plan
+            if (path := references / f"{run.name}.csv").exists():
+                continue
+            if plan.inject == "torque":
+                write_run(path, movement, plan.inputs, plan.sliding, movement.injected(plan.torque(run)))
+            else:
+                write_references(path, plan, run, problem.simulated, problem.robot)
 
     def _seed(self, step: int) -> int:
         return int(np.random.SeedSequence([self.problem.seed, step]).generate_state(1)[0])
@@ -215,15 +220,11 @@ class Session:
     def _robots(self, result: Result | None, step: int) -> tuple[Robot, ...]:
         """Return further robots for which the limits must hold: draws from the fit, or springs off by SPRING_FACTOR."""
         if result is not None:
-            return draw_robots(
-                replace(result, covariance=4 * result.covariance), N_LIMIT_ROBOTS, self._seed(step)
-            ).robots
+            twice = replace(result, covariance=4 * result.covariance)
+            return draw_robots(twice, N_LIMIT_ROBOTS, self._seed(step)).robots
         springs = {p.name: p.value for p in self.problem.parameters.free if p.name.startswith("k")}
-        ends = (
-            [{name: k * factor for name, k in springs.items()} for factor in (1 / SPRING_FACTOR, SPRING_FACTOR)]
-            if springs
-            else []
-        )
+        factors = (1 / SPRING_FACTOR, SPRING_FACTOR) if springs else ()
+        ends = [{name: k * factor for name, k in springs.items()} for factor in factors]
         return tuple(map(self.problem.robot.with_parameters, ends))
 
     def _refusal(self, proposal: NextExperiment, plans: Sequence[Plan], result: Result | None) -> str:

@@ -112,15 +112,14 @@ class Verdict(FitValues):
     @property
     def base_remarks(self) -> dict[str, str]:
         """Sentence, by name, on each stiffness whose bias by a typical base exceeds its interval."""
-        limits, remarks = QUANTILE_95 * self.std_of_x, {}
+        limits, remarks = (QUANTILE_95 * self.std_of_x).tolist(), {}
         for base in self.assumed_rigid:
             stiffness = f"{base.stiffness:.2g} N*m/rad {base.name.removeprefix('base ')}"
             condition = f"If the base has a typical stiffness ({stiffness})"
-            rows = zip(self.parameters.of_interest, base.changes.tolist(), limits.tolist(), strict=False)
-            for name, change, limit in ((p.name, change, limit) for p, change, limit in rows):
-                if name.startswith("k") and -change > limit:
-                    bias = f"{name} is {percent(-math.expm1(change))} too low"
-                    remarks[name] = f"{name} is estimated for a rigid base. {condition}, {bias}"
+            for p, change, limit in zip(self.parameters.of_interest, base.changes.tolist(), limits, strict=False):
+                if p.name.startswith("k") and -change > limit:
+                    bias = f"{p.name} is {percent(-math.expm1(change))} too low"
+                    remarks[p.name] = f"{p.name} is estimated for a rigid base. {condition}, {bias}"
         return remarks
 
     @property

@@ -294,9 +294,7 @@ class KalmanFilter:
         innovations = np.empty((2, sum(lengths)))
         for n, motion in zip(lengths, motions, strict=True):
             x_before, P_before = x, P
-            first = motion.angle[np.minimum([0, FIRST_SAMPLES, 2 * FIRST_SAMPLES], len(motion.angle) - 1)]
-            half, later = np.diff(first) * self.rate_hz / FIRST_SAMPLES
-            x, P = first_estimate(joint, float(motion.angle[0]), float(motion.load[0]), (half, later - half))
+            x, P = self._start(motion)
             if start:
                 x[friction_rows], P[friction_rows] = x_before[friction_rows], P_before[friction_rows]
                 P[friction_rows, : n_x - p] = 0.0
@@ -320,6 +318,12 @@ class KalmanFilter:
         covariance = P[friction_rows, friction_rows] - P[friction_rows, n_x:] @ P[friction_rows, n_x:].T
         (x, std, variance), (e, S) = numbers, innovations
         return Track(joint, self.rate_hz, x, std, variance, e, S, covariance, drift, time_s[1:], moves)
+
+    def _start(self, motion: JointSamples) -> tuple[FloatArray, FloatArray]:
+        """Return the first x (n,) and P (n, n + m) of a motion, with its mean velocity and the std of this mean."""
+        angles = motion.angle[np.minimum([0, FIRST_SAMPLES, 2 * FIRST_SAMPLES], len(motion.angle) - 1)]
+        first, second = np.diff(angles) * self.rate_hz / FIRST_SAMPLES
+        return first_estimate(self.joint, float(motion.angle[0]), float(motion.load[0]), (first, second - first))
 
 
 def estimate_noise(

@@ -302,7 +302,7 @@ def _align(groups: Sequence[_Group], period: float | None, experiment: _Experime
         other_logs += members
         up_to = "" if N is None else " (up to whole periods)"
         log.report("logs shifted", 1, f"{name} lags {paths[0].name} by {shift:.3f} samples{up_to}; aligned by {cue}")
-    start = max([0, *(int(np.ceil(-shift)) for shift in shifts.values())])
+    start = max([0, *(math.ceil(-shift) for shift in shifts.values())])
     result = [replace(group, signals=group.signals[start:]) for group in base]
     for group in other_logs:
         shift, signals = shifts[group.file], group.signals

@@ -372,7 +372,7 @@ def first_duration(commanded: CommandedRobot, move: Move, limits: MotionLimits) 
 def sample_plan(commanded: CommandedRobot, planned: Planned, rate_hz: float, until_s: float) -> References:
     """Sample a plan at even times up to until_s after its end, at rest there."""
     low, high = planned.q.t[0], planned.q.t[-1]
-    n = int(np.ceil((high + until_s - low) * rate_hz))
+    n = math.ceil((high + until_s - low) * rate_hz)
     time_s = low + np.arange(n + 1) / rate_hz
     m = commanded.model
     q, v, a, jerk = (evaluate_spline(planned.q, time_s, order) @ m.B for order in range(4))

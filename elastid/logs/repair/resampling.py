@@ -5,6 +5,8 @@ r"""Resampling of signals by a sinc in a Kaiser window of half width W samples.
 with b = 1, or the ratio of the rates where the new one is lower (Kaiser and Schafer, IEEE Trans. ASSP 28, 1980).
 """
 
+import math
+
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
@@ -21,9 +23,9 @@ def at_times(signals: FloatArray, times: FloatArray, period: float | None = None
 
     Without a period (None), the signals are point-symmetric to their first and last samples, which keeps the slope.
     """
-    half_width = int(np.ceil(HALF_WIDTH / band))
-    n_before = half_width + max(0, int(np.ceil(-times.min())))
-    extended = _extend(signals, period, n_before, half_width + 1 + max(0, int(np.ceil(times.max())) - len(signals) + 1))
+    half_width = math.ceil(HALF_WIDTH / band)
+    n_before = half_width + max(0, math.ceil(-times.min()))
+    extended = _extend(signals, period, n_before, half_width + 1 + max(0, math.ceil(times.max()) - len(signals) + 1))
     result = np.empty((len(times), signals.shape[1]))
     offsets = np.arange(-half_width, half_width + 1)
     for first in range(0, len(times), _TIMES_AT_ONCE):
@@ -36,7 +38,7 @@ def at_times(signals: FloatArray, times: FloatArray, period: float | None = None
 
 def kernel(t: FloatArray, band: float = 1.0) -> tuple[IntArray, FloatArray]:
     """Compute the samples (m,) nearest to times t (m,), and the weights (m, 2 W / b + 1) of those around them."""
-    half_width = int(np.ceil(HALF_WIDTH / band))
+    half_width = math.ceil(HALF_WIDTH / band)
     nearest = np.round(t).astype(np.int64)
     apart = band * ((t - nearest)[:, None] - np.arange(-half_width, half_width + 1))
     inside = np.clip(1 - (apart / HALF_WIDTH) ** 2, 0.0, None)
