@@ -18,7 +18,7 @@ from elastid.base.files import clear_folder
 from elastid.fit.fitted_robot import FittedRobot, models_by_group, robots_by_group
 from elastid.fit.result import Result
 from elastid.friction_study.result import FrictionResult
-from elastid.logs.responses.table import geometry_of_files
+from elastid.logs.responses.universal_files import geometry_of_files
 from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.gear_result import GearResult, with_effects, with_gears, with_linear_springs, with_terms_of
 from elastid.robot import Robot

@@ -21,7 +21,8 @@ from elastid.logs.files.log import StoredArray
 from elastid.logs.files.text import TextLog
 from elastid.logs.files.text_format import describe_format, guess_format
 from elastid.logs.headings import is_time
-from elastid.logs.responses.table import complex_array, responses_in, struct_table, structs_in, uff_places
+from elastid.logs.responses.table import complex_array, responses_in, struct_table, structs_in
+from elastid.logs.responses.universal_files import uff_places
 from elastid.robot import Robot
 
 _FREQUENCY = re.compile(r"(.*[./_ ])?(f|freq|frequenc(y|ies)|w|omega)([ _./(\[].*)?", re.IGNORECASE)

@@ -202,7 +202,7 @@ class Session:
         return plan
 
     def _write_references(self, plan: Plan, problem: DesignProblem) -> None:
-        """Write the references of the runs of a plan that have none yet."""
+        """Write the missing references of the runs of a plan."""
         references, carrier = self.path / "references", problem.simulated.carrier
         movement = movement_of(plan, carrier, problem.robot, plan.configurations[0])
         references.mkdir(parents=True, exist_ok=True)

@@ -88,7 +88,7 @@ def page_artefacts(
 def report_responses(study: Study, work: Work) -> Artefacts:
     """Write page, figures, modes.csv and modes.h5 of responses without a robot."""
     # SciPy's linear algebra, which comes with the modes, takes long to load, and the page of a fit does without.
-    from elastid.logs.responses.table import geometry_of_files
+    from elastid.logs.responses.universal_files import geometry_of_files
     from elastid.modal.estimate import estimate_all_modes
     from elastid.report.content import ResponsesContent
     from elastid.report.run_summary import questions_of_responses
