@@ -1,7 +1,7 @@
 """fleet: one study over robots and dates -> a run folder each, fleet.parquet, and a page of differences and drifts.
 
-Members are independent tasks, on the cores of this machine or on a Dask cluster. What is finished is kept: a fleet that
-was interrupted goes on, and a worker that dies costs the member that it was at.
+Members are independent tasks, on the cores of this machine or on a Dask cluster. Finished members are kept: an
+interrupted fleet continues, and if a worker dies only its present member is repeated.
 """
 
 import json
@@ -30,13 +30,13 @@ from elastid.validation.fleet import FleetValue, find_changes
 MEMBERS = "members"
 # Files written next to the members' folders.
 FLEET_FILES = ("fleet.parquet", "fleet.csv", "fleet.html", "figures")
-# Of a member that was begun twice.
+# Message of a member whose second attempt ended with its worker.
 DEATH_MESSAGE = "its worker died 2 times, perhaps for lack of memory; run it alone, or with fewer --jobs"
 # Statuses of studies whose parameters are compared: elasticity and friction.
 COMPARED = ("converged", "noise_unknown", "at_bound", "identified", "partly")
 
-# A parameter of a member, with its 95 % interval; std, low and high None if it was fixed.  std_noise: without the
-# part of the robot's file, whose error all members share.
+# A parameter of a member, with its 95 % interval; std, low and high None if it was fixed.  std_noise: contribution of
+# noise alone, since all members share the errors of the robot model.
 Row: TypeAlias = dict[str, Any]
 
 

@@ -62,7 +62,7 @@ def max_cost_ratio(cost_dof: float) -> float:
     return chi_square_limit(dof, FALSE_ALARM_RATE) / dof
 
 
-def exceeds_noise(cost: float, expected_cost: float, cost_dof: float) -> bool:
+def exceeds_cost_limit(cost: float, expected_cost: float, cost_dof: float) -> bool:
     """Return True if V exceeds the limit of noise alone (`max_cost_ratio`)."""
     return cost > expected_cost * max_cost_ratio(cost_dof)
 

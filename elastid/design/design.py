@@ -28,9 +28,9 @@ from elastid.robot import Robot
 
 
 def sticking_notes(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Note, ...]:
-    """Return a note for each motor with Coulomb friction above a third of its rms torque (Nm, link side), at rest.
+    """Return a note for each motor whose Coulomb friction exceeds a third of its rms torque (Nm, link side).
 
-    Under a carrier the joints slide with any multisine.
+    No notes with a carrier, under which the joints slide with any multisine.
     """
     if carrier is not None:
         return ()
@@ -51,9 +51,9 @@ def sticking_notes(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tup
 
 
 def presliding(measurements: Sequence[Measurement], robot: Robot) -> tuple[Presliding, ...]:
-    """Return presliding friction of each motor that is expected to reverse within 0.2 to 4 presliding distances.
+    """Return the presliding friction of motors with 0.2 to 4 presliding distances between two expected reversals.
 
-    The distance is F_c / sigma_0 of the friction model of the motor; the rate is E|w| over it.
+    Presliding distance: F_c / sigma_0 of the motor's friction model.  Its rate is E|w| divided by this distance.
     """
     distance, speed, _ = np.median([model.reversals(c, model.parameters.x) for model, c in measurements], axis=0)
     laws = {law.place: law for law in frictions(robot) if law.spec.lugre or law.spec.maxwell_slip}

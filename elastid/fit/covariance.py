@@ -38,7 +38,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, quotient
 from elastid.base.execution import Execution
-from elastid.base.statistics import exceeds_noise, small_sample_factors
+from elastid.base.statistics import exceeds_cost_limit, small_sample_factors
 from elastid.fit.gear_ratios import RatioScatter, scatter_of_ratios
 from elastid.fit.problem.frf_residuals import ElasticFit, chunked, each_at_home
 from elastid.fit.problem.systematic_errors import find_factors
@@ -140,7 +140,7 @@ def estimate_uncertainty(
     line_sums, half, unreached = sums.parts, sums.half, sums.unidentifiable
     noise, expected_cost, cost_dof = noise_covariance(sums)
     cost = expected_cost if is_forecast else sums.cost
-    is_excess = exceeds_noise(cost, expected_cost, cost_dof)
+    is_excess = exceeds_cost_limit(cost, expected_cost, cost_dof)
     together = max((response.correlated_lines for response in responses), default=1.0)
     # With a model error, which ratios did not explain, the std of each gear is at least the tolerance of the file.
     has_model_error = float(any(weight.floor > 0 for weight in weights))

@@ -9,7 +9,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value, labelled
 from elastid.base.errors import Named, Note, UnknownNameError, did_you_mean, installed
 from elastid.base.names import matching
-from elastid.base.statistics import QUANTILE_95, correlation_of, exceeds_noise
+from elastid.base.statistics import QUANTILE_95, correlation_of, exceeds_cost_limit
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.result_rows import NO_NUMBERS, NO_PAIRS, NO_TABLE, Estimate, ModificationIndex, Presliding, RigidPart
@@ -88,7 +88,7 @@ class FitValues:
     @property
     def exceeds_noise(self) -> bool:
         """True if V exceeds the limit of noise alone (false-alarm rate 1/700)."""
-        return self.noise_is_known and exceeds_noise(self.cost, self.cost_expected, self.cost_dof)
+        return self.noise_is_known and exceeds_cost_limit(self.cost, self.cost_expected, self.cost_dof)
 
     @property
     def is_within_declared(self) -> bool:

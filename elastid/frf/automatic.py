@@ -1,8 +1,8 @@
 r"""Automatic choice of an estimator: the candidate with the smallest stated error.
 
-A wide window averages more noise than a narrow one, without a better response.  So errors count at one resolution B,
-the widest of the candidates; that of a candidate, b, is the spacing of its lines times those that are correlated.  At
-each line with input power, relative to |G|,
+A wide window averages more noise than a narrow one, without a better response.  Errors are therefore compared at one
+resolution B, the widest of the candidates.  The resolution b of a candidate is the spacing of its lines times the
+number of correlated lines.  At each line with input power, relative to |G|,
 
 .. math:: \epsilon^2 = \min\left(1, \frac{\sigma^2}{|G|^2} \min(1, b / B) + \beta^2\right), \quad
           \beta^2 = \max\left(0, \left\langle \min\left(1, \frac{|\Delta|^2}{|G|^2}\right)
@@ -63,10 +63,10 @@ def method_choice(method: Method, reason: str) -> tuple[Method, tuple[Note, ...]
 def choose_by_error(
     method: Method, candidate: Callable[[], Response], preview: Callable[[], Response], margin: float = 1.0
 ) -> tuple[Method, tuple[Note, ...]]:
-    """Return `method`, or local_rational where its stated error times `margin` is smaller, and a note with both errors.
+    """Return `method`, or local_rational if its stated error times `margin` is smaller, and a note with both errors.
 
-    preview: G of local_rational at some of its lines.  Where one refuses the records, the other is taken; the DataError
-    of `method` where both do.
+    preview: G of local_rational at some of its lines.  If one method rejects the records, the other one is chosen;
+    raises the DataError of `method` if both do.
     """
     try:
         local = preview()
@@ -120,9 +120,9 @@ def _mean_root(squares: FloatArray) -> float:
 
 
 def may_hold_transient(records: Sequence[Record], response: Response) -> bool:
-    """Return True for logs whose periods were found to start with a transient, or are too few to show one and scatter.
+    """Return True for logs that start with a detected transient, or have too few periods to detect it and scatter.
 
-    Large ones do not count: a local method has a whole log in memory, and takes long where G has many elements.
+    False for large logs: a local method needs the whole log in memory, and much time if G has many elements.
     """
     if any(RecordSpectra(record).is_large for record in records):
         return False

@@ -27,9 +27,9 @@ _MAX_COMPARED_VALUES = 1 << 21
 
 
 class FullSum:
-    """The scatter of the periods of one experiment after the other: S (F, n, n) before its scale (F, n), as it is."""
+    """Sum S (F, n, n) of the scatter of periods, experiment after experiment, before its scale (F, n); in NumPy."""
 
-    # The spectra of so many lines, in all periods of a record, fit into the processor's cache.
+    # The spectra of this number of lines, in all periods of a record, fit into the processor's cache.
     lines_at_once = 256
 
     def __init__(self, scale: ComplexArray) -> None:

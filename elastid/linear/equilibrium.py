@@ -60,7 +60,7 @@ def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configura
 def _equilibrium(model: ElasticModel, numbers: bytes, angles: bytes, name: str, has_payload: bool) -> OperatingPoint:
     """Solve `equilibrium` for values that have a hash: theta and angles as bytes."""
     theta, configuration = np.frombuffer(numbers), Configuration(name, np.frombuffer(angles), has_payload)
-    free, theta = free_coordinates(model), model.carried(theta, configuration.has_payload)
+    free, theta = free_coordinates(model), model.with_payload(theta, configuration.has_payload)
     q = rigid_posture(model, configuration, theta)
     rigid = q.copy()
     state = _balance(model, theta, q, free)

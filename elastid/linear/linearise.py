@@ -202,7 +202,7 @@ class Linearisation:
         check_theta(theta, self.parameters)
         theta, of_presliding = np.split(theta, [len(model.parameters)])
         names, theta_ref = (*model.parameters, DELAY), np.append(theta, 0.0)
-        point, theta = equilibrium(model, theta, configuration), model.carried(theta, configuration.has_payload)
+        point, theta = equilibrium(model, theta, configuration), model.with_payload(theta, configuration.has_payload)
         triangles, numbers = evaluate_rows(self.matrices, point.q[None], point.lambda_[None], theta[None])
         M, D, K = (column[_scatter_indices(model.n_q)] for column in triangles[0].T)
         slopes = np.zeros(self.matrices.size_out(1))

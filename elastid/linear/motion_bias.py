@@ -271,7 +271,7 @@ def _mean(
 def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Expansion:
     """Expand R of a model about its equilibrium in a configuration, with its outputs and controlled motors."""
     point = equilibrium(model, theta[:-1], linear.configuration)
-    numbers = model.carried(theta[:-1], linear.configuration.has_payload)
+    numbers = model.with_payload(theta[:-1], linear.configuration.has_payload)
     outputs = linear.outputs if linear.controller is None else (*linear.outputs, *linear.controller.motors)
     n_q, n_c, n_y = model.n_q, model.n_c, len(outputs)
     # Redundant constraints: only independent combinations have unknown multipliers.

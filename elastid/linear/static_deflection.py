@@ -97,7 +97,7 @@ class LoadedRobot:
         LinAlgError where the robot finds no rest.
         """
         pairs = zip(theta, self.loads, strict=True)
-        with_payload = [self.model.carried(t, load.configuration.has_payload) for t, load in pairs]
+        with_payload = [self.model.with_payload(t, load.configuration.has_payload) for t, load in pairs]
         numbers = np.tile(np.array(with_payload), (2, 1))
         z, K = self._equilibria(numbers)
         by_theta, p, p_z, p_theta = self._at(self.slopes, z, numbers)

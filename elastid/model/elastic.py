@@ -114,9 +114,9 @@ class ElasticModel:
         """Parameters that affect the payload only."""
         return tuple(name for name in self.parameters if self.robot.payload and name in self.robot.payload.numbers)
 
-    def carried(self, theta: FloatArray, carries: bool) -> FloatArray:
-        """Return theta (n_theta,), with zero mass and inertia of the payload in configurations without it."""
-        absent = () if carries else [self.parameters.index(name) for name in self.of_payload]
+    def with_payload(self, theta: FloatArray, has_payload: bool) -> FloatArray:
+        """Return theta (n_theta,); mass and inertia of the payload are 0 if has_payload is False."""
+        absent = () if has_payload else [self.parameters.index(name) for name in self.of_payload]
         return np.where(np.isin(np.arange(len(theta)), absent), 0.0, theta)
 
     def robot_at(self, theta: FloatArray) -> Robot:

@@ -2,8 +2,8 @@
 
 Across a joint that slides they are in N, m and s: coulomb in N, stiffness in N/m, velocities in m/s.
 
-The viscous part of every law is the `viscous` of the motor or joint itself: it is the one that a frequency response
-above the Stribeck region sees, and has a name.
+Viscous friction is the `viscous` of the motor or joint itself, for every model: it is identifiable from frequency
+responses above the Stribeck region, and has a parameter name.
 """
 
 import math
@@ -40,7 +40,7 @@ class LuGre:
 
 @section
 class MaxwellSlip:
-    """Generalised Maxwell slip: elements side by side, each a spring that slips at its share of the Stribeck curve."""
+    """Generalised Maxwell slip: parallel elements, each a spring that slips at its fraction of the Stribeck curve."""
 
     # fmt: off
     stiffness: Annotated[tuple[Stiffness, ...], Key("Stiffness sigma_0 of each element.", "one number per element; "
@@ -230,7 +230,7 @@ class Friction:
     def check_passive(self, viscous: float, slides: bool = False) -> None:
         """Raise ValueError for a law that can supply energy.  viscous: f on the same side, Nms/rad (slides: Ns/m).
 
-        Viscous friction must be more than what it differs by between directions.
+        Viscous friction must exceed half of its difference between the directions.
 
         LuGre: a constant sigma_1 needs f >= sigma_1 (F_s - F_c) / F_c. It is enough, since |sigma_0 z| <= F_s leaves
         sigma_1 v z' >= -sigma_1 v^2 (F_s - F_c) / F_c, and sigma_0 z v >= (sigma_0 z^2 / 2)'; with less, a jump from

@@ -1,7 +1,7 @@
-r"""Named numbers of dry friction on the link side, whichever side a law stands on, and laws moved through a gear.
+r"""Named link-side parameters of dry friction, and the conversion of friction models between both sides of a gear.
 
-With the ratio n of a motor, \tau_l = |n| \tau_m and v_m = |n| v_l: on the link side a torque is |n|, a velocity 1 / |n|
-and a damping n^2 times as large. `TERMS` lists the names: Fc_m1 is Coulomb friction at the motor of joint 1.
+With the ratio n of a motor, \tau_l = |n| \tau_m and v_m = |n| v_l: link-side torques are |n| times, velocities 1 / |n|
+times and dampings n^2 times as large. `TERMS` lists the names: Fc_m1 is Coulomb friction at the motor of joint 1.
 """
 
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ from elastid.robot.simplified import with_joints
 class FrictionTerm:
     """Parameter of a friction model: `path` in the file, prefix of its name, symbol, meaning, unit for rotation.
 
-    power: link side = |n|^power motor side.  turns: it changes sign with a motor that turns the other way.
+    power: link side = |n|^power motor side.  turns: True if its sign changes with the sign of the ratio.
     """
 
     path: str
@@ -73,10 +73,10 @@ TERMS: dict[str, FrictionTerm] = {term.path: term for term in map(_term, _TERMS.
 
 
 def through_gear(friction: Friction, n: float, to_motor: bool) -> Friction:
-    """Return a law of the link side on the side of a motor with ratio n, or of the motor on the link side."""
+    """Convert a friction model from the link side to a motor with ratio n, or from the motor to the link side."""
     scale = 1 / abs(n) if to_motor else abs(n)
     powers = {term.path: (term.power, term.turns) for term in TERMS.values() if term.path != "viscous"}
-    powers["lugre.damping_velocity"] = (-1, False)  # has no name, and is moved with the others
+    powers["lugre.damping_velocity"] = (-1, False)  # has no name, but converts like a velocity
     values: dict[Path, float] = {}
     for path, (power, turns) in powers.items():
         keys: Path = tuple(path.split("."))
@@ -135,7 +135,7 @@ def with_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
 
 
 def with_laws(robot: Robot, laws: Mapping[str, tuple[Friction, float]]) -> Robot:
-    """Return the robot with other laws and viscous friction at motors, by joint, both given on the link side."""
+    """Return the robot with other friction models and viscous friction at motors, by joint; both link-side."""
 
     def changed(joint: Joint) -> Joint:
         if joint.name not in laws or joint.motor is None:

@@ -20,8 +20,8 @@ def write_responses_control(
 ) -> tuple[Path, ...]:
     """Write responses.npz and load_responses.py; arrays <configuration>/freq_hz, G (F, n_y, n_u), std, inputs, outputs.
 
-    Of a response with modes also A, B, C, D of the modal model, num (n_y, n_u, m) and den (m,), its error, numbers
-    (n, 2) of frequency in Hz and damping, and their covariance (2 n, 2 n).
+    With modes, further arrays: A, B, C, D, num (n_y, n_u, m), den (m,) and error of the modal model; numbers (n, 2):
+    frequency in Hz and damping ratio of each mode; covariance (2 n, 2 n) of these.
     """
     arrays = {"configurations": np.array([G.configuration.name for G in responses])}
     for G in responses:
@@ -55,8 +55,8 @@ def _write(data: Path, arrays: dict[str, np.ndarray], loader: Path, name: str, f
 def write_control(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """Write model.npz and load_model.py; arrays <configuration>/A, B, C, D, angles (rad), delay (s), freq_hz, G, std.
 
-    parameters, units (p,) and known (p, 6) of each, SI: value, std, the ends of the 95 % interval, and the parts of std
-    by noise and by the tolerances of the robot's file.  free (m,), covariance (m, m): of the free parameters, SI.
+    parameters, units (p,): names and SI units.  known (p, 6): value, std, ends of the 95 % interval, and contributions
+    of noise and of the robot model's tolerances to std.  free (m,), covariance (m, m): of the free parameters, SI.
     """
     systems = [plant.state_space() for plant in model.models]
     first_system, numbers = systems[0], known_numbers(model)

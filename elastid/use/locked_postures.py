@@ -94,7 +94,7 @@ class LockedEquations:
         varied = ca.vertcat(*(ca.densify(N.T @ A @ N)[lower] for A in (M, D, K)), ca.vec(ca.densify(J)))
         slopes = ca.jacobian(varied, theta)[:, dependent], ca.jacobian(varied, q)[:, free]
         expressions = [varied, *slopes, ca.jacobian(gradient, theta)[:, dependent], c, b @ N]
-        numbers = ca.DM(model.carried(family.theta, family.request.payload is not False))
+        numbers = ca.DM(model.with_payload(family.theta, family.request.payload is not False))
         named = (ca.Function("of", [q, lambda_, theta], each) for each in ([gradient, K[free, free], M], expressions))
         dense = ([ca.densify(expression) for expression in function(q, ca.DM(0, 1), numbers)] for function in named)
         statics, linear = (ca.Function("at", [q], outputs, {"cse": True}) for outputs in dense)

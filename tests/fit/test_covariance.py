@@ -12,7 +12,7 @@ from scipy.stats import t as student
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import Note
 from elastid.base.execution import Execution
-from elastid.base.statistics import exceeds_noise, max_cost_ratio, small_sample_factors
+from elastid.base.statistics import exceeds_cost_limit, max_cost_ratio, small_sample_factors
 from elastid.covariance import Covariance
 from elastid.fit.covariance import (
     ENDLESS,
@@ -245,7 +245,7 @@ def test_cost_above_noise_is_model_error(dof: int):
     """Once in 700 draws of V, of few degrees of freedom, whose distribution is skew, as of many."""
     draws = np.random.default_rng(0).chisquare(dof, 700_000)
     assert np.mean(draws > dof * max_cost_ratio(dof)) == pytest.approx(1 / 700, rel=0.1)
-    assert exceeds_noise(1.4 * 500.0, 500.0, 500)
+    assert exceeds_cost_limit(1.4 * 500.0, 500.0, 500)
 
 
 J, R = (np.random.default_rng(7).standard_normal(shape) for shape in ((30, 2), 30))
