@@ -344,22 +344,6 @@ def gathered(path: Path, names: tuple[str, str]) -> np.ndarray:
     return gather_channels(recorded, recorded.files[0], path.parent, Structure.from_channels((u, y))).signals
 
 
-def test_waveforms_of_tdms_begin_at_the_latest_start(tmp_path: Path) -> None:
-    """Of two channels at 500 Hz the second begins 20 samples later, and both have 200."""
-    from nptdms import ChannelObject, TdmsWriter
-
-    x, start = np.arange(220.0), np.datetime64("2024-05-01T10:00:00.000000")
-    with TdmsWriter(tmp_path / "log.tdms") as writer:
-        channels = (("a", x[:200], start), ("b", x[20:], start + np.timedelta64(40, "ms")))
-        objects = [
-            ChannelObject("g", name, values, {"wf_start_time": begin, "wf_start_offset": 0.0, "wf_increment": 0.002})
-            for name, values, begin in channels
-        ]
-        writer.write_segment(objects)
-    signals = gathered(tmp_path / "log.tdms", ("g/a", "g/b"))
-    np.testing.assert_array_equal(signals, np.stack([x[20:200]] * 2, axis=1))
-
-
 @pytest.mark.parametrize("names", ["a/time a/u b/time b/y", "t_u u t_y y"])
 def test_signals_of_several_lengths_have_the_time_beside_them(names: str, tmp_path: Path) -> None:
     """In the group of the signal, or of its length in the file; the position starts 20 samples later."""
