@@ -13,7 +13,8 @@ from plants.runs import summary_of
 from elastid.app import cli, model_commands
 from elastid.base.errors import FitError
 from elastid.store.plan import read_plan
-from elastid.store.results import read_fit
+from elastid.store.results import read_fit, read_map
+from elastid.study import load_robot
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +50,24 @@ def test_loops_are_designed_for_rate_and_delay_of_the_controller(folder: Path, m
         assert command("loops", folder, folder / "run", *words) == 1
         _, _, family, delay, *_ = design.call_args.args
         assert (family.rate_hz, delay) == expected
+
+
+def test_map_frequencies_equal_load_on_spring(folder: Path) -> None:
+    """In all postures, the motor held."""
+    assert command("map", folder, folder / "run", "--random", "3") == 0
+    mapped, stiffness = read_map(folder / "run" / "map.h5"), read_fit(folder / "run" / "fit.h5").values["k_1"]
+    expected = np.sqrt(stiffness / 1e-3) / (2 * np.pi)
+    np.testing.assert_allclose(mapped["frequency_1"].value, np.full(3, expected), rtol=1e-3)
+
+
+def test_draws_scatter_about_the_fit(folder: Path) -> None:
+    assert command("export", folder, folder / "run", "--to", "samples", "--count", "9") == 0
+    robots = [load_robot(path) for path in (folder / "run" / "export" / "samples" / "robots").iterdir()]
+    result = read_fit(folder / "run" / "fit.h5")
+    z = (np.array([robot.parameters()["k_1"][0] for robot in robots]) - result.values["k_1"]) / result.std["k_1"]
+    assert len(z) == 9
+    assert 0.3 < z.std() < 2
+    assert np.abs(z).max() < 4
 
 
 def test_prediction_uses_other_logs_and_refuses_own_folder(folder: Path, tmp_path: Path) -> None:

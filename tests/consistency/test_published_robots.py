@@ -7,9 +7,17 @@ import pytest
 from plants.dry_friction import robot as two_axes
 from plants.paths import ROBOTS
 
+from elastid.excitation.spec import MultisineSpec
+from elastid.experiment.plan.plan import make_plan
+from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import SimulatedSpec
+from elastid.frf.estimate import estimate
+from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import linearise
 from elastid.linear.modes import modes
+from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_poses
 from elastid.record import Configuration
@@ -49,6 +57,29 @@ def test_kuka_arm_has_reach_and_weight_of_table():
 
 # Two axes on springs, the tool off all axes and turned.
 AXES = replace(two_axes((0.0, 0.0)), frames=(Frame("tool", "fore", Placement((0.8, 0.1, 0.05), (0.3, -0.2, 0.4))),))
+OUTPUTS = ("motor 1", "motor 2", "accelerometer tool z", "frame tool y", "frame tool rx")
+
+
+def test_rig_measures_linear_model_at_every_location():
+    """Motors in rad, a point in m/s^2 with and without gravity, an angle of the tool: all within 0.3 %."""
+    experiment = ExperimentSpec({"a": (0.2, -0.5)}, 1, simulated=SimulatedSpec(outputs=OUTPUTS))
+    plan = make_plan(MultisineSpec(1000.0, 2.0, (1.0, 60.0), 3.0), experiment, AXES, 3)
+    rig = SimulatedRig(AXES, experiment, plan, 1)
+    records = [rig.measure(each) for each in rig.experiments]
+    assert records[0].quantities == ("position", "position", "acceleration", "acceleration", "position")
+    measured = estimate(records, EstimatorSpec(band_hz=(1.0, 60.0)))
+    model = serial(AXES)
+    linear = linearise(model, measured.configuration, model.theta, measured.outputs, "acceleration")
+    G = frequency_response(linear, linear.theta_ref, measured.freq_hz)
+    for row in range(len(measured.outputs)):
+        assert np.abs(measured.G[:, row] - G[:, row]).max() < 3e-3 * np.abs(G[:, row]).max(), measured.outputs[row]
+    # At the lowest lines gravity is what the accelerometer sees most of.
+    without = frequency_response(
+        linearise(model, measured.configuration, model.theta, ("frame tool z",), "acceleration"),
+        linear.theta_ref,
+        measured.freq_hz[:1],
+    )
+    assert np.abs(without[0, 0] - G[0, 2]).max() > 0.05 * np.abs(G[0, 2]).max()
 
 
 @pytest.mark.parametrize(

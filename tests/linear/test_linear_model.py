@@ -1,18 +1,21 @@
 """Elements of the measurement chain: their responses by hand, and the slopes of their logarithms by differences."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from plants.elastic_arm import arm
+from plants.linkages import linkage
 
 from elastid.linear.linear_model import DifferenceElement, LagElement, LinearModel, butterworth, elements, state_space
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
-from elastid.model.formulation import serial
+from elastid.model.formulation import formulate, serial
+from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
-from elastid.robot import Chain, Channel
+from elastid.robot import Chain, Channel, Frame, Placement, Rod
 
 S = 2j * np.pi * np.array([0.01, 1.0, 8.0, 60.0])
 T = 3e-3
@@ -61,3 +64,25 @@ def test_gains_multiply_rows_and_divide_columns_of_a_response() -> None:
     space = state_space(model, theta).response(FREQ_HZ)
     for found in (frequency_response(model, theta, FREQ_HZ), Kernel(model, FREQ_HZ, ()).response(theta), space):
         np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-12 * np.abs(G).max())
+
+
+@pytest.mark.parametrize("equations", ["constrained", "minimal"])
+def test_slopes_follow_geometry_of_a_closed_loop(equations: str) -> None:
+    """Planar four-bar under gravity: slopes change responses as central differences of linearisations do."""
+    tool = Frame("tool", "upper", Placement((0.9, 0.0, 0.1)))
+    robot = replace(linkage(Rod(0.86, 6.2, 0.4, 0.5), crank=0.33), frames=(tool,))
+    model, place = formulate(robot, ModelSpec(equations), robot.geometry), Configuration("c", (0.2, 0.1))
+    linearisation, outputs = Linearisation.of(model), ("accelerometer tool z", "frame tool x", "motor 2")
+
+    def at(theta: np.ndarray) -> np.ndarray:
+        there = linearisation.at(place, theta[:-1], outputs, "acceleration")
+        return frequency_response(there, theta, FREQ_HZ)
+
+    linear = linearisation.at(place, model.theta, outputs, "acceleration")
+    for name in ("p_lower_z", "pj_2_x", "p_end_z", "zero_3", "p_upper_x", "p1_rod_x", "p2_rod_z", "l_rod", "m_upper"):
+        step = 1e-5 * (np.array(linear.parameters) == name)
+        by_slopes, difference = (
+            response(linear.theta_ref + step) - response(linear.theta_ref - step)
+            for response in (partial(frequency_response, linear, freq_hz=FREQ_HZ), at)
+        )
+        assert np.abs(by_slopes - difference).max() < 1e-5 * np.abs(difference).max(), name
