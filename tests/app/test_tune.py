@@ -60,3 +60,10 @@ def test_fmu_with_move_follows_tool_path(fitted_arm: Path, version: int) -> None
     assert error.max() < tuned.predicted_error.max() + 2e-4
     assert error.max() < 2e-3 * travel
     assert np.linalg.norm(np.roll(tool, 10, axis=0)[10:] - tuned.target[10:], axis=1).max() > 20 * error.max()
+
+
+@pytest.mark.slow
+def test_a_fitted_study_compensates_friction(fitted_arm: Path) -> None:
+    """The friction of the motors over velocity is there in C."""
+    assert command("export", fitted_arm, "--to", "compensation") == 0
+    assert (fitted_arm.parent / "run" / "export" / "compensation" / "friction.c").is_file()
