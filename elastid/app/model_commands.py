@@ -18,7 +18,7 @@ from elastid.app.export import gears_of
 from elastid.app.identified_robot import with_findings, with_identified_friction
 from elastid.app.run import Run, carry_out, logged_in
 from elastid.app.stages.fit import current_fit, warn_of_distrust
-from elastid.app.stages.validate import Validated, judge
+from elastid.app.stages.validate import ValidationBasis, judge
 from elastid.app.summaries import predicted, validation_summary
 from elastid.base.display import Answer
 from elastid.base.errors import DataError, StudyError
@@ -58,7 +58,7 @@ Vector: TypeAlias = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class Used:
+class ModelOutputs:
     """Files (name in the run folder -> write(path)), figure of the page, and data of an explorable map."""
 
     answer: Answer
@@ -67,7 +67,7 @@ class Used:
     data: str = ""
 
 
-def use_fit(run: Run, name: str, work: Callable[[Result], Used]) -> None:
+def use_fit(run: Run, name: str, work: Callable[[Result], ModelOutputs]) -> None:
     """Run a command `name` on the study's fit and write its results; StudyError without a current fit."""
     result = current_fit(run)
     with logged_in(run.folder, run.jobs, run.console):
@@ -96,14 +96,14 @@ def map_study(
     except ValueError as error:
         raise StudyError("options/invalid", str(error)) from None
 
-    def work(fit: Result) -> Used:
+    def work(fit: Result) -> ModelOutputs:
         """Map of the fitted robot, with its files."""
         ports, seed = posture.PredictionPorts(frame=frame, axes="world"), run.study.seed
         family = with_gears(fit, gears_of(run)).family(ports)
         if path is not None:
             angles, remarks = read_path(path, family.robot, family.frame)
-            for words in remarks:
-                run.console.warn(f"map: {words}")
+            for remark in remarks:
+                run.console.warn(f"map: {remark}")
         elif grid is not None:
             angles = grid_postures(family.robot, family.frame, grid, seed)
         else:
@@ -117,7 +117,7 @@ def map_study(
             "map.h5": lambda path: write_map(path, workspace, run.stamps["fit"]),
             "map.csv": lambda path: write_map_table(path, workspace),
         }
-        return Used(answer_of_map(workspace), files, partial(workspace_figure, workspace), map_data(workspace))
+        return ModelOutputs(answer_of_map(workspace), files, partial(workspace_figure, workspace), map_data(workspace))
 
     use_fit(run, "map", work)
 
@@ -130,21 +130,21 @@ def tune_study(
     if duration is not None and fastest:
         raise StudyError("options/invalid", "--time and --fastest are exclusive. Give one of them")
 
-    def work(result: Result) -> Used:
+    def work(result: Result) -> ModelOutputs:
         """Move of the fitted robot, with its files."""
         robots = _move_robots(run, result, frame, samples, rate_hz, bandwidth_hz, error_mm / 1e3)
         move = read_move(path, robots.identified, robots.frame, 0.0 if fastest else duration)
         with run.console.progress("tune") as progress:
-            tuned = tune_move(robots, move, run.study.name, progress)
+            tuned_move = tune_move(robots, move, run.study.name, progress)
         folder = clear_folder(run.folder, "tune")
         files = {
-            "tune.h5": lambda path: write_tune(path, tuned, run.stamps["fit"]),
-            "tune.csv": lambda path: write_table(path, tuned),
-            "tune": lambda _: (write_move(folder, tuned), write_move_fmu(folder, robots.identified, tuned)),
+            "tune.h5": lambda path: write_tune(path, tuned_move, run.stamps["fit"]),
+            "tune.csv": lambda path: write_table(path, tuned_move),
+            "tune": lambda _: (write_move(folder, tuned_move), write_move_fmu(folder, robots.identified, tuned_move)),
         }
-        if tuned.advice:
-            run.console.warn(f"tune: {tuned.advice}")
-        return Used(answer_of_move(tuned), files, partial(move_figure, tuned))
+        if tuned_move.advice:
+            run.console.warn(f"tune: {tuned_move.advice}")
+        return ModelOutputs(answer_of_move(tuned_move), files, partial(move_figure, tuned_move))
 
     use_fit(run, "tune", work)
 
@@ -173,12 +173,12 @@ def _move_robots(
     )  # fmt: skip
 
 
-def write_table(path: Path, tuned: TunedMove) -> None:
+def write_table(path: Path, tuned_move: TunedMove) -> None:
     """Write tune.csv: a row for each sample, link side, SI."""
     parts = ("position", "velocity", "torque")
-    heads = ["t", *(f"{part} {joint}" for joint in tuned.joints for part in parts), "x", "y", "z", "planned error"]
-    columns = [getattr(tuned, part)[:, i] for i in range(len(tuned.joints)) for part in parts]
-    rows = zip(tuned.time_s, *columns, *tuned.target.T, tuned.predicted_error, strict=True)
+    heads = ["t", *(f"{part} {joint}" for joint in tuned_move.joints for part in parts), "x", "y", "z", "planned error"]
+    columns = [getattr(tuned_move, part)[:, i] for i in range(len(tuned_move.joints)) for part in parts]
+    rows = zip(tuned_move.time_s, *columns, *tuned_move.target.T, tuned_move.predicted_error, strict=True)
     write_rows(path, [heads, *([float(cell) for cell in row] for row in rows)])
 
 
@@ -198,7 +198,7 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, samples: int
     if hz is None:
         raise StudyError("options/invalid", "the study has no rate of the controller. Give --rate", run.loaded.path)
 
-    def work(result: Result) -> Used:
+    def work(result: Result) -> ModelOutputs:
         """Analyse and design the loops of the fitted robot; returns them with their files."""
         family = PostureFamily.of(result, [linear.configuration for linear in result.linear], hz)
         delay_samples = (0 if today is None else today.delay_samples) if delay is None else delay
@@ -208,7 +208,7 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, samples: int
             "loops.yml": lambda path: write_text(path, loops_section(loops)),
         }
         answer, figure = replace(answer_of_loops(loops), text=loops_section(loops)), partial(loops_figure, loops)
-        return Used(answer, files, figure)
+        return ModelOutputs(answer, files, figure)
 
     use_fit(run, "loops", work)
 
@@ -264,10 +264,10 @@ def predict(run: Run, source: Path) -> None:
         for name in ("design", "measure", *(() if of_friction else ("estimate",))):
             if name in run.stages and not run.is_current(name):
                 carry_out(run, name)
-        judged, content, words = (_friction if of_friction else _elasticity)(run, path)
+        judgement, content, words = (_friction if of_friction else _elasticity)(run, path)
         write_json(summary := run.folder / "prediction.json", content | {"with": str(path)})
-        if judged.balances:
-            octaves_figure(judged.balances).savefig(run.folder / "prediction.png")
+        if judgement.balances:
+            octaves_figure(judgement.balances).savefig(run.folder / "prediction.png")
         keep_checksums(run.folder, [summary.name])
         for sentence in (*words, str(summary)):
             run.console.say(f"predict: {sentence}")
@@ -313,7 +313,7 @@ def _elasticity(run: Run, path: Path) -> tuple[LogComparison, dict[str, Any], Se
     gears = read_gears(gears_file if gears_file.is_file() else None)
     model = FittedRobot.of(result, robot, responses, study.model)
     records = run.path("measure") if "measure" in run.stages else None
-    validated = Validated(replace(study, validation=ValidationSpec()), model, friction, gears)
-    judged, log_comparison = judge(validated, responses.names, records, run.console, Execution(run.jobs))
-    content = validation_summary(study.name, judged, log_comparison)
-    return log_comparison, content, [words for words in (judged.verdict, *log_comparison.sentences) if words]
+    validated = ValidationBasis(replace(study, validation=ValidationSpec()), model, friction, gears)
+    judgement, log_comparison = judge(validated, responses.names, records, run.console, Execution(run.jobs))
+    content = validation_summary(study.name, judgement, log_comparison)
+    return log_comparison, content, [words for words in (judgement.verdict, *log_comparison.sentences) if words]

@@ -65,7 +65,7 @@ class Key:
         from pydantic_core import core_schema  # value types stay free of pydantic
 
         nested = core_schema.no_info_plain_validator_function(lambda value: validator(source).validate_python(value))
-        has_section = any(hasattr(part, "__pydantic_config__") for part in (source, *get_args(source)))
+        has_section = any(hasattr(argument, "__pydantic_config__") for argument in (source, *get_args(source)))
         schema = nested if has_section and _in_validator.get() else handler(source)
         return core_schema.no_info_after_validator_function(self.checked, schema)
 
@@ -85,8 +85,8 @@ def section(cls: type[T]) -> type[T]:
     In Python it accepts the values of a study, and an array for a tuple; ValueError names the first field
     that is wrong.
     """
-    made: Any = dataclass(frozen=True)(cls)
-    by_default, requires = made.__init__, any(f.default is f.default_factory for f in fields(made))
+    section_class: Any = dataclass(frozen=True)(cls)
+    by_default, requires = section_class.__init__, any(f.default is f.default_factory for f in fields(section_class))
 
     @wraps(by_default)  # the signature that a prompt shows
     def __init__(self: T, *values: Any, **keys: Any) -> None:
@@ -96,18 +96,18 @@ def section(cls: type[T]) -> type[T]:
         from pydantic_core import ArgsKwargs, ValidationError
 
         try:
-            validator(made).validate_python(ArgsKwargs(values, keys), self_instance=self)
+            validator(section_class).validate_python(ArgsKwargs(values, keys), self_instance=self)
         except ValidationError as error:
             first = error.errors()[0]
             message, steps = first["msg"].removeprefix("Value error, "), list(first["loc"])
             if steps and isinstance(steps[0], int):  # given without its name
-                steps[0] = made.__match_args__[steps[0]]
+                steps[0] = section_class.__match_args__[steps[0]]
             text = f"{'.'.join(map(str, steps))}: {message} (got {first['input']!r:.60})" if steps else message
             raise ValueError(text) from None
 
-    made.__init__ = __init__
-    made.__pydantic_config__ = _CONFIG
-    return made  # type: ignore[no-any-return]
+    section_class.__init__ = __init__
+    section_class.__pydantic_config__ = _CONFIG
+    return section_class  # type: ignore[no-any-return]
 
 
 @cache

@@ -79,7 +79,7 @@ def of_identify(configurations: int, lines: int, coordinates: int) -> Callable[[
 def of_map(postures: int, **fit: int) -> Callable[[], object]:
     """Prepare the prediction of compliance, modes and stability, with intervals, in random postures."""
     result = of_identify(**fit)()
-    angles = random_postures(result.known_robot, postures, 1)
+    angles = random_postures(result.nominal_robot, postures, 1)
     return lambda: map_workspace(result, angles, frame=str(fit["coordinates"] // 3))
 
 
@@ -129,14 +129,14 @@ def memory_mb(name: str) -> float:
 def point(task: tuple[str, dict[str, int]]) -> tuple[float, float]:
     """Measure one size: CPU seconds of its second run, and peak memory of its first run, MB, including its data."""
     name, size = task
-    before = memory_mb("VmRSS")
+    start_mb = memory_mb("VmRSS")
     studies = {"references": of_references, "commands": of_commands}
     work = ({"estimate": of_estimate, "identify": of_identify, "map": of_map} | studies)[name](**size)
     Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     work()
     peak, begin = memory_mb("VmHWM"), time.process_time()
     work()
-    return time.process_time() - begin, peak - before
+    return time.process_time() - begin, peak - start_mb
 
 
 def main() -> None:
@@ -149,13 +149,13 @@ def main() -> None:
         if is_quick and "coordinates" in usual:
             usual = usual | {"configurations": 3, "coordinates": 9}
         for key, sizes in [*over.items()][: 1 if is_quick else None]:
-            used = QUICK[key] if is_quick else sizes
-            tasks = [(name, usual | {key: size}) for size in used]
+            selection = QUICK[key] if is_quick else sizes
+            tasks = [(name, usual | {key: size}) for size in selection]
             with get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
                 points = np.array(pool.map(point, tasks, chunksize=1))
-            print(f"{name} over {key} {used}: CPU s, MB\n{points.round(2)}", flush=True)
+            print(f"{name} over {key} {selection}: CPU s, MB\n{points.round(2)}", flush=True)
             for kind, values in zip(("cpu", "memory"), points.T, strict=True):
-                slope = np.polyfit(np.log(used), np.log(np.maximum(values, 1e-3)), 1)[0]
+                slope = np.polyfit(np.log(selection), np.log(np.maximum(values, 1e-3)), 1)[0]
                 slopes[f"{name}_{key}_{kind}"] = round(float(slope), 2)
     print(json.dumps(slopes))
 

@@ -102,18 +102,18 @@ def cpu_of_descendants(pid: int) -> dict[int, float]:
     return {child: seconds[child] for child in parents if descends(child)}
 
 
-def of_workers(one: dict[str, Any], many: dict[str, Any], theirs: float, jobs: int) -> dict[str, float]:
+def of_workers(single: dict[str, Any], parallel: dict[str, Any], theirs: float, jobs: int) -> dict[str, float]:
     """Compare fits without and with workers. Model: one processor per worker, idle while the main process works."""
-    assert one["sha256"] == many["sha256"]
-    own = many["cpu_s"]
+    assert single["sha256"] == parallel["sha256"]
+    worker_s = parallel["cpu_s"]
     return {
-        "asking_cpu_s": own,
+        "asking_cpu_s": worker_s,
         "workers_cpu_s": theirs,
-        "serial_share": own / (own + theirs),
-        "sent_mb": many["sent_mb"],
-        "asking_peak_gb": many["peak_gb"],
-        f"wall_{jobs}_over_1": one["wall_s"] / many["wall_s"],
-        **{f"model_{n}_over_1": one["cpu_s"] / (own + theirs / n) for n in sorted({jobs, 64})},
+        "serial_share": worker_s / (worker_s + theirs),
+        "sent_mb": parallel["sent_mb"],
+        "asking_peak_gb": parallel["peak_gb"],
+        f"wall_{jobs}_over_1": single["wall_s"] / parallel["wall_s"],
+        **{f"model_{n}_over_1": single["cpu_s"] / (worker_s + theirs / n) for n in sorted({jobs, 64})},
     }
 
 

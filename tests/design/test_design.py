@@ -284,7 +284,7 @@ def test_coulomb_friction_above_third_of_torque_is_reported(coulomb: float, moto
 def test_motors_that_reverse_within_their_presliding_distance_are_reported(ratio: float, is_noted: bool) -> None:
     """Distances between reversals as in the rehearsed log, on the link side; bristles of 0.1 Nm at motor 2."""
     plan = make_plan(GIVEN.excitation, GIVEN.experiment, TWO, 0)
-    fitted = GIVEN.fitted(plan)
+    fitted = GIVEN.fit_measurements(plan)
     rig = SimulatedRig(GIVEN.robot, replace(GIVEN.experiment, simulated=SimulatedSpec()), plan, 0)
     ways = [np.diff(rig.measure(run).y[rig.measure(run).period_samples :], axis=0) for run in plan.experiments]
     path = np.sum([np.abs(way).sum(axis=0) for way in ways], axis=0)
@@ -311,7 +311,7 @@ def _bent(coulomb: float, ratio: float, distance: FloatArray) -> Robot:
 def test_presliding_friction_and_tolerances_of_gears_widen_the_forecast() -> None:
     """Two numbers more at each motor, against Coulomb's law without presliding; and ratios against exact ones."""
     problem = replace(GIVEN, friction="auto", experiment=replace(GIVEN.experiment, realisations=2))
-    ((prospect, configuration),) = problem.fitted(make_plan(problem.excitation, problem.experiment, TWO, 0))
+    ((prospect, configuration),) = problem.fit_measurements(make_plan(problem.excitation, problem.experiment, TWO, 0))
     distance = prospect.reversals(configuration, prospect.parameters.x)[0]
     rigid = design(_rough(problem, 0.6)).forecast
     designed = design(replace(problem, robot=_bent(0.6, 3.0, distance)))
@@ -334,7 +334,7 @@ def test_fits_with_presliding_friction_state_the_std_of_the_forecast(ratio: floa
     problem = replace(
         PROBLEM, design=None, friction="auto", experiment=experiment, fit=replace(PROBLEM.fit, weights=WeightSpec())
     )
-    fitted = problem.fitted(make_plan(problem.excitation, problem.experiment, TWO, 0))
+    fitted = problem.fit_measurements(make_plan(problem.excitation, problem.experiment, TWO, 0))
     distance = np.median([model.reversals(c, model.parameters.x)[0] for model, c in fitted], axis=0)
     bent = replace(problem, robot=replace(_bent(0.6, ratio, distance), tolerances=Tolerances()))
     designed = design(bent)
