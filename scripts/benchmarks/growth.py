@@ -17,7 +17,6 @@ their logs: of references with 0.9 (references_configurations_cpu) and 0.2 (refe
 configurations; of commands with 1.0 (commands_samples_cpu) and 0.3 (commands_samples_memory) of the samples.
 """
 
-import argparse
 import json
 import sys
 import time
@@ -142,9 +141,8 @@ def point(task: tuple[str, dict[str, int]]) -> tuple[float, float]:
 
 def main() -> None:
     """Print a row for each size, then the slopes."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="two small sizes of one thing each, to see that it runs")
-    is_quick, slopes = parser.parse_args().quick, dict[str, float]()
+    is_quick = timing.options(__doc__, "two small sizes of one thing each, to see that it runs").quick
+    slopes = dict[str, float]()
     print(timing.machine())
     for name, over in SIZES.items():
         usual = USUAL.get(name, {})

@@ -10,11 +10,11 @@ peak is all memory that the fit ever had (ru_maxrss), pages of the file included
 --jobs N (1): the same fit by N worker processes, too, which must end in the same numbers. CPU seconds of the process
 that asks, which no worker takes from it, and of all workers; the bytes that it sent; and how many times as fast as one
 process N and 64 workers would be, if each had a processor of its own and a network took no time. Linux only.
+--folder F: for the file (a temporary one).
 
 The last line is one JSON object. Measured with a thousand: 1.41 GB of memory at the peak, in 233 CPU seconds.
 """
 
-import argparse
 import json
 import os
 import resource
@@ -119,12 +119,7 @@ def of_workers(single: dict[str, Any], parallel: dict[str, Any], theirs: float, 
 
 def main() -> None:
     """Print the measurements, then one JSON line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="three configurations, to see that it runs")
-    parser.add_argument("--configurations", type=int, default=1000)
-    parser.add_argument("--jobs", type=int, default=1, help="worker processes of a second fit (default: none)")
-    parser.add_argument("--folder", type=Path, help="for the file (default: a temporary one)")
-    args = parser.parse_args()
+    args = timing.options(__doc__, "three configurations", configurations=1000, jobs=1, folder=Path)
     Q, F = (3, 30) if args.quick else (args.configurations, 200)
     print(timing.machine(), flush=True)
     with tempfile.TemporaryDirectory(dir=args.folder) as folder:
