@@ -35,7 +35,7 @@ from elastid.record import Record
 from elastid.response import Response, Responses
 from elastid.robot import Robot
 from elastid.store import friction_study, measured, plan, results
-from elastid.store.artefacts import kind_of, opened
+from elastid.store.artefacts import kind_of, open_artefact
 from elastid.store.measured import write_records, write_responses
 from elastid.store.results import write_fit
 from elastid.study import Study, load_robot
@@ -338,7 +338,7 @@ def load(path: Path | str) -> Any:
     ('motor 1',)
     """
     kind = kind_of(path) or ""
-    with opened(path, kind if kind in _READERS else f"one of {', '.join(_READERS)}"):
+    with open_artefact(path, kind if kind in _READERS else f"one of {', '.join(_READERS)}"):
         return _READERS[kind](path)
 
 

@@ -98,7 +98,7 @@ def kronecker(left: ComplexArray, right: ComplexArray) -> ComplexArray:
     return np.asarray(np.einsum("fab,fcd->facbd", left, right).reshape(-1, size, size))
 
 
-def scaled(covariance: Covariance | None, power: FloatArray) -> Covariance | None:
+def scale_covariance(covariance: Covariance | None, power: FloatArray) -> Covariance | None:
     """Scale the covariance by power (F, 1, 1) = |gain|^2, for a response times a gain."""
     if covariance is None:
         return None

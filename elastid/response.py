@@ -14,11 +14,11 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled, laplace_variable, quotient
 from elastid.base.display import Display, as_html, as_text
-from elastid.base.errors import Note, check_kind, index_of, installed
+from elastid.base.errors import Note, check_kind, index_of, require_package
 from elastid.base.escape import control_labels
 from elastid.base.workers import KeptOnce
 from elastid.covariance import Covariance as Covariance
-from elastid.covariance import scaled
+from elastid.covariance import scale_covariance
 from elastid.record import (
     MOTION_ORDER,
     Configuration,
@@ -356,7 +356,7 @@ class Response(KeptOnce):
         axes = ("freq_hz", "output", "input")
         stds = {"noise_std": self.noise, "total_std": self.total}
         stds_of = {name: np.sqrt(covariance.variance) for name, covariance in stds.items() if covariance is not None}
-        return installed("xarray", "notebook").Dataset(
+        return require_package("xarray", "notebook").Dataset(
             {name: (axes, values) for name, values in {"G": self.G, **stds_of}.items()},
             {"freq_hz": self.freq_hz, "output": list(self.outputs), "input": list(self.inputs)},
             {"unit": self.unit, "quantity": self.quantity, "configuration": self.configuration.name},
@@ -394,8 +394,8 @@ def in_quantity(response: Response, quantity: Motion) -> Response:
         response,
         G=gain * response.G,
         quantity=quantity,
-        noise=scaled(response.noise, power),
-        total=scaled(response.total, power),
+        noise=scale_covariance(response.noise, power),
+        total=scale_covariance(response.total, power),
         quality=None,  # it belongs to the outputs as they were measured
         bias=None if response.bias is None else gain * response.bias,
         leakage=None if response.leakage is None else gain * response.leakage,

@@ -117,7 +117,7 @@ def equations_derived_once() -> Iterator[None]:
         return lambda robot, *rest: derived(robot, *(tuple(e) if isinstance(e, Collection) else e for e in rest))
 
     with pytest.MonkeyPatch.context() as patch:
-        for name in ("serial", "constrained", "minimal"):
+        for name in ("serial", "with_constraints", "minimal"):
             patch.setattr(formulation, name, once(getattr(formulation, name)))
         yield
 

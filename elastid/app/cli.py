@@ -32,7 +32,7 @@ from elastid.app.options import (
 )
 from elastid.app.stage_table import NAMES
 from elastid.app.target_table import MODULES
-from elastid.base.codes import renamed
+from elastid.base.codes import new_code
 from elastid.base.errors import ElastidError, StudyError
 from elastid.base.escape import printable
 
@@ -64,9 +64,9 @@ def run_command(arguments: Sequence[str]) -> int:
         with libraries_off_terminal(), insisting() as pressed:
             cli.main(list(arguments), prog_name="elastid", standalone_mode=False)
     except (KeyboardInterrupt, click.Abort):
-        return interrupted(arguments)
+        return report_interrupt(arguments)
     except Exception as error:
-        return interrupted(arguments) if pressed.is_set() else explained(error, arguments)
+        return report_interrupt(arguments) if pressed.is_set() else explained(error, arguments)
     return 0
 
 
@@ -445,7 +445,7 @@ def explained(error: Exception, arguments: Sequence[str] = ()) -> int:
             return error.exit_code
         case click.ClickException():
             error.show(file=(text := StringIO()))
-            answers = [f"{word} is {renamed(word)}\n" for word in arguments if renamed(word)]
+            answers = [f"{word} is {new_code(word)}\n" for word in arguments if new_code(word)]
             click.echo(printable("".join([text.getvalue(), *answers])), err=True, nl=False)
             return error.exit_code
         case MemoryError() | ImportError():
@@ -464,7 +464,7 @@ def explained(error: Exception, arguments: Sequence[str] = ()) -> int:
 WITHOUT_PARTS = {"map", "tune", "loops", "export", "check", "inspect", "new", "predict"}
 
 
-def interrupted(arguments: Sequence[str]) -> int:
+def report_interrupt(arguments: Sequence[str]) -> int:
     """Print how to resume an interrupted command, and return its exit code."""
     again = shlex.join(["elastid", *arguments])
     if {*arguments[:1]} & WITHOUT_PARTS:

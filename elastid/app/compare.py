@@ -18,9 +18,9 @@ from elastid.base.execution import Execution
 from elastid.base.files import clear_folder, path_below
 from elastid.fit.parameter_selection import choose, named_geometry
 from elastid.fit.spec import FitSpec
-from elastid.model.formulation import elastic_joints_within, unseen
+from elastid.model.formulation import elastic_joints_within, unreachable
 from elastid.response import Responses
-from elastid.robot.simplified import elastic_coordinates, stiffened, without_motor_coupling
+from elastid.robot.simplified import elastic_coordinates, with_stiff_joints, without_motor_coupling
 from elastid.store.files import keep_checksums
 from elastid.store.measured import read_responses
 from elastid.store.results import Checkpoint, write_comparison
@@ -145,10 +145,10 @@ def variant(loaded: LoadedStudy, spec: VariantSpec) -> ComparedVariant:
     original = loaded.study
     study = load(loaded.path, (*loaded.overrides, *spec.set)).study if spec.set else original
     robot = study.as_robot() if spec.motor_coupling else without_motor_coupling(study.as_robot())
-    robot = stiffened(robot, spec.rigid)
+    robot = with_stiff_joints(robot, spec.rigid)
     fit = restrict(_weighed_as(original, study), robot, study.as_robot())
     if study.model != original.model:
-        fit = fix(fit, robot, unseen(robot, study.model.variant))
+        fit = fix(fit, robot, unreachable(robot, study.model.variant))
     choose(fit, robot)
     # Independent coordinates are a choice for the study's own robot, and without influence on its response.
     return ComparedVariant(spec.name, robot, fit, replace(study.model, independent=()) if spec.rigid else study.model)
@@ -210,7 +210,7 @@ def search_elasticity(run: Run) -> None:
 
 def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
     """Return coordinates that can be elastic or rigid, label to name, and the labels that start elastic: the gears."""
-    robot, unknown = loaded.study.as_robot(), unseen(loaded.study.as_robot(), loaded.study.model.variant)
+    robot, unknown = loaded.study.as_robot(), unreachable(loaded.study.as_robot(), loaded.study.model.variant)
     coordinates = [spring for spring in elastic_coordinates(robot) if f"k_{spring.name}" not in unknown]
     if not coordinates:
         text = f"nothing to search: robot {robot.name} has no elastic part"

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from elastid.base.display import Display, number
-from elastid.base.errors import Note, grouped
+from elastid.base.errors import Note, group_notes
 from elastid.base.escape import printable
 from elastid.base.execution import Progress, silent
 from elastid.base.files import open_regular_file
@@ -80,7 +80,7 @@ class Console:
 
     def notes(self, notes: Iterable[Note], on_page: bool = False) -> None:
         """Print notes on data, plan or result, equal notes as one; on_page: the report page contains them, too."""
-        for group in grouped(notes):
+        for group in group_notes(notes):
             (self.warn if group.first.severity == "warning" else self.detail if on_page else self.say)(str(group))
 
     def log(self, text: str) -> None:

@@ -11,7 +11,7 @@ from elastid.app.identified_robot import robot_of_fit, with_findings
 from elastid.app.run import Run
 from elastid.app.stages.fit import warn_of_distrust
 from elastid.app.target_table import tags, targets
-from elastid.base.codes import renamed
+from elastid.base.codes import new_code
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.escape import file_name
 from elastid.base.files import clear_folder
@@ -47,7 +47,7 @@ def export(run: Run, tag: str, count: int = 1000) -> tuple[Path, ...]:
     rows = [row for name in tags() for row in targets(name) if {*row.arguments} <= available]
     target = next((row for row in rows if row.tag == tag), None)
     if target is None:
-        names = renamed(tag) or did_you_mean(tag, sorted({row.tag for row in rows}))
+        names = new_code(tag) or did_you_mean(tag, sorted({row.tag for row in rows}))
         code = "study/stage" if tag in tags() else "export/target"
         raise StudyError(code, f"study {study.name} of kind {study.kind}: {names}", f"--to {tag}")
     for stage in dict.fromkeys(stage for name in target.arguments for stage in STAGES.get(name, results.stages)):

@@ -16,7 +16,7 @@ import numpy as np
 from elastid.app.from_responses import texts_from_responses, texts_from_universal
 from elastid.app.joint_assignment import MIN_TURN, Positions, in_order_of, order_of_names, positions_of
 from elastid.app.measurements import Run, Signals, headings_of, hit_place, hit_runs, in_two_files, runs_by_name
-from elastid.app.study_lines import channel_line, file_line, head_lines, joined, mapping, quoted, relative_paths
+from elastid.app.study_lines import channel_line, file_line, head_lines, joined, mapping, quote, relative_paths
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.escape import one_line
@@ -329,7 +329,7 @@ def _study(
     yield f"    rate_hz: {rate} # guessed: {clock.why}"
     yield "    # hold: zero-order # of a torque or current that is the command of the drive and not measured"
     if not clock.is_even:
-        yield f"    time: {quoted(clock.name)} # samples are brought from it to rate_hz"
+        yield f"    time: {quote(clock.name)} # samples are brought from it to rate_hz"
     yield from period
     yield "    channels: # places are names of your choice; of a robot `side: motor` is for signals of the motor's side"
     if not names:
@@ -385,12 +385,12 @@ def _files(paths: Sequence[Sequence[str]], states: Sequence[str] = (), runs: Seq
         why = " # at: locations of hammer and sensors, guessed from headings, file names or responses"
     yield "    files:" + (why if states and len(paths) > 1 else "")
     for i, (path, *also) in enumerate(paths):
-        keys: dict[str, object] = {"also": f"[{', '.join(map(quoted, also))}]" if also else None}
+        keys: dict[str, object] = {"also": f"[{', '.join(map(quote, also))}]" if also else None}
         run = runs[i] if runs else Run({}, i, 0)
         if states:
             keys |= {"configuration": states[i], "realisation": run.realisation}
             keys |= {"experiment": run.experiment} if runs else {}
-            keys |= {"at": mapping({quoted(k): quoted(v) for k, v in run.at.items()})} if run.at else {}
+            keys |= {"at": mapping({quote(k): quote(v) for k, v in run.at.items()})} if run.at else {}
         yield file_line(path, **keys)
 
 

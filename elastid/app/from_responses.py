@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elastid.app.study_lines import channel_line, file_line, head_lines, joined, mapping, quoted, relative_paths
+from elastid.app.study_lines import channel_line, file_line, head_lines, joined, mapping, quote, relative_paths
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError
 from elastid.base.units import of_translation
@@ -94,7 +94,7 @@ def texts_from_responses(paths: Sequence[Path], folder: Path, robot: Robot | Non
         *_channels(table, drives), "    files:",
     ]  # fmt: skip
     for (path, response), name in zip(files, names, strict=True):
-        lines.append(file_line(path, configuration=name, response=quoted(response) if response else None))
+        lines.append(file_line(path, configuration=name, response=quote(response) if response else None))
     return {"study.yml": joined(lines)}
 
 
@@ -139,7 +139,7 @@ def _array_table(path: Path, arrays: Mapping[str, StoredArray]) -> _Table | None
             matrix = np.moveaxis(G, G.shape.index(len(freq)), 0)
             matrix = matrix.reshape((*matrix.shape, 1, 1)[: max(matrix.ndim, 3)])
             unit = arrays[key].units or ("rad/s" if _RADIANS.fullmatch(key) else "Hz")
-            columns = mapping({"response": quoted(name), "frequency": quoted(key)})
+            columns = mapping({"response": quote(name), "frequency": quote(key)})
             keys = {"columns": columns, "frequency_unit": f"{unit} # guessed by the name {key}"}
             outputs, inputs = (_named((), n, arrays, "") for n in matrix.shape[1:])
             return _Table(freq.astype(float), matrix, keys, outputs, inputs)
@@ -171,14 +171,14 @@ def _text_table(log: TextLog) -> _Table | None:
         x, y = (log.columns([log.headings.index(name) for name in side]) for side in (first, second))
         is_polar = words is not _PAIRS[0]
         names = ("magnitude", "phase") if is_polar else ("real", "imaginary")
-        label_of = dict(zip(names, map(quoted, labels), strict=True))
+        label_of = dict(zip(names, map(quote, labels), strict=True))
         if is_polar:  # dB if any magnitude is negative, degrees if any phase is beyond pi
-            label_of["magnitude_unit"] = "dB" if x.min() < 0 else quoted("1")
+            label_of["magnitude_unit"] = "dB" if x.min() < 0 else quote("1")
             label_of["phase_unit"] = "deg" if np.abs(y).max() > np.pi + 0.01 else "rad"
             x = 10 ** (x / 20) if x.min() < 0 else x
         G = (x if is_polar else x + 1j * y).astype(np.complex128)
         unit = "rad/s" if _RADIANS.fullmatch(frequency) else "Hz"
-        columns_text = mapping({"frequency": quoted(frequency)} | label_of)
+        columns_text = mapping({"frequency": quote(frequency)} | label_of)
         keys = {"columns": columns_text, "frequency_unit": f"{unit} # guessed by the name {frequency}"}
         outputs, inputs = (tuple(ChannelGuess("", int(n), "", "", 0, "") for n in side) for side in (rows, columns))
         freq = log.columns([log.headings.index(frequency)])[:, 0]

@@ -30,7 +30,7 @@ def relative_paths(paths: Sequence[Path], folder: Path) -> list[str]:
     return [Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix() for path in paths]
 
 
-def quoted(text: str) -> str:
+def quote(text: str) -> str:
     """Quote a text for YAML: plain if possible, else as in JSON."""
     is_plain = re.fullmatch(r"(?!(?i:null|true|false|yes|no|on|off)$)[A-Za-z]\w*([. ]\w+)*", text)
     return text if is_plain else json.dumps(text, ensure_ascii=False)
@@ -41,7 +41,7 @@ def channel_line(role: str, place: str, guess: ChannelGuess, of_robot: str = "")
     quantity, scale, why = guess.quantity, guess.scale, guess.why
     unit = guess.unit or DRIVE_UNIT.get(quantity, "")
     keys: dict[str, object] = {
-        "role": role, "at": quoted(place), "channel": quoted(guess.name) if guess.name else None, "column": guess.column
+        "role": role, "at": quote(place), "channel": quote(guess.name) if guess.name else None, "column": guess.column
     }  # fmt: skip
     if of_robot and quantity in ("voltage", "torque", "force") and quantity != of_robot:
         why = f"{why} a {quantity}; scale is the {DRIVE_UNIT[of_robot]} of one {unit}"
@@ -60,7 +60,7 @@ def channel_line(role: str, place: str, guess: ChannelGuess, of_robot: str = "")
 
 def file_line(path: str, **keys: object) -> str:
     """Return the YAML row of a file with its keys."""
-    return f"      - {mapping({'path': quoted(path), **keys})}"
+    return f"      - {mapping({'path': quote(path), **keys})}"
 
 
 def mapping(keys: Mapping[str, object]) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from elastid.app.run import Write
 from elastid.base.arrays import named
-from elastid.base.errors import Note, grouped, notes_of
+from elastid.base.errors import Note, group_notes, notes_of
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.result import Result
 from elastid.linear.equilibrium import equilibrium
@@ -148,8 +148,8 @@ def summary(
         and section(result.tool, _AGAINST, responses="configuration motors inputs outputs rms_log_db"),
         "modes": [section(row, "configuration frequency_hz damping_ratio") for row in mode_rows],
         "frf_error": [section(agreement, f"configuration {_ERRORS}") for agreement in agreements],
-        "warnings": [str(group) for group in grouped(all_notes)],
-        "notes": listed(all_notes),
+        "warnings": [str(group) for group in group_notes(all_notes)],
+        "notes": list_notes(all_notes),
     }
 
 
@@ -214,8 +214,8 @@ def friction_study_summary(
             joint: {name: json_value(ranges and getattr(ranges, name)) for name in ("speed", "load", "temperature")}
             for joint, ranges in measured.items()
         },
-        "warnings": [str(group) for group in grouped(all_notes) if group.first.severity == "warning"],
-        "notes": listed(all_notes),
+        "warnings": [str(group) for group in group_notes(all_notes) if group.first.severity == "warning"],
+        "notes": list_notes(all_notes),
     }
 
 
@@ -246,11 +246,11 @@ def _head(name: str, status: str, message: str) -> Content:
     return {"schema": SCHEMA, "study": name, "status": status, "message": message}
 
 
-def listed(notes: Iterable[Note]) -> list[Content]:
+def list_notes(notes: Iterable[Note]) -> list[Content]:
     """List notes for a summary; equal notes of several places are one entry."""
     return [
         section(group.first, "code severity places=place text") | {"places": [place for place in group.places if place]}
-        for group in grouped(notes)
+        for group in group_notes(notes)
     ]
 
 

@@ -30,7 +30,7 @@ def renamed_names() -> Mapping[str, str]:
     return _table("renamed.toml")
 
 
-def renamed(old: str) -> str:
+def new_code(old: str) -> str:
     """Answer an old name by `renamed to NEW`, any other by an empty text.
 
     >>> renamed("friction.passes"), renamed("friction.law")
@@ -45,4 +45,4 @@ def renamed_key(path: Sequence[str | int]) -> str:
     >>> renamed_key(("experiment", "recorded", "files", 0, "level"))
     'renamed to amplitude'
     """
-    return renamed(".".join([str(step) for step in path if not isinstance(step, int)][-2:]))
+    return new_code(".".join([str(step) for step in path if not isinstance(step, int)][-2:]))

@@ -15,7 +15,7 @@ def group_entries(group: str) -> tuple[EntryPoint, ...]:
     return tuple(entry_points(group=group))
 
 
-def registered(group: str, kind: type[Row]) -> tuple[Row, ...]:
+def registry(group: str, kind: type[Row]) -> tuple[Row, ...]:
     """Return the rows of a group; StudyError for an entry point that cannot be loaded or is of another type."""
     return tuple(load_row(point, kind) for point in group_entries(group))
 

@@ -135,7 +135,7 @@ def did_you_mean(name: str, valid: Iterable[str], further_names: Iterable[str] =
     return f"did you mean '{close[0]}'?" if close else f"there are {', '.join(names) or 'none'}"
 
 
-def installed(module: str, extra: str, place: object = "") -> Any:
+def require_package(module: str, extra: str, place: object = "") -> Any:
     """Import a module of an extra; StudyError with the command that installs it."""
     try:
         return import_module(module)
@@ -185,7 +185,7 @@ def notes_of(values: Iterable[Any]) -> tuple[Note, ...]:
     return tuple(note for value in values for note in value.notes)
 
 
-def grouped(notes: Iterable[Note]) -> tuple[NoteGroup, ...]:
+def group_notes(notes: Iterable[Note]) -> tuple[NoteGroup, ...]:
     """Group equal notes, in the order of their first appearance.
 
     >>> for group in grouped(Note("late-log", f"{t} samples late", f"log {i}") for i, t in enumerate((3, 4, 3, 5))):

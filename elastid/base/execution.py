@@ -17,7 +17,7 @@ from threading import Thread
 from typing import Any, TypeAlias, TypeVar
 from uuid import uuid4
 
-from elastid.base.errors import ElastidError, installed
+from elastid.base.errors import ElastidError, require_package
 from elastid.base.workers import End, LostError, Outcome, Worker, WorkerState, dismiss, outcomes
 
 Item = TypeVar("Item")
@@ -223,7 +223,7 @@ def on_dask(address: str) -> Iterator[None]:
 @contextmanager
 def client_of(address: str) -> Iterator[Any]:
     """Connect to a Dask cluster; ElastidError without an answer of its scheduler or without a worker."""
-    dask, failure = installed("distributed", "dask"), ""
+    dask, failure = require_package("distributed", "dask"), ""
     try:
         client = dask.Client(address, timeout=ANSWER_S, set_as_default=False)
     except Exception as error:  # of a scheme, too, for which a package is missing

@@ -99,7 +99,7 @@ def line_count_refusal(n_lines: int, n_groups: int, noun: str) -> str:
     )
 
 
-def zippered(n_lines: int, n_u: int) -> IntArray:
+def zippered_grid(n_lines: int, n_u: int) -> IntArray:
     """Return the input (n_lines,) of each line, interleaved; StudyError for fewer lines than inputs.
 
     >>> zippered(5, 2).tolist()

@@ -19,7 +19,7 @@ from numpy.fft import irfft, rfft
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import StudyError
-from elastid.excitation.grids import zippered
+from elastid.excitation.grids import zippered_grid
 
 Orthogonal: TypeAlias = Literal["dft", "hadamard", "zippered"]
 
@@ -47,7 +47,7 @@ def newman(n_lines: int) -> FloatArray:
 def orthogonal_basis(kind: Orthogonal, n_lines: int, n_u: int) -> ComplexArray:
     """Return W (n_u experiments, F, n_u inputs), W^H W = n_u I at every line. StudyError where there is no such set."""
     if kind == "zippered":
-        owner = zippered(n_lines, n_u)
+        owner = zippered_grid(n_lines, n_u)
         e, i = np.arange(n_u)[:, None, None], np.arange(n_u)
         return np.where((owner[:, None] + e) % n_u == i, np.sqrt(n_u), 0.0).astype(np.complex128)
     W = hadamard(n_u) if kind == "hadamard" else np.exp(2j * np.pi * np.outer(np.arange(n_u), np.arange(n_u)) / n_u)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value, labelled
-from elastid.base.errors import Named, Note, UnknownNameError, did_you_mean, installed
+from elastid.base.errors import Named, Note, UnknownNameError, did_you_mean, require_package
 from elastid.base.names import matching
 from elastid.base.statistics import QUANTILE_95, correlation_of, exceeds_cost_limit
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
@@ -232,7 +232,7 @@ class FitValues:
             ends = self.interval(p.name) if is_free else (math.nan, math.nan)
             rows[p.name] = [self.values[p.name], *stds, *ends, p.unit, is_free]
         columns = ["value", *stds_of, "low", "high", "unit", "free"]
-        return installed("pandas", "notebook").DataFrame.from_dict(rows, orient="index", columns=columns)
+        return require_package("pandas", "notebook").DataFrame.from_dict(rows, orient="index", columns=columns)
 
     @property
     def has_single_cause(self) -> bool:

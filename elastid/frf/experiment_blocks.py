@@ -10,7 +10,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import Note
 from elastid.base.kernels import call, is_compiled
 from elastid.base.matrices import added_cross_products, inverse
-from elastid.frf.period_selection import trusted
+from elastid.frf.period_selection import select_periods
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import (
     PeriodSpectra,
@@ -263,13 +263,13 @@ def _mean(
     """
     if not spectra.is_large:
         all_lines = period_spectra(spectra, lines, spec.quantity, sums.scale)
-        selection = trusted(all_lines.on(is_excited), spec)
+        selection = select_periods(all_lines.on(is_excited), spec)
         all_lines = all_lines.only(np.searchsorted(all_lines.periods, selection.periods))
         return selection, add_periods(sums, [all_lines], mean), all_lines
     # Few lines show the periods that can be trusted; then all lines are added up, some periods at a time.
     values = spectra.record.n_repeats * sums.scale.shape[1]
     step = -(-int(is_excited.sum()) // max(20, _MAX_COMPARED_VALUES // values))
-    selection = trusted(period_spectra(spectra, lines[is_excited][::step], spec.quantity), spec)
+    selection = select_periods(period_spectra(spectra, lines[is_excited][::step], spec.quantity), spec)
     groups = period_groups(spectra, lines, spec.quantity, sums.scale)
     selected_groups = (group.only(np.flatnonzero(np.isin(group.periods, selection.periods))) for group in groups)
     return selection, add_periods(sums, selected_groups, mean), None

@@ -106,7 +106,7 @@ class ComparedPeriods:
         return ratio < 1 + self.outlier_sigma * MIN_SPREAD
 
 
-def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
+def select_periods(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
     """Return the periods that can be used, at least two; notes report those left out and their distances.
 
     Raises DataError where transient_periods leaves fewer than two.
@@ -144,7 +144,7 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
     return replace(selection, notes=(*spectra.notes, *notes, *further_notes))
 
 
-def settled(record: Record) -> Record:
+def without_transient(record: Record) -> Record:
     """Return the second period of a log of two whose first begins with a transient; else the log.
 
     Of two periods none is far from the others, but their difference decays.

@@ -254,7 +254,7 @@ def estimate_friction_curve(passes: Sequence[Pass], has_gravity: bool, turn: flo
     states = [[(np.abs(test.velocity).mean(), test.load, test.temperature) for test in pair] for pair in pairs.values()]
     conditions = np.array([np.mean(pair, axis=0) for pair in states])
     g, o = values[:n_k], slice(n_k, 2 * n_k)
-    uneven, offset = _uneven(values[o], covariance[o, o], conditions[:, 0])
+    uneven, offset = _uneven_offset(values[o], covariance[o, o], conditions[:, 0])
     if not np.any(stds[:n_k] < MAX_RELATIVE_STD * np.abs(g)):
         text = (
             f"no friction torque has a std below {MAX_RELATIVE_STD:.0%}: gravity, ripple or noise are too large. "
@@ -284,7 +284,7 @@ def _sliding(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
     return sliding, [Note("friction/constant-velocity-runs", text, f"pass {name}") for name in sticks]
 
 
-def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[FloatArray, tuple[float, float]]:
+def _uneven_offset(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[FloatArray, tuple[float, float]]:
     """Return excess friction forwards (n_k,), a slope of o over speed if significant, and the offset with its std."""
     W = np.linalg.inv(np.linalg.cholesky(covariance + 1e-12 * np.trace(covariance) / len(o) * np.eye(len(o))))
 

@@ -41,7 +41,7 @@ from elastid.friction.dynamic import Bristle
 from elastid.friction.static import Curve
 from elastid.friction_study.spec import Followed
 from elastid.model.evaluation import evaluated
-from elastid.simulation.closed_loop import compiled
+from elastid.simulation.closed_loop import compile_function
 from elastid.simulation.dynamics import runge_kutta_step
 
 # Default relative std of the fixed parameters; F_s / F_c falls by a tenth while a gear warms up.
@@ -278,7 +278,7 @@ class KalmanFilter:
 
     def __init__(self, joint: TrackedJoint, rate_hz: float, samples: int = 0) -> None:
         self.joint, self.rate_hz = joint, rate_hz
-        self._block = compiled(filter_step(joint, rate_hz), samples).mapaccum("filter", _BLOCK, 2)
+        self._block = compile_function(filter_step(joint, rate_hz), samples).mapaccum("filter", _BLOCK, 2)
 
     def run(self, motions: Sequence[JointSamples], noise: FilterNoise) -> Track:
         """Filter motions one after the other; each pause adds the drift of its duration to the variance of friction.

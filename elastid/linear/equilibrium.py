@@ -16,7 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray, frozen_value
 from elastid.base.errors import Note, StudyError
-from elastid.model.closed_posture import assembled
+from elastid.model.closed_posture import assemble
 from elastid.model.drivetrain import deflections, tangents
 from elastid.model.elastic import ElasticModel
 from elastid.model.loop_closure import motions, null_space
@@ -157,7 +157,7 @@ def rigid_posture(model: ElasticModel, configuration: Configuration, theta: Floa
     try:
         angles, joints = configuration.angles, model.robot.opened(configuration.angles)
         if model.robot.loops:  # the geometry moves no joint of a tree
-            joints = assembled(model.robot_at(model.theta if theta is None else theta), angles)
+            joints = assemble(model.robot_at(model.theta if theta is None else theta), angles)
         q[: len(joints)] = joints
     except StudyError as error:
         raise StudyError("robot/no-equilibrium", str(error), f"configuration {configuration.name}") from None

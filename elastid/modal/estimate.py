@@ -162,7 +162,7 @@ def estimate_modes(
     ModalSpec(band_hz, max_order, None if poles_hz is None else tuple(poles_hz), exponential_s)
     if poles_hz is None:
         _refuse_overload(response)
-    response = usable(response, band_hz)
+    response = usable_response(response, band_hz)
     orders, fit = _search(response, max_order, poles_hz)
     notes: tuple[Note, ...] = ()
     if (fraction := _unexplained_fraction(response, fit)) > LIMITS.unexplained:
@@ -215,7 +215,7 @@ def _modes_or_none(response: Response, spec: ModalSpec) -> Modes:
         return without_modes(response, Note("modal/lines", str(error)))
 
 
-def usable(response: Response, band_hz: tuple[float, float] | None) -> Response:
+def usable_response(response: Response, band_hz: tuple[float, float] | None) -> Response:
     """Return the response on lines in the band that inputs excite and outputs answer; DataError if they are too few."""
     is_usable = response.freq_hz > 0
     if band_hz is not None:

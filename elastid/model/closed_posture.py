@@ -64,7 +64,7 @@ def mechanism(robot: Robot) -> Mechanism:
     return Mechanism(robot, q, loops, function, np.array(passive, np.int64), np.array(robot.driven_indices, np.int64))
 
 
-def assembled(robot: Robot, angles: FloatArray) -> FloatArray:
+def assemble(robot: Robot, angles: FloatArray) -> FloatArray:
     """Solve joints (n_l,) at the driven joints' angles (n_u,): passive joints by loop closure, elastic joints at 0.
 
     StudyError where the loops do not close there, leave a joint undetermined, lock a motor or are about to fold over.
@@ -72,7 +72,7 @@ def assembled(robot: Robot, angles: FloatArray) -> FloatArray:
     if not robot.loops:
         return robot.opened(angles)
     linkage = mechanism(robot)
-    q = followed(robot, angles[None]).ravel()
+    q = follow_angles(robot, angles[None]).ravel()
     phi, _ = linkage.rows(q[None])
     if not np.abs(phi).max(initial=0.0) <= MAX_GAP:
         raise StudyError("robot/loops", _why_open(linkage, angles))
@@ -80,7 +80,7 @@ def assembled(robot: Robot, angles: FloatArray) -> FloatArray:
     return q
 
 
-def followed(robot: Robot, angles: FloatArray, near: FloatArray | None = None) -> FloatArray:
+def follow_angles(robot: Robot, angles: FloatArray, near: FloatArray | None = None) -> FloatArray:
     """Solve joints (Q, n_l) at the driven joints' angles (Q, n_u), along a path from the start; some may stay open.
 
     near (n_u,): angles amid the others, through which all of them are reached, so that the way there is followed once.
@@ -103,7 +103,7 @@ def open_loops(robot: Robot, angles: FloatArray) -> float:
     """Return the largest gap (m) of loops at the driven joints' angles (Q, n_u), 0 if all close."""
     if not robot.loops:
         return 0.0
-    gap = float(np.abs(mechanism(robot).rows(followed(robot, angles, angles[0]))[0]).max(initial=0.0))
+    gap = float(np.abs(mechanism(robot).rows(follow_angles(robot, angles, angles[0]))[0]).max(initial=0.0))
     return gap if gap > MAX_GAP else 0.0
 
 
@@ -157,8 +157,8 @@ def _correction(parts: Mechanism, q: FloatArray) -> FloatArray:
 def _why_open(linkage: Mechanism, angles: FloatArray) -> str:
     """Name the loop that stays open and its gap, at the requested posture or already at the start, or locked joints."""
     robot = linkage.robot
-    (start,) = followed(robot, np.array([[joint.start for joint in robot.driven]]))
-    (end,) = followed(robot, angles[None])
+    (start,) = follow_angles(robot, np.array([[joint.start for joint in robot.driven]]))
+    (end,) = follow_angles(robot, angles[None])
     at_start = np.abs(linkage.rows(start[None])[0]).max() > MAX_GAP
     loop, gap = _widest(linkage, start if at_start else end)
     if at_start:

@@ -36,11 +36,11 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
-from elastid.model.closed_posture import assembled, followed
+from elastid.model.closed_posture import assemble, follow_angles
 from elastid.model.drivetrain import Strain
 from elastid.model.elastic import ElasticModel
 from elastid.model.frame_tree import tree
-from elastid.model.loop_closure import Closure, closures, cut, elastic, stretching, with_rod_inertia
+from elastid.model.loop_closure import Closure, closures, cut_rods, elastic, stretching, with_rod_inertia
 from elastid.model.open_chain import Equations, by_name, elastic_model, open_chain, with_energies, with_strains
 from elastid.model.spec import ModelSpec, Variant
 from elastid.robot import Loop, Robot
@@ -54,7 +54,7 @@ def serial(robot: Robot, geometry: Collection[str] = ()) -> ElasticModel:
     return elastic_model(robot, open_chain(robot, geometry))
 
 
-def constrained(robot: Robot, geometry: Collection[str] = ()) -> ElasticModel:
+def with_constraints(robot: Robot, geometry: Collection[str] = ()) -> ElasticModel:
     """Build the ElasticModel with a constraint row per rod and the rows of each pin and point, also redundant ones."""
     tree = open_chain(robot, geometry)
     loops = closures(robot, tree.q[: len(robot.joints)], by_name(tree))
@@ -82,7 +82,7 @@ def minimal(robot: Robot, spec: ModelSpec, geometry: Collection[str] = ()) -> El
         if spec.variant != "rigid_loop":
             equations = series_stiffness(robot, equations, rods, constant=spec.variant == "constant_stiffness")
     else:
-        equations = cut(equations, rods)
+        equations = cut_rods(equations, rods)
         rows = [closure.rows for closure in loops if closure not in rods]
     return elastic_model(robot, replace(equations, phi=ca.vertcat(equations.phi, *rows)), spec.independent)
 
@@ -101,7 +101,7 @@ def formulate(robot: Robot, spec: ModelSpec = EXACT, geometry: Collection[str] =
         raise StudyError("model/variant", refusal, f"model.{key}")
     if formulation == "minimal":
         return minimal(robot, spec, geometry)
-    return (serial if formulation == "serial" else constrained)(robot, geometry)
+    return (serial if formulation == "serial" else with_constraints)(robot, geometry)
 
 
 # Variants in which rods do not stretch and nothing bends inside a loop.
@@ -114,7 +114,7 @@ def elastic_joints_within(robot: Robot) -> tuple[int, ...]:
     return tuple(i for i in robot.joints_in_loops if joints[i].spring is not None and joints[i].motor is None)
 
 
-def unseen(robot: Robot, variant: Variant) -> tuple[str, ...]:
+def unreachable(robot: Robot, variant: Variant) -> tuple[str, ...]:
     """List the parameters without an effect of their own in a variant.
 
     Those of rods and elastic joints inside stiff loops; where gear and rod are condensed into one constant, it is the
@@ -169,7 +169,7 @@ def series_stiffness(robot: Robot, equations: Equations, rods: Sequence[Closure]
         y = ca.gradient(ca.norm_2(closure.gap), equations.q)[lever]
         if constant:
             q_l = equations.q[: len(robot.joints)]
-            y = ca.substitute(y, q_l, ca.DM(assembled(robot, np.array([driven.start for driven in robot.driven]))))
+            y = ca.substitute(y, q_l, ca.DM(assemble(robot, np.array([driven.start for driven in robot.driven]))))
         k, d, k_rod = theta[f"k_{joint}"], theta[f"d_{joint}"], theta[f"k_{name}"] * y**2
         k_eff = k * k_rod / (k + k_rod)
         d_eff = (k_rod / (k + k_rod)) ** 2 * d + (k / (k + k_rod)) ** 2 * theta[f"d_{name}"] * y**2
@@ -238,7 +238,7 @@ def locked_joint(robot: Robot, joint: str, angles: FloatArray) -> ElasticJoint |
     damping = min(scale * spring.damping for spring, scale in springs if spring is not None)
     model = formulate(robot)
     q = np.zeros(model.n_q)
-    q[: len(robot.joints)] = followed(robot, angles[None])
+    q[: len(robot.joints)] = follow_angles(robot, angles[None])
     q[[model.index(motor) for motor in model.inputs]] = angles
     inertia = np.diag(np.asarray(model.mass(q, model.theta)))
     motor, link = (float(inertia[model.index(f"{side} {joint}")]) for side in ("motor", "joint"))

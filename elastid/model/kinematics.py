@@ -17,7 +17,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import StudyError
-from elastid.model.closed_posture import followed
+from elastid.model.closed_posture import follow_angles
 from elastid.model.frame_tree import ON_BASE, Attachment, Tree, carriers, tree
 from elastid.robot import BASE, Robot
 
@@ -93,7 +93,7 @@ def frame_poses(robot: Robot, q: FloatArray, frame: str) -> Poses:
     """Compute poses of a named frame or body at positions q (Q, n_l) of all joints; StudyError for an unknown name."""
     _, seat, R, p = _seat(robot, q, frame)
     rotation = R[seat.frame] if seat.frame >= 0 else np.broadcast_to(np.eye(3), (len(q), 3, 3))
-    return Poses(placed(R, p, seat.frame, seat.p, len(q)), rotation @ seat.R)
+    return Poses(place_end(R, p, seat.frame, seat.p, len(q)), rotation @ seat.R)
 
 
 def frame_jacobians(robot: Robot, q: FloatArray, frame: str) -> FloatArray:
@@ -102,7 +102,7 @@ def frame_jacobians(robot: Robot, q: FloatArray, frame: str) -> FloatArray:
     Rows: velocity of the frame's origin, then angular velocity, both in the axes of the base.
     """
     layout, seat, R, p = _seat(robot, q, frame)
-    return point_jacobians(layout, R, p, seat.frame, placed(R, p, seat.frame, seat.p, len(q)))
+    return point_jacobians(layout, R, p, seat.frame, place_end(R, p, seat.frame, seat.p, len(q)))
 
 
 _tree = lru_cache(maxsize=8)(tree)
@@ -136,10 +136,10 @@ def point_jacobians(
 def skeleton(robot: Robot, angles: FloatArray) -> Skeleton:
     """Build the skeleton at the driven joints' angles (Q, n_u): base, joints, centres of mass, frames."""
     layout = tree(robot)
-    R, p = frames(layout, followed(robot, angles))
+    R, p = frames(layout, follow_angles(robot, angles))
     points = knots(robot, layout)
     return Skeleton(
-        np.stack([placed(R, p, knot.frame, knot.local, len(angles)) for knot in points], axis=1),
+        np.stack([place_end(R, p, knot.frame, knot.local, len(angles)) for knot in points], axis=1),
         tuple((knot.behind, i) for i, knot in enumerate(points) if knot.behind >= 0),
         np.array([_moves(layout, knot) for knot in points]),
     )
@@ -175,7 +175,7 @@ def _turn(k: int, angle: FloatArray) -> FloatArray:
     return turn
 
 
-def placed(R: list[FloatArray], p: list[FloatArray], frame: int, local: FloatArray, count: int) -> FloatArray:
+def place_end(R: list[FloatArray], p: list[FloatArray], frame: int, local: FloatArray, count: int) -> FloatArray:
     """Transform a point (3,) in a frame's axes (-1: the base's) to the base frame (Q, 3), Q = count postures."""
     if frame < 0:
         return np.tile(local, (count, 1))
@@ -209,7 +209,7 @@ def stick_figure(robot: Robot, q: FloatArray) -> StickFigure:
     shown = [i for i, knot in enumerate(every) if knot.kind != "center of mass" or knot.owner not in carrying]
     visible = [every[i] for i in shown]
     R, p = frames(layout, np.asarray(q, dtype=float)[None])
-    points = [placed(R, p, knot.frame, knot.local, 1) for knot in visible]
+    points = [place_end(R, p, knot.frame, knot.local, 1) for knot in visible]
     J = [point_jacobians(layout, R, p, knot.frame, point) for knot, point in zip(visible, points, strict=True)]
     links: list[tuple[int, int, StickKind]] = [
         (shown.index(knot.behind), i, "mass" if knot.kind == "center of mass" else "arm")

@@ -140,7 +140,7 @@ def elastic(loops: Sequence[Closure]) -> list[Closure]:
     return [closure for closure in loops if closure.loop.rod is not None and closure.loop.rod.is_elastic]
 
 
-def cut(equations: Equations, rods: Sequence[Closure]) -> Equations:
+def cut_rods(equations: Equations, rods: Sequence[Closure]) -> Equations:
     """Add the elastic rods of loops as springs and dampers between their end points."""
     theta = by_name(equations)
     for closure in rods:

@@ -16,7 +16,7 @@ from elastid.frf.spectra import RecordSpectra
 from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.friction_basis import BasisFunction
 from elastid.nonlinear.motion import VELOCITY_NOISE, motion_of
-from elastid.nonlinear.spectra import ConfigurationSpectra, compensation_torque, gather_configuration, reason_unsuited
+from elastid.nonlinear.spectra import ConfigurationSpectra, compensation_torque, gather_configuration, unsuited_reason
 from elastid.nonlinear.variable_projection import (
     DEPENDENCE_BY_CHANCE,
     SIGN_ERROR,
@@ -267,7 +267,7 @@ def _no_friction(first: Record, why: str, friction: Friction) -> CompensatedFric
 def refusal(records: Sequence[Record]) -> str:
     """Return the reason why friction is not identifiable from the records of a configuration, else ""."""
     first = records[0]
-    if reason := reason_unsuited(first):
+    if reason := unsuited_reason(first):
         return reason
     equal = np.zeros(len(first.inputs)) if first.r is None else np.all(first.u == first.r, axis=0)
     if same := [motor for motor, is_equal in zip(first.inputs, equal, strict=True) if is_equal]:

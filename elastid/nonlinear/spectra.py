@@ -12,7 +12,7 @@ from elastid.base.errors import DataError
 from elastid.base.statistics import interpolate, smallest_step
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.lines import analysed_lines
-from elastid.frf.period_selection import settled, trusted
+from elastid.frf.period_selection import select_periods, without_transient
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra, RecordSpectra, period_spectra, single_logs
 from elastid.nonlinear.compensated_friction import CompensatedFriction
@@ -99,7 +99,7 @@ def gather_configuration(
     friction: under which motors turn back between their samples; None as long as none was found.
     Raises DataError and StudyError as `analysed_lines` does.
     """
-    records = tuple(settled(log) for record in measured for log in single_logs(record))
+    records = tuple(without_transient(log) for record in measured for log in single_logs(record))
     first = records[0]
     spectra = list(map(RecordSpectra, records))
     excited = analysed_lines(spectra, spec, planned)
@@ -205,7 +205,7 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
     """
     records = tuple(log for record in measured for log in single_logs(record))
     first = records[0]
-    if reason := reason_unsuited(first):
+    if reason := unsuited_reason(first):
         raise DataError("gears/records", reason, f"configuration {first.configuration.name}")
     columns = [first.outputs.index(location) for location in first.inputs]
     excited = analysed_lines(list(map(RecordSpectra, records)), spec, planned)
@@ -230,7 +230,7 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
     )  # fmt: skip
 
 
-def reason_unsuited(first: Record) -> str:
+def unsuited_reason(first: Record) -> str:
     """Return the reason why friction and gear effects are not identifiable from these records, else ""."""
     if not first.is_periodic:
         return "the records are not periodic; nonlinear effects are estimated from differences of periodic experiments"
@@ -244,7 +244,7 @@ def _periods(
 ) -> PeriodSpectra:
     """Return motions and torques of the periods that can be trusted, by their excited lines (F,), at all lines."""
     periods = period_spectra(spectra, lines, quantity)
-    return periods.only(trusted(periods.on(excited), spec).periods) if len(periods.periods) > 1 else periods
+    return periods.only(select_periods(periods.on(excited), spec).periods) if len(periods.periods) > 1 else periods
 
 
 def compensation_torque(coefficients: FloatArray, Phi: ComplexArray, motor_of: IntArray, n_m: int) -> ComplexArray:

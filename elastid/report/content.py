@@ -11,7 +11,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, interval_of, number, percent
-from elastid.base.errors import Note, NoteGroup, grouped, notes_of
+from elastid.base.errors import Note, NoteGroup, group_notes, notes_of
 from elastid.fit.result import Result
 from elastid.report.modes import ModeRow, measured_modes_row
 from elastid.response import Response
@@ -85,7 +85,7 @@ class ReportContent:
         """Notes of the fit, its missing modes, then of the measured responses; the same from many places once."""
         notes = tuple(note for measured, _ in self.frf for note in measured.notes)
         notes = notes if self.gears is None else self.gears.unanswered_notes(notes)
-        return grouped((*self.result.shown_notes, *self.missing_modes, *notes))
+        return group_notes((*self.result.shown_notes, *self.missing_modes, *notes))
 
     @property
     def missing_modes(self) -> tuple[Note, ...]:
@@ -108,7 +108,7 @@ class ResponsesContent:
     @property
     def notes(self) -> tuple[NoteGroup, ...]:
         """Notes of the modes and responses; the same from many places once, with a count."""
-        return grouped((*notes_of(self.modes), *notes_of(self.responses)))
+        return group_notes((*notes_of(self.modes), *notes_of(self.responses)))
 
     @property
     def mode_rows(self) -> tuple[ModeRow, ...]:

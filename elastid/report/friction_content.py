@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from elastid.base.display import Questions, digits, interval_of, number, percent
-from elastid.base.errors import NoteGroup, grouped, notes_of
+from elastid.base.errors import NoteGroup, group_notes, notes_of
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_study.friction_tracking import TrackedFriction
 from elastid.friction_study.result import FrictionNumber, FrictionResult, JointFriction
@@ -64,7 +64,7 @@ class FrictionContent:
     @property
     def notes(self) -> tuple[NoteGroup, ...]:
         """Notes of the study and of every joint; the same from many places once, with a count."""
-        return grouped((*self.result.notes, *notes_of(self.result.joints), *notes_of(self.filters)))
+        return group_notes((*self.result.notes, *notes_of(self.result.joints), *notes_of(self.filters)))
 
     @property
     def questions(self) -> Questions:

@@ -31,7 +31,7 @@ channels: gain_y_joint_1, gain_u_motor_1.
 """
 
 from elastid.robot.body import BASE, TOOL, Body, Frame, InertiaTensor, Payload
-from elastid.robot.channel_signals import before_channels, logged
+from elastid.robot.channel_signals import before_channels, log_signal
 from elastid.robot.connections import Anchor, CoilSpring, Compensator, GasSpring, Loop, Pin, Rod
 from elastid.robot.friction import (
     Directions,
@@ -64,5 +64,5 @@ __all__ = [
     "GasSpring", "Gear", "GearCoupling", "GearRipple", "Hysteresis", "InertiaTensor", "Joint", "Limits",
     "LoadDependence", "Loop", "LuGre", "MaxwellSlip", "MeasuredRange", "Motor", "Payload", "Pin", "Placement",
     "Robot", "Rod", "Spring", "TemperatureDependence", "Tolerances", "TransmissionError", "Vector3",
-    "before_channels", "channel_name", "logged", "low_pass_response", "unit_axis"
+    "before_channels", "channel_name", "log_signal", "low_pass_response", "unit_axis"
 ]  # fmt: skip

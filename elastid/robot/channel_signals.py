@@ -14,7 +14,7 @@ from elastid.robot.measurement_chain import Channel, low_pass_response
 _EDGE_SAMPLES = 2048  # samples at each end: the fractional delay of a step decays with their inverse
 
 
-def logged(signals: FloatArray, rate_hz: float, channels: Sequence[Sequence[Channel]]) -> FloatArray:
+def log_signal(signals: FloatArray, rate_hz: float, channels: Sequence[Sequence[Channel]]) -> FloatArray:
     """Return signals (n, c) as logged at rate_hz by channels in series, some or none for each column."""
     return _through(signals, rate_hz, channels, 1)
 

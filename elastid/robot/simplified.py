@@ -41,7 +41,7 @@ def elastic_coordinates(robot: Robot) -> tuple[ElasticCoordinate, ...]:
     return (*joints, *rods)
 
 
-def stiffened(robot: Robot, names: Collection[str]) -> Robot:
+def with_stiff_joints(robot: Robot, names: Collection[str]) -> Robot:
     """Return the robot without the springs of these coordinates and their parameters.
 
     A driven joint turns with its rotor: ratio^2 times its inertia on the joint, with its friction; where gears couple

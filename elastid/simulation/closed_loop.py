@@ -51,7 +51,7 @@ MIN_CALLS = 20_000
 _log = logging.getLogger(__name__)
 
 
-def compiled(function: ca.Function, calls: int) -> ca.Function:
+def compile_function(function: ca.Function, calls: int) -> ca.Function:
     """Return the function as machine code if at least MIN_CALLS calls are announced, otherwise itself."""
     if calls < MIN_CALLS:
         return function
@@ -266,7 +266,7 @@ def closed_loop(
     sample = sampled_step(model, contacts, rate_hz, substeps, drives, has_theta, filters)
     # Seven results of a sample start the next: q, v, states of friction, drives and filters, integral, last reading. A
     # chunk is four times four times ... a sample, which CasADi builds sooner than ten times ten times ..., its default.
-    function = compiled(sample.mapaccum("closed_loop", CHUNK_SAMPLES, 7, {"base": 4}), samples)
+    function = compile_function(sample.mapaccum("closed_loop", CHUNK_SAMPLES, 7, {"base": 4}), samples)
     units = tuple(joint.unit for joint in model.robot.driven)
     return ClosedLoop(model.inputs, units, limits, model.B, rate_hz, contacts, drives, function)
 

@@ -29,7 +29,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import StudyError
 from elastid.excitation.spec import Injected
-from elastid.model.closed_posture import followed, rates
+from elastid.model.closed_posture import follow_angles, rates
 from elastid.model.elastic import ElasticModel
 from elastid.record import JointLoop
 from elastid.simulation.reference_path import ReferencePath
@@ -110,7 +110,7 @@ def rigid_path(model: ElasticModel, q0: FloatArray, start: FloatArray, position:
     n_l = len(model.robot.joints)
     angles = np.vstack([start, position])
     q = np.zeros((len(angles), model.n_q))
-    q[:, :n_l] = followed(model.robot, angles, start)
+    q[:, :n_l] = follow_angles(model.robot, angles, start)
     q[:, [model.index(location) for location in model.inputs]] = angles
     return np.asarray(q0 + q[1:] - q[0])
 

@@ -24,7 +24,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.friction.robot_friction import PlacedLaw
 from elastid.friction.static import CURVE, Curve, Expression, Law
-from elastid.model.closed_posture import assembled
+from elastid.model.closed_posture import assemble
 from elastid.model.drivetrain import on_the_flanks, spring_deflections
 from elastid.model.elastic import ElasticModel
 from elastid.model.loop_closure import Partition, motions, partition
@@ -226,7 +226,7 @@ def pivots(model: ElasticModel) -> Partition:
     """Return dependent coordinates and the rows that determine them, chosen in the start posture and kept."""
     start = np.array([joint.start for joint in model.robot.driven])
     q = np.zeros(model.n_q)
-    q[: len(model.robot.joints)] = assembled(model.robot, start)
+    q[: len(model.robot.joints)] = assemble(model.robot, start)
     return partition(model, model.constraint_jacobian(q, model.theta).full())
 
 

@@ -54,7 +54,7 @@ NO_STAMP = Stamp()
 
 
 @contextmanager
-def created(path: Path | str, kind: str, stamp: Stamp) -> Iterator[Any]:
+def create_artefact(path: Path | str, kind: str, stamp: Stamp) -> Iterator[Any]:
     """Open a new HDF5 file to fill; it takes its name only when it is complete and on the disk."""
     with replacing(path) as temporary:
         with DiskFile(temporary) as disk, h5py.File(disk, "w", userblock_size=USER_BLOCK) as file:
@@ -71,7 +71,7 @@ def created(path: Path | str, kind: str, stamp: Stamp) -> Iterator[Any]:
 
 
 @contextmanager
-def opened(path: Path | str, kind: str) -> Iterator[Any]:
+def open_artefact(path: Path | str, kind: str) -> Iterator[Any]:
     """Open an artefact, read-only; DataError where it is missing, changed, truncated, damaged or of another kind."""
     path = Path(path)
     if path.is_dir():

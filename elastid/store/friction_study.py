@@ -7,7 +7,7 @@ from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_record import FrictionRecord, FrictionRecords, WarmUpLog
 from elastid.friction_study.friction_tracking import TrackedFriction
 from elastid.friction_study.result import FrictionNumber, FrictionResult, SlidingFriction
-from elastid.store.artefacts import NO_STAMP, Stamp, opened
+from elastid.store.artefacts import NO_STAMP, Stamp, open_artefact
 from elastid.store.reading import read_dataclass, reader
 from elastid.store.values import write_artefact, writer
 from elastid.validation.log_comparison import NO_COMPARISON, LogComparison
@@ -36,7 +36,7 @@ write_friction_records = writer(
 
 def read_friction_records(path: Path | str) -> FrictionRecords:
     """Read all of records.h5."""
-    with opened(path, RECORDS) as file:
+    with open_artefact(path, RECORDS) as file:
         return read_dataclass(file, FrictionRecords)
 
 

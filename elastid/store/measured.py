@@ -8,7 +8,7 @@ from elastid.base.errors import StudyError
 from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.record import Record
 from elastid.response import Response, Responses
-from elastid.store.artefacts import NO_STAMP, Stamp, opened
+from elastid.store.artefacts import NO_STAMP, Stamp, open_artefact
 from elastid.store.files import once_per_version
 from elastid.store.reading import entry_names, read_dataclass, read_part, reader
 from elastid.store.values import write_artefact, writer
@@ -33,7 +33,7 @@ def read_records(path: Path | str, configuration: str | None = None) -> Iterator
 
     DataError names the configurations that there are where it is none of them.
     """
-    with opened(path, RECORDS) as file:
+    with open_artefact(path, RECORDS) as file:
         entries = _entries(path)
         if configuration not in (None, *(name for _, name in entries)):
             names = ", ".join(dict.fromkeys(name for _, name in entries))
@@ -47,14 +47,14 @@ def read_records(path: Path | str, configuration: str | None = None) -> Iterator
 
 def read_configurations(path: Path | str) -> tuple[str, ...]:
     """List configurations in records.h5, in the order measured."""
-    with opened(path, RECORDS):
+    with open_artefact(path, RECORDS):
         return tuple(dict.fromkeys(name for _, name in _entries(path)))
 
 
 @once_per_version
 def _entries(path: Path) -> tuple[tuple[str, str], ...]:
     """Return names of the records and of their configurations in an intact records.h5."""
-    with opened(path, RECORDS) as file:
+    with open_artefact(path, RECORDS) as file:
         records = file["records"]
         return tuple((name, str(records[name]["configuration"].attrs["name"])) for name in entry_names(records))
 

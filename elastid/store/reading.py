@@ -17,7 +17,7 @@ from elastid.base.arrays import NO_LABEL, Label
 from elastid.base.escape import group_name
 from elastid.base.large_arrays import PIECE_VALUES, map_dataset
 from elastid.base.value_range import format_range, format_values, value_range
-from elastid.store.artefacts import kind_of, opened, plain
+from elastid.store.artefacts import kind_of, open_artefact, plain
 from elastid.store.values import NAMES, Kind, fields_of, from_json, from_text, kind_of_annotation, needs_groups
 
 T = TypeVar("T")
@@ -136,7 +136,7 @@ def _numbers(dataset: Any, number: type, shape: tuple[int, ...] | None = None) -
 
 def read_part(path: Path | str, kind: str, name: str, annotation: type[T]) -> T:
     """Read one part of a file of a kind; raise DataError if it is absent, unless its annotation allows None."""
-    with opened(path, kind) as file:
+    with open_artefact(path, kind) as file:
         value: T = read_value(file, name, annotation)
         return value
 
@@ -155,7 +155,7 @@ def reader(kind: str, name: str, annotation: type[T] | str, may_miss: bool = Fal
 def describe_artefact(path: Path | str) -> str:
     """Return groups, variables with axes, shapes, units and values, and the provenance of a file."""
     kind = kind_of(path) or ""
-    with opened(path, kind) as file:
+    with open_artefact(path, kind) as file:
         return "\n".join([f"{path}: {kind}, written by elastid", *_content_lines(file, 1)])
 
 

@@ -26,7 +26,7 @@ from elastid.base.arrays import NO_LABEL, Label, unit_of_name
 from elastid.base.escape import group_name
 from elastid.base.large_arrays import PIECE_VALUES, LargeArray, release
 from elastid.robot import Robot
-from elastid.store.artefacts import NO_STAMP, TEXT, Stamp, created
+from elastid.store.artefacts import NO_STAMP, TEXT, Stamp, create_artefact
 from elastid.store.files import write_text
 
 Form: TypeAlias = Literal["scalar", "text", "array", "optional", "union", "fields", "sequence", "record", "mapping"]
@@ -398,7 +398,7 @@ def write_artefact(
 
     entries: attribute that names each value of a part that is a tuple.
     """
-    with created(path, kind, stamp) as file:
+    with create_artefact(path, kind, stamp) as file:
         for name, (value, annotation) in parts.items():
             write_value(file, name, value, annotation, Label(entry=entries.get(name, "")))
 

@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 
 from pydantic import ValidationError
 
-from elastid.base.codes import renamed, renamed_key
+from elastid.base.codes import new_code, renamed_key
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.escape import one_line, printable
 from elastid.base.section import validator
@@ -112,7 +112,7 @@ def _problem(error: PydanticError, path: KeyPath, root: type, data: Any) -> Prob
         return Problem(path, message.removeprefix(f"{path[-1]}: ") if path else message)
     if kind == "finite_number":
         return Problem(path, "expected a finite number")
-    new = renamed(f"{path[-1]}={value_at(data, path)}") if path else ""
+    new = new_code(f"{path[-1]}={value_at(data, path)}") if path else ""
     return Problem(path, new or f"expected {describe(type_at(root, path))}")
 
 

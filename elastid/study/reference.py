@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 from pydantic import TypeAdapter
 
-from elastid.base.codes import codes, renamed, renamed_key
+from elastid.base.codes import codes, new_code, renamed_key
 from elastid.base.display import capital
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.section import Key
@@ -213,7 +213,7 @@ def explain(query: str) -> str:
     """
     if "/" in query:
         if query not in codes():
-            text = renamed(query) or f"no error or note has the code {query}; {did_you_mean(query, codes())}"
+            text = new_code(query) or f"no error or note has the code {query}; {did_you_mean(query, codes())}"
             raise StudyError("study/unknown-key", text)
         return f"{query}\n  {codes()[query].meaning}\n  {codes()[query].remedy}"
     fleet = StudyKey("fleet", FleetSpec, "fleet", FleetSpec, text_of(FleetSpec), "", MISSING)

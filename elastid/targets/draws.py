@@ -7,7 +7,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from elastid.base.errors import StudyError
-from elastid.model.closed_posture import assembled
+from elastid.model.closed_posture import assemble
 from elastid.store.files import write_rows
 from elastid.store.values import text_of
 from elastid.targets.mujoco import NO_RODS, mjcf, rod_poses
@@ -34,7 +34,7 @@ def write_draws(folder: Path, draws: DrawnRobots, name: str, warn: Callable[[str
     try:
         rods = NO_RODS
         if start.loops:
-            rods = rod_poses(start, assembled(start, np.array([joint.start for joint in start.driven])))
+            rods = rod_poses(start, assemble(start, np.array([joint.start for joint in start.driven])))
         first = mjcf(start, rods)
     except StudyError as refused:
         warn(f"export: no MJCF of the samples: {refused}")

@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from elastid.base.errors import installed
+from elastid.base.errors import require_package
 from elastid.base.escape import file_name, uff_text
 from elastid.base.files import replacing
 from elastid.modal.modes import Modes
@@ -47,7 +47,7 @@ def write_uff(
 
     geometry: points and lines of the structure, which each file gets.
     """
-    pyuff = installed("pyuff", "uff")
+    pyuff = require_package("pyuff", "uff")
     locations = dict.fromkeys(location for response in responses for location in (*response.outputs, *response.inputs))
     nodes, points = _located(list(locations), geometry)
     folder.mkdir(parents=True, exist_ok=True)

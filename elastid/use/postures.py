@@ -18,7 +18,7 @@ from elastid.base.errors import DataError, StudyError
 from elastid.base.files import name_and_unit, read_table
 from elastid.base.large_arrays import empty_in_file, release
 from elastid.base.units import factor
-from elastid.model.closed_posture import are_closed, followed, rates
+from elastid.model.closed_posture import are_closed, follow_angles, rates
 from elastid.model.kinematics import frame_jacobians, frame_poses
 from elastid.robot import Robot
 
@@ -47,7 +47,7 @@ def random_postures(robot: Robot, count: int, seed: int = 0) -> FloatArray:
     angles = (np.empty if count <= piece else empty_in_file)((count, len(low)))
     for first in range(0, tries, piece):
         drawn = low + rng.random((min(piece, tries - first), len(low))) * (high - low)
-        drawn = drawn[are_closed(robot, followed(robot, drawn))][: count - n]
+        drawn = drawn[are_closed(robot, follow_angles(robot, drawn))][: count - n]
         angles[n : (n := n + len(drawn))] = drawn
         release(angles)
         if n == count:
@@ -66,7 +66,7 @@ def _seeds(robot: Robot, seed: int) -> FloatArray:
 
 def grid_postures(robot: Robot, frame: str, points: int = 12, seed: int = 0) -> FloatArray:
     """Return angles (Q, n_u) of a frame on a cubic grid over its workspace, `points` along the longest side."""
-    points_reached = frame_poses(robot, followed(robot, _seeds(robot, seed)), frame).position
+    points_reached = frame_poses(robot, follow_angles(robot, _seeds(robot, seed)), frame).position
     low, high = points_reached.min(axis=0), points_reached.max(axis=0)
     spacing = max(float((high - low).max()) / max(points - 1, 1), _REACHED)
     sides = [np.arange(a, b + spacing / 2, spacing) for a, b in zip(low, high, strict=True)]
@@ -89,7 +89,7 @@ def inverse_kinematics(
     Second value (Q,): whether it is reached.
     """
     seeds = _seeds(robot, seed)
-    there = frame_poses(robot, followed(robot, seeds), frame)
+    there = frame_poses(robot, follow_angles(robot, seeds), frame)
     best, error = np.zeros((len(position), seeds.shape[1])), np.full(len(position), np.inf)
     starts, poses = [there.position], [position]
     if rotation is not None:  # half a turn, a difference with a norm of sqrt(8), is as far as the workspace is long
@@ -124,7 +124,7 @@ def _descend(
     """Return angles (Q, n_u), and how far (Q,) they are from the poses, m or rad."""
     distance, (low, high) = np.full(len(q), np.inf), limits_of(robot).T
     for _ in range(60):
-        joints = followed(robot, q)
+        joints = follow_angles(robot, q)
         pose = frame_poses(robot, joints, frame)
         e = position - pose.position
         J = frame_jacobians(robot, joints, frame) @ rates(robot, joints)

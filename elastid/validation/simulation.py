@@ -33,7 +33,7 @@ from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration, JointLoop, Record, motion_unit
-from elastid.robot import Robot, before_channels, logged
+from elastid.robot import Robot, before_channels, log_signal
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
 from elastid.simulation.controller import rigid_motion, rigid_path, tune
 from elastid.validation.log_comparison import LINK, MOTION, TORQUE, ComparedSignal, LogSimulation
@@ -133,9 +133,9 @@ def _along_record(
 def _logged(record: Record, plant: Plant, trajectory: Trajectory) -> Record:
     N, model, chain = record.period_samples, plant.model, plant.model.robot.chain
     y = sense(trajectory.q, trajectory.reading, model, plant.point.q, record.outputs, record.rate_hz, N)
-    y = logged(filter_motions(model.robot, y, record.rate_hz), record.rate_hz, chain.at("y", record.outputs))
+    y = log_signal(filter_motions(model.robot, y, record.rate_hz), record.rate_hz, chain.at("y", record.outputs))
     motors = [model.inputs.index(motor) for motor in record.inputs]
-    u = logged(trajectory.u[:, motors], record.rate_hz, chain.at("u", record.inputs))
+    u = log_signal(trajectory.u[:, motors], record.rate_hz, chain.at("u", record.inputs))
     return replace(
         record, u=u[-N:], y=y[-N:], r=None, discarded_periods=(), hold="zero-order", hold_samples=(),
         quantities=tuple(logged_quantity(motor) for motor in record.outputs), sampled=(True,) * len(record.outputs)

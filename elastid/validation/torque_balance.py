@@ -35,7 +35,7 @@ from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.record import Motion, Record
-from elastid.robot.simplified import elastic_coordinates, stiffened
+from elastid.robot.simplified import elastic_coordinates, with_stiff_joints
 from elastid.validation.log_comparison import DRY, ELASTICITY, FRICTION, RIGID_BODY, VISCOUS, BandBalance, TorqueBalance
 
 
@@ -97,7 +97,7 @@ Part: TypeAlias = tuple[LinearModel, FloatArray]
 def rigid_linearisation(fitted: FittedRobot, spec: ModelSpec = EXACT) -> Linearisation:
     """Return the fitted robot without its springs, to be linearised; StudyError where it cannot be without them."""
     names = [coordinate.name for coordinate in elastic_coordinates(fitted.robot)]
-    return Linearisation.of_robot(stiffened(fitted.robot, names), spec, fitted.result.parameters.names)
+    return Linearisation.of_robot(with_stiff_joints(fitted.robot, names), spec, fitted.result.parameters.names)
 
 
 def model_parts(fitted: FittedRobot, rigid: Linearisation, configuration: str) -> Sequence[Part] | None:

@@ -11,7 +11,7 @@ from plants.two_axes import STUDY, measured
 
 from elastid.app.compare import compare, variants
 from elastid.app.run import Run, run_all
-from elastid.robot.simplified import stiffened
+from elastid.robot.simplified import with_stiff_joints
 from elastid.study import load
 from elastid.study.robots import yaml_text
 
@@ -42,7 +42,7 @@ def test_another_study_is_fitted_to_the_responses_of_the_first(study: Path) -> N
     """Its robot, under the weights and the criterion of the first; the first alone brings no variants then."""
     run = measured(study, load(study).study.robot)
     other = study.with_name("other.yml")
-    (study.parent / "lean.yml").write_text(yaml_text(stiffened(load(study).study.robot, ["2x"])))
+    (study.parent / "lean.yml").write_text(yaml_text(with_stiff_joints(load(study).study.robot, ["2x"])))
     other.write_text(STUDY.replace("name: two", "name: lean").replace("robot.yml", "lean.yml").replace("d_2x: {},", ""))
     compare(run, [load(other, ("fit.weights.model_error=0.5",))])
     names = [row["name"] for row in found(run)["models"]]

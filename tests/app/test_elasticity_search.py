@@ -11,7 +11,7 @@ from plants.runs import summary_of
 from plants.two_axes import measured
 
 from elastid.app.compare import search_elasticity
-from elastid.robot.simplified import stiffened
+from elastid.robot.simplified import with_stiff_joints
 from elastid.study import load
 from elastid.study.robots import yaml_text
 
@@ -89,7 +89,7 @@ def test_a_search_that_cannot_be_is_refused(study: Path) -> None:
     run = measured(study, load(study).study.robot, "fit.parameters={k_1x: {}, d_2x: {}}", folder="further")
     with refused("compare/variants", place="search"):
         search_elasticity(run)
-    rigid = stiffened(load(study).study.robot, ["1", "1x", "2", "2x"])
+    rigid = with_stiff_joints(load(study).study.robot, ["1", "1x", "2", "2x"])
     (study.parent / "robot.yml").write_text(yaml_text(rigid))
     friction = 'fit.parameters={"fm_*": {}}'
     run = measured(study, load(study, (friction,)).study.robot, friction, folder="stiff")

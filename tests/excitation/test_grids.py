@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.refusals import refused
 
-from elastid.excitation.grids import grid_lines, line_frequencies, with_detection, zippered
+from elastid.excitation.grids import grid_lines, line_frequencies, with_detection, zippered_grid
 from elastid.excitation.spec import MultisineSpec, planned_lines
 
 
@@ -81,6 +81,6 @@ def test_quasi_logarithmic_lines_keep_their_ratio_where_lines_are_dense(ratio: f
 
 def test_zippered_grid_interleaves_lines_of_inputs() -> None:
     """Seven lines for three inputs; fewer lines than inputs are refused."""
-    assert zippered(7, 3).tolist() == [0, 1, 2, 0, 1, 2, 0]
+    assert zippered_grid(7, 3).tolist() == [0, 1, 2, 0, 1, 2, 0]
     with refused("excitation/lines", place="excitation.orthogonal"):
-        zippered(2, 3)
+        zippered_grid(2, 3)

@@ -12,7 +12,7 @@ from plants.refusals import refused
 from plants.steady_record import AUTO, LINES, N, periods_of, steady_record
 
 from elastid.frf import period_selection
-from elastid.frf.period_selection import settled, trusted
+from elastid.frf.period_selection import select_periods, without_transient
 from elastid.frf.spec import EstimatorSpec
 from elastid.logs.rig import RecordedRig
 from elastid.record import Record
@@ -22,7 +22,7 @@ BENCH_STUDY = ROOT / "configs" / "real" / "motor_bench.yml"
 
 
 def _kept(record: Record, spec: EstimatorSpec = AUTO) -> tuple[list[int], tuple[str, ...]]:
-    found = trusted(periods_of(record, LINES, "acceleration"), spec)
+    found = select_periods(periods_of(record, LINES, "acceleration"), spec)
     return found.periods.tolist(), said(found.notes)
 
 
@@ -46,9 +46,9 @@ def test_a_slow_transient_is_found_below_fast_noise(seed: int) -> None:
     record = steady_record(3, quantity="position", noise=2e-5, seed=seed)
     t = np.arange(record.n_samples) * 2.0 / N
     settling = 0.02 * record.y.std() * np.exp(-8 * t) * np.cos(12 * t)
-    transient = trusted(periods_of(replace(record, y=record.y + settling[:, None]), LINES, "acceleration"), AUTO)
+    transient = select_periods(periods_of(replace(record, y=record.y + settling[:, None]), LINES, "acceleration"), AUTO)
     assert transient.periods.tolist() == [1, 2]
-    assert len(trusted(periods_of(record, LINES, "acceleration"), AUTO).periods) == 3
+    assert len(select_periods(periods_of(record, LINES, "acceleration"), AUTO).periods) == 3
 
 
 def test_stated_transient_is_discarded_in_any_case() -> None:
@@ -72,7 +72,7 @@ def test_second_period_is_steady_after_decay_of_first() -> None:
         decaying = size * record.y.std() * np.exp(-30 * t) * np.cos(60 * t)
         log = replace(record, y=record.y + decaying[:, None])
         expected = log.y[N:] if log.n_periods == 2 and size > 1e-3 else log.y
-        np.testing.assert_array_equal(settled(log).y, expected)
+        np.testing.assert_array_equal(without_transient(log).y, expected)
 
 
 @pytest.mark.parametrize("periods", [5, 8, 20])
@@ -96,7 +96,7 @@ def test_good_periods_are_almost_never_left_out(n_lines: int) -> None:
     lost = 0
     for seed in range(400):
         record = steady_record((3, 4, 5, 7, 20)[seed % 5], noise=0.05, seed=seed)
-        found = trusted(periods_of(record, LINES[:n_lines], "acceleration"), AUTO)
+        found = select_periods(periods_of(record, LINES[:n_lines], "acceleration"), AUTO)
         lost += len(found.periods) < record.n_periods
     assert lost <= 4
 
@@ -106,7 +106,7 @@ def test_bad_periods_of_real_bench_are_discarded() -> None:
     study = load(with_records(BENCH_STUDY)).study
     rig = RecordedRig(study.robot, study.experiment, BENCH_STUDY.parent)
     periods = periods_of(rig.measure(rig.experiments[0]), np.arange(11, 251), "acceleration")
-    assert set(range(20)) - {*trusted(periods, EstimatorSpec()).periods.tolist()} == {0, 7, 14}
+    assert set(range(20)) - {*select_periods(periods, EstimatorSpec()).periods.tolist()} == {0, 7, 14}
 
 
 def test_periods_of_a_slow_wander_are_kept() -> None:
@@ -116,7 +116,7 @@ def test_periods_of_a_slow_wander_are_kept() -> None:
         record = steady_record((3, 5)[seed % 2], noise=1e-4, seed=seed)
         walk = np.cumsum(np.random.default_rng(seed).normal(size=record.u.shape), axis=0)
         wandering = replace(record, u=record.u + 2e-3 * record.u.std() * walk)
-        lost += len(trusted(periods_of(wandering, LINES, "acceleration"), AUTO).periods) < record.n_periods
+        lost += len(select_periods(periods_of(wandering, LINES, "acceleration"), AUTO).periods) < record.n_periods
     assert lost <= 1
 
 

@@ -15,7 +15,7 @@ from elastid.nonlinear.gear_estimation import GearEstimate
 from elastid.nonlinear.gear_result import ARCMIN, NOT_EXPLAINED, NOT_OPENED, GearResult, GearSheet, with_gears
 from elastid.nonlinear.spec import GearsSpec
 from elastid.parameters import Parameter, Parameters
-from elastid.robot.simplified import stiffened
+from elastid.robot.simplified import with_stiff_joints
 
 K, PEAK = 2e5, 600.0
 PARAMETERS = Parameters((Parameter("k_1", K, "N*m/rad", log=True), Parameter("d_1", 60.0, "N*m*s/rad", log=True)))
@@ -144,7 +144,7 @@ def test_lost_motion_is_the_way_between_the_flanks() -> None:
 
 
 def test_robot_without_gear_spring_keeps_fit() -> None:
-    rigid = stiffened(robot(Gear()), ["1"])
+    rigid = with_stiff_joints(robot(Gear()), ["1"])
     found = identify_gears([], [], plain_fit(PARAMETERS.x), rigid, SPEC, GearsSpec())
     assert found.refused
     assert found.sheets == ()

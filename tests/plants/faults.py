@@ -18,7 +18,7 @@ from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.response import Covariance, Response
 from elastid.robot import Joint, Payload, Robot, Tolerances
-from elastid.robot.simplified import stiffened, with_joints
+from elastid.robot.simplified import with_joints, with_stiff_joints
 from plants.elastic_arm import CONFIGURATIONS, arm, measure
 from plants.elastic_arm import FREQ as FREQ_HZ
 from plants.two_mass import circular
@@ -249,7 +249,7 @@ FAULTS = {
     "rate 2 % wrong": Named(  # frequencies are 2 % too high, and accelerations from logged angles by the square
         _as_read(lambda r, _: replace(r, freq_hz=1.02 * r.freq_hz, G=1.02**2 * r.G)), "rate"
     ),
-    "missing torsion": Named(lambda case: replace(case, robot=stiffened(case.robot, ["2z"])), "torsion_fore_z"),
+    "missing torsion": Named(lambda case: replace(case, robot=with_stiff_joints(case.robot, ["2z"])), "torsion_fore_z"),
 }  # fmt: skip
 # Those whose fits are of further robots or readings, which take seconds.
 FURTHER = [*FAULTS][[*FAULTS].index("mirrored motor") : [*FAULTS].index("rate 2 % wrong")]

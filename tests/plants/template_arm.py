@@ -5,7 +5,7 @@ from elastid.linear.linearise import linearise
 from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.robot import Robot
-from elastid.robot.simplified import stiffened
+from elastid.robot.simplified import with_stiff_joints
 from elastid.study import load_robot
 from plants.paths import TEMPLATES
 
@@ -14,7 +14,7 @@ TEMPLATE = TEMPLATES / "serial" / "robot.yml"
 
 def arm() -> Robot:
     """Three driven axes, one of them rigid, four further elastic ones, under gravity."""
-    return stiffened(load_robot(TEMPLATE), ["2"])
+    return with_stiff_joints(load_robot(TEMPLATE), ["2"])
 
 
 def linear(robot: Robot, configuration=(0.3, -0.4, 0.7), outputs=None, quantity="acceleration") -> LinearModel:

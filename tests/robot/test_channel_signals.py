@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from elastid.robot import Channel, before_channels, logged
+from elastid.robot import Channel, before_channels, log_signal
 
 RATE, N, PERIODS = 1000.0, 500, 5
 LINES = np.arange(2, 100, 7)
@@ -19,7 +19,7 @@ def test_logged_multisine_has_phase_and_gain_of_its_channel(late: Channel) -> No
     size = 1 / np.sqrt(1 + (omega * late.low_pass) ** 2)
     ramp = 3.0 + 0.5 * (t - late.delay - late.low_pass)
     expected = late.gain * ((size * np.cos((t[:, None] - late.delay) * omega + phases - lag)).sum(axis=1) + ramp)
-    result = logged(true[:, None], RATE, [(late,)])
+    result = log_signal(true[:, None], RATE, [(late,)])
     inner = slice(N, -N)
     np.testing.assert_allclose(result[inner, 0], expected[inner], atol=0.03)
     np.testing.assert_allclose(before_channels(result, RATE, [(late,)])[inner, 0], true[inner], atol=0.03)

@@ -16,7 +16,7 @@ from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import Body, Joint, Motor, Robot, Spring
-from elastid.robot.simplified import elastic_coordinates, stiffened
+from elastid.robot.simplified import elastic_coordinates, with_stiff_joints
 
 LINES = np.geomspace(1, 60, 30)
 SERIAL, CONSTRAINED, MINIMAL = ModelSpec(), ModelSpec("constrained"), ModelSpec("minimal")
@@ -47,7 +47,7 @@ def test_stiff_springs_converge_with_their_compliance(plant: str) -> None:
     robot, angles, specs = PLANTS[plant]
     for spec in specs:
         for coordinate in elastic_coordinates(robot):
-            rigid = stiffened(robot, [coordinate.name])
+            rigid = with_stiff_joints(robot, [coordinate.name])
             exact = response(rigid, spec, angles)
             springs = {f"k_{coordinate.name}", f"km_{coordinate.name}"} & set(robot.parameters())
             off = []
@@ -62,7 +62,7 @@ def test_a_rigid_gear_is_the_rotor_on_the_joint() -> None:
     """G = 1 / (I + n^2 J + (f + n^2 f_m) / s), and a deflection that is none under gravity."""
     motor = Motor(2e-3, 50, 3e-3)
     body = Body("arm", joints=(Joint("1", "y", Spring(1e4, 5.0), motor, 2.0),), mass=10, center_of_mass=(0.2, 0, 0))
-    robot = stiffened(Robot("one", (replace(body, inertia=1.3),), (0.0, 0.0, -9.81)), ["1"])
+    robot = with_stiff_joints(Robot("one", (replace(body, inertia=1.3),), (0.0, 0.0, -9.81)), ["1"])
     up = (-np.pi / 2,)  # the centre of mass above the joint, which gravity would tip over but for the motor
     s = 2j * np.pi * LINES
     gravity = -10 * 9.81 * 0.2
@@ -76,6 +76,6 @@ def test_a_rigid_gear_is_the_rotor_on_the_joint() -> None:
 def test_what_has_no_spring_cannot_be_made_rigid(name: str) -> None:
     """The message lists what can; a rod that is rigid already is a loop without a spring."""
     with refused("robot/no-spring", holds=(f"joint {name}", "2, 3, rod")):
-        stiffened(linkage(), [name])
+        with_stiff_joints(linkage(), [name])
     with refused("robot/no-spring", holds=("loop rod", "2, 3")):
-        stiffened(stiffened(linkage(), ["rod"]), ["rod"])
+        with_stiff_joints(with_stiff_joints(linkage(), ["rod"]), ["rod"])

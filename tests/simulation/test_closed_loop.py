@@ -25,7 +25,7 @@ from elastid.simulation.closed_loop import (
     Commands,
     Trajectory,
     closed_loop,
-    compiled,
+    compile_function,
     simulate,
 )
 from elastid.simulation.controller import tune
@@ -135,7 +135,7 @@ def test_motion_is_equal_without_compiler() -> None:
 @needs_compiler
 def test_machine_code_outlives_its_file(caplog: pytest.LogCaptureFixture) -> None:
     """Two functions of the same name with other numbers, evaluated after their libraries are gone."""
-    first, second = (compiled(function, MIN_CALLS) for function in (wave(), wave(7.0)))
+    first, second = (compile_function(function, MIN_CALLS) for function in (wave(), wave(7.0)))
     x = np.array([0.7, -1.3])
     assert is_machine_code(first)
     assert is_machine_code(second)
@@ -160,7 +160,7 @@ def test_where_the_compiler_fails_a_warning_gives_the_reason(
     """It ends with an error, hangs with a child of its own, writes nothing or no library, or is missing."""
     monkeypatch.setenv("CC", str(tmp_path / "none") if body is None else compiler_script(tmp_path, body))
     monkeypatch.setattr("elastid.simulation.closed_loop.MAX_COMPILE_S", 0.2)
-    assert not is_machine_code(compiled(wave(), MIN_CALLS))
+    assert not is_machine_code(compile_function(wave(), MIN_CALLS))
     (record,) = caplog.records
     assert record.levelno == logging.WARNING
     assert reason in record.message

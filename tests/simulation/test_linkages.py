@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 from ruamel.yaml import YAML
 
 from elastid.linear.equilibrium import equilibrium
-from elastid.model.closed_posture import assembled
+from elastid.model.closed_posture import assemble
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
@@ -89,7 +89,7 @@ def test_accelerations_equal_pinocchio_with_the_rod_as_a_body(name: str):
     order = [reference.joints[reference.getJointId(joint.name)].idx_q for joint in robot.joints]
     bar = [reference.joints[reference.getJointId(name)].idx_q for name in ("bar y", "bar x")]
     start = np.zeros(model.n_q)
-    start[:n_l] = assembled(robot, np.array(POSE[name]))
+    start[:n_l] = assemble(robot, np.array(POSE[name]))
     accelerate = free_acceleration(model)
     for _ in range(5):
         q, v = on_the_loops(model, start + random.normal(0, 0.05, model.n_q), random.normal(0, 1, model.n_q))

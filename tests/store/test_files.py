@@ -194,11 +194,11 @@ PROGRAM = """
 import resource, sys
 from pathlib import Path
 import numpy as np
-from elastid.store.artefacts import NO_STAMP, created
+from elastid.store.artefacts import NO_STAMP, create_artefact
 from elastid.store.files import text_file
 
 def write(path):
-    with created(path, "test", NO_STAMP) as file:
+    with create_artefact(path, "test", NO_STAMP) as file:
         for name in "abc":
             group = file.create_group(name)
             group.create_dataset("t", data=np.arange(200.0))

@@ -9,7 +9,7 @@ from plants.fitted_models import fitted_model
 from plants.refusals import refused
 
 from elastid.base.errors import StudyError
-from elastid.model.closed_posture import are_closed, assembled, followed
+from elastid.model.closed_posture import are_closed, assemble, follow_angles
 from elastid.model.kinematics import frame_poses
 from elastid.robot import Body, Joint, Limits, Motor, Robot
 from elastid.use.postures import grid_postures, inverse_kinematics, limits_of, random_postures, read_path
@@ -22,13 +22,13 @@ def test_poses_that_some_posture_has_are_reached_within_the_limits(name: str) ->
     own = fitted_model(name).model.robot
     frame = own.frames[-1].name if own.frames else own.bodies[-1].name
     angles = random_postures(own, 8, 3)
-    poses = frame_poses(own, followed(own, angles), frame)
+    poses = frame_poses(own, follow_angles(own, angles), frame)
     rotation = poses.rotation if name == "manutec" else None
     reached, found = inverse_kinematics(own, frame, poses.position, rotation)
     assert found.mean() >= 0.85
     low, high = limits_of(own).T
     assert np.all((reached >= low) & (reached <= high))
-    there = frame_poses(own, followed(own, reached[found]), frame)
+    there = frame_poses(own, follow_angles(own, reached[found]), frame)
     np.testing.assert_allclose(there.position, poses.position[found], atol=2e-6)
 
 
@@ -48,11 +48,11 @@ def test_path_of_angles_or_poses_has_its_units(tmp_path: Path) -> None:
     path.write_text("x,y,z\n1.0,0,0\n9,0,0\n0.9,0,-0.2\n")
     angles, (remark,) = read_path(path, robot(), "tool")
     assert "1 of the path's postures (row 2) are out of reach" in remark
-    there = frame_poses(robot(), followed(robot(), angles), "tool").position
+    there = frame_poses(robot(), follow_angles(robot(), angles), "tool").position
     np.testing.assert_allclose(there, [[1, 0, 0], [0.9, 0, -0.2]], atol=2e-6)
     path.write_text("x (mm),y (mm),z\n1000,0,0\n900,0,-0.2\n")
     in_mm, _ = read_path(path, robot(), "tool")
-    np.testing.assert_allclose(frame_poses(robot(), followed(robot(), in_mm), "tool").position, there, atol=4e-6)
+    np.testing.assert_allclose(frame_poses(robot(), follow_angles(robot(), in_mm), "tool").position, there, atol=4e-6)
 
 
 @pytest.mark.parametrize(
@@ -81,10 +81,10 @@ def test_a_grid_fills_the_workspace_evenly() -> None:
     """Of a robot that turns and bends: neighbours are one spacing apart."""
     own = fitted_model("scara").model.robot
     postures = grid_postures(own, "quill", 6)
-    at = np.unique(frame_poses(own, followed(own, postures), "quill").position.round(5), axis=0)
+    at = np.unique(frame_poses(own, follow_angles(own, postures), "quill").position.round(5), axis=0)
     assert len(at) == len(postures) > 8
     gaps = np.linalg.norm(at[:, None] - at[None], axis=2)[np.triu_indices(len(at), 1)]
-    longest = np.ptp(frame_poses(own, followed(own, random_postures(own, 2000)), "quill").position, axis=0).max()
+    longest = np.ptp(frame_poses(own, follow_angles(own, random_postures(own, 2000)), "quill").position, axis=0).max()
     assert gaps.min() == pytest.approx(longest / 5, rel=1e-3)
 
 
@@ -93,11 +93,11 @@ def test_random_linkage_postures_close_without_folding() -> None:
     """As a single posture is judged; some of those that are drawn are refused."""
     own = fitted_model("irb4400_linkage minimal").model.robot
     for angles in random_postures(own, 25, 1):
-        assembled(own, angles)
+        assemble(own, angles)
     low, high = limits_of(own).T
     drawn = np.random.default_rng(1).uniform(low, high, (200, len(low)))
-    joints = followed(own, drawn)
+    joints = follow_angles(own, drawn)
     for angles, is_closed in zip(drawn[:25], are_closed(own, joints)[:25], strict=True):
         if not is_closed:
             with pytest.raises(StudyError):
-                assembled(own, angles)
+                assemble(own, angles)

@@ -16,7 +16,7 @@ from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, WeightSpec
 from elastid.model.formulation import EXACT
 from elastid.response import Response
 from elastid.robot import Robot
-from elastid.robot.simplified import stiffened
+from elastid.robot.simplified import with_stiff_joints
 from elastid.validation.comparison import (
     ComparedModel,
     ComparedVariant,
@@ -170,7 +170,7 @@ def test_parameters_that_a_model_lacks_are_fixed_at_their_starts(robot: Robot) -
 
 def test_variant_fit_has_its_own_parameters(robot):
     """None is left: refused, as an empty list would mean every stiffness."""
-    lean = stiffened(robot, ["2x"])
+    lean = with_stiff_joints(robot, ["2x"])
     both = FitSpec(parameters={"k_2x": ParameterSpec(), "k_1": ParameterSpec()})
     assert restrict(both, lean, robot).parameters.keys() == {"k_1"}
     with refused("compare/variants"):

@@ -103,7 +103,7 @@ def _artefacts(
         console.notes(note for note in notes if note.code != "frf/method")
         lines = {r.configuration.name: r.n_lines for r in responses}
         plural = "s" * (len(responses) != 1)
-        sizes = f"(DFT lines: {listed(lines)})"
+        sizes = f"(DFT lines: {list_notes(lines)})"
         if len({*lines.values()}) == 1:
             sizes = f"with {responses[0].n_lines} DFT lines{' each' * bool(plural)}"
         console.say(f"estimate: FRF{plural} of {len(responses)} configuration{plural} {sizes}")
@@ -111,7 +111,7 @@ def _artefacts(
         if rows:
             torques = {row.place: f"{row.coulomb_torque:.4g} {row.unit} (std {row.std:.2g})" for row in rows}
             motors = "Coulomb friction of the motors (link-side values)"
-            console.say(f"estimate: {motors} subtracted from the torque: {listed(torques)}")
+            console.say(f"estimate: {motors} subtracted from the torque: {list_notes(torques)}")
         for note in () if friction is None else friction.notes:  # warnings were printed before
             if note.severity == "information" and note.code != "nonlinear/friction-compensated":
                 console.say(f"estimate: {note.text}")
@@ -120,7 +120,7 @@ def _artefacts(
     return Artefacts({"frf.h5": frf}, report)
 
 
-def listed(values: Mapping[str, object]) -> str:
+def list_notes(values: Mapping[str, object]) -> str:
     """Join names and values to a text."""
     return ", ".join(f"{name} {value}" for name, value in values.items())
 

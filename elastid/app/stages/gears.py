@@ -16,7 +16,7 @@ from elastid.app.identified_robot import robot_files
 from elastid.app.run import Artefacts, Work, Write, text
 from elastid.app.stages.estimate import RecordsOnShafts
 from elastid.app.stages.fit import fitted_rows
-from elastid.app.summaries import as_json, listed, section
+from elastid.app.summaries import as_json, list_notes, section
 from elastid.base.errors import DataError, StudyError, notes_of
 from elastid.base.execution import Execution
 from elastid.fit.diagnosis.hypotheses import WITHOUT_OTHER_ROBOTS
@@ -114,7 +114,7 @@ def with_gear_section(
         "refused": gears.refused,
         "numbers": {number.name: _number(sheet.joint, number) for sheet in gears.sheets for number in sheet.numbers},
         "largest_torque": {sheet.joint: sheet.peak for sheet in gears.sheets},
-        "notes": listed(gears.notes),
+        "notes": list_notes(gears.notes),
     }
     final = with_gears(result, gears)
     changes = section(final, "status message")

@@ -26,7 +26,7 @@ from elastid.experiment.simulated.plant import Plant, beyond, feed_forward_of, l
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.record import JointLoop, Motion, Record, motion_unit
-from elastid.robot import Robot, logged
+from elastid.robot import Robot, log_signal
 from elastid.simulation.closed_loop import Commands, Trajectory, simulate
 from elastid.simulation.controller import feedback_of, gains_of, rigid_path
 from elastid.simulation.reference_path import ReferencePath
@@ -121,7 +121,7 @@ class SimulatedRig:
             offset = reference.position[:end] - experiment.configuration.angles
             u, y = u - reference.feed_forward[:end], y - sense_movement(offset, *setup)
         u_channels, y_channels = robot.chain.at("u", plan.inputs), robot.chain.at("y", self.outputs)
-        return logged(u, plan.rate_hz, u_channels), logged(y, plan.rate_hz, y_channels)
+        return log_signal(u, plan.rate_hz, u_channels), log_signal(y, plan.rate_hz, y_channels)
 
     def _record(self, run: _Run, trajectory: Trajectory, notes: tuple[Note, ...]) -> Record:
         plan, experiment = self.plan, run.experiment

@@ -20,7 +20,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 from elastid.base.display import capital, percent
-from elastid.base.entry_points import registered
+from elastid.base.entry_points import registry
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.fit.diagnosis.alternative_models import find_alternatives
 from elastid.fit.diagnosis.channel_hypotheses import CHANNEL_HYPOTHESES, find_channel_error
@@ -235,7 +235,7 @@ def all_hypotheses() -> tuple[Hypothesis, ...]:
 
     Raises StudyError for a row that cannot be loaded.
     """
-    return (*registered(GROUP, Hypothesis), *HYPOTHESES)
+    return (*registry(GROUP, Hypothesis), *HYPOTHESES)
 
 
 def explain_causes(family: str = "") -> str:

@@ -21,7 +21,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, laplace_variable
 from elastid.base.errors import FitError
 from elastid.base.statistics import FALSE_ALARM_RATE, chi_square_limit, max_cost_ratio
-from elastid.covariance import scaled
+from elastid.covariance import scale_covariance
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.refit import evaluate
 from elastid.fit.frf_problem import Assembly
@@ -191,7 +191,7 @@ def _interpretations(responses: Sequence[Response]) -> Iterator[tuple[tuple[Resp
         interpreted = []
         for G in responses:
             s = laplace_variable(G.freq_hz[:, None, None])
-            noise, total = (scaled(covariance, np.abs(s) ** (2 * power)) for covariance in (G.noise, G.total))
+            noise, total = (scale_covariance(covariance, np.abs(s) ** (2 * power)) for covariance in (G.noise, G.total))
             interpreted.append(replace(G, G=sign * G.G * s**power, noise=noise, total=total))
         return tuple(interpreted)
 

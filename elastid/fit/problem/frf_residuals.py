@@ -122,15 +122,15 @@ class Part(KeptOnce):
         mixing: `Part.mixing`.
         """
         e, is_used = difference(self.criterion, self.measured, G), self.gain > 0
-        return mixed(mixing, np.where(is_used, self.gain * np.where(is_used, e, 0.0), 0.0))
+        return apply_mixing(mixing, np.where(is_used, self.gain * np.where(is_used, e, 0.0), 0.0))
 
     def slopes(self, G: ComplexArray, dG: ComplexArray, mixing: ComplexArray | None) -> ComplexArray:
         """Return dr (n, F, n_y, n_u) by changes dG of a response G."""
         # A logarithm of an element that is left out because it is zero has no slope.
-        return mixed(mixing, -self.gain * np.where(self.gain > 0, error_gain(self.criterion, G), 0.0) * dG)
+        return apply_mixing(mixing, -self.gain * np.where(self.gain > 0, error_gain(self.criterion, G), 0.0) * dG)
 
 
-def mixed(mixing: ComplexArray | None, values: ComplexArray) -> ComplexArray:
+def apply_mixing(mixing: ComplexArray | None, values: ComplexArray) -> ComplexArray:
     """Apply `mixing`, if there is any, to the elements of each line of values (..., F, n_y, n_u)."""
     if mixing is None:
         return values

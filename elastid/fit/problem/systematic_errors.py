@@ -20,7 +20,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable
-from elastid.fit.problem.frf_residuals import ElasticFit, Part, each_at_home, mixed
+from elastid.fit.problem.frf_residuals import ElasticFit, Part, apply_mixing, each_at_home
 from elastid.fit.problem.least_squares import as_real
 from elastid.linear.linear_model import LinearModel
 from elastid.record import MOTION_ORDER
@@ -121,7 +121,7 @@ def with_factors(
     (r, slopes), C = fit.block(part, x, mixing), shares_of(response, factors)
     if not len(factors):
         return r, slopes, np.eye(len(slopes))
-    J = np.concatenate([slopes, -mixed(mixing, errors_of(response) * part.error_gain)])
+    J = np.concatenate([slopes, -apply_mixing(mixing, errors_of(response) * part.error_gain)])
     return r, J, block_diag(np.eye(len(slopes)), C)
 
 

@@ -15,7 +15,7 @@ from elastid.base.names import posture_of
 from elastid.base.workers import KeptOnce
 from elastid.covariance import kronecker
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
-from elastid.fit.spec import TYPICAL_MODEL_ERROR, FactorSpec, FitSpec, misnamed
+from elastid.fit.spec import TYPICAL_MODEL_ERROR, FactorSpec, FitSpec, find_misnamed
 from elastid.response import Covariance, Response
 
 
@@ -226,6 +226,6 @@ def check_factors(responses: Sequence[Response], spec: FitSpec) -> None:
         "input": {name for r in responses for name in r.inputs},
     }
     for i, factor in enumerate(spec.weights.factors):
-        for path, noun, name in misnamed(factor, measured):
+        for path, noun, name in find_misnamed(factor, measured):
             advice = did_you_mean(name, sorted(measured[str(path[0])]))
             raise StudyError("study/invalid", f"no {noun} '{name}' was measured; {advice}", f"fit.weights.factors[{i}]")

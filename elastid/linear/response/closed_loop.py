@@ -37,7 +37,7 @@ def open_loops(model: LinearModel) -> tuple[LinearModel, LinearModel]:
     return plain, motors
 
 
-def closed(
+def close_loop(
     model: LinearModel, theta: FloatArray, freq_hz: FloatArray, plain: ComplexArray, motors: ComplexArray,
     plain_images: ComplexArray | float = 0.0, motor_images: ComplexArray | float = 0.0,
 ) -> "ClosedLoop":  # fmt: skip

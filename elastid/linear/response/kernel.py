@@ -29,8 +29,8 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, f
 from elastid.base.kernels import call, is_compiled
 from elastid.base.workers import KeptOnce
 from elastid.linear.linear_model import DELAY, TORQUE_LAG, LinearModel
-from elastid.linear.response.closed_loop import GAINS, ClosedLoop, closed, open_loops
-from elastid.linear.response.transfer import factor, folded_images, zoh_aliases
+from elastid.linear.response.closed_loop import GAINS, ClosedLoop, close_loop, open_loops
+from elastid.linear.response.transfer import factor, fold_images, zoh_aliases
 from elastid.robot import CHANNEL_NUMBERS, channel_name
 
 # Lines worked on at a time: their matrices stay in the cache; whole batches of the kernels in C.
@@ -179,7 +179,7 @@ class Kernel(KeptOnce):
             if self._open_loops is not None:
                 motors = factor(self._open_loops[1], theta, s)[:, None, None] * by_inputs[:, :, -n_u:].swapaxes(1, 2)
                 images = (image[block] for image in self._images)
-                loop = closed(model, theta, self.freq_hz[block], G, motors, *images)
+                loop = close_loop(model, theta, self.freq_hz[block], G, motors, *images)
                 output_slopes = model.channel_factors(theta, s)[0][..., None] * output_slopes @ loop.A
                 G = loop.T + self._folded[block]
             elif model.channel_numbers:
@@ -213,7 +213,7 @@ class Kernel(KeptOnce):
     @cached_property
     def _folded(self) -> ComplexArray:
         """Images of the references (F, n_y, n_u)."""
-        return folded_images(self.model, self._theta_of_images, self.freq_hz)
+        return fold_images(self.model, self._theta_of_images, self.freq_hz)
 
     @property
     def _theta_of_images(self) -> FloatArray:

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen, laplace_variable
 from elastid.linear.linear_model import DELAY, TORQUE_LAG, LinearModel
-from elastid.linear.response.closed_loop import ClosedLoop, closed, open_loops
+from elastid.linear.response.closed_loop import ClosedLoop, close_loop, open_loops
 from elastid.record import MOTION_ORDER
 from elastid.response import Response
 
@@ -101,7 +101,7 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
     """
     freq_hz = checked_frequencies(freq_hz)
     if model.controller is not None:
-        return closed_loop(model, theta, freq_hz).T + folded_images(model, theta, freq_hz)
+        return closed_loop(model, theta, freq_hz).T + fold_images(model, theta, freq_hz)
     M, D, K = model.matrices(theta)
     s = laplace_variable(freq_hz[:, None, None])
     drift = 0.0 if model.integral is None else model.integral / s
@@ -115,10 +115,10 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
 
 def closed_loop(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ClosedLoop:
     """Return the loops of a model whose inputs are references, closed at freq_hz (F,)."""
-    return closed(model, theta, freq_hz, *(frequency_response(loop, theta, freq_hz) for loop in open_loops(model)))
+    return close_loop(model, theta, freq_hz, *(frequency_response(loop, theta, freq_hz) for loop in open_loops(model)))
 
 
-def folded_images(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ComplexArray:
+def fold_images(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ComplexArray:
     r"""Return the images (F, n_y, n_u) of sampled references in sampled positions, both at f_l, `controller.log_hz`.
 
     .. math:: \sum_{m \ne 0} T(f + m f_l)

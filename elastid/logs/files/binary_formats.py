@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elastid.base.errors import installed
+from elastid.base.errors import require_package
 from elastid.base.files import check_self_contained
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.files.log import ArrayLog, StoredArray, seconds
@@ -73,7 +73,7 @@ def open_parquet(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
 
     A column of lists of one length is a matrix.  Missing values are NaN, time stamps s from the first.
     """
-    parquet = installed("pyarrow.parquet", "parquet", path)
+    parquet = require_package("pyarrow.parquet", "parquet", path)
     with parquet.ParquetFile(path) as file:
         n = file.metadata.num_rows
         leaves = [leaf for field in file.schema_arrow for leaf in _leaves_of_parquet(field.name, field)]
@@ -128,7 +128,7 @@ def open_tdms(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
 
     Waveforms whose start times differ have times of their own, `group/channel/time`.
     """
-    nptdms = installed("nptdms", "tdms", path)
+    nptdms = require_package("nptdms", "tdms", path)
     with nptdms.TdmsFile.open(path) as file:
         channels = {f"{c.group_name}/{c.name}": c for group in file.groups() for c in group.channels() if len(c) > 0}
         arrays = {name: _channel(c) for name, c in channels.items()}

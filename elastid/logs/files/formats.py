@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.entry_points import registered
+from elastid.base.entry_points import registry
 from elastid.base.errors import DataError, ElastidError, StudyError, is_program_fault
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.files import binary_formats, ros_bag, text, universal
 from elastid.logs.files.log import ArrayLog, Log
-from elastid.logs.files.reader_process import guarded
+from elastid.logs.files.reader_process import guard_reads
 from elastid.logs.files.text import TextLog
 
 
@@ -69,10 +69,10 @@ def is_numpy(path: Path, head: bytes) -> bool:
 
 # The first that recognises a file reads it: HDF5 with MATLAB's header in front of it, text what is of no other format.
 FORMATS = (
-    Format("ROS bag", is_ros_bag, guarded(ros_bag.opened), "copy it again with all files of its folder"),
-    Format("NumPy", is_numpy, guarded(binary_formats.open_numpy), "copy it or save it again"),
-    Format("TDMS", starts_with(b"TDSm"), guarded(binary_formats.open_tdms), "copy it or export it again"),
-    Format("Parquet", starts_with(b"PAR1"), guarded(binary_formats.open_parquet), "copy it or export it again"),
+    Format("ROS bag", is_ros_bag, guard_reads(ros_bag.opened), "copy it again with all files of its folder"),
+    Format("NumPy", is_numpy, guard_reads(binary_formats.open_numpy), "copy it or save it again"),
+    Format("TDMS", starts_with(b"TDSm"), guard_reads(binary_formats.open_tdms), "copy it or export it again"),
+    Format("Parquet", starts_with(b"PAR1"), guard_reads(binary_formats.open_parquet), "copy it or export it again"),
     Format(
         "MATLAB 7.3",
         lambda path, head: head.startswith(b"MATLAB") and is_hdf5(path, head),
@@ -80,8 +80,8 @@ FORMATS = (
         "copy it or save it again",
     ),
     Format("HDF5", is_hdf5, binary_formats.open_hdf5, "copy it or export it again"),
-    Format("MATLAB", is_matlab, guarded(binary_formats.open_matlab), "copy it or save it again with -v7"),
-    Format("universal", universal.is_universal_file, guarded(universal.opened), "copy it or export it again"),
+    Format("MATLAB", is_matlab, guard_reads(binary_formats.open_matlab), "copy it or save it again with -v7"),
+    Format("universal", universal.is_universal_file, guard_reads(universal.opened), "copy it or export it again"),
     Format("text", lambda path, head: True, text.opened, "copy it or export it again"),
 )
 
@@ -99,7 +99,7 @@ def is_text(path: Path) -> bool:
 
 def all_formats() -> tuple[Format, ...]:
     """Return formats, specialised packages first; raise StudyError for a format that cannot be imported."""
-    return (*registered("elastid.readers", Format), *FORMATS)
+    return (*registry("elastid.readers", Format), *FORMATS)
 
 
 def contents(path: Path, text: TextFormatSpec) -> dict[str, tuple[int, ...]]:

@@ -56,7 +56,7 @@ class _File:
         return opener(self.path, TextFormatSpec())
 
 
-def guarded(reader: Opener) -> Opener:
+def guard_reads(reader: Opener) -> Opener:
     """Return the function that opens a file, carried out in the guarded process."""
 
     @contextmanager

@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from elastid.base.errors import installed
+from elastid.base.errors import require_package
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.files.log import ArrayLog, StoredArray
 
@@ -29,8 +29,8 @@ _JOINT_FIELDS = {"position": "rad", "velocity": "rad/s", "effort": "N*m"}
 @contextmanager
 def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     """Open all numeric topics; the messages of a topic are read once, when its first signal is used."""
-    reader = installed("rosbags.highlevel", "ros", path)
-    types = installed("rosbags.typesys", "ros", path)
+    reader = require_package("rosbags.highlevel", "ros", path)
+    types = require_package("rosbags.typesys", "ros", path)
     # Bags of older releases do not hold the definitions of their messages.
     typestore = types.get_typestore(types.Stores.ROS2_HUMBLE)
     with reader.AnyReader([path], default_typestore=typestore) as bag:

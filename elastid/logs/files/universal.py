@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from elastid.base.errors import DataError, installed
+from elastid.base.errors import DataError, require_package
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.files.log import ArrayLog, StoredArray
 
@@ -43,7 +43,7 @@ def is_universal_file(path: Path, head: bytes = b"") -> bool:
 
 def sets_of(path: Path, *types: int) -> list[dict[str, Any]]:
     """Read the data sets of some types; StudyError without pyuff, DataError for a damaged file."""
-    pyuff = installed("pyuff", "uff", path)
+    pyuff = require_package("pyuff", "uff", path)
     try:
         with _readable(path) as name:
             file = pyuff.UFF(name)

@@ -18,7 +18,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, folded
 from elastid.base.statistics import runs
-from elastid.logs.repair import Log, flat, without_line
+from elastid.logs.repair import Log, flatten, without_line
 
 MASKED, STOPPED = "samples taken as missing", "stops"
 CHECK_CELLS = "Check the column for empty cells and error values such as #N/A, or measure again"
@@ -218,7 +218,7 @@ def _exact_step(gaps: FloatArray, q: float) -> float:
 def report_steps(signals: FloatArray, L: int, sign: int, log: Log) -> None:
     """Report each channel of signals (n, c) with a noise of steps that counts relative to its repeating part."""
     for c, name in enumerate(log.names):
-        q, mean = step(signals[:, c]), flat(signals[:, c], L, sign).mean(axis=0)
+        q, mean = step(signals[:, c]), flatten(signals[:, c], L, sign).mean(axis=0)
         size, noise = float(mean.std()), q / np.sqrt(12)
         if q == 0 or np.ptp(mean) < (MIN_VALUES - 1.5) * q or noise < MIN_REPORTED_FRACTION * size:
             continue

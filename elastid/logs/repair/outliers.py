@@ -25,7 +25,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.statistics import runs
-from elastid.logs.repair import Log, blocks, flat, interpolate_linearly
+from elastid.logs.repair import Log, blocks, flatten, interpolate_linearly
 from elastid.logs.repair.interpolation import MAX_BRIDGED, QUIET_FRACTION, QUIET_STD, interpolations, period_noise
 from elastid.logs.repair.masks import MASKED, MAX_FRACTION, MIN_OVER_USUAL, step
 
@@ -169,7 +169,7 @@ def _differences(x: FloatArray, L: int, sign: int) -> list[FloatArray]:
 
     A spike differs from each of them; a sample whose reference has a spike does not.
     """
-    X = flat(x, L, sign)
+    X = flatten(x, L, sign)
     references = [np.roll(X, -1, axis=0), np.roll(X, -2, axis=0)]
     if len(X) > MIN_PERIODS:
         references.append(np.broadcast_to(np.median(X, axis=0), X.shape))

@@ -22,7 +22,7 @@ from PIL import Image
 
 from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, interval_of, number, percent
-from elastid.base.errors import grouped
+from elastid.base.errors import group_notes
 from elastid.base.execution import Execution
 from elastid.base.files import clear_folder, write_atomically
 from elastid.nonlinear.compensated_friction import friction_rows
@@ -229,7 +229,7 @@ def write_page(
 def _embed(figures: Path | None, drawing: Drawing) -> EmbeddedFigure:
     with rc_context({"axes.titley": 1.0}):  # where matplotlib seeks room for titles, it places all ticks twice
         figure = drawing.draw()
-    png, name = rendered(figure), f"{drawing.name}.png"
+    png, name = render_png(figure), f"{drawing.name}.png"
     if figures is not None:
         write_atomically(figures / name, png)
     text = base64.b64encode(png).decode("ascii") if drawing.on_page else ""
@@ -275,7 +275,7 @@ def _environment() -> Environment:
     )
     environment.trim_blocks = environment.lstrip_blocks = True
     environment.filters |= {
-        "number": number, "digits": digits, "percent": percent, "interval_of": interval_of, "grouped": grouped,
+        "number": number, "digits": digits, "percent": percent, "interval_of": interval_of, "grouped": group_notes,
         "friction_rows": friction_rows, "coded": _code_markup, "gear_table": gear_table, "gear_line": gear_line,
         "seen_words": seen_words,
     }  # fmt: skip
@@ -287,7 +287,7 @@ def _code_markup(sentence: str) -> Markup:
     return Markup("").join(Markup("<code>{}</code>").format(part) if i % 2 else part for i, part in enumerate(pieces))
 
 
-def rendered(figure: Figure) -> bytes:
+def render_png(figure: Figure) -> bytes:
     """Render a figure as PNG; a letter that the font lacks is a box, without a warning."""
     buffer = io.BytesIO()
     with warnings.catch_warnings():

@@ -14,7 +14,7 @@ from elastid.base.files import write_atomically
 from elastid.report.figures.style import own_style
 from elastid.report.figures.use import SHOWN
 from elastid.report.page.explorer import asset, pack
-from elastid.report.page.page import EmbeddedFigure, render, rendered
+from elastid.report.page.page import EmbeddedFigure, render, render_png
 from elastid.use.map import N_SOFTEST, WorkspaceMap
 
 
@@ -49,7 +49,7 @@ def write_page_of_answer(
 
     data: of a map, which is explored on the page in place of its figure.
     """
-    picture = rendered(figure())
+    picture = render_png(figure())
     png = base64.b64encode(picture).decode("ascii")
     figures = [] if data else [EmbeddedFigure("", "", f"The figure of {answer.title}", png)]
     write_atomically(path.with_suffix(".png"), picture)
