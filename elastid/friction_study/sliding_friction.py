@@ -24,15 +24,8 @@ from elastid.base.errors import DataError, Note, notes_of
 from elastid.base.execution import Progress, silent
 from elastid.base.statistics import QUANTILE_95, identifiable_combinations
 from elastid.friction_record import FrictionRecord, FrictionRecords, Purpose
-from elastid.friction_study.commanded import (
-    DELAY,
-    CommandedJoint,
-    CommandedLog,
-    acting_gains,
-    fit_commanded,
-    simulate_commanded,
-    smoothed_motion,
-)
+from elastid.friction_study.commanded import DELAY, CommandedJoint, CommandedLog, acting_gains
+from elastid.friction_study.commanded_fit import fit_commanded, simulate_commanded, smoothed_motion
 from elastid.friction_study.constant_velocity import estimate_friction_curve, passes_of
 from elastid.friction_study.inverse_dynamics_regression import (
     PASSBAND_HZ,

@@ -21,7 +21,8 @@ import mujoco
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.friction_study.commanded import CommandedLog, fit_commanded
+from elastid.friction_study.commanded import CommandedLog
+from elastid.friction_study.commanded_fit import fit_commanded
 
 KP, KD, RATE_HZ, SECONDS, NOISE_RAD = 1000.0, 100.0, 500.0, 30.0, 1e-5
 JOINT = """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody><body>
