@@ -17,7 +17,6 @@ influences d_k of m logs have a significantly larger covariance, it is used inst
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import product
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -40,12 +39,15 @@ MEANS_HZ, MEANS_IN_PERIOD = 40.0, 12.0
 SETTLE, SMOOTH_S = 15.0, 0.06
 # Perturbation of a parameter for its sensitivity, relative to its scale, and perturbation of the delay in s.
 PERTURBATION, DELAY_STEP_S = 1e-3, 2e-4
-MAX_ITERATIONS, TOLERANCE = 15, 1e-5
+START_ITERATIONS, MAX_ITERATIONS, TOLERANCE, LEAST_CURVATURE = 8, 30, 1e-5, 1e-12
+DAMPINGS = np.append(0.0, 10.0 ** np.arange(-4, 4))
 # Start values: stick time, s, with creep, and factors of the Coulomb friction of the regression, which is low for a
-# joint that mostly sticks. Stick time and creep are fixed to 0 unless the Coulomb friction, and the stick time minus
-# one simulation step, exceed STICKING_STDS standard deviations.
-START_STICKING, STICKING_STDS = ((0.003, 0.0), (0.01, 0.1), (0.02, 0.6)), 3.0
+# joint that mostly sticks.
+START_STICKING = ((0.003, 0.0), (0.01, 0.1), (0.02, 0.6))
 COULOMB_FACTORS = (1.0, 2.0, 4.0)
+# A joint sticks exactly (both are 0) unless the Coulomb friction, and the distance of stick time and creep from one
+# simulation step and 0, exceed SOFT_STDS standard deviations, and neither is at its bound.
+SOFT_STDS, MAX_CREEP = 5.0, 0.9
 # Significance level of a larger scatter between logs than within logs.
 CHANCE = 0.1
 
@@ -145,7 +147,7 @@ class CommandedJoint(Estimate):
 class _Problem:
     """Output-error problem of all logs: S columns, one for each joint of each log, padded to the longest log.
 
-    window: samples per mean.  soft: joints whose stick time and creep are free.
+    window: samples per mean.  soft: joints whose stick time and creep are free.  steps: of the simulation in a sample.
     """
 
     logs: tuple[CommandedLog, ...]
@@ -153,6 +155,7 @@ class _Problem:
     commanded: CommandedJoints
     window: int
     soft: frozenset[str]
+    steps: int = 0
 
     @classmethod
     def of(cls, logs: Sequence[CommandedLog]) -> "_Problem":
@@ -177,6 +180,10 @@ class _Problem:
         window = max(1, int(rate_hz / max(MEANS_HZ, MEANS_IN_PERIOD * highest)))
         return cls(tuple(logs), joints, commanded, window, frozenset(joints))
 
+    def resolved(self, numbers: FloatArray) -> "_Problem":
+        """Return the problem with the steps that numbers (..., m, 8) need."""
+        return replace(self, steps=self.commanded.steps(numbers[..., self.index, :]))
+
     @property
     def index(self) -> list[int]:
         """Index of the joint of each column."""
@@ -184,14 +191,9 @@ class _Problem:
 
     def simulate(self, numbers: FloatArray, delay_s: FloatArray) -> list[FloatArray]:
         """Simulate averaged positions (n_k, K, m_k) of each log for K candidates: numbers (K, m, 8), delays (K,)."""
-        means = self.commanded.simulate(numbers[:, self.index], delay_s, self.window)
+        means = self.commanded.simulate(numbers[:, self.index], delay_s, self.steps, self.window)
         ends = np.cumsum([len(log.joints) for log in self.logs])[:-1]
         return [part[self._settled(log)] for log, part in zip(self.logs, np.split(means, ends, axis=2), strict=True)]
-
-    def step_s(self, numbers: FloatArray) -> float:
-        """Return the step of the simulation with numbers (m, 8), s."""
-        inertia = numbers[self.index, 0] + self.commanded.coupled_inertia
-        return 1 / self.commanded.rate_hz / self.commanded.steps(inertia)
 
     def errors(self, simulations: Sequence[FloatArray], candidate: int = 0) -> list[FloatArray]:
         """Return the measured minus the simulated means (n_k, m_k) of each log for one candidate."""
@@ -224,7 +226,8 @@ def simulate_commanded(log: CommandedLog, joints: Mapping[str, CommandedJoint]) 
     problem = _Problem.of([log])
     values = [named(joints[name].names, joints[name].values) for name in log.joints]
     numbers = np.array([[row.get(name, 0.0) for name in NUMBERS] for row in values])
-    return problem.commanded.simulate(numbers[None], np.array([values[0][DELAY]]))[:, 0]
+    steps = problem.commanded.steps(numbers)
+    return problem.commanded.simulate(numbers[None], np.array([values[0][DELAY]]), steps)[:, 0]
 
 
 def _upper_end(log: CommandedLog) -> float:
@@ -239,9 +242,10 @@ def fit_commanded(logs: Sequence[CommandedLog]) -> dict[str, CommandedJoint]:
     problem = _Problem.of(logs)
     numbers, delay_s = _start(problem)
     while True:
-        numbers, delay_s = _search(problem, numbers, delay_s)
+        numbers, delay_s = _search(problem, numbers, delay_s, MAX_ITERATIONS)
+        problem = problem.resolved(numbers)
         fits = _fit(problem, numbers, delay_s)
-        step_s = problem.step_s(numbers)
+        step_s = 1 / problem.commanded.rate_hz / problem.steps
         soft = frozenset(joint for joint in problem.soft if _is_soft(fits[joint], step_s))
         if soft == problem.soft:
             return fits
@@ -250,27 +254,26 @@ def fit_commanded(logs: Sequence[CommandedLog]) -> dict[str, CommandedJoint]:
 
 
 def _is_soft(fit: CommandedJoint, step_s: float) -> bool:
-    """Return True if Coulomb friction, and the part of the stick time above one step (step_s), are significant."""
-    least = {"coulomb": 0.0, "stick_time": step_s}
-    return all(fit[name] > size + STICKING_STDS * fit.std(name) for name, size in least.items())
+    """Return True if Coulomb friction, and stick time above one step (step_s) and creep together, are significant."""
+    excess = np.array([max(fit["stick_time"] - step_s, 0.0), fit["creep"]])
+    places = [fit.names.index("stick_time"), fit.names.index("creep")]
+    squared_stds = float(excess @ np.linalg.pinv(fit.covariance[np.ix_(places, places)]) @ excess)  # Wald's statistic
+    stds = min(fit["coulomb"] / max(fit.std("coulomb"), 1e-300), np.sqrt(squared_stds))
+    return stds > SOFT_STDS and fit["creep"] < MAX_CREEP and fit["stick_time"] > step_s
 
 
-def _search(problem: _Problem, numbers: FloatArray, delay_s: float) -> tuple[FloatArray, float]:
-    """Minimise the cost by Gauss-Newton steps. Return numbers (m, 8) and the delay, s."""
-    cost = np.inf
-    for _ in range(MAX_ITERATIONS):
-        end, before, part = _linearise(problem, numbers, delay_s), cost, 1.0
-        cost = end.cost
-        if before - cost < TOLERANCE * len(problem.joints):
+def _search(problem: _Problem, numbers: FloatArray, delay_s: float, iterations: int) -> tuple[FloatArray, float]:
+    """Minimise the cost by Levenberg-Marquardt steps, the best of DAMPINGS. Return numbers (m, 8) and the delay, s."""
+    for _ in range(iterations):
+        problem = problem.resolved(numbers)
+        end = _linearise(problem, numbers, delay_s)
+        trials = [_next_numbers(numbers, delay_s, step, problem.is_free) for step in end.steps()]
+        candidates, delays = np.stack([trial for trial, _ in trials]), np.array([late for _, late in trials])
+        costs = _log_squares(problem, candidates, delays).sum(axis=1)
+        best = int(costs.argmin())
+        if not end.cost - costs[best] > TOLERANCE * len(problem.joints):
             break
-        for _ in range(8):  # halvings
-            trial, late = _next_numbers(numbers, delay_s, part * end.step, problem.is_free)
-            if _log_squares(problem, problem.errors_of(trial, late)) < cost:
-                break
-            part /= 2
-        else:
-            break
-        numbers, delay_s = trial, late
+        numbers, delay_s = trials[best]
     return numbers, delay_s
 
 
@@ -291,13 +294,17 @@ def _next_numbers(
     trial[is_free] += step[:-1]
     J = numbers[:, 0]  # at least a quarter of it; a negative inertia only grows
     trial[:, 0] = np.maximum(trial[:, 0], np.where(J > 0, J / 4, J))
-    trial[:, [2, 6, 7]] = np.clip(trial[:, [2, 6, 7]], 0.0, [np.inf, 0.5, 0.9])  # Coulomb friction, stick time, creep
+    trial[:, [2, 6, 7]] = np.clip(
+        trial[:, [2, 6, 7]], 0.0, [np.inf, 0.5, MAX_CREEP]
+    )  # Coulomb friction, stick time, creep
     return trial, delay_s + float(np.clip(step[-1], -0.02, 0.02))
 
 
-def _log_squares(problem: _Problem, errors: Sequence[FloatArray]) -> float:
-    """Return the sum over joints of the logarithm of their mean squared errors."""
-    return float(np.sum(np.log(_mean_squares(problem, errors))))
+def _log_squares(problem: _Problem, candidates: FloatArray, delays: FloatArray) -> FloatArray:
+    """Return the logarithm (K, m) of each joint's mean squared errors for candidates (K, m, 8) with delays (K,), s."""
+    simulated = problem.simulate(candidates, delays)
+    squares = [_mean_squares(problem, problem.errors(simulated, k)) for k in range(len(delays))]
+    return np.log(np.nan_to_num(squares, nan=np.inf))
 
 
 def _mean_squares(problem: _Problem, errors: Sequence[FloatArray]) -> FloatArray:
@@ -311,17 +318,38 @@ def _mean_squares(problem: _Problem, errors: Sequence[FloatArray]) -> FloatArray
 
 @dataclass(frozen=True)
 class _Linearisation:
-    """Linearised problem: Gauss-Newton step (n_x,), cost, inverse (n_x, n_x) of the normal matrix, scores.
+    """Linearised problem: normal matrix (n_x, n_x), cost, scores.
 
-    unknown: covariance (n_x, n_x) of unidentifiable directions, such as F_c - o without reversals.
     scores: gradient of the weighted squares at each instant of each log (n_k, n_x).
     """
 
-    step: FloatArray
+    normal: FloatArray
     cost: float
-    inverse: FloatArray
-    unknown: FloatArray
     scores: tuple[FloatArray, ...]
+
+    def _spectrum(self) -> tuple[FloatArray, FloatArray]:
+        """Return eigenvalues of the normal matrix with a unit diagonal, and eigenvectors in the units of parameters."""
+        size = np.sqrt(np.maximum(np.diag(self.normal), 1e-200))
+        eigenvalues, vectors = np.linalg.eigh(self.normal / np.outer(size, size))
+        return eigenvalues, vectors / size[:, None]
+
+    def steps(self) -> FloatArray:
+        """Return the Levenberg-Marquardt step (n_x,) of each of DAMPINGS."""
+        eigenvalues, vectors = self._spectrum()
+        least = LEAST_CURVATURE * eigenvalues[-1]
+        slope = vectors.T @ sum(score.sum(axis=0) for score in self.scores) * (eigenvalues > least)
+        return np.array([vectors @ (slope / (np.maximum(eigenvalues, least) + damping)) for damping in DAMPINGS])
+
+    def inverses(self) -> tuple[FloatArray, FloatArray]:
+        """Return the pseudo-inverse (n_x, n_x) of the normal matrix, and a large covariance of its null space.
+
+        The null space has unidentifiable directions, such as F_c - o without reversals.
+        """
+        eigenvalues, vectors = self._spectrum()
+        curvatures = np.maximum(eigenvalues, LEAST_CURVATURE * eigenvalues[-1])
+        vectors = vectors / np.sqrt(curvatures)
+        hidden = vectors * (eigenvalues < curvatures)
+        return (vectors - hidden) @ vectors.T, hidden @ hidden.T
 
 
 def _linearise(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Linearisation:
@@ -345,40 +373,33 @@ def _linearise(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Linea
             joint_rows = np.append(places[i, free], n_x - 1)
             normal[np.ix_(joint_rows, joint_rows)] += X.T @ X
             score[:, joint_rows] += X * (error[:, column] / std)[:, None]
-    inverse, unknown = _inverses(normal)
-    step = inverse @ sum(score.sum(axis=0) for score in scores)
-    return _Linearisation(step, float(np.sum(np.log(variance))), inverse, unknown, tuple(scores))
-
-
-def _inverses(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the pseudo-inverse of a normal matrix (n_x, n_x), and a large covariance of unidentifiable directions."""
-    size = np.sqrt(np.maximum(np.diag(normal), 1e-200))
-    eigenvalues, vectors = np.linalg.eigh(normal / np.outer(size, size))
-    curvatures = np.maximum(eigenvalues, 1e-12 * eigenvalues[-1])
-    vectors /= np.outer(size, np.sqrt(curvatures))
-    hidden = vectors * (eigenvalues < curvatures)
-    return (vectors - hidden) @ vectors.T, hidden @ hidden.T
+    return _Linearisation(normal, float(np.sum(np.log(variance))), tuple(scores))
 
 
 def _start(problem: _Problem) -> tuple[FloatArray, float]:
-    """Return start values (m, 8) by regression at the best of START_DELAYS, and this delay, s.
+    """Return start values (m, 8) and their delay, s.
 
-    Stick time, creep and Coulomb friction of each joint are the best of START_STICKING and COULOMB_FACTORS.
+    A regression at the best of START_DELAYS is followed by a short search from each row of START_STICKING with the best
+    of COULOMB_FACTORS. Each joint has the result with its least cost.
     """
-
-    def costs(candidates: FloatArray, delays: FloatArray) -> FloatArray:  # (K, m)
-        simulated = problem.simulate(candidates, delays)
-        squares = [_mean_squares(problem, problem.errors(simulated, k)) for k in range(len(delays))]
-        return np.log(np.nan_to_num(squares, nan=np.inf))
-
     regressions = np.stack([_regress(problem, delay) for delay in START_DELAYS.tolist()])
-    best = costs(regressions, START_DELAYS).sum(axis=1).argmin()
-    rows, delay_s = [*product(COULOMB_FACTORS, START_STICKING)], float(START_DELAYS[best])
-    candidates = regressions[[best] * len(rows)]
-    candidates[..., 2] *= np.array([factor for factor, _ in rows])[:, None]
-    candidates[..., -2:] = np.array([sticking for _, sticking in rows])[:, None]
-    choices = costs(candidates, np.full(len(candidates), delay_s)).argmin(axis=0)
-    return candidates[choices, np.arange(len(choices))], delay_s
+    problem = problem.resolved(regressions)
+    best = int(_log_squares(problem, regressions, START_DELAYS).sum(axis=1).argmin())
+    delay_s, ends = float(START_DELAYS[best]), []
+    for sticking in START_STICKING:
+        candidates = regressions[[best] * len(COULOMB_FACTORS)]
+        candidates[..., 2] *= np.array(COULOMB_FACTORS)[:, None]
+        candidates[..., -2:] = sticking
+        numbers, _ = _best(problem, candidates, np.full(len(candidates), delay_s))
+        ends.append(_search(problem, numbers, delay_s, START_ITERATIONS))
+    candidates = np.stack([numbers for numbers, _ in ends])
+    return _best(problem.resolved(candidates), candidates, np.array([late for _, late in ends]))
+
+
+def _best(problem: _Problem, candidates: FloatArray, delays: FloatArray) -> tuple[FloatArray, float]:
+    """Return the best candidate of each joint (m, 8), and the delay with the least sum of their costs, s."""
+    costs = _log_squares(problem, candidates, delays)
+    return candidates[costs.argmin(axis=0), np.arange(costs.shape[1])], float(delays[costs.sum(axis=1).argmin()])
 
 
 def smoothed_motion(position: FloatArray, rate_hz: float) -> tuple[list[FloatArray], int]:
@@ -429,11 +450,12 @@ def _fit(problem: _Problem, numbers: FloatArray, delay_s: float) -> dict[str, Co
 
 def _covariance(end: _Linearisation, problem: _Problem, names: Sequence[tuple[str, str]]) -> FloatArray:
     """Return the covariance (n_x, n_x): the largest over time, in the order of the angle, and between logs."""
+    inverse, unknown = end.inverses()
     m, rate_hz = len(end.scores), problem.commanded.rate_hz / problem.window
     counts = [cosine_count(len(score) / rate_hz, m) for score in end.scores]
     meat = sum(long_run(score, count) for score, count in zip(end.scores, counts, strict=True))
     dof = float(sum(counts))
-    covariance = end.inverse @ meat @ end.inverse * small_sample_factors(dof) ** 2
+    covariance = inverse @ meat @ inverse * small_sample_factors(dof) ** 2
     variance, dofs, scores = np.diag(covariance).copy(), np.full(len(covariance), dof), np.vstack(end.scores)
     wider = np.ones(len(covariance))
     for joint in problem.joints:
@@ -443,10 +465,10 @@ def _covariance(end: _Linearisation, problem: _Problem, names: Sequence[tuple[st
             for log, q in zip(problem.logs, problem.measured, strict=True)
         ]
         state = np.concatenate(angles)[:, None]
-        wider[places] = state_widening(end.inverse, scores, state, variance, dofs)[places]
+        wider[places] = state_widening(inverse, scores, state, variance, dofs)[places]
     if m > 1:
-        d = np.array([score.sum(axis=0) for score in end.scores]) @ end.inverse
+        d = np.array([score.sum(axis=0) for score in end.scores]) @ inverse
         ratio = m / (m - 1) * np.sum(d**2, axis=0) / np.maximum(variance, 1e-300)
         exceeds = ratio > np.maximum(fdtri(m - 1, dof, 1 - CHANCE), wider**2)
         wider = np.where(exceeds, np.maximum(np.sqrt(ratio) * small_sample_factors(m - 1.0), wider), wider)
-    return covariance * np.outer(wider, wider) + end.unknown
+    return covariance * np.outer(wider, wider) + unknown

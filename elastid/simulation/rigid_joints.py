@@ -52,20 +52,20 @@ class CommandedJoints:
     coupled_inertia: FloatArray
     is_zoh: bool = True
 
-    def steps(self, inertia: FloatArray) -> int:
-        """Return the number of steps per sample that resolves the loops of joints with inertia (..., S), kg m^2."""
-        J = np.maximum(inertia, 1e-9)
+    def steps(self, numbers: FloatArray) -> int:
+        """Return the number of steps in a sample that resolves the loops of joints with parameters (..., S, 8)."""
+        J = np.maximum(numbers[..., 0] + self.coupled_inertia, 1e-9)
         fastest = float(np.max(np.maximum(np.sqrt(self.kp / J), self.kd / (2 * J))))
         return min(max(2, math.ceil(fastest / self.rate_hz / STEP_RAD)), MAX_STEPS)
 
-    def simulate(self, numbers: FloatArray, delay_s: FloatArray, window: int = 1) -> FloatArray:
+    def simulate(self, numbers: FloatArray, delay_s: FloatArray, steps: int, window: int = 1) -> FloatArray:
         """Simulate the positions (n // window, K, S) of K candidates, rad or m, averaged over windows of samples.
 
-        numbers (K, S, 8): parameters in the order of NUMBERS.  delay_s (K,): T_d, s.  window: samples per mean.
+        numbers (K, S, 8): parameters in the order of NUMBERS.  delay_s (K,): T_d, s.  steps: in a sample; the same for
+        candidates that are compared, because their errors depend on it.  window: samples per mean.
         """
         (n, S), K = self.command.shape, len(delay_s)
         numbers = np.broadcast_to(numbers, (K, S, len(NUMBERS)))
-        steps = self.steps(np.maximum(numbers[..., 0] + self.coupled_inertia, 0.0))
         step, block = self._step(numbers, 1 / self.rate_hz / steps), max(1, BLOCK // steps)
         simulate_block, sums = step.mapaccum(block * steps), np.zeros((n // window, K, S))
         state = np.broadcast_to(np.stack([self.position, self.velocity])[:, None], (2, K, S))

@@ -20,11 +20,17 @@ def joints(reference: FloatArray, held: bool = True) -> CommandedJoints:
     return CommandedJoints(200.0, command, kp * one, kd * one, zero, zero, 0 * command, zero, held)
 
 
+def simulate(commanded: CommandedJoints, numbers: list[list[float]], delay_s: list[float]) -> FloatArray:
+    """Simulate positions (n, K) of one joint for candidates, parameters (K, 8) and delays (K,)."""
+    rows = np.array(numbers)[:, None]
+    return commanded.simulate(rows, np.array(delay_s), commanded.steps(rows))[..., 0]
+
+
 @pytest.mark.parametrize("delay_s", [0.0, 0.0013, 0.0172])
 def test_delayed_step_response_agrees_with_closed_form(delay_s: float) -> None:
     """A fraction of a sample counts as such: the poles of J s^2 + (f + k_d) s + k_p after the delay."""
     reference = np.where(np.arange(200) >= 20, 1.0, 0.0)
-    moved = joints(reference).simulate(np.array([[[J, f, 0, 0, 0, 0, 0, 0]]]), np.array([delay_s]))[:, 0, 0]
+    moved = simulate(joints(reference), [[J, f, 0, 0, 0, 0, 0, 0]], [delay_s])[:, 0]
     t = np.maximum(np.arange(200) / 200 - 0.1 - delay_s, 0.0)
     decay, beat = (f + kd) / (2 * J), math.sqrt(kp / J - ((f + kd) / (2 * J)) ** 2)
     exact = 1 - np.exp(-decay * t) * (np.cos(beat * t) + decay / beat * np.sin(beat * t))
@@ -38,7 +44,7 @@ def test_linear_commands_agree_with_integration_by_scipy() -> None:
     reference, load = 0.3 * np.sin(2 * np.pi * t), 0.2 * t
     commanded = joints(reference, held=False)
     object.__setattr__(commanded, "load", load[:, None])
-    moved = commanded.simulate(np.array([[[J, f, 0, 0.05, 0.4, 0.7, 0, 0]]]), np.array([0.004]))[:, 0, 0]
+    moved = simulate(commanded, [[J, f, 0, 0.05, 0.4, 0.7, 0, 0]], [0.004])[:, 0]
 
     def rate(time: float, x: FloatArray) -> list[float]:
         r = float(np.interp(time - 0.004, t, reference))
@@ -52,31 +58,32 @@ def test_linear_commands_agree_with_integration_by_scipy() -> None:
 def test_a_joint_sticks_where_its_command_is_below_coulomb_friction() -> None:
     """Exactly, without creep; beyond it the joint ends where friction holds the rest of the command."""
     reference = np.full(400, 0.02)
-    moved = joints(reference).simulate(
-        np.array([[[J, f, 0.41, 0, 0, 0, 0, 0]], [[J, f, 0.1, 0, 0, 0, 0, 0]]]), np.zeros(2)
-    )
+    moved = simulate(joints(reference), [[J, f, 0.41, 0, 0, 0, 0, 0], [J, f, 0.1, 0, 0, 0, 0, 0]], [0.0, 0.0])
     assert np.all(moved[:, 0] == 0)
-    assert 0.015 <= moved[-1, 1, 0] <= 0.025
+    assert 0.015 <= moved[-1, 1] <= 0.025
 
 
 def test_a_joint_that_sticks_softly_creeps_at_a_constant_velocity() -> None:
     """c T / J = (1 - c) v / tau under a constant torque T below Coulomb friction; the joint is at rest for c = 0."""
     T, tau, c = 0.2, 0.02, 0.1
     commanded = replace(joints(np.full(2000, T / kp)), kp=np.full(1, 1e-9))
-    numbers = np.array([[[J, 0, 2 * T, 0, 0, 0, tau, creep]] for creep in (c, 0.0)])
-    moved = replace(commanded, kd=np.zeros(1)).simulate(numbers, np.zeros(2))[:, :, 0]
+    numbers = [[J, 0, 2 * T, 0, 0, 0, tau, creep] for creep in (c, 0.0)]
+    moved = simulate(replace(commanded, kd=np.zeros(1)), numbers, [0.0, 0.0])
     velocity = (moved[-1] - moved[1000]) / (999 / 200)
     assert velocity == pytest.approx([c * T / J * tau / (1 - c), 0.0], rel=0.1)
 
 
 def test_candidates_move_as_each_alone() -> None:
     """Together and alone they are the same to rounding; means over windows are means of samples."""
-    reference = 0.3 * np.sin(np.arange(300) / 15)
-    numbers = np.array([[[J, f, 0.1, 0, 0, 0, 0.01, 0.1]], [[J, 2 * f, 0.2, 0, 0.3, 0, 0, 0]]])
-    delays = np.array([0.0, 0.01])
-    together = joints(reference).simulate(numbers, delays)
+    commanded = joints(0.3 * np.sin(np.arange(300) / 15))
+    numbers, delays = (
+        np.array([[J, f, 0.1, 0, 0, 0, 0.01, 0.1], [J / 4, 2 * f, 0.2, 0, 0.3, 0, 0, 0]])[:, None],
+        [0.0, 0.01],
+    )
+    steps = commanded.steps(numbers)
+    together = commanded.simulate(numbers, np.array(delays), steps)
     for k in range(2):
-        alone = joints(reference).simulate(numbers[k : k + 1], delays[k : k + 1])
+        alone = commanded.simulate(numbers[k : k + 1], np.array(delays[k : k + 1]), steps)
         np.testing.assert_allclose(together[:, k], alone[:, 0], atol=1e-14)
-    means = joints(reference).simulate(numbers, delays, window=5)
+    means = commanded.simulate(numbers, np.array(delays), steps, window=5)
     np.testing.assert_allclose(means, together.reshape(60, 5, 2, 1).mean(axis=1), atol=1e-14)
