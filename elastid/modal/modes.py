@@ -65,6 +65,14 @@ class Modes:
     __repr__, _repr_html_ = as_text, as_html
 
     @property
+    def most_alike(self) -> list[tuple[int, float]]:
+        """For each mode the other mode with the most similar shape, and their MAC; none with one mode or one place."""
+        if self.n_modes < 2 or len(self.places) < 2:
+            return []
+        others = mac(self.place_shapes[0], self.place_shapes[0]) - 2 * np.eye(self.n_modes)
+        return [(int(k), float(row[k])) for row, k in zip(others, others.argmax(axis=1), strict=True)]
+
+    @property
     def display(self) -> Display:
         """Frequency and damping of each mode with their intervals."""
         rows = []
