@@ -373,11 +373,11 @@ def save(path: Path | str, value: Result | Sequence[Response] | Iterable[Record]
     if isinstance(value, Result):
         write_fit(path, value)
         return
-    parts = tuple(value) if isinstance(value, Iterable) else ()
-    if parts and all(isinstance(part, Response) for part in parts):
-        write_responses(path, parts)
-    elif parts and all(isinstance(part, Record) for part in parts):
-        write_records(path, parts)
+    responses = tuple(value) if isinstance(value, Iterable) else ()
+    if responses and all(isinstance(response, Response) for response in responses):
+        write_responses(path, responses)
+    elif responses and all(isinstance(response, Record) for response in responses):
+        write_records(path, responses)
     else:
         raise TypeError(f"value is of type {type(value).__name__}; give a Result, or a sequence of Response or Record")
 

@@ -6,15 +6,16 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled, release
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text
-from elastid.base.workers import Kept
+from elastid.base.large_arrays import release
+from elastid.base.workers import KeptOnce
 
 CovarianceForm: TypeAlias = Literal["diagonal", "kronecker", "full"]
 
 
 @frozen_value
-class Covariance(Kept):
+class Covariance(KeptOnce):
     """Covariance of vec G per line (column-major vec), in the form that the data support, with its degrees of freedom.
 
     full:       matrix (F, n_y n_u, n_y n_u) Hermitian
@@ -64,27 +65,27 @@ class Covariance(Kept):
 
     def lines(self, keep: BoolArray) -> "Covariance":
         """Select lines; keep (F,) is True for a line that stays."""
-        parts = (self.left, self.right, self.matrix)
-        left, right, matrix = (None if part is None else np.asarray(part)[keep] for part in parts)
+        matrices = (self.left, self.right, self.matrix)
+        left, right, matrix = (None if A is None else np.asarray(A)[keep] for A in matrices)
         return replace(self, variance=self.variance[keep], left=left, right=right, matrix=matrix)
 
     def release(self) -> None:
         """Release the memory of mapped values; they are read again on demand."""
-        for part in (self.left, self.right, self.matrix):
-            release(part)
+        for matrix in (self.left, self.right, self.matrix):
+            release(matrix)
 
     @property
     def in_file(self) -> ComplexArray | None:
-        """The part that says in which folder its file is, if it is in one (`base.arrays.stored_beside`)."""
-        return next((part for part in (self.matrix, self.right) if part is not None), None)
+        """The part that says in which folder its file is, if it is in one (`base.large_arrays.move_beside`)."""
+        return next((matrix for matrix in (self.matrix, self.right) if matrix is not None), None)
 
     def elements(self, rows: Sequence[int], columns: Sequence[int]) -> "Covariance":
         """Select outputs and inputs by their indices."""
         n_y = self.variance.shape[1]
         of_vec = [i + n_y * j for j in columns for i in rows]
 
-        def block(part: ComplexArray | None, indices: Sequence[int]) -> ComplexArray | None:
-            return None if part is None else np.asarray(part)[:, indices][:, :, indices]
+        def block(A: ComplexArray | None, indices: Sequence[int]) -> ComplexArray | None:
+            return None if A is None else np.asarray(A)[:, indices][:, :, indices]
 
         left, right = block(self.left, columns), block(self.right, rows)
         variance, matrix = self.variance[:, rows][:, :, columns], block(self.matrix, of_vec)
@@ -101,5 +102,5 @@ def scaled(covariance: Covariance | None, power: FloatArray) -> Covariance | Non
     """Scale the covariance by power (F, 1, 1) = |gain|^2, for a response times a gain."""
     if covariance is None:
         return None
-    left, matrix = (None if part is None else part * power for part in (covariance.left, covariance.matrix))
+    left, matrix = (None if A is None else A * power for A in (covariance.left, covariance.matrix))
     return replace(covariance, variance=covariance.variance * power, left=left, matrix=matrix)

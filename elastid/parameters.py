@@ -152,11 +152,11 @@ class Parameters:
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f"parameter {name} is given twice")
-        places = [(p.stands_for, configuration) for p in self.parameters for configuration in p.only]
-        for name, configuration in places:
+        keys = [(p.stands_for, configuration) for p in self.parameters for configuration in p.only]
+        for name, configuration in keys:
             if name not in self.names:
                 raise ValueError(f"{name}@ in configuration {configuration} is no parameter; parameters: {self.names}")
-            if places.count((name, configuration)) > 1:
+            if keys.count((name, configuration)) > 1:
                 raise ValueError(f"{name} has two values in configuration {configuration}")
         for parameter in self.parameters:
             if parameter.tie is None:

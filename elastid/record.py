@@ -9,6 +9,7 @@ joint), `body arm z` and `frame tool rz` (absolute rotation of a body or frame a
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import field, replace
+from itertools import starmap
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -70,7 +71,7 @@ class JointLoop:
     def gain_derivatives(self, change: Callable[..., Any], *others: "JointLoop") -> "JointLoop":
         """Return derivatives of a joint loop with respect to kp, kd and ki, combined with the other loops."""
         gains = zip(*((loop.kp, loop.kd, loop.ki) for loop in (self, *others)), strict=True)
-        return JointLoop(*(change(*values) for values in gains))
+        return JointLoop(*starmap(change, gains))
 
     def response(self, delay: ComplexArray, rate_hz: float) -> ComplexArray:
         """Return F (..., n_u), torque over angle of the sampled loop, at the frequencies of a `unit_delay` (...)."""
@@ -182,7 +183,7 @@ class Record:
     u : array (n_samples, n_u)
         Acting torque, Nm (N for sliding joints).
     y : array (n_samples, n_y)
-        Outputs in SI. Large signals are `base.arrays.LargeArray`: x[a:b] reads these samples.
+        Outputs in SI. Large signals are `base.large_arrays.LargeArray`: x[a:b] reads these samples.
     r : array (n_samples, n_u) or None
         Injected torque, or the commanded positions of the motors, rad.
     r_is_reference : bool
@@ -291,12 +292,12 @@ class Record:
     def output_units(self) -> tuple[str, ...]:
         """The unit of each output."""
         pairs = zip(self.quantities, self.outputs, strict=True)
-        return tuple(motion_unit(quantity, place in self.sliding) for quantity, place in pairs)
+        return tuple(motion_unit(quantity, location in self.sliding) for quantity, location in pairs)
 
     @property
     def units_of_inputs(self) -> tuple[str, ...]:
         """The unit of each input."""
-        return self.input_units or tuple(drive_unit(place in self.sliding) for place in self.inputs)
+        return self.input_units or tuple(drive_unit(location in self.sliding) for location in self.inputs)
 
     @property
     def time_s(self) -> FloatArray:

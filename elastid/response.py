@@ -16,7 +16,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_valu
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import Note, check_kind, index_of, installed
 from elastid.base.escape import control_labels
-from elastid.base.workers import Kept
+from elastid.base.workers import KeptOnce
 from elastid.covariance import Covariance as Covariance
 from elastid.covariance import scaled
 from elastid.record import (
@@ -38,7 +38,7 @@ UNEXPLAINED = "nonlinear/unexplained-distortion"  # code of a note on distortion
 
 
 @frozen_value
-class Levels:
+class LineAmplitudes:
     """RMS amplitudes (K, n_y) of the outputs at freq_hz (K,), in `quantity`, and of the noise (K, n_y) in them.
 
     amplitude is that of the mean over periods, in the mean square over all experiments; noise is part of it.
@@ -66,10 +66,10 @@ class Quality:
     input_singular_values: FloatArray = labelled("singular values of the inputs over their RMS", "", "freq_hz rank")
     input_noise: FloatArray = labelled("noise variance in one period", "({units_of_inputs})^2", "freq_hz inputs")
     output_noise: FloatArray = labelled("noise variance in one period", "({output_unit})^2", "freq_hz outputs")
-    excited: Levels
+    excited: LineAmplitudes
     stochastic: FloatArray | None = labelled("RMS distortion", "{output_unit}", "freq_hz outputs", default=None)
-    even: Levels | None = None
-    odd: Levels | None = None
+    even: LineAmplitudes | None = None
+    odd: LineAmplitudes | None = None
 
     @property
     def condition(self) -> FloatArray:
@@ -81,7 +81,7 @@ class Quality:
     def lines(self, keep: BoolArray) -> "Quality":
         """Select lines; keep (F,) is True for a line that stays."""
         arrays: dict[str, Any] = {name: part[keep] for name, part in vars(self).items() if isinstance(part, np.ndarray)}
-        return replace(self, **arrays, excited=Levels(*(part[keep] for part in vars(self.excited).values())))
+        return replace(self, **arrays, excited=LineAmplitudes(*(part[keep] for part in vars(self.excited).values())))
 
 
 @frozen_value
@@ -116,7 +116,7 @@ class MotorMotion:
 
 
 @frozen_value
-class Response(Kept):
+class Response(KeptOnce):
     """Measured frequency response G of one configuration, link side.
 
     Parameters
@@ -268,7 +268,7 @@ class Response(Kept):
     @property
     def units_of_inputs(self) -> tuple[str, ...]:
         """The unit of each input."""
-        return self.input_units or tuple(drive_unit(place in self.sliding) for place in self.inputs)
+        return self.input_units or tuple(drive_unit(location in self.sliding) for location in self.inputs)
 
     @property
     def output_unit(self) -> str:
@@ -285,37 +285,30 @@ class Response(Kept):
         if np.shape(keep) != (self.n_lines,):
             raise ValueError(f"keep has shape {np.shape(keep)}; the response has {self.n_lines} lines")
 
-        given = {name: part for name, part in vars(self).items() if part is not None}
+        given = {name: value for name, value in vars(self).items() if value is not None}
         arrays = {name: given[name][keep] for name in ("freq_hz", "G", "leakage") if name in given}
-        parts = {name: given[name].lines(keep) for name in ("noise", "total", "quality") if name in given}
-        return replace(self, **arrays, **parts, bias=None if self.bias is None else self.bias[:, :, keep])
+        selected = {name: given[name].lines(keep) for name in ("noise", "total", "quality") if name in given}
+        return replace(self, **arrays, **selected, bias=None if self.bias is None else self.bias[:, :, keep])
 
-    def __getitem__(self, places: tuple[str | Sequence[str], str | Sequence[str]]) -> "Response":
+    def __getitem__(self, locations: tuple[str | Sequence[str], str | Sequence[str]]) -> "Response":
         """The response of some outputs to some inputs: response["motor 1", "motor 2"], outputs first, with covariance.
 
         Each a place or a sequence of places.  Quality and errors by friction belong to all of them and are left out.
         UnknownNameError for a place that is none.
         """
-        check_kind(places, tuple, "places", 'give outputs and inputs, response["joint 1", "motor 1"]')
-        outputs, inputs = ((place,) if isinstance(place, str) else tuple(place) for place in places)
-        rows = [index_of(place, self.outputs, "output") for place in outputs]
-        columns = [index_of(place, self.inputs, "input") for place in inputs]
+        check_kind(locations, tuple, "places", 'give outputs and inputs, response["joint 1", "motor 1"]')
+        outputs, inputs = ((location,) if isinstance(location, str) else tuple(location) for location in locations)
+        rows = [index_of(location, self.outputs, "output") for location in outputs]
+        columns = [index_of(location, self.inputs, "input") for location in inputs]
 
         uncertainties = {"noise": self.noise, "total": self.total}
-        part: dict[str, Any] = {n: c.elements(rows, columns) for n, c in uncertainties.items() if c is not None}
+        selected: dict[str, Any] = {n: c.elements(rows, columns) for n, c in uncertainties.items() if c is not None}
         return replace(
-            self,
-            **part,
-            G=self.G[:, rows][:, :, columns],
-            inputs=inputs,
-            outputs=outputs,
+            self, **selected, G=self.G[:, rows][:, :, columns], inputs=inputs, outputs=outputs,
             input_units=tuple(self.input_units[j] for j in columns) if self.input_units else (),
-            leakage=None if self.leakage is None else self.leakage[:, rows][:, :, columns],
-            quality=None,
-            bias=None,
-            image_errors=0,
-            ratio_std=self.ratio_std[columns] if len(self.ratio_std) else self.ratio_std,
-        )
+            leakage=None if self.leakage is None else self.leakage[:, rows][:, :, columns], quality=None, bias=None,
+            image_errors=0, ratio_std=self.ratio_std[columns] if len(self.ratio_std) else self.ratio_std,
+        )  # fmt: skip
 
     @property
     def std(self) -> FloatArray:

@@ -21,38 +21,38 @@ import prose
 ROOT = Path(__file__).parents[1]
 ROOMS = ("elastid", "tests", "scripts")
 # Kinds of files of elastid beside Python, by the ends of their names.
-OTHERS = {"c": (".c", ".h"), "javascript": (".js",), "css": (".css",), "templates": (".j2", ".m", ".txt", ".yml")}
+FILE_KINDS = {"c": (".c", ".h"), "javascript": (".js",), "css": (".css",), "templates": (".j2", ".m", ".txt", ".yml")}
 Budget = Mapping[str, Mapping[str, int]]
 
 
-def counted(root: Path) -> dict[str, dict[str, int]]:
-    """All numbers of the house at `root`."""
+def measure_sizes(root: Path) -> dict[str, dict[str, int]]:
+    """Return all numbers of the house at `root`."""
     sizes: dict[str, dict[str, int]] = {}
-    for room in ROOMS:
-        texts = [path.read_text(encoding="utf-8") for path in sorted((root / room).rglob("*.py"))]
+    for area in ROOMS:
+        texts = [path.read_text(encoding="utf-8") for path in sorted((root / area).rglob("*.py"))]
         trees = [ast.parse(text) for text in texts]
-        sizes[room] = {
+        sizes[area] = {
             "lines": sum(len(text.splitlines()) for text in texts),
             "nodes": sum(1 for tree in trees for _ in ast.walk(tree)),
         }
-        if room == "elastid":
+        if area == "elastid":
             for kind in (sentences, commands):
-                sizes[room][kind.__name__] = sum(1 for tree in trees for _ in kind(tree))
-            sizes[room]["thresholds"] = sum(map(thresholds, trees))
-            sizes[room] |= {f"{kind}_lines": lines(root / room, ends) for kind, ends in OTHERS.items()}
+                sizes[area][kind.__name__] = sum(1 for tree in trees for _ in kind(tree))
+            sizes[area]["thresholds"] = sum(map(thresholds, trees))
+            sizes[area] |= {f"{kind}_lines": lines(root / area, ends) for kind, ends in FILE_KINDS.items()}
     sizes["prose"] = prose.counted(root)
     sizes["elastid"]["names"] = public_names((root / "elastid" / "__init__.pyi").read_text(encoding="utf-8"))
     return sizes
 
 
 def lines(folder: Path, ends: tuple[str, ...]) -> int:
-    """Lines of files whose names end so; minimised libraries of others are left out."""
+    """Count the lines of files whose names end so; minimised libraries of others are left out."""
     files = [path for path in folder.rglob("*") if path.name.endswith(ends) and ".min." not in path.name]
     return sum(len(path.read_text(encoding="utf-8").splitlines()) for path in files)
 
 
 def thresholds(tree: ast.Module) -> int:
-    """Numbers in constants of a module, and in defaults of fields of Limits and Thresholds."""
+    """Count the numbers in constants of a module, and in defaults of fields of Limits and Thresholds."""
     classes = [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
     bodies = [tree.body, *(each.body for each in classes if each.name.endswith(("Limits", "Thresholds")))]
     statements = [each for body in bodies for each in body if isinstance(each, ast.Assign | ast.AnnAssign)]
@@ -60,7 +60,7 @@ def thresholds(tree: ast.Module) -> int:
 
 
 def numbers(node: ast.expr | None) -> int:
-    """One for a number or an arithmetic of numbers; the numbers that a tuple, list, set or dict of them contains."""
+    """Count one for a number or an arithmetic of numbers, and the numbers that a tuple, list, set or dict contains."""
     if isinstance(node, ast.Tuple | ast.List | ast.Set):
         return sum(map(numbers, node.elts))
     if isinstance(node, ast.Dict):
@@ -73,20 +73,20 @@ def numbers(node: ast.expr | None) -> int:
 
 
 def sentences(tree: ast.Module) -> Iterator[ast.AST]:
-    """Texts of five words and more that end as a sentence does, and those with holes for numbers."""
+    """Yield texts of five words and more that end as a sentence does, and those with holes for numbers."""
     nodes = [*ast.walk(tree)]
     apart = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
     apart |= {id(part) for node in nodes if isinstance(node, ast.JoinedStr) for part in node.values}
     for node in nodes:
         holes = isinstance(node, ast.JoinedStr)
         parts = [node, *node.values] if isinstance(node, ast.JoinedStr) else [node]
-        said = "".join(str(part.value) for part in parts if isinstance(part, ast.Constant) and part.value is not None)
-        if id(node) not in apart and len(said.split()) > 4 and (holes or said.rstrip()[-1] in ".!?:;"):
+        text = "".join(str(part.value) for part in parts if isinstance(part, ast.Constant) and part.value is not None)
+        if id(node) not in apart and len(text.split()) > 4 and (holes or text.rstrip()[-1] in ".!?:;"):
             yield node
 
 
 def commands(tree: ast.Module) -> Iterator[ast.AST]:
-    """Decorators that make a function a command, and stages that have a help of their own."""
+    """Yield decorators that make a function a command, and stages that have a help of their own."""
     for node in ast.walk(tree):
         if isinstance(node, ast.FunctionDef):
             yield from (each for each in node.decorator_list if ast.unparse(each).split("(")[0].endswith(".command"))
@@ -95,37 +95,37 @@ def commands(tree: ast.Module) -> Iterator[ast.AST]:
 
 
 def public_names(text: str) -> int:
-    """Names that a stub file exports."""
+    """Count the names that a stub file exports."""
     return sum(len(node.names) for node in ast.parse(text).body if isinstance(node, ast.ImportFrom))
 
 
-def exceeded(stands: Budget, budget: Budget) -> list[str]:
-    """A line for each number above the budget: what, where, how much."""
+def list_excesses(sizes: Budget, budget: Budget) -> list[str]:
+    """Return a line for each number above the budget: what, where, how much."""
     over = []
-    for room, numbers in stands.items():
-        for what, number in numbers.items():
-            if number > (allowed := budget.get(room, {}).get(what, 0)):
-                over.append(f"{room}: {what}: {number}, {number - allowed} more than the budget of {allowed}")
+    for area, numbers in sizes.items():
+        for name, number in numbers.items():
+            if number > (limit := budget.get(area, {}).get(name, 0)):
+                over.append(f"{area}: {name}: {number}, {number - limit} more than the budget of {limit}")
     return over
 
 
-def written(stands: Budget, budget: Budget) -> str:
-    """The file with each number that fell; a number that it does not have is taken as it stands."""
+def lowered_text(sizes: Budget, budget: Budget) -> str:
+    """Return the text of the file with each number that fell; a number that it does not have is taken as it stands."""
     text = "# Sizes that may only fall: `python scripts/budget.py --lower` writes those that did.\n"
-    for room, numbers in stands.items():
-        lower = {what: min(number, budget.get(room, {}).get(what, number)) for what, number in numbers.items()}
-        text += "".join([f"\n[{room}]\n", *(f"{what} = {number}\n" for what, number in lower.items())])
+    for area, numbers in sizes.items():
+        lower = {name: min(number, budget.get(area, {}).get(name, number)) for name, number in numbers.items()}
+        text += "".join([f"\n[{area}]\n", *(f"{name} = {number}\n" for name, number in lower.items())])
     return text
 
 
 def main(arguments: list[str], root: Path = ROOT) -> int:
-    """Exit code of the comparison, after the file was lowered where that is asked for."""
+    """Compare the numbers with the file, lowered before if asked for. Return the exit code."""
     path = root / "scripts" / "budget.toml"
     budget = tomllib.loads(path.read_text(encoding="utf-8"))
-    stands = counted(root)
+    sizes = measure_sizes(root)
     if arguments == ["--lower"]:
-        path.write_text(written(stands, budget), encoding="utf-8")
-    over = exceeded(stands, budget)
+        path.write_text(lowered_text(sizes, budget), encoding="utf-8")
+    over = list_excesses(sizes, budget)
     print("\n".join([*over, *(["take away as much as you add: scripts/budget.toml only goes down"] if over else [])]))
     return int(bool(over))
 

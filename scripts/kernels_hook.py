@@ -50,21 +50,21 @@ class KernelsHook(BuildHookInterface):  # type: ignore[misc]
 
 
 def compiler(target: str) -> list[str]:
-    """The command of the C compiler; OSError without one."""
+    """Return the command of the C compiler; OSError without one."""
     try:
         cc = shlex.split(os.environ.get("CC", ""), posix=os.name != "nt")
     except ValueError as error:
         raise OSError(f"CC={os.environ['CC']} is no command: {error}") from None
     names = [cc] if cc else [[name] for name in (("clang",) if target.startswith("win") else ("cc", "gcc", "clang"))]
-    for name, *words in names:
+    for name, *options in names:
         path = shutil.which(name)
         if path:
-            return [path, *words]
+            return [path, *options]
     raise OSError(f"no C compiler: looked for {', '.join(name for name, *_ in names)}")
 
 
 def build(command: list[str], target: str, library: Path) -> None:
-    """A complete library appears, or none; OSError, RuntimeError or TimeoutExpired where that fails."""
+    """Build the library, complete or not at all; OSError, RuntimeError or TimeoutExpired where that fails."""
     command = [*command, *platform_flags(target)]
     digest, headers = hashlib.sha256(), sorted(library.parent.glob("*.[ch]"))
     for path in headers:
@@ -86,39 +86,39 @@ def build(command: list[str], target: str, library: Path) -> None:
 
 def run(call: list[str]) -> None:
     """Run the compiler within MAX_COMPILE_S; RuntimeError with its last words where it fails."""
-    done = subprocess.run(call, capture_output=True, timeout=MAX_COMPILE_S, stdin=subprocess.DEVNULL, check=False)
-    if done.returncode:
-        words = done.stderr.decode(errors="replace").strip()[-500:]
-        raise RuntimeError(f"{call[0]} ends with status {done.returncode}: {words}")
+    process = subprocess.run(call, capture_output=True, timeout=MAX_COMPILE_S, stdin=subprocess.DEVNULL, check=False)
+    if process.returncode:
+        output = process.stderr.decode(errors="replace").strip()[-500:]
+        raise RuntimeError(f"{call[0]} ends with status {process.returncode}: {output}")
 
 
 def magnitudes(target: str) -> tuple[str, ...]:
-    """Levels of processor that kernels are compiled for; `processor.c` never chooses avx512 on macOS."""
+    """Return levels of processor that kernels are compiled for; `processor.c` never chooses avx512 on macOS."""
     if machine(target) != "x86_64":
         return ("portable",)
     return ("portable", "avx2") if target.startswith("macosx") else tuple(LEVELS)
 
 
 def machine(target: str) -> str:
-    """Processor family of a platform: x86_64, arm64, ..."""
+    """Return processor family of a platform: x86_64, arm64, ..."""
     name = target.replace("_", "-").rsplit("-", 1)[-1] if target.startswith("win") else target.rsplit("-", 1)[-1]
     return {"amd64": "x86_64", "universal2": platform.machine()}.get(name, name)
 
 
 def platform_flags(target: str) -> list[str]:
-    """Of compiler and linker on one system."""
+    """Return the flags of compiler and linker on one system."""
     if target.startswith("macosx"):
         return ["-fPIC", "-arch", machine(target), f"-mmacosx-version-min={OLDEST_MACOS}"]
     return [] if target.startswith("win") else ["-fPIC"]
 
 
 def math_library(target: str) -> list[str]:
-    """The library of the square root."""
+    """Return the library of the square root."""
     return ["-lm"] if target.startswith("linux") else []
 
 
 def wheel_platform(target: str) -> str:
-    """The platform in the name of the wheel."""
+    """Return the platform in the name of the wheel."""
     if target.startswith("macosx"):
         return f"macosx_{OLDEST_MACOS.replace('.', '_')}_{machine(target)}"
     return target.replace("-", "_").replace(".", "_")

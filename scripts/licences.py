@@ -16,7 +16,7 @@ from packaging.utils import canonicalize_name
 LOCK = Path(__file__).parents[1] / "uv.lock"
 FORBIDDEN = re.compile(r"\bA?GPL|(?<!LESSER )GENERAL PUBLIC|AFFERO|NON-?COMMERCIAL|\bNC\b", re.IGNORECASE)
 # Licences that the metadata leave out, or state for more than what is installed; read in the packages themselves.
-STATED = {
+STATED_LICENCES = {
     "cmeel-qhull": "Qhull (free to use, with its notice)",
     "docutils": "public domain, BSD-2-Clause, PSF (the GPL is that of a mode for Emacs in its sources)",
     "fmpy": "BSD-2-Clause",
@@ -24,25 +24,25 @@ STATED = {
 
 
 def licence_of(distribution: Distribution) -> str:
-    """The licence of an installed package: as an expression, as classifiers, or as the first line of a text."""
+    """Return the licence of an installed package: as an expression, as classifiers, or as the first line of a text."""
     metadata = distribution.metadata.json
     if expression := metadata.get("license_expression"):
         return str(expression)
     classifiers = [each for each in metadata.get("classifier", ()) if each.startswith("License :: ")]
-    words = [each.rpartition(" :: ")[2] for each in classifiers if each.count(" :: ") > 1]
-    return "; ".join(words or str(metadata.get("license") or "").strip().splitlines()[:1])
+    names = [each.rpartition(" :: ")[2] for each in classifiers if each.count(" :: ") > 1]
+    return "; ".join(names or str(metadata.get("license") or "").strip().splitlines()[:1])
 
 
 def main() -> int:
     packages = tomllib.loads(LOCK.read_text(encoding="utf-8"))["package"]
-    installed, refused = {str(canonicalize_name(each.metadata["Name"])): each for each in distributions()}, []
+    installed, rejections = {str(canonicalize_name(each.metadata["Name"])): each for each in distributions()}, []
     for name in sorted({each["name"] for each in packages if "registry" in each["source"]} & set(installed)):
-        licence = STATED.get(name) or licence_of(installed[name])
+        licence = STATED_LICENCES.get(name) or licence_of(installed[name])
         print(f"{name:30} {installed[name].version:12} {licence}")
-        if name not in STATED and (not licence or FORBIDDEN.search(licence)):
-            refused.append(f"refused: {name}: {licence or 'no licence is stated'}")
-    print(*refused, sep="\n", end="\n" if refused else "")
-    return 1 if refused else 0
+        if name not in STATED_LICENCES and (not licence or FORBIDDEN.search(licence)):
+            rejections.append(f"refused: {name}: {licence or 'no licence is stated'}")
+    print(*rejections, sep="\n", end="\n" if rejections else "")
+    return 1 if rejections else 0
 
 
 if __name__ == "__main__":

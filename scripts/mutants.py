@@ -51,14 +51,14 @@ SWAPS = {a: b for pair in PAIRS for a, b in (pair, pair[::-1])} | {ast.MatMult: 
 
 
 def changes(tree: ast.Module) -> list[tuple[int, Callable[[], None]]]:
-    """(line, change) of all that can be changed in the functions of a module; texts and annotations stay."""
+    """Return (line, change) of all that can be changed in the functions of a module; texts and annotations stay."""
     functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
-    nodes = {id(node): node for function in functions for part in function.body for node in calculated(part)}
+    nodes = {id(node): node for function in functions for part in function.body for node in executable_nodes(part)}
     return [(node.lineno, change) for node in nodes.values() for change in changes_of(node)]
 
 
-def calculated(node: ast.AST) -> Iterator[Any]:
-    """A node and those below it, without messages, annotations and nested functions, which come by themselves."""
+def executable_nodes(node: ast.AST) -> Iterator[Any]:
+    """Yield a node and those below it, without messages, annotations and nested functions, which come by themselves."""
     if isinstance(node, ast.JoinedStr | ast.Raise | ast.FunctionDef | ast.ClassDef):
         return
     yield node
@@ -68,11 +68,11 @@ def calculated(node: ast.AST) -> Iterator[Any]:
         if name not in ("annotation", "returns", "slice"):
             for child in value if isinstance(value, list) else [value]:
                 if isinstance(child, ast.AST):
-                    yield from calculated(child)
+                    yield from executable_nodes(child)
 
 
 def changes_of(node: Any) -> Iterator[Callable[[], None]]:
-    """Each way in which one node is changed."""
+    """Yield each way in which one node is changed."""
     if isinstance(node, ast.BinOp | ast.BoolOp) and type(node.op) in SWAPS:
         if not any(isinstance(side, ast.Constant | ast.JoinedStr | ast.List) for side in ast.iter_child_nodes(node)):
             yield lambda: setattr(node, "op", SWAPS[type(node.op)]())
@@ -95,33 +95,33 @@ class Mutant:
     tree: ast.Module
 
     def code(self) -> CodeType:
-        """The compiled module."""
+        """Return the compiled module."""
         return compile(self.tree, str(self.path), "exec")
 
     def is_executed(self, lines: set[tuple[str, int]]) -> bool:
-        """True if its statement is among executed lines of files."""
+        """Return True if its statement is among executed lines of files."""
         return any((str(self.path), line) in lines for line in self.lines)
 
     def __str__(self) -> str:
-        before = ast.unparse(ast.parse(self.path.read_text(encoding="utf-8"))).splitlines()
-        pairs = zip(before, ast.unparse(self.tree).splitlines(), strict=True)
-        changed = next(new.strip() for old, new in pairs if new != old)
-        return f"{self.path.relative_to(ROOT)}:{self.lines[0]}: {changed}"
+        original = ast.unparse(ast.parse(self.path.read_text(encoding="utf-8"))).splitlines()
+        pairs = zip(original, ast.unparse(self.tree).splitlines(), strict=True)
+        new_line = next(new.strip() for old, new in pairs if new != old)
+        return f"{self.path.relative_to(ROOT)}:{self.lines[0]}: {new_line}"
 
 
 def mutants(room: str, count: int, seed: int) -> list[Mutant]:
-    """So many mutants of a room, drawn by seed, module and text of the line: other lines may change."""
-    drawn, trees = [], {}
+    """Draw mutants of a room by seed, module and text of the line, so that changes of other lines do not matter."""
+    keys, trees = [], {}
     for path in sorted((ROOT / "elastid" / room).rglob("*.py")):
         text, occurrences = path.read_text(encoding="utf-8"), Counter[str]()
         trees[path] = ast.parse(text)
         for index, (line, _) in enumerate(changes(trees[path])):
-            changed = text.splitlines()[line - 1].strip()
-            occurrences[changed] += 1
-            rank = random.Random(f"{seed} {path.relative_to(ROOT)} {changed} {occurrences[changed]}").random()
-            drawn.append((rank, path, index))
+            line_text = text.splitlines()[line - 1].strip()
+            occurrences[line_text] += 1
+            rank = random.Random(f"{seed} {path.relative_to(ROOT)} {line_text} {occurrences[line_text]}").random()
+            keys.append((rank, path, index))
     sites = []
-    for _, path, index in sorted(sorted(drawn)[:count], key=lambda each: each[1:]):
+    for _, path, index in sorted(sorted(keys)[:count], key=lambda each: each[1:]):
         copy = deepcopy(trees[path])
         line, change = changes(copy)[index]
         change()
@@ -130,19 +130,19 @@ def mutants(room: str, count: int, seed: int) -> list[Mutant]:
 
 
 def statement(tree: ast.Module, line: int) -> range:
-    """Lines of the innermost statement at a line, without those of its body."""
+    """Return lines of the innermost statement at a line, without those of its body."""
     nodes = [node for node in ast.walk(tree) if isinstance(node, ast.stmt) and node.lineno <= line]
     inner: Any = max((node for node in nodes if (node.end_lineno or 0) >= line), key=lambda node: node.lineno)
     return range(inner.lineno, inner.body[0].lineno if hasattr(inner, "body") else inner.end_lineno + 1)
 
 
-def in_copy(work: Callable[..., Any], *given: Any) -> Any:
-    """The value of a function that runs in a copy of this process; None if the copy ends without one."""
+def in_copy(work: Callable[..., Any], *arguments: Any) -> Any:
+    """Return the value of a function that runs in a copy of this process; None if the copy ends without one."""
     with TemporaryFile() as file:
         if (process := os.fork()) == 0:
             try:
                 os.setpgid(0, 0)
-                file.write(pickle.dumps(work(*given)))
+                file.write(pickle.dumps(work(*arguments)))
             except Exception as error:
                 file.write(pickle.dumps(error))
             finally:
@@ -154,21 +154,21 @@ def in_copy(work: Callable[..., Any], *given: Any) -> Any:
             with suppress(OSError):  # workers of its tests that it left
                 os.killpg(process, signal.SIGKILL)
         file.seek(0)
-        value = pickle.loads(said) if (said := file.read()) else None
+        value = pickle.loads(data) if (data := file.read()) else None
     if isinstance(value, Exception):
         raise value
     return value
 
 
 def install(mutant: Mutant) -> None:
-    """Gives the functions of a loaded module the code of the mutant; tests freeze objects, which hides these."""
+    """Give the functions of a loaded module the code of the mutant; tests freeze objects, which hides these."""
     gc.unfreeze()
     codes, queue = {}, [mutant.code()]
     while queue:
         code = queue.pop()
         codes[code.co_qualname, code.co_firstlineno] = code
         queue += [part for part in code.co_consts if isinstance(part, CodeType)]
-    for function in [each for each in gc.get_objects() if type(each) is FunctionType]:
+    for function in [f for f in gc.get_objects() if type(f) is FunctionType]:
         code = function.__code__
         if code.co_filename == str(mutant.path) and code.co_name != "<lambda>":
             function.__code__ = codes.get((code.co_qualname, code.co_firstlineno), code)
@@ -177,50 +177,50 @@ def install(mutant: Mutant) -> None:
 class Judge:
     """Plugin of pytest: in copies of the process, each test of a room is recorded and each mutant meets its tests."""
 
-    def __init__(self, room: str, drawn: list[Mutant]) -> None:
-        self.room, self.drawn = room, drawn
+    def __init__(self, room: str, mutants_: list[Mutant]) -> None:
+        self.room, self.drawn = room, mutants_
         self.folder, self.lines = str(ROOT / "elastid" / room) + os.sep, set[tuple[str, int]]()
         self.failing, self.survive, self.seconds = ["collection"], list[bool | None](), dict[Any, float]()
 
     def verdict(self) -> tuple[list[str], list[bool | None], int]:
-        """Tests that fail without a mutant; whether each mutant survives, None if it has to be imported; limit in s."""
+        """Return tests that fail without a mutant, whether each mutant survives (None: to be imported), limit in s."""
         threading.settrace(self.trace)
         sys.settrace(self.trace)
         run_pytest(self.room, self)
         return self.failing, self.survive, limit_s(sum(self.seconds.values()))
 
     def trace(self, frame: FrameType, event: str, argument: object) -> Any:
-        """Trace function that notes executed lines of the room."""
+        """Note the executed lines of the room (trace function)."""
         if not frame.f_code.co_filename.startswith(self.folder):
             return None
         self.lines.add((frame.f_code.co_filename, frame.f_lineno))
         return self.trace
 
     def pytest_runtestloop(self, session: Any) -> bool:
-        """Records and mutants, in place of the run of pytest."""
+        """Run the tests of pytest with records and mutants."""
         sys.settrace(None)
-        imported, lines = self.lines, {}
+        line_sets, lines = self.lines, {}
         records = {test: in_copy(self.recorded, test) for test in session.items}
         self.failing = [test.nodeid for test, record in records.items() if record is None]
         for test in [] if self.failing else session.items:
             self.seconds[test], lines[test] = records[test]
         self.survive = [
             None
-            if mutant.is_executed(imported)
+            if mutant.is_executed(line_sets)
             else bool(in_copy(self.survives, mutant, [test for test in lines if mutant.is_executed(lines[test])]))
             for mutant in self.drawn
         ]
         return True
 
     def recorded(self, test: Any) -> tuple[float, set[tuple[str, int]]]:
-        """Seconds and lines of a test."""
+        """Return seconds and lines of a test."""
         begin, self.lines = time.monotonic(), set()
         sys.settrace(self.trace)
         test.config.hook.pytest_runtest_protocol(item=test, nextitem=None)
         return time.monotonic() - begin, self.lines
 
     def survives(self, mutant: Mutant, tests: list[Any]) -> bool:
-        """True, unless the process ends before; of tests about as fast, those of a file share its fixtures."""
+        """Return True, unless the process ends before; of tests about as fast, those of a file share its fixtures."""
         threading.settrace(None)  # type: ignore[arg-type]
         install(mutant)
         tests.sort(key=lambda test: (round(math.log2(self.seconds[test])), str(test.path), self.seconds[test]))
@@ -230,18 +230,18 @@ class Judge:
         return True
 
     def pytest_runtest_logreport(self, report: Any) -> None:
-        """The end of the process, without a value, at a test that fails."""
+        """End the process, without a value, at a test that fails."""
         if report.failed:
             os._exit(1)
 
 
 def limit_s(seconds: float) -> int:
-    """Seconds after which tests with a mutant, which may loop for ever, fail; without one they take `seconds`."""
+    """Return seconds after which tests with a mutant, which may loop for ever, fail; seconds: without one."""
     return LIMIT_S + round(10 * seconds)
 
 
 def run_pytest(room: str, *plugins: object) -> bool:
-    """Runs tests and doctests of a room; True if none fails."""
+    """Run tests and doctests of a room; True if none fails."""
     phases, checks = (hypothesis.Phase.explicit, hypothesis.Phase.generate), list(hypothesis.HealthCheck)
     options = {"database": None, "deadline": None, "derandomize": True, "phases": phases}
     hypothesis.settings.register_profile("mutants", suppress_health_check=checks, **options)
@@ -253,7 +253,7 @@ def run_pytest(room: str, *plugins: object) -> bool:
 
 
 def survives_import(mutant: Mutant, room: str, seconds: int) -> bool:
-    """True if no test of a room fails where the mutant is imported in place of its module."""
+    """Return True if no test of a room fails where the mutant is imported in place of its module."""
     get_code = SourceFileLoader.get_code
 
     def mutant_code(loader: SourceFileLoader, name: str) -> CodeType | None:
@@ -265,20 +265,20 @@ def survives_import(mutant: Mutant, room: str, seconds: int) -> bool:
 
 
 def changed_rooms(base: str) -> list[str]:
-    """Rooms whose code or tests differ from a commit."""
+    """Return rooms whose code or tests differ from a commit."""
     command = ["git", "diff", "--name-only", base, "--", "elastid", "tests"]
-    said = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
-    named = {Path(line).parts[1].removesuffix(".py") for line in said.splitlines() if len(Path(line).parts) > 1}
-    return [room for room in rooms() if room in named]
+    output = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout
+    names = {Path(line).parts[1].removesuffix(".py") for line in output.splitlines() if len(Path(line).parts) > 1}
+    return [room for room in rooms() if room in names]
 
 
 def rooms() -> list[str]:
-    """Folders of the package that have tests."""
+    """Return folders of the package that have tests."""
     return sorted(path.name for path in (ROOT / "elastid").iterdir() if (ROOT / "tests" / path.name).is_dir())
 
 
-def judged(room: str, count: int, seed: int) -> dict[str, object]:
-    """The row of a room; its survivors are printed."""
+def judge_room(room: str, count: int, seed: int) -> dict[str, object]:
+    """Return the row of a room; print its survivors."""
     begin, drawn = time.monotonic(), mutants(room, count, seed)
     failing, survive, limit = in_copy(Judge(room, drawn).verdict)
     if failing:
@@ -294,7 +294,7 @@ def judged(room: str, count: int, seed: int) -> dict[str, object]:
 
 
 def keep(row: dict[str, object]) -> None:
-    """Writes the row of a room into the table."""
+    """Write the row of a room into the table."""
     table = {line["room"]: line for line in csv.DictReader(TABLE.open(encoding="utf-8"))} | {row["room"]: row}
     with TABLE.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, ("room", "mutants", "killed", "seed", "commit", "seconds"), lineterminator="\n")
@@ -315,7 +315,7 @@ def main() -> None:
     import scipy.signal  # noqa: F401
 
     for room in changed_rooms(arguments.changed) if arguments.changed else arguments.rooms or rooms():
-        row = judged(room, arguments.count, arguments.seed)
+        row = judge_room(room, arguments.count, arguments.seed)
         keep(row)
         print(json.dumps(row), flush=True)
 

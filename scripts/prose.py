@@ -57,7 +57,7 @@ def rules(sentence: str) -> list[str]:
 
 
 def sentences(lines: Iterable[tuple[int, str]]) -> Iterator[tuple[int, str]]:
-    """Sentences with the numbers of their first lines; a blank line and an item of a list end a sentence as well."""
+    """Yield sentences with the numbers of their first lines; a blank line and an item of a list end one, too."""
     words: list[tuple[int, str]] = []
     for number, line in [*lines, (0, "")]:
         item = ITEM.match(line)
@@ -71,7 +71,7 @@ def sentences(lines: Iterable[tuple[int, str]]) -> Iterator[tuple[int, str]]:
 
 
 def of_page(text: str) -> Iterator[tuple[int, str]]:
-    """Lines of a page; code, formulas, figures and tables of Markdown are blank."""
+    """Yield lines of a page; code, formulas, figures and tables of Markdown are blank."""
     indent, in_code = -1, False  # indent of a directive whose content is skipped, -1 without one
     for number, line in enumerate(text.splitlines(), start=1):
         depth, is_fence = len(line) - len(line.lstrip()), line.startswith("```")
@@ -86,7 +86,7 @@ def of_page(text: str) -> Iterator[tuple[int, str]]:
 
 
 def of_module(text: str) -> Iterator[tuple[int, str]]:
-    """Sentences of a Python file: first paragraphs of docstrings, and texts of errors, warnings, notes and keys."""
+    """Yield sentences of a Python file: first paragraphs of docstrings, texts of errors, warnings, notes, keys."""
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.FunctionDef | ast.ClassDef | ast.Module) and (words := ast.get_docstring(node)):
             first = itertools.takewhile(str.strip, words.splitlines())
@@ -99,7 +99,7 @@ def of_module(text: str) -> Iterator[tuple[int, str]]:
 
 
 def flagged(paths: Iterable[Path]) -> Iterator[tuple[Path, int, str, list[str]]]:
-    """Path, line, text and broken rules of every sentence of files and folders."""
+    """Yield path, line, text and broken rules of every sentence of files and folders."""
     files = [file for path in paths for file in (sorted(path.rglob("*")) if path.is_dir() else [path])]
     for file in [file for file in files if file.suffix in (".py", ".rst", ".md") and file.is_file()]:
         text = file.read_text(encoding="utf-8")

@@ -20,7 +20,7 @@ ASKED = "from elastid.base import kernels; print(kernels.description())"
 
 
 def main() -> None:
-    """Both wheels, then the JSON line."""
+    """Build both wheels and test them; print the JSON line."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--out", type=Path, default=ROOT / "dist", help="folder of source distribution and wheel")
     out = parser.parse_args().out.resolve()
@@ -34,7 +34,7 @@ def main() -> None:
             uv("build", "--wheel", "--out-dir", str(folder), str(sdist), **environment)
             made = set(folder.glob("*.whl"))
             wheels.append(max(made - before or made, key=lambda path: path.stat().st_mtime))
-        used = [tried(wheel, Path(name, wheel.stem)) for wheel in wheels]
+        used = [test_wheel(wheel, Path(name, wheel.stem)) for wheel in wheels]
     assert used[1] == "kernels in NumPy", used
     assert wheels[1].name.endswith("py3-none-any.whl"), wheels[1]
     assert used[0].startswith("kernels in C"), f"{wheels[0].name} was built without a C compiler: {used[0]}"
@@ -43,8 +43,8 @@ def main() -> None:
     print(json.dumps({wheel.name: kernels for wheel, kernels in zip(wheels, used, strict=True)}))
 
 
-def tried(wheel: Path, environment: Path) -> str:
-    """The kernels of a wheel in an empty environment, where a new study of it passes its check."""
+def test_wheel(wheel: Path, environment: Path) -> str:
+    """Test the kernels of a wheel in an empty environment, where a new study of it passes its check."""
     python = environment / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
     uv("venv", str(environment))
     uv("pip", "install", "--python", str(python), str(wheel))

@@ -403,9 +403,9 @@ def fleet(fleet: Path, **options: Any) -> None:
 @click.argument("file", type=FILE)
 def inspect(file: Path) -> None:
     """Show the content of a log or result file: names, shapes, units, sample rates, values."""
-    from elastid.app.inspection import described
+    from elastid.app.inspection import describe_file
 
-    click.echo(printable(described(file)))
+    click.echo(printable(describe_file(file)))
 
 
 @cli.command()

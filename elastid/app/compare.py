@@ -59,7 +59,7 @@ def compare(run: Run, studies: Sequence[LoadedStudy] = ()) -> Comparison:
             text = "nothing to compare: the study has one model without optional parts"
             raise StudyError("compare/variants", text + ". Give compare.variants, or a second study", run.loaded.path)
         responses = read_responses(run.path("estimate"))
-        comparison = rank(responses.names, models, refitted(run, models, responses))
+        comparison = rank(responses.names, models, refit_all(run, models, responses))
         finish(run, comparison)
     return comparison
 
@@ -154,24 +154,24 @@ def variant(loaded: LoadedStudy, spec: VariantSpec) -> ComparedVariant:
     return ComparedVariant(spec.name, robot, fit, replace(study.model, independent=()) if spec.rigid else study.model)
 
 
-def _weighed_as(study: Study, varied: Study) -> FitSpec:
+def _weighed_as(study: Study, variant: Study) -> FitSpec:
     """Return the fit of another study with criterion, weights and band of this study, for comparable costs."""
     fit = study.seeded_fit
-    return replace(varied.fit, criterion=fit.criterion, weights=fit.weights, band_hz=fit.band_hz, seed=fit.seed)
+    return replace(variant.fit, criterion=fit.criterion, weights=fit.weights, band_hz=fit.band_hz, seed=fit.seed)
 
 
-def refitted(run: Run, models: Sequence[ComparedVariant], responses: Responses) -> list[list[Refit]]:
+def refit_all(run: Run, models: Sequence[ComparedVariant], responses: Responses) -> list[list[Refit]]:
     """Fit each model to all responses and without each fold; missing fits run in several processes."""
-    parts = ((), *divide(responses.names, run.study.compare.folds))
-    tasks = [(variant, part) for variant in models for part in parts]
-    finished = Checkpoint(path_below(run.folder, PARTIAL), run.stamps["estimate"].code)
+    folds = ((), *divide(responses.names, run.study.compare.folds))
+    tasks = [(variant, fold) for variant in models for fold in folds]
+    checkpoint = Checkpoint(path_below(run.folder, PARTIAL), run.stamps["estimate"].code)
     # Of everything that a fit depends on except the code.
     keys = [f"refit-{hash_of([task, run.stamps['estimate'].inputs])[:24]}" for task in tasks]
-    if n_finished := sum(key in finished for key in keys):
+    if n_finished := sum(key in checkpoint for key in keys):
         run.console.say(f"compare: resumed, {n_finished} of {len(tasks)} fits kept")
     with run.console.progress("compare") as progress:
-        results = Execution(run.jobs, progress, finished).resumed(partial(refit, responses), tasks, keys)
-    n = len(parts)
+        results = Execution(run.jobs, progress, checkpoint).resumed(partial(refit, responses), tasks, keys)
+    n = len(folds)
     return [results[i * n : (i + 1) * n] for i in range(len(models))]
 
 
@@ -235,5 +235,5 @@ def _fit_variant(
                 raise StudyError("compare/variants", f"{name}: {error}", "search") from None
             first = ComparedVariant(name, run.study.as_robot(), run.study.fit, run.study.model)
             cannot[model] = first, 2 * [Refit("failed", str(error), 0, math.inf, 0, {})]
-    fits = zip(variants.values(), refitted(run, list(variants.values()), responses), strict=True)
+    fits = zip(variants.values(), refit_all(run, list(variants.values()), responses), strict=True)
     return dict(zip(variants, fits, strict=True)) | cannot

@@ -14,7 +14,7 @@ from elastid.base.display import Display, number
 from elastid.base.errors import Note, grouped
 from elastid.base.escape import printable
 from elastid.base.execution import Progress, silent
-from elastid.base.files import unlinked
+from elastid.base.files import open_regular_file
 
 if TYPE_CHECKING:
     from elastid.design.forecast import Forecast
@@ -121,7 +121,7 @@ class _LogFile(logging.FileHandler):
 
     def _open(self) -> TextIOWrapper:
         """Open the log; ElastidError for a link."""
-        return open(self.baseFilename, "a", encoding="utf-8", errors=self.errors, opener=unlinked)
+        return open(self.baseFilename, "a", encoding="utf-8", errors=self.errors, opener=open_regular_file)
 
     def handleError(self, record: logging.LogRecord) -> None:
         """Ignore an error of the log, so that the work continues."""
@@ -148,25 +148,25 @@ def _bar(title: str) -> Iterator[Progress]:
             return super().render(task) if task.completed >= MIN_DONE else Text("")
 
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn(), Remaining())
-    with Progress(*columns, console=Terminal(stderr=True), transient=True) as bar:
-        task = bar.add_task(printable(title), total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+    with Progress(*columns, console=Terminal(stderr=True), transient=True) as progress_bar:
+        task = progress_bar.add_task(printable(title), total=None)
+        yield lambda done, total: progress_bar.update(task, completed=done, total=total)
 
 
 INTERVAL_S = 10.0  # between two lines of progress
 
 
 def _lines(title: str) -> Progress:
-    started = last = time.monotonic()
+    start = last = time.monotonic()
 
     def progress(done: int, total: int) -> None:
-        nonlocal last, started
+        nonlocal last, start
         now = time.monotonic()
         if done == 0:  # a round begins: what was prepared before says nothing about its pace
-            started = now
+            start = now
         if now - last >= INTERVAL_S and 0 < done < total:
             last = now
-            remaining_s = (now - started) / done * (total - done)
+            remaining_s = (now - start) / done * (total - done)
             remaining = f", about {remaining_s:.0f} s to go" if done >= MIN_DONE else ""
             print(f"{printable(title)}: {done} of {total} done{remaining}", file=sys.stderr, flush=True)
 
@@ -195,6 +195,6 @@ def forecast_table(forecast: "Forecast") -> list[list[str]]:
         partner, correlation = forecast.strongest(name)
         nominal = float(forecast.nominal[i])
         deviations = [_deviation(float(std[i]), nominal) for std in columns.values()]
-        most = f"{partner} {correlation:+.2f}" if partner else "–"
-        rows.append([name, forecast.units[i], number(nominal), *deviations, most])
+        partner_text = f"{partner} {correlation:+.2f}" if partner else "–"
+        rows.append([name, forecast.units[i], number(nominal), *deviations, partner_text])
     return rows

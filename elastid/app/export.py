@@ -18,7 +18,7 @@ from elastid.base.files import clear_folder
 from elastid.fit.fitted_robot import FittedRobot, models_by_group, robots_by_group
 from elastid.fit.result import Result
 from elastid.friction_study.result import FrictionResult
-from elastid.logs.responses.table import geometry_of_files
+from elastid.logs.responses.universal_files import geometry_of_files
 from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.gear_result import GearResult, with_effects, with_gears, with_linear_springs, with_terms_of
 from elastid.robot import Robot
@@ -145,12 +145,12 @@ class _Fit(_Responses):
         return self._models(self.run.study.as_robot(), self.result)
 
     def model(self) -> Values:
-        geared = self.geared()[""]
-        return self.linear if geared is None else self._models(geared, with_terms_of(self.result, geared))
+        plain = self.geared()[""]
+        return self.linear if plain is None else self._models(plain, with_terms_of(self.result, plain))
 
     def linear_model(self) -> Values:
-        geared = self.geared()[""]
-        straight = None if geared is None else with_linear_springs(geared)
+        plain = self.geared()[""]
+        straight = None if plain is None else with_linear_springs(plain)
         return self.linear if straight is None else self._models(straight, with_terms_of(self.result, straight))
 
     def geared(self) -> Values:
@@ -166,19 +166,19 @@ class _Fit(_Responses):
         return {label: with_findings(m.robot, self.friction, self.gears) for label, m in self.linear.items()}
 
     def robot_file(self) -> Values:
-        parts = {label: (m.name, m.robot, self.friction, interval_lines(m)) for label, m in self.linear.items()}
-        return {label: robot_of_fit(*values, self.gears) for label, values in parts.items()}
+        contents = {label: (m.name, m.robot, self.friction, interval_lines(m)) for label, m in self.linear.items()}
+        return {label: robot_of_fit(*values, self.gears) for label, values in contents.items()}
 
     def actuators(self) -> Values:
         robots, gains = self.robot(), _gains(self.run.study)
-        parts = {k: (m.name, robots[k], fit_intervals(m, self.friction)) for k, m in self.linear.items()}
-        return {label: actuators_of(*values, gains) for label, values in parts.items()}
+        contents = {k: (m.name, robots[k], fit_intervals(m, self.friction)) for k, m in self.linear.items()}
+        return {label: actuators_of(*values, gains) for label, values in contents.items()}
 
     def draws(self) -> Values:
         run, result, samples = self.run, self.result, {}
         if self.gears is not None and result.robot is not None:
-            geared = with_effects(result.robot, self.gears)
-            result = with_terms_of(replace(result, robot=geared), geared)
+            plain = with_effects(result.robot, self.gears)
+            result = with_terms_of(replace(result, robot=plain), plain)
             run.console.say("export: all samples have the same effects of the gears")
         for label, (_, members) in robots_by_group(result, run.study.as_robot(), result.configurations).items():
             samples[label] = draw_robots(result, self.count, run.study.seed, members[0])

@@ -29,9 +29,9 @@ from elastid.validation.fleet import FleetValue, find_changes
 
 MEMBERS = "members"
 # Files written next to the members' folders.
-WRITTEN = ("fleet.parquet", "fleet.csv", "fleet.html", "figures")
+FLEET_FILES = ("fleet.parquet", "fleet.csv", "fleet.html", "figures")
 # Of a member that was begun twice.
-DIED = "its worker died 2 times, perhaps for lack of memory; run it alone, or with fewer --jobs"
+DEATH_MESSAGE = "its worker died 2 times, perhaps for lack of memory; run it alone, or with fewer --jobs"
 # Statuses of studies whose parameters are compared: elasticity and friction.
 COMPARED = ("converged", "noise_unknown", "at_bound", "identified", "partly")
 
@@ -48,7 +48,7 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
     """
     _check(fleet, folder)
     with logged_in(folder, jobs, console):
-        for name in changed_texts(folder, WRITTEN):
+        for name in changed_texts(folder, FLEET_FILES):
             console.warn(f"{folder / name} was modified after it was written and is made again")
         outcomes = _outcomes(fleet, folder, jobs, console)
         ends = zip(fleet.members, outcomes, strict=True)
@@ -62,12 +62,12 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
         answer = answer_of_fleet(fleet.name, findings, outcomes, fleet.false_discovery_rate)
         html = partial(html_of_answer, answer, software())
         page = write_page(html, drawings_of_fleet(values, units, findings), folder, ("png",), name="fleet.html")
-        keep_checksums(folder, WRITTEN)
-        for words in (*(f"fleet: {words}" for words in answer.sentences), str(table), str(page)):
-            console.say(words)
-        failed = [outcome for outcome in outcomes if outcome.failed or outcome.status not in (*COMPARED, "misfit")]
+        keep_checksums(folder, FLEET_FILES)
+        for line in (*(f"fleet: {line}" for line in answer.sentences), str(table), str(page)):
+            console.say(line)
+        failures = [outcome for outcome in outcomes if outcome.failed or outcome.status not in (*COMPARED, "misfit")]
         misfits = [outcome for outcome in outcomes if outcome.status == "misfit"]
-        for kind, members, error in (("failed", failed, FitError), ("are misfits", misfits, MisfitError)):
+        for kind, members, error in (("failed", failures, FitError), ("are misfits", misfits, MisfitError)):
             if members:
                 text = f"{len(members)} of {len(outcomes)} members {kind} and are excluded from the comparison"
                 raise error("fleet/members", f"{text}: {first_of(_reasons(members))}", f"fleet {fleet.name}")
@@ -100,7 +100,7 @@ def _reasons(outcomes: Sequence[Outcome]) -> list[str]:
 
 def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[Outcome, ...]:
     """Run all members, then repeat those whose worker died. Return the outcome of each."""
-    work = partial(_identified, fleet.study, folder)
+    work = partial(_run_member, fleet.study, folder)
     outcomes: dict[str, Outcome] = {}
     for attempt in range(2):
         todo = [member for member in fleet.members if member.name not in outcomes]
@@ -110,10 +110,10 @@ def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[
             for index, outcome in surviving(work, todo, jobs, progress):
                 if outcome is not None:
                     outcomes[todo[index].name] = outcome
-    return tuple(outcomes.get(m.name, Outcome(m.robot, m.date, "died", DIED)) for m in fleet.members)
+    return tuple(outcomes.get(m.name, Outcome(m.robot, m.date, "died", DEATH_MESSAGE)) for m in fleet.members)
 
 
-def _identified(study: Path, folder: Path, member: Member) -> Outcome:
+def _run_member(study: Path, folder: Path, member: Member) -> Outcome:
     """Run the stages of a member's study that are not current, in its own folder; returns how it ended."""
     run = Run(load(study, member.overrides), folder / MEMBERS / member.name, 1, Console(-2))
     try:
@@ -140,8 +140,8 @@ def rows_of(folder: Path, member: Member) -> Iterator[Row]:
     values |= {k: _numbers_of(number) for k, number in gears.items() if k not in parameters and not k.startswith("K")}
     units = {name: number["unit"] for name, number in (gears | parameters).items()}
     for name, numbers in values.items():
-        of = {"robot": member.robot, "date": member.date, "status": str(summary["status"]), "parameter": name}
-        yield of | {"unit": units[name]} | numbers
+        labels = {"robot": member.robot, "date": member.date, "status": str(summary["status"]), "parameter": name}
+        yield labels | {"unit": units[name]} | numbers
 
 
 def _numbers_of(number: Mapping[str, Any]) -> Row:

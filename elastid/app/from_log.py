@@ -26,7 +26,7 @@ from elastid.logs.channel_names import ChannelGuess, guess_by_name
 from elastid.logs.clocks import MAX_SAMPLES, MIN_SAMPLES, Clock, clock_of
 from elastid.logs.command_log import gains_in
 from elastid.logs.files.formats import is_text, opened_log
-from elastid.logs.files.text_format import described_format, guess_format
+from elastid.logs.files.text_format import describe_format, guess_format
 from elastid.logs.files.universal import is_universal_file, time_histories
 from elastid.logs.headings import is_time
 from elastid.logs.log_signals import signals_of, wrong_cell
@@ -76,7 +76,7 @@ def texts_from_logs(
         return texts
     signals = [(g, x) for g, x in signals if g.name != clock.name]
     guess = guess_log(signals, clock.rate_hz or 1.0)
-    text = f"    {described_format(form)}" if form != TextFormatSpec() and is_text(first) else ""
+    text = f"    {describe_format(form)}" if form != TextFormatSpec() and is_text(first) else ""
     source = _Logs([(path,) for path in logs], form, text, clock, signals, shapes)
     if guess is None and (pairs := guess_commands(signals, clock.rate_hz or 1.0)):
         return _command_files(source, folder, pairs, robot, servos)
@@ -127,8 +127,8 @@ def _torque_study_lines(
     if hits and not is_universal_file(logs[0]):
         yield "# modal: {geometry: {points: {p1: [0, 0, 0]}, motion: {p1: [p1, z]}}} # to animate the shapes"
     elif guess.is_hit and len(logs) > 1 and not hits:
-        place = guess.joints[0].torque.place
-        yield f"      # hit at another point: {{..., at: {{{place}: point 2}}, experiment: 1}}"
+        location = guess.joints[0].torque.place
+        yield f"      # hit at another point: {{..., at: {{{location}: point 2}}, experiment: 1}}"
     yield from _FIT if robot is not None else ()
     if "none" in period[0] or len(guess.joints) > 1:  # means of periods need as many experiments as inputs
         yield "estimator: {method: auto} # selects a method that fits logs without a period, or fewer logs than inputs"
@@ -146,7 +146,7 @@ def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[in
         text = f"its signals differ in their numbers of samples ({lengths_text}). Export them with one clock"
         return "records/clock", text
     counts = Counter((signal.name, signal.quantity or "unknown") for signal in signals)
-    varying = ", ".join(f"{n} {each[0]} ({each[1]})" for each, n in counts.most_common(8)) or "none"
+    varying = ", ".join(f"{n} {pair[0]} ({pair[1]})" for pair, n in counts.most_common(8)) or "none"
     if any(re.match("psd", signal.name.lower()) for signal in signals):
         reason = "power spectra have no phase and no input. Give --from the time histories of force and accelerations"
     elif any(re.search(r"putData\{\d", signal.name) for signal in signals):
@@ -171,12 +171,12 @@ def _columns(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess, may_di
     channels = [channel for joint in guess.joints for channel in (joint.torque, joint.motion)]
     channels += () if guess.is_motion else guess.further
     names = {channel.name for channel in channels if channel.file == 1}
-    first, *others = (headings_of(path, form) for path in logs)
-    for path, row in zip(logs[1:], others, strict=True):
+    first, *other_heads = (headings_of(path, form) for path in logs)
+    for path, row in zip(logs[1:], other_heads, strict=True):
         if (absent := names - {*row}) and not (may_differ and len(row) == len(first)):
             problem = f"channel {min(absent)} of {logs[0]} is missing. Rename the column, or write one study per log"
             raise DataError("records/channels", problem, path)
-    return {} if all(names <= {*row} for row in others) else {name: i for i, name in enumerate(first, start=1)}
+    return {} if all(names <= {*row} for row in other_heads) else {name: i for i, name in enumerate(first, start=1)}
 
 
 def _controller(path: Path, n_u: int) -> FloatArray | None:
@@ -201,7 +201,7 @@ def _unlike(
     other_gains = _controller(path, len(pairs))
     if gains is None or other_gains is None or np.array_equal(gains, other_gains):
         return ""
-    numbers = ["; ".join(", ".join(f"{x:.6g}" for x in row) for row in each) for each in (other_gains, gains)]
+    numbers = ["; ".join(", ".join(f"{x:.6g}" for x in row) for row in gain_rows) for gain_rows in (other_gains, gains)]
     return f"kp; kd are {numbers[0]}, but {numbers[1]} in {first}; a study has one controller"
 
 
@@ -243,8 +243,8 @@ def _command_files(
         files = _files(paths, states, [Run({}, *run[1:]) for run in runs])
         lines = [*head_lines("elasticity", logs[0]), "robot: robot.yml", "experiment:", *configurations]
         late = "# The delay of the commands is identified, too, unless stated: delay_r: {start: 5 ms, fixed: true}"
-        few = "estimator: {method: auto} # one that needs fewer logs than inputs"
-        end = [late, *_FIT, *[few] * (len(names) > 1)]
+        method_line = "estimator: {method: auto} # one that needs fewer logs than inputs"
+        end = [late, *_FIT, *[method_line] * (len(names) > 1)]
     else:
         lines, period = list(head_lines("friction", logs[0])), []
         lines += [
@@ -286,8 +286,8 @@ def _configurations(
     means, scatter = moments[:, :, 2].T, np.abs(moments[:, :, 3]).max(axis=0)
     states = [by_name.index(name) for name in by_name]
     for mean, by in zip(means[len(states) :], scatter[len(states) :], strict=True):
-        there = (k for k in states if np.all(np.abs(mean - means[k]) < max(MIN_TURN, 5 * by)))
-        states.append(next(there, len(states)))  # the first log with equal angles
+        at_state = (k for k in states if np.all(np.abs(mean - means[k]) < max(MIN_TURN, 5 * by)))
+        states.append(next(at_state, len(states)))  # the first log with equal angles
     firsts = list(dict.fromkeys(states))
     names = by_name or ([f"state_{firsts.index(k) + 1}" for k in states] if len(firsts) > 1 else ["bench"] * n)
     why, angles = "the joints stand at other angles", dict.fromkeys(firsts, "")
@@ -352,8 +352,8 @@ def _study(
             as_motion = replace(reference, unit=joint.motion.unit, ratio=joint.motion.ratio)
             yield channel_line("reference", f"motor {name}", as_motion)
     for channel in () if guess.is_motion else guess.further:
-        where = f"where it belongs to a joint or a frame, {{role: y, at: joint {names[0]}, ...}}"
-        yield f"      # {one_line(channel.name)}: {where}"
+        hint = f"where it belongs to a joint or a frame, {{role: y, at: joint {names[0]}, ...}}"
+        yield f"      # {one_line(channel.name)}: {hint}"
 
 
 def _place(channel: ChannelGuess, frame: str) -> str:

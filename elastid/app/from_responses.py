@@ -19,9 +19,10 @@ from elastid.logs.channel_names import ChannelGuess, guess_by_name
 from elastid.logs.files.formats import opened_log
 from elastid.logs.files.log import StoredArray
 from elastid.logs.files.text import TextLog
-from elastid.logs.files.text_format import described_format, guess_format
+from elastid.logs.files.text_format import describe_format, guess_format
 from elastid.logs.headings import is_time
-from elastid.logs.responses.table import complex_array, responses_in, struct_table, structs_in, uff_places
+from elastid.logs.responses.table import complex_array, responses_in, struct_table, structs_in
+from elastid.logs.responses.universal_files import uff_places
 from elastid.robot import Robot
 
 _FREQUENCY = re.compile(r"(.*[./_ ])?(f|freq|frequenc(y|ies)|w|omega)([ _./(\[].*)?", re.IGNORECASE)
@@ -89,7 +90,7 @@ def texts_from_responses(paths: Sequence[Path], folder: Path, robot: Robot | Non
         "experiment:", f"  configurations: # guessed: {why}",
         *(f"    {name}: [{', '.join(['0'] * len(drives))}]" for name in names),
         "  responses:", *(f"    {key}: {value}" for key, value in table.keys.items()),
-        f"    {described_format(form)}" if isinstance(log, TextLog) else "", "    channels:",
+        f"    {describe_format(form)}" if isinstance(log, TextLog) else "", "    channels:",
         *_channels(table, drives), "    files:",
     ]  # fmt: skip
     for (path, response), name in zip(files, names, strict=True):
@@ -100,20 +101,20 @@ def texts_from_responses(paths: Sequence[Path], folder: Path, robot: Robot | Non
 def _channels(table: _Table, drives: Sequence[str]) -> Iterator[str]:
     """Return inputs and outputs, at the motors of a robot or at locations named as in the file."""
     for i, guess in enumerate(table.inputs):
-        place = f"motor {drives[i]}" if drives else guess.name or f"input {i + 1}"
+        location = f"motor {drives[i]}" if drives else guess.name or f"input {i + 1}"
         quantity = guess.quantity or ("torque" if drives else "force")
         why = guess.why if guess.quantity else f"a {quantity} is assumed"
-        yield channel_line("u", place, replace(guess, quantity=quantity, why=why))
+        yield channel_line("u", location, replace(guess, quantity=quantity, why=why))
     is_used = (table.freq > 0) & np.isfinite(table.G).all(axis=(1, 2))
     size = np.abs(table.G[is_used]).mean(axis=(1, 2)) + 1e-300
     slope = float(np.polyfit(np.log(table.freq[is_used]), np.log(size), 1)[0])
     by_slope = "position" if slope < _POSITION else "velocity" if slope < _VELOCITY else "acceleration"
     for i, guess in enumerate(table.outputs):
-        place = f"motor {drives[i]}" if i < len(drives) else guess.name or f"output {i + 1}"
+        location = f"motor {drives[i]}" if i < len(drives) else guess.name or f"output {i + 1}"
         if not guess.quantity:
             unit = QUANTITY_UNIT[by_slope] if drives else of_translation(QUANTITY_UNIT[by_slope])
             guess = replace(guess, quantity=by_slope, unit=unit, why=f"|G| is proportional to f^{slope:.2g}")
-        yield channel_line("y", place, guess)
+        yield channel_line("y", location, guess)
 
 
 def _array_table(path: Path, arrays: Mapping[str, StoredArray]) -> _Table | None:
@@ -161,23 +162,23 @@ def _text_table(log: TextLog) -> _Table | None:
     for words in _PAIRS if frequency else ():
         patterns = [rf"(?<![a-z])({'|'.join(side)})(?![a-z])" for side in words]
         first, second = ([h for h in log.headings if re.search(p, h, re.IGNORECASE)] for p in patterns)
-        places, second_places = ([tuple(re.findall(r"\d+", name)[-2:]) for name in side] for side in (first, second))
-        rows, columns = ([*dict.fromkeys(place[i] for place in places if len(place) == 2)] or ["1"] for i in (0, 1))
-        is_matrix = len(first) in (1, len(set(places))) and len(first) == len(rows) * len(columns)
-        if not first or not is_matrix or places != second_places:
+        numbers, second_numbers = ([tuple(re.findall(r"\d+", name)[-2:]) for name in side] for side in (first, second))
+        rows, columns = ([*dict.fromkeys(pair[i] for pair in numbers if len(pair) == 2)] or ["1"] for i in (0, 1))
+        is_matrix = len(first) in (1, len(set(numbers))) and len(first) == len(rows) * len(columns)
+        if not first or not is_matrix or numbers != second_numbers:
             continue
         labels = [re.sub(r"(\d+)(\D+)(\d+)(\D*)$", r"{y}\2{u}\4", name) for name in (first[0], second[0])]
         x, y = (log.columns([log.headings.index(name) for name in side]) for side in (first, second))
         is_polar = words is not _PAIRS[0]
         names = ("magnitude", "phase") if is_polar else ("real", "imaginary")
-        parts = dict(zip(names, map(quoted, labels), strict=True))
+        label_of = dict(zip(names, map(quoted, labels), strict=True))
         if is_polar:  # dB if any magnitude is negative, degrees if any phase is beyond pi
-            parts["magnitude_unit"] = "dB" if x.min() < 0 else quoted("1")
-            parts["phase_unit"] = "deg" if np.abs(y).max() > np.pi + 0.01 else "rad"
+            label_of["magnitude_unit"] = "dB" if x.min() < 0 else quoted("1")
+            label_of["phase_unit"] = "deg" if np.abs(y).max() > np.pi + 0.01 else "rad"
             x = 10 ** (x / 20) if x.min() < 0 else x
         G = (x if is_polar else x + 1j * y).astype(np.complex128)
         unit = "rad/s" if _RADIANS.fullmatch(frequency) else "Hz"
-        columns_text = mapping({"frequency": quoted(frequency)} | parts)
+        columns_text = mapping({"frequency": quoted(frequency)} | label_of)
         keys = {"columns": columns_text, "frequency_unit": f"{unit} # guessed by the name {frequency}"}
         outputs, inputs = (tuple(ChannelGuess("", int(n), "", "", 0, "") for n in side) for side in (rows, columns))
         freq = log.columns([log.headings.index(frequency)])[:, 0]

@@ -105,10 +105,10 @@ def _with_presliding(robot: Robot, joint: str, law: Friction, viscous: float) ->
     nominal, ratio = law_of(robot, joint), robot.ratio(joint)
     if nominal is None or law.lugre is not None or law.maxwell_slip is not None:
         return law
-    completed = replace(law, lugre=nominal.lugre, maxwell_slip=nominal.maxwell_slip)
+    lugre_law = replace(law, lugre=nominal.lugre, maxwell_slip=nominal.maxwell_slip)
     with suppress(ValueError):
-        through_gear(completed, ratio, to_motor=True).check_passive(viscous / ratio**2)
-        return completed
+        through_gear(lugre_law, ratio, to_motor=True).check_passive(viscous / ratio**2)
+        return lugre_law
     return law
 
 

@@ -11,22 +11,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from elastid.base.arrays import FloatArray, format_values, value_range
+from elastid.base.arrays import FloatArray
 from elastid.base.display import columns
 from elastid.base.errors import DataError, StudyError
+from elastid.base.value_range import format_values, value_range
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.clocks import is_clock
 from elastid.logs.files.formats import is_log, naming, opened_log
 from elastid.logs.files.log import StoredArray
 from elastid.logs.files.text import BLOCK_LINES, TextLog
-from elastid.logs.files.text_format import described_format, guess_format
+from elastid.logs.files.text_format import describe_format, guess_format
 from elastid.logs.files.universal import is_universal_file
 from elastid.logs.repair.time_stamps import describe_steps, even_grid
 from elastid.logs.responses.reading import contents_of
 from elastid.logs.responses.table import HOW_TO_SAVE
 from elastid.store.artefacts import kind_of
 from elastid.store.files import is_as_written, is_intact
-from elastid.store.reading import described as described_artefact
+from elastid.store.reading import describe_artefact
 from elastid.study.robots import yaml_text
 
 _BLOCKS = 16  # of a large text that are read
@@ -36,18 +37,18 @@ def _signal_row(
     name: str, shape: tuple[int, ...], unit: str, pieces: Iterator[NDArray[Any]], rate_hz: float | None = None
 ) -> tuple[str, ...]:
     """Name, shape, unit, first, lowest and highest value; and rate, missing values, or why it cannot be read."""
-    about = (name, " x ".join(map(str, shape)), unit)
+    cells = (name, " x ".join(map(str, shape)), unit)
     try:
-        start = next(pieces, np.zeros(0))
-        ends = value_range(chain([start], pieces))
+        first_piece = next(pieces, np.zeros(0))
+        values = value_range(chain([first_piece], pieces))
     except DataError as error:
-        return (*about, "", "", "", f"cannot be read: {error}")
-    remarks = [f"{ends.missing} values are not finite"] if ends.missing else []
+        return (*cells, "", "", "", f"cannot be read: {error}")
+    remarks = [f"{values.missing} values are not finite"] if values.missing else []
     if rate_hz is not None:
         remarks.append(f"{rate_hz:.6g} Hz")
-    elif rise := _rise(start):
-        remarks.append(rise)
-    return (*about, f"{ends.first:.6g}", f"{ends.low:.6g}", f"{ends.high:.6g}", "; ".join(remarks))
+    elif rate := _describe_rate(first_piece):
+        remarks.append(rate)
+    return (*cells, f"{values.first:.6g}", f"{values.low:.6g}", f"{values.high:.6g}", "; ".join(remarks))
 
 
 def _text_rows(log: TextLog) -> list[tuple[str, ...]]:
@@ -73,9 +74,9 @@ def _blocks(log: TextLog, n_columns: int) -> list[list[FloatArray]]:
     return columns
 
 
-def _rise(start: NDArray[Any]) -> str:
+def _describe_rate(values: NDArray[Any]) -> str:
     """Describe the rate of a signal that rises like a time or a counter; empty for any other."""
-    t = np.squeeze(start)
+    t = np.squeeze(values)
     if t.ndim != 1 or t.dtype.kind == "b" or not is_clock(time_s := np.asarray(t - t[:1], dtype=np.float64)):
         return ""
     grid = even_grid(time_s)
@@ -91,7 +92,7 @@ _OBJECTS = (
 )
 
 
-def described(path: Path) -> str:
+def describe_file(path: Path) -> str:
     """Describe a file in plain text; StudyError for a missing file, DataError for an unreadable one."""
     if not path.exists():
         raise StudyError("files/missing", "no such file", path)
@@ -107,7 +108,7 @@ def _lines(path: Path) -> list[str]:
     if path.is_dir():
         return _log_lines(path)
     if kind_of(path) is not None:
-        return [described_artefact(path)]
+        return [describe_artefact(path)]
     if path.suffix.lower() == ".json":
         try:
             return [f"{path}:", *yaml_text(json.loads(path.read_bytes())).splitlines()]
@@ -135,7 +136,7 @@ def _log_lines(path: Path) -> list[str]:
         contents = [f"  {name}: {_describe_array(array)}" for name, array in log.arrays.items() if not array.is_signal]
         lines = [f"{path}: {len(signals)} signals; name them as `channel` in experiment.recorded.channels"]
         if isinstance(log, TextLog) and text != TextFormatSpec():
-            lines.append(f"  its numbers are written with {described_format(text)}")
+            lines.append(f"  its numbers are written with {describe_format(text)}")
         if isinstance(log, TextLog) and log.is_large:
             lines.append(f"  lowest and highest of {_BLOCKS} blocks of {BLOCK_LINES} lines; the file is large")
         lines += [f"  {line}" for line in columns([_COLUMNS, *signals])]

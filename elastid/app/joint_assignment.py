@@ -33,8 +33,8 @@ def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess
     """
     names, joints = robot.driven_names, guess.joints
     order, why = order_of_names(names, [joint.torque for joint in joints])
-    ordered = [replace(joints[i], motion=replace(joints[i].motion, why=joints[i].motion.why + why)) for i in order]
-    at = tuple(map(_at, robot.driven, ordered))
+    in_order = [replace(joints[i], motion=replace(joints[i].motion, why=joints[i].motion.why + why)) for i in order]
+    at = tuple(map(_at, robot.driven, in_order))
     interpretations = [_interpret(robot, at, unit, on_motor) for on_motor in (False, True) for unit in ("", "deg")]
     is_in_limits = partial(_is_in_limits, positions)
     within_limits = [joints for joints in interpretations if all(map(is_in_limits, robot.driven, joints))]
@@ -47,22 +47,22 @@ def order_of_names(joints: Sequence[str], channels: Sequence[ChannelGuess]) -> t
     Also returns a text that states an order without confirmation by the names; else an empty text.
     Raises DataError if the words do not match, or if without words the numbers of channels and joints differ.
     """
-    words = [rf"(?<![a-z0-9]){re.escape(name.lower())}(?![a-z0-9])" for name in joints]
-    by_name = [[i for i, guess in enumerate(channels) if re.search(word, guess.name.lower())] for word in words]
+    patterns = [rf"(?<![a-z0-9]){re.escape(name.lower())}(?![a-z0-9])" for name in joints]
+    by_name = [[i for i, guess in enumerate(channels) if re.search(word, guess.name.lower())] for word in patterns]
     labels, of_joints = _labels(channels), _labels([guess_by_name(name, None) for name in joints])
     by_label = [[i for i, label in enumerate(labels) if label == of_joint] for of_joint in of_joints]
     for order in (by_name, by_label):
         if all(len(match) == 1 for match in order) and len({i for (i,) in order}) == len(joints):
             return [i for (i,) in order], ""
-    have_words = [any(not word.isdigit() for label in side for word in label) for side in (labels, of_joints)]
+    has_letters = [any(not word.isdigit() for label in side for word in label) for side in (labels, of_joints)]
     numbers = [[int(word) for word in label if word.isdigit()] for label in labels]
     is_twice = all(numbers) and len({*map(tuple, numbers)}) < len(numbers)
-    if all(have_words) or is_twice or len(channels) != len(joints):
+    if all(has_letters) or is_twice or len(channels) != len(joints):
         columns = ", ".join(guess.name for guess in channels)
         text = f"{columns} do not identify joints {', '.join(joints)}. Log all joints, in columns with their names"
         raise DataError("records/channels", text)
     indices = sorted(range(len(channels)), key=numbers.__getitem__) if all(numbers) else [*range(len(channels))]
-    return indices, f"; joint by the order of the {'numbers' if all(numbers) else 'log'}" * any(have_words)
+    return indices, f"; joint by the order of the {'numbers' if all(numbers) else 'log'}" * any(has_letters)
 
 
 def _labels(guesses: Sequence[ChannelGuess]) -> list[list[str]]:
@@ -71,8 +71,8 @@ def _labels(guesses: Sequence[ChannelGuess]) -> list[list[str]]:
     common, numbers = set.intersection(*map(set, labels)), [[*filter(str.isdigit, label)] for label in labels]
     differ = (i for i, of in enumerate(zip(*numbers, strict=False)) if len(set(of)) > 1)
     n_common = next(differ, min(map(len, numbers)))
-    words = (sorted(word for word in label if not (word.isdigit() or word in common)) for label in labels)
-    return [[*label, *of[n_common:]] for label, of in zip(words, numbers, strict=True)]
+    texts = (sorted(word for word in label if not (word.isdigit() or word in common)) for label in labels)
+    return [[*label, *of[n_common:]] for label, of in zip(texts, numbers, strict=True)]
 
 
 def _at(joint: Joint, guess: JointGuess) -> JointGuess:

@@ -50,12 +50,12 @@ from elastid.study.robots import yaml_text
 from elastid.use.draws import draw_robots
 
 POLL_S = 0.5  # between two looks at a folder
-# Sections of a study that mean the same with other configurations than its own.
-KEPT = ("name", "seed", "model", "estimator", "fit", "gears", "report")
+# Sections of a study that do not depend on its configurations.
+STUDY_SECTIONS = ("name", "seed", "model", "estimator", "fit", "gears", "report")
 ROBOT, STUDY = "robot.yml", "study.yml"
-# Springs of a robot that was not measured yet may be off by this factor; data sheets are by 1.2 to 1.5.
-FACTOR = 1.5
-DRAWS = 2  # robots at twice the deviations of the fit, on which the limits are kept, too
+# Bound on the ratio of a true stiffness to its nominal value before the first measurement; data sheets: 1.2 to 1.5.
+SPRING_FACTOR = 1.5
+N_LIMIT_ROBOTS = 2  # robots drawn with twice the std of the fit, for which the limits hold as well
 
 
 def live_study(run: Run, goals: Sequence[str], simulate: bool, robot_time: float | None) -> None:
@@ -66,22 +66,22 @@ def live_study(run: Run, goals: Sequence[str], simulate: bool, robot_time: float
     """
     session = Session.of(run, goals, simulate, robot_time)
     with logged_in(run.folder, run.jobs, run.console), persistent_workers():
-        plans, is_reached, words = session.work()
+        plans, is_reached, end = session.work()
         study = session.write_study(plans)
-        run.console.say(f"live: {words}")
-    finished = replace(run, loaded=load(study))
-    run_all(finished)
-    ratios = session.goal.reached(read_fit(finished.path("fit")))
+        run.console.say(f"live: {end}")
+    final_run = replace(run, loaded=load(study))
+    run_all(final_run)
+    ratios = session.goal.reached(read_fit(final_run.path("fit")))
     if not is_reached or max(ratios.values()) > 1:
-        raise FitError("live/goal", f"{session.worst(ratios) if is_reached else words}", "the goal is not reached")
+        raise FitError("live/goal", f"{session.worst(ratios) if is_reached else end}", "the goal is not reached")
 
 
 @dataclass(frozen=True)
 class Session:
-    """A live identification. run: the study in the folder of the results.
+    """A live identification. run: the study with the folder of its results.
 
-    path: its folder live.  outputs: places in its logs.  simulate: by the study's rig.  budget_s: robot time that may
-    be used.
+    path: the folder `live`.  outputs: measured locations in the logs.  simulate: logs are of the study's simulated rig.
+    budget_s: upper limit of the robot time, s.
     """
 
     run: Run
@@ -117,9 +117,8 @@ class Session:
     def stamp(self) -> Stamp:
         """Stamp of all files of the session: the values of the study that a plan depends on, and who makes the logs."""
         design = self.run.stamps["design"]
-        return replace(
-            design, study="", inputs=hash_of([design.inputs, "simulated"]) if self.simulate else design.inputs
-        )
+        inputs = hash_of([design.inputs, "simulated"]) if self.simulate else design.inputs
+        return replace(design, study="", inputs=inputs)
 
     def work(self) -> tuple[list[Plan], bool, str]:
         """Run experiments until the goal is reached. Returns the plans, True if it was reached, and how it ended."""
@@ -129,40 +128,38 @@ class Session:
         result = None
         while True:
             if result is not None:
-                ratios, spent_s = self.goal.reached(result), sum(plan.robot_time_s for plan in plans)
+                ratios, time_s = self.goal.reached(result), sum(plan.robot_time_s for plan in plans)
                 progress = f"{sum(r <= 1 for r in ratios.values())} of {len(ratios)} reached: {self.worst(ratios)}"
-                self.run.console.say(f"live: after x{len(plans)}, {spent_s:.4g} s: {progress}")
+                self.run.console.say(f"live: after x{len(plans)}, {time_s:.4g} s: {progress}")
                 if result.status not in TRUSTED:
-                    step, before = len(plans), "" if len(plans) == 1 else "contradict the earlier logs, or "
-                    words = f"the logs of x{step} {before}have a significant model error: {result.message}. Replace"
-                    return plans, False, f"{words} them in live/logs, or remove live/x{step}* and live/*/x{step}-*"
+                    return plans, False, _model_error_text(len(plans), result)
                 if max(ratios.values()) <= 1:
-                    whole_s = planned_time_s(self.run)
-                    time_used = f"{spent_s:.4g} s of robot time, {100 * spent_s / whole_s:.0f} % of the"
-                    words = f"goal reached after {len(plans)} experiments and {time_used} {whole_s:.4g} s"
-                    return plans, True, f"{words} of the plan of the study"
-            plan = self._planned(plans, result)
+                    planned_s = planned_time_s(self.run)
+                    end = f"goal reached after {len(plans)} experiments and {time_s:.4g} s of robot time, "
+                    end += f"{100 * time_s / planned_s:.0f} % of the {planned_s:.4g} s of the plan of the study"
+                    return plans, True, end
+            plan = self._next_plan(plans, result)
             if isinstance(plan, str):
                 if not plans:
                     raise StudyError("design/goal", plan, "--goal")
                 return plans, False, plan
-            self._measured(plan, len(plans) + 1)
+            self._record(plan, len(plans) + 1)
             plans.append(plan)
-            result = self._fitted(plans, result)
+            result = self._fit(plans, result)
 
     @contextmanager
     def _execution(self, title: str) -> Iterator[Execution]:
         with self.run.console.progress(f"live: {title}") as progress:
             yield Execution(self.run.jobs, progress)
 
-    def _at(self, result: Result | None) -> DesignProblem:
+    def _problem_at(self, result: Result | None) -> DesignProblem:
         if result is None:
             return self.problem
         values = tuple((p.name, result.values[p.name]) for p in result.parameters.of_interest)
         return replace(self.problem, robot=estimated_robot(result), fitted_values=values)
 
     def _design(self, plans: Sequence[Plan]) -> DesignSpec:
-        """Return candidates, and the distortion in the logs so far, which longer experiments do not lower."""
+        """Return the section `design` with the distortion in the logs so far, which longer experiments do not lower."""
         design = self.problem.design
         assert design is not None
         if not plans:
@@ -172,10 +169,10 @@ class Session:
         ratios = [np.median((by_distortion / size) ** 2) for by_distortion, size in pairs if by_distortion is not None]
         return replace(design, distortion=math.sqrt(np.mean(ratios)) if ratios else design.distortion)
 
-    def _planned(self, plans: Sequence[Plan], result: Result | None) -> Plan | str:
+    def _next_plan(self, plans: Sequence[Plan], result: Result | None) -> Plan | str:
         """Return the next plan, read or new, or the reason why no further plan leads to the goal."""
         step = len(plans) + 1
-        path, problem = self.plan(step), self._at(result)
+        path, problem = self.plan(step), self._problem_at(result)
         if path.is_file():
             stamp = read_stamp(path)
             if stamp is None or stamp.inputs != self.stamp.inputs:
@@ -194,61 +191,68 @@ class Session:
                 proposal = next_experiment(
                     problem, candidates, prior, self.goal, robots, f"x{step}", self._seed(step), execution, remaining_s
                 )
-            if words := self._refusal(proposal, plans, result):
-                return words
+            if reason := self._refusal(proposal, plans, result):
+                return reason
             plan = proposal.plan
             self.run.console.say(
                 f"live: x{step} at {degrees(plan.configurations[0].angles.tolist())}, {len(plan.experiments)} runs of "
                 f"{plan.periods} periods, {plan.robot_time_s:.4g} s; {proposal.limit_use.closest}"
             )
             write_plan(path, plan, self.stamp, peaks=proposal.limit_use)
+        self._write_references(plan, problem)
+        return plan
+
+    def _write_references(self, plan: Plan, problem: DesignProblem) -> None:
+        """Write the missing references of the runs of a plan."""
         references, carrier = self.path / "references", problem.simulated.carrier
         movement = movement_of(plan, carrier, problem.robot, plan.configurations[0])
         references.mkdir(parents=True, exist_ok=True)
         for run in plan.experiments:
-            if not (path := references / f"{run.name}.csv").exists():
-                if plan.inject == "torque":
-                    write_run(path, movement, plan.inputs, plan.sliding, movement.injected(plan.torque(run)))
-                else:
-                    write_references(path, plan, run, problem.simulated, problem.robot)
-        return plan
+            if (path := references / f"{run.name}.csv").exists():
+                continue
+            if plan.inject == "torque":
+                write_run(path, movement, plan.inputs, plan.sliding, movement.injected(plan.torque(run)))
+            else:
+                write_references(path, plan, run, problem.simulated, problem.robot)
 
     def _seed(self, step: int) -> int:
         return int(np.random.SeedSequence([self.problem.seed, step]).generate_state(1)[0])
 
     def _robots(self, result: Result | None, step: int) -> tuple[Robot, ...]:
-        """Return robots at the ends of the intervals of a fit or a data sheet, for which the limits hold as well."""
+        """Return further robots for which the limits must hold: draws from the fit, or springs off by SPRING_FACTOR."""
         if result is not None:
-            return draw_robots(replace(result, covariance=4 * result.covariance), DRAWS, self._seed(step)).robots
+            twice = replace(result, covariance=4 * result.covariance)
+            return draw_robots(twice, N_LIMIT_ROBOTS, self._seed(step)).robots
         springs = {p.name: p.value for p in self.problem.parameters.free if p.name.startswith("k")}
-        ends = [{name: k * factor for name, k in springs.items()} for factor in (1 / FACTOR, FACTOR)] if springs else []
+        factors = (1 / SPRING_FACTOR, SPRING_FACTOR) if springs else ()
+        ends = [{name: k * factor for name, k in springs.items()} for factor in factors]
         return tuple(map(self.problem.robot.with_parameters, ends))
 
     def _refusal(self, proposal: NextExperiment, plans: Sequence[Plan], result: Result | None) -> str:
         """Return the reason why no further experiment leads to the goal; empty if one may."""
-        spent = sum(plan.robot_time_s for plan in plans)
+        spent_s = sum(plan.robot_time_s for plan in plans)
         if math.isinf(proposal.option.more_s):
             name, ratio = proposal.option.floor
             goal = 100 * self.goal.widths[name]
             text = f"further measurements cannot narrow {name} below {ratio * goal:.2g} % (goal {goal:.3g} %). Reduce"
             return text + " robot.tolerances, log more signals, or fix a parameter that is correlated with it"
-        if spent + proposal.plan.robot_time_s <= self.budget_s * (1 + 1e-9):
+        if spent_s + proposal.plan.robot_time_s <= self.budget_s * (1 + 1e-9):
             return ""
-        more = spent + max(proposal.option.more_s, proposal.plan.robot_time_s)
+        total_s = spent_s + max(proposal.option.more_s, proposal.plan.robot_time_s)
         shortfall = "" if result is None else f"{self.worst(self.goal.reached(result))}; "
         return (
-            f"{shortfall}robot time used {spent:.4g} s of {self.budget_s:.4g} s, next experiment "
-            f"{proposal.plan.robot_time_s:.4g} s, estimated total {more:.3g} s. Give --robot-time "
-            f"{math.ceil(more / 10) * 10}"
+            f"{shortfall}robot time used {spent_s:.4g} s of {self.budget_s:.4g} s, next experiment "
+            f"{proposal.plan.robot_time_s:.4g} s, estimated total {total_s:.3g} s. Give --robot-time "
+            f"{math.ceil(total_s / 10) * 10}"
         )
 
-    def _measured(self, plan: Plan, step: int) -> None:
+    def _record(self, plan: Plan, step: int) -> None:
         logs = self.path / "logs"
         logs.mkdir(exist_ok=True)
         to_record = [run for run in plan.experiments if self.log(run) is None]
         if self.simulate:
-            true = replace(self.problem.experiment, simulated=self.run.study.experiment.simulated)
-            rig = SimulatedRig(self.run.study.as_robot(), true, plan, self._seed(step))
+            experiment = replace(self.problem.experiment, simulated=self.run.study.experiment.simulated)
+            rig = SimulatedRig(self.run.study.as_robot(), experiment, plan, self._seed(step))
             with self._execution(f"x{step}") as execution:
                 execution.ordered(partial(write_simulated_log, logs, rig), to_record)
             return
@@ -258,9 +262,9 @@ class Session:
                 f"{logs} under the same names; columns: {', '.join(c.channel for c in self.channels)}"
             )
         for run in plan.experiments:
-            last = -1  # size in bytes; a log is complete when its size is constant
-            while (size := self._size(run)) < 0 or size != last:
-                last = size
+            previous_size = -1  # size in bytes; a log is complete when its size is constant
+            while (size := self._size(run)) < 0 or size != previous_size:
+                previous_size = size
                 time.sleep(POLL_S)
 
     def _check(self, plan: Plan, records: Path, problem: DesignProblem) -> None:
@@ -271,28 +275,28 @@ class Session:
         measured = {record.name: record for record in read_records(records, plan.configurations[0].name)}
         for run, rehearsal in zip(plan.experiments, rehearsals, strict=True):
             swings = problem.simulated.carrier is not None
-            if words := contradiction(measured[run.name], plan, rehearsal, coulomb, swings):
-                text = words + ". Replace the log and repeat the command; all earlier logs are kept"
+            if reason := contradiction(measured[run.name], plan, rehearsal, coulomb, swings):
+                text = reason + ". Replace the log and repeat the command; all earlier logs are kept"
                 raise DataError("live/logs", text, f"{self.log(run)} contradicts its plan")
 
     def _size(self, run: Experiment) -> int:
         """Return the size of a run's log in bytes; -1 without a log."""
         path = self.log(run)
-        return -1 if path is None else sum(part.stat().st_size for part in (path, *path.rglob("*")))
+        return -1 if path is None else sum(file.stat().st_size for file in (path, *path.rglob("*")))
 
-    def _fitted(self, plans: Sequence[Plan], before: Result | None) -> Result:
+    def _fit(self, plans: Sequence[Plan], previous: Result | None) -> Result:
         loaded = load(self.write_study(plans), ("fit.profile=[]", "fit.bootstrap=0"))
         run = replace(self.run, loaded=loaded, folder=self.plan(len(plans)).with_suffix(""))
         for name in ("measure", "estimate", "fit"):
             if name == "estimate" and not run.is_current("fit"):
-                self._check(plans[-1], run.path("measure"), self._at(before))
+                self._check(plans[-1], run.path("measure"), self._problem_at(previous))
             if not run.is_current(name):
                 carry_out(run, name)
         return read_fit(run.path("fit"))
 
     def worst(self, ratios: Mapping[str, float]) -> str:
         """Describe the parameter that is furthest from its goal."""
-        name = max(ratios, key=lambda joint: ratios[joint])
+        name = max(ratios, key=lambda parameter: ratios[parameter])
         goal = 100 * self.goal.widths[name]
         return f"{name} identified to ±{number(ratios[name] * goal, 2)} % (goal {goal:.3g} %)"
 
@@ -330,11 +334,18 @@ class Session:
         recorded = RecordedSpec(first.rate_hz, self.channels, files, period_samples=period, hold="zero-order")
         configurations = {c.name: tuple(c.angles.tolist()) for plan in plans for c in plan.configurations}
         experiment = ExperimentSpec(configurations, recorded=recorded)
-        base = {key: data[key] for key in KEPT if data.get(key) is not None}
+        base = {key: data[key] for key in STUDY_SECTIONS if data.get(key) is not None}
         text = yaml_text({**base, "robot": ROBOT, "experiment": experiment}, ("The logs of a live identification.",))
         write_text(self.path / ROBOT, yaml_text(self.problem.robot))
         write_text(self.path / STUDY, text)
         return self.path / STUDY
+
+
+def _model_error_text(step: int, result: Result) -> str:
+    return (
+        f"the logs of x{step} {'contradict the earlier logs, or ' * (step > 1)}have a significant model error: "
+        f"{result.message}. Replace them in live/logs, or remove live/x{step}* and live/*/x{step}-*"
+    )
 
 
 def planned_time_s(run: Run) -> float:

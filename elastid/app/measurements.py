@@ -79,10 +79,10 @@ def hit_runs(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> lis
     headings = [headings_of(path, form) for path in logs]
     if len(set(headings)) > 1:
         drive = guess.joints[0].torque
-        places = {drive.name: hit_place(guess)} | {motion.name: motion.place for motion in guess.motions}
-        columns = [(place, headings[0].index(name)) for name, place in places.items()]
-        by_log = [{place: guess_by_name(row[i], None).place for place, i in columns} for row in headings]
-        by_log = [{place: name for place, name in at.items() if name != place} for at in by_log]
+        locations = {drive.name: hit_place(guess)} | {motion.name: motion.place for motion in guess.motions}
+        columns = [(location, headings[0].index(name)) for name, location in locations.items()]
+        by_log = [{location: guess_by_name(row[i], None).place for location, i in columns} for row in headings]
+        by_log = [{location: name for location, name in at.items() if name != location} for at in by_log]
     elif not (by_log := _by_names(logs, guess)):
         by_log = [{hit_place(guess): point} for point in _points_by_response(logs, form, guess)]
     first = [at for i, at in enumerate(by_log) if at not in by_log[:i]]
@@ -98,23 +98,23 @@ def headings_of(path: Path, form: TextFormatSpec) -> tuple[str, ...]:
 
 def hit_place(guess: LogGuess) -> str:
     """Return the location of the input, with a name that no output has."""
-    place = guess.joints[0].torque.place
-    return "hammer" if place in {motion.place for motion in guess.motions} else place
+    location = guess.joints[0].torque.place
+    return "hammer" if location in {motion.place for motion in guess.motions} else location
 
 
 def _by_names(logs: Sequence[Path], guess: LogGuess) -> list[dict[str, str]]:
     """Return locations by the names of the logs, empty for names without locations."""
-    words = [re.findall(r"([a-z]*)[-_ .]?(\d+)([xyz]?)(?![a-z])", path.stem.lower()) for path in logs]
-    is_alike = len({tuple(word for word, *_ in row) for row in words}) == 1
-    moves = [column for column in zip(*words, strict=True) if len(set(column)) > 1] if is_alike else []
+    parts_of_names = [re.findall(r"([a-z]*)[-_ .]?(\d+)([xyz]?)(?![a-z])", path.stem.lower()) for path in logs]
+    is_alike = len({tuple(word for word, *_ in row) for row in parts_of_names}) == 1
+    moves = [column for column in zip(*parts_of_names, strict=True) if len(set(column)) > 1] if is_alike else []
     result: list[dict[str, str]] = [{} for _ in logs]
     outputs = [motion.place for motion in guess.motions]
     for column in moves:
         kind = next((kind for kind in (_POINT, _SENSOR) if re.fullmatch(kind, column[0][0])), "")
-        places = {_POINT: [hit_place(guess)], _SENSOR: outputs}.get(kind, [])
+        locations = {_POINT: [hit_place(guess)], _SENSOR: outputs}.get(kind, [])
         for at, (word, number, axis) in zip(result, column, strict=True):
             name = f"{word}{number} {axis}".strip()
-            at |= {place: f"{place} {name}" if len(places) > 1 else name for place in places}
+            at |= {location: f"{location} {name}" if len(locations) > 1 else name for location in locations}
     return result if any(result) else []
 
 

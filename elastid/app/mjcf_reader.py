@@ -119,8 +119,8 @@ def _rotation(quaternion: Any) -> Any:
 def _without_looks(spec: Any) -> None:
     """Remove textures, and meshes that add no inertia: their files need not exist."""
     is_always_by_geometry = int(spec.compiler.inertiafromgeom) == 1
-    for part in (*spec.geoms, *spec.sites, *spec.tendons):
-        part.material = ""
+    for element in (*spec.geoms, *spec.sites, *spec.tendons):
+        element.material = ""
     for geom in spec.geoms:
         adds_none = geom.parent.name == "world" or geom.parent.explicitinertial or geom.mass == 0
         if geom.meshname and adds_none and not is_always_by_geometry:

@@ -42,7 +42,7 @@ Vector: TypeAlias = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class Used:
+class ModelOutputs:
     """Files (name in the run folder -> write(path)), figure of the page, and data of an explorable map."""
 
     answer: Answer
@@ -51,7 +51,7 @@ class Used:
     data: str = ""
 
 
-def use_fit(run: Run, name: str, work: Callable[[Result], Used]) -> None:
+def use_fit(run: Run, name: str, work: Callable[[Result], ModelOutputs]) -> None:
     """Run a command `name` on the study's fit and write its results; StudyError without a current fit."""
     result = current_fit(run)
     with logged_in(run.folder, run.jobs, run.console):
@@ -80,14 +80,14 @@ def map_study(
     except ValueError as error:
         raise StudyError("options/invalid", str(error)) from None
 
-    def work(fit: Result) -> Used:
+    def work(fit: Result) -> ModelOutputs:
         """Map of the fitted robot, with its files."""
         ports, seed = posture.PredictionPorts(frame=frame, axes="world"), run.study.seed
         family = with_gears(fit, gears_of(run)).family(ports)
         if path is not None:
             angles, remarks = read_path(path, family.robot, family.frame)
-            for words in remarks:
-                run.console.warn(f"map: {words}")
+            for remark in remarks:
+                run.console.warn(f"map: {remark}")
         elif grid is not None:
             angles = grid_postures(family.robot, family.frame, grid, seed)
         else:
@@ -101,7 +101,7 @@ def map_study(
             "map.h5": lambda path: write_map(path, workspace, run.stamps["fit"]),
             "map.csv": lambda path: write_map_table(path, workspace),
         }
-        return Used(answer_of_map(workspace), files, partial(workspace_figure, workspace), map_data(workspace))
+        return ModelOutputs(answer_of_map(workspace), files, partial(workspace_figure, workspace), map_data(workspace))
 
     use_fit(run, "map", work)
 
@@ -114,21 +114,21 @@ def tune_study(
     if duration is not None and fastest:
         raise StudyError("options/invalid", "--time and --fastest are exclusive. Give one of them")
 
-    def work(result: Result) -> Used:
+    def work(result: Result) -> ModelOutputs:
         """Move of the fitted robot, with its files."""
         robots = _move_robots(run, result, frame, samples, rate_hz, bandwidth_hz, error_mm / 1e3)
         move = read_move(path, robots.identified, robots.frame, 0.0 if fastest else duration)
         with run.console.progress("tune") as progress:
-            tuned = tune_move(robots, move, run.study.name, progress)
+            tuned_move = tune_move(robots, move, run.study.name, progress)
         folder = clear_folder(run.folder, "tune")
         files = {
-            "tune.h5": lambda path: write_tune(path, tuned, run.stamps["fit"]),
-            "tune.csv": lambda path: write_table(path, tuned),
-            "tune": lambda _: (write_move(folder, tuned), write_move_fmu(folder, robots.identified, tuned)),
+            "tune.h5": lambda path: write_tune(path, tuned_move, run.stamps["fit"]),
+            "tune.csv": lambda path: write_table(path, tuned_move),
+            "tune": lambda _: (write_move(folder, tuned_move), write_move_fmu(folder, robots.identified, tuned_move)),
         }
-        if tuned.advice:
-            run.console.warn(f"tune: {tuned.advice}")
-        return Used(answer_of_move(tuned), files, partial(move_figure, tuned))
+        if tuned_move.advice:
+            run.console.warn(f"tune: {tuned_move.advice}")
+        return ModelOutputs(answer_of_move(tuned_move), files, partial(move_figure, tuned_move))
 
     use_fit(run, "tune", work)
 
@@ -157,12 +157,12 @@ def _move_robots(
     )  # fmt: skip
 
 
-def write_table(path: Path, tuned: TunedMove) -> None:
+def write_table(path: Path, tuned_move: TunedMove) -> None:
     """Write tune.csv: a row for each sample, link side, SI."""
     parts = ("position", "velocity", "torque")
-    heads = ["t", *(f"{part} {joint}" for joint in tuned.joints for part in parts), "x", "y", "z", "planned error"]
-    columns = [getattr(tuned, part)[:, i] for i in range(len(tuned.joints)) for part in parts]
-    rows = zip(tuned.time_s, *columns, *tuned.target.T, tuned.predicted_error, strict=True)
+    heads = ["t", *(f"{part} {joint}" for joint in tuned_move.joints for part in parts), "x", "y", "z", "planned error"]
+    columns = [getattr(tuned_move, part)[:, i] for i in range(len(tuned_move.joints)) for part in parts]
+    rows = zip(tuned_move.time_s, *columns, *tuned_move.target.T, tuned_move.predicted_error, strict=True)
     write_rows(path, [heads, *([float(cell) for cell in row] for row in rows)])
 
 
@@ -182,7 +182,7 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, samples: int
     if hz is None:
         raise StudyError("options/invalid", "the study has no rate of the controller. Give --rate", run.loaded.path)
 
-    def work(result: Result) -> Used:
+    def work(result: Result) -> ModelOutputs:
         """Analyse and design the loops of the fitted robot; returns them with their files."""
         family = PostureFamily.of(result, [linear.configuration for linear in result.linear], hz)
         delay_samples = (0 if today is None else today.delay_samples) if delay is None else delay
@@ -192,7 +192,7 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, samples: int
             "loops.yml": lambda path: write_text(path, loops_section(loops)),
         }
         answer, figure = replace(answer_of_loops(loops), text=loops_section(loops)), partial(loops_figure, loops)
-        return Used(answer, files, figure)
+        return ModelOutputs(answer, files, figure)
 
     use_fit(run, "loops", work)
 

@@ -13,17 +13,17 @@ from elastid.study import Study
 
 def overview(study: Study) -> str:
     """Summarise a study in plain text."""
-    parts = [study.display.text]
+    sections = [study.display.text]
     if study.robot is not None:
-        parts.append(study.robot.display.text)
+        sections.append(study.robot.display.text)
     if study.robot is not None and study.friction is None:
         parameters = choose(study.fit, study.robot, tuple(study.experiment.configurations))
-        more = len(with_tolerances(parameters, study.robot, study.fit).free) - len(parameters.free)
-        may_move = f"\n  {_plural(more, 'value')} of the robot model with tolerances (robot.tolerances)"
-        parts.append(parameters.display.text + may_move * bool(more))
-    parts += ["\n".join(_experiments(study)), "\n".join(_questions(study))]
-    parts.append(f"stages: {', '.join(stages_of_study(study))}")
-    return "\n\n".join(filter(None, parts))
+        n_nuisance = len(with_tolerances(parameters, study.robot, study.fit).free) - len(parameters.free)
+        may_move = f"\n  {_plural(n_nuisance, 'value')} of the robot model with tolerances (robot.tolerances)"
+        sections.append(parameters.display.text + may_move * bool(n_nuisance))
+    sections += ["\n".join(_experiments(study)), "\n".join(_questions(study))]
+    sections.append(f"stages: {', '.join(stages_of_study(study))}")
+    return "\n\n".join(filter(None, sections))
 
 
 def _experiments(study: Study) -> Iterator[str]:
@@ -64,11 +64,11 @@ def _questions(study: Study) -> Iterator[str]:
     if gains is not None and {*np.ravel(gains.position_gain), *np.ravel(gains.velocity_gain)} == {1.0}:
         yield "question: experiment.recorded.controller: are all gains 1? Inertia and friction are proportional to them"
     for i, channel in enumerate(channels):
-        heading, place = unit_of_heading(channel.channel), f"question: experiment.recorded.channels[{i}]"
+        heading, key = unit_of_heading(channel.channel), f"question: experiment.recorded.channels[{i}]"
         if heading.unknown and channel.scale == 1 and channel.unit_factor(study.places.slides(channel.at)) == 1:
-            yield f"{place}.scale: {heading.question}"
+            yield f"{key}.scale: {heading.question}"
         if channel.torque_constant == 1:
-            yield f"{place}.torque_constant: is it 1 N*m/A? Friction and inertia are proportional to it"
+            yield f"{key}.torque_constant: is it 1 N*m/A? Friction and inertia are proportional to it"
 
 
 def _margin(study: Study, excitation: MultisineSpec) -> str:

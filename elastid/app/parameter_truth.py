@@ -33,7 +33,7 @@ def mixed_numbers(robot: Robot, is_simulated: bool, friction: CompensatedFrictio
 
 
 def _compensated_joints(friction: CompensatedFriction | None) -> list[str]:
-    return [] if friction is None else [place.removeprefix("motor ") for place in friction.compensated_motors()]
+    return [] if friction is None else [location.removeprefix("motor ") for location in friction.compensated_motors()]
 
 
 def contents(
@@ -49,13 +49,13 @@ def contents(
     """
     mixed = mixed_numbers(robot, is_simulated, friction)
     of_motors = {f"fm_{name}" for name in robot.driven_names}
-    tested = () if friction is None or not friction.configurations else friction.places
-    words = {f"fm_{name}": SLOPE for name in _compensated_joints(friction)} | dict.fromkeys(mixed, WITH_COULOMB)
-    words |= {name: NOT_SIGNIFICANT for place in tested if (name := place.replace("motor ", "fm_")) in mixed}
-    words |= {f"fm_{effect.joint}": SLOPE for effect in (gears.effects if gears else ()) if effect.kind == "friction"}
+    motors = () if friction is None or not friction.configurations else friction.places
+    texts = {f"fm_{name}": SLOPE for name in _compensated_joints(friction)} | dict.fromkeys(mixed, WITH_COULOMB)
+    texts |= {name: NOT_SIGNIFICANT for location in motors if (name := location.replace("motor ", "fm_")) in mixed}
+    texts |= {f"fm_{effect.joint}": SLOPE for effect in (gears.effects if gears else ()) if effect.kind == "friction"}
     and_gain = OF_LOOP if channel_name(DELAY, "r") in parameters.names else ""
     return {
-        parameter.name: words.get(parameter.stands_for, VISCOUS) + and_gain
+        parameter.name: texts.get(parameter.stands_for, VISCOUS) + and_gain
         for parameter in parameters.free
         if parameter.stands_for in of_motors | mixed
     }

@@ -19,7 +19,7 @@ from elastid.app.console import Console
 from elastid.app.identified_robot import with_findings, with_identified_friction
 from elastid.app.run import Run, carry_out, logged_in
 from elastid.app.scaffold import read_mjcf_servos, read_urdf_model
-from elastid.app.stages.validate import Validated, judge
+from elastid.app.stages.validate import ValidationBasis, judge
 from elastid.app.summaries import predicted, validation_summary
 from elastid.base.arrays import FloatArray
 from elastid.base.display import number
@@ -134,8 +134,8 @@ def predict_from_commands(
     model = read_model(model_path)
     with logged_in(folder, jobs, console):
         motions = [_motion(model, path, settings, console) for path in logs]
-        tested = [i < MAX_TESTED for i in range(len(motions))]
-        replays = Execution(jobs).ordered(partial(_replay, model.robot), [*zip(motions, tested, strict=True)])
+        is_tested = [i < MAX_TESTED for i in range(len(motions))]
+        replays = Execution(jobs).ordered(partial(_replay, model.robot), [*zip(motions, is_tested, strict=True)])
         joints, tests = pooled_joints(replays), pooled_tests(replays)
         problem = " ".join(_problems(joints, tests))
         _show(console, replays, joints, tests)
@@ -205,16 +205,16 @@ def _numbers(values: FloatArray) -> str:
 
 def _problems(joints: Sequence[JointError], tests: Sequence[Tested]) -> Iterator[str]:
     """Yield the most likely wrong number, and joints that a trivial predictor predicts as well."""
-    doubts = [test for test in tests if test.is_in_doubt]
-    if doubts:
-        yield f"Most likely wrong: {_words(doubts[0])}. Correct it, and repeat the prediction."
+    doubtful = [test for test in tests if test.is_in_doubt]
+    if doubtful:
+        yield f"Most likely wrong: {_sentence_of_test(doubtful[0])}. Correct it, and repeat the prediction."
     if worse := [row.joint for row in joints if row.is_worse]:
         yield f"A trivial predictor is at least as good for {len(worse)} of {len(joints)} joints: {', '.join(worse)}."
-        if not doubts:
+        if not doubtful:
             yield "Check their inertia and friction in the model, or identify them: `elastid new DIR --from LOG`."
 
 
-def _words(test: Tested) -> str:
+def _sentence_of_test(test: Tested) -> str:
     """Describe a test: the number, its best value, and the error with the best and with the stated value."""
     rms, as_given = number(test.rms, 3), number(test.rms_as_given, 3)
     error = f"rms error {rms} instead of {as_given} ({100 * test.removed:.3g} % removed)"
@@ -257,7 +257,7 @@ def _show(console: Console, replays: Sequence[Replay], joints: Sequence[JointErr
     bands = [[f"{low:.3g} to {high:.3g} Hz", "", *(number(x, 3) for x in errors)] for low, high, errors in octaves]
     console.table([["octave, all joints", "", *PREDICTORS], *bands])
     for test in [test for test in tests if test.is_in_doubt]:
-        console.say(f"predict: test of {_words(test)}")
+        console.say(f"predict: test of {_sentence_of_test(test)}")
     if removed := {test.quantity: test.removed for test in tests if not test.joint and not test.is_in_doubt}:
         largest = f"{max(removed.values()):.1%} removed at most; limit {MAX_REMOVED:.0%}"
         console.say(f"predict: tests of {', '.join(sorted(removed))}: {largest}")
@@ -320,10 +320,10 @@ def predict(run: Run, source: Path) -> None:
         for name in ("design", "measure", *(() if of_friction else ("estimate",))):
             if name in run.stages and not run.is_current(name):
                 carry_out(run, name)
-        judged, content, words = (_of_friction if of_friction else _of_elasticity)(run, path)
+        judgement, content, words = (_of_friction if of_friction else _of_elasticity)(run, path)
         write_json(summary := run.folder / "prediction.json", content | {"with": str(path)})
-        if judged.balances:
-            octaves_figure(judged.balances).savefig(run.folder / "prediction.png")
+        if judgement.balances:
+            octaves_figure(judgement.balances).savefig(run.folder / "prediction.png")
         keep_checksums(run.folder, [summary.name])
         for sentence in (*words, str(summary)):
             run.console.say(f"predict: {sentence}")
@@ -369,7 +369,7 @@ def _of_elasticity(run: Run, path: Path) -> tuple[LogComparison, dict[str, Any],
     gears = read_gears(gears_file if gears_file.is_file() else None)
     model = FittedRobot.of(result, robot, responses, study.model)
     records = run.path("measure") if "measure" in run.stages else None
-    validated = Validated(replace(study, validation=ValidationSpec()), model, friction, gears)
-    judged, log_comparison = judge(validated, responses.names, records, run.console, Execution(run.jobs))
-    content = validation_summary(study.name, judged, log_comparison)
-    return log_comparison, content, [words for words in (judged.verdict, *log_comparison.sentences) if words]
+    validated = ValidationBasis(replace(study, validation=ValidationSpec()), model, friction, gears)
+    judgement, log_comparison = judge(validated, responses.names, records, run.console, Execution(run.jobs))
+    content = validation_summary(study.name, judgement, log_comparison)
+    return log_comparison, content, [words for words in (judgement.verdict, *log_comparison.sentences) if words]

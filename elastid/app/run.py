@@ -34,7 +34,7 @@ from elastid.base.errors import Note, StudyError
 from elastid.base.execution import Execution, persistent_workers
 from elastid.base.files import path_below
 from elastid.base.workers import load_for_workers
-from elastid.fit.status_terms import ANSWERED
+from elastid.fit.status_terms import CODES_WITH_CAUSE
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.files import (
     changed_texts,
@@ -89,7 +89,7 @@ class Work:
 
     def unanswered(self, notes: Iterable[Note]) -> tuple[Note, ...]:
         """Return notes on a fit and its responses, without notes that the stage gears answers or repeats."""
-        return tuple(note for note in notes if not (self.has_gears and note.code in ANSWERED))
+        return tuple(note for note in notes if not (self.has_gears and note.code in CODES_WITH_CAUSE))
 
     @contextmanager
     def execution(self, checkpoint: "Checkpoint | None" = None) -> Iterator[Execution]:
@@ -103,10 +103,10 @@ class Work:
 
         key = hash_of([self.stamp.inputs, self.stamp.code, [file_hash(path) for path in self.sources.values()]])
         remove_leftovers(self.parts)
-        finished = Checkpoint(self.parts, key)
-        if finished:
-            self.console.say(f"{self.stage}: resumed from {finished.description}")
-        return finished
+        finished_parts = Checkpoint(self.parts, key)
+        if finished_parts:
+            self.console.say(f"{self.stage}: resumed from {finished_parts.description}")
+        return finished_parts
 
 
 def text(content: str) -> Write:
@@ -268,10 +268,10 @@ class Run:
         if stamp is None or stamp.inputs != required.inputs:
             text = f"{path} is missing, damaged, or made from another study, other data or other options"
             raise StudyError("run/earlier-stage", f"{text}. {command}")
-        why = "" if stamp.code == required.code else f"was made by other code or versions ({stamp.software})"
-        if doubt := why or ("" if has_checksum(path) else "has no checksum, so that damage is not detectable"):
-            again = f"To make it again: `elastid run {self.loaded.path} {name}`"
-            self.console.warn(f"{path} {doubt} and is used unchanged. {again}")
+        code_reason = "" if stamp.code == required.code else f"was made by other code or versions ({stamp.software})"
+        if reason := code_reason or ("" if has_checksum(path) else "has no checksum, so that damage is not detectable"):
+            advice = f"To make it again: `elastid run {self.loaded.path} {name}`"
+            self.console.warn(f"{path} {reason} and is used unchanged. {advice}")
 
 
 @contextmanager
@@ -330,16 +330,16 @@ def carry_out(run: Run, name: str) -> None:
     """Run a stage with its inputs, write its files, report, and then raise the error of a stage that failed."""
     stage, names = run.stages[name], [*run.stages]
     first = names.index(name)
-    outdated = [after for after in names[first:] if after == name or not run.is_current(after)]
-    texts = {text for after in outdated for text in run.stages[after].texts}
+    later_stages = [later for later in names[first:] if later == name or not run.is_current(later)]
+    texts = {text for later in later_stages for text in run.stages[later].texts}
     # Else they would be read as results where this stage fails.
     remove_texts(run.folder, texts - {text for earlier in names[:first] for text in run.stages[earlier].texts})
     artefacts = resolve_name(stage.function)(stage.sees(run.study), run.work(name))
     artefact = run.path(name)
-    replaced = list(run.overwritten(name).values())
+    old_paths = list(run.overwritten(name).values())
     if artefacts.error is not None and artefact.name not in artefacts.files:
-        replaced.append(artefact)  # what a failed stage leaves does not stand beside an older result
-    for result in replaced:
+        old_paths.append(artefact)  # what a failed stage leaves does not stand beside an older result
+    for result in old_paths:
         result.unlink(missing_ok=True)
     for file, write in artefacts.files.items():
         # A link in place of a file is replaced, one in place of a folder refused.

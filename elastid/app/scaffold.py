@@ -26,7 +26,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.escape import file_name, one_line
-from elastid.base.files import from_template, unlinked
+from elastid.base.files import from_template, open_regular_file
 from elastid.model.formulation import formulate
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.robot import Joint, Motor, Robot, Spring
@@ -37,19 +37,19 @@ from elastid.study.reference import SCHEMA_NAME, make_schema
 from elastid.study.robots import Servos, load_robot, yaml_text
 
 # Guessed drives: gear ratio, and natural frequency (Hz) and damping ratio of the link with locked motor.
-_RATIO, _HELD_HZ, _DAMPING = 100.0, 15.0, 0.03
-_SOONEST_S = 0.01  # least time constant of inertia and viscous friction of a joint, s
+_RATIO, _LOCKED_HZ, _DAMPING = 100.0, 15.0, 0.03
+_MIN_TIME_S = 0.01  # least time constant of inertia and viscous friction of a joint, s
 # Excitation, rms: rad/s^2 (m/s^2), least relative to Coulomb friction, largest relative to the torque limit.
-_ACCELERATION, _TIMES_DRY, _PART_OF_LIMIT = 4.0, 3.0, 0.2
+_ACCELERATION, _COULOMB_RATIO, _LIMIT_FRACTION = 4.0, 3.0, 0.2
 _NO_ROTOR = 1e-250  # inertia of an unknown rotor, kg m^2
 _LEAST_INERTIA = 1e-12  # least inertia of driven links, kg m^2; smaller values are rounding errors
-_POSTURES, _REACH_RAD, _REACH_M = 5, 1.0, 0.2
-_OF_ELASTID = (".yml", ".yaml")
+_POSTURES, _RANGE_RAD, _RANGE_M = 5, 1.0, 0.2
+_NATIVE = (".yml", ".yaml")
 
 
 def is_robot_file(path: Path) -> bool:
     """Return True for a path with the extension of a robot model."""
-    return path.suffix.lower() in (".urdf", ".xml", ".mjcf", *_OF_ELASTID)
+    return path.suffix.lower() in (".urdf", ".xml", ".mjcf", *_NATIVE)
 
 
 def from_robot(path: Path) -> tuple[Robot, dict[str, str], Servos]:
@@ -60,7 +60,7 @@ def from_robot(path: Path) -> tuple[Robot, dict[str, str], Servos]:
     if not path.is_file():
         raise StudyError("files/missing", "no such file", path)
     servos: Servos = {}
-    if is_native := path.suffix.lower() in _OF_ELASTID:
+    if is_native := path.suffix.lower() in _NATIVE:
         robot = load_robot(path)
     elif path.suffix.lower() == ".urdf":
         robot = _links_of_urdf(path)
@@ -90,17 +90,17 @@ def _with_guessed_drives(robot: Robot, postures: FloatArray, path: Path) -> tupl
         line = next((f":{joint.line}" for joint in urdf if joint.name == lacking[0]), "")
         text = "its links have no inertia about its axis. State their inertia, or make the joint fixed"
         raise StudyError("robot/file", f"joint {lacking[0]}: {text}", f"{path}{line}")
-    of_driven = {joint.name: value for joint, value in zip(robot.driven, inertia.tolist(), strict=True)}
-    driven = with_joints(robot, lambda joint: _with_drive(joint, of_driven.get(joint.name, 0.0)))
-    guessed = [joint.name for joint in robot.driven if joint.motor is not None and joint.motor.inertia < _NO_ROTOR]
-    rotors = f"; motors of {', '.join(guessed)}, with as much inertia as the links behind them" if guessed else ""
+    inertia_of = {joint.name: value for joint, value in zip(robot.driven, inertia.tolist(), strict=True)}
+    driven = with_joints(robot, lambda joint: _with_drive(joint, inertia_of.get(joint.name, 0.0)))
+    rotorless = [joint.name for joint in robot.driven if joint.motor is not None and joint.motor.inertia < _NO_ROTOR]
+    rotors = f"; motors of {', '.join(rotorless)}, with as much inertia as the links behind them" if rotorless else ""
     mimics = [one_line(joint.name) for joint in urdf if joint.first("mimic")]
     comments = (
         *([f"Joints that mimic others are fixed at their zero: {', '.join(mimics)}."] if mimics else []),
         f"The rigid part is from {path.name}. Replace guessed numbers with those of data sheets:",
-        f"the springs of gears, with a mode at {_HELD_HZ:g} Hz while the motor is locked{rotors};",
+        f"the springs of gears, with a mode at {_LOCKED_HZ:g} Hz while the motor is locked{rotors};",
         "viscous friction that stops a motor's rotor within a second, where the file has none, or a placeholder that",
-        f"stops a joint within {1e3 * _SOONEST_S:g} ms.",
+        f"stops a joint within {1e3 * _MIN_TIME_S:g} ms.",
         "Constraints, tendons and springs of driven joints are not read, and Coulomb friction only from MJCF files.",
     )
     return inertia, driven, comments
@@ -138,17 +138,17 @@ def _with_drive(joint: Joint, of_links: float) -> Joint:
         if joint.spring is None or joint.spring.damping:
             return joint
         return replace(joint, spring=replace(joint.spring, damping=_damping(joint.spring.stiffness)))
-    k = of_links * (2 * math.pi * _HELD_HZ) ** 2
-    squared, spring = joint.motor.ratio**2, joint.spring or Spring(float(f"{k:.2g}"), _damping(k))
-    rotor = joint.motor.inertia if joint.motor.inertia >= _NO_ROTOR else of_links / squared
-    of_file = joint.motor.viscous + joint.viscous / squared
-    is_plausible = 0 < of_file < (rotor + of_links / squared) / _SOONEST_S
+    k = of_links * (2 * math.pi * _LOCKED_HZ) ** 2
+    ratio_squared, spring = joint.motor.ratio**2, joint.spring or Spring(float(f"{k:.2g}"), _damping(k))
+    rotor = joint.motor.inertia if joint.motor.inertia >= _NO_ROTOR else of_links / ratio_squared
+    of_file = joint.motor.viscous + joint.viscous / ratio_squared
+    is_plausible = 0 < of_file < (rotor + of_links / ratio_squared) / _MIN_TIME_S
     viscous = of_file if is_plausible else float(f"{rotor:.2g}")
     return replace(joint, motor=replace(joint.motor, inertia=rotor, viscous=viscous), spring=spring, viscous=0.0)
 
 
 def _damping(stiffness: float) -> float:
-    return float(f"{_DAMPING * stiffness / (math.pi * _HELD_HZ):.2g}")
+    return float(f"{_DAMPING * stiffness / (math.pi * _LOCKED_HZ):.2g}")
 
 
 def _postures(robot: Robot) -> tuple[FloatArray, float]:
@@ -157,30 +157,30 @@ def _postures(robot: Robot) -> tuple[FloatArray, float]:
     Also returns the largest ratio of gravity torque to torque limit.
     """
     joints, rng = robot.driven, np.random.default_rng(0)
-    reach = [_REACH_M if joint.motion == "translation" else _REACH_RAD for joint in joints]
+    half_ranges = [_RANGE_M if joint.motion == "translation" else _RANGE_RAD for joint in joints]
     low, high = np.clip([joint.limits.angle for joint in joints], -4, 4).T  # an unlimited joint about zero
-    half = np.minimum(0.3 * (high - low), reach)
+    half = np.minimum(0.3 * (high - low), half_ranges)
     angles = np.round((low + high) / 2 + half * rng.uniform(-1, 1, (_POSTURES**2, len(joints))), 2)
     q = robot.opened(angles @ robot.mixing.T).T  # of the motors' shafts
     theta = np.array([[value] * len(angles) for value, _ in robot.parameters().values()])
     gravity = inverse_dynamics(robot)(q, 0 * q, 0 * q, theta).full()[list(robot.driven_indices)]
-    part = np.max(np.abs(gravity.T) / [joint.limits.torque for joint in joints], axis=1)
-    rows = np.argsort(np.maximum(part, 1 / 2), kind="stable")[:_POSTURES]
-    return angles[rows], float(part[rows].max())
+    load = np.max(np.abs(gravity.T) / [joint.limits.torque for joint in joints], axis=1)
+    rows = np.argsort(np.maximum(load, 1 / 2), kind="stable")[:_POSTURES]
+    return angles[rows], float(load[rows].max())
 
 
 def _study(robot: Robot, postures: FloatArray, gravity: float, inertia: FloatArray) -> str:
     limits = [joint.limits.torque for joint in robot.driven]
     dry = [joint.motor.coulomb * abs(joint.motor.ratio) if joint.motor else 0.0 for joint in robot.driven]
-    torque = np.maximum(2 * _ACCELERATION * inertia, _TIMES_DRY * np.array(dry))  # of motor and link
-    rms = np.minimum(torque, _PART_OF_LIMIT * np.array(limits))
+    torque = np.maximum(2 * _ACCELERATION * inertia, _COULOMB_RATIO * np.array(dry))  # of motor and link
+    rms = np.minimum(torque, _LIMIT_FRACTION * np.array(limits))
     rows = (", ".join(f"{angle:g}" for angle in angles) for angles in postures.tolist())
     configurations = "".join(f"    posture {i}: [{row}]\n" for i, row in enumerate(rows, start=1))
     families = [name for name in ("k", "d", "fm") if any(p.startswith(f"{name}_") for p in robot.parameters())]
     return from_template(
         "app/rehearsal/study.yml.txt", schema=SCHEMA_NAME, robot=one_line(robot.name),
-        name=json.dumps(file_name(robot.name)), acceleration=f"{_ACCELERATION:g}", dry=f"{_TIMES_DRY:g}",
-        percent=f"{100 * _PART_OF_LIMIT:g}",
+        name=json.dumps(file_name(robot.name)), acceleration=f"{_ACCELERATION:g}", dry=f"{_COULOMB_RATIO:g}",
+        percent=f"{100 * _LIMIT_FRACTION:g}",
         torque_rms=", ".join(f"{value:.2g}" for value in rms), configurations=configurations,
         gravity=f"; gravity takes up to {100 * gravity:.0f} % of a torque limit" * bool(gravity),
         parameters="{" + ", ".join(f"{name}_*: {{}}" for name in families) + "}",
@@ -285,7 +285,7 @@ def _write(folder: Path, texts: Mapping[str, str]) -> Path:
     for name, text in texts.items():
         if not (folder / name).exists():
             # Not through a link to a file that is yet to be made.
-            with open(folder / name, "x", encoding="utf-8", newline="\n", opener=unlinked) as file:
+            with open(folder / name, "x", encoding="utf-8", newline="\n", opener=open_regular_file) as file:
                 file.write(text)
     return folder / "study.yml"
 

@@ -92,7 +92,7 @@ ROBOT = "robot -robot.tolerances"
 # `fit` of a plan, which depends on no key of the search and the intervals.
 PLANNED = "fit -fit.starts -fit.start_factor -fit.solver -fit.profile -fit.bootstrap -fit.seed"
 # Keys of everything that is said of a fit.
-FITTED = "name robot model fit seed"
+FIT_KEYS = "name robot model fit seed"
 
 # A row: name, kinds, leaves, function, keys, earlier stages; then further properties.
 STAGES = (
@@ -114,21 +114,21 @@ STAGES = (
     ),
     Stage(
         "fit", WITH_A_ROBOT, ("fit.h5", "summary.json", "identified_robot*.yml"), "elastid.app.stages.fit:fit",
-        f"{FITTED} loads tool estimator validation.configurations", "estimate",
+        f"{FIT_KEYS} loads tool estimator validation.configurations", "estimate",
         conclude="elastid.app.stages.fit:conclude"
     ),
     Stage(
         "gears", (SIMULATED, RECORDED), ("gears.h5", "summary.json", "identified_robot*.yml"),
-        "elastid.app.stages.gears:gears", f"{FITTED} estimator gears validation.configurations",
+        "elastid.app.stages.gears:gears", f"{FIT_KEYS} estimator gears validation.configurations",
         "design measure estimate fit", needs="gears", conclude="elastid.app.stages.fit:conclude"
     ),
     Stage(
         "validate", WITH_A_ROBOT, ("validation.h5", "validation.json"), "elastid.app.stages.validate:validate",
-        f"{FITTED} estimator tool validation", "measure? estimate fit gears"
+        f"{FIT_KEYS} estimator tool validation", "measure? estimate fit gears"
     ),
     Stage(
         "report", WITH_A_ROBOT, ("report.html", "figures"), "elastid.app.stages.report:report",
-        f"{FITTED} text report", "design estimate fit gears validate"
+        f"{FIT_KEYS} text report", "design estimate fit gears validate"
     ),
     Stage(
         "report", (FRF, FRF_RESPONSES), ("report.html", "figures", "modes.csv", "modes.h5"),

@@ -81,8 +81,8 @@ def failure(name: str, starts: int, message: str) -> Content:
         "warnings", "notes"
     )  # fmt: skip
     numbers = dict.fromkeys(("static_loads", "tool_responses", "cost", "cost_expected", "dof"))
-    rest: Content = {"parameters": {}, "nuisance_parameters": {}, "friction": None, **{key: [] for key in lists}}
-    return {**_head(name, "failed", message), **numbers, "starts": starts, "n_converged_starts": 0, **rest}
+    empty: Content = {"parameters": {}, "nuisance_parameters": {}, "friction": None, **{key: [] for key in lists}}
+    return {**_head(name, "failed", message), **numbers, "starts": starts, "n_converged_starts": 0, **empty}
 
 
 def summary(
@@ -135,9 +135,9 @@ def summary(
             for index in result.indices
         ],
         "assumed_rigid": [
-            section(part, "name stiffness detection_limit")
-            | {"changes": dict(zip(names[:n_of_interest], json_value(part.changes), strict=True))}
-            for part in result.assumed_rigid
+            section(rigid_part, "name stiffness detection_limit")
+            | {"changes": dict(zip(names[:n_of_interest], json_value(rigid_part.changes), strict=True))}
+            for rigid_part in result.assumed_rigid
         ],
         # Load tests in m, and responses at the tool, compared with the responses of the motors.
         "static_loads": result.static
@@ -261,8 +261,8 @@ def _log_comparison(log_comparison: LogComparison) -> Content:
     return {
         "torque": [
             section(balance, "place log")
-            | _shared(balance, balance, fractions)
-            | {"bands": [_shared(balance, band, of_band) for band in balance.bands]}
+            | _common_numbers(balance, balance, fractions)
+            | {"bands": [_common_numbers(balance, band, of_band) for band in balance.bands]}
             for balance in log_comparison.balances
         ],
         "simulation": [
@@ -272,7 +272,7 @@ def _log_comparison(log_comparison: LogComparison) -> Content:
     }
 
 
-def _shared(balance: TorqueBalance, value: TorqueBalance | BandBalance, names: str) -> Content:
+def _common_numbers(balance: TorqueBalance, value: TorqueBalance | BandBalance, names: str) -> Content:
     """Return fields of a balance or of a band of it, and the fraction of each contribution."""
     return section(value, names) | {"fractions": dict(zip(balance.parts, value.fractions, strict=True))}
 

@@ -9,8 +9,7 @@ from typing import Any, TypeAlias
 
 from elastid.base.escape import one_line, printable
 
-# Rows of a table that are shown; of more, so many and a count of the rest.
-MAX_ROWS = 20
+MAX_ROWS = 20  # a longer table shows its first rows and the number of the others
 
 
 @dataclass(frozen=True)
@@ -42,8 +41,8 @@ class Display:
         head = "".join(f"<th>{_html(cell)}</th>" for cell in self.headings)
         body = "".join(f"<tr>{''.join(f'<td>{_html(cell)}</td>' for cell in row)}</tr>" for row in self.rows[:MAX_ROWS])
         caption = f'<caption style="text-align: left">{_html(self.title)}</caption>'
-        rest = "".join(f"<p>{_html(line.strip())}</p>" for line in self._hidden_rows())
-        return f"<table>{caption}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{rest}"
+        more_rows = "".join(f"<p>{_html(line.strip())}</p>" for line in self._hidden_rows())
+        return f"<table>{caption}<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>{more_rows}"
 
     def _hidden_rows(self) -> Iterator[str]:
         if len(self.rows) > MAX_ROWS:
@@ -100,8 +99,8 @@ def degrees(posture: Sequence[float], sliding: Sequence[bool] = ()) -> str:
     >>> degrees([0.5235987755982988, -3.141592653589793]), degrees([0.25, 0.1], [True, False])
     ('30°, -180°', '0.25 m, 5.73°')
     """
-    places = zip_longest(posture, sliding, fillvalue=False)
-    return ", ".join(f"{at:.4g} m" if slides else f"{57.29577951308232 * at:.4g}°" for at, slides in places)
+    angles = zip_longest(posture, sliding, fillvalue=False)
+    return ", ".join(f"{angle:.4g} m" if slides else f"{57.29577951308232 * angle:.4g}°" for angle, slides in angles)
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -116,10 +115,10 @@ def number(value: float | None, digits: int = 4) -> str:
         return "∞" if value > 0 else "-∞"
     if value == 0:
         return "0"
-    place = digits - 1 - _exponent(value)
+    decimals = digits - 1 - _exponent(value)
     if not -4 <= _exponent(value) < 8:
         return f"{value:.{digits - 1}e}"
-    return f"{round(value, place):.{max(place, 0)}f}"
+    return f"{round(value, decimals):.{max(decimals, 0)}f}"
 
 
 def digits(value: float, std: float) -> int:

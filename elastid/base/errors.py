@@ -120,10 +120,10 @@ def check_theta(theta: Sized, names: Sequence[str]) -> None:
         raise ValueError(f"theta has {len(theta)} numbers for {len(names)} parameters: {', '.join(names)}")
 
 
-def did_you_mean(name: str, valid: Iterable[str], others: Iterable[str] = ()) -> str:
+def did_you_mean(name: str, valid: Iterable[str], further_names: Iterable[str] = ()) -> str:
     """Suggest the valid name nearest to an unknown one, or else list all: the end of a message.
 
-    others: valid names that are too many to be listed.
+    further_names: valid names that are too many to be listed.
 
     >>> did_you_mean("bamd_hz", ["band_hz", "period"])
     "did you mean 'band_hz'?"
@@ -131,7 +131,7 @@ def did_you_mean(name: str, valid: Iterable[str], others: Iterable[str] = ()) ->
     'there are band_hz, period'
     """
     names = list(valid)
-    close = get_close_matches(name, [*names, *others], n=1)
+    close = get_close_matches(name, [*names, *further_names], n=1)
     return f"did you mean '{close[0]}'?" if close else f"there are {', '.join(names) or 'none'}"
 
 

@@ -85,11 +85,11 @@ def c_identifiers(joints: Iterable[str]) -> dict[str, str]:
 
 def unused(name: str, names: Iterable[str], separator: str = " ") -> str:
     """Return the name, with a number behind it if another name differs from it at most in case."""
-    folded = {name.casefold() for name in names}
+    lower_names = {name.casefold() for name in names}
     number = 1
-    while (numbered := name if number == 1 else f"{name}{separator}{number}").casefold() in folded:
+    while (candidate := name if number == 1 else f"{name}{separator}{number}").casefold() in lower_names:
         number += 1
-    return numbered
+    return candidate
 
 
 def file_name(name: str) -> str:
@@ -98,14 +98,14 @@ def file_name(name: str) -> str:
     >>> file_name("../x"), file_name("bench 1")
     ('%2E.%2Fx', 'bench 1')
     """
-    escaped = re.sub(r'[%/\\:*?"<>|]', lambda match: f"%{ord(match[0]):02X}", one_line(name))
-    return f"%2E{escaped[1:]}" if escaped.startswith(".") else escaped
+    text = re.sub(r'[%/\\:*?"<>|]', lambda match: f"%{ord(match[0]):02X}", one_line(name))
+    return f"%2E{text[1:]}" if text.startswith(".") else text
 
 
 def group_name(name: str) -> str:
     """Escape a name for HDF5 groups, in which / and single dots have a meaning."""
-    escaped = name.replace("%", "%25").replace("/", "%2F").replace("\0", "%00")
-    return escaped.replace(".", "%2E") if not escaped.strip(".") else escaped
+    text = name.replace("%", "%25").replace("/", "%2F").replace("\0", "%00")
+    return text.replace(".", "%2E") if not text.strip(".") else text
 
 
 def csv_cell(value: Any) -> Any:
@@ -141,7 +141,7 @@ def docstring(text: str) -> str:
 
 def control_labels(name: str, inputs: Iterable[str], outputs: Iterable[str]) -> dict[str, Any]:
     """Return names of a system and of its signals without dots, which python-control refuses."""
-    inside, out = ([place.replace(".", "_") for place in places] for places in (inputs, outputs))
+    inside, out = ([location.replace(".", "_") for location in locations] for locations in (inputs, outputs))
     return {"name": name.replace(".", "_"), "inputs": inside, "outputs": out}
 
 

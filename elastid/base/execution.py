@@ -18,7 +18,7 @@ from typing import Any, TypeAlias, TypeVar
 from uuid import uuid4
 
 from elastid.base.errors import ElastidError, installed
-from elastid.base.workers import End, LostError, Outcome, Served, Worker, dismiss, outcomes
+from elastid.base.workers import End, LostError, Outcome, Worker, WorkerState, dismiss, outcomes
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
@@ -65,11 +65,11 @@ def surviving(
     """
     progress(0, len(items))
     with closing(_outcomes(function, list(enumerate(items)), jobs)) as results:
-        for done, (index, outcome) in enumerate(results, start=1):
+        for n_done, (index, outcome) in enumerate(results, start=1):
             if outcome.died:
                 _refuse_unguarded()
             yield index, None if outcome.died else outcome.result
-            progress(done, len(items))
+            progress(n_done, len(items))
 
 
 def _outcomes(
@@ -127,9 +127,9 @@ class Execution:
                 self.progress(index + 1, len(items))
             return
         with closing(_by_workers(function, items, self.jobs)) as results:
-            for done, (index, outcome) in enumerate(results, start=1):
+            for n_done, (index, outcome) in enumerate(results, start=1):
                 yield index, outcome.result
-                self.progress(done, len(items))
+                self.progress(n_done, len(items))
 
     def at_home(self, function: Callable[[Item], Value], items: Sequence[Item]) -> Iterator[Value]:
         """Yield function(item) of each item in turn, computed by the worker that has the item from earlier work.
@@ -251,13 +251,13 @@ class Remote(Thread):
 
     pid = 0
 
-    def __init__(self, address: str, pipe: Connection, place: int) -> None:
+    def __init__(self, address: str, pipe: Connection, index: int) -> None:
         super().__init__(daemon=True)
         self._stack, self._pipe = ExitStack(), pipe
         self._task: Any = None
         self._client = self._stack.enter_context(client_of(address))
         places = places_of(self._client)
-        self._name, self._at = uuid4().hex, places[place % len(places)]
+        self._name, self._at = uuid4().hex, places[index % len(places)]
 
     def run(self) -> None:
         """Pass messages on until the pipe or the worker ends."""
@@ -268,16 +268,16 @@ class Remote(Thread):
                 while True:
                     message = self._client.scatter(self._pipe.recv_bytes(), hash=False, workers=[self._at])
                     try:
-                        answer = self._asked(_answer, message)
+                        answer = self._call_remote(_answer, message)
                     except ImportError as error:  # its workers have other libraries
                         answer = End(keeps=False).packed(Outcome(error=error))
                     if answer is not None:
                         self._pipe.send_bytes(answer)
-            self._asked(_forget)
+            self._call_remote(_forget)
 
-    def _asked(self, function: Callable[..., Any], *given: Any) -> Any:
+    def _call_remote(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """Ask the worker for a value; LostError if it is gone, for which the scheduler would wait for ever."""
-        self._task = self._client.submit(function, self._name, *given, pure=False, workers=[self._at])
+        self._task = self._client.submit(function, self._name, *arguments, pure=False, workers=[self._at])
         while True:
             try:
                 return self._task.result(ANSWER_S)
@@ -293,14 +293,14 @@ class Remote(Thread):
 
 
 # Values at the workers of a process on a cluster, by their names.
-_SERVED = dict[str, Served]()
+_FUNCTIONS = dict[str, WorkerState]()
 
 
 def _answer(name: str, message: bytes) -> bytes | None:
     """Answer as the worker of a name; LostError if it was another process."""
-    answer = _SERVED.setdefault(name, Served()).answer(message)
+    answer = _FUNCTIONS.setdefault(name, WorkerState()).answer(message)
     return None if answer is None else bytes(answer)
 
 
 def _forget(name: str) -> None:
-    _SERVED.pop(name, None)
+    _FUNCTIONS.pop(name, None)

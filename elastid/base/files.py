@@ -40,7 +40,7 @@ def clear_folder(run_folder: Path, *names: str) -> Path:
     return path
 
 
-def unlinked(path: str, flags: int) -> int:
+def open_regular_file(path: str, flags: int) -> int:
     """Open a regular file (for `open`); raise ElastidError for a link, device or pipe."""
     if _is_link(Path(path)) or (Path(path).exists() and not Path(path).is_file()):
         raise _refusal(Path(path))
@@ -126,15 +126,15 @@ def check_self_contained(file: Any) -> None:
         raise DataError("files/unsafe", text, file.filename)
 
 
-def _members(path: str, group: Any, place: str, above: tuple[int, ...]) -> Iterator[str]:
-    """Yield the place of each member below a group, once it is checked; above: the groups around it.
+def _members(path: str, group: Any, parent: str, ancestors: tuple[int, ...]) -> Iterator[str]:
+    """Yield the path of each member below a group, once it is checked; ancestors: addresses of the groups around it.
 
     group: h5py.h5g.GroupID, whose members are there in half the time of h5py.Group.
     """
     from h5py import h5d, h5g, h5l, h5o
 
     for key in group:
-        name = f"{place}/{key.decode(errors='replace')}"
+        name = f"{parent}/{key.decode(errors='replace')}"
         if group.links.get_info(key).type == h5l.TYPE_EXTERNAL:
             raise DataError(
                 "files/unsafe",
@@ -149,11 +149,11 @@ def _members(path: str, group: Any, place: str, above: tuple[int, ...]) -> Itera
         if isinstance(item, h5d.DatasetID):
             _check_dataset(path, name, item)
         elif isinstance(item, h5g.GroupID):
-            if _address(item) in above or len(above) > 32:
+            if _address(item) in ancestors or len(ancestors) > 32:
                 raise DataError(
                     "files/unsafe", f"the group {name} contains itself, or lies too deep; export the file again", path
                 )
-            yield from _members(path, item, name, (*above, _address(item)))
+            yield from _members(path, item, name, (*ancestors, _address(item)))
         yield name
 
 
@@ -167,13 +167,13 @@ def _check_dataset(path: str, name: str, dataset: Any) -> None:
             f"the values of {name} lie in another file, which is not opened; save them in the file itself",
             path,
         )
-    claimed = dataset.get_space().get_simple_extent_npoints() * dataset.get_type().get_size()
+    size = dataset.get_space().get_simple_extent_npoints() * dataset.get_type().get_size()
     stored = dataset.get_storage_size()
     # Compression makes data at most some 1000 times smaller; small datasets may be anything.
-    if claimed > max(1 << 28, 2000 * stored):
+    if size > max(1 << 28, 2000 * stored):
         raise DataError(
             "files/unsafe",
-            f"{name} claims {claimed / 1e9:.3g} GB, and {stored} bytes of it are in the file; export it again",
+            f"{name} claims {size / 1e9:.3g} GB, and {stored} bytes of it are in the file; export it again",
             path,
         )
 
@@ -213,15 +213,17 @@ def read_table(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
         rows = [(n, row[:-1]) for n, row in rows]
     if len(rows) < 2:
         raise StudyError("files/table", "a table has a row of names and at least one below it", f"{path}:1:1")
-    (first, heads), *rest = rows
-    names = [name_and_unit(head)[0] for head in heads]
-    if double := [name for name in names if names.count(name) > 1]:
-        raise StudyError("files/table", f"{len(double)} columns have the name {double[0]}", f"{path}:{first}:1")
-    for number, row in rest:
-        if len(row) != len(heads):
-            text = f"{len(row)} cells separated by {separator!r}, but row {first} has {len(heads)} headings"
+    (head_row, headings), *rows_below = rows
+    names = [name_and_unit(head)[0] for head in headings]
+    if repeated_names := [name for name in names if names.count(name) > 1]:
+        raise StudyError(
+            "files/table", f"{len(repeated_names)} columns have the name {repeated_names[0]}", f"{path}:{head_row}:1"
+        )
+    for number, row in rows_below:
+        if len(row) != len(headings):
+            text = f"{len(row)} cells separated by {separator!r}, but row {head_row} has {len(headings)} headings"
             raise StudyError("files/table", text, f"{path}:{number}:1")
-        yield number, dict(zip(heads, row, strict=True))
+        yield number, dict(zip(headings, row, strict=True))
 
 
 def _with_point(cell: str, separator: str) -> str:
@@ -233,7 +235,7 @@ _HEAD = re.compile(r"(?:joint\s+)?(.*?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|\s*(°)|
 
 
 def name_and_unit(head: str) -> tuple[str, str]:
-    """Name and unit of a column of a table: `1 deg`, `1 (deg)` and `joint 1 [deg]` are 1 and deg."""
+    """Split a column heading into name and unit: `1 deg`, `1 (deg)` and `joint 1 [deg]` are 1 and deg."""
     match = _HEAD.fullmatch(head)
     name, *units = match.groups() if match else (head,)
     return name, next(filter(None, units), "")

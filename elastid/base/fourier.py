@@ -21,25 +21,25 @@ def real_dft(x: FloatArray, lines: IntArray | None = None, out: ComplexArray | N
             dft[:] = np.fft.rfft(period, axis=0)[lines].T
         return out.swapaxes(1, 2)
     periods, channels = np.arange(P)[:, None], np.arange(c)
-    places = [a.ctypes.data + a.strides[0] * periods + a.strides[i] * channels for a, i in ((x, 2), (out, 1))]
-    call("real_dft", N, P * c, len(lines), x.strides[1] // x.itemsize, *places, lines, *plan)
+    addresses = [a.ctypes.data + a.strides[0] * periods + a.strides[i] * channels for a, i in ((x, 2), (out, 1))]
+    call("real_dft", N, P * c, len(lines), x.strides[1] // x.itemsize, *addresses, lines, *plan)
     return out.swapaxes(1, 2)
 
 
 @lru_cache(maxsize=4)
 def _plan(N: int) -> tuple[IntArray, IntArray, ComplexArray] | None:
     """Return the factors of N / 2, digit-reversed places of lines (N / 2 + 1,), roots; None with large factors."""
-    factors, place, rest = [], np.zeros(1, np.int64), N // 2
+    factors, order, quotient = [], np.zeros(1, np.int64), N // 2
     for factor in (8, 4, *range(2, 14)):
-        while rest and rest % factor == 0:
+        while quotient and quotient % factor == 0:
             factors.append(factor)
-            rest //= factor
-    if N % 2 or rest != 1 or not factors or N > 1 << 19:  # work space of 64 MB and more
+            quotient //= factor
+    if N % 2 or quotient != 1 or not factors or N > 1 << 19:  # work space of 64 MB and more
         return None
     for factor in reversed(factors):
-        place = (place[:, None] + len(place) * np.arange(factor)).ravel()
+        order = (order[:, None] + len(order) * np.arange(factor)).ravel()
     return (
         np.array(factors),
-        np.append(place, 0),
+        np.append(order, 0),
         np.concatenate([np.exp(-2j * np.pi * np.arange(n) / n) for n in (N, *factors)]),
     )

@@ -105,7 +105,7 @@ def posture_of(configuration: str) -> str:
 
 
 @lru_cache(maxsize=4096)
-def _folded(name: str) -> str:
+def _normalise(name: str) -> str:
     return normalize("NFKC", normalize("NFKC", name).casefold()).replace(" ", "_")
 
 
@@ -118,7 +118,7 @@ def check_different(noun: str, names: Iterable[str]) -> None:
     """
     names_by_folded: dict[str, str] = {}
     for name in names:
-        earlier, names_by_folded[_folded(name)] = names_by_folded.get(_folded(name)), name
+        earlier, names_by_folded[_normalise(name)] = names_by_folded.get(_normalise(name)), name
         if earlier == name:
             raise ValueError(f"{noun} {name} is given twice; leave one out")
         if earlier is not None:

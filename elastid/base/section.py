@@ -90,8 +90,8 @@ def section(cls: type[T]) -> type[T]:
     In Python it accepts the values of a study, and an array for a tuple; ValueError names the first field
     that is wrong.
     """
-    made: Any = dataclass(frozen=True)(cls)
-    by_default, requires = made.__init__, any(f.default is f.default_factory for f in fields(made))
+    section_class: Any = dataclass(frozen=True)(cls)
+    by_default, requires = section_class.__init__, any(f.default is f.default_factory for f in fields(section_class))
 
     @wraps(by_default)  # the signature that a prompt shows
     def __init__(self: T, *values: Any, **keys: Any) -> None:
@@ -101,18 +101,18 @@ def section(cls: type[T]) -> type[T]:
         from pydantic_core import ArgsKwargs, ValidationError
 
         try:
-            validator(made).validate_python(ArgsKwargs(values, keys), self_instance=self)
+            validator(section_class).validate_python(ArgsKwargs(values, keys), self_instance=self)
         except ValidationError as error:
             first = error.errors()[0]
             message, steps = first["msg"].removeprefix("Value error, "), list(first["loc"])
             if steps and isinstance(steps[0], int):  # given without its name
-                steps[0] = made.__match_args__[steps[0]]
+                steps[0] = section_class.__match_args__[steps[0]]
             text = f"{'.'.join(map(str, steps))}: {message} (got {first['input']!r:.60})" if steps else message
             raise ValueError(text) from None
 
-    made.__init__ = __init__
-    made.__pydantic_config__ = _CONFIG
-    return made  # type: ignore[no-any-return]
+    section_class.__init__ = __init__
+    section_class.__pydantic_config__ = _CONFIG
+    return section_class  # type: ignore[no-any-return]
 
 
 @cache

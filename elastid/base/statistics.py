@@ -67,8 +67,8 @@ def exceeds_noise(cost: float, expected_cost: float, cost_dof: float) -> bool:
     return cost > expected_cost * max_cost_ratio(cost_dof)
 
 
-def f_test(drop: float, added: int, residual: float, dof: float) -> float:
-    """Return p of `added` further parameters that lower a sum of squares by `drop` to `residual` with `dof` remaining.
+def f_test(drop: float, n_added: int, residual: float, dof: float) -> float:
+    """Return p of n_added parameters that lower a sum of squares by `drop` to `residual` with `dof` remaining.
 
     If the sum of squares increases, the p-value is 1.
 
@@ -79,7 +79,7 @@ def f_test(drop: float, added: int, residual: float, dof: float) -> float:
     """
     from scipy.special import fdtrc
 
-    return float(fdtrc(added, dof, max(drop, 0.0) / added / max(residual / dof, 1e-300)))
+    return float(fdtrc(n_added, dof, max(drop, 0.0) / n_added / max(residual / dof, 1e-300)))
 
 
 def correlation_of(covariance: FloatArray) -> FloatArray:
@@ -146,14 +146,14 @@ class Spread:
 def propagate(function: Callable[[FloatArray], Any], x: FloatArray, covariance: FloatArray) -> Spread:
     """Propagate the covariance (n_x, n_x) of x (n_x,), with infinite variances, to the spread of function(x) (...)."""
     value = np.asarray(function(x))
-    unreached = np.isinf(np.diag(covariance))
+    is_infinite = np.isinf(np.diag(covariance))
     axes = principal_axes(covariance)
     # An almost unconstrained number has the slope at the estimate, not the slope across absurd robots.
     steps = zip(axes, [min(1.0, SLOPE_STEP / float(np.abs(axis).max())) for axis in axes], strict=True)
     shifts = [(np.asarray(function(x + h * axis)) - function(x - h * axis)) / (2 * h) for axis, h in steps]
     unknown = np.zeros(value.shape, bool)
     size = np.abs(value).max(initial=1e-300)
-    for i in np.flatnonzero(unreached):
+    for i in np.flatnonzero(is_infinite):
         change = np.abs(function(x + UNREACHED_STEP * np.eye(len(x))[i]) - value)
         unknown |= change > 1e-7 * UNREACHED_STEP * size
     linear = np.array(shifts).reshape(len(axes), *value.shape)
@@ -166,8 +166,8 @@ def propagate(function: Callable[[FloatArray], Any], x: FloatArray, covariance: 
 
     if len(axes):
         normal, actual = drawn(CHECK_DRAWS)
-        missed = np.abs(actual - np.tensordot(normal, linear, 1))
-        if np.sqrt(np.mean(missed**2)) > SLOPE_ERROR * np.sqrt(np.mean(np.abs(actual) ** 2)):
+        residual = np.abs(actual - np.tensordot(normal, linear, 1))
+        if np.sqrt(np.mean(residual**2)) > SLOPE_ERROR * np.sqrt(np.mean(np.abs(actual) ** 2)):
             return Spread(value, drawn(DRAWS)[1], "samples", unknown)
     return Spread(value, linear, "linearisation", unknown)
 
@@ -210,8 +210,8 @@ def identifiable_combinations(values: FloatArray, covariance: FloatArray, larges
         members = sorted(order[vector[order] > MIN_MEMBER * vector.max()].tolist())
         if eigenvalue > MAX_COMBINATION_STD or len(members) < 2:
             continue
-        i, others = members[0], members[1:]
-        w = -np.linalg.solve(covariance[np.ix_(others, others)], covariance[others, i])
+        i, other_members = members[0], members[1:]
+        w = -np.linalg.solve(covariance[np.ix_(other_members, other_members)], covariance[other_members, i])
         weights = np.array([1.0, *(float(f"{x:.2g}") for x in w)])
         of_value = float(np.sqrt(weights @ covariance[np.ix_(members, members)] @ weights))
         if of_value < MAX_COMBINATION_STD * std[i]:
@@ -221,10 +221,10 @@ def identifiable_combinations(values: FloatArray, covariance: FloatArray, larges
     return tuple(combinations.values())
 
 
-def runs(flags: BoolArray, least: int = 1) -> IntArray:
+def runs(flags: BoolArray, min_length: int = 1) -> IntArray:
     """Return first sample and end (k, 2) of runs of at least so many set flags (n,)."""
     bounds = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]]))).reshape(-1, 2)
-    return bounds[bounds[:, 1] - bounds[:, 0] >= least]
+    return bounds[bounds[:, 1] - bounds[:, 0] >= min_length]
 
 
 def smallest_step(x: FloatArray) -> float:
@@ -244,17 +244,17 @@ def mean_of_neighbours(values: Values, width: int = NEIGHBOURS) -> Values:
     return np.asarray((total[end] - total[first]) / (end - first).reshape(-1, *(1,) * (values.ndim - 1)))
 
 
-def interpolated(places: FloatArray | IntArray, lines: FloatArray | IntArray, values: Values) -> Values:
-    """Interpolate values (F, ...) at lines (F,) linearly to `places` (K,); extrapolate beyond."""
-    right = np.clip(np.searchsorted(lines, places), 1, len(lines) - 1)
-    part = (places - lines[right - 1]) / np.maximum(lines[right] - lines[right - 1], 1e-300)
-    part = part.reshape(-1, *(1,) * (values.ndim - 1))
-    return (1 - part) * values[right - 1] + part * values[right]
+def interpolate(x: FloatArray | IntArray, lines: FloatArray | IntArray, values: Values) -> Values:
+    """Interpolate values (F, ...) at lines (F,) linearly to `x` (K,); extrapolate beyond."""
+    right = np.clip(np.searchsorted(lines, x), 1, len(lines) - 1)
+    fraction = (x - lines[right - 1]) / np.maximum(lines[right] - lines[right - 1], 1e-300)
+    fraction = fraction.reshape(-1, *(1,) * (values.ndim - 1))
+    return (1 - fraction) * values[right - 1] + fraction * values[right]
 
 
 def principal_axes(covariance: FloatArray) -> FloatArray:
     """Return one std along each principal axis, l_k (n, n_x); zero for exact and unidentifiable parameters."""
-    unreached = np.isinf(np.diag(covariance))
-    values, vectors = np.linalg.eigh(np.where(unreached[:, None] | unreached, 0.0, covariance))
+    is_infinite = np.isinf(np.diag(covariance))
+    values, vectors = np.linalg.eigh(np.where(is_infinite[:, None] | is_infinite, 0.0, covariance))
     is_moved = values > 1e-24 * values.max(initial=0.0)
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))).T[is_moved & (values > 0)])

@@ -111,9 +111,9 @@ def to_si(value: Any, *dimensions: str) -> float:
     >>> force, force.dimension
     (5000.0, 'N/m')
     """
-    unit, expected = "", " or ".join(dimensions)
+    unit, expected_units = "", " or ".join(dimensions)
     if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise ValueError(f"expected a number in {expected} or a text such as '1 {dimensions[0]}'")
+        raise ValueError(f"expected a number in {expected_units} or a text such as '1 {dimensions[0]}'")
     if isinstance(value, str):
         match = _QUANTITY.match(value)
         if match is None:
@@ -121,7 +121,7 @@ def to_si(value: Any, *dimensions: str) -> float:
         unit = (match[2] or "").strip()
         value = float(match[1]) * (factor(unit, *dimensions) if unit else 1.0)
     if not math.isfinite(value):
-        raise ValueError(f"expected a finite number in {expected}")
+        raise ValueError(f"expected a finite number in {expected_units}")
     return Measured(value, dimension_and_size(unit)[0]) if unit and len(dimensions) > 1 else float(value)
 
 
@@ -164,9 +164,9 @@ class InUnit:
         from pydantic_core import core_schema
 
         # JSON has no infinite numbers.
-        words = core_schema.plain_serializer_function_ser_schema(lambda x: x if math.isfinite(x) else str(x))
+        serializer = core_schema.plain_serializer_function_ser_schema(lambda x: x if math.isfinite(x) else str(x))
         return core_schema.no_info_plain_validator_function(
-            self._number, metadata={"pydantic_js_functions": []}, serialization=None if self.is_finite else words
+            self._number, metadata={"pydantic_js_functions": []}, serialization=None if self.is_finite else serializer
         )
 
     def _number(self, value: Any) -> float:

@@ -4,7 +4,7 @@ They start from nothing where the system has no copies. Some stay for the next w
 built and the values that they have (`execution.persistent_workers`). Workers of a Dask cluster are asked by the
 same messages (`base.execution`).
 
-Large frozen arrays, and instances of `Kept`, which stay there as here, go to another process once: both ends of a pipe
+Large frozen arrays, and instances of `KeptOnce`, which both keep, go to another process once: both ends of a pipe
 know the values of the other one by names. A value that is deleted here is deleted there with the next work.
 """
 
@@ -28,10 +28,10 @@ from weakref import WeakValueDictionary, finalize
 
 import numpy as np
 
-from elastid.base.arrays import MIN_PART_BYTES, FileArray, stored_in
+from elastid.base.large_arrays import MIN_MAPPED_BYTES, FileArray, move_to_file
 
 
-class Kept:
+class KeptOnce:
     """Frozen dataclass that is sent once to another process, without values computed from its fields."""
 
 
@@ -41,7 +41,7 @@ class LostError(Exception):
 
 _NAMES = dict[int, bytes]()  # by the identity of living objects
 _VALUES = WeakValueDictionary[bytes, Any]()
-_ARRIVED: ContextVar[dict[bytes, Any]] = ContextVar("values that come with a message")
+_RECEIVED: ContextVar[dict[bytes, Any]] = ContextVar("values that come with a message")
 
 
 class End:
@@ -52,23 +52,23 @@ class End:
 
     def packed(self, value: Any, is_first: bool = False) -> bytearray:
         """Pickle a message. is_first: first message of a task, which releases values that were deleted here."""
-        dropped = [name for name in self._known if name not in _VALUES] if is_first else []
+        forgotten = [name for name in self._known if name not in _VALUES] if is_first else []
         message = _Message()
         pickler = _Pickler(message, self._known)
         pickler.dump(value)
-        pickle.dump(dropped, message)
-        self._has(pickler.new, dropped)
+        pickle.dump(forgotten, message)
+        self._has(pickler.new, forgotten)
         return message
 
     def unpacked(self, message: bytes) -> Any:
         """Decode a message from the other end; raise LostError if it names a missing value."""
-        file, arrived = BytesIO(message), dict[bytes, Any]()
-        token = _ARRIVED.set(arrived)
+        file, received = BytesIO(message), dict[bytes, Any]()
+        token = _RECEIVED.set(received)
         try:
             value = pickle.load(file)
         finally:
-            _ARRIVED.reset(token)
-        self._has(arrived, pickle.load(file))
+            _RECEIVED.reset(token)
+        self._has(received, pickle.load(file))
         return value
 
     def _has(self, new: dict[bytes, Any], gone: list[bytes]) -> None:
@@ -96,45 +96,45 @@ class _Pickler(pickle.Pickler):
     def reducer_override(self, value: Any) -> Any:
         """Name of a value that the other end has, with names of its parts if it stays there."""
         parts: tuple[Any, ...]
-        if isinstance(value, Kept):
-            parts = (_made, type(value), {f.name: getattr(value, f.name) for f in fields(value)})  # type: ignore[arg-type]
-        elif not isinstance(value, np.ndarray) or value.flags.writeable or value.nbytes < MIN_PART_BYTES:
+        if isinstance(value, KeptOnce):
+            parts = (_construct, type(value), {f.name: getattr(value, f.name) for f in fields(value)})  # type: ignore[arg-type]
+        elif not isinstance(value, np.ndarray) or value.flags.writeable or value.nbytes < MIN_MAPPED_BYTES:
             return NotImplemented
         elif type(value) is np.ndarray and value.flags.owndata and not value.dtype.hasobject:
             parts = (_frozen, value.view())
         elif type(value) is FileArray and hasattr(value, "room"):
-            parts = (stored_in, value.folder, np.array(value))
+            parts = (move_to_file, value.folder, np.array(value))
         else:
             return NotImplemented
-        name = _NAMES.get(id(value)) or _named(os.urandom(8), value)
+        name = _NAMES.get(id(value)) or _register(os.urandom(8), value)
         if name in self._known:
-            return _recalled, (name,)
+            return _recall, (name,)
         self.new[name] = value
-        return _arrived, (name, *parts)
+        return _receive, (name, *parts)
 
 
-def _named(name: bytes, value: Any) -> bytes:
+def _register(name: bytes, value: Any) -> bytes:
     _NAMES[id(value)], _VALUES[name] = name, value
     finalize(value, _NAMES.pop, id(value)).atexit = False
     return name
 
 
-def _recalled(name: bytes) -> Any:
+def _recall(name: bytes) -> Any:
     value = _VALUES.get(name)
     if value is None:
         raise LostError
     return value
 
 
-def _arrived(name: bytes, make: Callable[..., Any], *parts: Any) -> Any:
+def _receive(name: bytes, make: Callable[..., Any], *parts: Any) -> Any:
     value = _VALUES.get(name)  # as in a worker that is a thread of this process
     if value is None:
-        _named(name, value := make(*parts))
-    _ARRIVED.get()[name] = value
+        _register(name, value := make(*parts))
+    _RECEIVED.get()[name] = value
     return value
 
 
-def _made(of: type[Any], values: dict[str, Any]) -> Any:
+def _construct(of: type[Any], values: dict[str, Any]) -> Any:
     value = object.__new__(of)
     value.__dict__.update(values)
     return value
@@ -193,7 +193,7 @@ def outcomes(
     lasting: those at rest, which work again and rest again behind it.  Workers that are at an item when this ends are
     ended.
     """
-    ends = [len(items) * place // count for place in range(count + 1)] if at_home else [0, len(items)]
+    ends = [len(items) * i // count for i in range(count + 1)] if at_home else [0, len(items)]
     waiting = [deque(items[first:last]) for first, last in pairwise(ends)]
     at_rest = [] if lasting is None else lasting
     workers: list[Worker] = []
@@ -222,7 +222,7 @@ def outcomes(
         yield from give(_call(at_rest, workers, worker.place, new or _local), is_new=True)
 
     try:
-        for worker in [_call(at_rest, workers, place, new or _local) for place in range(count)]:
+        for worker in [_call(at_rest, workers, i, new or _local) for i in range(count)]:
             yield from give(worker, is_new=True)
         while busy:
             ready = wait(list(busy))
@@ -256,11 +256,11 @@ def load_for_workers(modules: Sequence[str]) -> None:
     forkserver.set_forkserver_preload(["__main__", *modules])
     # Ctrl-C while it loads is for the parent alone; workers ignore it later. Tracker first: its start unblocks Ctrl-C.
     resource_tracker.ensure_running()
-    before = pthread_sigmask(SIG_BLOCK, {SIGINT})
+    old_mask = pthread_sigmask(SIG_BLOCK, {SIGINT})
     try:
         forkserver.ensure_running()
     finally:
-        pthread_sigmask(SIG_SETMASK, before)
+        pthread_sigmask(SIG_SETMASK, old_mask)
 
 
 def start_method() -> str:
@@ -276,27 +276,27 @@ def _call(at_rest: list[Worker], function: list[Worker], place: int, new: Callab
         if worker.process.is_alive():
             return worker
         end(worker)
-    with _undisturbed():
+    with _signals_deferred():
         _start(function, place, new)
     return function[-1]
 
 
 @contextmanager
-def _undisturbed() -> Iterator[None]:
+def _signals_deferred() -> Iterator[None]:
     """Postpone Ctrl-C until the end: during a start it would leave a worker that never ends."""
     if current_thread() is not main_thread():  # which Ctrl-C does not reach
         yield
         return
-    before, pressed = {number: getsignal(number) for number in (SIGINT, SIGTERM)}, list[int]()
-    acting = {number: handler for number, handler in before.items() if callable(handler)}
+    handlers, signals = {number: getsignal(number) for number in (SIGINT, SIGTERM)}, list[int]()
+    acting = {number: handler for number, handler in handlers.items() if callable(handler)}
     for number in acting:
-        signal(number, lambda number, _: pressed.append(number))
+        signal(number, lambda number, _: signals.append(number))
     try:
         yield
     finally:
         for number, handler in acting.items():
             signal(number, handler)
-    for again in pressed:
+    for again in signals:
         raise_signal(again)
 
 
@@ -343,7 +343,7 @@ def _serve(pipe: Connection) -> None:
     logging.captureWarnings(True)
     logging.getLogger().addHandler(logging.NullHandler())
     Thread(target=_end_with_parent, daemon=True).start()
-    served = Served()
+    served = WorkerState()
     with suppress(EOFError, ConnectionResetError, LostError):
         while True:
             answer = served.answer(pipe.recv_bytes())
@@ -351,7 +351,7 @@ def _serve(pipe: Connection) -> None:
                 pipe.send_bytes(answer)
 
 
-class Served:
+class WorkerState:
     """The function of a work, and the values that came with it, in a worker."""
 
     def __init__(self) -> None:
@@ -373,11 +373,11 @@ class Served:
         except LostError:
             raise
         except Exception as error:
-            failed = Outcome(error=error, trace=format_exc())
+            failure = Outcome(error=error, trace=format_exc())
         try:
-            return self._end.packed(failed)
+            return self._end.packed(failure)
         except Exception:  # an error with a value that does not pickle
-            return self._end.packed(Outcome(error=RuntimeError(failed.trace)))
+            return self._end.packed(Outcome(error=RuntimeError(failure.trace)))
 
 
 def _end_with_parent() -> None:

@@ -40,23 +40,23 @@ def draw_candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float |
     or an unknown body, for a slide without limits, and where no candidate is left, with the reasons.
     """
     low, high = _range(robot, swing)
-    names, angles = _proposed(spec, robot, *_range(robot, swing + spec.margin), seed)
+    names, angles = _proposed_angles(spec, robot, *_range(robot, swing + spec.margin), seed)
     reasons = [("are outside the joints' limits", ((angles < low - 1e-9) | (angles > high + 1e-9)).any(axis=1))]
     reasons += list(collisions(spec, robot, angles))
     allowed = np.ones(len(angles), dtype=np.bool_)
-    refused: dict[str, int] = {}
+    counts: dict[str, int] = {}
     for reason, bad in reasons:
         if (allowed & bad).any():
-            refused[reason] = int((allowed & bad).sum())
+            counts[reason] = int((allowed & bad).sum())
         allowed &= ~bad
     if not allowed.any():
         raise StudyError(
             "design/candidates",
-            f"none of {len(angles)} candidates is admissible: {Candidates((), refused).reasons}. Give others, or "
+            f"none of {len(angles)} candidates is admissible: {Candidates((), counts).reasons}. Give others, or "
             "relax the constraints that reject them",
             "design.candidates",
         )
-    return Candidates(tuple(Configuration(names[i], angles[i]) for i in np.flatnonzero(allowed).tolist()), refused)
+    return Candidates(tuple(Configuration(names[i], angles[i]) for i in np.flatnonzero(allowed).tolist()), counts)
 
 
 def _range(robot: Robot, swing: float | FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -83,13 +83,13 @@ def _range(robot: Robot, swing: float | FloatArray) -> tuple[FloatArray, FloatAr
     return low, high
 
 
-def _proposed(
+def _proposed_angles(
     spec: CandidateSpec, robot: Robot, low: FloatArray, high: FloatArray, seed: int
 ) -> tuple[Sequence[str], FloatArray]:
     n = len(robot.driven)
     if spec.given:
-        for name, given in spec.given.items():
-            if refusal := robot.count_refusal(len(given)):
+        for name, position in spec.given.items():
+            if refusal := robot.count_refusal(len(position)):
                 raise StudyError("design/candidates", refusal, f"design.candidates.given.{name}")
         return list(spec.given), np.array(list(spec.given.values()))
     if spec.grid is not None:
@@ -131,8 +131,8 @@ def _link_points(skeleton: Skeleton) -> FloatArray:
     points = [skeleton.points[:, skeleton.moves]]
     for a, b in skeleton.links:
         if skeleton.moves[a] and skeleton.moves[b]:
-            part = np.linspace(0, 1, 7)[1:-1, None]
-            points.append(skeleton.points[:, [a]] + part * (skeleton.points[:, [b]] - skeleton.points[:, [a]]))
+            fractions = np.linspace(0, 1, 7)[1:-1, None]
+            points.append(skeleton.points[:, [a]] + fractions * (skeleton.points[:, [b]] - skeleton.points[:, [a]]))
     return np.concatenate(points, axis=1)
 
 
@@ -148,7 +148,7 @@ def choose_configurations(
     H, rows = informations(prospect, configurations, prospect.parameters.x, execution)
     visible_parameters, ground = identifiable(criterion, H, elsewhere, prospect.parameters)
     numbers, efficiency = best_experiments(H[None], count, visible_parameters, (elsewhere + ground)[None])
-    selection = _named([configurations[i] for i in rows], numbers, prospect.realisations, reserved)
+    selection = _name_choices([configurations[i] for i in rows], numbers, prospect.realisations, reserved)
     names = ", ".join(f"{c.configuration.name} ({c.realisations} realisations)" for c in selection)
     best = f"{100 * efficiency:.1f} % of the best possible allocation"
     return selection, f"chosen among {len(rows)} candidates: {names}; {best}"
@@ -182,13 +182,13 @@ def identifiable(
     criterion: DesignCriterion, H: FloatArray, prior: FloatArray, parameters: Parameters
 ) -> tuple[DesignCriterion, FloatArray]:
     """Return the criterion on parameters that the candidates inform, and information (n_x, n_x) for the others."""
-    pooled = H.mean(axis=0) + prior
-    length = np.sqrt(np.maximum(np.diag(pooled), 0.0))
+    total = H.mean(axis=0) + prior
+    length = np.sqrt(np.maximum(np.diag(total), 0.0))
     length[length == 0] = 1.0
-    eigenvalues, V = np.linalg.eigh(pooled / np.outer(length, length))
+    eigenvalues, V = np.linalg.eigh(total / np.outer(length, length))
     blind = V[:, eigenvalues < 1e-12]  # relative to the best known direction
-    informed = np.abs(blind).max(axis=1, initial=0.0) < 1e-3
-    columns = criterion.interest[:, [informed[int(np.argmax(column))] for column in criterion.interest.T]]
+    is_identifiable = np.abs(blind).max(axis=1, initial=0.0) < 1e-3
+    columns = criterion.interest[:, [is_identifiable[int(np.argmax(column))] for column in criterion.interest.T]]
     if columns.shape[1] == 0:
         names = ", ".join(parameters.free_names[i] for i in np.flatnonzero(criterion.interest.sum(axis=1)))
         raise StudyError(
@@ -200,13 +200,13 @@ def identifiable(
     return replace(criterion, interest=columns), (blind * length[:, None]) @ (blind * length[:, None]).T
 
 
-def _named(
+def _name_choices(
     configurations: Sequence[Configuration], numbers: IntArray, realisations: int, reserved: Sequence[str]
 ) -> tuple[DesignedConfiguration, ...]:
     """Return the chosen configurations in the order of the candidates; unnamed ones are called c1, c2 ..."""
     selection: list[DesignedConfiguration] = []
-    used = {*reserved, *(c.name for c in configurations if not c.name.startswith("candidate"))}
-    free = (name for name in (f"c{i}" for i in range(1, len(used) + len(configurations) + 2)) if name not in used)
+    names = {*reserved, *(c.name for c in configurations if not c.name.startswith("candidate"))}
+    free = (name for name in (f"c{i}" for i in range(1, len(names) + len(configurations) + 2)) if name not in names)
     for configuration, number in zip(configurations, numbers.tolist(), strict=True):
         if number:
             name = next(free) if configuration.name.startswith("candidate") else configuration.name

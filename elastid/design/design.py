@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, named
 from elastid.base.errors import Note, StudyError
 from elastid.base.execution import Execution
 from elastid.design.configuration_selection import choose_configurations
@@ -59,12 +59,12 @@ def presliding(measurements: Sequence[Measurement], robot: Robot) -> tuple[Presl
     laws = {law.place: law for law in frictions(robot) if law.spec.lugre or law.spec.maxwell_slip}
     rows = []
     for i, joint in enumerate(robot.driven):
-        if (law := laws.get(place := robot.motor_locations[i])) is None:
+        if (law := laws.get(location := robot.motor_locations[i])) is None:
             continue
         stiffness, unit = law.at_rest()[0], "N/m" if joint.slides else "N*m/rad"
         bending = float(law.curve()[0]) / stiffness
         if AMPLITUDES[0] < distance[i] / bending < AMPLITUDES[1]:
-            rows.append(Presliding(place, unit, stiffness, 0.0, speed[i] / bending, 0.0, distance[i] / bending))
+            rows.append(Presliding(location, unit, stiffness, 0.0, speed[i] / bending, 0.0, distance[i] / bending))
     return tuple(rows)
 
 
@@ -93,36 +93,36 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     """
     execution = execution or Execution()
     excitation, experiment = problem.excitation, problem.experiment
-    settled = completed_problem(problem)
-    selection, choice = ((), "") if problem.design is None else _choose(settled, problem.design, execution)
+    completed = completed_problem(problem)
+    selection, choice = ((), "") if problem.design is None else _choose(completed, problem.design, execution)
     # Plan and rehearsal take the problem as it was given: the rehearsal has Coulomb friction itself.
-    plan = problem.plan(experiment, selection, best_spectra_of(settled, experiment, selection, excitation.torque_rms))
-    check_line_count(plan.freq_hz, settled.parameters)
+    plan = problem.plan(experiment, selection, best_spectra_of(completed, experiment, selection, excitation.torque_rms))
+    check_line_count(plan.freq_hz, completed.parameters)
     plan, limit_use = within_limits(problem.rig(plan), excitation, execution)
-    fitted, truth = settled.fitted(plan), true_robot(problem.robot, problem.simulated.truth)
-    friction = presliding(fitted, truth)
-    responses = _expected(settled, fitted, friction)
-    is_compensated = not settled.includes_friction and bool(coulomb_torques(settled.robot).any())
+    measurements, truth = completed.fit_measurements(plan), true_robot(problem.robot, problem.simulated.truth)
+    friction = presliding(measurements, truth)
+    responses = _expected_responses(completed, measurements, friction)
+    is_compensated = not completed.includes_friction and bool(coulomb_torques(completed.robot).any())
     expected = forecast(responses, responses[0].parameters.x, is_compensated)
     notes = (*sticking_notes(plan, truth, problem.simulated.carrier), *map(_presliding_note, friction), *expected.notes)
     expected = replace(expected, notes=notes, choice=choice)
     return Design(plan, expected, limit_use)
 
 
-def _expected(
+def _expected_responses(
     problem: DesignProblem, measurements: Sequence[Measurement], friction: Sequence[Presliding]
 ) -> list[ExpectedResponse]:
     """Return responses with the tolerances of the robot's file and its gears, and with presliding friction."""
     robot, freq_hz = problem.robot, measurements[0][0].plan.freq_hz
     springs = {row.spring: (row.stiffness, row.rate) for row in friction}
-    within = with_tolerances(problem.parameters, robot, problem.fit)
-    parameters = with_relaxing_springs(within, springs, (2 * np.pi * freq_hz[0], 2 * np.pi * freq_hz[-1]))
+    tolerant = with_tolerances(problem.parameters, robot, problem.fit)
+    parameters = with_relaxing_springs(tolerant, springs, (2 * np.pi * freq_hz[0], 2 * np.pi * freq_hz[-1]))
     responses = []
     for prospect, configuration in measurements:
         _, _, travel = prospect.reversals(configuration, problem.parameters.x)
         model = replace(prospect, parameters=parameters, presliding=tuple(springs))
         expected = model.expected(configuration, parameters.x)
-        scatter = local_ratio_std(robot, dict(zip(robot.motor_locations, travel.tolist(), strict=True)))
+        scatter = local_ratio_std(robot, named(robot.motor_locations, travel))
         responses.append(replace(expected, response=ratio_within(replace(expected.response, ratio_std=scatter), robot)))
     return responses
 
@@ -137,16 +137,16 @@ def with_friction_damping(problem: DesignProblem) -> DesignProblem:
 
     Averaged over the configurations given and some candidates; repeated, since damping reduces the motion.
     """
-    damped = problem
+    with_damping = problem
     probe = problem.probe(problem.experiment)
-    before = np.zeros(len(problem.robot.driven))
+    previous = np.zeros(len(problem.robot.driven))
     for _ in range(20):
-        damping = partial(_equivalent_damping, damped, probe)
-        d = np.mean(damped.at_equilibria(probe, damping, problem.experiment.configurations), axis=0)
-        if np.all(np.abs(d - before) <= 0.01 * d):
+        damping = partial(_equivalent_damping, with_damping, probe)
+        d = np.mean(with_damping.at_equilibria(probe, damping, problem.experiment.configurations), axis=0)
+        if np.all(np.abs(d - previous) <= 0.01 * d):
             break
-        damped, before = _with_damping(problem, d), d
-    return damped
+        with_damping, previous = _with_damping(problem, d), d
+    return with_damping
 
 
 def _equivalent_damping(problem: DesignProblem, probe: Plan, q: int, configuration: Configuration) -> FloatArray:

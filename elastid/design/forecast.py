@@ -16,7 +16,7 @@ from elastid.base.errors import Note, StudyError
 from elastid.base.statistics import correlation_of
 from elastid.base.units import of_translation
 from elastid.excitation.grids import line_count_refusal
-from elastid.fit.combinations import correlated, covariance_by_noise
+from elastid.fit.combinations import correlated_combinations, covariance_by_noise
 from elastid.fit.problem.least_squares import as_real
 from elastid.parameters import Parameters
 
@@ -122,7 +122,7 @@ def forecast(expected: "Sequence[ExpectedResponse]", x: FloatArray, is_compensat
     fractions = np.nan_to_num([a, p, np.maximum(1 - a - p, 0.0)])
     values = names, units, nominal, log, covariance[:n, :n], configurations, freq_hz, fraction
     by_source = fractions if n < len(x) else np.zeros((0, 0))
-    return Forecast(*values, (*notes, *correlated(names, by_noise)), variance_fractions=by_source)
+    return Forecast(*values, (*notes, *correlated_combinations(names, by_noise)), variance_fractions=by_source)
 
 
 def check_line_count(freq_hz: FloatArray, parameters: Parameters) -> None:
@@ -149,9 +149,9 @@ def _undetermined(blind: FloatArray, names: Sequence[str]) -> list[Note]:
     """Return a note for each undetermined direction (n_b, n)."""
     notes = []
     for direction in blind:
-        parts = [i for i in np.argsort(-np.abs(direction), kind="stable") if abs(direction[i]) > MIN_COMPONENT]
-        terms = " ".join(f"{direction[i] * np.sign(direction[parts[0]]):+.2f} {names[i]}" for i in parts)
-        unknown = names[parts[0]] if len(parts) == 1 else f"the combination {terms} (relative changes)"
+        members = [i for i in np.argsort(-np.abs(direction), kind="stable") if abs(direction[i]) > MIN_COMPONENT]
+        terms = " ".join(f"{direction[i] * np.sign(direction[members[0]]):+.2f} {names[i]}" for i in members)
+        unknown = names[members[0]] if len(members) == 1 else f"the combination {terms} (relative changes)"
         text = (
             f"this plan does not identify {unknown}. Fix or tie one parameter, or measure an output that depends on it"
         )

@@ -130,11 +130,11 @@ def guess_friction(robot: Robot, joint: Joint, inertia: float) -> StribeckGuess:
     laws = joint_laws(robot, joint.name)
     curves = [law.curve().tolist() for law in laws]
     coulomb = sum(curve[0] for curve in curves) or GEAR.coulomb * torque
-    excess = sum(curve[1] - curve[0] for curve in curves) or (GEAR.stiction - 1) * coulomb
+    stribeck_rise = sum(curve[1] - curve[0] for curve in curves) or (GEAR.stiction - 1) * coulomb
     nu_s = next((1 / curve[2] for curve in curves if curve[2] > 0), GEAR.stribeck_velocity * speed)
     exponent = next((law.spec.exponent for law in laws if law.spec.stribeck_velocity is not None), 2.0)
     viscous = joint.all_viscous or GEAR.viscous * coulomb / speed
-    return StribeckGuess(coulomb, coulomb + excess, viscous, nu_s, exponent, bool(laws))
+    return StribeckGuess(coulomb, coulomb + stribeck_rise, viscous, nu_s, exponent, bool(laws))
 
 
 @dataclass(frozen=True)
@@ -170,10 +170,10 @@ class Axis:
     @property
     def fastest(self) -> float:
         """The highest speed that fits into the window and whose torque is not clipped; 0 without room."""
-        room = fastest_speed(self.limits)
-        if room <= 0:
+        max_speed = fastest_speed(self.limits)
+        if max_speed <= 0:
             return 0.0
-        speeds = np.geomspace(1e-3 * room, room, 200).tolist()
+        speeds = np.geomspace(1e-3 * max_speed, max_speed, 200).tolist()
         return max([v for v in speeds if self.peak_torque(v) <= self.joint.limits.torque], default=0.0)
 
     def check_speeds(self, speeds: FloatArray) -> None:
@@ -217,8 +217,8 @@ def default_window(joint: Joint) -> tuple[float, float]:
     """Return the middle half of the joint's limits; without limits 1 rad or 0.25 m to either side of zero."""
     low, high = joint.limits.angle
     if not (math.isfinite(low) and math.isfinite(high)):
-        reach = 0.5 if joint.slides else 2.0
-        low, high = max(low, -reach), min(high, reach)
+        half_width = 0.5 if joint.slides else 2.0
+        low, high = max(low, -half_width), min(high, half_width)
     middle, half = (low + high) / 2, 0.5 * (high - low) / 2
     return middle - half, middle + half
 
@@ -261,11 +261,11 @@ def passes_of(
     every, joint = np.repeat(design.speed, design.passes.astype(int)).tolist(), design.joint
     return tuple(
         PlannedMotion(
-            "-".join(filter(None, (f"j{joint}", load.name, planned.name))),
-            joint, "constant_velocity", posture, load.name, load.payload, planned=planned,
+            "-".join(filter(None, (f"j{joint}", load.name, plan.name))),
+            joint, "constant_velocity", posture, load.name, load.payload, planned=plan,
         )
         for i, (load, posture) in enumerate(zip(loads, postures, strict=True))
-        for planned in plan_passes(every, spec.repeat, design.limits, seed + i, spec.reference_every)
+        for plan in plan_passes(every, spec.repeat, design.limits, seed + i, spec.reference_every)
     )  # fmt: skip
 
 
@@ -312,13 +312,13 @@ def warm_up_of(
 ) -> tuple[PlannedWarmUp, tuple[PlannedMotion, ...], float]:
     """Plan motion to and fro over the window, interrupted by groups of test passes; return its end, too."""
     joint, limits = axis.joint.name, axis.limits
-    reach = planned_pass(spec.speed, 0, limits)
-    warm_up = PlannedWarmUp(joint, posture, reach.start, reach.stop, spec.speed, start_s, spec.time)
+    speed_pass = planned_pass(spec.speed, 0, limits)
+    warm_up = PlannedWarmUp(joint, posture, speed_pass.start, speed_pass.stop, spec.speed, start_s, spec.time)
     # A slow, a medium and the highest speed of the passes.
-    places = sorted({round(place * (len(design.speed) - 1)) for place in (0.3, 0.65, 1.0)})
+    indices = sorted({round(quantile * (len(design.speed) - 1)) for quantile in (0.3, 0.65, 1.0)})
     tests = list[PlannedMotion]()
     for number in range(int(spec.time / spec.test_every) + 1):
-        passes = [planned_pass(design.speed[place], number, limits) for place in places]
+        passes = [planned_pass(design.speed[quantile], number, limits) for quantile in indices]
         motions = (
             PlannedMotion(f"j{joint}-test-{p.name}", joint, "constant_velocity", posture, planned=p, is_warm_up=True)
             for p in passes
@@ -334,21 +334,21 @@ def design_friction(
 
     Raises StudyError that names joint, speed and numbers where limits, window or loop do not allow a pass.
     """
-    parts, end_s = list[FrictionPlan](), 0.0
+    plans, end_s = list[FrictionPlan](), 0.0
     for number, joint in enumerate(joints):
-        parts.append(_planned(spec, joint, experiment, robot, (seed, number), end_s))
-        end_s = parts[-1].robot_time_s
+        plans.append(_planned_motion(spec, joint, experiment, robot, (seed, number), end_s))
+        end_s = plans[-1].robot_time_s
     return FrictionPlan(
         spec.rate_hz,
-        tuple(motion for part in parts for motion in part.motions),
-        tuple(design for part in parts for design in part.designs),
+        tuple(motion for plan in plans for motion in plan.motions),
+        tuple(design for plan in plans for design in plan.designs),
         end_s,
-        tuple(warm_up for part in parts for warm_up in part.warm_ups),
-        tuple(sentence for part in parts for sentence in part.assumed_friction),
+        tuple(warm_up for plan in plans for warm_up in plan.warm_ups),
+        tuple(sentence for plan in plans for sentence in plan.assumed_friction),
     )
 
 
-def _planned(
+def _planned_motion(
     spec: FrictionSpec, joint: Joint, experiment: ExperimentSpec, robot: Robot, seed: tuple[int, int], start_s: float
 ) -> FrictionPlan:
     controller, passes = experiment.as_simulated().controller, spec.designed_passes
@@ -363,16 +363,16 @@ def _planned(
     design = JointPassDesign(joint.name, axis.limits, *_speeds(passes, axis))
     axis.check_speeds(design.speed)
     draws = np.random.SeedSequence(seed).spawn(2)
-    untimed = (
+    trajectory = (
         *passes_of(passes, loads, postures, design, int(draws[0].generate_state(1)[0])),
         *standstill_of(spec, axis, postures[0], np.random.default_rng(draws[1])),
     )
-    motions, end_s = schedule(untimed, axis.limits, start_s, spec.rate_hz)
+    motions, end_s = schedule(trajectory, axis.limits, start_s, spec.rate_hz)
     warm_ups: tuple[PlannedWarmUp, ...] = ()
     if spec.warm_up is not None:
         warm_up, tests, end_s = warm_up_of(spec.warm_up, axis, design, postures[0], end_s)
         motions, warm_ups = (*motions, *tests), (warm_up,)
-    return FrictionPlan(spec.rate_hz, motions, (design,), end_s, warm_ups, (_known(axis, design),))
+    return FrictionPlan(spec.rate_hz, motions, (design,), end_s, warm_ups, (_runs_note(axis, design),))
 
 
 def _posture(experiment: ExperimentSpec, robot: Robot, name: str | None) -> Configuration:
@@ -387,12 +387,12 @@ def _posture(experiment: ExperimentSpec, robot: Robot, name: str | None) -> Conf
 def _speeds(passes: ConstantVelocitySpec, axis: Axis) -> tuple[FloatArray, FloatArray, float]:
     """Return speeds, passes at each, and efficiency; StudyError for a range without room."""
     (lowest, highest), unit = passes.speeds or (axis.slowest, axis.fastest), axis.limits.unit
-    least = 4 if passes.spacing == "optimal" else 1
-    if not 0 < lowest < highest / least:
+    min_count = 4 if passes.spacing == "optimal" else 1
+    if not 0 < lowest < highest / min_count:
         raise StudyError(
             "friction/plan",
             f"{axis.limits.place}: the range of speeds, {lowest:.3g} to {highest:.3g} {unit}/s, must cover more than a "
-            f"factor of {least}. Choose speeds from {axis.slowest:.3g} to {axis.fastest:.3g} {unit}/s",
+            f"factor of {min_count}. Choose speeds from {axis.slowest:.3g} to {axis.fastest:.3g} {unit}/s",
             "friction.constant_velocity.speeds",
         )
     if passes.spacing == "optimal":
@@ -400,7 +400,7 @@ def _speeds(passes: ConstantVelocitySpec, axis: Axis) -> tuple[FloatArray, Float
     return np.geomspace(lowest, highest, passes.count), np.ones(passes.count), math.nan
 
 
-def _known(axis: Axis, design: JointPassDesign) -> str:
+def _runs_note(axis: Axis, design: JointPassDesign) -> str:
     source = "the robot's file" if axis.guess.is_from_file else "common gears"
     certificate = "" if np.isnan(design.efficiency) else f", {design.efficiency:.0%} of the best information"
     return (

@@ -32,11 +32,11 @@ from elastid.record import Configuration
 def limits_of(rig: SimulatedRig, configuration: Configuration) -> FloatArray:
     """Return limits (8, n_u) in a configuration, in the order of QUANTITIES."""
     limits, carrier = [joint.limits for joint in rig.robot.driven], rig.simulated.carrier
-    room = [min(x.angle[1] - q, q - x.angle[0]) for x, q in zip(limits, configuration.angles, strict=True)]
+    distance = [min(x.angle[1] - q, q - x.angle[0]) for x, q in zip(limits, configuration.angles, strict=True)]
     v = np.full(len(limits), np.inf)
     if carrier is not None and carrier.kind == "offset":
         v = np.abs(carrier.velocities(len(limits)))
-    motion = [room, [x.velocity for x in limits], [x.acceleration for x in limits]]
+    motion = [distance, [x.velocity for x in limits], [x.acceleration for x in limits]]
     of_reference = np.full((3, len(limits)), np.inf) if rig.plan.inject == "torque" else motion
     return np.array([[x.torque for x in limits], *motion, v, *of_reference])
 
@@ -83,8 +83,8 @@ def _rigid_peaks(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
     torque, configuration = feed_forward_of(model_of(rig.robot)), experiment.configuration
     path = reference(rig.plan, rig.simulated.carrier, torque, configuration)
     motion = path.position - configuration.angles, path.velocity, path.acceleration
-    played = _reference_peaks(rig, configuration, references(rig.plan, rig.simulated.carrier, experiment, 0.0))
-    return np.array([*np.abs([path.feed_forward, *motion, 0 * path.position]).max(axis=1), *played])
+    peaks = _reference_peaks(rig, configuration, references(rig.plan, rig.simulated.carrier, experiment, 0.0))
+    return np.array([*np.abs([path.feed_forward, *motion, 0 * path.position]).max(axis=1), *peaks])
 
 
 def _reference_peaks(rig: SimulatedRig, configuration: Configuration, rows: FloatArray) -> FloatArray:
@@ -93,7 +93,7 @@ def _reference_peaks(rig: SimulatedRig, configuration: Configuration, rows: Floa
     if rig.plan.inject == "velocity":
         x = np.cumsum(rows, axis=0) / rate_hz
     v = np.diff(x, axis=0) * rate_hz
-    return np.array([np.abs(part).max(axis=0, initial=0.0) for part in (x, v, np.diff(v, axis=0) * rate_hz)])
+    return np.array([np.abs(signal).max(axis=0, initial=0.0) for signal in (x, v, np.diff(v, axis=0) * rate_hz)])
 
 
 def expected_use(rig: SimulatedRig, margin: float) -> LimitUse:
@@ -120,8 +120,8 @@ def peaks_of_run(rig: SimulatedRig, rehearsal: Rehearsal) -> FloatArray:
     if carrier is not None and carrier.kind == "offset":
         v = carrier.velocities(len(back))
         back = np.maximum(0.0, np.abs(v) - (np.sign(v) * signals[2, rig.plan.measured]).min(axis=0))
-    played = _reference_peaks(rig, rehearsal.experiment.configuration, rehearsal.references)
-    return np.array([*np.abs(signals).max(axis=1), back, *played])
+    peaks = _reference_peaks(rig, rehearsal.experiment.configuration, rehearsal.references)
+    return np.array([*np.abs(signals).max(axis=1), back, *peaks])
 
 
 def _peaks_of(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
@@ -153,18 +153,18 @@ def within_limits(
     configuration by the same factor.  Raises StudyError where a limit leaves no room for any excitation.
     """
     plan, (limit, base) = rig.plan, _limits_and_base(rig, excitation.margin)
-    allowed = (1 - excitation.margin) * limit
+    max_peaks = (1 - excitation.margin) * limit
     is_free = excitation.torque_rms == "limits"
     factor = np.ones((len(plan.configurations), len(plan.inputs)))
     if is_free:
         for q in range(len(factor)):
-            factor[q] = _filling(rig, q, allowed[q] - base[q], excitation.flat == "information")
-    factor, runs = _rehearse(rig, factor, base, allowed, is_free, execution or Execution())
-    scaled = plan.scaled(factor)
+            factor[q] = _filling(rig, q, max_peaks[q] - base[q], excitation.flat == "information")
+    factor, runs = _rehearse(rig, factor, base, max_peaks, is_free, execution or Execution())
+    scaled_plan = plan.scaled(factor)
     notes = () if is_free else _notes(plan, factor, excitation.margin)
     names = tuple(c.name for c in plan.configurations)
     use = names, plan.inputs, largest_peaks(plan, runs), limit, factor, excitation.margin, notes, plan.sliding
-    return scaled, LimitUse(*use)
+    return scaled_plan, LimitUse(*use)
 
 
 def power_costs(rig: SimulatedRig, excitation: MultisineSpec) -> FloatArray:
@@ -178,20 +178,20 @@ def power_costs(rig: SimulatedRig, excitation: MultisineSpec) -> FloatArray:
     Raises StudyError where a limit leaves no room, and where nothing limits a motor.
     """
     plan, (limit, base) = rig.plan, _limits_and_base(rig, excitation.margin)
-    room = (1 - excitation.margin) * limit - base
+    margin = (1 - excitation.margin) * limit - base
     _, M, E, F, n_u = plan.R.shape
     crest = 2 * np.log(2 * F * E * M)
     torque_cost = np.zeros((0, F, n_u))
     if excitation.torque_rms != "limits":
         torque_cost = np.repeat(np.diag(1 / (2 * E * torque_rms(excitation, rig.robot) ** 2))[:, None, :], F, axis=1)
     costs = []
-    for q, (torque, position, velocity, acceleration, turning_back, *of_reference) in enumerate(room):
+    for q, (torque, position, velocity, acceleration, turning_back, *of_reference) in enumerate(margin):
         if excitation.torque_rms == "limits":
-            _check_ends(plan, room[q])
+            _check_ends(plan, margin[q])
         power = (np.abs(_response(rig, q)) ** 2).max(axis=1)
-        least = np.array([torque, position, np.minimum(velocity, turning_back), acceleration, *of_reference])
-        least, power = least[: power.shape[1]].ravel(), power.reshape(F, -1, n_u)
-        motion = np.swapaxes(power, 0, 1) * (crest / (2 * E * least**2))[:, None, None]
+        smallest = np.array([torque, position, np.minimum(velocity, turning_back), acceleration, *of_reference])
+        smallest, power = smallest[: power.shape[1]].ravel(), power.reshape(F, -1, n_u)
+        motion = np.swapaxes(power, 0, 1) * (crest / (2 * E * smallest**2))[:, None, None]
         costs.append(np.concatenate([torque_cost, motion]))
     return np.array(costs)
 
@@ -201,26 +201,26 @@ def _response(rig: SimulatedRig, q: int) -> ComplexArray:
 
     Torque, position, velocity and acceleration of the motors; position, velocity and acceleration of references.
     """
-    plan, s, parts = rig.plan, laplace_variable(rig.plan.freq_hz[:, None, None]), list[list[ComplexArray]]()
+    plan, s, blocks = rig.plan, laplace_variable(rig.plan.freq_hz[:, None, None]), list[list[ComplexArray]]()
     is_torque = plan.inject == "torque"
     x = np.asarray(s if is_torque else plan.S_inverse[q] / (s if plan.inject == "velocity" else 1.0), np.complex128)
     for gain in ((1.0, 1.0),) if is_torque else GAINS:
         predict = closed_loop_of(rig.robot, rig.simulated.controller.scaled(*gain), plan.rate_hz, plan.inject)
         loop = predict(plan.configurations[q], plan.freq_hz)
-        parts.append([loop.torque, loop.position, loop.velocity, loop.acceleration])
+        blocks.append([loop.torque, loop.position, loop.velocity, loop.acceleration])
         if not is_torque:  # the references are for the gains of the study
-            changed = np.linalg.solve(loop.reference, plan.S_inverse[q])
-            parts[-1] = [*(signal @ changed for signal in parts[-1]), x, s * x, s**2 * x]
-    return np.moveaxis(np.array(parts), 2, 0)
+            controlled = np.linalg.solve(loop.reference, plan.S_inverse[q])
+            blocks[-1] = [*(signal @ controlled for signal in blocks[-1]), x, s * x, s**2 * x]
+    return np.moveaxis(np.array(blocks), 2, 0)
 
 
 def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, FloatArray]:
     """Return limits and the peaks without multisine, both (Q, 8, n_u); StudyError where these leave no room."""
     plan, (limit, experiments) = rig.plan, _limits_and_experiments(rig)
     base = np.array([peaks_of_movement(rig, experiment) for experiment in experiments])
-    used = base / limit
-    q, kind, i = np.unravel_index(np.argmax(used), used.shape)
-    if used[q, kind, i] < 1 - margin:
+    fraction = base / limit
+    q, kind, i = np.unravel_index(np.argmax(fraction), fraction.shape)
+    if fraction[q, kind, i] < 1 - margin:
         return limit, base
     unit = unit_of(int(kind), rig.robot.driven[i].slides)
     raise StudyError(
@@ -232,17 +232,17 @@ def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, Floa
     )
 
 
-def _filling(rig: SimulatedRig, q: int, room: FloatArray, is_shared: bool) -> FloatArray:
-    """Return factors (n_u,) by which motors fill their room (8, n_u), by linear prediction; StudyError without limits.
+def _filling(rig: SimulatedRig, q: int, margin: FloatArray, is_shared: bool) -> FloatArray:
+    """Return factors (n_u,) by which motors fill their margin (8, n_u), predicted linearly; StudyError without limits.
 
     is_shared: powers have been divided between the motors; their peaks keep the proportion of their RMS.
     """
     plan = rig.plan
-    _check_ends(plan, room)
+    _check_ends(plan, margin)
     response = _response(rig, q)
 
     def used(largest: FloatArray) -> FloatArray:
-        return np.asarray((_by_quantity(largest, room) / room).max(axis=0))
+        return np.asarray((_by_quantity(largest, margin) / margin).max(axis=0))
 
     def peak_used(a: FloatArray, realisations: ComplexArray) -> FloatArray:
         S = np.einsum("fckoi,mefi->meckof", response, realisations * a)
@@ -257,8 +257,8 @@ def _filling(rig: SimulatedRig, q: int, room: FloatArray, is_shared: bool) -> Fl
     return np.asarray(a / max(peak_used(a, plan.R[q, m : m + 1]).max() for m in range(plan.R.shape[1])))
 
 
-def _check_ends(plan: Plan, room: FloatArray) -> None:
-    endless = [name for name, column in zip(plan.inputs, room.T, strict=True) if not np.isfinite(column).any()]
+def _check_ends(plan: Plan, margin: FloatArray) -> None:
+    endless = [name for name, column in zip(plan.inputs, margin.T, strict=True) if not np.isfinite(column).any()]
     if endless:
         raise StudyError(
             "design/limits",
@@ -269,9 +269,9 @@ def _check_ends(plan: Plan, room: FloatArray) -> None:
 
 
 def _rehearse(
-    rig: SimulatedRig, factor: FloatArray, base: FloatArray, allowed: FloatArray, is_free: bool, execution: Execution
+    rig: SimulatedRig, factor: FloatArray, base: FloatArray, limit: FloatArray, is_free: bool, execution: Execution
 ) -> tuple[FloatArray, dict[str, FloatArray]]:
-    """Return factors (Q, n_u) by which every run keeps inside `allowed` (Q, 8, n_u), and its peaks (8, n_u) by run.
+    """Return factors (Q, n_u) by which every run keeps inside `limit` (Q, 8, n_u), and its peaks (8, n_u) by run.
 
     base (Q, 8, n_u): peaks without multisine.  Runs far from all limits have expected peaks, the others rehearsed ones.
     """
@@ -282,24 +282,24 @@ def _rehearse(
         near = set[str]()
         for q in np.flatnonzero(open_).tolist():
             expected = expected_peaks(rig, factor, base[q], q)
-            used = {run: (peak / allowed[q]).max() for run, peak in expected.items()}
-            least = min(MIN_ADVICE_FRACTION, max(used.values()))
-            near |= {run for run, fraction in used.items() if fraction >= least > 0}
+            fractions = {run: (peak / limit[q]).max() for run, peak in expected.items()}
+            min_fraction = min(MIN_ADVICE_FRACTION, max(fractions.values()))
+            near |= {run for run, fraction in fractions.items() if fraction >= min_fraction > 0}
             runs |= expected
-        scaled = plan.scaled(factor)
-        near_runs = [run for run in scaled.experiments if run.name in near]
-        peaks = execution.ordered(partial(_peaks_of, replace(rig, plan=scaled)), near_runs)
+        scaled_plan = plan.scaled(factor)
+        near_runs = [run for run in scaled_plan.experiments if run.name in near]
+        peaks = execution.ordered(partial(_peaks_of, replace(rig, plan=scaled_plan)), near_runs)
         runs |= {run.name: peaks_near for run, peaks_near in zip(near_runs, peaks, strict=True)}
         peak = largest_peaks(plan, runs)
         with np.errstate(divide="ignore", invalid="ignore"):
-            growth = np.where(peak > base, (allowed - base) / (peak - base), np.inf).min(axis=(1, 2))
+            growth = np.where(peak > base, (limit - base) / (peak - base), np.inf).min(axis=(1, 2))
         # Amplitudes are raised once, and not by less than 5 %.
         may_grow = is_free and rehearsal == 0
-        open_ = (peak > allowed).any(axis=(1, 2)) | (may_grow & (MAX_RANGE_FRACTION * growth > 1.05))
+        open_ = (peak > limit).any(axis=(1, 2)) | (may_grow & (MAX_RANGE_FRACTION * growth > 1.05))
         if not open_.any():
             return factor, runs
         factor = np.where(open_[:, None], factor * (MAX_RANGE_FRACTION * np.minimum(growth, 10.0))[:, None], factor)
-    names = ", ".join(c.name for c, unsettled in zip(plan.configurations, open_, strict=True) if unsettled)
+    names = ", ".join(c.name for c, is_open in zip(plan.configurations, open_, strict=True) if is_open)
     raise StudyError(
         "design/limits",
         "the simulated peaks exceed the limits after 8 reductions of the amplitude. Remove this configuration, or "

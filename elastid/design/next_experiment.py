@@ -56,12 +56,12 @@ class Goal:
 
     def reached(self, result: Result) -> dict[str, float]:
         """Return the half-width of each interval of a fit relative to the value, divided by the requested one."""
-        used = {}
+        ratios = {}
         for name, width in self.widths.items():
             low, high = result.interval(name)
             ratio = (high - low) / 2 / max(abs(result.values[name]), 1e-300) / width
-            used[name] = ratio if np.isfinite(ratio) else np.inf  # parameters that the data do not reach
-        return used
+            ratios[name] = ratio if np.isfinite(ratio) else np.inf  # parameters that the data do not reach
+        return ratios
 
 
 def read_goal(texts: Sequence[str], names: Sequence[str]) -> Goal:
@@ -70,9 +70,9 @@ def read_goal(texts: Sequence[str], names: Sequence[str]) -> Goal:
     names: of the parameters that the fit identifies.  StudyError for a text without a width, or of no parameter.
     """
     widths: dict[str, float] = {}
-    for text in (part.strip() for whole in texts for part in whole.split(",")):
+    for text in (part.strip() for argument in texts for part in argument.split(",")):
         pattern, _, width = (part.strip() for part in text.partition(":"))
-        if not pattern or not 0 < (fraction := _share(width)) < 1:
+        if not pattern or not 0 < (fraction := _parse_width(width)) < 1:
             raise StudyError(
                 "design/goal",
                 f"--goal '{text}' is invalid. Give parameters and half-widths of their intervals between 0 and 100 % "
@@ -83,14 +83,14 @@ def read_goal(texts: Sequence[str], names: Sequence[str]) -> Goal:
     return Goal({name: widths[name] for name in names if name in widths})
 
 
-def _share(width: str) -> float:
+def _parse_width(width: str) -> float:
     try:
         return to_si(width, "1") if width.endswith("%") else math.nan
     except ValueError:
         return math.nan
 
 
-TRIED = 8  # configurations whose other lengths are compared, and that are tried where limits refuse the best
+MAX_TRIALS = 8  # configurations whose other lengths are compared, and that are tried where limits refuse the best
 
 
 @dataclass(frozen=True)
@@ -110,8 +110,8 @@ class PriorEstimate:
     @property
     def information(self) -> FloatArray:
         """M_0 (n_x, n_x): vague prior information for unidentifiable parameters."""
-        is_known, M = np.isfinite(np.diag(self.covariance)), _prior_information(self.parameters)
-        M[np.ix_(is_known, is_known)] = np.linalg.inv(self.covariance[np.ix_(is_known, is_known)])
+        is_finite, M = np.isfinite(np.diag(self.covariance)), _prior_information(self.parameters)
+        M[np.ix_(is_finite, is_finite)] = np.linalg.inv(self.covariance[np.ix_(is_finite, is_finite)])
         return M
 
 
@@ -174,17 +174,17 @@ def next_experiment(
     of the fit, on each of which the limits are kept.  left_s: robot time that is left; a longer experiment is proposed
     only where none is so short.  StudyError where no candidate has an experiment within limits.
     """
-    settled = completed_problem(problem)
-    options = _ranked(settled, candidates, state, goal, execution)
+    completed = completed_problem(problem)
+    options = _rank(completed, candidates, state, goal, execution)
     options = [option for option in options if option.time_s <= left_s] or options
     refusals: list[str] = []
-    for option in options[:TRIED]:
-        experiment = replace(settled.experiment, periods=option.periods)
+    for option in options[:MAX_TRIALS]:
+        experiment = replace(completed.experiment, periods=option.periods)
         configuration = replace(option.configuration, name=name)
         configurations = [DesignedConfiguration(configuration, experiment.realisations)]
         try:
-            spectra = best_spectra_of(settled, experiment, configurations, problem.excitation.torque_rms)
-            with_phases = replace(settled, seed=phase_seed, excitation=problem.excitation)
+            spectra = best_spectra_of(completed, experiment, configurations, problem.excitation.torque_rms)
+            with_phases = replace(completed, seed=phase_seed, excitation=problem.excitation)
             plan = with_phases.plan(experiment, configurations, spectra)
             plan, use = _within_envelope(problem, plan, robots, execution)
             _check_obstacles(problem, configuration, use)
@@ -194,7 +194,7 @@ def next_experiment(
     raise StudyError("design/limits", f"no experiment keeps the limits of the robot: {refusals[0]}")
 
 
-def _ranked(
+def _rank(
     problem: DesignProblem, candidates: Candidates, state: PriorEstimate, goal: Goal, execution: Execution
 ) -> list[Option]:
     """Return options, the best first: all candidates at the study's length, and the best of them at others."""
@@ -205,11 +205,11 @@ def _ranked(
         prospect = replace(longer.prospect(longer.probe(longer.experiment), -1), parameters=state.parameters)
         H, rows = informations(prospect, configurations, state.x, execution)
         time_s = unit_time_s(problem.excitation, problem.experiment, len(problem.robot.driven), periods)
-        places = zip(H, rows.tolist(), strict=True)
-        return [_option(state, goal, design, configurations[i], periods, time_s) for design, i in places]
+        pairs = zip(H, rows.tolist(), strict=True)
+        return [_option(state, goal, design, configurations[i], periods, time_s) for design, i in pairs]
 
     options = sorted(at(usual, candidates.configurations), key=lambda option: option.order)
-    best = [option.configuration for option in options[:TRIED]]
+    best = [option.configuration for option in options[:MAX_TRIALS]]
     for periods in sorted({2, usual, 2 * usual}):
         options += at(periods, best) if periods != usual else []
     return sorted(options, key=lambda option: option.order)
@@ -224,15 +224,15 @@ def _option(
     def used(repeats: int) -> FloatArray:
         return goal.used(state.parameters, state.x, np.asarray(np.linalg.inv(M + repeats * H)))
 
-    before, after, repeats = used(0), used(1), 1
+    now_ratio, next_ratio, repeats = used(0), used(1), 1
     while repeats < 4096 and used(repeats).max() > 1:  # beyond, a goal is out of reach
         repeats *= 2
-    most = used(repeats)
-    floor = [*goal.widths][int(np.argmax(most))], float(most.max())
+    largest = used(repeats)
+    floor = [*goal.widths][int(np.argmax(largest))], float(largest.max())
     more_s = repeats * time_s if floor[1] <= 1 else math.inf
-    gain = float(1 / np.sum(after**2) - 1 / np.sum(before**2))
+    gain = float(1 / np.sum(next_ratio**2) - 1 / np.sum(now_ratio**2))
     # A goal counts as reached where at most 0.9 of it is expected to be used.
-    return Option(configuration, periods, bool(after.max() <= 0.9), gain, time_s, more_s, floor)
+    return Option(configuration, periods, bool(next_ratio.max() <= 0.9), gain, time_s, more_s, floor)
 
 
 def _within_envelope(
@@ -240,11 +240,11 @@ def _within_envelope(
 ) -> tuple[Plan, LimitUse]:
     """Scale the plan until all robots keep the margin of their limits; return it with the largest use of a limit."""
     plan, closest = within_limits(problem.rig(plan), problem.excitation, execution)
-    lowered = replace(problem.excitation, torque_rms=1.0)  # a number: amplitudes are never raised for a drawn robot
+    spec = replace(problem.excitation, torque_rms=1.0)  # a number: amplitudes are never raised for a drawn robot
     for robot in robots:
         # Realisations differ by less than the margin; one of them shows how another robot moves.
         first = replace(problem, robot=robot).rig(replace(plan, R=plan.R[:, :1]))
-        _, use = within_limits(first, lowered, execution)
+        _, use = within_limits(first, spec, execution)
         plan = plan.scaled(use.factor)
         closest = max(closest, use, key=lambda use: float(use.used.max()))
     return plan, closest

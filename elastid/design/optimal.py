@@ -83,31 +83,31 @@ def best_experiments(
     best = optimal_weights(H, criterion, prior / count)
     weights = best.P[0, :, 0]
     _, gradient = criterion.slope(prior / count + np.tensordot(weights, H, (0, 1)))
-    searched = np.argsort(-_gains(H, gradient) - weights, kind="stable")[:400]
-    fraction = weights[searched] / weights[searched].sum()
+    order = np.argsort(-_gains(H, gradient) - weights, kind="stable")[:400]
+    fraction = weights[order] / weights[order].sum()
     draw = np.random.default_rng(0)
-    ends = [_exchanged(start, H[:, searched], prior, criterion) for start in draw.multinomial(count, fraction, 6)]
+    ends = [_exchange(start, H[:, order], prior, criterion) for start in draw.multinomial(count, fraction, 6)]
     numbers = np.zeros(len(weights), dtype=np.int64)
-    numbers[searched], value = max(ends, key=lambda end: end[1])
+    numbers[order], value = max(ends, key=lambda end: end[1])
     return numbers, float(np.exp(min(0.0, value - np.log(count) - best.value - best.gap)))
 
 
-def _exchanged(
+def _exchange(
     numbers: IntArray, H: FloatArray, prior: FloatArray, criterion: DesignCriterion
 ) -> tuple[IntArray, float]:
     """Return numbers (Q,) that no exchange of one experiment for another improves, and phi with them."""
     numbers = numbers.astype(np.int64)
     value = float(criterion.value(prior + np.tensordot(numbers, H, (0, 1))))
-    improved = True
-    while improved:
-        improved = False
+    has_improved = True
+    while has_improved:
+        has_improved = False
         for leaves in np.flatnonzero(numbers):
             M = prior + np.tensordot(numbers, H, (0, 1)) - H[:, leaves]
             enters, phi = _best_addition(M, H, criterion, int(leaves))
             if phi > value + 1e-9:
                 numbers[leaves] -= 1
                 numbers[enters] += 1
-                value, improved = phi, True
+                value, has_improved = phi, True
     return numbers, value
 
 
@@ -196,38 +196,38 @@ def best_powers(
     cost: FloatArray,
     criterion: DesignCriterion,
     prior: FloatArray,
-    least: float,
+    min_fraction: float,
     tolerance: float = MAX_GAP,
 ) -> Powers:
     """Return the best powers of each group, the same for all its configurations.
 
     cost (K, n_o, F, n_u): c of each group; every input and line must have one.  prior (S, n_x, n_x): earlier
-    information.  least: epsilon.
+    information.  min_fraction: epsilon.
     """
-    even = even_powers(cost)
-    best = Powers(even, float(criterion.value(_information(groups, even, prior))), 0.0)
-    if least >= 1:
+    even_power = even_powers(cost)
+    best = Powers(even_power, float(criterion.value(_information(groups, even_power, prior))), 0.0)
+    if min_fraction >= 1:
         return best
-    room = 1 - least * _used(cost, even)
-    powers, price, bound = (1 - least) * even, np.ones_like(room), np.inf
+    budget = 1 - min_fraction * _limit_use(cost, even_power)
+    powers, price, upper_bound = (1 - min_fraction) * even_power, np.ones_like(budget), np.inf
     for update in range(MAX_UPDATES):
-        P = least * even + powers
+        P = min_fraction * even_power + powers
         value, gradient = criterion.slope(_information(groups, P, prior))
         if value > best.value:
             best = replace(best, P=P, value=value)
         g = _power_gains(groups, P, gradient)
         ratio = g / np.einsum("ko,kofl->kfl", price, cost)
-        reach = float(1 + ratio.max() * np.sum(price * room) - np.sum(g * powers))  # Tr(gradient M) is 1
-        bound = min(bound, value + float(np.log(reach)))
-        if bound - best.value <= tolerance:
+        dual_bound = float(1 + ratio.max() * np.sum(price * budget) - np.sum(g * powers))  # Tr(gradient M) is 1
+        upper_bound = min(upper_bound, value + float(np.log(dual_bound)))
+        if upper_bound - best.value <= tolerance:
             break
         exponent = (1 + update / 50) ** -0.5 if price.size > 1 else 1.0  # under one limit each update ascends
         powers = powers * (ratio / ratio.max()) ** exponent
-        used = _used(cost, powers) / room
-        price = np.maximum(price * (used / used.max()) ** exponent, MIN_PRICE)
-        price /= np.sum(price * room)
-        powers = powers / used.max(axis=1)[:, None, None]
-    return replace(best, gap=max(bound - best.value, 0.0))
+        use = _limit_use(cost, powers) / budget
+        price = np.maximum(price * (use / use.max()) ** exponent, MIN_PRICE)
+        price /= np.sum(price * budget)
+        powers = powers / use.max(axis=1)[:, None, None]
+    return replace(best, gap=max(upper_bound - best.value, 0.0))
 
 
 def even_powers(cost: FloatArray) -> FloatArray:
@@ -235,15 +235,15 @@ def even_powers(cost: FloatArray) -> FloatArray:
     per_input = cost.sum(axis=2)
     powers = 1 / per_input.max(axis=1)
     for _ in range(30):
-        used = np.einsum("kol,kl->ko", per_input, powers)
+        use = np.einsum("kol,kl->ko", per_input, powers)
         # The most used limit among those that an input contributes a tenth to, or more.
-        counts = per_input * powers[:, None, :] > 0.1 * used[..., None]
-        powers = powers / np.max(np.where(counts, used[..., None], 0.0), axis=1) ** 0.5
+        counts = per_input * powers[:, None, :] > 0.1 * use[..., None]
+        powers = powers / np.max(np.where(counts, use[..., None], 0.0), axis=1) ** 0.5
     powers = powers / np.einsum("kol,kl->ko", per_input, powers).max(axis=1, keepdims=True)
     return np.repeat(powers[:, None, :], cost.shape[2], axis=1)
 
 
-def _used(cost: FloatArray, P: FloatArray) -> FloatArray:
+def _limit_use(cost: FloatArray, P: FloatArray) -> FloatArray:
     """Return the used fraction (K, n_o) of each limit."""
     return np.asarray(np.einsum("kofl,kfl->ko", cost, P))
 

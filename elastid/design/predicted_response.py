@@ -141,11 +141,11 @@ class Prospect:
         """
         M, (_, G, motion) = self.realisations, self._local(configuration, x)
         one_by_one = replace(self.fit.weights, covariance="diagonal")
-        expected = replace(self, fit=replace(self.fit, weights=one_by_one)).expected(configuration, x)
+        response = replace(self, fit=replace(self.fit, weights=one_by_one)).expected(configuration, x)
         sensitivity, U = self._torques(configuration, motion)
         error = _diagonal(self._error(U, G, motion)) / M
-        ((_, J),) = expected_fit([expected]).blocks(x)
-        used = expected.weights.used
+        ((_, J),) = expected_fit([response]).blocks(x)
+        is_used = response.weights.used
         if not np.all(error > 0):
             raise StudyError(
                 "excitation/power",
@@ -154,17 +154,17 @@ class Prospect:
                 "excitation.flat",
             )
         spread = np.abs(np.linalg.inv(sensitivity)) ** 2
-        fixed = (expected.weights.floor**2 + self.distortion**2 / M) * np.abs(G) ** 2
-        return PowerSource(J * np.where(used, expected.weights.sigma, 0.0), error, spread, fixed, used)
+        fixed = (response.weights.floor**2 + self.distortion**2 / M) * np.abs(G) ** 2
+        return PowerSource(J * np.where(is_used, response.weights.sigma, 0.0), error, spread, fixed, is_used)
 
     def _local(self, configuration: Configuration, x: FloatArray) -> tuple[LinearModel, ComplexArray, ComplexArray]:
         """Return the model, G (F, n_y, n_u), and the motion of the motors (F, n_u, n_u) in `quantity`."""
         theta = self.parameters.expand(x)
         motors = self.robot.motor_locations
-        both = self.linearisation.at(configuration, theta[:-1], (*motors, *self.outputs), self.quantity)
+        model = self.linearisation.at(configuration, theta[:-1], (*motors, *self.outputs), self.quantity)
         n_u = len(motors)
-        G = frequency_response(both, theta, self.plan.freq_hz)
-        return both.with_outputs(range(n_u, len(both.outputs))), G[:, n_u:], G[:, :n_u]
+        G = frequency_response(model, theta, self.plan.freq_hz)
+        return model.with_outputs(range(n_u, len(model.outputs))), G[:, n_u:], G[:, :n_u]
 
     def _covariance(self, G: ComplexArray, motion: ComplexArray, configuration: Configuration) -> Covariance:
         """Return cov(vec G) of the mean over all realisations; motion (F, n_u, n_u): motor responses, in `quantity`."""
@@ -239,31 +239,31 @@ class Prospect:
     def _error(self, U: ComplexArray, G: ComplexArray, motion: ComplexArray) -> ComplexArray:
         """Return C_V (F, n_y, n_y), of the mean over the periods, with the scatter of friction."""
         noise, freq_hz, rate_hz = self.simulated.noise, self.plan.freq_hz, self.plan.rate_hz
-        hold = np.sinc(freq_hz / rate_hz) ** 2
+        zoh_power = np.sinc(freq_hz / rate_hz) ** 2
         power = sum(noise.variances(signal, freq_hz, rate_hz) for signal in ("torque", "disturbance"))
-        torque = (hold * power)[:, None, None]
+        torque = (zoh_power * power)[:, None, None]
         omega = 2 * np.pi * freq_hz[:, None]
-        measured = np.array([MOTION_ORDER[logged_quantity(place)] for place in self.outputs])
+        measured = np.array([MOTION_ORDER[logged_quantity(location)] for location in self.outputs])
         angle = omega ** (2 * (MOTION_ORDER[self.quantity] - measured)) * self._output_variances()
         per_sample = torque * (G @ np.swapaxes(G, 1, 2).conj()) + angle[:, :, None] * np.eye(len(self.outputs))
         scatter = self._friction(U, motion)[1]
         of_shafts = G @ self.robot.mixing.T
-        scattered = (of_shafts * scatter[:, None, :]) @ np.swapaxes(of_shafts, 1, 2).conj()
-        return np.asarray(per_sample * (4 / (self.plan.period_samples * self.plan.periods)) + scattered)
+        friction_scatter = (of_shafts * scatter[:, None, :]) @ np.swapaxes(of_shafts, 1, 2).conj()
+        return np.asarray(per_sample * (4 / (self.plan.period_samples * self.plan.periods)) + friction_scatter)
 
     def _output_variances(self) -> FloatArray:
         """Return variances (F, n_y), rad^2 or (m/s^2)^2, of a sample, as if white: sensor noise and encoder counts."""
         noise = self.simulated.noise
         color = noise.variances("angle", self.plan.freq_hz, self.plan.rate_hz) - noise.angle_std**2
-        is_angle = [logged_quantity(place) == "position" for place in self.outputs]
+        is_angle = [logged_quantity(location) == "position" for location in self.outputs]
         variances = np.asarray(output_stds(noise, self.outputs) ** 2 + color[:, None] * np.array(is_angle))
         if not noise.encoder_counts:
             return variances
         steps = np.array([2 * math.pi / (noise.encoder_counts * self.robot.ratio(j.name)) for j in self.robot.driven])
         quantisation = np.linalg.inv(self.robot.mixing) ** 2 @ (steps**2 / 12)
-        for i, place in enumerate(self.outputs):
-            if place in self.robot.motor_locations:
-                variances[:, i] += quantisation[self.robot.motor_locations.index(place)]
+        for i, location in enumerate(self.outputs):
+            if location in self.robot.motor_locations:
+                variances[:, i] += quantisation[self.robot.motor_locations.index(location)]
         return variances
 
 

@@ -39,8 +39,8 @@ class DesignProblem:
     """The sections of a study that a plan depends on, and earlier fits.
 
     excluded_configurations: not used by the fit.  fitted_values: of parameters, from earlier fits.  model: of the fit.
-    typical (F, n_u): spectrum for all configurations until each has its own.  friction: `none` if the estimator leaves
-    that of the motors in the responses.
+    typical_spectrum (F, n_u), Nm: for configurations without a spectrum of their own.  friction: `none` if the
+    estimator does not compensate the motors' friction.
     """
 
     robot: Robot
@@ -53,20 +53,20 @@ class DesignProblem:
     excluded_configurations: tuple[str, ...] = ()
     fitted_values: tuple[tuple[str, float], ...] = ()
     model: ModelSpec = EXACT
-    typical: FloatArray | None = None
+    typical_spectrum: FloatArray | None = None
     friction: Friction = "none"
 
     @property
     def simulated(self) -> SimulatedSpec:
-        """The rig that is planned for, with its noise and its controller."""
+        """The simulated rig with its noise and its controller."""
         return self.experiment.as_simulated()
 
     @property
     def parameters(self) -> Parameters:
         """The parameters of the fit, at the values of earlier fits.
 
-        Robots and other groups of configurations have parameters of their own where all configurations are given; those
-        chosen by a design are of one robot.
+        Groups of configurations have parameters of their own only if the study lists all configurations: a design
+        chooses configurations of one robot.
         """
         names = () if self.design is not None else tuple(self.experiment.configurations)
         parameters = choose(self.fit, self.robot, [name for name in names if name not in self.excluded_configurations])
@@ -82,13 +82,13 @@ class DesignProblem:
         return DesignCriterion(interest(names, () if design is None else design.parameters))
 
     def candidates(self, design: DesignSpec) -> Candidates:
-        """Return the admissible configurations, with room for the carrier and the margin of the limits."""
+        """Return the admissible configurations: joint limits less the excursion of the carrier and a margin."""
         carrier, excitation, experiment = self.simulated.carrier, self.excitation, self.experiment
         swing = np.zeros(len(self.robot.driven))
         if carrier is not None:
             periods = experiment.transient_periods + experiment.periods / 2
-            before_s = periods * excitation.period + experiment.ramp / 2
-            swing = max_excursion(carrier, len(swing), excitation.period, before_s) / (1 - excitation.margin)
+            start_s = periods * excitation.period + experiment.ramp / 2
+            swing = max_excursion(carrier, len(swing), excitation.period, start_s) / (1 - excitation.margin)
         return draw_candidates(design.candidates, self.robot, self.seed, swing)
 
     def plan(
@@ -97,11 +97,11 @@ class DesignProblem:
         choices: Sequence[DesignedConfiguration] = (),
         spectra: dict[str, FloatArray] | None = None,
     ) -> Plan:
-        """Plan experiments; configurations without a spectrum of their own have the typical one, if there is one."""
+        """Plan experiments; configurations without a spectrum of their own have `typical_spectrum`, if any."""
         spectra_of = dict(spectra or {})
-        if self.typical is not None:
+        if self.typical_spectrum is not None:
             for name in (*experiment.configurations, *(choice.configuration.name for choice in choices)):
-                spectra_of.setdefault(name, self.typical)
+                spectra_of.setdefault(name, self.typical_spectrum)
         excitation = self.excitation
         loop = closed_loop_of(self.robot, self.simulated.controller, excitation.rate_hz, excitation.inject)
         return make_plan(excitation, experiment, self.robot, self.seed, choices, spectra_of, loop)
@@ -121,15 +121,15 @@ class DesignProblem:
         if self.design is None:
             return problem.plan(experiment)
         probes = self.candidates(self.design).configurations[:8]
-        named = (replace(configuration, name=f"probe{i}") for i, configuration in enumerate(probes))
-        return problem.plan(experiment, [DesignedConfiguration(probe, realisations) for probe in named])
+        configurations = (replace(configuration, name=f"probe{i}") for i, configuration in enumerate(probes))
+        return problem.plan(experiment, [DesignedConfiguration(probe, realisations) for probe in configurations])
 
     def at_equilibria(
         self, probe: Plan, value: Callable[[int, Configuration], Value], names: Collection[str] = ()
     ) -> list[Value]:
         """Return value(q, configuration) of each configuration of a probe that has an equilibrium.
 
-        StudyError or DataError of a needed one (by its name), and of the last one where none has.
+        names: configurations that must have one.  Raises their StudyError or DataError, or the last one if none has.
         """
         values: list[Value] = []
         error_of_last = None
@@ -148,14 +148,16 @@ class DesignProblem:
         """Return the measurement of configurations like the q-th of a plan; negative q count from the last."""
         q %= len(plan.configurations)
         distortion = 0.0 if self.design is None else self.design.distortion
-        part = plan.at(q, plan.realisations[q])
-        fixed = self.robot, self.parameters, self.fit, self.model, self.outputs, self.quantity, self.simulated
+        plan_of_one = plan.at(q, plan.realisations[q])
+        context = self.robot, self.parameters, self.fit, self.model, self.outputs, self.quantity, self.simulated
         velocity = movement(self.simulated.carrier, plan).velocity[plan.first_sample :][: plan.period_samples]
-        return Prospect(*fixed, distortion, part, self.experiment.realisations, velocity, self.includes_friction)
+        return Prospect(
+            *context, distortion, plan_of_one, self.experiment.realisations, velocity, self.includes_friction
+        )
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """The places that the rig logs."""
+        """The locations that the rig measures."""
         return self.simulated.outputs or self.robot.motor_locations
 
     @property
@@ -166,7 +168,7 @@ class DesignProblem:
         is_visible = n_u < M * E if M > 1 else self.excitation.grid == "odd-random" and n_u <= E
         return self.friction == "none" or not is_visible or not set(self.robot.motor_locations) <= set(self.outputs)
 
-    def fitted(self, plan: Plan) -> list[Measurement]:
+    def fit_measurements(self, plan: Plan) -> list[Measurement]:
         """Return the prospect, in the planned realisations, of each configuration of a plan that the fit uses."""
         return [
             (replace(self.prospect(plan, q), realisations=M), c)
@@ -175,7 +177,7 @@ class DesignProblem:
         ]
 
     def prior_information(self) -> FloatArray:
-        """Return information (n_x, n_x) of priors."""
+        """Return the information matrix (n_x, n_x) of the priors."""
         return np.diag(np.square([0.0 if p.prior is None else 1 / p.prior.std for p in self.parameters.free]))
 
 
@@ -205,7 +207,7 @@ def with_typical_spectrum(problem: DesignProblem, torque_rms: AskedTorque) -> De
         return (prospect, configuration), power_costs(problem.rig(probe.at(q)), excitation)
 
     measurements, costs = zip(*problem.at_equilibria(probe, measurement), strict=True)
-    return replace(problem, typical=_best(problem, measurements, np.concatenate(costs), together=True)[0])
+    return replace(problem, typical_spectrum=_best(problem, measurements, np.concatenate(costs), is_common=True)[0])
 
 
 def best_spectra_of(
@@ -218,19 +220,19 @@ def best_spectra_of(
 
     Empty without `flat: information`.
     """
-    if problem.typical is None:
+    if problem.typical_spectrum is None:
         return {}
     plan = problem.plan(experiment, choices)
-    fitted = problem.fitted(plan)
-    names = [configuration.name for _, configuration in fitted]
+    measurements = problem.fit_measurements(plan)
+    names = [configuration.name for _, configuration in measurements]
     rows = [q for q, c in enumerate(plan.configurations) if c.name in names]
     costs = power_costs(problem.rig(plan), replace(problem.excitation, torque_rms=torque_rms))
-    best = _best(problem, fitted, costs[rows])
-    return {c.name: problem.typical for c in plan.configurations} | dict(zip(names, best, strict=True))
+    best = _best(problem, measurements, costs[rows])
+    return {c.name: problem.typical_spectrum for c in plan.configurations} | dict(zip(names, best, strict=True))
 
 
 def _best(
-    problem: DesignProblem, measurements: Sequence[Measurement], cost: FloatArray, together: bool = False
+    problem: DesignProblem, measurements: Sequence[Measurement], cost: FloatArray, is_common: bool = False
 ) -> FloatArray:
     """Return amplitudes (Q, F, n_u) in Nm of Q configurations, or (1, F, n_u) where all have the same.
 
@@ -248,8 +250,8 @@ def _best(
     sources = [prospect.source(c, x) for prospect, c in measurements]
     H = [source.information(P) for source, P in zip(sources, even_powers(cost), strict=True)]
     prior = problem.prior_information()
-    criterion, ground = identifiable(problem.criterion, np.array(H), prior, first.parameters)
-    groups = [[[source] for source in sources]] if together else [[[source]] for source in sources]
-    cost = cost.mean(axis=0, keepdims=True) if together else cost
-    best = best_powers(groups, cost, criterion, (prior + ground)[None], problem.excitation.least)
+    criterion, free_information = identifiable(problem.criterion, np.array(H), prior, first.parameters)
+    groups = [[[source] for source in sources]] if is_common else [[[source]] for source in sources]
+    cost = cost.mean(axis=0, keepdims=True) if is_common else cost
+    best = best_powers(groups, cost, criterion, (prior + free_information)[None], problem.excitation.least)
     return np.asarray(np.sqrt(best.P / E))

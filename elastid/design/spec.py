@@ -95,8 +95,8 @@ def interest(names: Sequence[str], patterns: Sequence[str]) -> FloatArray:
 
     StudyError for a pattern that matches none of the names.
     """
-    chosen = {name for pattern in patterns for name in identified_names(pattern, names)}
-    return np.eye(len(names))[:, [not patterns or name in chosen for name in names]]
+    selection = {name for pattern in patterns for name in identified_names(pattern, names)}
+    return np.eye(len(names))[:, [not patterns or name in selection for name in names]]
 
 
 def identified_names(pattern: str, names: Sequence[str]) -> tuple[str, ...]:

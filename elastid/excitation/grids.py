@@ -85,17 +85,17 @@ def with_detection(lines: IntArray, group: int, rng: np.random.Generator) -> Lin
     return Lines(np.delete(lines, left_out), lines[left_out])
 
 
-def line_count_refusal(n_lines: int, needed: int, noun: str) -> str:
+def line_count_refusal(n_lines: int, n_groups: int, noun: str) -> str:
     """Return why a grid has too few lines for as many motors or unknowns; empty where it has enough.
 
     >>> line_count_refusal(4, 6, "motors")
     '4 lines for 6 motors; take a period at least 1.5 times as long, a wider band_hz or a fuller grid'
     """
-    if n_lines >= needed:
+    if n_lines >= n_groups:
         return ""
-    longer = math.ceil(10 * needed / max(1, n_lines)) / 10
+    longer = math.ceil(10 * n_groups / max(1, n_lines)) / 10
     return (
-        f"{n_lines} lines for {needed} {noun}; take a period at least {longer:g} times as long, a wider band_hz or a "
+        f"{n_lines} lines for {n_groups} {noun}; take a period at least {longer:g} times as long, a wider band_hz or a "
         "fuller grid"
     )
 
@@ -106,10 +106,10 @@ def zippered(n_lines: int, n_u: int) -> IntArray:
     >>> zippered(5, 2).tolist()
     [0, 1, 0, 1, 0]
     """
-    if refused := line_count_refusal(n_lines, n_u, "motors"):
+    if refusal := line_count_refusal(n_lines, n_u, "motors"):
         raise StudyError(
             "excitation/lines",
-            f"zippered gives every motor lines of its own, and there are {refused}",
+            f"zippered gives every motor lines of its own, and there are {refusal}",
             "excitation.orthogonal",
         )
     return np.arange(n_lines) % n_u
@@ -118,10 +118,10 @@ def zippered(n_lines: int, n_u: int) -> IntArray:
 def _quasi_logarithmic(lines: IntArray, ratio: float) -> IntArray:
     """Return lines each of which is the nearest to `ratio` times the last, and at least the next one."""
     half_step = (lines[1] - lines[0]) / 2 if len(lines) > 1 else 0.5
-    chosen = [0]
+    indices = [0]
     while True:
-        target = lines[chosen[-1]] * ratio
-        following = max(int(np.argmin(np.abs(lines - target))), chosen[-1] + 1)
+        target = lines[indices[-1]] * ratio
+        following = max(int(np.argmin(np.abs(lines - target))), indices[-1] + 1)
         if following >= len(lines) or target > lines[-1] + half_step:
-            return lines[chosen]
-        chosen.append(following)
+            return lines[indices]
+        indices.append(following)

@@ -135,11 +135,11 @@ def minimise_peaks(signals: Signals, rng: np.random.Generator, is_alone: bool = 
         if is_alone and start == 0:
             power = np.sqrt(np.mean(np.abs(signals.base) ** 2, axis=0))
             inside = np.stack([schroeder(column) for column in power.T], axis=1)
-        phases = _continued(signals, np.concatenate([inside.ravel(), np.zeros(F * E)]), _EARLY)
+        phases = _continue(signals, np.concatenate([inside.ravel(), np.zeros(F * E)]), _EARLY)
         _, S = signals.spectra(*signals.divided(phases))
         candidates.append((float(peaks(signals.lines, S, samples_per_cycle=16).max()), start, phases))
     *_, best = min(candidates, key=lambda candidate: candidate[:2])
-    phases = _continued(signals, best, _LATE)
+    phases = _continue(signals, best, _LATE)
     return signals.divided(phases)
 
 
@@ -153,7 +153,7 @@ def crest_factors(lines: IntArray, S: ComplexArray) -> FloatArray:
     return np.asarray(peaks(lines, S) / np.sqrt(np.sum(np.abs(S) ** 2, axis=-1) / 2))
 
 
-def _continued(signals: Signals, phases: FloatArray, steps: Sequence[tuple[int, int, int]]) -> FloatArray:
+def _continue(signals: Signals, phases: FloatArray, steps: Sequence[tuple[int, int, int]]) -> FloatArray:
     # Half of the time in which a command without them starts.
     from scipy.fft import next_fast_len
     from scipy.optimize import minimize

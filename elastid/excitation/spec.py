@@ -80,8 +80,8 @@ class MultisineSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        samples, high, (first, *others) = self.period * self.rate_hz, self.band_hz[1], self.amplitudes
-        torques = [rms if isinstance(rms, tuple) else (rms,) for rms in (first, *others)]
+        samples, high, (first, *next_hz) = self.period * self.rate_hz, self.band_hz[1], self.amplitudes
+        torques = [rms if isinstance(rms, tuple) else (rms,) for rms in (first, *next_hz)]
         is_free, is_sweep = self.flat == "information", self.phases in _SWEEPS
         key = f"phases: {self.phases}" if is_sweep else "power and spectrum"
         faults = (
@@ -91,7 +91,7 @@ class MultisineSpec:
                 f"at {self.rate_hz:g} Hz, not a whole number; take {round(samples) / self.rate_hz:.9g} s"),
             (high >= self.rate_hz / 2, f"band_hz: {high:g} Hz is not below half the sampling rate "
                 f"({self.rate_hz / 2:g} Hz); lower band_hz or raise rate_hz"),
-            (any(rms != "limits" and not rms > 0 for each in torques for rms in each),
+            (any(rms != "limits" and not rms > 0 for torque in torques for rms in torque),
                 f"torque_rms is {self.torque_rms}; it must be positive for every motor"),
             (len({*torques}) < len(torques),
                 "torque_rms lists an amplitude twice, and each counts once; leave one out"),
@@ -100,7 +100,7 @@ class MultisineSpec:
             (is_sweep and self.grid not in ("full", "odd"),
                 f"{self.phases} needs all lines or all odd lines of a band. Set grid to full or odd"),
             (not is_free and self.least != 0.1, "least belongs to flat: information; set that, or leave least out"),
-            (is_free and bool(others), f"flat: information finds spectra of one amplitude, torque_rms lists "
+            (is_free and bool(next_hz), f"flat: information finds spectra of one amplitude, torque_rms lists "
                 f"{len(torques)}; give one of them, or take another flat"),
             (is_free and bool(self.power or self.spectrum or is_sweep),
                 f"flat: information finds the spectrum itself; leave out {key}, or take another flat"),

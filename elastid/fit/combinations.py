@@ -12,7 +12,7 @@ from elastid.fit.result import Result
 from elastid.record import JointLoop
 from elastid.robot import Robot, channel_name
 
-CORRELATED = 0.99  # correlation above which two parameters are indistinguishable
+MAX_CORRELATION = 0.99  # correlation above which two parameters are indistinguishable
 COMBINATION = "fit/combination"
 # Least relative std of a parameter whose combination with others is reported.
 _WIDE = 0.25
@@ -26,10 +26,10 @@ def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:
     return C[:n, :n] - cross @ np.linalg.solve(C[n:, n:], cross.T)
 
 
-def correlated(names: Sequence[str], covariance: FloatArray) -> Iterator[Note]:
+def correlated_combinations(names: Sequence[str], covariance: FloatArray) -> Iterator[Note]:
     """Yield a note for each indistinguishable pair.  covariance: by noise; model errors correlate all parameters."""
     correlation = np.triu(np.nan_to_num(correlation_of(covariance)), 1)
-    for i, j in np.argwhere(np.abs(correlation) > CORRELATED):
+    for i, j in np.argwhere(np.abs(correlation) > MAX_CORRELATION):
         text = f"{names[i]} and {names[j]} are indistinguishable (correlation {correlation[i, j]:.4f}). Fix one of them"
         yield Note("fit/correlated", text)
 
@@ -64,7 +64,7 @@ def loop_note(result: Result, robot: Robot, loop: JointLoop) -> tuple[Note, ...]
     With torque u = k_p (r - q) - k_d q' both act as (k_d + n^2 f_m) q', where n is the gear ratio: an error of the
     stated k_d biases f_m. A free gain is included with its covariance.
     """
-    parts, sensitive = list[str](), list[str]()
+    phrases, sensitive = list[str](), list[str]()
     names, values, std = result.parameters.free_names, result.values, result.std
     for joint, k_d in zip(robot.driven, loop.kd.tolist(), strict=True):
         of_friction, of_gain = f"fm_{joint.name}", channel_name("gain", "kd", f"motor {joint.name}")
@@ -78,12 +78,12 @@ def loop_note(result: Result, robot: Robot, loop: JointLoop) -> tuple[Note, ...]
         C = C / np.sqrt(np.outer(np.diag(C), np.diag(C))) * np.outer(scale, scale)
         value = slopes[of_friction] * values[of_friction] + k_d * values.get(of_gain, 1.0)
         unit = "N*s/m" if joint.slides else result.parameters[of_friction].unit
-        parts.append(f"{_interval(value, float(np.sqrt(C.sum())))} {unit} (motor {joint.name})")
+        phrases.append(f"{_interval(value, float(np.sqrt(C.sum())))} {unit} (motor {joint.name})")
         if of_gain not in names:
             sensitive.append(f"{100 * slopes[of_friction] * std[of_friction] / k_d:.2g} % (motor {joint.name})")
-    if not parts:
+    if not phrases:
         return ()
-    text = f"identified: velocity_gain + ratio^2 fm = {', '.join(parts)} (link side, 95 % interval)"
+    text = f"identified: velocity_gain + ratio^2 fm = {', '.join(phrases)} (link side, 95 % interval)"
     text += ", with any Coulomb friction"
     if sensitive:
         text += (

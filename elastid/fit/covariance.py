@@ -73,8 +73,8 @@ def information(
     frequencies = np.concatenate(freq_hz)
     order = np.argsort(frequencies, kind="stable")
     rising = np.cumsum(np.concatenate(power)[order], axis=0) / total
-    places = np.array([np.searchsorted(column, (0.25, 0.75)) for column in np.nan_to_num(rising.T, nan=1.0)])
-    band = frequencies[order][np.minimum(places, len(frequencies) - 1)]
+    indices = np.array([np.searchsorted(column, (0.25, 0.75)) for column in np.nan_to_num(rising.T, nan=1.0)])
+    band = frequencies[order][np.minimum(indices, len(frequencies) - 1)]
     return np.array([lines / (total + load_power) for lines in sums]), band
 
 
@@ -95,7 +95,7 @@ def noise_dof(power: Sequence[FloatArray], dof: Sequence[float], load_power: Flo
 class Uncertainty:
     """covariance (n_x, n_x) of x, inf where unreached; singular_values of J with columns scaled to unit length.
 
-    unreached (n_x,): parameters in a direction that the data do not reach.  expected_cost: V by the noise alone;
+    unidentifiable (n_x,): parameters in a direction without information.  expected_cost: V by the noise alone;
     cost_dof: 2 / cost_dof is the relative variance of V over it, both having scatter; NaN where no noise was measured.
     costs (Q,): V of each configuration; power: of each, what its lines contribute to the variances (F, n_x).
     information_fraction (Q, n_x): of each configuration; information_band_hz (n_x, 2): the middle half of it.
@@ -109,7 +109,7 @@ class Uncertainty:
 
     covariance: FloatArray
     singular_values: FloatArray
-    unreached: BoolArray
+    unidentifiable: BoolArray
     expected_cost: float
     cost_dof: float
     information_fraction: FloatArray
@@ -137,25 +137,25 @@ def estimate_uncertainty(
     torques.  Load tests have the covariance that their file states.
     """
     sums = sum_up(fit, responses, weights, x, execution or Execution())
-    parts, half, unreached = sums.parts, sums.half, sums.unreached
+    line_sums, half, unreached = sums.parts, sums.half, sums.unidentifiable
     noise, expected_cost, cost_dof = noise_covariance(sums)
     cost = expected_cost if is_forecast else sums.cost
     is_excess = exceeds_noise(cost, expected_cost, cost_dof)
     together = max((response.correlated_lines for response in responses), default=1.0)
     # With a model error, which ratios did not explain, the std of each gear is at least the tolerance of the file.
-    least = float(any(each.floor > 0 for each in weights))
+    has_model_error = float(any(weight.floor > 0 for weight in weights))
     V = math.nan if is_forecast else cost
-    ratios = scatter_of_ratios(parts, half, V, expected_cost, together, is_excess, least)
+    ratios = scatter_of_ratios(line_sums, half, V, expected_cost, together, is_excess, has_model_error)
     nuisance = [i for i, parameter in enumerate(fit.parameters.free) if parameter.is_nuisance]
     by_prior, persistent = prior_variance(sums, nuisance)
     averaging = np.maximum(np.diag(noise) - by_prior, 0.0)
-    power = tuple(part.power for part in parts)
-    dof = noise_dof(power, [part.noise_dof for part in parts], sums.load_power)
+    power = tuple(part.power for part in line_sums)
+    dof = noise_dof(power, [part.noise_dof for part in line_sums], sums.load_power)
     dof = dof / np.maximum(quotient(averaging, np.diag(noise), 1.0), 1e-6) ** 2
-    blocks = block_variance([part.blocks for part in parts], half)
+    blocks = block_variance([part.blocks for part in line_sums], half)
     contributions = Contributions(
         noise=noise, widening=small_sample_factors(dof), residuals=sandwich_variance(sums),
-        blocks=np.maximum(blocks, jackknife_variance(parts, half)) if is_excess else np.zeros(len(x)),
+        blocks=np.maximum(blocks, jackknife_variance(line_sums, half)) if is_excess else np.zeros(len(x)),
         model_error=model_error_covariance(sums, cost, expected_cost, cost_dof), ratios=ratios.covariance,
         friction=friction_variance(fit.parameters, responses, is_compensated),
     )  # fmt: skip
@@ -163,15 +163,15 @@ def estimate_uncertainty(
     random_fraction = contributions.random_fraction(covariance, is_excess) / contributions.random
     covariance[unreached] = covariance[:, unreached] = np.nan
     covariance[unreached, unreached] = np.inf
-    fraction, band_hz = information(power, [part.freq_hz for part in parts], sums.load_power)
+    fraction, band_hz = information(power, [part.freq_hz for part in line_sums], sums.load_power)
     return Uncertainty(
-        covariance=covariance, singular_values=sums.singular_values, unreached=unreached,
+        covariance=covariance, singular_values=sums.singular_values, unidentifiable=unreached,
         expected_cost=expected_cost, cost_dof=cost_dof, information_fraction=fraction, information_band_hz=band_hz,
-        disagreement=disagreement([part.disagreement for part in parts], len(half)),
+        disagreement=disagreement([part.disagreement for part in line_sums], len(half)),
         shift=np.where(unreached, 0.0, np.sqrt(blocks / (contributions.random + np.diag(contributions.model_error)))),
         averaging_fraction=averaging * random_fraction,
         persistent_fraction=(np.minimum(persistent, by_prior) + np.diag(contributions.ratios)) * random_fraction,
-        costs=np.array([part.cost for part in parts]), power=power, ratios=ratios,
+        costs=np.array([part.cost for part in line_sums]), power=power, ratios=ratios,
     )  # fmt: skip
 
 
@@ -197,10 +197,10 @@ class Contributions:
         Correlations are those of the noise, or of A^-1 = half^T half if a parameter has no noise.
         """
         noise = self.noise * np.outer(self.widening, self.widening)
-        correlated = noise if np.all(np.diag(noise) > 0) else half.T @ half
+        C = noise if np.all(np.diag(noise) > 0) else half.T @ half
         std = np.sqrt(np.maximum.reduce([np.diag(noise), self.residuals, self.blocks]))
-        scale = quotient(std, np.sqrt(np.diag(correlated)))
-        return correlated * np.outer(scale, scale) + self.model_error + self.ratios + np.diag(self.friction)
+        scale = quotient(std, np.sqrt(np.diag(C)))
+        return C * np.outer(scale, scale) + self.model_error + self.ratios + np.diag(self.friction)
 
     @property
     def random(self) -> FloatArray:
@@ -230,7 +230,7 @@ class Sums:
     parts: tuple[LineSums, ...]
     half: FloatArray
     singular_values: FloatArray
-    unreached: BoolArray
+    unidentifiable: BoolArray
     prior_J: FloatArray
     static_J: FloatArray
     static_r: FloatArray
@@ -262,13 +262,13 @@ def sum_up(
     R = np.vstack([prior_J, static_J])
     for block in home.at_home(partial(triangle, bare, x, factors), chunked(configurations)):  # R of the stacked J = Q R
         R = np.asarray(np.linalg.qr(np.vstack([R, block]), mode="r"))
-    half, singular_values, unreached = inverse_information(R)
-    parts, pulls = list[LineSums](), dict[tuple[str, str, int], ComplexArray]()
+    half, singular_values, unidentifiable = inverse_information(R)
+    line_sums, pulls = list[LineSums](), dict[tuple[str, str, int], ComplexArray]()
     for sums in each_at_home(partial(sum_lines, bare, x, factors, half), configurations, home):
         pulls |= {key: pulls.get(key, 0.0) + pull for key, pull in sums.model_error_pull.items()}
-        parts.append(replace(sums, model_error_pull={}))
-    arrays = half[:, :n_x], singular_values, unreached[:n_x], prior_J @ half.T, static_J @ half.T, static_r
-    return Sums(tuple(parts), *arrays, pulls, fit.n_residuals, fit.problem.dof)
+        line_sums.append(replace(sums, model_error_pull={}))
+    arrays = half[:, :n_x], singular_values, unidentifiable[:n_x], prior_J @ half.T, static_J @ half.T, static_r
+    return Sums(tuple(line_sums), *arrays, pulls, fit.n_residuals, fit.problem.dof)
 
 
 def noise_covariance(sums: Sums) -> tuple[FloatArray, float, float]:
@@ -276,28 +276,28 @@ def noise_covariance(sums: Sums) -> tuple[FloatArray, float, float]:
 
     Configurations without measured noise have the noise of their residuals.
     """
-    parts = sums.parts
+    line_sums = sums.parts
     meat = sums.prior_J.T @ sums.prior_J + sums.static_J.T @ sums.static_J
     power = float(np.count_nonzero(np.any(sums.prior_J, axis=1)) + len(sums.static_J))
-    variance, spread = sum(part.cost for part in parts) / max(sums.dof, 1), 2 * power
-    for part in parts:
+    variance, spread = sum(part.cost for part in line_sums) / max(sums.dof, 1), 2 * power
+    for part in line_sums:
         if part.noise is None:
             meat, power = meat + variance * part.rows.T @ part.rows, power + variance * part.n_residuals
             spread += 2 * variance**2 * part.n_residuals
         else:
             meat, power = meat + part.noise, power + part.noise_power
             spread += part.noise_spread
-    is_known = any(part.noise is not None for part in parts)
-    cost_dof = 2 * power**2 / max(spread, 1e-300) if is_known else math.nan
+    has_noise = any(part.noise is not None for part in line_sums)
+    cost_dof = 2 * power**2 / max(spread, 1e-300) if has_noise else math.nan
     return sums.half.T @ meat @ sums.half, power - float(np.trace(meat)), cost_dof
 
 
 def sandwich_variance(sums: Sums) -> FloatArray:
     """Return the sandwich variances (n_x,) of x by the residuals, pulls added over configurations at each frequency."""
     parts = sums.parts
-    freq_hz, place = np.unique(np.concatenate([part.freq_hz for part in parts]), return_inverse=True)
+    freq_hz, index = np.unique(np.concatenate([part.freq_hz for part in parts]), return_inverse=True)
     pulls = np.zeros((len(freq_hz), len(sums.half)))
-    np.add.at(pulls, place, np.concatenate([part.pull for part in parts], axis=1).T)
+    np.add.at(pulls, index, np.concatenate([part.pull for part in parts], axis=1).T)
     changes = np.vstack([pulls, sums.static_J * sums.static_r[:, None]]) @ sums.half
     length = correlation_length([part.autocovariance for part in parts], sum(part.n_residuals for part in parts))
     return np.asarray(length * sums.n_residuals / max(sums.dof, 1) * np.sum(changes**2, axis=0))
@@ -321,8 +321,8 @@ def model_error_covariance(sums: Sums, cost: float, expected_cost: float, cost_d
     shifts = np.stack([*sums.model_error_pulls.values()]) @ sums.half
     power = sum(part.model_error_power for part in sums.parts)
     dof = sums.dof if math.isnan(cost_dof) else cost_dof
-    room = cost - expected_cost + 2 * expected_cost * math.sqrt(2 / max(dof, 1.0))
-    s = min(max(room / power, 0.0), 1.0) if power else 0.0
+    margin = cost - expected_cost + 2 * expected_cost * math.sqrt(2 / max(dof, 1.0))
+    s = min(max(margin / power, 0.0), 1.0) if power else 0.0
     return s * 0.5 * (shifts.conj().T @ shifts).real
 
 

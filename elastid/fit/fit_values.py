@@ -20,7 +20,7 @@ from elastid.model.spec import ModelSpec
 from elastid.parameters import Parameters
 from elastid.robot import Robot
 
-LONE_CAUSE = 0.95  # least explained fraction of the excess of V for a single cause
+SINGLE_CAUSE_FRACTION = 0.95  # of the excess of V that a single cause must explain
 
 
 @frozen_value
@@ -162,15 +162,16 @@ class FitValues:
     def std_with_base(self) -> dict[str, float]:
         """`std` of each parameter of interest in SI, including the bias by an unmodelled base of typical stiffness."""
         n = len(self.parameters.of_interest)
-        base = sum((part.changes**2 for part in self.assumed_rigid), np.zeros(n))
-        return self._in_si(np.sqrt(np.diag(self.covariance)[:n] + base))
+        bias_variance = sum((rigid_part.changes**2 for rigid_part in self.assumed_rigid), np.zeros(n))
+        return self._in_si(np.sqrt(np.diag(self.covariance)[:n] + bias_variance))
 
-    def _contribution(self, fraction: FloatArray, without: float) -> dict[str, float]:
-        """Return the std, in SI by name, of a fraction (n_x,) of the variances, or of `without` if it is empty."""
+    def _contribution(self, fraction: FloatArray, default: float) -> dict[str, float]:
+        """Return the std, in SI by name, of a fraction (n_x,) of the variances, `default` if it is empty."""
         variance = np.diag(self.covariance)[: len(self.parameters.of_interest)]
-        part = fraction[: len(variance)] if len(fraction) else np.full(len(variance), without)
-        power = np.where(np.isinf(variance), np.inf if without else 0.0, np.nan_to_num(variance, posinf=0.0) * part)
-        return self._in_si(np.sqrt(np.maximum(power, 0.0)))
+        fractions = fraction[: len(variance)] if len(fraction) else np.full(len(variance), default)
+        contribution = np.nan_to_num(variance, posinf=0.0) * fractions
+        contribution[np.isinf(variance)] = np.inf if default else 0.0
+        return self._in_si(np.sqrt(np.maximum(contribution, 0.0)))
 
     def _in_si(self, std: FloatArray) -> dict[str, float]:
         """Convert standard deviations (n,) of the first n variables of x to SI, by name (first order)."""
@@ -185,13 +186,13 @@ class FitValues:
         """
         names = self.parameters.free_names
         if name not in names:
-            why = "is fixed or tied" if name in self.values else "is no parameter of this fit"
-            raise UnknownNameError(f"{name} {why}; {did_you_mean(name, names)}")
+            reason = "is fixed or tied" if name in self.values else "is no parameter of this fit"
+            raise UnknownNameError(f"{name} {reason}; {did_you_mean(name, names)}")
         i = names.index(name)
         if len(self.profile95) and not np.isnan(self.profile95[i]).any():
             return float(self.profile95[i, 0]), float(self.profile95[i, 1])
-        reach = QUANTILE_95 * float(np.sqrt(self.covariance[i, i]))
-        low, high = float(self.x[i]) - reach, float(self.x[i]) + reach
+        half_width = QUANTILE_95 * math.sqrt(self.covariance[i, i])
+        low, high = float(self.x[i]) - half_width, float(self.x[i]) + half_width
         with np.errstate(over="ignore"):
             return (float(np.exp(low)), float(np.exp(high))) if self.parameters.free[i].log else (low, high)
 
@@ -206,6 +207,7 @@ class FitValues:
         return tuple(p.name for p in self.parameters.of_interest)
 
     def __contains__(self, name: object) -> bool:
+        """Return True for each name with an interval: parameters of interest and nuisance parameters."""
         return name in self.parameters.free_names
 
     def __getitem__(self, name: str) -> Any:
@@ -221,24 +223,21 @@ class FitValues:
         std and the 95 % interval are NaN for fixed and tied parameters, contributions also for an exact robot model.
         ElastidError if pandas is not installed.
         """
-        values, std, free = self.values, self.std, self.parameters.free_names
-        ends = {name: self.interval(name) for name in free}
-        nan, names = math.nan, ("std_noise", "std_prior", "std_systematic")
-        columns = ["value", *names, "std", "low", "high", "unit", "free"]
-        parts = [self.std_contributions.get(name, {}) for name in names]
-        rows = {
-            p.name: (
-                values[p.name], *(each.get(p.name, nan) for each in (*parts, std)), *ends.get(p.name, (nan, nan)),
-                p.unit, p.name in free,
-            )
-            for p in self.parameters
-        }  # fmt: skip
+        contributions = ("std_noise", "std_prior", "std_systematic")
+        stds_of = {name: self.std_contributions.get(name, {}) for name in contributions} | {"std": self.std}
+        rows: dict[str, list[Any]] = {}
+        for p in self.parameters:
+            is_free = p.name in self.parameters.free_names
+            stds = [stds.get(p.name, math.nan) for stds in stds_of.values()]
+            ends = self.interval(p.name) if is_free else (math.nan, math.nan)
+            rows[p.name] = [self.values[p.name], *stds, *ends, p.unit, is_free]
+        columns = ["value", *stds_of, "low", "high", "unit", "free"]
         return installed("pandas", "notebook").DataFrame.from_dict(rows, orient="index", columns=columns)
 
     @property
-    def has_lone_cause(self) -> bool:
+    def has_single_cause(self) -> bool:
         """True if one cause explains the residuals beyond the noise."""
-        return any(index.place == 1 and index.explained_fraction > LONE_CAUSE for index in self.indices)
+        return any(index.place == 1 and index.explained_fraction > SINGLE_CAUSE_FRACTION for index in self.indices)
 
     @property
     def correlation(self) -> FloatArray:

@@ -147,7 +147,7 @@ def estimated_robot(result: Result, robot: Robot | None = None, configuration: s
     """
     numbers = result.parameters.numbers(result.x, configuration)
     numbers.pop(DELAY, None)
-    return (robot or result.known_robot).with_parameters(numbers)
+    return (robot or result.nominal_robot).with_parameters(numbers)
 
 
 def _theta(result: Result, model: ElasticModel, configuration: str) -> FloatArray:

@@ -21,7 +21,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, Note, StudyError, notes_of
 from elastid.base.execution import HERE, Execution
 from elastid.fit.problem.frf_residuals import ElasticFit, Part, each_at_home, linear_model, part_of, part_with
-from elastid.fit.problem.inertia_barrier import moved_inertias
+from elastid.fit.problem.inertia_barrier import free_inertias
 from elastid.fit.problem.least_squares import (
     Evaluation,
     LeastSquares,
@@ -122,13 +122,13 @@ class Assembly:
         """Return the fit with every configuration linearised at x (n_x,)."""
         part = partial(_part, self.linearisation, self.parameters, x, criterion)
         pairs = list(zip(self.responses, self.weights, strict=True))
-        inertias = moved_inertias(self.parameters, self.linearisation.model.robot)
+        inertias = free_inertias(self.parameters, self.linearisation.model.robot)
         return ElasticFit(self.parameters, tuple(each_at_home(part, pairs, self.home)), inertias, self.loads, self.home)
 
     def as_linearised(self, fit: ElasticFit, of: "Assembly") -> ElasticFit:
         """Return the fit with every configuration linearised as in the fit of another assembly."""
         groups = list(zip(self.responses, of.responses, self.weights, fit.parts, strict=True))
-        return replace(fit, parts=tuple(each_at_home(_part_again, groups, self.home)))
+        return replace(fit, parts=tuple(each_at_home(_reweigh_part, groups, self.home)))
 
     @cached_property
     def is_local(self) -> bool:
@@ -153,8 +153,8 @@ class Assembly:
 
     def at_rest(self, x: FloatArray) -> "Assembly":
         """Return the assembly without the motion-induced bias of the responses at x (n_x,)."""
-        to_rest = partial(_at_rest, self.linearisation, self.parameters, x)
-        return replace(self, responses=tuple(each_at_home(to_rest, self.responses, self.home)))
+        relinearise_one = partial(_at_rest, self.linearisation, self.parameters, x)
+        return replace(self, responses=tuple(each_at_home(relinearise_one, self.responses, self.home)))
 
     def spring_notes(self, x: FloatArray) -> tuple[Note, ...]:
         """Return notes on springs that no single stiffness describes at the equilibrium of x (n_x,)."""
@@ -205,10 +205,10 @@ def _part(
     return part_of(pair[0], _model(linearisation, parameters, x, pair[0]), pair[1], parameters, criterion)
 
 
-def _part_again(group: tuple[Response, Response, Weights, Part]) -> Part:
+def _reweigh_part(group: tuple[Response, Response, Weights, Part]) -> Part:
     """Return the part of a response with the model, and the aliases of ZOH torques, of another response's part."""
-    response, other, weights, part = group
-    return part_with(part.columns, other.G - part.measured, response, weights, part.criterion)
+    response, reference, weights, part = group
+    return part_with(part.columns, reference.G - part.measured, response, weights, part.criterion)
 
 
 def _at_rest(linearisation: Linearisation, parameters: Parameters, x: FloatArray, response: Response) -> Response:
@@ -268,13 +268,13 @@ def model_error_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -
     """
     x, dof, criterion = optimum.end.x, optimum.fit.problem.dof, assembly.spec.criterion
     notes = {(note.code, note.severity) for note in notes_of(assembly.responses)}
-    most = IMAGE_ERROR if (STEP_IMAGES, "information") in notes else TYPICAL_MODEL_ERROR
-    unbiased = replace(assembly, responses=optimum.responses).unbiased(optimum.factors).with_model_error(most)
+    max_error = IMAGE_ERROR if (STEP_IMAGES, "information") in notes else TYPICAL_MODEL_ERROR
+    corrected = replace(assembly, responses=optimum.responses).unbiased(optimum.factors).with_model_error(max_error)
 
     def exceeds(floor: float) -> bool:  # as where a covariance is singular with so small a floor: V is infinite
-        return unbiased.with_model_error(floor).at(x, criterion).evaluate(x).cost > dof
+        return corrected.with_model_error(floor).at(x, criterion).evaluate(x).cost > dof
 
-    low, high = most / 100, most
+    low, high = max_error / 100, max_error
     if exceeds(high):
         return high
     while high > 1.1 * low:
@@ -308,18 +308,18 @@ def relinearise(
             current = at_rest.reweighted(end.x)
             fit = current.at(end.x, criterion)
         except StudyError as error:
-            return _where_it_stands(assembly, end, criterion, error)
+            return _nearest_equilibrium(assembly, end, criterion, error)
         if len(c):
-            biased = current.with_modelled_bias(fit, end.x)
-            following = next_factors(biased.unbiased(c).as_linearised(fit, current), biased.responses, end.x, c)
-            history = [*history[-1:], (c, following)]
-            c = accelerated(*history) if i > 1 and len(history) == 2 else following
-            current, fit = biased, biased.unbiased(c).as_linearised(fit, current)
+            with_bias = current.with_modelled_bias(fit, end.x)
+            next_c = next_factors(with_bias.unbiased(c).as_linearised(fit, current), with_bias.responses, end.x, c)
+            history = [*history[-1:], (c, next_c)]
+            c = accelerate(*history) if i > 1 and len(history) == 2 else next_c
+            current, fit = with_bias, with_bias.unbiased(c).as_linearised(fit, current)
         tolerance = NEAR_ENOUGH if is_far_from_noise(end.cost, fit.problem.dof) else FINE
         precise = replace(fit.problem, evaluate=fit.evaluate)
-        before, end = end, solve(precise, end.x, tolerance, method=assembly.spec.solver)
-        change = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
-        rests = is_square and i > 0 and before.cost - end.cost < MIN_PROGRESS * end.cost
+        previous, end = end, solve(precise, end.x, tolerance, method=assembly.spec.solver)
+        change = distance(end.x - previous.x, fit.evaluate(end.x), fit.problem.dof)
+        rests = is_square and i > 0 and previous.cost - end.cost < MIN_PROGRESS * end.cost
         is_whole = i > 0 or near is not None or all(response.motion is None for response in assembly.responses)
         is_settled = is_whole and (change < 10 * FINE or (rests and is_far_from_noise(end.cost, fit.problem.dof)))
         if is_settled:
@@ -328,7 +328,7 @@ def relinearise(
         try:
             assembly.at(end.x, criterion)
         except StudyError as error:
-            return _where_it_stands(assembly, end, criterion, error)
+            return _nearest_equilibrium(assembly, end, criterion, error)
     text = (
         f"the linearisation did not converge: round {rounds} of {rounds} changed the estimate by {change:.2g} standard "
         "deviations. Check the configurations and the gravity of the robot model, or set fit.weights.loss: square"
@@ -337,7 +337,7 @@ def relinearise(
     return RelinearisedOptimum(end, fit, current.responses, current.weights, notes, c)
 
 
-def accelerated(before: tuple[FloatArray, FloatArray], now: tuple[FloatArray, FloatArray]) -> FloatArray:
+def accelerate(first: tuple[FloatArray, FloatArray], second: tuple[FloatArray, FloatArray]) -> FloatArray:
     r"""Return the next c of an iteration c -> F(c) by Anderson's method of depth 1, from two pairs c, F(c).
 
     .. math:: c_{k+1} = F(c_k) - \gamma\, (F(c_k) - F(c_{k-1})), \quad
@@ -345,11 +345,11 @@ def accelerated(before: tuple[FloatArray, FloatArray], now: tuple[FloatArray, Fl
 
     Poorly identifiable parameters make F contract slowly. (Walker and Ni, SIAM J. Numer. Anal. 49, 2011.)
     """
-    f, change = now[1] - now[0], now[1] - now[0] - before[1] + before[0]
-    return now[1] - (f @ change) / max(float(change @ change), 1e-300) * (now[1] - before[1])
+    f, change = second[1] - second[0], second[1] - second[0] - first[1] + first[0]
+    return second[1] - (f @ change) / max(float(change @ change), 1e-300) * (second[1] - first[1])
 
 
-def _where_it_stands(
+def _nearest_equilibrium(
     assembly: Assembly, end: LocalOptimum, criterion: ResidualKind, error: StudyError
 ) -> RelinearisedOptimum:
     """Halve the step to the start until the robot has an equilibrium; returns an optimum that is not converged.
@@ -357,18 +357,18 @@ def _where_it_stands(
     The diagnosis finds from there why the springs became so soft, for example by wrong postures. For a robot model with
     tolerances NoRestError is raised, and the fit is repeated with fixed numbers.
     """
-    no_rest, start, x = NoRestError(error), assembly.parameters.x, end.x
+    error_of_last, start, x = NoRestError(error), assembly.parameters.x, end.x
     if any(p.is_nuisance for p in assembly.parameters):
-        raise no_rest
+        raise error_of_last
     for _ in range(HALVINGS):
         x = (x + start) / 2
         try:
             fit = assembly.at(x, criterion)
         except StudyError:
             continue
-        end = replace(end, x=x, cost=fit.evaluate(x).cost, converged=False, message=str(no_rest))
+        end = replace(end, x=x, cost=fit.evaluate(x).cost, converged=False, message=str(error_of_last))
         return RelinearisedOptimum(end, fit, assembly.responses, assembly.weights)
-    raise no_rest
+    raise error_of_last
 
 
 def robust_factors(fit: ElasticFit, weights: Sequence[Weights], x: FloatArray) -> tuple[FloatArray, ...]:
@@ -380,5 +380,5 @@ def robust_factors(fit: ElasticFit, weights: Sequence[Weights], x: FloatArray) -
         gain = np.divide(part.gain, np.sqrt(weight.factor), out=np.zeros_like(part.gain), where=is_used)
         distances.append(np.where(is_used, gain * np.abs(np.where(is_used, e, 0.0)), 0.0))
     moduli = np.concatenate([z[part.gain > 0] for z, part in zip(distances, fit.parts, strict=True)])
-    reach = OUTLIER_STDS * max(1.0, float(np.median(moduli)) / RAYLEIGH_MEDIAN)
-    return tuple(np.minimum(1.0, reach / np.maximum(z, 1e-300)) for z in distances)
+    limit = OUTLIER_STDS * max(1.0, float(np.median(moduli)) / RAYLEIGH_MEDIAN)
+    return tuple(np.minimum(1.0, limit / np.maximum(z, 1e-300)) for z in distances)

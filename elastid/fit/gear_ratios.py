@@ -33,7 +33,7 @@ RATIO_STD = np.exp(np.linspace(np.log(0.03), np.log(8.0), 21))
 RATIO_PRIOR = np.log(8.0), 2.0
 ALIKE = 0.7  # std of the logarithm among the gears of a robot
 # Ratios are the cause of an excess up to this std over the tolerance (2 % of the ratio by default) and from this part.
-LARGEST_STD, EXPLAINED = 6.7, 0.8
+LARGEST_STD, MIN_EXPLAINED_FRACTION = 6.7, 0.8
 
 
 @frozen_value
@@ -49,13 +49,13 @@ class RatioScatter:
 
 
 def scatter_of_ratios(
-    parts: Sequence[LineSums], half: FloatArray, cost: float, expected: float, together: float, is_excess: bool,
+    parts: Sequence[LineSums], half: FloatArray, cost: float, expected_cost: float, together: float, is_excess: bool,
     least: float = 0.0
 ) -> RatioScatter:  # fmt: skip
     """Find the variance of the ratios; half (n, n_x): H, x = H^T z.
 
-    cost, expected: V, NaN for a forecast, and V by the noise.  together: lines whose errors are correlated.  c is the
-    part of V over `expected` that the ratios do not explain, in three rounds.  is_excess: V exceeds the noise.
+    cost, expected_cost: V, NaN for a forecast, and V by the noise.  together: lines whose errors are correlated.  c is
+    the part of V over `expected_cost` that the ratios do not explain, in three rounds.  is_excess: V exceeds the noise.
     least: lower bound of the std of each gear over its tolerance.
     """
     joints = [joint for part in parts for joint in part.ratios.joints]
@@ -65,16 +65,16 @@ def scatter_of_ratios(
     power = block_diag(*(part.ratios.power for part in parts)) - pull @ pull.T
     slopes = np.concatenate([part.ratios.slopes for part in parts])
     groups = _same_angles(joints)
-    to_groups = np.array([[place == group for group in dict.fromkeys(groups)] for place in groups], float)
+    to_groups = np.array([[label == group for group in dict.fromkeys(groups)] for label in groups], float)
     names = [name for name, _ in dict.fromkeys(groups)]
     shifts = to_groups.T @ pull @ half
     N, h, drop = to_groups.T @ power @ to_groups, to_groups.T @ slopes, 0.0
     for _ in range(3):
-        variance = together * max((cost - drop) / max(expected, 1e-300), 1.0)
+        variance = together * max((cost - drop) / max(expected_cost, 1e-300), 1.0)
         s = ratio_std(N, h, names, variance)
         e = s * np.linalg.solve((s * N.T).T * s + (1.0 if math.isnan(variance) else variance) * np.eye(len(s)), s * h)
         drop = float(2 * h @ e - e @ N @ e)
-    explains = is_excess and s.max() <= LARGEST_STD and drop > EXPLAINED * (cost - expected)
+    explains = is_excess and s.max() <= LARGEST_STD and drop > MIN_EXPLAINED_FRACTION * (cost - expected_cost)
     s = np.ones(len(s)) if is_excess and not explains else np.maximum(s, least)
     return RatioScatter((s[:, None] * shifts).T @ (s[:, None] * shifts), named(names, s), explains)
 

@@ -100,7 +100,7 @@ def identified(
             estimate = _with_model_error(assembly, spec, ends, execution.quiet)
             assembly, optimum, uncertainty, result = _with_agreements(estimate, assembly, spec, ends)
             evidence = rank_causes(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
-            evidence, before = _with_springs(evidence, spec, ends, hypotheses), evidence.result
+            evidence, previous = _with_springs(evidence, spec, ends, hypotheses), evidence.result
             assembly, optimum, result = evidence.assembly, evidence.optimum, evidence.result
         except StudyError as error:  # the robot finds no rest on the way
             raise NoRestError(error) from None
@@ -109,7 +109,7 @@ def identified(
             result = add_intervals(diagnose(evidence, notes), optimum, spec, execution)
             notes = *result.notes, *contradicted_priors(result), *contradicted_tolerances(result)
             result = replace(result, notes=notes)
-            result = without_presliding(result, assembly, before)
+            result = without_presliding(result, assembly, previous)
             pairs = zip(assembly.responses, optimum.responses, strict=True)
             effects = {G.configuration.name: G.G - rested.G for G, rested in pairs if rested.G is not G.G}
             return result, effects
@@ -232,10 +232,10 @@ def check_responses(responses: Sequence[Response], robot: Robot) -> None:
 
 
 def _check_robot(response: Response, robot: Robot) -> None:
-    where, angles = f"configuration {response.configuration.name}", response.configuration.angles
+    place, angles = f"configuration {response.configuration.name}", response.configuration.angles
     advice = "is this response from another robot?"
     if refusal := robot.count_refusal(angles.size):
-        raise DataError("fit/responses", f"{where}: {refusal}" + (f"; {advice}" if angles.size else ""))
+        raise DataError("fit/responses", f"{place}: {refusal}" + (f"; {advice}" if angles.size else ""))
     at_tool = any(map(is_load, response.inputs))
     locations = robot.load_locations if at_tool else robot.motor_locations
     if response.controller is not None:
@@ -243,8 +243,8 @@ def _check_robot(response: Response, robot: Robot) -> None:
     if unknown := [name for name in response.inputs if name not in locations]:
         text = f"robot {robot.name} has no input {', '.join(unknown)}. Possible inputs: {', '.join(locations)}"
         both = ". Use either motor torques or forces at frames in one response" if at_tool else ""
-        raise DataError("fit/responses", f"{text}{both}; {advice}", where)
-    refusal, still = "", ", ".join(place for place in response.outputs if place.startswith("motor "))
+        raise DataError("fit/responses", f"{text}{both}; {advice}", place)
+    refusal, still = "", ", ".join(location for location in response.outputs if location.startswith("motor "))
     if response.motors != "free" and not at_tool:
         refusal = f"its inputs are motor torques, but its motors are {response.motors}. Set motors: free"
     elif response.motors == "locked" and still:
@@ -252,12 +252,12 @@ def _check_robot(response: Response, robot: Robot) -> None:
     elif response.motors == "controlled" and (response.loop is None or np.any(response.loop.ki)):
         refusal = "its motors are controlled; give their loop, stiffness kp and damping kd without ki"
     if refusal:
-        raise DataError("fit/responses", refusal, where)
-    for place in response.outputs:
+        raise DataError("fit/responses", refusal, place)
+    for location in response.outputs:
         try:
-            robot.check_location(place)
+            robot.check_location(location)
         except StudyError as error:
-            raise DataError("fit/responses", f"an output, {error}; {advice}", where) from None
+            raise DataError("fit/responses", f"an output, {error}; {advice}", place) from None
 
 
 def check_effects(fit: ElasticFit, robot: Robot) -> None:
@@ -270,8 +270,8 @@ def check_effects(fit: ElasticFit, robot: Robot) -> None:
     without = effect <= 1e-9 * effect.max()  # rounding leaves about 1e-16
     if without.any():
         names = ", ".join(name for name, none in zip(parameters.free_names, without, strict=True) if none)
-        places = any(name.partition("@")[0] in robot.geometry for name in names.split(", "))
-        hint = ". Coordinates along the axis of a joint have no effect" * places
+        has_geometry = any(name.partition("@")[0] in robot.geometry for name in names.split(", "))
+        hint = ". Coordinates along the axis of a joint have no effect" * has_geometry
         raise FitError(
             "fit/not-identifiable",
             f"{names}: not identifiable, without effect on the frequency responses. Fix it "
@@ -319,7 +319,7 @@ def free_nuisance_parameters(
     best = None
     for begin in begins[:ATTEMPTS]:
         try:
-            end, dof = _released(nuisance, begin)
+            end, dof = _settle_start(nuisance, begin)
         except (StudyError, FitError):  # no robot stands on the way
             continue
         best = end if best is None or end.cost < best.cost else best
@@ -328,7 +328,7 @@ def free_nuisance_parameters(
     return (assembly, starts) if best is None else (nuisance, (best, *ends[1:]))
 
 
-def _released(assembly: Assembly, begin: LocalOptimum) -> tuple[LocalOptimum, int]:
+def _settle_start(assembly: Assembly, begin: LocalOptimum) -> tuple[LocalOptimum, int]:
     """Return the optimum near the end of a start, and its degrees of freedom.
 
     Products such as m c^2 change little within tolerances: a round for each linearisation, not one at every x.
@@ -379,11 +379,11 @@ def _with_agreements(estimate: _Estimate, assembly: Assembly, spec: FitSpec, end
     starts, n_converged = ends
     begin = replace(starts[0], x=estimate[1].end.x)
 
-    def refit(part: Assembly, is_global: bool = False) -> _Estimate:
+    def refit(assembly_: Assembly, is_global: bool = False) -> _Estimate:
         if not is_global:
-            return _with_model_error(part, spec, ((begin, *starts[1:]), n_converged), Execution())
-        ends = _from_all_starts(part, part.at(begin.x, spec.criterion), spec, Execution())
-        return _with_model_error(part, spec, ends, Execution())
+            return _with_model_error(assembly_, spec, ((begin, *starts[1:]), n_converged), Execution())
+        ends = _from_all_starts(assembly_, assembly_.at(begin.x, spec.criterion), spec, Execution())
+        return _with_model_error(assembly_, spec, ends, Execution())
 
     def compare(motors: Result) -> tuple[StaticAgreement | None, ToolAgreement | None]:
         tool = tool_agreement(at_tool, motors) if at_tool.responses else None
@@ -393,7 +393,7 @@ def _with_agreements(estimate: _Estimate, assembly: Assembly, spec: FitSpec, end
     if of_motors[3].exceeds_noise or any(map(_disagree, compare(of_motors[3]))):
         # A reading in a wrong unit pulls both into a valley that the responses alone would never end in, where the
         # robot may find no rest under its loads.
-        of_motors = min(of_motors, refit(alone, is_global=True), key=lambda each: (each[3].model_error, each[3].cost))
+        of_motors = min(of_motors, refit(alone, is_global=True), key=lambda fit: (fit[3].model_error, fit[3].cost))
     static, tool = compare(of_motors[3])
     if not (_disagree(static) or _disagree(tool)):
         return *estimate[:3], replace(estimate[3], static=static, tool=tool)
@@ -422,30 +422,17 @@ def _estimate(
     uncertainty = estimate_uncertainty(*arguments, execution, is_compensated=is_compensated)
     dof = fit.problem.dof
     # Without any noise (a simulation) V is compared with the weights.
-    expected = uncertainty.expected_cost if uncertainty.expected_cost > 1e-12 * dof else dof
+    expected_cost = uncertainty.expected_cost if uncertainty.expected_cost > 1e-12 * dof else dof
     result = Result(
-        parameters=fit.parameters.with_means(end.x),
-        x=end.x,
-        covariance=uncertainty.covariance,
-        cost=end.cost + float(optimum.factors @ optimum.factors),
-        dof=dof,
-        cost_expected=float(expected),
-        cost_dof=uncertainty.cost_dof,
-        status="converged",
-        message="",
-        starts=starts,
-        n_converged_starts=n_converged,
-        at_bound=at_bound(fit.parameters, end.x),
-        singular_values=uncertainty.singular_values,
-        criterion=fit.parts[0].criterion,
-        configurations=tuple(part.configuration for part in fit.parts),
-        information_fraction=uncertainty.information_fraction,
-        information_band_hz=uncertainty.information_band_hz,
+        parameters=fit.parameters.with_means(end.x), x=end.x, covariance=uncertainty.covariance,
+        cost=end.cost + float(optimum.factors @ optimum.factors), dof=dof, cost_expected=float(expected_cost),
+        cost_dof=uncertainty.cost_dof, status="converged", message="", starts=starts, n_converged_starts=n_converged,
+        at_bound=at_bound(fit.parameters, end.x), singular_values=uncertainty.singular_values,
+        criterion=fit.parts[0].criterion, configurations=tuple(part.configuration for part in fit.parts),
+        information_fraction=uncertainty.information_fraction, information_band_hz=uncertainty.information_band_hz,
         linear=tuple(part.kernel.model for part in fit.parts if part.kernel.model.is_delayed),
-        averaging_fraction=uncertainty.averaging_fraction,
-        persistent_fraction=uncertainty.persistent_fraction,
-        robot=assembly.linearisation.model.robot,
-        equations=assembly.model,
+        averaging_fraction=uncertainty.averaging_fraction, persistent_fraction=uncertainty.persistent_fraction,
+        robot=assembly.linearisation.model.robot, equations=assembly.model,
         model_error=max(weights.floor for weights in assembly.weights),
-    )
+    )  # fmt: skip
     return optimum, uncertainty, result

@@ -128,31 +128,31 @@ def profile_likelihood(
     """
     best = problem.evaluate(x)
     A_inverse = np.asarray(np.linalg.pinv(best.hessian / 2, hermitian=True))
-    places, ends = [problem.parameters.free_names.index(name) for name in names], np.full((len(x), 2), np.nan)
+    indices, ends = [problem.parameters.free_names.index(name) for name in names], np.full((len(x), 2), np.nan)
     work = partial(_profile, problem, x, best.cost, A_inverse, variance)
-    ends[places] = np.reshape((execution or Execution()).ordered(work, places), (-1, 2))
+    ends[indices] = np.reshape((execution or Execution()).ordered(work, indices), (-1, 2))
     return ends
 
 
 def _profile(
-    problem: LeastSquares, x: FloatArray, least: float, A_inverse: FloatArray, variance: FloatArray, place: int
+    problem: LeastSquares, x: FloatArray, min_cost: float, A_inverse: FloatArray, variance: FloatArray, index: int
 ) -> tuple[float, float]:
-    """Return both ends in x of the interval of one parameter, infinite if unbounded by the data; least: V at x."""
-    curvature = max(float(A_inverse[place, place]), 1e-300)
-    variance_of_x = float(variance[place]) if 0 < variance[place] < math.inf else curvature
-    tangent, threshold = A_inverse[:, place] / curvature, QUANTILE_95 * math.sqrt(variance_of_x / curvature)
-    reach, end = QUANTILE_95 * math.sqrt(variance_of_x), partial(_end, problem, x, least, tangent, threshold, place)
-    return end(-reach), end(reach)
+    """Return both ends in x of the interval of one parameter, infinite if unbounded by the data; min_cost: V at x."""
+    curvature = max(float(A_inverse[index, index]), 1e-300)
+    variance_of_x = float(variance[index]) if 0 < variance[index] < math.inf else curvature
+    tangent, threshold = A_inverse[:, index] / curvature, QUANTILE_95 * math.sqrt(variance_of_x / curvature)
+    radius, end = QUANTILE_95 * math.sqrt(variance_of_x), partial(_end, problem, x, min_cost, tangent, threshold, index)
+    return end(-radius), end(radius)
 
 
 def _end(
-    problem: LeastSquares, x: FloatArray, least: float, tangent: FloatArray, threshold: float, place: int, reach: float
+    problem: LeastSquares, x: FloatArray, least: float, tangent: FloatArray, threshold: float, index: int, radius: float
 ) -> float:
     """Return the end where sqrt(V_p - V) crosses `threshold`, searched from x + reach; infinite if a bound is first."""
     from scipy.optimize import brentq  # slow to load, and seldom needed
 
     bounds, last = problem.parameters.x_bounds, x
-    side, limit = math.copysign(1.0, reach), float(bounds[int(reach > 0)][place] - x[place])
+    side, limit = math.copysign(1.0, radius), float(bounds[int(radius > 0)][index] - x[index])
 
     excess_at = {0.0: -threshold}
 
@@ -160,22 +160,22 @@ def _end(
         nonlocal last
         if distance in excess_at:
             return excess_at[distance]
-        begin = np.clip(last + (x[place] + distance - last[place]) * tangent, *bounds)
-        begin[place] = x[place] + distance
+        begin = np.clip(last + (x[index] + distance - last[index]) * tangent, *bounds)
+        begin[index] = x[index] + distance
         beginning = problem.evaluate(begin)
         if not math.isfinite(beginning.cost):  # no model there
             return threshold
-        end = trust_region(problem, begin, beginning, ROUGH, 60, np.arange(len(x)) == place)
+        end = trust_region(problem, begin, beginning, ROUGH, 60, np.arange(len(x)) == index)
         last = end.x
         excess_at[distance] = math.sqrt(max(0.0, end.evaluation.cost - least)) - threshold
         return excess_at[distance]
 
-    far = min(reach, limit, key=abs)
+    far = min(radius, limit, key=abs)
     while excess(far) < 0:
         if far == limit:
             return side * math.inf
         far = min(MAX_GROWTH * far, limit, key=abs)
-    return float(x[place]) + float(brentq(excess, 0.0, far, xtol=1e-3 * abs(far)))
+    return float(x[index]) + float(brentq(excess, 0.0, far, xtol=1e-3 * abs(far)))
 
 
 # Of ln p, beyond which an end of the symmetric interval errs by a tenth of it where the response is linear in p:
@@ -188,11 +188,11 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
     x, notes = optimum.end.x, list(result.notes)
     problem, variance = optimum.fit.problem, np.diag(result.covariance)
     if spec.profile == "auto":
-        names, omitted = choose_profiles(problem.parameters, variance)
-        further = f"; intervals of {', '.join(omitted)} are symmetric: add these names to fit.profile"
+        names, skipped_names = choose_profiles(problem.parameters, variance)
+        further = f"; intervals of {', '.join(skipped_names)} are symmetric: add these names to fit.profile"
         text = (
             f"{', '.join(names)}: interval by profile likelihood, because the std is above 10 % and the cost is not "
-            f"quadratic{further * bool(omitted)}"
+            f"quadratic{further * bool(skipped_names)}"
         )
         notes += [Note("fit/profile", text, severity="information")] if names else []
     else:
@@ -220,5 +220,5 @@ def choose_profiles(parameters: Parameters, variance: FloatArray) -> tuple[tuple
     std = np.sqrt(variance)
     rough = [i for i, p in enumerate(parameters.of_interest) if p.log and ROUGH_STD < std[i] < math.inf]
     worst = sorted(rough, key=lambda i: -float(std[i]))
-    names, omitted = sorted(worst[:MAX_PROFILES]), sorted(worst[MAX_PROFILES:])
-    return tuple(parameters.free_names[i] for i in names), tuple(parameters.free_names[i] for i in omitted)
+    names, skipped_names = sorted(worst[:MAX_PROFILES]), sorted(worst[MAX_PROFILES:])
+    return tuple(parameters.free_names[i] for i in names), tuple(parameters.free_names[i] for i in skipped_names)

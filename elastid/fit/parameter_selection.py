@@ -19,6 +19,7 @@ import math
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import starmap
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -119,7 +120,7 @@ def _choose(spec: FitSpec, robot: Robot, configurations: Sequence[str], has_refe
     # Of motor friction of which the file has none, that which stops the rotor within 1 s.
     coasting = {f"fm_{name}": motor.inertia for name, motor in motors.items() if motor.viscous == 0}
     selection: list[Parameter] = []
-    ratios = [_ratio(name, ratio) for name, ratio in spec.ratios.items()]
+    ratios = list(starmap(_ratio, spec.ratios.items()))
     for name, (value, unit) in table.items():
         log, groups = name not in linear, grouped.get(name, {})
         if name not in rules:
@@ -176,8 +177,8 @@ def _starred(key: str, name: str, rule: ParameterSpec, table: Collection[str]) -
         raise StudyError(
             "fit/parameters", f"a tie to {rule.tie.to} needs exactly one * in the key", f"fit.parameters.{key}"
         )
-    before, after = key.split("*")
-    return replace(rule, tie=replace(rule.tie, to=rule.tie.to.replace("*", name[len(before) : len(name) - len(after)])))
+    prefix, after = key.split("*")
+    return replace(rule, tie=replace(rule.tie, to=rule.tie.to.replace("*", name[len(prefix) : len(name) - len(after)])))
 
 
 def _ratio(name: str, ratio: RatioSpec) -> Parameter:
@@ -211,23 +212,23 @@ def _linear_names(robot: Robot) -> set[str]:
 
 
 def _parameter(name: str, value: float, unit: str, rule: ParameterSpec, log: bool) -> Parameter:
-    where = f"fit.parameters.{name}"
+    key = f"fit.parameters.{name}"
     if rule.tie is not None:
         return Parameter(name, value, unit, log=log, tie=rule.tie)
     if isinstance(rule.start, str):  # a study's text has become a number when it was read
-        raise StudyError("fit/parameters", f"start is '{rule.start}'; give a number in {unit}", where)
+        raise StudyError("fit/parameters", f"start is '{rule.start}'; give a number in {unit}", key)
     start = value if rule.start is None else rule.start
     if rule.fixed:
         return Parameter(name, start, unit, log=log, free=False)
     prior = _prior(rule.prior, value)
     if prior is not None and log and not prior.mean > 0:
-        raise StudyError("fit/parameters", f"the mean {prior.mean:g} {unit} must be positive", f"{where}.prior")
+        raise StudyError("fit/parameters", f"the mean {prior.mean:g} {unit} must be positive", f"{key}.prior")
     if prior is not None and log and prior.std > MOST_STD:
         raise StudyError(
             "fit/parameters",
             f"the std of a positive parameter is relative, so {prior.std:g} is {100 * prior.std:.4g} %. For "
             f"{prior.std:g} {unit}, write {prior.std / prior.mean:.3g}",
-            f"{where}.prior.std",
+            f"{key}.prior.std",
         )
     return Parameter(name, start, unit, *_bounds(name, start, rule, log), log, prior=prior)
 
@@ -332,8 +333,8 @@ def local_ratio_std(robot: Robot | None, travel: Mapping[str, float]) -> FloatAr
     """
     joints = () if robot is None else robot.driven
     ratios = {f"motor {joint.name}": abs(joint.motor.ratio) for joint in joints if joint.motor is not None}
-    turns = {place: max(1.0, ratios.get(place, 1.0) * angle / (2 * np.pi)) for place, angle in travel.items()}
-    return np.array([RATIO / turns[place] if ratios.get(place, 1.0) != 1 else 0.0 for place in travel])
+    turns = {motor: max(1.0, ratios.get(motor, 1.0) * angle / (2 * np.pi)) for motor, angle in travel.items()}
+    return np.array([RATIO / turns[motor] if ratios.get(motor, 1.0) != 1 else 0.0 for motor in travel])
 
 
 def ratio_within(response: "Response", robot: Robot) -> "Response":

@@ -70,26 +70,26 @@ class Family:
     @classmethod
     def of(
         cls, robot: Robot, spec: ModelSpec, parameters: Parameters, x: FloatArray, covariance: FloatArray,
-        request: PredictionPorts, where: str = "", doubts: tuple[ModelErrorFactor, ...] = (),
+        request: PredictionPorts, group: str = "", model_error_factors: tuple[ModelErrorFactor, ...] = (),
     ) -> "Family":  # fmt: skip
-        """Return the family; StudyError for unknown locations.  where: configuration whose group parameters apply."""
+        """Return the family; StudyError for unknown locations.  group: configuration whose group parameters apply."""
         robot, frame = _with_frames(robot, request)
         loaded = replace(robot, payload=request.payload) if isinstance(request.payload, Payload) else robot
-        members = (name for doubt in doubts for name in doubt.members)
+        members = (name for factor in model_error_factors for name in factor.members)
         linearisation = Linearisation.of_robot(loaded, spec, (*parameters.names, *members))
         names, base = (*linearisation.model.parameters, DELAY), np.append(linearisation.model.theta, 0.0)
         carried = loaded.payload.numbers if isinstance(request.payload, Payload) and loaded.payload else ()
-        estimated = Estimated.of(parameters, x, covariance, names, base, where, doubts, (*carried, DELAY))
+        estimated = Estimated.of(parameters, x, covariance, names, base, group, model_error_factors, (*carried, DELAY))
         inputs = request.inputs or tuple(f"force {frame} {axis}" for axis in "xyz")
         outputs = request.outputs or tuple(f"frame {frame} {axis}" for axis in "xyz")
         frames = dict.fromkeys([frame, *(_frame_of(place) for place in (*inputs, *outputs) if _frame_of(place))])
-        places = (
+        locations = (
             *(f"frame {name} {axis}" for name in frames for axis in FRAME_AXES),
             *(f"accelerometer {name} {axis}" for name in _accelerometers(outputs) for axis in "xyz"),
             *(place for place in outputs if not place.startswith(("frame ", "accelerometer "))),
         )
         _check_ports(loaded, inputs, outputs, request.motors)
-        return cls(linearisation, loaded, request, estimated, tuple(dict.fromkeys(places)), inputs, outputs, frame)
+        return cls(linearisation, loaded, request, estimated, tuple(dict.fromkeys(locations)), inputs, outputs, frame)
 
     @property
     def model(self) -> ElasticModel:
@@ -123,17 +123,17 @@ class Family:
         linear = self.linearisation.at(configuration, self.theta, self.places, self.quantity)
         slopes = {name: linear.slopes[name] for name in self._dependent if name in linear.slopes}
         loop = self._loop(configuration) if self.request.motors == "controlled" else None
-        whole = acted_on(replace(linear, slopes=slopes), self._ports(configuration), self.request.motors, loop)
-        if not whole.n:
+        model = acted_on(replace(linear, slopes=slopes), self._ports(configuration), self.request.motors, loop)
+        if not model.n:
             raise StudyError(
                 "fit/posture",
                 f"robot {self.robot.name} has no spring behind its motors, so that nothing moves if they are locked; "
                 "ask with motors='free' or motors='controlled'",
             )
-        places = (*whole.inputs, *whole.outputs)
-        slides = tuple(place for place in places if place.startswith("force ") or place in linear.sliding)
-        whole = replace(whole, channel_numbers=(), sliding=slides)
-        return FittedModel(whole, self.estimated, self.model.coordinates, self.frame, self.request.axes)
+        locations = (*model.inputs, *model.outputs)
+        slides = tuple(place for place in locations if place.startswith("force ") or place in linear.sliding)
+        model = replace(model, channel_numbers=(), sliding=slides)
+        return FittedModel(model, self.estimated, self.model.coordinates, self.frame, self.request.axes)
 
     def _ports(self, configuration: Configuration) -> Ports:
         model, theta = self.model, self.theta
@@ -207,34 +207,34 @@ def default_frame(robot: Robot) -> str:
     return TOOL if TOOL in names or not names else names[-1]
 
 
-def _frame_of(place: str) -> str:
-    kind, name, _ = split_place(place)
+def _frame_of(location: str) -> str:
+    kind, name, _ = split_place(location)
     return name if kind in ("frame", "accelerometer", "force", "torque") else ""
 
 
 def _accelerometers(outputs: Sequence[str]) -> tuple[str, ...]:
-    return tuple(dict.fromkeys(_frame_of(place) for place in outputs if place.startswith("accelerometer ")))
+    return tuple(dict.fromkeys(_frame_of(location) for location in outputs if location.startswith("accelerometer ")))
 
 
 def _with_frames(robot: Robot, request: PredictionPorts) -> tuple[Robot, str]:
     """Add a frame of the requested name, and a frame for each body that is used as a frame."""
     frame = request.frame or default_frame(robot)
     if isinstance(frame, Frame):
-        others = tuple(other for other in robot.frames if other.name != frame.name)
+        others = tuple(f for f in robot.frames if f.name != frame.name)
         robot, frame = replace(robot, frames=(*others, frame)), frame.name
     return with_frames(robot, filter(None, [frame, *map(_frame_of, (*request.inputs, *request.outputs))])), frame
 
 
 def _check_ports(robot: Robot, inputs: Sequence[str], outputs: Sequence[str], motors: Motors) -> None:
-    for place in outputs:
-        robot.check_location(place)
-    for place in inputs:
-        if place not in robot.load_locations and place not in robot.motor_locations:
-            places = ", ".join((*robot.motor_locations, *robot.load_locations))
-            raise StudyError("fit/posture", f"'{place}' is no input of robot {robot.name}; there are {places}")
-        if place in robot.motor_locations and motors == "locked":
+    for location in outputs:
+        robot.check_location(location)
+    for location in inputs:
+        if location not in robot.load_locations and location not in robot.motor_locations:
+            locations = ", ".join((*robot.motor_locations, *robot.load_locations))
+            raise StudyError("fit/posture", f"'{location}' is no input of robot {robot.name}; there are {locations}")
+        if location in robot.motor_locations and motors == "locked":
             raise StudyError(
                 "fit/posture",
-                f"the torque of {place} moves nothing while the motors are locked; ask with motors='free' or "
+                f"the torque of {location} moves nothing while the motors are locked; ask with motors='free' or "
                 "motors='controlled'",
             )

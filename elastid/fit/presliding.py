@@ -23,7 +23,7 @@ from elastid.base.statistics import chi_square_limit
 from elastid.fit.diagnosis.hypothesis import Evidence
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.rank_hypotheses import temper
-from elastid.fit.diagnosis.refit import Evaluated, evaluate, thinning
+from elastid.fit.diagnosis.refit import EvaluatedResponse, evaluate, thinning
 from elastid.fit.frf_problem import Assembly, is_distorted_by_friction, is_friction_compensated
 from elastid.fit.problem.frf_residuals import ElasticFit, each_at_home
 from elastid.fit.result import Result
@@ -42,10 +42,10 @@ STIFFNESS_STD, TIME_STD = 3.0, 1.5
 RATE_BOUNDS, N_RATES = (1e-3, 2.4), 4
 # Start value of a stiffness relative to the median of torque over angle: lower bound; value without a linear step.
 FIRST_FRACTIONS = (1e-3, 0.1)
-SOUGHT = 0.1  # probability of V by noise alone, below which springs are tested
-MOST_STD = 0.8  # largest std of ln(stiffness) of an identified spring
-PREDICTED = 0.5  # least drop of V by a linear step, relative to a significant drop
-STARTED = 0.6  # least drop by a linear step at a start rate, relative to the largest, for a solve from this rate
+MAX_P_VALUE = 0.1  # probability of V by noise alone, below which springs are tested
+MAX_STD = 0.8  # largest std of ln(stiffness) of an identified spring
+PREDICTED_FRACTION = 0.5  # least drop of V by a linear step, relative to a significant drop
+START_FRACTION = 0.6  # least drop by a linear step at a start rate, relative to the largest, for a solve from this rate
 
 Springs: TypeAlias = Mapping[RelaxingSpring, tuple[float, float]]  # s, N m/rad, and a, 1/s
 
@@ -57,7 +57,7 @@ def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
     the tool and load tests, if the noise is unknown, and if another cause has better odds.
     """
     assembly, result, dof = evidence.assembly, evidence.result, max(evidence.result.cost_dof, 1.0)
-    is_large = result.cost > result.cost_expected * chi_square_limit(dof, SOUGHT) / dof
+    is_large = result.cost > result.cost_expected * chi_square_limit(dof, MAX_P_VALUE) / dof
     is_large |= any(note.code == UNEXPLAINED for note in notes_of(assembly.responses))
     joints = _joints(assembly, is_large or any(map(is_distorted_by_friction, assembly.responses)))
     is_explained = evidence.best.explained_fraction > LIMITS.complete_fraction and evidence.is_unexplained
@@ -76,17 +76,17 @@ def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
 
 def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:
     """Return the joints whose motors may have presliding friction."""
-    places = set[str]()
+    motors = set[str]()
     for response in assembly.responses:
         if any(map(is_load, response.inputs)) or response.controller is not None:
             return ()
         bias = None
         if response.bias is not None and is_friction_compensated(response):
             bias = response.bias[response.image_errors : -1]
-        places |= {
-            place for j, place in enumerate(response.inputs) if is_large or (bias is not None and bias[:, j].any())
+        motors |= {
+            motor for j, motor in enumerate(response.inputs) if is_large or (bias is not None and bias[:, j].any())
         }
-    return tuple(name for name in assembly.linearisation.model.robot.driven_names if f"motor {name}" in places)
+    return tuple(name for name in assembly.linearisation.model.robot.driven_names if f"motor {name}" in motors)
 
 
 def _is_rejected(evidence: Evidence, first: "_State", last: "_State") -> bool:
@@ -120,7 +120,7 @@ class _State:
     @classmethod
     def of(cls, base: Assembly, x: FloatArray, signs: tuple[int, ...]) -> "_State":
         """Return the state without springs, from x (n_x,)."""
-        fit, fraction = _thinned(base, x)
+        fit, fraction = _on_some_lines(base, x)
         end = solve(fit.problem, x, ROUGH, LIMITS.iterations)
         return cls(base, signs, {}, fit, end.x, end.cost, fraction)
 
@@ -141,16 +141,16 @@ class _State:
 
         All signs at two rates where the motion is not measured.
         """
-        usual, (least, middle) = _torque_per_angle(self.base.responses, f"motor {joint}"), FIRST_FRACTIONS
+        typical, (low, middle) = _torque_per_angle(self.base.responses, f"motor {joint}"), FIRST_FRACTIONS
         if joint not in self._rows[0]:
             rates = _rates(self.base.responses)[1:-1].tolist()
-            return [(RelaxingSpring(joint, sign), middle * usual, a) for sign in self.signs for a in rates]
+            return [(RelaxingSpring(joint, sign), middle * typical, a) for sign in self.signs for a in rates]
         C, steps, rates_of_steps, r = self._steps(joint)
         drops = -steps * (C @ r)
         return [
-            (RelaxingSpring(joint, 1 if s > 0 else -1), float(np.clip(abs(s), least * usual, usual)), a)
+            (RelaxingSpring(joint, 1 if s > 0 else -1), float(np.clip(abs(s), low * typical, typical)), a)
             for s, a, drop in zip(steps.tolist(), rates_of_steps.tolist(), drops.tolist(), strict=True)
-            if drop >= STARTED * drops.max()
+            if drop >= START_FRACTION * drops.max()
         ]
 
     def _steps(self, joint: str) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -170,11 +170,11 @@ class _State:
             residuals.append(evaluated.residual)
             columns.append(dict(_columns(evaluated, rates)))
         distance, slope = self.fit.parameters.priors(self.x)
-        none = np.zeros((len(rates), len(distance)))  # priors have none
-        measured = [joint for joint in columns[0] if all(joint in each for each in columns)]
-        of_springs = {joint: np.hstack([*(each[joint] for each in columns), none]) for joint in measured}
+        zeros = np.zeros((len(rates), len(distance)))  # derivatives of priors
+        measured = [joint for joint in columns[0] if all(joint in column for column in columns)]
+        spring_rows = {joint: np.hstack([*(column[joint] for column in columns), zeros]) for joint in measured}
         Q = np.linalg.qr(np.hstack([*rows, np.diag(slope)]).T)[0]
-        return {joint: C - (C @ Q) @ Q.T for joint, C in of_springs.items()}, np.concatenate([*residuals, distance])
+        return {joint: C - (C @ Q) @ Q.T for joint, C in spring_rows.items()}, np.concatenate([*residuals, distance])
 
     def trials(self, joint: str) -> "Iterator[_State]":
         """Return the states with a spring of another motor, from all starts."""
@@ -182,13 +182,13 @@ class _State:
             hypothesis = {**self.springs, spring: (stiffness, a)}
             assembly = with_presliding(self.base, hypothesis)
             start = assembly.parameters.x_with(named(self.fit.parameters.free_names, self.x))
-            fit, _ = _thinned(assembly, start)
+            fit, _ = _on_some_lines(assembly, start)
             try:
                 end = solve(fit.problem, start, ROUGH, 2 * LIMITS.iterations)
             except FitError:
                 continue
-            values, place = fit.parameters.as_dict(end.x), fit.parameters.free_names.index(relaxation(joint))
-            margin = np.min(np.abs([ends[place] - end.x[place] for ends in fit.parameters.x_bounds]))
+            values, index = fit.parameters.as_dict(end.x), fit.parameters.free_names.index(relaxation(joint))
+            margin = np.min(np.abs([ends[index] - end.x[index] for ends in fit.parameters.x_bounds]))
             if margin > 1e-3:  # else it is a spring or a damper
                 springs = {s: (values[s.names[0]], 1 / values[relaxation(s.joint)]) for s in hypothesis}
                 yield replace(self, springs=springs, fit=fit, x=end.x, cost=end.cost)
@@ -200,7 +200,7 @@ def _with_all(state: _State, joints: Sequence[str]) -> _State:
     first = state
     while remaining:
         predicted = [state.predicted(joint) for joint in remaining]
-        if not max(predicted) > PREDICTED * by_chance * state.cost_ratio:
+        if not max(predicted) > PREDICTED_FRACTION * by_chance * state.cost_ratio:
             break
         joint = remaining.pop(int(np.argmax(predicted)))
         best = min(state.trials(joint), key=lambda trial: trial.cost, default=state)
@@ -209,29 +209,29 @@ def _with_all(state: _State, joints: Sequence[str]) -> _State:
     return state if first.cost - state.cost > LIMITS.drop * state.cost_ratio else first
 
 
-def _thinned(assembly: Assembly, x: FloatArray) -> tuple[ElasticFit, float]:
+def _on_some_lines(assembly: Assembly, x: FloatArray) -> tuple[ElasticFit, float]:
     """Return the fit linearised at x (n_x,) on some lines, and their fraction of all residuals."""
     whole = assembly.at(x, assembly.spec.criterion)
     fit = replace(whole, parts=tuple(each_at_home(thinning(whole, RESIDUALS), whole.parts, assembly.home)), home=HERE)
     return fit, fit.n_residuals / max(whole.n_residuals, 1)
 
 
-def _columns(evaluated: Evaluated, rates: FloatArray) -> Iterator[tuple[str, FloatArray]]:
+def _columns(evaluated: EvaluatedResponse, rates: FloatArray) -> Iterator[tuple[str, FloatArray]]:
     """Yield joint and dr/d(stiffness) (n_a, N) for each motor with a measured motion."""
     kernel, G = evaluated.part.kernel, evaluated.G
     model, s = kernel.model, laplace_variable(kernel.freq_hz[:, None, None])
-    for j, place in enumerate(model.inputs):
-        if place in model.outputs:
-            by_angle = G[:, :, [j]] * (G[:, [model.outputs.index(place)]] / s ** MOTION_ORDER[model.quantity])
-            yield place.removeprefix("motor "), -evaluated.whitened(np.stack([-by_angle * s / (s + a) for a in rates]))
+    for j, motor in enumerate(model.inputs):
+        if motor in model.outputs:
+            by_angle = G[:, :, [j]] * (G[:, [model.outputs.index(motor)]] / s ** MOTION_ORDER[model.quantity])
+            yield motor.removeprefix("motor "), -evaluated.whitened(np.stack([-by_angle * s / (s + a) for a in rates]))
 
 
-def _torque_per_angle(responses: Sequence[Response], place: str) -> float:
+def _torque_per_angle(responses: Sequence[Response], location: str) -> float:
     """Return the median of a motor's torque over its angle, or over its largest motion, N m/rad."""
     ratios = []
-    for G in (response for response in responses if place in response.inputs):
-        motions = np.abs(G.G[:, :, G.inputs.index(place)])
-        i = G.outputs.index(place) if place in G.outputs else int(np.argmax(motions.mean(axis=0)))
+    for G in (response for response in responses if location in response.inputs):
+        motions = np.abs(G.G[:, :, G.inputs.index(location)])
+        i = G.outputs.index(location) if location in G.outputs else int(np.argmax(motions.mean(axis=0)))
         ratios.append((2 * np.pi * G.freq_hz) ** MOTION_ORDER[G.quantity] / np.maximum(motions[:, i], 1e-300))
     return float(np.median(np.concatenate(ratios)))
 
@@ -285,22 +285,22 @@ def are_identified(result: Result, springs: Sequence[RelaxingSpring]) -> bool:
     The rate of a spring that hardly relaxes, or of a pure damper, is not identifiable.
     """
     std = named(result.parameters.free_names, result.std_of_x)
-    return any(std[s.names[0]] < MOST_STD for s in springs)
+    return any(std[s.names[0]] < MAX_STD for s in springs)
 
 
-def without_presliding(result: Result, assembly: Assembly, before: Result) -> Result:
+def without_presliding(result: Result, assembly: Assembly, previous: Result) -> Result:
     """Return the result with springs in `presliding` and as notes, and no longer among its parameters.
 
-    The covariance of the others includes them.  before: the result without springs.
+    The covariance of the others includes them.  previous: the result without springs.
     """
     springs = assembly.linearisation.presliding
     if not springs:
         return result
     names = {*element_names(springs), *(relaxation(spring.joint) for spring in springs)}
-    is_other = np.array([name not in names for name in result.parameters.free_names])
+    is_kept = np.array([name not in names for name in result.parameters.free_names])
 
     def rows(values: FloatArray) -> FloatArray:
-        return values[is_other] if len(values) == len(is_other) else values
+        return values[is_kept] if len(values) == len(is_kept) else values
 
     presliding = tuple(_presliding(result, spring, assembly) for spring in springs)
     parameters = Parameters(tuple(p for p in result.parameters if p.name not in names))
@@ -309,47 +309,47 @@ def without_presliding(result: Result, assembly: Assembly, before: Result) -> Re
         replace(assembly, parameters=parameters, linearisation=robot).at(rows(result.x), assembly.spec.criterion).parts
     )
     of_x = ("x", "at_bound", "profile95", "bootstrap95", "information_band_hz", "averaging_fraction")
-    changed: dict[str, Any] = {name: rows(getattr(result, name)) for name in (*of_x, "persistent_fraction")}
+    fields: dict[str, Any] = {name: rows(getattr(result, name)) for name in (*of_x, "persistent_fraction")}
     without = replace(
         result,
-        **changed,
+        **fields,
         parameters=parameters,
-        covariance=result.covariance[np.ix_(is_other, is_other)],
-        information_fraction=result.information_fraction[:, is_other],
+        covariance=result.covariance[np.ix_(is_kept, is_kept)],
+        information_fraction=result.information_fraction[:, is_kept],
         starts=tuple(replace(start, x=rows(start.x), x_start=rows(start.x_start)) for start in result.starts),
         indices=tuple(replace(index, effects=rows(index.effects)) for index in result.indices),
         linear=tuple(part.kernel.model for part in parts),
         presliding=presliding,
     )
-    has_effect = _has_effect(before, without)
-    notes = (presliding_note(each, before.exceeds_noise, has_effect) for each in presliding)
+    has_effect = _has_effect(previous, without)
+    notes = (presliding_note(each, previous.exceeds_noise, has_effect) for each in presliding)
     return replace(without, notes=(*result.notes, *notes))
 
 
-def _has_effect(before: Result, after: Result) -> bool:
+def _has_effect(previous: Result, current: Result) -> bool:
     """Return True if a stiffness or a damping changed by more than `LIMITS.effect` or `LIMITS.effect_on_damping`."""
     limits = {"N*m/rad": LIMITS.effect, "N/m": LIMITS.effect} | dict.fromkeys(DAMPING_UNITS, LIMITS.effect_on_damping)
-    moves = zip(after.parameters.of_interest, np.abs(after.x - before.x).tolist(), strict=False)
+    moves = zip(current.parameters.of_interest, np.abs(current.x - previous.x).tolist(), strict=False)
     return any(p.log and move > limits.get(p.unit, math.inf) for p, move in moves)
 
 
 def _presliding(result: Result, spring: RelaxingSpring, assembly: Assembly) -> Presliding:
-    values, free, place = result.values, result.parameters.free_names, f"motor {spring.joint}"
+    values, free, location = result.values, result.parameters.free_names, f"motor {spring.joint}"
     s, a = values[spring.names[0]], 1 / values[relaxation(spring.joint)]
     std = named(free, result.std_of_x)
-    times = [time for response in assembly.responses for time in _between_reversals(response, place)]
-    unit = "N/m" if assembly.linearisation.model.robot.sliding((place,)) else "N*m/rad"
+    times = [time for response in assembly.responses for time in _between_reversals(response, location)]
+    unit = "N/m" if assembly.linearisation.model.robot.sliding((location,)) else "N*m/rad"
     stds = std[spring.names[0]] * s, std[relaxation(spring.joint)] * a
     # a = E|v| / z applies to friction, not to a compensation error.
     amplitude = a * float(np.median(times)) if times and spring.sign > 0 else math.nan
-    return Presliding(place, unit, spring.sign * s, stds[0], a, stds[1], amplitude)
+    return Presliding(location, unit, spring.sign * s, stds[0], a, stds[1], amplitude)
 
 
-def _between_reversals(response: Response, place: str) -> Iterator[float]:
+def _between_reversals(response: Response, location: str) -> Iterator[float]:
     """Yield the mean time between two reversals of Gaussian motion, pi sigma_v / sigma_a, in s (Rice, 1945)."""
     motion = response.motion
-    if motion is not None and place in motion.motors:
-        j, omega = motion.motors.index(place), 2 * np.pi * motion.freq_hz
+    if motion is not None and location in motion.motors:
+        j, omega = motion.motors.index(location), 2 * np.pi * motion.freq_hz
         power = motion.power[:, j, j].real
         yield float(np.pi * np.sqrt((omega**2 @ power) / max(float(omega**4 @ power), 1e-300)))
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 # Std of a model-error factor relative to the step that would explain the misfit. The coverage of the intervals is in
 # scripts/studies/prediction_anywhere.py.
-DOUBT = 0.6
+RELATIVE_STD = 0.6
 
 
 class Result(Verdict):
@@ -104,22 +104,22 @@ class Result(Verdict):
         family = self.family(ports, posture if isinstance(posture, str) else getattr(posture, "name", ""))
         return family.at(as_configuration(posture, family.robot, [linear.configuration for linear in self.linear]))
 
-    def family(self, ports: "PredictionPorts", where: str = "") -> "Family":
-        """Return the fitted models of many postures. where: name of the configuration whose group parameters apply."""
+    def family(self, ports: "PredictionPorts", group: str = "") -> "Family":
+        """Return the fitted models of many postures. group: name of the configuration whose group parameters apply."""
         from elastid.fit.posture import Family
 
         spec = self.equations or ModelSpec()
         estimates = self.parameters, self.x, self.covariance_of_prediction
-        return Family.of(self.known_robot, spec, *estimates, ports, where, self.doubts)
+        return Family.of(self.nominal_robot, spec, *estimates, ports, group, self.model_error_factors)
 
     @property
-    def known_robot(self) -> Robot:
+    def nominal_robot(self) -> Robot:
         """Robot model with its nominal parameters; raises StudyError for a result without a robot."""
         if self.robot is None:
             raise StudyError(
                 "fit/no-robot",
-                "this result holds no robot, as one that was written by an older elastid does; fit again (`elastid run "
-                "STUDY fit`), or `elastid.identify(...)`",
+                "this result contains no robot, because an older elastid wrote it. Fit again (`elastid run STUDY fit` "
+                "or `elastid.identify(...)`)",
             )
         return self.robot
 
@@ -155,22 +155,22 @@ class Result(Verdict):
 
         The factor accounts for the disagreement between postures and bands.
         """
-        is_unexplained = self.exceeds_noise and not self.has_lone_cause
+        is_unexplained = self.exceeds_noise and not self.has_single_cause
         return self.covariance * self.inflation_factor**2 if is_unexplained else self.covariance
 
     @property
-    def doubts(self) -> "tuple[ModelErrorFactor, ...]":
-        """Parameters whose errors would explain the model error, with stds of `DOUBT` times their steps."""
+    def model_error_factors(self) -> "tuple[ModelErrorFactor, ...]":
+        """Parameters whose errors would explain the model error, with stds of `RELATIVE_STD` times their steps."""
         from elastid.linear.fitted_model import ModelErrorFactor
 
         if not self.exceeds_noise:
             return ()
-        # A step explains the whole misfit. The 95 % interval of the factor covers 1.96 DOUBT = 1.18 steps.
-        leading = [index for index in self.indices if index.place] or list(self.indices[:1])
+        # A step explains the whole misfit. The 95 % interval of the factor covers 1.96 RELATIVE_STD = 1.18 steps.
+        causes = [index for index in self.indices if index.place] or list(self.indices[:1])
         return tuple(
             ModelErrorFactor(
-                DOUBT * np.nan_to_num(index.effects, posinf=0.0, neginf=0.0), index.members,
-                tuple((DOUBT * index.steps).tolist()), index.log,
+                RELATIVE_STD * np.nan_to_num(cause.effects, posinf=0.0, neginf=0.0), cause.members,
+                tuple((RELATIVE_STD * cause.steps).tolist()), cause.log,
             )
-            for index in leading
+            for cause in causes
         )  # fmt: skip

@@ -98,9 +98,9 @@ class ModificationIndex:
         stiff = [i for i, name in enumerate(free_names) if name.startswith("k") and math.isfinite(self.effects[i])]
         if not stiff:
             return "", 0.0
-        most = max(stiff, key=lambda i: abs(float(self.effects[i])))
+        i_max = max(stiff, key=lambda i: abs(float(self.effects[i])))
         # A larger change of ln k is of a fit that ended far from any robot.
-        return free_names[most], math.expm1(min(float(self.effects[most]), 50.0))
+        return free_names[i_max], math.expm1(min(float(self.effects[i_max]), 50.0))
 
 
 @dataclass(frozen=True)
@@ -120,6 +120,6 @@ class Estimate:
         return self.low, self.high
 
     def __str__(self) -> str:
-        places = digits(self.value, self.std)
-        ends = " to ".join(interval_of(self.interval, places))
-        return f"{self.name} = {number(self.value, places)} {self.unit}, 95 % {ends}"
+        n_digits = digits(self.value, self.std)
+        ends = " to ".join(interval_of(self.interval, n_digits))
+        return f"{self.name} = {number(self.value, n_digits)} {self.unit}, 95 % {ends}"

@@ -109,8 +109,8 @@ def sum_lines(
     mixing = part.mixing
     r, J, chain = with_factors(fit, x, factors, part, response, mixing)
     # Of z those combinations U^T z that move the residuals of this configuration.
-    U, combined = np.linalg.qr(half @ chain)
-    J = np.tensordot(combined, J, axes=1)
+    U, product = np.linalg.qr(half @ chain)
+    J = np.tensordot(product, J, axes=1)
     T, flat = _whitening(part, mixing), vec(J)
     errors = T * vec(weights.floor * response.G)[:, None, :]
     # A sum over lines whose errors are correlated has so many times the variance.
@@ -247,25 +247,25 @@ def sum_blocks(
     return pulls, scatter, (total, rank)
 
 
-def jackknife_variance(parts: Sequence[LineSums], half: FloatArray) -> FloatArray:
+def jackknife_variance(line_sums: Sequence[LineSums], half: FloatArray) -> FloatArray:
     """Return variances (n_p,) of x = H^T z, zero for fewer than three configurations.
 
     half (n_x, n_p): H, with which J^T J of all, priors included, is 1 in the variables z of the sums.
     """
-    Q = len(parts)
+    Q = len(line_sums)
     if Q < 3:
         return np.zeros(half.shape[1])
-    changes = np.array([_change_without(part) for part in parts]) @ half
+    changes = np.array([_change_without(sums) for sums in line_sums]) @ half
     t = small_sample_factors(Q - 1)
     return np.asarray(t**2 * (Q - 1) / Q * np.sum((changes - changes.mean(axis=0)) ** 2, axis=0))
 
 
-def _change_without(part: LineSums) -> FloatArray:
+def _change_without(sums: LineSums) -> FloatArray:
     """Return the change of z (n_x,) without a configuration, in directions that the others determine."""
-    values, vectors = np.linalg.eigh(np.eye(len(part.pull)) - part.rows.T @ part.rows)
+    values, vectors = np.linalg.eigh(np.eye(len(sums.pull)) - sums.rows.T @ sums.rows)
     is_reached = values > 1e-10  # the others are identified by this configuration alone
     return np.asarray(
-        vectors[:, is_reached] @ ((vectors[:, is_reached].T @ part.pull.sum(axis=1)) / values[is_reached])
+        vectors[:, is_reached] @ ((vectors[:, is_reached].T @ sums.pull.sum(axis=1)) / values[is_reached])
     )
 
 

@@ -179,7 +179,7 @@ class FitSpec:
         measured = [name for names in self.robots.values() for name in names]
         for name in measured:
             if measured.count(name) > 1:
-                both = ", ".join(robot for robot, names in self.robots.items() if name in names)
-                raise ValueError(f"robots: configuration {name} is given to {both}; give it to the one that it is of")
+                double = ", ".join(robot for robot, names in self.robots.items() if name in names)
+                raise ValueError(f"robots: configuration {name} is given to {double}; give it to the one that it is of")
         if not (self.bootstrap == 0 or self.bootstrap >= 40):  # fewer have no interval of 95 %
             raise ValueError(f"bootstrap is {self.bootstrap}; give 0, or 40 and more")

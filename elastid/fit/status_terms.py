@@ -41,7 +41,7 @@ CAUSES = (
 )  # fmt: skip
 
 # Codes of notes on a fit and its responses that effects of gears answer.
-ANSWERED = ("fit/likely-cause", "fit/profile", UNEXPLAINED)
+CODES_WITH_CAUSE = ("fit/likely-cause", "fit/profile", UNEXPLAINED)
 
 NO_CAUSE = "no tested cause explains the residuals above the noise"
 

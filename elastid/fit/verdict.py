@@ -33,16 +33,18 @@ class Verdict(FitValues):
     def display(self) -> Display:
         """Status and message, and each free parameter with its interval."""
         values, std = self.values, self.std
-        rows, least = [], {name: ROUNDING * number for name, number in std.items()}
-        parts = {kind: part for kind, part in self.std_contributions.items() if any(part[p] > least[p] for p in part)}
+        columns: dict[str, dict[str, float]] = {}
+        for kind, stds in self.std_contributions.items():
+            columns[kind] = {name: s if math.isinf(s) or s > ROUNDING * std[name] else 0.0 for name, s in stds.items()}
+        columns = {kind: stds for kind, stds in columns.items() if any(stds.values())}
+        columns["std" if self.noise_is_known else "std, of the residuals"] = std
+        rows = []
         for p in self.parameters.of_interest:
-            places = digits(values[p.name], std[p.name])
-            ends = " to ".join(interval_of(self.interval(p.name), places))
-            each = (stds_of[p.name] for stds_of in (*parts.values(), std))
-            stds = [number(part if part > least[p.name] else 0.0, 2) for part in each]
-            rows.append((p.name, number(values[p.name], places), *stds, ends, p.unit))
-        std_of = "std" if self.noise_is_known else "std, of the residuals"
-        headings = ("parameter", "value", *parts, std_of, "95 % interval", "unit")
+            n_digits = digits(values[p.name], std[p.name])
+            cells = [number(column[p.name], 2) for column in columns.values()]
+            ends = " to ".join(interval_of(self.interval(p.name), n_digits))
+            rows.append((p.name, number(values[p.name], n_digits), *cells, ends, p.unit))
+        headings = ("parameter", "value", *columns, "95 % interval", "unit")
         return Display(f"Fit: {self.message}", headings, rows)
 
     @property
@@ -52,21 +54,25 @@ class Verdict(FitValues):
             return CONTRADICTED
         if self.status != "converged":
             return MEANING[self.status]
-        bias_remark = ", some biased (see their verdicts)" if BIASED in "".join(self.verdicts) else ""
-        test = self.residual_test.partition(":")[0]
-        return f"{self._counts}{bias_remark}; {test}. {capital(self.cause[0]) or self.coverage}"
+        bias = ", some biased (see their verdicts)" if BIASED in "".join(self.verdicts) else ""
+        test, remark = self.residual_test.partition(":")[0], capital(self.cause[0]) or self.coverage
+        return f"{self._counts}{bias}; {test}. {remark}"
 
     @property
     def _counts(self) -> str:
         """Sentence on the numbers of identified, prior-limited and weakly identifiable parameters."""
-        n, weak = len(self.parameters.of_interest), sum(note.code == "fit/weakly-identifiable" for note in self.notes)
+        codes, n = [note.code for note in self.notes], len(self.parameters.of_interest)
+        n_weak = codes.count("fit/weakly-identifiable")
         by_prior = [name for name, verdict in zip(self, self.verdicts, strict=False) if verdict == BY_PRIOR]
-        good = n - weak - len(by_prior)
+        n_identified = n - n_weak - len(by_prior)
         if len(by_prior) == n:
             return f"all {n} parameters limited by tolerances of the robot model"
-        parts = [f"{f'all {n}' if good == n else f'{good} of {n}'} parameters identified"]
-        parts += [f"{len(by_prior)} limited by tolerances of the robot model ({', '.join(by_prior)})"] * bool(by_prior)
-        return ", ".join([*parts, *[f"{weak} weakly identifiable"] * bool(weak)])
+        counts = [f"{'all' if n_identified == n else f'{n_identified} of'} {n} parameters identified"]
+        if by_prior:
+            counts.append(f"{len(by_prior)} limited by tolerances of the robot model ({', '.join(by_prior)})")
+        if n_weak:
+            counts.append(f"{n_weak} weakly identifiable")
+        return ", ".join(counts)
 
     @property
     def coverage(self) -> str:
@@ -77,54 +83,52 @@ class Verdict(FitValues):
         elif np.any(1 - self.averaging_fraction - self.persistent_fraction > 0.01):
             is_friction = not (self.has_tolerances or self.model_error or DISTORTED in self.verdicts)
             errors.append("errors of the friction compensation" if is_friction else "small model errors")
-        errors += ["the tolerances of the robot model"] * self.has_tolerances
-        fixed = "" if self.has_tolerances else ". They assume that the fixed values of the robot model are exact"
-        return f"The intervals cover {', '.join(errors[:-1])}{' and ' * (len(errors) > 1)}{errors[-1]}{fixed}"
+        assumption = ". They assume that the fixed values of the robot model are exact"
+        if self.has_tolerances:
+            errors.append("the tolerances of the robot model")
+            assumption = ""
+        errors[-2:] = [" and ".join(errors[-2:])]
+        return f"The intervals cover {', '.join(errors)}{assumption}"
 
     @property
     def residual_test(self) -> str:
         """Sentence on the residual test: verdict, ratio of residuals to noise, and limit."""
         if not self.noise_is_known:
             return "no residual test, because the noise is unknown"
-        limit, ratio = math.sqrt(max_cost_ratio(self.cost_dof)), self.residual_ratio
         if self.exceeds_noise and self.model_error > TYPICAL_MODEL_ERROR:
             verdict = "passed" if self.is_within_declared else "failed"
             error = f"{number(self.error_ratio, 3)} times noise and assumed model error together"
             return f"residual test {verdict}: residuals {error} (rms; fixed limit {LARGE:g})"
-        verdict = "failed" if self.exceeds_noise else "passed"
-        words = f"residuals {number(ratio, 3)} times the noise (rms; limit {limit:.3g}, false-alarm rate 0.14 %)"
-        return f"residual test {verdict}: {words}"
+        verdict, ratio = "failed" if self.exceeds_noise else "passed", number(self.residual_ratio, 3)
+        limit = f"limit {math.sqrt(max_cost_ratio(self.cost_dof)):.3g}, false-alarm rate 0.14 %"
+        return f"residual test {verdict}: residuals {ratio} times the noise (rms; {limit})"
 
     @property
     def converged_starts(self) -> str:
         """Sentence on the number of searches from random start values that ended at the best optimum."""
-        return (
-            f"{self.n_converged_starts} of {len(self.starts)} searches from random start values ended at this optimum"
-        )
+        counts = f"{self.n_converged_starts} of {len(self.starts)} searches"
+        return f"{counts} from random start values ended at this optimum"
 
     @property
     def base_remarks(self) -> dict[str, str]:
         """Sentence, by name, on each stiffness whose bias by a typical base exceeds its interval."""
-        limits, remarks = QUANTILE_95 * self.std_of_x, {}
-        for part in self.assumed_rigid:
-            for p, change, limit in zip(
-                self.parameters.of_interest, part.changes.tolist(), limits.tolist(), strict=False
-            ):
+        limits, remarks = (QUANTILE_95 * self.std_of_x).tolist(), {}
+        for base in self.assumed_rigid:
+            stiffness = f"{base.stiffness:.2g} N*m/rad {base.name.removeprefix('base ')}"
+            condition = f"If the base has a typical stiffness ({stiffness})"
+            for p, change, limit in zip(self.parameters.of_interest, base.changes.tolist(), limits, strict=False):
                 if p.name.startswith("k") and -change > limit:
-                    remarks[p.name] = (
-                        f"{p.name} is estimated for a rigid base. If the base has a typical stiffness "
-                        f"({part.stiffness:.2g} N*m/rad {part.name.removeprefix('base ')}), {p.name} is "
-                        f"{percent(-math.expm1(change))} too low"
-                    )
+                    bias = f"{p.name} is {percent(-math.expm1(change))} too low"
+                    remarks[p.name] = f"{p.name} is estimated for a rigid base. {condition}, {bias}"
         return remarks
 
     @property
     def cause(self) -> tuple[str, str, str]:
         """First cause of a model error, a full stop, and its remedy; three empty texts if no cause is known."""
-        notes = [str(note) for note in self.notes if note.code in CAUSES]
+        causes = [str(note) for note in self.notes if note.code in CAUSES]
         if self.exceeds_noise and not self.is_within_declared:
-            notes.append(f"{NO_CAUSE}. {self.test_of_causes}")
-        return min(notes, key=lambda text: text.startswith(NO_CAUSE), default="").partition(". ")
+            causes.append(f"{NO_CAUSE}. {self.test_of_causes}")
+        return min(causes, key=lambda text: text.startswith(NO_CAUSE), default="").partition(". ")
 
     @property
     def shown_notes(self) -> tuple[Note, ...]:

@@ -24,7 +24,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import DataError, Note
-from elastid.base.statistics import interpolated
+from elastid.base.statistics import interpolate
 from elastid.frf.local.fitted_response import local_mean
 from elastid.frf.period_selection import TRANSIENT_DISCARDED
 from elastid.frf.spec import Method
@@ -85,9 +85,9 @@ def choose_by_error(
     if error_l * margin < error:
         errors = f"{100 * error_l:.2g} % {scale} instead of {100 * error:.2g} % with {method}"
         return method_choice("local_rational", f"its relative std is {errors}")
-    missed = f", which is not {margin:g} times less" if error_l < error else ""
+    remark = f", which is not {margin:g} times less" if error_l < error else ""
     errors = f"{100 * error:.2g} % {scale} instead of {100 * error_l:.2g} % with local_rational"
-    return method_choice(method, f"its relative std is {errors}{missed}")
+    return method_choice(method, f"its relative std is {errors}{remark}")
 
 
 def relative_errors(response: Response, local: Response, has_bias: bool) -> tuple[float, float, float]:
@@ -99,9 +99,9 @@ def relative_errors(response: Response, local: Response, has_bias: bool) -> tupl
     inside = (local.freq_hz >= response.freq_hz[0]) & (local.freq_hz <= response.freq_hz[-1])
     common = inside & _has_power(local)
     local = local.lines(common if common.any() else inside)
-    G, variance_l = interpolated(local.freq_hz, response.freq_hz, response.G), _variance(local)
+    G, variance_l = interpolate(local.freq_hz, response.freq_hz, response.G), _variance(local)
     line_variance = response.noise.variance if has_bias and response.noise is not None else _variance(response)
-    variance = interpolated(local.freq_hz, response.freq_hz, line_variance)
+    variance = interpolate(local.freq_hz, response.freq_hz, line_variance)
     # |G|^2 of both, each by its weight.
     weight, weight_l = (1 / np.maximum(x, 1e-300) for x in (variance, variance_l))
     power = (np.abs(G) ** 2 * weight + np.abs(local.G) ** 2 * weight_l) / (weight + weight_l)
@@ -146,7 +146,7 @@ def within_excitation(response: Response) -> Response:
     """
     lines = np.arange(response.n_lines)
     last = int(lines[_has_power(response)][-1])
-    if last == lines[-1] or not all(place.startswith("motor ") for place in response.inputs):
+    if last == lines[-1] or not all(location.startswith("motor ") for location in response.inputs):
         return response
     text = (
         f"lines above {response.freq_hz[last]:.4g} Hz are discarded: the torques have less than a hundredth of their "

@@ -13,6 +13,7 @@ samples beyond a tenth of the largest one; two within 0.15 s are one hit that bo
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import starmap
 
 import numpy as np
 
@@ -95,48 +96,48 @@ def check_number_of_periods(groups: Sequence[Sequence[Record]], method: str) -> 
 def separable_lines(data: MeanSpectra, groups: Sequence[Sequence[Record]], method: str) -> BoolArray:
     """Return flags (F,) of lines with separate inputs, per realisation if averaged, else in all; DataError if none."""
     if method == "arithmetic":
-        return np.asarray(np.all([_separated(*pair) for pair in zip(data.blocks, groups, strict=True)], axis=0))
+        return np.asarray(np.all(list(starmap(_separates_inputs, zip(data.blocks, groups, strict=True))), axis=0))
     block, R = data.all_experiments, data.all_experiments.R
     if method == "joint" and R is not None:  # what the instruments explain of U; twice the level, as lines are pooled
         _, n_u, E = block.U.shape
         block = replace(block, U=block.U @ np.linalg.pinv(R) @ R, input_noise=MIN_SNR * n_u / E * block.input_noise)
-    return _separated(block, groups[0])
+    return _separates_inputs(block, groups[0])
 
 
-def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
+def _separates_inputs(block: Block, group: Sequence[Record]) -> BoolArray:
     """Return flags (F,) of lines where every combination of the inputs stands out of the noise; DataError if none."""
     E = block.U.shape[2]
     squares = squared_magnitude(block.U).sum(axis=2) / E
     power = np.mean(squares, axis=0)
     power = np.where(power > 0, power, 1.0)
     noise = smoothed_noise(np.mean(1 / block.periods) * block.input_noise, block.dof)
-    least = np.maximum(MIN_SNR * noise, MIN_POWER_RATIO * np.outer(squares @ (1 / power), power))
-    least = np.maximum(least, np.finfo(float).tiny)
-    separated = _surely_separated(block, least)
-    ratio = singular_values(block.U[~separated] / np.sqrt(least[~separated])[:, :, None]) ** 2 / E
-    separated[~separated] = ratio[:, -1] > 1
-    if not separated.any():
+    min_power = np.maximum(MIN_SNR * noise, MIN_POWER_RATIO * np.outer(squares @ (1 / power), power))
+    min_power = np.maximum(min_power, np.finfo(float).tiny)
+    is_separated = _surely_separated(block, min_power)
+    ratio = singular_values(block.U[~is_separated] / np.sqrt(min_power[~is_separated])[:, :, None]) ** 2 / E
+    is_separated[~is_separated] = ratio[:, -1] > 1
+    if not is_separated.any():
         record = group[0]
-        ways, n_u = int(np.median(np.sum(ratio > 1, axis=1))), len(record.inputs)
+        rank, n_u = int(np.median(np.sum(ratio > 1, axis=1))), len(record.inputs)
         raise DataError(
             "frf/inputs-not-separable",
-            f"its {E} experiments excite the {n_u} inputs ({', '.join(record.inputs)}) in only {ways} independent "
+            f"its {E} experiments excite the {n_u} inputs ({', '.join(record.inputs)}) in only {rank} independent "
             "ways above the noise. Check for a file listed twice, an input without excitation, and equal phases in "
             "all experiments",
             f"configuration {record.configuration.name}, realisation {record.realisation}",
         )
-    return separated
+    return is_separated
 
 
-def _surely_separated(block: Block, least: FloatArray) -> BoolArray:
+def _surely_separated(block: Block, min_power: FloatArray) -> BoolArray:
     """Return flags (F,) of lines where the norm of the inverse, needed anyway, bounds the weakest combination.
 
-    sigma_n(A) >= 1 / |A^-1| in the norm of Frobenius; least (F, n_u): squares that count as 1.
+    sigma_n(A) >= 1 / |A^-1| in the norm of Frobenius; min_power (F, n_u): squares that count as 1.
     """
     try:
-        return np.asarray(np.einsum("feu,fu->f", squared_magnitude(block.W), least) * block.U.shape[2] < 1)
+        return np.asarray(np.einsum("feu,fu->f", squared_magnitude(block.W), min_power) * block.U.shape[2] < 1)
     except np.linalg.LinAlgError:
-        return np.zeros(len(least), bool)
+        return np.zeros(len(min_power), bool)
 
 
 def repeated_phase_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]]) -> list[Note]:
@@ -198,8 +199,8 @@ def _relative_power(data: MeanSpectra, m: int) -> FloatArray:
     """Return power of the experiments (E,) of block m relative to the other blocks."""
     blocks = data.blocks
     step = -(-len(blocks[0].U) // PHASE_LINES)
-    others = [block for i, block in enumerate(blocks) if i != m]
-    U, Y = (np.concatenate([getattr(block, Z)[::step] for block in others], axis=2) for Z in "UY")
+    other_blocks = [block for i, block in enumerate(blocks) if i != m]
+    U, Y = (np.concatenate([getattr(block, Z)[::step] for block in other_blocks], axis=2) for Z in "UY")
     ratio = U.shape[1] / U.shape[2]
     G = Y @ U.mT.conj() @ inverse(U @ U.mT.conj())
     error = np.concatenate([np.broadcast_to(np.eye(Y.shape[1]), (len(Y), Y.shape[1], Y.shape[1])), -G], axis=2)
@@ -212,10 +213,10 @@ def _relative_power(data: MeanSpectra, m: int) -> FloatArray:
 
 def pulses(u: FloatArray) -> IntArray | None:
     """Return first sample and end (n, 2) of each pulse of a hammer's force (N,); None for a force of another kind."""
-    decimated = u[:: -(-len(u) // PULSE_SAMPLES) or 1]
-    middle = np.median(decimated)
+    samples = u[:: -(-len(u) // PULSE_SAMPLES) or 1]
+    middle = np.median(samples)
     largest = max(u.max(initial=0.0) - middle, middle - u.min(initial=0.0))
-    if np.mean(np.abs(decimated - middle) > PULSE_START * largest) > 2 * PULSE_FRACTION:
+    if np.mean(np.abs(samples - middle) > PULSE_START * largest) > 2 * PULSE_FRACTION:
         return None
     x = np.abs(u - np.median(u))
     is_pulse = x > PULSE_START * x.max(initial=0.0)
@@ -248,9 +249,9 @@ def hit_notes(record: Record) -> Iterator[Note]:
         ends = (y.max(), y.min()) if overloads and np.ptp(y) > 0 else ()
         visits = sum(len(runs(y == end, CLIPPED_RUN)) for end in ends)
         overloads |= {name: visits} if visits > 1 else {}  # one alone may be rest
-    if places := [f"{name} ({count} times)" for name, count in overloads.items() if count]:
+    if names := [f"{name} ({count} times)" for name, count in overloads.items() if count]:
         text = (
-            f"overloaded at {', '.join(places)}, which biases magnitude and damping. Hit more softly, or choose a "
+            f"overloaded at {', '.join(names)}, which biases magnitude and damping. Hit more softly, or choose a "
             "wider range"
         )
         yield Note("frf/overload", text, place)

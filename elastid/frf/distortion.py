@@ -31,26 +31,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, release
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.fourier import real_dft
+from elastid.base.large_arrays import release
 from elastid.base.matrices import positive, power
-from elastid.base.statistics import interpolated
+from elastid.base.statistics import interpolate
 from elastid.frf.estimators import equation_error
 from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.spectra import RecordSpectra
 from elastid.record import MOTION_ORDER, Motion, Record
-from elastid.response import SYSTEMATIC_ERRORS, Levels
+from elastid.response import SYSTEMATIC_ERRORS, LineAmplitudes
 
 
 @dataclass(frozen=True)
-class Detected:
-    """Levels at the even and at the odd detection lines; excess (K_odd, n_y, n_y): mean Y_c Y_c^H less its noise.
+class DetectionLines:
+    """Amplitudes at the even and at the odd detection lines; excess (K_odd, n_y, n_y): mean Y_c Y_c^H less its noise.
 
     odd_lines (K_odd,): DFT lines of excess; count: its experiments.
     """
 
-    even: Levels | None
-    odd: Levels | None
+    even: LineAmplitudes | None
+    odd: LineAmplitudes | None
     odd_lines: IntArray
     excess: ComplexArray
     count: int
@@ -63,9 +64,11 @@ def detection_lines(lines: IntArray, half_wave: bool) -> IntArray:
     return np.setdiff1d(np.arange(lines[0], lines[-1] + 1), lines)
 
 
-def detect(detection: IntArray, lines: IntArray, spacing_hz: float, G: ComplexArray, data: MeanSpectra) -> Detected:
+def detect(
+    detection: IntArray, lines: IntArray, spacing_hz: float, G: ComplexArray, data: MeanSpectra
+) -> DetectionLines:
     """Return distortion at the detection lines (K,) of the data, G (F, n_y, n_u) being known at lines (F,)."""
-    every, G_k = data.all_experiments, interpolated(detection, lines, G)
+    every, G_k = data.all_experiments, interpolate(detection, lines, G)
     Y_c = every.Y - G_k @ every.U
     C_V = equation_error(data, G_k)
     odd = detection % 2 == 1
@@ -74,15 +77,15 @@ def detect(detection: IntArray, lines: IntArray, spacing_hz: float, G: ComplexAr
     noise_cov = C_V * np.mean(1 / every.periods)
     noise = np.sqrt(power(noise_cov))
 
-    def line_levels(mask: BoolArray) -> Levels | None:
+    def line_levels(mask: BoolArray) -> LineAmplitudes | None:
         columns = (np.asarray(x[mask], dtype=np.float64) for x in (detection * spacing_hz, amplitude, noise))
-        return Levels(*columns) if mask.any() else None
+        return LineAmplitudes(*columns) if mask.any() else None
 
-    return Detected(line_levels(~odd), line_levels(odd), detection[odd], error - noise_cov[odd], Y_c.shape[2])
+    return DetectionLines(line_levels(~odd), line_levels(odd), detection[odd], error - noise_cov[odd], Y_c.shape[2])
 
 
 def fast_total_error(
-    detected: Detected, lines: IntArray, noise_cov: ComplexArray, dof: int
+    detection: DetectionLines, lines: IntArray, noise_cov: ComplexArray, dof: int
 ) -> tuple[ComplexArray, float] | None:
     """Return C_T (F, n_y, n_y) of one experiment at the excited lines (F,) and its dof, from near odd detection lines.
 
@@ -90,16 +93,16 @@ def fast_total_error(
     Not so the noise, which at the inputs follows the resonances: noise_cov (F, n_y, n_y), of `dof`, is each line's own.
     None where too few odd lines were left out.
     """
-    n_y, K = detected.excess.shape[1], len(detected.odd_lines)
-    window = max(3, -(-2 * n_y // detected.count))
+    n_y, K = detection.excess.shape[1], len(detection.odd_lines)
+    window = max(3, -(-2 * n_y // detection.count))
     # Odd lines that are left out on purpose are at least a tenth of the excited ones.
     if max(window, 0.1 * len(lines)) > K:
         return None
-    first = np.clip(np.searchsorted(detected.odd_lines, lines) - window // 2, 0, K - window)
-    sums = np.concatenate([np.zeros((1, n_y, n_y)), np.cumsum(detected.excess, axis=0)])
+    first = np.clip(np.searchsorted(detection.odd_lines, lines) - window // 2, 0, K - window)
+    sums = np.concatenate([np.zeros((1, n_y, n_y)), np.cumsum(detection.excess, axis=0)])
     distortion_cov = positive((sums[first + window] - sums[first]) / window)  # without what is negative by chance
     powers = [float(np.einsum("fii->", covariance).real) for covariance in (noise_cov, distortion_cov)]
-    spread = powers[0] ** 2 / dof + powers[1] ** 2 / (window * detected.count)
+    spread = powers[0] ** 2 / dof + powers[1] ** 2 / (window * detection.count)
     return noise_cov + distortion_cov, sum(powers) ** 2 / spread if spread > 0 else float(dof)
 
 
@@ -128,20 +131,20 @@ def friction_bias(
     or a motor's own motion was not logged.
     """
     first = spectra[0][0].record
-    if first.half_wave or any(place not in first.outputs for place in first.inputs):
+    if first.half_wave or any(location not in first.outputs for location in first.inputs):
         return None
-    rows = [first.outputs.index(place) for place in first.inputs]
+    rows = [first.outputs.index(location) for location in first.inputs]
     if any(first.quantities[row] == "acceleration" for row in rows):
         return None
     inverse = np.asarray(np.linalg.pinv(G[:, rows]), np.complex128)
     torque_error, torque_noise = (
         power(inverse @ covariance[:, rows][:, :, rows] @ inverse.mT.conj()) for covariance in (error, noise)
     )
-    excess = torque_error - torque_noise
+    distortion = torque_error - torque_noise
     weight = 1 / (torque_noise + torque_error.mean(axis=0)) ** 2
     scatter = np.sqrt(np.sum((weight * torque_error) ** 2, axis=0) / dof)
     # Below three standard deviations over all lines the second order is lost in the noise as well.
-    is_distorted = np.sum(weight * excess, axis=0) > 3.0 * scatter
+    is_distorted = np.sum(weight * distortion, axis=0) > 3.0 * scatter
     if not is_distorted.any():
         return None
     V = _velocities([covariance for group in spectra for covariance in group], rows, lines)
@@ -150,7 +153,7 @@ def friction_bias(
     for j in np.flatnonzero(is_distorted):
         N = first.period_samples
         _, unit = sign_approximation(np.fft.irfft(V[:, :, j], N, axis=1), V[:, lines, j] * (2 / N), lines)
-        F_squared = float(weight[:, j] @ excess[:, j] / (weight[:, j] @ unit))
+        F_squared = float(weight[:, j] @ distortion[:, j] / (weight[:, j] @ unit))
         mobility = G[:, rows[j], j] * omega ** (1 - MOTION_ORDER[quantity])
         density, second = unit_impedance(V[:, :, j], mobility, lines, first)
         twice = -G[:, :, j, None] * G[:, rows[j], None, :] * omega[:, None, None] ** (1 - MOTION_ORDER[quantity])
@@ -180,14 +183,14 @@ def unit_impedance(
     p_0 = np.mean(np.exp(-(c**2) / (2 * variance))) / np.sqrt(2 * np.pi * variance)
     joint = np.zeros(len(lag))
     for i in range(1, len(lag)):
-        lagged, unexplained = carrier[t - lag[i]], 1 - rho[i] ** 2
-        exponent = (c**2 - 2 * rho[i] * c * lagged + lagged**2) / (2 * variance * unexplained)
-        joint[i] = np.mean(np.exp(-exponent)) / (2 * np.pi * variance * np.sqrt(unexplained)) - p_0**2
+        lag_carrier, innovation = carrier[t - lag[i]], 1 - rho[i] ** 2
+        exponent = (c**2 - 2 * rho[i] * c * lag_carrier + lag_carrier**2) / (2 * variance * innovation)
+        joint[i] = np.mean(np.exp(-exponent)) / (2 * np.pi * variance * np.sqrt(innovation)) - p_0**2
     kernel = joint * y
-    turned = np.exp(-2j * np.pi * np.outer(lines / N, lag)) - 1
+    difference = np.exp(-2j * np.pi * np.outer(lines / N, lag)) - 1
     # At lag 0 the product of a density that grows as 1 / tau and of -j omega tau is finite.
     start = -2j * np.pi * lines / N * lag[1] * kernel[1]
-    return float(p_0), np.asarray(-4 * (turned @ kernel + start / 2) * step / rate_hz)
+    return float(p_0), np.asarray(-4 * (difference @ kernel + start / 2) * step / rate_hz)
 
 
 def _velocities(records: Sequence[RecordSpectra], rows: Sequence[int], lines: IntArray) -> ComplexArray:

@@ -31,7 +31,7 @@ from elastid.frf.checks import (
     scatter_notes,
     separable_lines,
 )
-from elastid.frf.distortion import Detected, detect, detection_lines, fast_total_error, friction_bias
+from elastid.frf.distortion import DetectionLines, detect, detection_lines, fast_total_error, friction_bias
 from elastid.frf.estimators import (
     METHODS,
     Estimate,
@@ -67,7 +67,7 @@ _MIN_LINE_FRACTION = 1e-5
 _LEAST_RECORDS = 6  # that show the motion, where there are more
 _MOST_LINES = 128  # that are kept, or from which the feedback is found
 # Part of the power of u - r that the feedback must explain; noise alone is explained by less.
-_EXPLAINED = 0.5
+_MIN_EXPLAINED = 0.5
 
 
 def estimate(records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntArray | None = None) -> Response:
@@ -168,8 +168,8 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
     everywhere = np.union1d(lines, detection)
     is_excited = np.isin(everywhere, lines)
     everything = gather_spectra(spectra, everywhere, is_excited, spec, method == "joint")
-    usable, data, fitted = _fitted(everything.on(is_excited), groups, method, lines)
-    error = total_error(data, fitted)
+    usable, data, result = _fit_method(everything.on(is_excited), groups, method, lines)
+    error = total_error(data, result)
     notes = [*(note for group in groups for note in notes_of(group)), *data.notes]
     if not usable.all():
         why = "the inputs are less than 6 dB above the noise there, or not independent"
@@ -177,13 +177,13 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
     notes += [*repeated_phase_notes(data.blocks, groups), *inconsistency_notes(data, groups)]
     lines = lines[usable]
     freq_hz = line_frequencies(lines, first.rate_hz, first.period_samples)
-    quality = measured_quality(freq_hz, data, fitted.G)
-    response = measured_response(first, spec.quantity, freq_hz, fitted.G, quality=quality)
+    quality = measured_quality(freq_hz, data, result.G)
+    response = measured_response(first, spec.quantity, freq_hz, result.G, quality=quality)
     inside, detected = (detection > lines[0]) & (detection < lines[-1]), None
     if inside.any():
-        spacing_hz, others = freq_hz[0] / lines[0], everything.on(~is_excited).on(inside)
-        detected = detect(detection[inside], lines, spacing_hz, fitted.G, others)
-    response = _with_covariances(response, data, fitted, error, detected, lines, spectra)
+        spacing_hz, off_lines = freq_hz[0] / lines[0], everything.on(~is_excited).on(inside)
+        detected = detect(detection[inside], lines, spacing_hz, result.G, off_lines)
+    response = _with_covariances(response, data, result, error, detected, lines, spectra)
     notes += [
         *input_notes(first.inputs, data, quality),
         *output_notes(first.outputs, quality),
@@ -192,7 +192,7 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
     return replace(response, notes=tuple(notes))
 
 
-def _fitted(
+def _fit_method(
     data: MeanSpectra, groups: Sequence[Sequence[Record]], method: str, lines: IntArray
 ) -> tuple[BoolArray, MeanSpectra, Estimate]:
     """Return flags of the lines (F,) with separate inputs, and there the data and G by the method, with its weights.
@@ -250,7 +250,7 @@ def _with_covariances(
     data: MeanSpectra,
     fitted: Estimate,
     error: tuple[ComplexArray, float] | None,
-    detected: Detected | None,
+    detection: DetectionLines | None,
     lines: IntArray,
     spectra: Sequence[Sequence[RecordSpectra]],
 ) -> Response:
@@ -264,8 +264,8 @@ def _with_covariances(
         experiments = [np.concatenate([Y[block], U[block]], axis=1) for Y, U in zip(data.Y, data.U, strict=True)]
         averaging = _averaging_lines([np.concatenate(experiments, axis=2).transpose(2, 0, 1)], fitted.G)
         total = replace(total_covariance(data, fitted, *error), averaging_lines=averaging)
-    elif detected is not None:
-        error = fast_total_error(detected, lines, noise_cov, data.dof)
+    elif detection is not None:
+        error = fast_total_error(detection, lines, noise_cov, data.dof)
         total = (
             None
             if error is None
@@ -275,7 +275,7 @@ def _with_covariances(
         bias = friction_bias(spectra, lines, fitted.G, response.quantity, error[0], noise_cov, error[1])
         stochastic = np.sqrt(power(error[0] - noise_cov))
     assert response.quality is not None
-    even, odd = (None, None) if detected is None else (detected.even, detected.odd)
+    even, odd = (None, None) if detection is None else (detection.even, detection.odd)
     quality = replace(response.quality, stochastic=stochastic, even=even, odd=odd)
     return replace(response, noise=noise, total=total, quality=quality, bias=bias)
 
@@ -294,7 +294,7 @@ def motor_motion(records: Sequence[Record], response: Response) -> MotorMotion |
     last = records[min(max(_LEAST_RECORDS, len(records[0].inputs)), len(records)) - 1].realisation
     records = [record for record in records if record.realisation <= last]
     first = records[0]
-    columns = [i for i, place in enumerate(first.outputs) if place.startswith("motor ")]
+    columns = [i for i, location in enumerate(first.outputs) if location.startswith("motor ")]
     if not columns or not first.has_rate or not first.is_periodic:
         return None
     N = first.period_samples
@@ -337,9 +337,9 @@ def _feedback(
     """Return (3, n_m, n_m) from motor angles q (E, K, n_m) at s (K,); None if the angles do not explain the torques."""
     order = [records[0].inputs.index(motor) for motor in motors]
     drive = np.stack([_amplitudes(record, record.u, order, len(s) + 1)[1:] for record in records])
-    injected = [record.r for record in records if record.r is not None and not record.r_is_reference]
-    if len(injected) == len(records):
-        pairs = zip(injected, records, strict=True)
+    references = [record.r for record in records if record.r is not None and not record.r_is_reference]
+    if len(references) == len(records):
+        pairs = zip(references, records, strict=True)
         drive = drive - np.stack([_amplitudes(record, r, order, len(s) + 1)[1:] for r, record in pairs])
         lines = np.flatnonzero(moving)
     else:
@@ -353,6 +353,6 @@ def _feedback(
         return None
     size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
     F = np.linalg.lstsq(A / size, b)[0] / size[:, None]
-    if np.sum((b - A @ F) ** 2) > (1 - _EXPLAINED) * np.sum(b**2):
+    if np.sum((b - A @ F) ** 2) > (1 - _MIN_EXPLAINED) * np.sum(b**2):
         return None
     return np.asarray(F.reshape(3, len(motors), len(motors)).swapaxes(1, 2))

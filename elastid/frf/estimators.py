@@ -140,9 +140,9 @@ def total_error(data: MeanSpectra, estimate: Estimate) -> tuple[ComplexArray, in
     K = len(data.periods)
     if len(data.blocks) < 2 or n_u >= K:
         return None
-    expected = K - 2 * n_u + np.einsum("fba,fba->f", estimate.input_factor, data.UU).real
+    expected_power = K - 2 * n_u + np.einsum("fba,fba->f", estimate.input_factor, data.UU).real
     D_squared = added_error_products(data.Y, estimate.G, data.U)
-    D_squared /= expected[:, None, None]
+    D_squared /= expected_power[:, None, None]
     return D_squared, K - n_u
 
 
@@ -187,9 +187,9 @@ def averaging_lines(V: ComplexArray, G: ComplexArray) -> float:
     spectrum = np.sum(squared_magnitude(np.fft.fft(torque, 2 * F, axis=1)), axis=0)
     R = np.abs(np.fft.ifft(spectrum, axis=0)[: max(1, F // 2)]) ** 2
     lag = np.arange(1, len(R))[:, None]
-    squared = R[1:] / np.maximum(R[0], 1e-300) * (F / (F - lag)) ** 2
-    counts = np.cumprod(squared > MIN_CORRELATION_POWER / (len(V) * F), axis=0)
-    return float(np.max(1 + 2 * np.sum((1 - lag / F) * counts * squared, axis=0)))
+    correlation = R[1:] / np.maximum(R[0], 1e-300) * (F / (F - lag)) ** 2
+    counts = np.cumprod(correlation > MIN_CORRELATION_POWER / (len(V) * F), axis=0)
+    return float(np.max(1 + 2 * np.sum((1 - lag / F) * counts * correlation, axis=0)))
 
 
 def full_covariance(matrix: ComplexArray, shape: tuple[int, ...], dof: float) -> Covariance:

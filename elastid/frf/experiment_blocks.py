@@ -47,7 +47,7 @@ class FullSum:
         """Return sum (F, n) over periods of |Z - mean|^2."""
         return np.asarray(np.einsum("fii->fi", self.S).real * np.abs(self.scale) ** 2)
 
-    def collected(self) -> ComplexArray:
+    def collect(self) -> ComplexArray:
         """Return sum (F, n, n) over periods of (Z - mean)(Z - mean)^H; S itself is overwritten."""
         self.S *= self.scale[:, :, None]
         self.S *= self.scale[:, None, :].conj()
@@ -76,8 +76,8 @@ class PackedSum:
         diagonal = self.S[:, i * n - i * (i - 1) // 2, 0].transpose(0, 2, 1).reshape(-1, n)[:F]
         return np.asarray(diagonal * np.abs(self.scale) ** 2)
 
-    def collected(self) -> ComplexArray:
-        """Return sum as of `FullSum.collected`."""
+    def collect(self) -> ComplexArray:
+        """Return sum as of `FullSum.collect`."""
         S = np.empty((*self.scale.shape, self.scale.shape[1]), np.complex128)
         call("collect", *self.scale.shape, self.S, self.scale, S)
         return S
@@ -246,7 +246,7 @@ def gather_spectra(
             dof=dof,
         )
         blocks.append(block)
-    return MeanSpectra(tuple(blocks), sums.collected(), sums.dof, tuple(notes), tuple(scatter))
+    return MeanSpectra(tuple(blocks), sums.collect(), sums.dof, tuple(notes), tuple(scatter))
 
 
 def _mean(
@@ -262,10 +262,10 @@ def _mean(
     Third, the same periods at all lines; None for a large record.
     """
     if not spectra.is_large:
-        every = period_spectra(spectra, lines, spec.quantity, sums.scale)
-        selection = trusted(every.on(is_excited), spec)
-        every = every.only(np.searchsorted(every.periods, selection.periods))
-        return selection, add_periods(sums, [every], mean), every
+        all_lines = period_spectra(spectra, lines, spec.quantity, sums.scale)
+        selection = trusted(all_lines.on(is_excited), spec)
+        all_lines = all_lines.only(np.searchsorted(all_lines.periods, selection.periods))
+        return selection, add_periods(sums, [all_lines], mean), all_lines
     # Few lines show the periods that can be trusted; then all lines are added up, some periods at a time.
     values = spectra.record.n_repeats * sums.scale.shape[1]
     step = -(-int(is_excited.sum()) // max(20, _MAX_COMPARED_VALUES // values))

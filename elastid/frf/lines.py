@@ -23,7 +23,7 @@ _MAX_CYCLE, _MAX_SEARCHED = 64, 20_000
 _LARGEST_STEP, _STEP_FRACTION, _MIN_MOVING_FRACTION, _MIN_STEP = 10.0, 0.95, 0.2, 1e-3
 
 
-def analysed_lines(spectra: Sequence[RecordSpectra], spec: EstimatorSpec, planned: IntArray | None) -> IntArray:
+def analysed_lines(spectra: Sequence[RecordSpectra], spec: EstimatorSpec, planned_lines: IntArray | None) -> IntArray:
     """Return DFT lines (F,) that the spec asks for, of the records of one configuration.
 
     Raises StudyError where a grid has no line in band_hz, DataError where no line is excited.
@@ -42,8 +42,8 @@ def analysed_lines(spectra: Sequence[RecordSpectra], spec: EstimatorSpec, planne
     if first.inputs[0].startswith(REFERENCE):  # above are the images of its steps, with larger accelerations
         band_hz = band_hz[0], min(band_hz[1], rate_hz / 2 / reference_steps(first)[0])
     candidates = grid_lines("odd" if first.half_wave else "full", band_hz, rate_hz, N)
-    if spec.lines == "auto" and planned is not None:
-        lines = np.intersect1d(planned, candidates)
+    if spec.lines == "auto" and planned_lines is not None:
+        lines = np.intersect1d(planned_lines, candidates)
     else:
         lines = candidates[find_excited(candidates, *_driver_power(spectra, candidates))]
     if lines.size == 0:
@@ -68,7 +68,9 @@ def find_excited(lines: IntArray, power: FloatArray, noise: FloatArray) -> BoolA
         return np.zeros(len(lines), dtype=np.bool_)
     flags = clear > _MIN_NEIGHBOUR_RATIO * _envelope(lines, clear)
     gaps = np.diff(lines[flags])
-    return _followed(lines, np.where(power > MIN_SNR * noise, power, 0.0), flags, int(gaps.min()) if gaps.size else 1)
+    return _follow_sweep(
+        lines, np.where(power > MIN_SNR * noise, power, 0.0), flags, int(gaps.min()) if gaps.size else 1
+    )
 
 
 def reference_steps(record: Record) -> tuple[int, Literal["hold", "linear"]]:
@@ -102,9 +104,9 @@ def _envelope(lines: IntArray, amplitude: FloatArray) -> FloatArray:
     np.maximum.at(peaks, octave, amplitude)
     strongest = int(np.argmax(peaks))
     envelope = np.full(len(peaks), peaks[strongest])
-    for way in (range(strongest - 1, -1, -1), range(strongest + 1, len(peaks))):
+    for indices in (range(strongest - 1, -1, -1), range(strongest + 1, len(peaks))):
         last = peaks[strongest]
-        for i in way:
+        for i in indices:
             if i not in octave:
                 continue
             if peaks[i] <= _MIN_NEIGHBOUR_RATIO * last:
@@ -113,7 +115,7 @@ def _envelope(lines: IntArray, amplitude: FloatArray) -> FloatArray:
     return np.asarray(envelope[octave])
 
 
-def _followed(lines: IntArray, amplitude: FloatArray, is_excited: BoolArray, step: int) -> BoolArray:
+def _follow_sweep(lines: IntArray, amplitude: FloatArray, is_excited: BoolArray, step: int) -> BoolArray:
     """Return the found lines and those reached from them, `step` lines at a time, without a steep fall."""
     by_line = np.zeros(lines[-1] + 2 * step + 1)
     flags = np.zeros(len(by_line), dtype=np.bool_)
@@ -121,10 +123,10 @@ def _followed(lines: IntArray, amplitude: FloatArray, is_excited: BoolArray, ste
     while True:
         limit = _MIN_NEIGHBOUR_RATIO * by_line * flags
         threshold = np.maximum(np.roll(limit, step), np.roll(limit, -step))
-        more = flags | ((by_line > threshold) & (threshold > 0))
-        if np.array_equal(more, flags):
+        new_flags = flags | ((by_line > threshold) & (threshold > 0))
+        if np.array_equal(new_flags, flags):
             return flags[lines + step]
-        flags = more
+        flags = new_flags
 
 
 def _driver_power(spectra: Sequence[RecordSpectra], lines: IntArray) -> tuple[FloatArray, FloatArray]:

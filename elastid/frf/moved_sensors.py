@@ -44,7 +44,7 @@ def stack_outputs(responses: Sequence[Response]) -> Response:
     names: list[str] = []
     blocks: list[Response] = []
     for response in responses:
-        new = [place for place in response.outputs if place not in names]
+        new = [location for location in response.outputs if location not in names]
         names += new
         blocks += [response.lines(np.isin(response.freq_hz, freq_hz))[new, first.inputs]] if new else []
     return replace(
@@ -54,7 +54,7 @@ def stack_outputs(responses: Sequence[Response]) -> Response:
         outputs=tuple(names),
         noise=_covariance([block.noise for block in blocks]),
         total=_covariance([block.total for block in blocks]),
-        sliding=tuple(dict.fromkeys(place for block in blocks for place in block.sliding)),
+        sliding=tuple(dict.fromkeys(location for block in blocks for location in block.sliding)),
         leakage=None,
         notes=tuple(dict.fromkeys(notes_of(responses))),
         correlated_lines=max(block.correlated_lines for block in blocks),

@@ -12,7 +12,7 @@ an acceleration fast.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, starmap
 
 import numpy as np
 
@@ -56,7 +56,7 @@ class Distances:
 
 
 @dataclass(frozen=True)
-class Compared:
+class ComparedPeriods:
     """X (c, P, 2 K): real and imaginary parts of each channel at up to 500 lines.
 
     power (c, P): sums of its squares; distance (c, P, Q): the distance of each period from Q of them, in general all.
@@ -72,22 +72,22 @@ class Compared:
     is_weighed: bool = False
 
     @classmethod
-    def from_spectra(cls, spectra: PeriodSpectra, outlier_sigma: float) -> "Compared":
+    def from_spectra(cls, spectra: PeriodSpectra, outlier_sigma: float) -> "ComparedPeriods":
         """Return all periods of a record with each other, or of a long one with some."""
-        decimated = spectra.on(slice(None, None, -(-len(spectra.scale) // DISTANCE_LINES)))
-        amplitudes = np.empty((decimated.z.shape[2], *decimated.z.shape[:2]), dtype=np.complex128)
-        np.multiply(np.moveaxis(decimated.z, 2, 0), decimated.scale.T[:, None], out=amplitudes)
+        some_lines = spectra.on(slice(None, None, -(-len(spectra.scale) // DISTANCE_LINES)))
+        amplitudes = np.empty((some_lines.z.shape[2], *some_lines.z.shape[:2]), dtype=np.complex128)
+        np.multiply(np.moveaxis(some_lines.z, 2, 0), some_lines.scale.T[:, None], out=amplitudes)
         return cls._from_amplitudes(amplitudes.view(np.float64), outlier_sigma)
 
     @classmethod
-    def _from_amplitudes(cls, X: FloatArray, outlier_sigma: float) -> "Compared":
+    def _from_amplitudes(cls, X: FloatArray, outlier_sigma: float) -> "ComparedPeriods":
         P = X.shape[1]
         references = np.linspace(0, P - 1, min(P, max(MIN_COMPARED, MAX_PAIRS // P))).round().astype(int)
         power = np.einsum("cpk,cpk->cp", X, X)
         squares = power[:, :, None] + power[:, None, references] - 2 * X @ np.swapaxes(X[:, references], 1, 2)
         return cls(X, power, np.sqrt(np.maximum(squares, 0.0)), references, outlier_sigma)
 
-    def weigh(self, good: IntArray) -> "Compared":
+    def weigh(self, good: IntArray) -> "ComparedPeriods":
         """Divide spectra by the noise of the good periods at each line and its neighbours; good (k,): their indices."""
         c, _, n = self.X.shape
         of_good = self.X[:, good]
@@ -100,9 +100,9 @@ class Compared:
     @cached_property
     def agree(self) -> bool:
         """True if none can be far, whichever are good: the largest distance is within the limit of the smallest."""
-        others = np.arange(self.distance.shape[1])[:, None] != self.references
-        least = np.min(self.distance, axis=(1, 2), where=others, initial=np.inf)
-        ratio = float(np.max(self.distance.max(axis=(1, 2)) / np.maximum(least, 1e-300)))
+        is_other = np.arange(self.distance.shape[1])[:, None] != self.references
+        min_distance = np.min(self.distance, axis=(1, 2), where=is_other, initial=np.inf)
+        ratio = float(np.max(self.distance.max(axis=(1, 2)) / np.maximum(min_distance, 1e-300)))
         return ratio < 1 + self.outlier_sigma * MIN_SPREAD
 
 
@@ -120,10 +120,10 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
         raise DataError(
             "frf/periods", "fewer than two periods remain after its correction. Measure more", f"record {record.name}"
         )
-    compared = Compared.from_spectra(spectra, spec.outlier_sigma)
-    logs = [np.arange(a, b) for a, b in pairwise([0, *np.searchsorted(spectra.periods, record.starts).tolist(), P])]
+    comparable = ComparedPeriods.from_spectra(spectra, spec.outlier_sigma)
+    logs = list(starmap(np.arange, pairwise([0, *np.searchsorted(spectra.periods, record.starts).tolist(), P])))
     if spec.transient_periods == "auto":
-        leading, notes = _transient(spectra, compared, logs)
+        leading, notes = _transient(spectra, comparable, logs)
     else:
         leading, notes = _flags(P, [log[: spec.transient_periods] for log in logs]), ()
     steady = np.flatnonzero(~leading)
@@ -135,13 +135,13 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
             f"record {record.name}",
         )
     far = steady[:0]
-    more: tuple[Note, ...] = ()
-    if len(steady) >= MIN_PERIODS and not compared.agree:
-        measured = distances(compared, steady)
+    further_notes: tuple[Note, ...] = ()
+    if len(steady) >= MIN_PERIODS and not comparable.agree:
+        measured = distances(comparable, steady)
         far = steady[measured.far[steady]]
-        more = (_note(spectra, far, measured, "the other periods"),) if len(far) else ()
+        further_notes = (_note(spectra, far, measured, "the other periods"),) if len(far) else ()
     selection = spectra.only(np.setdiff1d(steady, far) if len(far) else steady)
-    return replace(selection, notes=(*spectra.notes, *notes, *more))
+    return replace(selection, notes=(*spectra.notes, *notes, *further_notes))
 
 
 def settled(record: Record) -> Record:
@@ -174,7 +174,7 @@ def _decays(difference: FloatArray, size: float) -> bool:
     return late_power > 0 and float(power[: len(power) // 8].mean()) > MAX_SETTLING * late_power
 
 
-def distances(compared: Compared, good: IntArray) -> Distances:
+def distances(compared: ComparedPeriods, good: IntArray) -> Distances:
     """Return distances of all periods from the good ones (indices), of a good one from the other good ones.
 
     Their spread is the median absolute deviation of D over the good periods, but at least that of a noise on as many
@@ -200,7 +200,7 @@ def distances(compared: Compared, good: IntArray) -> Distances:
     return replace(distant, limit=typical + sigmas * np.maximum(spread, least))
 
 
-def _leave_one_out_median(compared: Compared, good: IntArray) -> FloatArray:
+def _leave_one_out_median(compared: ComparedPeriods, good: IntArray) -> FloatArray:
     """Return the median (P, c), over good periods that are references, of each period's distances to these."""
     columns = np.flatnonzero(np.isin(compared.references, good))
     of_good = compared.distance[:, :, columns]
@@ -215,7 +215,7 @@ def _flags(P: int, indices: Sequence[IntArray]) -> BoolArray:
 
 
 def _transient(
-    spectra: PeriodSpectra, compared: Compared, logs: Sequence[IntArray]
+    spectra: PeriodSpectra, compared: ComparedPeriods, logs: Sequence[IntArray]
 ) -> tuple[BoolArray, tuple[Note, ...]]:
     """Return flags (P,) of the periods at the start of each log that are a transient; logs: their periods."""
     P = len(spectra.periods)
@@ -228,7 +228,11 @@ def _transient(
 
 
 def _leading(
-    spectra: PeriodSpectra, compared: Compared, logs: Sequence[IntArray], halves: Sequence[IntArray], later: IntArray
+    spectra: PeriodSpectra,
+    compared: ComparedPeriods,
+    logs: Sequence[IntArray],
+    halves: Sequence[IntArray],
+    later: IntArray,
 ) -> tuple[BoolArray, tuple[Note, ...]]:
     """Return the transient as `_transient` does, from compared distances. halves: per log. later: all others."""
     P = len(spectra.periods)

@@ -20,7 +20,7 @@ from elastid.excitation.grids import line_frequencies
 from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.lines import MIN_SNR
 from elastid.record import Motion, Record
-from elastid.response import Levels, Quality, Response
+from elastid.response import LineAmplitudes, Quality, Response
 
 # Thresholds of a weak channel.
 INPUT_SNR = 100.0  # power of an input over the noise of its mean (20 dB), below which it costs accuracy
@@ -34,18 +34,10 @@ def measured_response(
 ) -> Response:
     """Return G (F, n_y, n_u) at freq_hz (F,), outputs as `quantity`, of records like the first, with further fields."""
     return Response(
-        freq_hz=freq_hz,
-        G=G,
-        inputs=first.inputs,
-        outputs=first.outputs,
-        quantity=quantity,
-        configuration=first.configuration,
-        has_rate=first.has_rate,
-        sliding=first.sliding,
-        input_units=first.input_units,
-        hold=first.images,
-        **estimated,
-    )
+        freq_hz=freq_hz, G=G, inputs=first.inputs, outputs=first.outputs, quantity=quantity,
+        configuration=first.configuration, has_rate=first.has_rate, sliding=first.sliding,
+        input_units=first.input_units, hold=first.images, **estimated,
+    )  # fmt: skip
 
 
 def measured_quality(freq_hz: FloatArray, data: MeanSpectra, G: ComplexArray) -> Quality:
@@ -59,7 +51,7 @@ def measured_quality(freq_hz: FloatArray, data: MeanSpectra, G: ComplexArray) ->
         data.weighted_sum(data.U, data.U) + S_Z[:, n_y:, n_y:],
     )
     amplitude, noise_of_mean = np.sqrt(power(data.YY) / len(data.periods)), noise[:, :n_y] * np.mean(1 / data.periods)
-    excited = Levels(freq_hz, amplitude, np.sqrt(noise_of_mean))
+    excited = LineAmplitudes(freq_hz, amplitude, np.sqrt(noise_of_mean))
     return quality_of(G, data.UU / len(data.periods), coherence, (noise[:, n_y:], noise[:, :n_y]), excited)
 
 
@@ -68,7 +60,7 @@ def quality_of(
     S_uu: ComplexArray,
     coherence: tuple[FloatArray, FloatArray],
     noise: tuple[FloatArray, FloatArray],
-    excited: Levels,
+    excited: LineAmplitudes,
 ) -> Quality:
     """Return the quality of G (F, n_y, n_u), measured with input spectra S_uu (F, n_u, n_u).
 
@@ -86,8 +78,8 @@ def relative_singular_values(S_U: ComplexArray) -> FloatArray:
 
 def coherences(yy: FloatArray, yu: ComplexArray, uu: ComplexArray) -> tuple[FloatArray, FloatArray]:
     """Return ordinary (F, n_y, n_u) and multiple coherence (F, n_y) by power yy (F, n_y) and spectra S_yu and S_uu."""
-    explained = np.vecdot(yu, added_products([yu], [inverse(uu)])).real
-    return coherences_of_powers(squared_magnitude(yu), explained, yy, power(uu))
+    coherent_power = np.vecdot(yu, added_products([yu], [inverse(uu)])).real
+    return coherences_of_powers(squared_magnitude(yu), coherent_power, yy, power(uu))
 
 
 def coherences_of_powers(

@@ -13,20 +13,10 @@ from typing import Literal, TypeAlias
 import numpy as np
 from numpy.fft import rfft
 
-from elastid.base.arrays import (
-    MIN_LARGE_VALUES,
-    PIECE_VALUES,
-    BoolArray,
-    ComplexArray,
-    FloatArray,
-    IntArray,
-    laplace_variable,
-    mean_of_rows,
-    quotient,
-    release,
-)
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, laplace_variable, quotient
 from elastid.base.errors import DataError, Note
 from elastid.base.fourier import real_dft
+from elastid.base.large_arrays import MIN_LARGE_VALUES, PIECE_VALUES, mean_of_rows, release
 from elastid.excitation.grids import line_frequencies
 from elastid.record import MOTION_ORDER, Motion, Record
 
@@ -36,7 +26,7 @@ Role: TypeAlias = Literal["r", "u", "y"]
 _MIN_COMPUTABLE, _MAX_COMPUTABLE = 1e-60, 1e60
 # Of a record, among which the power of its inputs is looked for; share of them that has it of sweeps and hits at most:
 # noise has half.
-_PARTS, _SPREAD = 16, 0.3
+_N_SEGMENTS, _SPREAD = 16, 0.3
 
 
 def single_logs(record: Record) -> tuple[Record, ...]:
@@ -148,11 +138,11 @@ class PeriodSpectra:
         index = lines if isinstance(lines, slice) else _line_index(np.flatnonzero(lines))
         return replace(self, z=self.z[:, index], scale=self.scale[index])
 
-    def only(self, keep: IntArray) -> "PeriodSpectra":
-        """Return spectra of some of the periods; keep (k,): their indices."""
-        if len(keep) == len(self.periods):
+    def only(self, rows: IntArray) -> "PeriodSpectra":
+        """Return spectra of some of the periods; rows (k,): their indices."""
+        if len(rows) == len(self.periods):
             return self
-        return replace(self, periods=self.periods[keep], z=self.z[keep])
+        return replace(self, periods=self.periods[rows], z=self.z[rows])
 
 
 def period_spectra(
@@ -180,7 +170,7 @@ def period_groups(
     """
     record = spectra.record
     scale = amplitude_scale(record, lines, quantity) if scale is None else scale
-    drifts = np.array([logged != "acceleration" for logged in record.quantities])
+    drifts = np.array([own_quantity != "acceleration" for own_quantity in record.quantities])
     drift = _drift(record, lines, drifts) if drifts.any() else None
     first = 0
     for z in spectra.dft_at(("y", "u"), lines):
@@ -291,10 +281,10 @@ def inputs_pass(records: Sequence[Record]) -> bool:
     for record in records:
         if RecordSpectra(record).is_large:
             return False
-        L = record.n_samples // _PARTS
-        segments = record.u[: L * _PARTS].reshape(_PARTS, L, -1)
+        L = record.n_samples // _N_SEGMENTS
+        segments = record.u[: L * _N_SEGMENTS].reshape(_N_SEGMENTS, L, -1)
         P = np.abs(np.fft.rfft(segments - segments.mean(axis=1, keepdims=True), axis=1)) ** 2
         total, squares = P.sum(axis=0), (P**2).sum(axis=0)
-        fractions = quotient(total**2, squares) / _PARTS
+        fractions = quotient(total**2, squares) / _N_SEGMENTS
         spreads.append((fractions * total).sum(axis=0) / np.maximum(total.sum(axis=0), 1e-300))
     return bool(np.min(spreads) < _SPREAD)

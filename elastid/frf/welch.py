@@ -39,9 +39,10 @@ from itertools import zip_longest
 import numpy as np
 from numpy.fft import rfft
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, quotient, release
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, quotient
 from elastid.base.display import percent
 from elastid.base.errors import DataError, Note, notes_of
+from elastid.base.large_arrays import release
 from elastid.base.matrices import power
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.checks import REPEAT_DIFFERENCE
@@ -59,7 +60,7 @@ from elastid.frf.quality import (
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import inputs_pass, refuse_uncomputable, unit_scale
 from elastid.record import Record
-from elastid.response import Covariance, Levels, Quality, Response
+from elastid.response import Covariance, LineAmplitudes, Quality, Response
 
 _LEAST_DOF = 0.4  # least 1 - sum h^2 / n_u; a line in a single segment has no estimate of its variance
 # A sweep that ends with its record is truncated: a line is discarded if the last _END of a segment has more than
@@ -225,20 +226,20 @@ def _lines(first: Record, segments: Segments, spec: EstimatorSpec) -> tuple[IntA
 
 
 def _spectra(
-    records: Sequence[Record], segments: Segments, lines: IntArray, most: int = 4_000_000
+    records: Sequence[Record], segments: Segments, lines: IntArray, max_values: int = 4_000_000
 ) -> Iterator[ComplexArray]:
-    """Yield Z = [Y; U] (F, n, K) of all segments, without their means, at most `most` numbers at a time."""
+    """Yield Z = [Y; U] (F, n, K) of all segments, without their means, at most `max_values` numbers at a time."""
     w, D = segments.window, segments.step
     L, n = len(w), len(records[0].outputs) + len(records[0].inputs)
-    at_once = max(1, most // (L * n))
+    at_once = max(1, max_values // (L * n))
     for record in records:
         for begin in range(0, segments.count(record.n_samples), at_once):
             K = min(at_once, segments.count(record.n_samples) - begin)
             samples = slice(begin * D, (begin + K - 1) * D + L)
             signals = np.ascontiguousarray(np.concatenate([record.y[samples], record.u[samples]], axis=1).T)
-            cut = np.lib.stride_tricks.sliding_window_view(signals, L, axis=1)[:, ::D]
-            cut = (cut - cut.mean(axis=2, keepdims=True)) * w
-            yield np.moveaxis(rfft(cut, axis=2)[:, :, lines], 2, 0)
+            windows = np.lib.stride_tricks.sliding_window_view(signals, L, axis=1)[:, ::D]
+            windows = (windows - windows.mean(axis=2, keepdims=True)) * w
+            yield np.moveaxis(rfft(windows, axis=2)[:, :, lines], 2, 0)
             release(record.y)
             release(record.u)
 
@@ -253,8 +254,8 @@ def _by_leverage(
     inverse = np.asarray(np.linalg.inv(data.uu), dtype=np.complex128)
     C, squares = np.zeros((len(G), n_y, n_y), dtype=np.complex128), np.zeros(len(G))
     for group in _repeats(records):
-        most = 4_000_000 // (n_u * len(group))
-        for spectra in zip_longest(*(_spectra([record], segments, lines[in_data], most) for record in group)):
+        max_values = 4_000_000 // (n_u * len(group))
+        for spectra in zip_longest(*(_spectra([record], segments, lines[in_data], max_values) for record in group)):
             E, h = _leverages([Z * scale[in_data][:, :, None] for Z in spectra if Z is not None], G, inverse)
             squares += np.sum(h**2, axis=1)
             C += np.einsum("fykj,fkl,fzlj->fyz", E, inverse, E.conj(), optimize=True)
@@ -364,13 +365,13 @@ def _covariances(
     S_V = S_V + np.eye(data.n_y) * np.maximum(-np.linalg.eigvalsh(S_V)[:, :1, None], 0.0)
     C_V = S_V * (data.K_e / data.K / dof)
     inverse = np.asarray(np.linalg.inv(data.uu), dtype=np.complex128)
-    left = inverse.mT * (data.K / data.K_e)
-    beta = _leakage(G, power(C_V)[:, :, None] * power(left)[:, None, :], segments)
-    scaled = beta / np.sqrt(G.shape[2] * power(left))[:, None, :]
+    input_factor = inverse.mT * (data.K / data.K_e)
+    beta = _leakage(G, power(C_V)[:, :, None] * power(input_factor)[:, None, :], segments)
+    scaled_beta = beta / np.sqrt(G.shape[2] * power(input_factor))[:, None, :]
     by_noise, by_leverage = power(C_V), power(C_h)
     factor = np.sqrt(np.maximum(local_mean(quotient(by_leverage, by_noise, 1.0)), 1.0))
-    C_total = factor[:, :, None] * C_V * factor[:, None] + scaled @ scaled.mT.conj()
-    noise, total = (kronecker(left, C, dof) for C in (C_V, C_total))
+    C_total = factor[:, :, None] * C_V * factor[:, None] + scaled_beta @ scaled_beta.mT.conj()
+    noise, total = (kronecker(input_factor, C, dof) for C in (C_V, C_total))
     return noise, total, beta, C_V
 
 
@@ -388,5 +389,5 @@ def _leakage(G: ComplexArray, variance: FloatArray, segments: Segments) -> Compl
 def _quality(data: CrossSpectra, G: ComplexArray, C_V: ComplexArray) -> Quality:
     """Return coherences and levels; the noise in the inputs is unknown and counts as none."""
     noise, coherence = power(C_V), coherences(power(data.yy), data.yu, data.uu)
-    excited = Levels(data.freq_hz, np.sqrt(power(data.yy) / data.K), np.sqrt(noise / data.K_e))
-    return quality_of(G, data.uu / data.K, coherence, (np.zeros((len(G), G.shape[2])), noise), excited)
+    amplitudes = LineAmplitudes(data.freq_hz, np.sqrt(power(data.yy) / data.K), np.sqrt(noise / data.K_e))
+    return quality_of(G, data.uu / data.K, coherence, (np.zeros((len(G), G.shape[2])), noise), amplitudes)

@@ -69,8 +69,8 @@ class Stop:
 
     def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
         """Return z + v step, at most F_c / sigma_0: exact at constant v."""
-        bound = curve.torque(v) / self.sigma_0
-        return ca.fmax(-bound, ca.fmin(bound, z + v * step))
+        limit = curve.torque(v) / self.sigma_0
+        return ca.fmax(-limit, ca.fmin(limit, z + v * step))
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
         """Return stiffness and damping to ground at rest: sigma_0 and none."""
@@ -103,16 +103,16 @@ class MaxwellElements:
 
     def rate(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
         """Return dz_i/dt of the deflections, zeros for the directions: they jump."""
-        deflection, slips, bound, sign, slope = self._slipping(v, z, curve)
-        return ca.vertcat(ca.if_else(slips, slope * (bound * sign - deflection), v), ca.SX.zeros(len(self.nu)))
+        deflection, slips, limit, sign, slope = self._slipping(v, z, curve)
+        return ca.vertcat(ca.if_else(slips, slope * (limit * sign - deflection), v), ca.SX.zeros(len(self.nu)))
 
     def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
         """Return the exact state if an element slips or sticks all the time; one that reaches its bound stays there."""
-        deflection, slips, bound, sign, slope = self._slipping(v, z, curve)
-        slid = exponential_step(deflection, slope * bound * sign, slope, step)
+        deflection, slips, limit, sign, slope = self._slipping(v, z, curve)
+        slid = exponential_step(deflection, slope * limit * sign, slope, step)
         trial = deflection + v * step
-        arrives = sign * trial >= bound
-        stuck = ca.if_else(arrives, sign * bound, trial)
+        arrives = sign * trial >= limit
+        stuck = ca.if_else(arrives, sign * limit, trial)
         direction = ca.if_else(ca.logic_or(slips, arrives), sign, 0.0)
         return ca.vertcat(ca.if_else(slips, slid, stuck), ca.if_else(sign == 0, z[len(self.nu) :], direction))
 
@@ -125,7 +125,7 @@ class MaxwellElements:
         n = len(self.nu)
         deflection, direction, sign = z[:n], z[n:], ca.sign(v)
         torque = curve.torque(v)
-        bound = ca.DM(np.divide(self.nu, self.sigma_0)) * torque
-        is_sliding = ca.logic_and(sign != 0, sign * deflection >= bound)
+        limit = ca.DM(np.divide(self.nu, self.sigma_0)) * torque
+        is_sliding = ca.logic_and(sign != 0, sign * deflection >= limit)
         slips = ca.logic_or(ca.logic_and(direction != 0, direction == sign), is_sliding)
-        return deflection, slips, bound, sign, self.C / torque
+        return deflection, slips, limit, sign, self.C / torque

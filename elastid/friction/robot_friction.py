@@ -57,12 +57,12 @@ class PlacedLaw:
         if spec.load is not None:
             by_load = spec.load.coulomb * abs(load) / n
             F_c += by_load
-            excess = (spec.load.of_stiction - spec.load.coulomb) * abs(load) / n
+            stiction_load = (spec.load.of_stiction - spec.load.coulomb) * abs(load) / n
             F_s += by_load
             if spec.load.stribeck_velocity is None:
-                F_s += excess
+                F_s += stiction_load
             else:
-                F_l, inverse_nu_l = excess, n / spec.load.stribeck_velocity
+                F_l, inverse_nu_l = stiction_load, n / spec.load.stribeck_velocity
         if spec.temperature is not None and temperature is not None:
             warm, rise = spec.temperature, temperature - spec.temperature.reference
             F_c += warm.coulomb * rise
@@ -71,9 +71,9 @@ class PlacedLaw:
             alpha_T = warm.viscous * math.expm1(-rise / warm.decay)
         self._check(F_c, F_s, nu_s, load, temperature)
         inverse = 0.0 if nu_s is None else n / nu_s
-        uneven, turn = spec.directions or Directions(), -1.0 if self.reverses else 1.0
+        directions, turn = spec.directions or Directions(), -1.0 if self.reverses else 1.0
         sliding = n * np.array([F_c, F_s, n**2 * spec.quadratic, n * alpha_T])
-        extra = n * np.array([F_l, turn * uneven.coulomb, turn * n * uneven.viscous])
+        extra = n * np.array([F_l, turn * directions.coulomb, turn * n * directions.viscous])
         return np.array([*sliding[:2], inverse, *sliding[2:], extra[0], inverse_nu_l, *extra[1:]])
 
     def sliding(self, v: float, load: float = 0.0, temperature: float | None = None) -> float:
@@ -132,9 +132,9 @@ def coulomb_torques(robot: Robot) -> FloatArray:
 
     A gear spring lets the motor move against a joint that sticks: there the friction of the joint does not count.
     """
-    levels = {place.place: float(place.curve()[0]) for place in frictions(robot)}
-    rigid = [0.0 if joint in robot.flexible else levels.get(f"joint {joint.name}", 0.0) for joint in robot.driven]
-    return np.add([levels.get(f"motor {joint.name}", 0.0) for joint in robot.driven], rigid)
+    torques = {law.place: float(law.curve()[0]) for law in frictions(robot)}
+    rigid = [0.0 if joint in robot.flexible else torques.get(f"joint {joint.name}", 0.0) for joint in robot.driven]
+    return np.add([torques.get(f"motor {joint.name}", 0.0) for joint in robot.driven], rigid)
 
 
 def _law(spec: Friction, n: float) -> Law:

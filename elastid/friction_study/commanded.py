@@ -41,13 +41,18 @@ SETTLE, SMOOTH_S = 15.0, 0.06
 PERTURBATION, DELAY_STEP_S = 1e-3, 2e-4
 START_ITERATIONS, MAX_ITERATIONS, TOLERANCE, LEAST_CURVATURE = 8, 30, 1e-5, 1e-12
 DAMPINGS = np.append(0.0, 10.0 ** np.arange(-4, 4))
-# Start values: stick time, s, with creep, and factors of the Coulomb friction of the regression, which is low for a
-# joint that mostly sticks.
-START_STICKING = ((0.003, 0.0), (0.01, 0.1), (0.02, 0.6))
+# How joints stick, with the free parameters. Start values: stick time, s; creep; displacement of the bristles before
+# sliding, relative to the travel; their damping time, s.
+EXACT, SOFT, BRISTLES = (), ("stick_time", "creep"), ("bristle_compliance", "bristle_time")
+START_STICKING = (
+    (SOFT, (0.01, 0.1, 0.0, 0.0)), (SOFT, (0.02, 0.6, 0.0, 0.0)), (BRISTLES, (0.0, 0.0, 0.001, 0.001)),
+    (BRISTLES, (0.0, 0.0, 0.01, 0.001))
+)  # fmt: skip
+# Factors of the Coulomb friction of the regression, which is low for a joint that mostly sticks.
 COULOMB_FACTORS = (1.0, 2.0, 4.0)
-# A joint sticks exactly (both are 0) unless the Coulomb friction, and the distance of stick time and creep from one
-# simulation step and 0, exceed SOFT_STDS standard deviations, and neither is at its bound.
-SOFT_STDS, MAX_CREEP = 5.0, 0.9
+# A joint sticks exactly unless its Coulomb friction and its parameters of sticking (stick times beyond one step of the
+# simulation) exceed STICKING_STDS standard deviations, and none is at its bound.
+STICKING_STDS, MAX_CREEP = 5.0, 0.9
 # Significance level of a larger scatter between logs than within logs.
 CHANCE = 0.1
 
@@ -147,14 +152,14 @@ class CommandedJoint(Estimate):
 class _Problem:
     """Output-error problem of all logs: S columns, one for each joint of each log, padded to the longest log.
 
-    window: samples per mean.  soft: joints whose stick time and creep are free.  steps: of the simulation in a sample.
+    window: samples per mean.  sticking: how each joint sticks.  steps: of the simulation in a sample.
     """
 
     logs: tuple[CommandedLog, ...]
     joints: tuple[str, ...]
     commanded: CommandedJoints
     window: int
-    soft: frozenset[str]
+    sticking: tuple[tuple[str, ...], ...]
     steps: int = 0
 
     @classmethod
@@ -178,10 +183,10 @@ class _Problem:
         )  # fmt: skip
         highest = max(_upper_end(log) for log in logs)
         window = max(1, int(rate_hz / max(MEANS_HZ, MEANS_IN_PERIOD * highest)))
-        return cls(tuple(logs), joints, commanded, window, frozenset(joints))
+        return cls(tuple(logs), joints, commanded, window, (EXACT,) * len(joints))
 
     def resolved(self, numbers: FloatArray) -> "_Problem":
-        """Return the problem with the steps that numbers (..., m, 8) need."""
+        """Return the problem with the steps that numbers (..., m, 10) need."""
         return replace(self, steps=self.commanded.steps(numbers[..., self.index, :]))
 
     @property
@@ -190,7 +195,7 @@ class _Problem:
         return [self.joints.index(joint) for log in self.logs for joint in log.joints]
 
     def simulate(self, numbers: FloatArray, delay_s: FloatArray) -> list[FloatArray]:
-        """Simulate averaged positions (n_k, K, m_k) of each log for K candidates: numbers (K, m, 8), delays (K,)."""
+        """Simulate averaged positions (n_k, K, m_k) of each log for K candidates: numbers (K, m, 10), delays (K,)."""
         means = self.commanded.simulate(numbers[:, self.index], delay_s, self.steps, self.window)
         ends = np.cumsum([len(log.joints) for log in self.logs])[:-1]
         return [part[self._settled(log)] for log, part in zip(self.logs, np.split(means, ends, axis=2), strict=True)]
@@ -200,8 +205,14 @@ class _Problem:
         return [q - sim[:, candidate] for q, sim in zip(self.measured, simulations, strict=True)]
 
     def errors_of(self, numbers: FloatArray, delay_s: float) -> list[FloatArray]:
-        """Return the measured minus the simulated means (n_k, m_k) of each log for numbers (m, 8)."""
+        """Return the measured minus the simulated means (n_k, m_k) of each log for numbers (m, 10)."""
         return self.errors(self.simulate(numbers[None], np.array([delay_s])))
+
+    @property
+    def travel(self) -> FloatArray:
+        """Largest standard deviation of the position of each joint (m,) in a log."""
+        stds = np.concatenate([log.position.std(axis=0) for log in self.logs])
+        return np.array([max(stds[np.array(self.index) == i]) for i in range(len(self.joints))])
 
     @cached_property
     def measured(self) -> list[FloatArray]:
@@ -214,11 +225,14 @@ class _Problem:
 
     @cached_property
     def is_free(self) -> BoolArray:
-        """Flags (m, 8) of free parameters: gravity if it depends on the angle; stick time and creep of soft joints."""
+        """Flags (m, 10) of free parameters: gravity if it depends on the angle, and those of sticking."""
         turns = {
             joint: turn for log in self.logs for joint, turn in zip(log.joints, log.has_gravity.tolist(), strict=True)
         }
-        return np.array([[True] * 4 + [turns[joint]] * 2 + [joint in self.soft] * 2 for joint in self.joints])
+        return np.array([
+            [True] * 4 + [turns[joint]] * 2 + [name in sticking for name in NUMBERS[6:]]
+            for joint, sticking in zip(self.joints, self.sticking, strict=True)
+        ])  # fmt: skip
 
 
 def simulate_commanded(log: CommandedLog, joints: Mapping[str, CommandedJoint]) -> FloatArray:
@@ -240,30 +254,35 @@ def _upper_end(log: CommandedLog) -> float:
 def fit_commanded(logs: Sequence[CommandedLog]) -> dict[str, CommandedJoint]:
     """Estimate the parameters of each joint from logs at one rate; raise DataError if the simulation diverges."""
     problem = _Problem.of(logs)
-    numbers, delay_s = _start(problem)
+    problem, numbers, delay_s = _start(problem)
     while True:
         numbers, delay_s = _search(problem, numbers, delay_s, MAX_ITERATIONS)
         problem = problem.resolved(numbers)
         fits = _fit(problem, numbers, delay_s)
         step_s = 1 / problem.commanded.rate_hz / problem.steps
-        soft = frozenset(joint for joint in problem.soft if _is_soft(fits[joint], step_s))
-        if soft == problem.soft:
+        sticking = tuple(
+            row if _is_significant(fits[joint], row, step_s) else EXACT
+            for joint, row in zip(problem.joints, problem.sticking, strict=True)
+        )
+        if sticking == problem.sticking:
             return fits
-        problem = replace(problem, soft=soft)
+        problem = replace(problem, sticking=sticking)
         numbers[~problem.is_free] = 0.0
 
 
-def _is_soft(fit: CommandedJoint, step_s: float) -> bool:
-    """Return True if Coulomb friction, and stick time above one step (step_s) and creep together, are significant."""
-    excess = np.array([max(fit["stick_time"] - step_s, 0.0), fit["creep"]])
-    places = [fit.names.index("stick_time"), fit.names.index("creep")]
+def _is_significant(fit: CommandedJoint, sticking: Sequence[str], step_s: float) -> bool:
+    """Return True if the Coulomb friction and the parameters of sticking are significant; step_s: simulation step."""
+    if not sticking:
+        return True
+    excess = np.array([max(fit[name] - (step_s if name == "stick_time" else 0.0), 0.0) for name in sticking])
+    places = [fit.names.index(name) for name in sticking]
     squared_stds = float(excess @ np.linalg.pinv(fit.covariance[np.ix_(places, places)]) @ excess)  # Wald's statistic
     stds = min(fit["coulomb"] / max(fit.std("coulomb"), 1e-300), np.sqrt(squared_stds))
-    return stds > SOFT_STDS and fit["creep"] < MAX_CREEP and fit["stick_time"] > step_s
+    return bool(stds > STICKING_STDS and excess[0] > 0 and excess[1] < MAX_CREEP)
 
 
 def _search(problem: _Problem, numbers: FloatArray, delay_s: float, iterations: int) -> tuple[FloatArray, float]:
-    """Minimise the cost by Levenberg-Marquardt steps, the best of DAMPINGS. Return numbers (m, 8) and the delay, s."""
+    """Minimise the cost by Levenberg-Marquardt steps, the best of DAMPINGS. Return numbers (m, 10) and the delay, s."""
     for _ in range(iterations):
         problem = problem.resolved(numbers)
         end = _linearise(problem, numbers, delay_s)
@@ -278,12 +297,23 @@ def _search(problem: _Problem, numbers: FloatArray, delay_s: float, iterations: 
 
 
 def _scales(problem: _Problem) -> FloatArray:
-    """Return typical sizes (m, 8) of the parameters, computed from gains and commands."""
+    """Return typical sizes (m, 10) of the parameters, computed from gains and commands."""
     rows = np.zeros((len(problem.joints), len(NUMBERS)))
     for i, column in enumerate(map(problem.index.index, range(len(problem.joints)))):
         kp, kd = problem.commanded.kp[column], problem.commanded.kd[column]
         torque = kp * max(float(np.std(problem.commanded.command[:, column])) / kp, 1e-3)
-        rows[i] = [max(kd**2 / kp, 1e-9) / 4, max(kd, 1e-9) / 4, torque / 4, torque / 4, torque, torque, 0.01, 0.1]
+        rows[i] = [
+            max(kd**2 / kp, 1e-9) / 4,
+            max(kd, 1e-9) / 4,
+            torque / 4,
+            torque / 4,
+            torque,
+            torque,
+            0.01,
+            0.1,
+            0.1 / kp,
+            0.01,
+        ]
     return rows
 
 
@@ -294,14 +324,13 @@ def _next_numbers(
     trial[is_free] += step[:-1]
     J = numbers[:, 0]  # at least a quarter of it; a negative inertia only grows
     trial[:, 0] = np.maximum(trial[:, 0], np.where(J > 0, J / 4, J))
-    trial[:, [2, 6, 7]] = np.clip(
-        trial[:, [2, 6, 7]], 0.0, [np.inf, 0.5, MAX_CREEP]
-    )  # Coulomb friction, stick time, creep
+    bounded = [2, *range(6, len(NUMBERS))]  # Coulomb friction and sticking
+    trial[:, bounded] = np.clip(trial[:, bounded], 0.0, [np.inf, 0.5, MAX_CREEP, np.inf, 0.5])
     return trial, delay_s + float(np.clip(step[-1], -0.02, 0.02))
 
 
 def _log_squares(problem: _Problem, candidates: FloatArray, delays: FloatArray) -> FloatArray:
-    """Return the logarithm (K, m) of each joint's mean squared errors for candidates (K, m, 8) with delays (K,), s."""
+    """Return the logarithm (K, m) of each joint's mean squared errors for candidates (K, m, 10) with delays (K,), s."""
     simulated = problem.simulate(candidates, delays)
     squares = [_mean_squares(problem, problem.errors(simulated, k)) for k in range(len(delays))]
     return np.log(np.nan_to_num(squares, nan=np.inf))
@@ -376,8 +405,8 @@ def _linearise(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Linea
     return _Linearisation(normal, float(np.sum(np.log(variance))), tuple(scores))
 
 
-def _start(problem: _Problem) -> tuple[FloatArray, float]:
-    """Return start values (m, 8) and their delay, s.
+def _start(problem: _Problem) -> tuple[_Problem, FloatArray, float]:
+    """Return the problem with the best kind of sticking of each joint, start values (m, 10) and their delay, s.
 
     A regression at the best of START_DELAYS is followed by a short search from each row of START_STICKING with the best
     of COULOMB_FACTORS. Each joint has the result with its least cost.
@@ -385,21 +414,22 @@ def _start(problem: _Problem) -> tuple[FloatArray, float]:
     regressions = np.stack([_regress(problem, delay) for delay in START_DELAYS.tolist()])
     problem = problem.resolved(regressions)
     best = int(_log_squares(problem, regressions, START_DELAYS).sum(axis=1).argmin())
-    delay_s, ends = float(START_DELAYS[best]), []
-    for sticking in START_STICKING:
+    delay_s, least = float(START_DELAYS[best]), _scales(problem)[:, 2] / 100
+    travel, ends = problem.travel, []
+    for names, values in START_STICKING:
         candidates = regressions[[best] * len(COULOMB_FACTORS)]
         candidates[..., 2] *= np.array(COULOMB_FACTORS)[:, None]
-        candidates[..., -2:] = sticking
-        numbers, _ = _best(problem, candidates, np.full(len(candidates), delay_s))
-        ends.append(_search(problem, numbers, delay_s, START_ITERATIONS))
-    candidates = np.stack([numbers for numbers, _ in ends])
-    return _best(problem.resolved(candidates), candidates, np.array([late for _, late in ends]))
-
-
-def _best(problem: _Problem, candidates: FloatArray, delays: FloatArray) -> tuple[FloatArray, float]:
-    """Return the best candidate of each joint (m, 8), and the delay with the least sum of their costs, s."""
-    costs = _log_squares(problem, candidates, delays)
-    return candidates[costs.argmin(axis=0), np.arange(costs.shape[1])], float(delays[costs.sum(axis=1).argmin()])
+        candidates[..., 6:] = values
+        candidates[..., 8] *= travel / np.maximum(candidates[..., 2], least)
+        choices = _log_squares(problem, candidates, np.full(len(candidates), delay_s)).argmin(axis=0)
+        alike = replace(problem, sticking=(names,) * len(problem.joints))
+        ends.append(_search(alike, candidates[choices, np.arange(len(choices))], delay_s, START_ITERATIONS))
+    candidates, delays = np.stack([numbers for numbers, _ in ends]), np.array([late for _, late in ends])
+    costs = _log_squares(problem.resolved(candidates), candidates, delays)
+    choices = costs.argmin(axis=0)
+    sticking = tuple(START_STICKING[k][0] for k in choices)
+    numbers = candidates[choices, np.arange(len(choices))]
+    return replace(problem, sticking=sticking), numbers, float(delays[costs.sum(axis=1).argmin()])
 
 
 def smoothed_motion(position: FloatArray, rate_hz: float) -> tuple[list[FloatArray], int]:
@@ -409,7 +439,7 @@ def smoothed_motion(position: FloatArray, rate_hz: float) -> tuple[list[FloatArr
 
 
 def _regress(problem: _Problem, delay_s: float) -> FloatArray:
-    """Return start values (m, 8) by regression on the controller's torque, with commands delayed by delay_s."""
+    """Return start values (m, 10) by regression on the controller's torque, with commands delayed by delay_s."""
     scales, rows = _scales(problem), dict[str, list[tuple[FloatArray, FloatArray]]]()
     for log in problem.logs:
         n, (q, v, a), width = len(log.position), *smoothed_motion(log.position, log.rate_hz)

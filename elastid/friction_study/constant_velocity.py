@@ -78,30 +78,30 @@ class PassRegression:
     @classmethod
     def of(cls, passes: Sequence[Pass], has_gravity: bool, turn: float) -> "PassRegression":
         """Return the columns of all passes; turn: angle of the joint for a turn of the motor, 0 without ripple."""
-        lengths = [len(part.position) for part in passes]
+        lengths = [len(run.position) for run in passes]
         total, shortest = sum(lengths), min(lengths)
         # Rows of all passes, and of the shortest; of very many passes fewer of the shortest, for the memory.
         step = max(1, min(total // 15_000, max(shortest // 40, min(total // 30_000, shortest // 4))))
-        has_ripple = turn > 0 and any(np.ptp(part.position) > turn for part in passes)
-        pairs = list(dict.fromkeys(part.pair for part in passes))
-        loads = list(dict.fromkeys(part.load_name for part in passes)) if has_gravity else []
-        searched = range(N_WAVES if has_ripple else 0)
+        has_ripple = turn > 0 and any(np.ptp(run.position) > turn for run in passes)
+        pairs = list(dict.fromkeys(run.pair for run in passes))
+        loads = list(dict.fromkeys(run.load_name for run in passes)) if has_gravity else []
+        wave_numbers = range(N_WAVES if has_ripple else 0)
         rows, torques, waves = [], [], []
         n_k = len(pairs)
-        for part in passes:
-            q, s, mean = part.position, part.direction, abs(part.velocity.mean())
-            about = np.abs(part.velocity) - mean
+        for run in passes:
+            q, s, mean = run.position, run.direction, abs(run.velocity.mean())
+            about = np.abs(run.velocity) - mean
             about[np.abs(about) < 1e-9 * mean] = 0.0  # rounding is all that a constant speed leaves
-            columns = [s * np.ones_like(q), np.ones_like(q), part.acceleration, s * about, np.cos(q), np.sin(q)]
-            pair, load = pairs.index(part.pair), 2 * loads.index(part.load_name) if loads else -2
-            places = [pair, n_k + pair, *(2 * n_k + i for i in (0, 1, 2 + load, 3 + load))]
+            columns = [s * np.ones_like(q), np.ones_like(q), run.acceleration, s * about, np.cos(q), np.sin(q)]
+            pair, load = pairs.index(run.pair), 2 * loads.index(run.load_name) if loads else -2
+            columns_ = [pair, n_k + pair, *(2 * n_k + i for i in (0, 1, 2 + load, 3 + load))]
             if not loads:
-                places, columns = places[:4], columns[:4]
-            torques.append(folded(part.torque, step).mean(axis=1))
+                columns_, columns = columns_[:4], columns[:4]
+            torques.append(folded(run.torque, step).mean(axis=1))
             X = np.zeros((len(torques[-1]), 2 * n_k + 2 + 2 * len(loads)))
-            X[:, places] = folded(np.stack(columns, axis=1), step).mean(axis=1)
+            X[:, columns_] = folded(np.stack(columns, axis=1), step).mean(axis=1)
             rows.append(X)
-            waves.append(folded(turn_waves(q, s, turn, searched), step).mean(axis=1))
+            waves.append(folded(turn_waves(q, s, turn, wave_numbers), step).mean(axis=1))
         gravity = [f"gravity.{wave}.{load}".rstrip(".") for load in loads for wave in ("cos", "sin")]
         y, pass_index = np.concatenate(torques), np.repeat(np.arange(len(torques)), [len(torque) for torque in torques])
         regression = cls(np.vstack(rows), y, pass_index, np.vstack(waves), ("inertia", "slope", *gravity))
@@ -149,13 +149,13 @@ def harmonic_peaks(residual: FloatArray, waves: ComplexArray) -> BoolArray:
 
 
 def turn_waves(
-    position: FloatArray, direction: FloatArray | float, turn: float, chosen: Iterable[int] = range(N_WAVES)
+    position: FloatArray, direction: FloatArray | float, turn: float, numbers: Iterable[int] = range(N_WAVES)
 ) -> ComplexArray:
     """Return exp(j h N q) (n, n_h), chosen waves of the motor's turns: ripple, then s times these, dry friction."""
-    waves = [np.exp(2j * np.pi / turn * (i % MAX_HARMONIC + 1) * position) for i in chosen]
-    signs = [1.0 if i < MAX_HARMONIC else direction for i in chosen]
-    parts = [sign * wave for sign, wave in zip(signs, waves, strict=True)]
-    return np.stack(parts, axis=1) if parts else np.zeros((len(position), 0), complex)
+    waves = [np.exp(2j * np.pi / turn * (i % MAX_HARMONIC + 1) * position) for i in numbers]
+    signs = [1.0 if i < MAX_HARMONIC else direction for i in numbers]
+    signed_waves = [sign * wave for sign, wave in zip(signs, waves, strict=True)]
+    return np.stack(signed_waves, axis=1) if signed_waves else np.zeros((len(position), 0), complex)
 
 
 def wave_names(wave: int) -> tuple[str, str]:
@@ -238,9 +238,9 @@ def estimate_friction_curve(passes: Sequence[Pass], has_gravity: bool, turn: flo
     has_gravity: True if its torque changes with the angle.  turn: of the joint for one of the motor, whose ripple is
     regressed too; 0 for none.  DataError where a pair has one direction only, or no pair slides.
     """
-    used, notes = _sliding(passes)
-    pairs = {test.pair: [back for back in used if back.pair == test.pair] for test in used}
-    place = used[0].place
+    moving, notes = _sliding(passes)
+    pairs = {test.pair: [back for back in moving if back.pair == test.pair] for test in moving}
+    place = moving[0].place
     for name, members in pairs.items():
         if len({test.direction for test in members}) < 2:
             text = (
@@ -248,7 +248,7 @@ def estimate_friction_curve(passes: Sequence[Pass], has_gravity: bool, turn: flo
                 "back; record both directions"
             )
             raise DataError("friction/constant-velocity", text, f"pass {name} of {place}")
-    design, n_k = PassRegression.of(used, has_gravity, turn), len(pairs)
+    design, n_k = PassRegression.of(moving, has_gravity, turn), len(pairs)
     values, covariance = design.solve()
     stds = np.sqrt(np.diag(covariance))
     states = [[(np.abs(test.velocity).mean(), test.load, test.temperature) for test in pair] for pair in pairs.values()]
@@ -262,13 +262,13 @@ def estimate_friction_curve(passes: Sequence[Pass], has_gravity: bool, turn: flo
         )
         raise DataError("friction/constant-velocity", text, f"passes of {place}")
     numbers = zip(values[2 * n_k :].tolist(), stds[2 * n_k :].tolist(), strict=True)
-    shared = dict(zip(design.shared, numbers, strict=True)) | {"offset": offset}
+    shared_numbers = dict(zip(design.shared, numbers, strict=True)) | {"offset": offset}
     # By direction where the directions differ, else their means.
     signs = (1.0, -1.0) if uneven.any() else (0.0,)
     speed, load, temperature = np.tile(conditions.T, len(signs))
     torque, std = np.concatenate([g + s * uneven for s in signs]), np.tile(stds[:n_k] * np.sqrt(len(signs)), len(signs))
-    directions, slides = np.repeat(signs, n_k), used[0].slides
-    return FrictionCurve(place, speed, directions, torque, std, load, temperature, slides, shared, tuple(notes))
+    directions, slides = np.repeat(signs, n_k), moving[0].slides
+    return FrictionCurve(place, speed, directions, torque, std, load, temperature, slides, shared_numbers, tuple(notes))
 
 
 def _sliding(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
@@ -278,10 +278,10 @@ def _sliding(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
         "the joint stops or reverses during the run (stick-slip at this speed), so that the run is discarded. "
         "Raise the bandwidth of the controller, or measure at a higher speed"
     )
-    used = [part for part in passes if part.pair not in sticks]
-    if not used:
+    sliding = [part for part in passes if part.pair not in sticks]
+    if not sliding:
         raise DataError("friction/constant-velocity-runs", f"no run is usable: {text}", f"passes of {passes[0].place}")
-    return used, [Note("friction/constant-velocity-runs", text, f"pass {name}") for name in sticks]
+    return sliding, [Note("friction/constant-velocity-runs", text, f"pass {name}") for name in sticks]
 
 
 def _uneven(o: FloatArray, covariance: FloatArray, v: FloatArray) -> tuple[FloatArray, tuple[float, float]]:

@@ -44,7 +44,7 @@ from elastid.model.evaluation import evaluated
 from elastid.simulation.closed_loop import compiled
 from elastid.simulation.dynamics import runge_kutta_step
 
-# Relative std of held numbers where none are known; F_s / F_c falls by a tenth while a gear warms up.
+# Default relative std of the fixed parameters; F_s / F_c falls by a tenth while a gear warms up.
 TOLERANCES: Mapping[str, float] = {
     "stiction_ratio": 0.08, "stribeck_velocity": 0.3, "inertia": 0.02, "stiffness": 0.05, "gravity": 0.1
 }  # fmt: skip
@@ -52,12 +52,12 @@ TOLERANCES: Mapping[str, float] = {
 
 @dataclass(frozen=True)
 class TrackedJoint:
-    """Inertias, spring and damper, and the friction from which a filter starts; all on one side of the gear, SI.
+    """Inertias, spring, damper, and initial friction of a joint with a filter; all on one side of the gear, SI.
 
-    link_inertia, stiffness, damping: 0 for a joint that is rigid, with all of its inertia in motor_inertia.
-    stiction_ratio: F_s / F_c.  bristle_stiffness, bristle_damping: sigma_0, sigma_1.  followed: what changes.
-    correlation_s: time constant of the torque noise w, 0 for none.  tolerances: relative std of numbers that are held,
-    those of TOLERANCES; left out or 0 where exact.
+    link_inertia, stiffness, damping: 0 for a rigid joint, whose whole inertia is motor_inertia.  stiction_ratio:
+    F_s / F_c.  bristle_stiffness, bristle_damping: sigma_0, sigma_1.  followed: the tracked parameters.
+    correlation_s: time constant of the torque noise w, 0 for none.  tolerances: relative std of the fixed parameters,
+    by the names of TOLERANCES; missing or 0 for exact ones.
     """
 
     motor_inertia: float
@@ -82,15 +82,15 @@ class TrackedJoint:
 
     @property
     def consider_parameters(self) -> tuple[str, ...]:
-        """The numbers that the filter holds, with a tolerance, in order."""
-        is_there = dict.fromkeys(("stiction_ratio", "stribeck_velocity"), self.stribeck_velocity > 0)
-        is_there["stiffness"] = self.stiffness > 0
-        return tuple(name for name in TOLERANCES if self.tolerances.get(name, 0.0) > 0 and is_there.get(name, True))
+        """The fixed parameters with a tolerance, in order (Schmidt's consider parameters)."""
+        is_modelled = dict.fromkeys(("stiction_ratio", "stribeck_velocity"), self.stribeck_velocity > 0)
+        is_modelled["stiffness"] = self.stiffness > 0
+        return tuple(name for name in TOLERANCES if self.tolerances.get(name, 0.0) > 0 and is_modelled.get(name, True))
 
     def step(self, rate_hz: float) -> ca.Function:
         """Return (x (n,), c (m,), u, g) -> x (n,) a sample later: a Runge-Kutta step and the bristle's exact update.
 
-        u, g: torques, held over the sample.  c: relative errors of the held numbers.
+        u, g: torques, constant over the sample.  c: relative errors of the consider parameters.
         """
         names = self.states
         x, u, g = ca.SX.sym("x", len(names)), ca.SX.sym("u"), ca.SX.sym("g")
@@ -104,8 +104,8 @@ class TrackedJoint:
         curve = Curve(coulomb, self.stiction_ratio * factor["stiction_ratio"] * coulomb, inverse)
         law = Bristle(self.bristle_stiffness, self.bristle_damping)
         noise, inertia = state.get("w", 0.0), factor["inertia"]
-        ways = ("f", "f") if "f" in state else ("f+", "f-")
-        forwards, backwards = (ca.exp(state[name]) if name in state else self.viscous for name in ways)
+        viscous_names = ("f", "f") if "f" in state else ("f+", "f-")
+        forwards, backwards = (ca.exp(state[name]) if name in state else self.viscous for name in viscous_names)
 
         def acceleration(q: ca.SX, v: ca.SX, z: ca.SX, torque: ca.SX) -> ca.SX:
             viscous = forwards * ca.fmax(v[0], 0) + backwards * ca.fmin(v[0], 0)
@@ -122,8 +122,8 @@ class TrackedJoint:
 
         angles, rates = x[:n_q], x[n_q : 2 * n_q]
         q, v, z = runge_kutta_step(acceleration, advanced, angles, rates, state["z"], [u] * 4, 1 / rate_hz)
-        faded = [state["w"] * math.exp(-1 / (rate_hz * self.correlation_s))] if "w" in state else []
-        following = ca.vertcat(q, v, z, *faded, *(state[name] for name in self.followed))
+        decayed_noise = [state["w"] * math.exp(-1 / (rate_hz * self.correlation_s))] if "w" in state else []
+        following = ca.vertcat(q, v, z, *decayed_noise, *(state[name] for name in self.followed))
         return ca.Function("step", [x, c, u, g], [following], ["x", "c", "u", "g"], ["next"])
 
 
@@ -132,14 +132,14 @@ class FilterNoise:
     """Standard deviations of the noise and drift of a filter, one side of the gear, SI.
 
     angle: of a sample of the motor's angle; encoder counts have count / sqrt(12).  torque: white, of a sample.
-    correlated: of w, in torque.  drift: of the followed numbers, in a root second; of the logarithms relative.
-    slip: of the bristle in z_s = F_c / sigma_0, for each z_s of slip, as a random walk: a filter that takes its bristle
-    for certain gets F_c wrong at every stop.
+    correlated_torque: of w.  drift: of the followed numbers, in a root second; of the logarithms relative.
+    slip: of the bristle in z_s = F_c / sigma_0, for each z_s of slip, as a random walk: without this noise F_c is wrong
+    after every stop.
     """
 
     angle: float
     torque: float
-    correlated: float = 0.0
+    correlated_torque: float = 0.0
     drift: Mapping[str, float] = field(default_factory=dict)
     slip: float = 0.1
 
@@ -147,14 +147,14 @@ class FilterNoise:
         """Return the arguments (4 + n_followed,) of a filter's step: variances of a sample."""
         fade = math.exp(-2 / (rate_hz * joint.correlation_s)) if joint.correlation_s > 0 else 1.0
         drift = [self.drift.get(name, 0.0) ** 2 / rate_hz for name in joint.followed]
-        return np.array([self.angle**2, self.torque**2, self.correlated**2 * (1 - fade), self.slip**2, *drift])
+        return np.array([self.angle**2, self.torque**2, self.correlated_torque**2 * (1 - fade), self.slip**2, *drift])
 
 
 def filter_step(joint: TrackedJoint, rate_hz: float) -> ca.Function:
     """Return (x (n,), P (n, n + m), u, g, y, noise (4 + n_followed,)) -> (x, P, innovation e, its variance S).
 
-    P: covariance of the states, then their cross covariance with the m held numbers, over the std of these.
-    u, g: torque of the motor and of the load, held from the sample before.  y: angle now.  noise: FilterNoise.vector.
+    P: covariance of the states, then their cross covariance with the m consider parameters, divided by their stds.
+    u, g: motor and load torque since the previous sample.  y: present angle.  noise: FilterNoise.vector.
     """
     n, m = len(joint.states), len(joint.consider_parameters)
     x, P, c = ca.SX.sym("x", n), ca.SX.sym("P", n, n + m), ca.SX.sym("c", m)
@@ -164,18 +164,18 @@ def filter_step(joint: TrackedJoint, rate_hz: float) -> ca.Function:
     predicted, slope_by_force = ca.substitute([next_state, ca.jacobian(next_state, c)], [c], [ca.SX.zeros(m)])
     F = ca.jacobian(predicted, x)
     std = ca.DM([joint.tolerances[name] for name in joint.consider_parameters])
-    carried, added = F @ P[:, n:], slope_by_force @ ca.diag(std)
-    cross, mixed = carried + added, carried @ added.T
-    spread = F @ P[:, :n] @ F.T + mixed + mixed.T + added @ added.T
+    propagated, sensitivity = F @ P[:, n:], slope_by_force @ ca.diag(std)
+    cross, cross_term = propagated + sensitivity, propagated @ sensitivity.T
+    spread = F @ P[:, :n] @ F.T + cross_term + cross_term.T + sensitivity @ sensitivity.T
     state, by_u = dict(zip(joint.states, ca.vertsplit(x), strict=True)), ca.jacobian(predicted, u)
     z_s = (ca.exp(state["Fc"]) if "Fc" in state else joint.coulomb) / joint.bristle_stiffness
-    slipped = ca.fabs(state["v_m"]) / rate_hz / z_s
-    noises = {"z": noise[3] * z_s**2 * slipped * ca.exp(-slipped), "w": noise[2]}
+    slip = ca.fabs(state["v_m"]) / rate_hz / z_s
+    noises = {"z": noise[3] * z_s**2 * slip * ca.exp(-slip), "w": noise[2]}
     noises |= {name: noise[4 + i] for i, name in enumerate(joint.followed)}
     spread += noise[1] * by_u @ by_u.T + ca.diag(ca.vertcat(*(noises.get(name, 0.0) for name in joint.states)))  # Q
-    towards = spread[:, 0] - cross @ cross[0, :].T
-    S = towards[0] + noise[0]
-    gain = towards / S
+    gain_numerator = spread[:, 0] - cross @ cross[0, :].T
+    S = gain_numerator[0] + noise[0]
+    gain = gain_numerator / S
     e = y - predicted[0]
     reduction = ca.SX.eye(n)
     reduction[:, 0] -= gain
@@ -189,14 +189,14 @@ def filter_step(joint: TrackedJoint, rate_hz: float) -> ca.Function:
 
 # A count over the standard deviation of rounding to it; counts a sample below which rounding is an error for long.
 COUNT_OVER_STD, MOVING = math.sqrt(12), 0.2
-_BLOCK = 1024  # samples of one call, of which all states are kept at once; the last call repeats a motion's last sample
-# Uncertainty of friction before the first sample: relative std, and of the offset as a share of F_c.
+_BLOCK = 1024  # samples of one call, whose states are in memory at once; the last call repeats a motion's last sample
+# Uncertainty of friction before the first sample: relative std; of the offset relative to F_c.
 PRIOR = dict.fromkeys(("f", "f+", "f-", "offset"), 0.5) | {"Fc": 0.3}
 
 
 @frozen_value
 class JointSamples:
-    """Torque and load (n,), each held until the sample's end, and the motor's angle (n,) there; one side, SI.
+    """Torque and load (n,), constant over each sample, and the motor's angle (n,) at its end; one side, SI.
 
     start_s: of the motion, after the first one.
     """
@@ -208,19 +208,19 @@ class JointSamples:
 
     def moves(self, count: float) -> BoolArray:
         """Return True (n,) where the angle moves by MOVING counts a sample, so that rounding is noise."""
-        # Where it stands the likeliest filter is one that runs after the rounded angle, with tenfold torque noise.
-        reach = min(5, (len(self.angle) - 1) // 2)
-        span = np.abs(self.angle[2 * reach :] - self.angle[: len(self.angle) - 2 * reach])
-        return np.pad(span >= 2 * reach * MOVING * count, reach)
+        # At standstill the likelihood prefers ten times the torque noise, which lets the filter follow rounding.
+        half_window = min(5, (len(self.angle) - 1) // 2)
+        span = np.abs(self.angle[2 * half_window :] - self.angle[: len(self.angle) - 2 * half_window])
+        return np.pad(span >= 2 * half_window * MOVING * count, half_window)
 
 
 @dataclass(frozen=True)
 class Track:
-    """Followed numbers x (n, p) over n samples, their std (n, p), and variance (n, p) without errors of held ones.
+    """Output of the filter over n samples: tracked parameters x (n, p), their std (n, p), and innovations.
 
-    innovation, innovation_variance (n,): error of the predicted angle, and its variance without errors of held numbers.
-    covariance (p, p): at the end, as variance.  drift (p,): in a root second.  time_s (n,): from the first motion.
-    moves (n,): as of `JointSamples`; all where hardly any does.
+    variance (n, p): of x without the errors of the consider parameters.  innovation, innovation_variance (n,): error of
+    the predicted angle, and its variance, likewise.  covariance (p, p): at the end, likewise.  drift (p,): std per root
+    second.  time_s (n,): from the first motion.  moves (n,): as in `JointSamples`; all True if fewer than 10 % are.
     """
 
     joint: TrackedJoint
@@ -241,7 +241,7 @@ class Track:
         return self.innovation**2 / self.innovation_variance
 
     def values(self, name: str, stds: float = 0.0) -> FloatArray:
-        """Return number over time (n,), or the limit of its band at so many stds."""
+        """Return a tracked parameter over time (n,), shifted by `stds` standard deviations."""
         i = self.joint.followed.index(name)
         column = self.x[:, i] + stds * self.std[:, i]
         return column if name == "offset" else np.exp(column)
@@ -250,7 +250,7 @@ class Track:
 def first_estimate(
     joint: TrackedJoint, angle: float, load: float = 0.0, velocity: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[FloatArray, FloatArray]:
-    """Return x (n,), P (n, n) of `filter_step` at an angle, spring bent by the load, any bristle, friction by PRIOR.
+    """Return the first x (n,), P (n, n + m) of `filter_step`: spring deflected by the load, friction with std by PRIOR.
 
     velocity: with its standard deviation.
     """
@@ -271,9 +271,9 @@ FIRST_SAMPLES = 5  # over which the velocity at the start of a motion is average
 
 
 class KalmanFilter:
-    """A joint's filter at a rate; run(...) carries an estimate over motions.
+    """Filter of a joint at a sampling rate.
 
-    samples: about how many it will filter in all, as machine code from many on.
+    samples: approximate number that it will filter in all; from many on it is compiled to machine code.
     """
 
     def __init__(self, joint: TrackedJoint, rate_hz: float, samples: int = 0) -> None:
@@ -281,9 +281,9 @@ class KalmanFilter:
         self._block = compiled(filter_step(joint, rate_hz), samples).mapaccum("filter", _BLOCK, 2)
 
     def run(self, motions: Sequence[JointSamples], noise: FilterNoise) -> Track:
-        """Return the track over motions; the pause before one makes friction less certain.
+        """Filter motions one after the other; each pause adds the drift of its duration to the variance of friction.
 
-        A motion starts with the mean velocity of its first samples, as friction would explain a wrong one.
+        A motion starts with the mean velocity of its first samples: an error of it would bias friction.
         """
         joint, n_x, p = self.joint, len(self.joint.states), len(self.joint.followed)
         drift, friction_rows = np.array([noise.drift.get(name, 0.0) for name in joint.followed]), slice(n_x - p, n_x)
@@ -293,25 +293,23 @@ class KalmanFilter:
         numbers, time_s = np.empty((3, sum(lengths), p)), np.zeros(sum(lengths) + 1)
         innovations = np.empty((2, sum(lengths)))
         for n, motion in zip(lengths, motions, strict=True):
-            before, P_before = x, P
-            first = motion.angle[np.minimum([0, FIRST_SAMPLES, 2 * FIRST_SAMPLES], len(motion.angle) - 1)]
-            half, later = np.diff(first) * self.rate_hz / FIRST_SAMPLES
-            x, P = first_estimate(joint, float(motion.angle[0]), float(motion.load[0]), (half, later - half))
+            x_before, P_before = x, P
+            x, P = self._start(motion)
             if start:
-                x[friction_rows], P[friction_rows] = before[friction_rows], P_before[friction_rows]
+                x[friction_rows], P[friction_rows] = x_before[friction_rows], P_before[friction_rows]
                 P[friction_rows, : n_x - p] = 0.0
                 P[friction_rows, friction_rows] += np.diag(drift**2 * max(0.0, motion.start_s - time_s[start]))
             for begin in range(0, n, _BLOCK):
                 samples = slice(begin, begin + _BLOCK)
                 block = np.stack([motion.torque[samples], motion.load[samples], motion.angle[samples]])
-                here = slice(start + begin, start + begin + block.shape[1])
+                rows = slice(start + begin, start + begin + block.shape[1])
                 block = np.pad(block, ((0, 0), (0, _BLOCK - block.shape[1])), "edge")
                 outputs = evaluated(self._block, [x, P.T, *block, noise_rows], shapes)
                 states, spread, e, S = (output[: n - begin] for output in outputs)
                 variance = np.diagonal(spread, axis1=1, axis2=2)[:, friction_rows]
-                considered = np.sum(spread[:, n_x:, friction_rows] ** 2, axis=1)
-                numbers[:, here] = states[:, friction_rows], np.sqrt(variance), variance - considered
-                innovations[:, here] = e, S
+                consider_variance = np.sum(spread[:, n_x:, friction_rows] ** 2, axis=1)
+                numbers[:, rows] = states[:, friction_rows], np.sqrt(variance), variance - consider_variance
+                innovations[:, rows] = e, S
                 x, P = states[-1], spread[-1].T.copy()
             time_s[start + 1 : start + n + 1] = motion.start_s + np.arange(1, n + 1) / self.rate_hz
             start += n
@@ -321,6 +319,12 @@ class KalmanFilter:
         (x, std, variance), (e, S) = numbers, innovations
         return Track(joint, self.rate_hz, x, std, variance, e, S, covariance, drift, time_s[1:], moves)
 
+    def _start(self, motion: JointSamples) -> tuple[FloatArray, FloatArray]:
+        """Return the first x (n,) and P (n, n + m) of a motion, with its mean velocity and the std of this mean."""
+        angles = motion.angle[np.minimum([0, FIRST_SAMPLES, 2 * FIRST_SAMPLES], len(motion.angle) - 1)]
+        first, second = np.diff(angles) * self.rate_hz / FIRST_SAMPLES
+        return first_estimate(self.joint, float(motion.angle[0]), float(motion.load[0]), (first, second - first))
+
 
 def estimate_noise(
     kalman: KalmanFilter, samples: JointSamples, guess: FilterNoise, settled_s: float
@@ -329,13 +333,11 @@ def estimate_noise(
 
     Also returns -2 ln of this likelihood for each sample, less a constant.
 
-    Over samples that move (Track.moves); of angle and bristle's slip at least as guessed.
-
-    Without the bristle's slip other frictions than LuGre's put F_c off by 4 to 18 % where a joint slips by about z_s in
-    a sample.
+    Only samples that move (Track.moves) count. The noise of angle and slip is at least as large as guessed: without
+    slip, F_c is wrong by 4 to 18 % if the friction is not LuGre's and the joint slips by about z_s in a sample.
     """
-    names = ["angle", "torque", "slip", *(["correlated"] if kalman.joint.correlation_s > 0 else [])]
-    settled = np.arange(len(samples.angle)) >= round(settled_s * kalman.rate_hz)
+    names = ["angle", "torque", "slip", *(["correlated_torque"] if kalman.joint.correlation_s > 0 else [])]
+    is_steady = np.arange(len(samples.angle)) >= round(settled_s * kalman.rate_hz)
     lowest = np.log([{"angle": 1.0, "slip": 1.0}.get(name, 1e-3) for name in names])
 
     def noise_at(x: FloatArray) -> FilterNoise:
@@ -344,17 +346,17 @@ def estimate_noise(
 
     def cost(x: FloatArray) -> float:
         track = kalman.run([samples], noise_at(x))
-        S, e = track.innovation_variance[settled & track.moves], track.innovation[settled & track.moves]
+        S, e = track.innovation_variance[is_steady & track.moves], track.innovation[is_steady & track.moves]
         value = float(np.mean(np.log(S) + e**2 / S))
         return value if np.isfinite(value) else 1e6
 
-    # Factors of three about the guess, and about one with less torque and more slip, where another minimum may be, of
-    # other likelihood by more than chance; noise that is known to 5 % is known well enough.
+    # Two simplices with factors of three: about the guess, and about less torque and more slip, where another minimum
+    # may be. The second one counts if its likelihood is significantly larger; an accuracy of 5 % is sufficient.
     n, ends = len(names), list[Any]()
     options: dict[str, Any] = {"xatol": 0.05, "fatol": 1e-4, "maxfev": 150}
-    bounds = [(least, math.log(1e3)) for least in lowest.tolist()]
+    bounds = [(low, math.log(1e3)) for low in lowest.tolist()]
     for start in (np.zeros(n), np.log([{"torque": 0.2, "slip": 4.0}.get(name, 1.0) for name in names])):
         options["initial_simplex"] = np.vstack([start, start + 1.1 * np.eye(n)])
         ends.append(minimize(cost, start, method="Nelder-Mead", bounds=bounds, options=options))
-    end = ends[int((ends[0].fun - ends[1].fun) * settled.sum() > 20.0)]
+    end = ends[int((ends[0].fun - ends[1].fun) * is_steady.sum() > 20.0)]
     return noise_at(end.x), float(end.fun)

@@ -11,22 +11,22 @@ from elastid.friction_study.extended_kalman_filter import Track, first_estimate
 LAGS = 50  # of the autocorrelation
 
 
-# Thresholds of the judgement of a filter. Of 100 clean logs two have a note (scripts/studies/results.csv).
-NIS_BAND = (0.5, 1.15)  # mean NIS of an honest filter; below 1 at rest and without drift
+# Thresholds of the consistency tests. 2 of 100 logs without faults have a note (scripts/studies/results.csv).
+NIS_BAND = (0.5, 1.15)  # mean NIS of a consistent filter; below 1 at zero velocity and without drift
 MAX_CORRELATION = 0.4  # of innovations from sample to sample; above, bands are 1.5 times too narrow
 MAX_STD_RATIO = 0.9  # of a number's std over that without the log: above, the log does not identify it
-LAGS_S: tuple[float, ...] = (0.3, 1.0, 3.0)  # over which a followed number is compared with itself
+LAGS_S: tuple[float, ...] = (0.3, 1.0, 3.0)  # over which changes of a tracked parameter are tested
 MAX_MOVEMENT = (0.2, 2.0)  # mean square over band, and over noise and drift: 1 of white errors
-DIVERGED_NIS = 10.0  # mean NIS, above which and below its inverse no number of the filter counts
+DIVERGED_NIS = 10.0  # mean NIS; above it, or below its inverse, the filter has diverged
 MAX_DEPARTURE = 6.0  # of a followed number from its start, over the std of its prior and drift
 
 
 @frozen_value
 class Consistency:
-    """Consistency of the samples after a filter has settled at which the joint moves (Track.moves).
+    """Consistency of a filter with its log, over moving samples (Track.moves) after its settling time.
 
     nis: mean.  autocorrelation (n_lags,): of the normalised innovations, from lag 0.  n_eff: independent samples.
-    restless: followed numbers that move by more than their bands hold.  divergence: time and reason, empty without.
+    restless: tracked parameters that change by more than their bands allow.  divergence: time and reason, or empty.
     """
 
     nis: float
@@ -39,7 +39,7 @@ class Consistency:
     def doubts(self) -> tuple[str, ...]:
         """Reasons why a band is too narrow: movements, correlation and size of innovations.
 
-        Nothing sees an error of held numbers that the band does not have and the followed ones take up for good.
+        A constant error of a fixed parameter that tracked ones compensate is not detectable.
         """
         reasons = [f"{name} moves by more than noise and filter.drift allow" for name in self.restless]
         if self.autocorrelation[1] > MAX_CORRELATION:  # alternating ones make no band too narrow
@@ -92,30 +92,30 @@ def _restless(track: Track, first: int) -> tuple[str, ...]:
     return tuple(name for name, moves in zip(track.joint.followed, restless, strict=True) if moves)
 
 
-def unknown(track: Track) -> BoolArray:
-    """Return True (n, p) where a number is no better known than before the log, drift included."""
+def is_not_observable(track: Track) -> BoolArray:
+    """Return True (n, p) where the log does not reduce the std of a tracked parameter, drift included."""
     return track.variance > (MAX_STD_RATIO * _prior_std(track)) ** 2
 
 
-def filter_notes(place: str, track: Track, assessment: Consistency) -> Iterator[Note]:
-    """Yield notes on a filter: it diverged, or which numbers are not observable, and why its bands are too narrow."""
-    names, P, diverged = track.joint.followed, track.covariance, assessment.divergence
-    never = np.all(unknown(track), axis=0).tolist()
+def filter_notes(location: str, track: Track, assessment: Consistency) -> Iterator[Note]:
+    """Yield notes on a filter: divergence, unobservable parameters, and reasons why its bands are too narrow."""
+    names, P, divergence = track.joint.followed, track.covariance, assessment.divergence
+    is_constant = np.all(is_not_observable(track), axis=0).tolist()
     std = np.sqrt(np.diag(P))
     pairs = np.argwhere(np.triu(np.abs(P), 1) > MAX_STD_RATIO * np.outer(std, std)).tolist()
-    weak = [f"{name}, held where it began" for name, is_unknown in zip(names, never, strict=True) if is_unknown]
+    weak = [f"{name}, held where it began" for name, is_never in zip(names, is_constant, strict=True) if is_never]
     weak += [f"{names[i]} apart from {names[j]}" for i, j in pairs]
-    if weak and not diverged:
+    if weak and not divergence:
         text = (
             f"the motion does not identify {'; '.join(weak)}: reversals distinguish Coulomb friction from an offset, "
             "several speeds from viscous friction"
         )
-        yield Note("filter/not-observable", text, place, severity="warning" if pairs else "information")
-    if reasons := [f"diverged {diverged}"] if diverged else assessment.doubts:
+        yield Note("filter/not-observable", text, location, severity="warning" if pairs else "information")
+    if reasons := [f"diverged {divergence}"] if divergence else assessment.doubts:
         text = (
             f"{'; '.join(reasons)}; the model or its noise is wrong, and the bands are too narrow: correct "
             "inertia, spring, bristles, gravity and payload of the joint, or give filter.correlation_time, "
             "filter.torque_std or a larger filter.drift"
         )
-        lost, wide = Note("filter/diverged", text, place), Note("filter/inconsistent", text, place)
-        yield lost if diverged else wide
+        diverged_note, wide = Note("filter/diverged", text, location), Note("filter/inconsistent", text, location)
+        yield diverged_note if divergence else wide

@@ -21,7 +21,7 @@ from elastid.friction_study.extended_kalman_filter import (
     TrackedJoint,
     estimate_noise,
 )
-from elastid.friction_study.filter_consistency import LAGS, Consistency, consistency, filter_notes, unknown
+from elastid.friction_study.filter_consistency import LAGS, Consistency, consistency, filter_notes, is_not_observable
 from elastid.friction_study.result import JointFriction, joint_spring
 from elastid.friction_study.spec import FilterSpec
 from elastid.robot import Robot
@@ -85,8 +85,8 @@ def track_friction(
             f"joint {name}",
         )
     # At most half a minute of the longest motion shows the noise.
-    longest, cut = max(motions, key=lambda motion: len(motion.angle)), slice(0, round(30.0 * rate_hz))
-    stretch = JointSamples(longest.torque[cut], longest.load[cut], longest.angle[cut])
+    longest, first_30_s = max(motions, key=lambda motion: len(motion.angle)), slice(0, round(30.0 * rate_hz))
+    stretch = JointSamples(longest.torque[first_30_s], longest.load[first_30_s], longest.angle[first_30_s])
     # Some sixty runs find it.
     filters = [KalmanFilter(joint, rate_hz, 60 * len(stretch.angle) * find_noise) for joint in joints]
     kalman, noise = filters[0], guess
@@ -103,17 +103,17 @@ def track_friction(
         for stds in (0.0, -QUANTILE_95, QUANTILE_95)
     )
     return TrackedFriction(
-        name, slides, joint.followed, track.time_s[ends], values, low, high, unknown(track)[ends], mean_nis,
+        name, slides, joint.followed, track.time_s[ends], values, low, high, is_not_observable(track)[ends], mean_nis,
         assessment, noise, joint, rate_hz, tuple(filter_notes(f"joint {name}", track, assessment))
     )  # fmt: skip
 
 
 def with_tolerances(joint: TrackedJoint, identified: JointFriction) -> TrackedJoint:
     """Return a joint whose fixed numbers have the std that a study identified, else a typical one (TOLERANCES)."""
-    tolerances, shared = dict(joint.tolerances), identified.shared
-    if "inertia" in shared and not joint.stiffness > 0:  # of an elastic one those of the robot's file are taken
-        tolerances["inertia"] = shared["inertia"][1] / shared["inertia"][0]
-    if gravity := [shared[name] for name in ("gravity.cos", "gravity.sin") if name in shared]:
+    tolerances, uncertainties = dict(joint.tolerances), identified.shared
+    if "inertia" in uncertainties and not joint.stiffness > 0:  # of an elastic one those of the robot's file are taken
+        tolerances["inertia"] = uncertainties["inertia"][1] / uncertainties["inertia"][0]
+    if gravity := [uncertainties[name] for name in ("gravity.cos", "gravity.sin") if name in uncertainties]:
         size, std = np.linalg.norm(gravity, axis=0).tolist()
         tolerances["gravity"] = std / max(size, 1e-300)
     return replace(joint, tolerances={name: float(np.clip(std, 1e-4, 0.5)) for name, std in tolerances.items()})
@@ -130,19 +130,19 @@ def track_joints(
 
     StudyError where none can.
     """
-    followed, notes, names = [], list[Note](), [record.name for record in records]
+    tracked, notes, names = [], list[Note](), [record.name for record in records]
     motions = [record for record in records if record.purpose in ("constant_velocity", "motion")]
     alone = [record for record in motions if names.count(record.name) == 1]
-    for done, joint in enumerate(joints):
-        progress(done, len(joints))
+    for n_done, joint in enumerate(joints):
+        progress(n_done, len(joints))
         joint_records = sorted((r for r in alone if r.joint == joint.joint), key=lambda record: record.start_s)
         try:
-            followed.append(_track_joint(robot, joint, joint_records, spec))
+            tracked.append(_track_joint(robot, joint, joint_records, spec))
         except StudyError as error:
             notes.append(Note("filter/record", str(error)))
-    if not followed:
+    if not tracked:
         raise StudyError("filter/start", "; ".join(note.text for note in notes))
-    return tuple(followed), tuple(notes)
+    return tuple(tracked), tuple(notes)
 
 
 def _track_joint(
@@ -160,8 +160,8 @@ def _track_joint(
     laws = frictions(with_laws(robot, {name: (identified.friction, identified.viscous)}))
     law = next(law for law in laws if law.place == f"motor {name}")
     joints = _joints(robot, identified, records, spec, law, identified.viscous)
-    parts = ("gravity.cos", "gravity.sin", "offset")
-    cos, sin, constant = (identified.shared.get(part, (0.0, 0.0))[0] for part in parts)
+    terms = ("gravity.cos", "gravity.sin", "offset")
+    cos, sin, constant = (identified.shared.get(term, (0.0, 0.0))[0] for term in terms)
     motions = tuple(
         # A filter reads a torque that is held from one sample to the next, at whose end the angle is.
         JointSamples(u[:-1], cos * np.cos(q[:-1]) + sin * np.sin(q[:-1]) + constant, q[1:], r.start_s - first_s)

@@ -125,14 +125,14 @@ class MotionFriction:
         plateaus = tuple(plateau for signal in signals for plateau in signal.plateaus)
         seconds = {name: sum(signal.seconds[name] for signal in signals) for name in first.seconds}
         fit = cls(first.motion, chosen, terms, plateaus, first.passband_hz, seconds)
-        return replace(fit, unidentified=tuple(_unidentified(fit, signals)), notes=tuple(_notes(fit, signals)))
+        return replace(fit, unidentified=tuple(_unidentified_terms(fit, signals)), notes=tuple(_notes(fit, signals)))
 
     @property
     def time_summary(self) -> str:
         """Words on each second of the logs: in the regression or why not."""
         unused = [f"{value:.3g} s {name}" for name, value in self.seconds.items() if name != "used" and value > 0]
-        total, used = sum(self.seconds.values()), self.seconds.get("used", 0.0)
-        return f"{used:.3g} of {total:.3g} s in the regression{'; not used: ' if unused else ''}{', '.join(unused)}"
+        total, used_s = sum(self.seconds.values()), self.seconds.get("used", 0.0)
+        return f"{used_s:.3g} of {total:.3g} s in the regression{'; not used_s: ' if unused else ''}{', '.join(unused)}"
 
     def to_friction(self) -> tuple[Friction, float]:
         """Return the law and its viscous friction as in a robot model, without presliding."""
@@ -172,13 +172,13 @@ def _regress(motions: Sequence[Motion], passband_hz: float, widest_hz: float) ->
                     f"motion of {signal.motion.place}",
                 )
     terms = select_terms(signals)
-    chosen = add_curve_uncertainty(signals, terms, regress(signals, terms))
-    if terms.by_direction and chosen.chance("directions.viscous", 0) >= FALSE_ALARM:
+    regression = add_curve_uncertainty(signals, terms, regress(signals, terms))
+    if terms.by_direction and regression.chance("directions.viscous", 0) >= FALSE_ALARM:
         terms = replace(terms, by_direction=False)
-        chosen = add_curve_uncertainty(signals, terms, regress(signals, terms))
-    bias = noise_bias(signals, terms.at(chosen), chosen)
-    pairs = [(name, abs(x)) for name, x in zip(chosen.names, bias, strict=True) if name in COMPARED_PARAMETERS]
-    is_biased = any(x > MAX_BIAS * chosen.std(name) for name, x in pairs)
+        regression = add_curve_uncertainty(signals, terms, regress(signals, terms))
+    bias = noise_bias(signals, terms.at(regression), regression)
+    pairs = [(name, abs(x)) for name, x in zip(regression.names, bias, strict=True) if name in COMPARED_PARAMETERS]
+    is_biased = any(x > MAX_BIAS * regression.std(name) for name, x in pairs)
     if is_biased and (half_hz := passband_hz / 2) >= LOWEST_PASSBAND_HZ:
         try:
             slow = [MotionSignals.of(motion, half_hz) for motion in motions]
@@ -187,14 +187,14 @@ def _regress(motions: Sequence[Motion], passband_hz: float, widest_hz: float) ->
         if not any(signal.used.all() for signal in slow):
             del signals, slow  # before others are made
             return _regress(motions, half_hz, widest_hz)
-    chosen = chosen.widened(bias)
+    regression = regression.widened(bias)
     if motions[0].spring is not None:
         stiff = [replace(motion, spring=None) for motion in motions]
-        rigid = regress([MotionSignals.of(motion, passband_hz) for motion in stiff], terms.at(chosen), steps=0)
-        if rigid.sum_of_squares < chosen.sum_of_squares:
+        rigid = regress([MotionSignals.of(motion, passband_hz) for motion in stiff], terms.at(regression), steps=0)
+        if rigid.sum_of_squares < regression.sum_of_squares:
             return _regress(stiff, passband_hz, widest_hz)
-        chosen = chosen.widened(SPRING_STD * change_of(chosen, rigid))
-    fit = MotionFriction.of(signals, chosen, terms.at(chosen))
+        regression = regression.widened(SPRING_STD * change_of(regression, rigid))
+    fit = MotionFriction.of(signals, regression, terms.at(regression))
     if fit.motion.is_run_down:
         return fit
     return _with_model_errors(fit if fit.terms.delay else _with_delay(fit, signals), motions, widest_hz)
@@ -215,15 +215,15 @@ def _with_model_errors(fit: MotionFriction, motions: Sequence[Motion], widest_hz
     return replace(fit, misfit="; ".join(filter(None, (next(filter(None, texts), ""), fit.misfit))))
 
 
-def _noise_free_differences(bands: Sequence[Sequence[MotionLog]], fit: MotionFriction) -> "Moved":
+def _noise_free_differences(bands: Sequence[Sequence[MotionLog]], fit: MotionFriction) -> "Shifts":
     """Return the shift of one axis' numbers between both bands, less the expected shift by noise of the position."""
     shifts = band_differences(bands, lambda log: axis_equations(log.first, fit.terms))
     if not shifts:
         return shifts
     wide, slow = (noise_bias([log.first for log in band], fit.terms, fit.regression) for band in bands)
-    expected = dict(zip(fit.regression.names, (slow - wide).tolist(), strict=True))
+    differences = dict(zip(fit.regression.names, (slow - wide).tolist(), strict=True))
     return {
-        (joint, name): (change - expected[name], math.hypot(std, NOISE_ERROR * expected[name]))
+        (joint, name): (change - differences[name], math.hypot(std, NOISE_ERROR * differences[name]))
         for (joint, name), (change, std) in shifts.items()
     }
 
@@ -243,7 +243,7 @@ def _notes(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[No
         viscous, coulomb = fit.regression["viscous"], fit.regression["coulomb"]
         v, s = (np.concatenate([s.filtered(getattr(s, x))[s.used] for s in signals]) for x in ("velocity", "direction"))
         friction = float(np.linalg.norm(viscous * v + coulomb * s))
-        ratio = float(np.sqrt(fit.regression.sum_of_squares)) / max(friction, 1e-300)
+        ratio = math.sqrt(fit.regression.sum_of_squares) / max(friction, 1e-300)
         dominates = ratio > 0.1  # of the torque of friction, above which residuals dominate the error of its numbers
         text = f"rms residual of the regression: {fit.regression.relative_error:.1%} of the torque, {ratio:.0%} of "
         text += "the friction torque" + dominates * (
@@ -289,7 +289,7 @@ def _widen_by_delay(fit: MotionFriction, delayed: Regression, lead_s: float) -> 
     return replace(fit, regression=fit.regression.widened(change), notes=(*fit.notes, note))
 
 
-def _unidentified(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[UnidentifiedTerm]:
+def _unidentified_terms(fit: MotionFriction, signals: Sequence[MotionSignals]) -> Iterator[UnidentifiedTerm]:
     """Yield parts of the law without numbers, and a Stribeck effect that only speeds well above its velocity show."""
     if fit.motion.is_run_down:
         return
@@ -337,10 +337,10 @@ def _by_spring(fit: MotionFriction, slow: Sequence[MotionSignals]) -> tuple[Moti
     return replace(fit, regression=numbers.widened(change)), text if stds > SPRING_SHIFT else ""
 
 
-Moved: TypeAlias = Mapping[tuple[str, str], tuple[float, float]]
+Shifts: TypeAlias = Mapping[tuple[str, str], tuple[float, float]]
 
 
-def band_differences(bands: Sequence[Sequence[MotionLog]], equations: Callable[[MotionLog], Equations]) -> Moved:
+def band_differences(bands: Sequence[Sequence[MotionLog]], equations: Callable[[MotionLog], Equations]) -> Shifts:
     """Return shift between both bands, and its std, of numbers by joint and name; empty without bands."""
     if not bands:
         return {}
@@ -349,7 +349,7 @@ def band_differences(bands: Sequence[Sequence[MotionLog]], equations: Callable[[
     return shift_between(wide, slow, rate_hz)
 
 
-def assess_motion(fit: MotionFriction, joint: str, shifts: Moved, passband_hz: float) -> MotionFriction:
+def assess_motion(fit: MotionFriction, joint: str, shifts: Shifts, passband_hz: float) -> MotionFriction:
     """Add significant changes between bands to the intervals of a joint's friction, with a misfit's reason."""
     numbers = fit.regression
     changes = {name: change for (of, name), change in shifts.items() if of == joint and name in COMPARED_PARAMETERS}
@@ -380,13 +380,13 @@ def torque_components(numbers: Regression, columns: Mapping[str, FloatArray]) ->
 
     Offset, ripple and delay are in that of gravity, without an offset in that of Coulomb friction.
     """
-    parts = dict[str, FloatArray]()
+    components = dict[str, FloatArray]()
     gravity_names = ["gravity", "gain", "offset", *(("ripple", "delay") if "offset" in columns else ())]
-    part_of = {"inertia": "inertia"} | dict.fromkeys(gravity_names, "gravity")
+    component_of = {"inertia": "inertia"} | dict.fromkeys(gravity_names, "gravity")
     for name in (name for name in columns if name in numbers.names):
-        part = "viscous" if name.endswith("viscous") else part_of.get(name.partition(".")[0], "coulomb")
-        parts[part] = parts.get(part, 0.0) + numbers[name] * columns[name]
-    return parts
+        component = "viscous" if name.endswith("viscous") else component_of.get(name.partition(".")[0], "coulomb")
+        components[component] = components.get(component, 0.0) + numbers[name] * columns[name]
+    return components
 
 
 # Below the first resonance of a robot, so that it is rigid, and above the frequencies of its motions.
@@ -401,8 +401,8 @@ def regress_robot_motion(
     DataError for friction that drives.
     """
     joints = tuple(logs[0].signals)
-    chosen, regrouped = base_columns_of(robot, joints, logs)
-    base = RigidColumns(robot, joints, joints, chosen)
+    base_columns, regrouped = base_columns_of(robot, joints, logs)
+    base = RigidColumns(robot, joints, joints, base_columns)
     rigid = [base.filtered(log) for log in logs]
 
     def equations(terms: Mapping[str, MotionTerms], sliding: bool = True) -> list[Equations]:
@@ -413,15 +413,15 @@ def regress_robot_motion(
     for joint in joints:
         chance = full.at(joint).chance("directions.viscous", 0)
         terms[joint] = replace(terms[joint], by_direction=chance < FALSE_ALARM)
-    sliding, whole = equations(terms), equations(terms, False)
+    sliding, all_samples = equations(terms), equations(terms, False)
     least = solve(sliding, rate_hz)
-    delayed = solve([with_delays(*log, least, rate_hz) for log in zip(sliding, whole, strict=True)], rate_hz)
+    with_delay = solve([with_delays(*log, least, rate_hz) for log in zip(sliding, all_samples, strict=True)], rate_hz)
     shifts = band_differences(both_bands(logs), lambda log: equations_of(log, terms, base.filtered(log)))
     names, units = zip(*column_names(robot, joints), strict=True)
     # Samples near reversals violate the friction law, but constrain the rigid body: the ridge regression uses them.
-    shrunk, least_shrunk = (ridge_estimate(whole, least, ridges) for ridges in (RIDGES, RIDGES[:1]))
-    base_units = tuple(units[i] for i in chosen)
-    body = RigidBody(joints, base_units, least.pi, least.pi_std, shrunk, chosen, regrouped, names)
+    shrunk, least_shrunk = (ridge_estimate(all_samples, least, ridges) for ridges in (RIDGES, RIDGES[:1]))
+    base_units = tuple(units[i] for i in base_columns)
+    body = RigidBody(joints, base_units, least.pi, least.pi_std, shrunk, base_columns, regrouped, names)
     alone = [
         {
             joint: replace(signal, motion=replace(signal.motion, torque=signal.motion.torque - torque))
@@ -434,7 +434,7 @@ def regress_robot_motion(
     }
     return {
         joint: replace(
-            assess_motion(_with_joint_delay(fit, delayed.at(joint)), joint, shifts, fit.passband_hz), rigid_body=body
+            assess_motion(_with_joint_delay(fit, with_delay.at(joint)), joint, shifts, fit.passband_hz), rigid_body=body
         )
         for joint, fit in friction.items()
     }, alone

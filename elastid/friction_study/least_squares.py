@@ -20,7 +20,7 @@ significantly larger.
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, starmap
 from typing import Any
 
 import numpy as np
@@ -64,7 +64,7 @@ class Optimum:
         """Covariance of x (n, n), for residuals of variance 1, or as much larger as they scatter."""
         return inverse_normal(self.J) * max(1.0, self.cost / max(1, self.dof))
 
-    def scattered_covariance(self, correlated: FloatArray, least: FloatArray) -> FloatArray:
+    def scattered_covariance(self, correlation: FloatArray, min_variance: FloatArray) -> FloatArray:
         r"""Return covariance of x (n, n), residuals correlated with c (m,), of variance v (m,) at least.
 
         .. math:: A^{-1} J^T \mathrm{diag}\left(\max\left(\frac{c\, r^2}{(1 - h)^2}, v\right)\right) J A^{-1},
@@ -74,7 +74,7 @@ class Optimum:
         """
         J, inverse = self.J, inverse_normal(self.J)
         leverage = np.minimum(np.sum((J @ inverse) * J, axis=1), 1 - 1e-9)
-        variance = np.maximum(correlated * (self.r / (1 - leverage)) ** 2, least)
+        variance = np.maximum(correlation * (self.r / (1 - leverage)) ** 2, min_variance)
         influence = inverse @ J.T
         return np.asarray((influence * variance) @ influence.T)
 
@@ -100,14 +100,14 @@ def inverse_normal(J: FloatArray) -> FloatArray:
     _, s, Vt = np.linalg.svd(J / size, full_matrices=False)
     is_identified = s > 1e-12 * s.max()
     inverse = (Vt[is_identified].T / s[is_identified] ** 2) @ Vt[is_identified]
-    reach = np.sum(Vt[~is_identified] ** 2, axis=0) > 1e-6
-    inverse[reach, reach] = np.inf
+    is_infinite = np.sum(Vt[~is_identified] ** 2, axis=0) > 1e-6
+    inverse[is_infinite, is_infinite] = np.inf
     return np.asarray(inverse / np.outer(size, size))
 
 
-def terms_p_value(narrow: float, wide: float, added: int, dof: int) -> float:
-    """Return the p-value by which `added` terms lower the cost from `narrow` to `wide`, with dof left (F test)."""
-    return f_test(narrow - wide, added, max(wide, dof), dof)
+def terms_p_value(larger_model: float, smaller_model: float, n_terms: int, dof: int) -> float:
+    """Return the p-value of the F test for n_terms terms: costs without (narrow) and with them (wide), residual dof."""
+    return f_test(larger_model - smaller_model, n_terms, max(smaller_model, dof), dof)
 
 
 @dataclass(frozen=True)
@@ -142,8 +142,8 @@ class Estimate:
 
     def combination(self, weights: Mapping[str, float]) -> tuple[float, float]:
         """Return the weighted sum of parameters, and its standard deviation."""
-        places, a = [self.names.index(name) for name in weights], np.array([*weights.values()])
-        return float(a @ self.values[places]), float(np.sqrt(a @ self.covariance[np.ix_(places, places)] @ a))
+        indices, a = [self.names.index(name) for name in weights], np.array([*weights.values()])
+        return float(a @ self.values[indices]), float(np.sqrt(a @ self.covariance[np.ix_(indices, indices)] @ a))
 
 
 @dataclass(frozen=True)
@@ -207,7 +207,7 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     stacks = [[getattr(log, name) for log in logs] for name in ("X", "R", "y", "states")]
     X, R, y, states = (parts[0] if len(parts) == 1 else np.concatenate(parts) for parts in stacks)
     (n, m), n_x = y.shape, X.shape[2]
-    weight, used = np.ones(m), np.any(X, axis=2).sum(axis=0)
+    weight, n_used = np.ones(m), np.any(X, axis=2).sum(axis=0)
     for _ in range(5 if m > 1 else 1):  # weights, then the solution
         flat_X, flat_R = ((weight[:, None] * columns).reshape(n * m, -1) for columns in (X, R))
         flat_y = (weight * y).ravel()
@@ -217,16 +217,16 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
         size[size == 0] = 1.0
         beta = np.linalg.lstsq(free_X / size, free_y, rcond=None)[0] / size
         e = (free_y - free_X @ beta).reshape(n, m)
-        weight = weight / np.maximum(np.sqrt(np.sum(e**2, axis=0) / used), 1e-300)
+        weight = weight / np.maximum(np.sqrt(np.sum(e**2, axis=0) / n_used), 1e-300)
     scores = np.einsum("nmx,nm->nx", (free_X / size).reshape(n, m, n_x), e)
     ends = np.cumsum([len(log.y) for log in logs])[:-1]
     parts = np.split(scores, ends)
-    terms = [cosine_count(len(part) / rate_hz, len(parts)) for part in parts]
+    terms = [cosine_count(len(block) / rate_hz, len(parts)) for block in parts]
     bread = np.linalg.pinv((free_X / size).T @ (free_X / size))
-    meat = sum(long_run(part, count) for part, count in zip(parts, terms, strict=True))
+    meat = sum(starmap(long_run, zip(parts, terms, strict=True)))
     error_influence = (free_X / size @ bread).reshape(n, m, n_x)
-    explained = [np.split(columns.reshape(n, m, -1), ends) for columns in (basis, _basis(free_X)[0])]
-    shrinkage, dof = _expected(np.split(error_influence, ends), [*zip(*explained, strict=True)], terms)
+    bases = [np.split(columns.reshape(n, m, -1), ends) for columns in (basis, _basis(free_X)[0])]
+    shrinkage, dof = _variance_moments(np.split(error_influence, ends), [*zip(*bases, strict=True)], terms)
     covariance = bread @ meat @ bread / np.sqrt(np.outer(shrinkage, shrinkage))
     student = small_sample_factors(dof)
     widening = state_widening(bread, scores, states, np.diag(covariance) * student**2, dof)
@@ -234,7 +234,7 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     wider = np.minimum(widening * student / size, 1e100)
     covariance *= np.outer(wider, wider)
     correlation = np.clip(np.sum(e[1:] * e[:-1], axis=0) / np.maximum(np.sum(e**2, axis=0), 1e-300), 0, 0.999)
-    independent = used * (1 - correlation) / (1 + correlation)
+    independent = n_used * (1 - correlation) / (1 + correlation)
     pi = inverse_R @ (basis.T @ (flat_y - flat_X @ beta))
     normal = inverse_normal(_triangle(flat_X, flat_R))[n_x:, n_x:]
     # The numbers take degrees of freedom from the independent residuals.
@@ -243,16 +243,16 @@ def solve(logs: Sequence[Equations], rate_hz: float) -> Solution:
     relative = np.sqrt(squares / np.maximum(np.sum(y**2, axis=0), 1e-300))
     return Solution(
         logs[0].names, beta, pi, pi_std, covariance, relative, squares, independent, dof, widening,
-        tuple(part @ bread / size for part in parts)
+        tuple(block @ bread / size for block in parts)
     )  # fmt: skip
 
 
-def with_delays(log: Equations, whole: Equations, solution: Solution, rate_hz: float) -> Equations:
-    """Add a column for the torque delay of each joint, s, to the equations of a log.  whole: equations at all instants.
+def with_delays(log: Equations, all_instants: Equations, solution: Solution, rate_hz: float) -> Equations:
+    """Add a column for the torque delay of each joint, s, to the equations of a log; all_instants: without omissions.
 
     The column of a delay is the time derivative of the torque that the solution explains.
     """
-    instants, torque = np.arange(len(whole.y)), whole.X @ solution.beta + whole.R @ solution.pi
+    instants, torque = np.arange(len(all_instants.y)), all_instants.X @ solution.beta + all_instants.R @ solution.pi
     rates = make_interp_spline(instants, torque, 5).derivative()(instants) * rate_hz * np.any(log.X, axis=2)
     delays = rates[:, :, None] * np.eye(rates.shape[1])
     names = tuple((joint, "delay") for joint in dict(log.names))
@@ -266,18 +266,18 @@ def shift_between(first: Solution, second: Solution, rate_hz: float) -> dict[tup
     """
     pairs = list(zip(first.influences, second.influences, strict=True))
     terms = [cosine_count(len(low) / rate_hz, len(pairs)) for low, _ in pairs]
-    parts = [high - low for low, high in pairs]
-    variance = sum(np.diag(long_run(part, count)) for part, count in zip(parts, terms, strict=True))
+    differences = [high - low for low, high in pairs]
+    variance = sum(np.diag(long_run(block, count)) for block, count in zip(differences, terms, strict=True))
     std = np.maximum(np.sqrt(variance) * small_sample_factors(sum(terms)), 1e-300)
     return dict(zip(first.names, zip((second.beta - first.beta).tolist(), std.tolist(), strict=True), strict=True))
 
 
-def _expected(
-    error_influence: Sequence[FloatArray], explained: Sequence[Sequence[FloatArray]], terms: Sequence[int]
+def _variance_moments(
+    error_influence: Sequence[FloatArray], bases: Sequence[Sequence[FloatArray]], terms: Sequence[int]
 ) -> tuple[FloatArray, FloatArray]:
     r"""Return E V over the true variance (n_x,), and dof 2 (E V)^2 / var V, of variances V by cosines for white errors.
 
-    error_influence (n, m, n_x): influence of each log's errors on the errors of the numbers.  explained: blocks of
+    error_influence (n, m, n_x): influence of each log's errors on the errors of the numbers.  bases: blocks of
     orthonormal columns (n, m, r) of all numbers, which the residuals lack, so that these are smaller than the errors,
     above all where the columns change as slowly as the cosines do (Bell and McCaffrey, 2002).  For a log's cosines C of
     B terms,
@@ -285,8 +285,8 @@ def _expected(
     .. math:: V = \frac{2}{B} \mathrm{tr}\, C D (I - Q Q^T) D C^T, \quad D = \mathrm{diag}(w), \quad Q Q^T: explained
     """
     n_x = error_influence[0].shape[2]
-    truth, mean, variance = np.zeros(n_x), np.zeros(n_x), np.zeros(n_x)
-    for e, columns, count in zip(error_influence, explained, terms, strict=True):
+    true_variance, mean, variance = np.zeros(n_x), np.zeros(n_x), np.zeros(n_x)
+    for e, columns, count in zip(error_influence, bases, terms, strict=True):
         squares = np.sum(e**2, axis=1)
         # cos a cos b = (cos(a - b) + cos(a + b)) / 2
         cosines = np.concatenate([squares.sum(axis=0)[None], dct(squares, axis=0)[1 : 2 * count + 1] / 2])
@@ -294,24 +294,24 @@ def _expected(
         starts = np.linspace(0, len(e), min(len(e), 16 * count), endpoint=False).astype(int)  # sixteen a half wave
         ranges = [*pairwise([*starts.tolist(), len(e)])]
         sums = np.concatenate(
-            [[np.tensordot(e[i:j], part[i:j], ((0, 1), (0, 1))) for i, j in ranges] for part in columns], axis=2
+            [[np.tensordot(e[i:j], basis[i:j], ((0, 1), (0, 1))) for i, j in ranges] for basis in columns], axis=2
         )
-        lacking = dct(sums, axis=0)[1 : count + 1] / 2
-        M = (cosines[np.abs(j - k)] + cosines[j + k]) / 2 - np.einsum("jxr,kxr->jkx", lacking, lacking)
-        truth += squares.sum(axis=0)
+        projections = dct(sums, axis=0)[1 : count + 1] / 2
+        M = (cosines[np.abs(j - k)] + cosines[j + k]) / 2 - np.einsum("jxr,kxr->jkx", projections, projections)
+        true_variance += squares.sum(axis=0)
         mean += 2 / count * np.einsum("jjx->x", M)
         variance += (2 / count) ** 2 * np.einsum("jkx,jkx->x", M, M)
-    return np.maximum(mean / np.maximum(truth, 1e-300), _LEAST_MEAN), mean**2 / np.maximum(variance, 1e-300)
+    return np.maximum(mean / np.maximum(true_variance, 1e-300), _LEAST_MEAN), mean**2 / np.maximum(variance, 1e-300)
 
 
 def state_widening(
     bread: FloatArray, scores: FloatArray, states: FloatArray, variance: FloatArray, dof: FloatArray
 ) -> FloatArray:
     """Return factors (n_x,) of the std by the covariances over states (n, n_s), 1 where chance explains them."""
-    used, widening, student = np.any(scores, axis=1), np.ones(len(bread)), small_sample_factors(_TERMS)
+    is_used, widening, student = np.any(scores, axis=1), np.ones(len(bread)), small_sample_factors(_TERMS)
     limit = fdtri(_TERMS, dof, 1 - _STATE_CHANCE) * (student / small_sample_factors(dof)) ** 2
     for state in states.T:
-        by_states = np.diag(bread @ long_run(scores[used][np.argsort(state[used])], _TERMS) @ bread) * student**2
+        by_states = np.diag(bread @ long_run(scores[is_used][np.argsort(state[is_used])], _TERMS) @ bread) * student**2
         ratio = by_states / np.maximum(variance, 1e-300)
         widening = np.maximum(widening, np.sqrt(np.where(ratio > limit, ratio, 1.0)))
     return widening

@@ -113,18 +113,18 @@ def detect_passes(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRe
 def _plateaus(record: FrictionRecord) -> tuple[Plateau, ...]:
     """Return plateaus in chronological order; for a log with a speed, the plateaus at this speed."""
     position, velocity, acceleration = smooth_motion(record, STEADY_HZ)
-    candidates = [_way_plateau(position, *way, record.rate_hz) for way in _ways(position)]
-    ways = [plateau for plateau in candidates if plateau is not None]
+    candidates = [_way_plateau(position, *span, record.rate_hz) for span in _one_way_spans(position)]
+    fits = [plateau for plateau in candidates if plateau is not None]
     steady = find_plateaus(velocity, acceleration, record.rate_hz)
-    parts = [part for part in steady if not any(part.start < way.stop and way.start < part.stop for way in ways)]
-    plateaus = [*ways, *parts]
+    spans = [part for part in steady if not any(part.start < span.stop and span.start < part.stop for span in fits)]
+    plateaus = [*fits, *spans]
     if record.speed is not None:
-        reach = MAX_SPEED_DIFFERENCE * record.speed
-        plateaus = [part for part in plateaus if abs(abs(part.velocity) - record.speed) <= reach]
+        max_difference = MAX_SPEED_DIFFERENCE * record.speed
+        plateaus = [part for part in plateaus if abs(abs(part.velocity) - record.speed) <= max_difference]
     return tuple(sorted(plateaus, key=lambda part: part.start))
 
 
-def _ways(position: FloatArray) -> list[tuple[int, int]]:
+def _one_way_spans(position: FloatArray) -> list[tuple[int, int]]:
     """Return first sample and end of each way: between turning points, from which it goes back far enough.
 
     What is not as far, stick-slip and noise at rest, turns no way.
@@ -146,14 +146,14 @@ def _ways(position: FloatArray) -> list[tuple[int, int]]:
 
 def _way_plateau(position: FloatArray, start: int, stop: int, rate_hz: float) -> Plateau | None:
     """Return the plateau of a way with at least half of its time at one speed, if its means over windows are equal."""
-    way = position[start:stop]
-    travelled = np.abs(way - way[0]) > MAX_STEADY_CHANGE * np.ptp(way)
-    ahead = np.abs(way - way[-1]) > MAX_STEADY_CHANGE * np.ptp(way)
-    first, last = int(np.argmax(travelled)), len(way) - int(np.argmax(ahead[::-1]))
+    q = position[start:stop]
+    is_moving = np.abs(q - q[0]) > MAX_STEADY_CHANGE * np.ptp(q)
+    ahead = np.abs(q - q[-1]) > MAX_STEADY_CHANGE * np.ptp(q)
+    first, last = int(np.argmax(is_moving)), len(q) - int(np.argmax(ahead[::-1]))
     w = (last - first) // WAY_WINDOWS
     if WAY_WINDOWS * w < 2 * SHORTEST_S * rate_hz:
         return None
-    steps = way[first + w : last] - way[first : last - w]  # travels over one window
+    steps = q[first + w : last] - q[first : last - w]  # travels over one window
     change, travel = np.abs(steps[w:] - steps[:-w]), np.abs(steps[w:] + steps[:-w]) / 2
     steady = runs(change < MAX_STEADY_CHANGE * travel, w).tolist()
     if not steady:
@@ -161,13 +161,13 @@ def _way_plateau(position: FloatArray, start: int, stop: int, rate_hz: float) ->
     begin, end = max(steady, key=lambda run: run[1] - run[0])
     # The outer windows may reach into ramps, by as much as their means allow.
     inner = slice(first + begin + w // 2, first + end + 2 * w - w // 2)
-    t = np.arange(len(way)) / rate_hz
-    speed, offset = np.polyfit(t[inner], way[inner], 1)
-    away = np.abs(way - speed * t - offset)
+    t = np.arange(len(q)) / rate_hz
+    speed, offset = np.polyfit(t[inner], q[inner], 1)
+    away = np.abs(q - speed * t - offset)
     on_line = away <= MAX_LINE_RATIO * away[inner].max()
-    before, after = on_line[: inner.start][::-1], on_line[inner.stop :]
-    begin = inner.start - int(np.argmin(np.append(before, False)))
-    return Plateau(start + begin, start + inner.stop + int(np.argmin(np.append(after, False))), float(speed))
+    start_run, end_run = on_line[: inner.start][::-1], on_line[inner.stop :]
+    begin = inner.start - int(np.argmin(np.append(start_run, False)))
+    return Plateau(start + begin, start + inner.stop + int(np.argmin(np.append(end_run, False))), float(speed))
 
 
 def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: bool) -> list[tuple[Plateau, Plateau]]:
@@ -177,7 +177,7 @@ def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: boo
         limit = MAX_STEADY_CHANGE * abs(first.velocity)
         if first.velocity * other.velocity >= 0 or abs(first.velocity + other.velocity) > limit:
             return False
-        q, q_back = (record.position[part.start : part.stop] for part in (first, other))
+        q, q_back = (record.position[plateau.start : plateau.stop] for plateau in (first, other))
         common = min(q.max(), q_back.max()) - max(q.min(), q_back.min())
         return not has_gravity or bool(common > MIN_OVERLAP * min(np.ptp(q), np.ptp(q_back)))
 
@@ -195,8 +195,8 @@ def _cut(record: FrictionRecord, forth: Plateau, back: Plateau, number: int) -> 
     margin = round(2 * SHORTEST_S * record.rate_hz)
     start, stop = max(0, forth.start - margin), min(len(record.position), back.stop + margin)
     names = ("position", "torque", "velocity", "temperature", "disturbance", "reference", "link_position")
-    logged = {name: getattr(record, name) for name in names}
-    signals: dict[str, Any] = {name: None if log is None else log[start:stop] for name, log in logged.items()}
+    logged_signals = {name: getattr(record, name) for name in names}
+    signals: dict[str, Any] = {name: None if log is None else log[start:stop] for name, log in logged_signals.items()}
     return replace(
         record, **signals,
         name=f"{record.name}-{number}", purpose="constant_velocity", there=(forth.start - start, forth.stop - start),
@@ -269,8 +269,8 @@ class MotionSignals:
             acting = spline_derivative(spline_filter1d(acting, 5), 0, delay - round(delay))
         position = sosfiltfilt(smooth, acting)
         # Central differences would take 43 % of an acceleration at a fifth of the rate.
-        spline, logged = spline_filter1d(position, 5), spline_filter1d(acting, 5)
-        derivatives = np.stack([spline_derivative(logged, order) * rate**order for order in (1, 2)])
+        spline, torque_spline = spline_filter1d(position, 5), spline_filter1d(acting, 5)
+        derivatives = np.stack([spline_derivative(torque_spline, order) * rate**order for order in (1, 2)])
         # A jump between two samples is sampled as its part within the band is.
         # Samples of jumps in a period of the passband.
         finer = max(1, int(np.ceil(100.0 * passband_hz / rate)))
@@ -301,26 +301,26 @@ class MotionSignals:
     def filtered(self, column: FloatArray) -> FloatArray:
         """Return a side of the equation (n, ...) behind the filter, at the decimated samples, away from the ends."""
         samples, h = self.decimation, len(self.taps) // 2
-        before = h + -2 * h % samples.step  # a whole number of steps before the end of the taps
-        sums = upfirdn(self.taps, column[samples.start - before : samples.stop + h], 1, samples.step, axis=0)
-        first = (before + h) // samples.step
+        offset = h + -2 * h % samples.step  # a whole number of steps before the end of the taps
+        sums = upfirdn(self.taps, column[samples.start - offset : samples.stop + h], 1, samples.step, axis=0)
+        first = (offset + h) // samples.step
         return np.asarray(sums[first : first + len(range(samples.start, samples.stop, samples.step))])
 
     def pieces(self) -> Iterator[tuple["MotionSignals", slice]]:
         """Yield overlapping parts that divide the decimated samples between them, and the samples of each part."""
         step, n, log = self.decimation.step, len(self.position), self.motion
-        reach, size = len(self.taps) + step, max(1, PIECE // step) * step
+        overlap, size = len(self.taps) + step, max(1, PIECE // step) * step
         for start in range(self.decimation.start, self.decimation.stop, size):
             stop = min(start + size, self.decimation.stop)
-            here = slice(max(0, start - reach), min(n, stop + reach))
+            span = slice(max(0, start - overlap), min(n, stop + overlap))
             names = ("position", "torque", "temperature", "payload_torque")
-            cut = {name: None if (x := getattr(log, name)) is None else x[here] for name in names}
-            part = replace(
-                self, motion=replace(log, **cut), decimation=slice(start - here.start, stop - here.start, step),  # type: ignore[arg-type]
-                derivatives=self.derivatives[:, here],
-                **{name: getattr(self, name)[here] for name in ("position", "velocity", "acceleration", "direction")}
+            signals = {name: None if (x := getattr(log, name)) is None else x[span] for name in names}
+            piece = replace(
+                self, motion=replace(log, **signals), decimation=slice(start - span.start, stop - span.start, step),  # type: ignore[arg-type]
+                derivatives=self.derivatives[:, span],
+                **{name: getattr(self, name)[span] for name in ("position", "velocity", "acceleration", "direction")}
             )  # fmt: skip
-            yield part, here
+            yield piece, span
 
     @property
     def noise_powers(self) -> FloatArray:
@@ -365,9 +365,9 @@ class MotionSignals:
     @property
     def seconds(self) -> dict[str, float]:
         """Durations that sum to the duration of the log: used in the regression, and rejected with the reason."""
-        total, used = len(self.position) / self.motion.rate_hz, float(self.used.sum()) / self.decimated_hz
-        rest = min(float(self.rests.mean()) * total, total - used)
-        return {"used": used, "at rest": rest, "near a reversal, rest or end": total - used - rest}
+        total, used_s = len(self.position) / self.motion.rate_hz, float(self.used.sum()) / self.decimated_hz
+        rest_s = min(float(self.rests.mean()) * total, total - used_s)
+        return {"used": used_s, "at rest": rest_s, "near a reversal, rest or end": total - used_s - rest_s}
 
     @property
     def plateaus(self) -> tuple[Plateau, ...]:
@@ -435,7 +435,7 @@ def both_bands(logs: Sequence[MotionLog]) -> tuple[list[MotionLog], ...]:
             return ()
         inner = slow.first.decimation
         samples = slice(inner.start, inner.stop, log.first.decimation.step)
-        for band, part in zip(bands, (log, slow), strict=True):
-            signals = {joint: replace(axis, decimation=samples) for joint, axis in part.signals.items()}
-            band.append(replace(part, signals=signals))
+        for band, log_ in zip(bands, (log, slow), strict=True):
+            signals = {joint: replace(axis, decimation=samples) for joint, axis in log_.signals.items()}
+            band.append(replace(log_, signals=signals))
     return bands

@@ -70,8 +70,8 @@ class Elements:
 
     def to_maxwell_slip(self) -> MaxwellSlip:
         """Return Maxwell slip as a robot's file has it."""
-        used = self.stiffness > 0
-        k, D = self.stiffness[used], self.threshold[used]
+        has_stiffness = self.stiffness > 0
+        k, D = self.stiffness[has_stiffness], self.threshold[has_stiffness]
         # An attraction of 100 torques per second: a slipping element reaches its torque almost at once.
         return MaxwellSlip(tuple(k.tolist()), tuple((k * D / float(k @ D)).tolist()), 100.0 * float(k @ D))
 
@@ -85,8 +85,8 @@ def fit_presliding(loops: FrictionRecord, frequency_hz: float | None, elements: 
     if frequency_hz is None:  # of the loops, not of a dither on them
         frequency_hz = max(1, int(np.argmax(np.abs(np.fft.rfft(u - u.mean()))))) / loops.duration_s
     # The first half loop only gives the elements their start.
-    settled = round(loops.rate_hz / frequency_hz / 2)
-    reach = np.ptp(loops.position[settled:]) / 2
+    n_settling = round(loops.rate_hz / frequency_hz / 2)
+    reach = np.ptp(loops.position[n_settling:]) / 2
     if not reach > max(MIN_COUNTS * resolution, 0.0):
         raise DataError(
             "friction/presliding-loops",
@@ -99,23 +99,23 @@ def fit_presliding(loops: FrictionRecord, frequency_hz: float | None, elements: 
         text = "their torque never reverses, which friction and a spring do alike; log loops, or take purpose: motion"
         raise DataError("friction/presliding-loops", text, f"loops of joint {loops.joint}")
     thresholds = np.geomspace(max(1e-3 * reach, resolution), 2 * reach, 40)
-    used = np.arange(len(u)) >= settled
-    candidates = ((q, _fit(q, u, thresholds, used)) for q in _smoothed(loops, frequency_hz))
+    used = np.arange(len(u)) >= n_settling
+    candidates = ((q, _fit(q, u, thresholds, used)) for q in _smooth(loops, frequency_hz))
     q, spectrum = min(candidates, key=lambda pair: pair[1].mean_square)
     if elements is not None:
         return _element_fit(q, u, spectrum, elements, used)
-    folds = [np.isin(np.arange(len(used)), part) for part in np.array_split(np.flatnonzero(used), 5)]
+    folds = [np.isin(np.arange(len(used)), rows) for rows in np.array_split(np.flatnonzero(used), 5)]
     fits = [_element_fit(q, u, spectrum, count, used) for count in range(1, MAX_ELEMENTS + 1)]
     # Mean squares of what the rest of the log misses in each part of it; the best ones within one std.
     errors = np.array([
         [np.mean((u - _fit(q, u, fit.threshold, used & ~fold).torque(q))[fold] ** 2) for fold in folds] for fit in fits
     ])  # fmt: skip
     difference = errors - errors[np.argmin(errors.mean(axis=1))]
-    bound = np.std(difference, axis=1, ddof=1) / np.sqrt(len(folds))
-    return fits[int(np.argmax(difference.mean(axis=1) <= bound))]
+    std_of_mean = np.std(difference, axis=1, ddof=1) / np.sqrt(len(folds))
+    return fits[int(np.argmax(difference.mean(axis=1) <= std_of_mean))]
 
 
-def _smoothed(loops: FrictionRecord, frequency_hz: float) -> Iterator[FloatArray]:
+def _smooth(loops: FrictionRecord, frequency_hz: float) -> Iterator[FloatArray]:
     """Yield the position as it is, and without its noise in each band, where the sensor is not exact."""
     yield loops.position
     for band in (5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0) if loops.resolution > 0 else ():
@@ -129,16 +129,16 @@ def operators(q: FloatArray, thresholds: FloatArray) -> FloatArray:
     return np.stack([stop(path, float(D)) for D in thresholds], axis=1)
 
 
-def _fit(q: FloatArray, u: FloatArray, thresholds: FloatArray, used: BoolArray) -> Elements:
-    A = operators(q, thresholds)[used]
+def _fit(q: FloatArray, u: FloatArray, thresholds: FloatArray, is_used: BoolArray) -> Elements:
+    A = operators(q, thresholds)[is_used]
     scale = np.linalg.norm(A, axis=0)
     constant = np.ones((len(A), 1))
-    x, _ = nnls(np.hstack([A / scale, constant, -constant]), u[used])
+    x, _ = nnls(np.hstack([A / scale, constant, -constant]), u[is_used])
     k, offset = x[:-2] / scale, float(x[-2] - x[-1])
-    return Elements(k, thresholds, offset, float(np.mean((u[used] - A @ k - offset) ** 2)))
+    return Elements(k, thresholds, offset, float(np.mean((u[is_used] - A @ k - offset) ** 2)))
 
 
-def _element_fit(q: FloatArray, u: FloatArray, spectrum: Elements, count: int, used: BoolArray) -> Elements:
+def _element_fit(q: FloatArray, u: FloatArray, spectrum: Elements, count: int, is_used: BoolArray) -> Elements:
     torque = np.cumsum(spectrum.stiffness * spectrum.threshold)
     start = np.log(np.interp((np.arange(count) + 0.5) / count * torque[-1], torque, spectrum.threshold))
     start = start + 1e-3 * np.arange(count)  # no two the same
@@ -146,11 +146,11 @@ def _element_fit(q: FloatArray, u: FloatArray, spectrum: Elements, count: int, u
     within = np.clip(start, low + 1e-6, high - 1e-6)
 
     def residual(x: FloatArray) -> FloatArray:
-        return (u - _fit(q, u, np.exp(x), used).torque(q))[used]
+        return (u - _fit(q, u, np.exp(x), is_used).torque(q))[is_used]
 
     # Steps of the thresholds are coarse: operators are piecewise linear in them.
     (end,) = minimise(residual, [within], bounds=(low, high), diff_step=1e-3, max_nfev=25)
-    return _fit(q, u, np.sort(np.exp(end.x)), used)
+    return _fit(q, u, np.sort(np.exp(end.x)), is_used)
 
 
 # Limits of responses at rest.
@@ -176,7 +176,7 @@ class PreslidingFit:
 
 
 def fit_presliding_responses(
-    place: str,
+    location: str,
     responses: "Sequence[PreslidingResponse]",
     joint: ElasticJoint | None = None,
     viscous: tuple[float, float] = (0.0, 0.0),
@@ -193,7 +193,7 @@ def fit_presliding_responses(
             "friction/presliding-test",
             "stiffness, damping and slip of bristles cannot be distinguished; excite lines "
             "below and above the resonance of inertia and bristles, at amplitudes up to a tenth of break-away",
-            f"{place} at rest",
+            f"{location} at rest",
         )
     n, scale = len(fit.x) - 3, np.array([np.exp(fit.x[-3]), model.damping_unit])
     # As the residuals scatter: variances from a few periods make good weights, and poor intervals.
@@ -204,7 +204,7 @@ def fit_presliding_responses(
         f"bristles move by {slip:.2g} of what they bend at break-away (rms); above {MAX_SLIP:g} the expansion "
         "over amplitude does not hold: lower the torque at rest"
     )
-    notes = (Note("friction/presliding-test", text, f"{place} at rest"),) if slip > MAX_SLIP else ()
+    notes = (Note("friction/presliding-test", text, f"{location} at rest"),) if slip > MAX_SLIP else ()
     return PreslidingFit(float(scale[0]), float(fit.x[-1] * scale[1]), covariance, len(responses), notes)
 
 
@@ -261,9 +261,9 @@ class _Model:
         """Return covariance (n, n) of x, whatever the residual variances; numbers of the robot model keep their std."""
         n_file = len(fit.r) - sum(2 * len(G.G) for G in self.responses)
         expansion = [np.tile(G.expansion / G.variance, 2) for G in self.responses]
-        correlated = [np.full(2 * len(G.G), G.correlated_lines) for G in self.responses]
-        least = np.concatenate([*expansion, np.ones(n_file)])
-        return fit.scattered_covariance(np.concatenate([*correlated, np.zeros(n_file)]), least)
+        correlation = [np.full(2 * len(G.G), G.correlated_lines) for G in self.responses]
+        min_variance = np.concatenate([*expansion, np.ones(n_file)])
+        return fit.scattered_covariance(np.concatenate([*correlation, np.zeros(n_file)]), min_variance)
 
     def residual(self, x: FloatArray) -> FloatArray:
         """Return residuals (m,) of the responses and of the file's numbers of an elastic joint, of variance 1."""

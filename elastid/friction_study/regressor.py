@@ -65,8 +65,8 @@ class MotionTerms:
     def law(self) -> tuple[str, ...]:
         """Linear numbers of friction, as `static.columns` has them."""
         shows = {"stiction": self.stribeck_velocity > 0, "load.coulomb": self.load}
-        shown = [name for name, is_shown in shows.items() if is_shown]
-        return ("coulomb", "viscous", *shown, *self.heat, *(("directions.viscous",) if self.by_direction else ()))
+        names = [name for name, is_shown in shows.items() if is_shown]
+        return ("coulomb", "viscous", *names, *self.heat, *(("directions.viscous",) if self.by_direction else ()))
 
     @property
     def searched(self) -> dict[str, float]:
@@ -94,11 +94,11 @@ def select_terms(signals: Sequence[MotionSignals]) -> MotionTerms:
     # Within less than a turn of the motor its waves are near to each other, and to what else depends on the angle.
     if 0 < signals[0].motion.turn <= max(float(np.ptp(axis.position)) for axis in signals):
         terms = replace(terms, waves=_waves(signals, terms))
-    delayed = replace(terms, delay=True)
-    fit = regress(signals, delayed)
+    with_delay = replace(terms, delay=True)
+    fit = regress(signals, with_delay)
     # Of more than a sample it is an error of the model, to which the motion has reacted in closed loop.
     if fit.chance("delay", 0) < FALSE_ALARM and abs(fit["delay"]) * signals[0].motion.rate_hz < 1:
-        terms = delayed
+        terms = with_delay
     return _curve(signals, _by_angle(signals, _heat(signals, terms)))
 
 
@@ -121,8 +121,8 @@ def _curve(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
     fits = {speed: regress(signals, speed) for speed in falling}
     best, slowest = min(falling, key=lambda speed: fits[speed].sum_of_squares), falling[-1]
     is_other = fits[slowest].sum_of_squares > fits[best].sum_of_squares * (1 + MAX_COST / fits[slowest].independent)
-    chosen = best if is_other else slowest
-    return chosen.at(fits[chosen])
+    curve = best if is_other else slowest
+    return curve.at(fits[curve])
 
 
 def add_curve_uncertainty(signals: Sequence[MotionSignals], terms: MotionTerms, fit: Regression) -> Regression:
@@ -130,23 +130,23 @@ def add_curve_uncertainty(signals: Sequence[MotionSignals], terms: MotionTerms, 
 
     They are of other exponents of a Stribeck effect, and of one that shows, but not beyond chance.
     """
-    settled, place, changes = terms.at(fit), fit.names.index("coulomb"), [np.zeros(len(fit.names))]
+    fixed_terms, index, changes = terms.at(fit), fit.names.index("coulomb"), [np.zeros(len(fit.names))]
     limit = 1 + MAX_COST / fit.independent
     if terms.stribeck_velocity:
-        others = [regress(signals, replace(settled, exponent=exponent)) for exponent in EXPONENTS]
+        others = [regress(signals, replace(fixed_terms, exponent=exponent)) for exponent in EXPONENTS]
         changes += [change_of(fit, trial) for trial in others if trial.sum_of_squares < limit * fit.sum_of_squares]
     else:
         fastest = max(float(np.abs(signal.velocity).max()) for signal in signals)
-        velocity = _best_velocity(signals, settled, _VELOCITIES * fastest)
-        unseen = regress(signals, replace(settled, stribeck_velocity=velocity), steps=0)
+        velocity = _best_velocity(signals, fixed_terms, _VELOCITIES * fastest)
+        unseen = regress(signals, replace(fixed_terms, stribeck_velocity=velocity), steps=0)
         if unseen["stiction"] > unseen["coulomb"] and unseen.sum_of_squares * limit < fit.sum_of_squares:
             changes.append(change_of(fit, unseen))
-    return fit.widened(max(changes, key=lambda shift: float(abs(shift[place]))))
+    return fit.widened(max(changes, key=lambda shift: float(abs(shift[index]))))
 
 
-def change_of(fit: Regression, other: Regression) -> FloatArray:
+def change_of(fit: Regression, alternative: Regression) -> FloatArray:
     """Return change of the numbers (n_x,) in the other regression."""
-    return np.array([other[name] - fit[name] if name in other.names else 0.0 for name in fit.names])
+    return np.array([alternative[name] - fit[name] if name in alternative.names else 0.0 for name in fit.names])
 
 
 def noise_bias(signals: Sequence[MotionSignals], terms: MotionTerms, fit: Regression) -> FloatArray:
@@ -268,14 +268,14 @@ def equations_of(
     """
     columns = {joint: columns_of(axis, terms[joint], about) for joint, axis in log.signals.items()}
     names = tuple((joint, name) for joint in columns for name in columns[joint])
-    used = np.stack([axis.used | (not sliding) for axis in log.signals.values()], axis=1)
-    X = np.zeros((*used.shape, len(names)))
+    is_used = np.stack([axis.used | (not sliding) for axis in log.signals.values()], axis=1)
+    X = np.zeros((*is_used.shape, len(names)))
     for k, (joint, name) in enumerate(names):
         X[:, [*columns].index(joint), k] = columns[joint][name]
-    R = np.zeros((*used.shape, 0)) if rigid is None else rigid
+    R = np.zeros((*is_used.shape, 0)) if rigid is None else rigid
     y = np.stack([axis.filtered(axis.motion.torque) for axis in log.signals.values()], axis=1)
     states = [axis.filtered(state) for axis in log.signals.values() for state in (axis.position, axis.velocity)]
-    return Equations(X * used[:, :, None], R * used[:, :, None], y * used, np.stack(states, axis=1), names)
+    return Equations(X * is_used[:, :, None], R * is_used[:, :, None], y * is_used, np.stack(states, axis=1), names)
 
 
 def columns_of(signals: MotionSignals, terms: MotionTerms, about: Regression | None = None) -> dict[str, FloatArray]:
@@ -286,21 +286,21 @@ def columns_of(signals: MotionSignals, terms: MotionTerms, about: Regression | N
     """
     inertial = signals.inertial_acceleration
 
-    def raw(part: MotionSignals, here: slice) -> dict[str, FloatArray]:
+    def raw(part: MotionSignals, span: slice) -> dict[str, FloatArray]:
         columns, velocity = full_rate_columns(part, terms, about), part.derivatives[0]
-        logged = {"inertia": inertial[here], "viscous": velocity}
-        logged["directions.viscous"] = np.sign(part.velocity) * velocity
-        return columns | {name: column for name, column in logged.items() if name in columns}
+        motion_columns = {"inertia": inertial[span], "viscous": velocity}
+        motion_columns["directions.viscous"] = np.sign(part.velocity) * velocity
+        return columns | {name: column for name, column in motion_columns.items() if name in columns}
 
-    pieces = [{name: part.filtered(x) for name, x in raw(part, here).items()} for part, here in signals.pieces()]
+    pieces = [{name: part.filtered(x) for name, x in raw(part, span).items()} for part, span in signals.pieces()]
     columns = {name: np.concatenate([piece[name] for piece in pieces]) for name in pieces[0]}
     if terms.delay:
         X, y = np.stack(list(columns.values()), axis=1), signals.filtered(signals.motion.torque)
         size = np.maximum(np.linalg.norm(X[signals.used], axis=0), 1e-300)
         numbers = np.linalg.lstsq(X[signals.used] / size, y[signals.used], rcond=None)[0] / size
         rates = [
-            part.filtered(np.gradient(np.stack(list(raw(part, here).values()), axis=1) @ numbers))
-            for part, here in signals.pieces()
+            part.filtered(np.gradient(np.stack(list(raw(part, span).values()), axis=1) @ numbers))
+            for part, span in signals.pieces()
         ]
         columns["delay"] = np.concatenate(rates) * signals.motion.rate_hz
     return columns

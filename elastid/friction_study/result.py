@@ -101,8 +101,8 @@ class JointFriction(SlidingFriction):
         """Values and stds of identified parameters other than friction: inertia, gravity."""
         if self.motion is None:
             return {} if self.constant_velocity is None else self.constant_velocity.shared
-        chosen = self.motion.regression
-        return {name: (chosen[name], chosen.std(name)) for name in chosen.names}
+        regression = self.motion.regression
+        return {name: (regression[name], regression.std(name)) for name in regression.names}
 
     @property
     def misfit(self) -> str:
@@ -134,11 +134,11 @@ class JointFriction(SlidingFriction):
             why = "no friction is significant and most torque is unexplained. Check the joint and time of the torque"
             return (UnidentifiedTerm("friction", why),)
         if self.friction is None and not self.has_one_speed:
-            slid = any(part is not None for part in (self.static, self.motion, self.commanded))
+            slid = any(fit is not None for fit in (self.static, self.motion, self.commanded))
             why = "the data identify no law that is physically possible" if slid else "the joint slides in no log"
             return (UnidentifiedTerm("friction", why),)
-        required = (term for term in self.unidentified if term.term in ("stribeck", "presliding"))
-        return tuple(term for term in required if not term.reason.startswith((NOT_ASKED, ABSENT)))
+        terms = (term for term in self.unidentified if term.term in ("stribeck", "presliding"))
+        return tuple(term for term in terms if not term.reason.startswith((NOT_ASKED, ABSENT)))
 
 
 @dataclass(frozen=True)
@@ -157,8 +157,8 @@ class FrictionResult:
         """How it ended, and the table of numbers."""
         rows = []
         for row in self.numbers:
-            shown = digits(row.value, row.std)
-            value, ends = number(row.value, shown), " to ".join(interval_of((row.low, row.high), shown))
+            n_digits = digits(row.value, row.std)
+            value, ends = number(row.value, n_digits), " to ".join(interval_of((row.low, row.high), n_digits))
             rows.append((row.name, row.meaning, f"{value} {row.unit}", ends))
         return Display(f"Friction {self.status}: {self.message}", ("number", "meaning", "value", "95 % interval"), rows)
 
@@ -193,6 +193,8 @@ RIGID_TERMS = {
         ("gravity.sin", "H", "gravity, sin q", "N*m", 1),
         ("stick_time", "tau", "time constant of the velocity of a sticking joint without creep", "s", 0),
         ("creep", "c", "fraction of its torque that accelerates a sticking joint", "", 0),
+        ("bristle_compliance", "s", "compliance before sliding", "rad/(N*m)", -2),
+        ("bristle_time", "T_s", "damping over stiffness before sliding", "s", 0),
     )
 }
 
@@ -206,22 +208,22 @@ def law_numbers(joint: str, law: StaticLaw, truth: Truth) -> Iterator[FrictionNu
         by_heat, meaning = "temperature.coulomb", f"{at}: change with temperature"
         terms["coulomb"] = replace(TERMS["coulomb"], prefix="tau", symbol="tau_f", meaning=at)
         terms[by_heat] = replace(TERMS[by_heat], prefix="tauT", symbol="tau_T", meaning=meaning)
-    names, reach = identified_names(law.names, law.unidentified), law.quantile_95
-    yield from _table(joint, curve.slides, learnt, names, law.estimate, truth, reach, terms)
+    names, half_width = identified_names(law.names, law.unidentified), law.quantile_95
+    yield from _table(joint, curve.slides, learnt, names, law.estimate, truth, half_width, terms)
 
 
 def thermal_numbers(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterator[FrictionNumber]:
     """Yield time constants, and heat given off where kelvins are known."""
     constants, read = model.time_constants.tolist(), int(np.isfinite(warm_up.log.temperature).sum())
     learnt = f"{read} readings, {len(warm_up.torque)} test passes in {np.ptp(warm_up.log.time_s) / 60:.3g} min"
-    numbered = zip([""] if len(constants) == 1 else ["1", "2"], constants, strict=True)
+    suffixes = zip([""] if len(constants) == 1 else ["1", "2"], constants, strict=True)
     rows = [(f"h_m{joint}", "h", "heat given off", "W/K", model.h)]
-    rows += [(f"Tc{i}_m{joint}", "C / h", "time constant of warming", "s", T) for i, T in numbered]
+    rows += [(f"Tc{i}_m{joint}", "C / h", "time constant of warming", "s", T) for i, T in suffixes]
     for (name, symbol, meaning, unit, value), log_std in zip(rows, model.log_std.tolist(), strict=True):
-        reach = math.exp(QUANTILE_95 * log_std)  # symmetric in the logarithm
+        half_width = math.exp(QUANTILE_95 * log_std)  # symmetric in the logarithm
         if math.isfinite(value):
             yield FrictionNumber(
-                name, symbol, meaning, unit, value, value * log_std, value / reach, value * reach, learnt
+                name, symbol, meaning, unit, value, value * log_std, value / half_width, value * half_width, learnt
             )
 
 
@@ -232,7 +234,7 @@ def _table(
     identified: Sequence[str],
     estimate: Estimate,
     truth: Truth,
-    reach: float = QUANTILE_95,
+    half_width: float = QUANTILE_95,
     terms: Mapping[str, FrictionTerm] = TERMS,
 ) -> Iterator[FrictionNumber]:
     """Yield numbers that are known, by name, and Coulomb and viscous friction forwards and backwards where they differ.
@@ -251,8 +253,8 @@ def _table(
         unit = "kg" if slides and term.path in ("inertia", "armature") else term.unit_at(slides)
         name = channel_name("gain", "u", f"motor {joint}") if term.path == "gain" else f"{term.name(joint)}{mark}"
         yield FrictionNumber(
-            name, f"{term.symbol}{mark}", f"{term.meaning}{word}", unit, value, std, value - reach * std,
-            value + reach * std, learnt, truth.get(name)
+            name, f"{term.symbol}{mark}", f"{term.meaning}{word}", unit, value, std, value - half_width * std,
+            value + half_width * std, learnt, truth.get(name)
         )  # fmt: skip
 
 
@@ -268,9 +270,9 @@ def true_numbers(robot: Robot, joint: str, static: StaticLaw | None = None) -> d
     paths = {path: numbers[term.name(joint)][0] for path, term in TERMS.items() if term.name(joint) in numbers}
     if static is not None:
         degc, by_load = static.curve.measured_temperatures, law.load is not None and "load.coulomb" not in static.names
-        placed = next(law for law in frictions(robot) if law.place == f"motor {joint}")
+        friction_law = next(law for law in frictions(robot) if law.place == f"motor {joint}")
         load = float(np.mean(static.curve.load)) if by_load else 0.0
-        curve = placed.curve(load, float(np.mean(degc)) if len(degc) else None)
+        curve = friction_law.curve(load, float(np.mean(degc)) if len(degc) else None)
         F_c, F_s, inverse_nu_s, _, alpha_T, F_l = curve[:6].tolist()
         terms = {"coulomb": F_c, "stiction": F_s + F_l, "stribeck_velocity": 1 / inverse_nu_s if inverse_nu_s else None}
         terms |= {name: paths[name] + alpha_T for name in ("viscous", "temperature.viscous") if name in paths}
@@ -288,8 +290,8 @@ def identify_friction(
     """Identify friction of all joints; truth: the simulated robot.  FitError if a required part is not identifiable."""
     joints = tuple(_joint(robot, part, measured, spec, truth) for part in sliding)
     misfits = [f"joint {joint.joint}: {joint.misfit}" for joint in joints if joint.misfit]
-    parts = ((j.friction, j.presliding, j.presliding_test, j.thermal, j.has_one_speed) for j in joints)
-    if not any(map(any, parts)) or all(joint.is_unrelated for joint in joints):
+    results = ((j.friction, j.presliding, j.presliding_test, j.thermal, j.has_one_speed) for j in joints)
+    if not any(map(any, results)) or all(joint.is_unrelated for joint in joints):
         reasons = [f"joint {joint.joint}: {term.reason}" for joint in joints for term in joint.missing]
         return FrictionResult(joints, measured.notes, "failed", "; ".join(reasons))
     status: Status = "misfit" if misfits else "partly" if any(joint.missing for joint in joints) else "identified"
@@ -310,22 +312,22 @@ def _joint(
     at_rest = attempt(notes, "friction/presliding-test", _at_rest, robot, measured.of(name, "presliding_test"), static)
     loops = measured.of(name, "presliding_loops")
     presliding = attempt(notes, "friction/presliding-loops", _presliding, loops, at_rest, spec)
-    warmed = attempt(notes, "friction/warm-up", _heat, name, measured)
-    friction, viscous, refused = _law(sliding, static, presliding, at_rest, spec.law)
+    warm_up = attempt(notes, "friction/warm-up", _heat, name, measured)
+    friction, viscous, refusals = _law(sliding, static, presliding, at_rest, spec.law)
     true = {} if truth is None else true_numbers(truth, name, static)
-    numbers = {row.name: row for row in _numbers(sliding, None if refused else static, at_rest, true)}
-    if warmed is not None:
-        numbers |= {row.name: row for row in thermal_numbers(name, *warmed)}
-        notes += warm_up_note(*warmed, f"warm-up of joint {name}")
+    numbers = {row.name: row for row in _numbers(sliding, None if refusals else static, at_rest, true)}
+    if warm_up is not None:
+        numbers |= {row.name: row for row in thermal_numbers(name, *warm_up)}
+        notes += warm_up_note(*warm_up, f"warm-up of joint {name}")
     notes += () if at_rest is None else at_rest.notes
     fit = sliding.motion if static is None else static
-    unidentified = () if fit is None else fit.unidentified
+    terms = () if fit is None else fit.unidentified
     if presliding is None and at_rest is None:  # logs that were recorded for it, and give no number
-        unidentified += tuple(UnidentifiedTerm("presliding", note.text) for note in notes if note.code in PRESLIDING)
+        terms += tuple(UnidentifiedTerm("presliding", note.text) for note in notes if note.code in PRESLIDING)
     return JointFriction(
-        **vars(sliding) | {"notes": (*notes, *refused)}, static=static, presliding=presliding, presliding_test=at_rest,
-        thermal=None if warmed is None else warmed[0], friction=friction, viscous=viscous,
-        numbers=tuple(numbers.values()), unidentified=unidentified,
+        **vars(sliding) | {"notes": (*notes, *refusals)}, static=static, presliding=presliding, presliding_test=at_rest,
+        thermal=None if warm_up is None else warm_up[0], friction=friction, viscous=viscous,
+        numbers=tuple(numbers.values()), unidentified=terms,
     )  # fmt: skip
 
 
@@ -382,8 +384,8 @@ def _numbers(
         motion, fit = sliding.motion, sliding.motion.regression
         learnt = f"the motion, {len(motion.plateaus)} plateaus, up to {motion.passband_hz:g} Hz"
         rigid = "inertia", "offset", "gain", "gravity.cos", "gravity.sin"
-        identified = identified_names(fit.names, motion.unidentified) if static is None else rigid
-        yield from table(learnt, identified, fit)
+        identifiable_names = identified_names(fit.names, motion.unidentified) if static is None else rigid
+        yield from table(learnt, identifiable_names, fit)
     if sliding.commanded is not None:
         joint = sliding.commanded
         learnt, names = f"commands, {joint.seconds:.3g} s", joint.names

@@ -66,8 +66,8 @@ def _states(robot: Robot, log: MotionLog, samples: slice = slice(None)) -> Float
     for joint, angle in log.resting.items():
         state[0, names.index(joint)] = angle
     for joint, signal in log.signals.items():
-        moved = (signal.position, signal.velocity, signal.acceleration)
-        state[:, names.index(joint)] = [part[samples] for part in moved]
+        states = (signal.position, signal.velocity, signal.acceleration)
+        state[:, names.index(joint)] = [part[samples] for part in states]
     return state
 
 
@@ -113,16 +113,16 @@ def column_names(robot: Robot, joints: Sequence[str]) -> list[tuple[str, str]]:
     """
     frame_columns = [(f"{name}_{joint.name}", unit) for joint in robot.joints for name, unit in _OF_FRAME.items()]
     slides = {joint.name: joint.slides for joint in robot.joints}
-    coupled = [robot.driven_names[i] for i in _coupled(robot)]
+    coupled_joints = [robot.driven_names[i] for i in _coupled_joints(robot)]
     groups = (
         ("Jm", joints, ("kg*m^2", "kg")), ("o", joints, ("N*m", "N")),
-        ("F", coupled, ("N*m", "N")), ("f", coupled, ("N*m*s/rad", "N*s/m")),
+        ("F", coupled_joints, ("N*m", "N")), ("f", coupled_joints, ("N*m*s/rad", "N*s/m")),
     )  # fmt: skip
     rows = [(f"{letter}_{joint}", units[slides[joint]]) for letter, group, units in groups for joint in group]
     return [*frame_columns, *rows]
 
 
-def _coupled(robot: Robot) -> list[int]:
+def _coupled_joints(robot: Robot) -> list[int]:
     """Return motors that a gear couples with other joints, among the driven ones."""
     return np.flatnonzero(np.count_nonzero(robot.mixing, axis=1) > 1).tolist()
 
@@ -135,8 +135,8 @@ def base_columns_of(robot: Robot, joints: tuple[str, ...], logs: Sequence[Motion
     _, R, order = qr(sample / size, mode="economic", pivoting=True)
     diagonal = np.abs(np.diag(R))
     chosen = np.sort(order[: int(np.sum(diagonal > RANK_TOLERANCE * diagonal[0]))]).astype(np.int64)
-    regrouped = np.linalg.lstsq(sample[:, chosen] / size[chosen], sample, rcond=None)[0] / size[chosen, None]
-    return chosen, regrouped
+    combinations = np.linalg.lstsq(sample[:, chosen] / size[chosen], sample, rcond=None)[0] / size[chosen, None]
+    return chosen, combinations
 
 
 def _sizes(sample: FloatArray) -> FloatArray:
@@ -162,23 +162,23 @@ class RigidColumns:
         """Rigid body's columns from q, v, a; indices of the others among `chosen`; places of the rows."""
         n_l, names = len(self.robot.joints), [joint.name for joint in self.robot.joints]
         chosen = np.arange(len(column_names(self.robot, self.joints))) if self.chosen is None else self.chosen
-        places = [names.index(joint) for joint in self.rows]
+        indices = [names.index(joint) for joint in self.rows]
         q, v, a = (ca.SX.sym(name, n_l) for name in "qva")
-        columns = regressor(self.robot)(q, v, a)[places, chosen[chosen < 10 * n_l].tolist()]
-        return ca.Function("part", [q, v, a], [columns]), chosen[chosen >= 10 * n_l] - 10 * n_l, places
+        columns = regressor(self.robot)(q, v, a)[indices, chosen[chosen < 10 * n_l].tolist()]
+        return ca.Function("part", [q, v, a], [columns]), chosen[chosen >= 10 * n_l] - 10 * n_l, indices
 
     def at(self, log: MotionLog, samples: slice) -> FloatArray:
         """Return columns (n, len(rows), n_b) at some samples."""
-        (function, further, places), state = self._function, _states(self.robot, log, samples)
+        (function, further, indices), state = self._function, _states(self.robot, log, samples)
         n, m = state.shape[2], len(self.joints)
-        rotors = np.zeros((n, len(places), 2 * m))
-        for i, (joint, place) in enumerate(zip(self.rows, places, strict=True)):
+        rotors = np.zeros((n, len(indices), 2 * m))
+        for i, (joint, index) in enumerate(zip(self.rows, indices, strict=True)):
             k = self.joints.index(joint)
-            rotors[:, i, k], rotors[:, i, m + k] = state[2, place], 1.0
-        body_columns = np.asarray(ca.DM(function(*state))).reshape(len(places), n, -1).swapaxes(0, 1)
-        coupled, to_joints = _coupled(self.robot), np.linalg.inv(self.robot.mixing)
-        v = to_joints[coupled] @ state[1, list(self.robot.driven_indices)]
-        rows = to_joints.T[[self.robot.driven_names.index(joint) for joint in self.rows]][:, coupled]
+            rotors[:, i, k], rotors[:, i, m + k] = state[2, index], 1.0
+        body_columns = np.asarray(ca.DM(function(*state))).reshape(len(indices), n, -1).swapaxes(0, 1)
+        coupled_joints, to_joints = _coupled_joints(self.robot), np.linalg.inv(self.robot.mixing)
+        v = to_joints[coupled_joints] @ state[1, list(self.robot.driven_indices)]
+        rows = to_joints.T[[self.robot.driven_names.index(joint) for joint in self.rows]][:, coupled_joints]
         sliding = np.concatenate([np.sign(v), v]).T[:, None] * np.tile(rows, 2)
         return np.concatenate([body_columns, np.concatenate([rotors, sliding], axis=2)[:, :, further]], axis=2)
 
@@ -193,7 +193,7 @@ class RigidColumns:
 
     def filtered(self, log: MotionLog) -> FloatArray:
         """Return columns (n, n_y, n_b) behind the filter of both sides, at the samples that are kept."""
-        return np.concatenate([part.filtered(self.at(log, here)) for part, here in log.first.pieces()])
+        return np.concatenate([piece.filtered(self.at(log, span)) for piece, span in log.first.pieces()])
 
 
 def ridge_estimate(logs: Sequence[Equations], solution: Solution, ridges: Sequence[float]) -> FloatArray:

@@ -55,7 +55,7 @@ from elastid.robot.friction_numbers import TERMS
 from elastid.robot.simplified import with_point_mass
 
 # Std of a number over it, from which on its combination with others is stated instead.
-WIDE = 0.1
+MAX_RELATIVE_STD = 0.1
 # Sweeps of the coupling of joints in a simulation, and the change of positions over their extent at which they end.
 MAX_SWEEPS, SWEEP_TOLERANCE = 20, 1e-4
 # Purposes of records of a joint that does not slide.
@@ -69,8 +69,8 @@ def identify_sliding_friction(
     progress(0, 1 + len(joints))
     motions, commanded = _motions(robot, joints, measured), _commanded_joints(robot, measured)
     fits = list[SlidingFriction]()
-    for done, joint in enumerate(joints, start=1):
-        progress(done, 1 + len(joints))
+    for n_done, joint in enumerate(joints, start=1):
+        progress(n_done, 1 + len(joints))
         if joint.name in commanded:
             fits.append(_commanded_friction(joint, commanded[joint.name], measured))
         else:
@@ -119,15 +119,15 @@ def _combination_notes(joint: Joint, fit: CommandedJoint, measured: FrictionReco
     for combination in identifiable_combinations(fit.values[last], fit.covariance[np.ix_(last, last)]):
         names = [last_names[i] for i in combination.members]
         relative = [float(std[i] / max(abs(fit.values[last][i]), 1e-300)) for i in combination.members]
-        if max(relative) < WIDE:
+        if max(relative) < MAX_RELATIVE_STD:
             continue
         pairs = list(zip(combination.weights, (terms[name].symbol for name in names), strict=True))
         rest = (f"{'-' if w < 0 else '+'} {abs(w):.2g} {symbol}" for w, symbol in pairs[1:])
         sentence = " ".join([pairs[0][1], *rest])
-        shown = digits(combination.value, combination.std)
-        interval = f"{number(combination.value, shown)} +- {number(QUANTILE_95 * combination.std, 2)}"
+        n_digits = digits(combination.value, combination.std)
+        interval = f"{number(combination.value, n_digits)} +- {number(QUANTILE_95 * combination.std, 2)}"
         unit = terms[names[0]].unit_at(joint.slides)
-        advice = next((text for of, least, text in SEPARATING if len({*of} & {*names}) >= least), "another motion")
+        advice = next((text for of, n_min, text in SEPARATING if len({*of} & {*names}) >= n_min), "another motion")
         text = (
             f"{sentence} = {interval} {unit} (95 %) is identified, its members only with stds of "
             f"{', '.join(f'{x:.0%}' for x in relative)}. To separate them, record {advice.format(hz=hz)}"
@@ -141,20 +141,20 @@ def _commanded_joints(robot: Robot, measured: FrictionRecords) -> dict[str, Comm
     if not logs:
         return {}
     commanded_logs = [commanded_log(robot, log) for log in logs]
-    carried = {j: c for log in commanded_logs for j, c in zip(log.joints, log.coupled_inertia.tolist(), strict=True)}
+    inertia = {j: c for log in commanded_logs for j, c in zip(log.joints, log.coupled_inertia.tolist(), strict=True)}
     return {
-        joint: _with_motion(fit, measured.of(joint, "commands"), carried[joint])
+        joint: _with_motion(fit, measured.of(joint, "commands"), inertia[joint])
         for joint, fit in fit_commanded(commanded_logs).items()
     }
 
 
-def _with_motion(fit: CommandedJoint, records: Sequence[FrictionRecord], carried: float) -> CommandedJoint:
+def _with_motion(fit: CommandedJoint, records: Sequence[FrictionRecord], inertia: float) -> CommandedJoint:
     """Return the numbers with the motion that identified them, and the inertia that the joint carries."""
     position = np.concatenate([record.position - record.position.mean() for record in records])
     speed = np.concatenate([np.abs(np.gradient(record.position, 1 / record.rate_hz)) for record in records])
     (low, high), travel = np.quantile(speed, [0.05, 0.99]).tolist(), float(np.std(position))
     seconds = sum(record.duration_s for record in records)
-    return replace(fit, travel=travel, speeds=(low, high), carried=carried, logs=len(records), seconds=seconds)
+    return replace(fit, travel=travel, speeds=(low, high), carried=inertia, logs=len(records), seconds=seconds)
 
 
 def commanded_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> CommandedLog:
@@ -167,15 +167,15 @@ def commanded_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> CommandedL
         text = "commands without torques identify no robot with closed loops. Log a torque (role u)"
         raise DataError("friction/rigid-body", text, records[0].place)
     position = np.stack([record.position for record in records], axis=1)
-    load, carried = rigid_loads(robot, records, position)
+    load, inertia = rigid_loads(robot, records, position)
     kp, kd = np.array([record.gains for record in records]).T
-    kd, late = acting_gains(kp, kd, *np.array([record.feedback_delays_s for record in records]).T)
-    pairs = zip(records, carried.tolist(), strict=True)
+    kd, delay_s = acting_gains(kp, kd, *np.array([record.feedback_delays_s for record in records]).T)
+    pairs = zip(records, inertia.tolist(), strict=True)
     turns = [not c and turns_against_gravity(robot, joints[r.joint], r.configuration) for r, c in pairs]
     return CommandedLog(
         records[0].name, tuple(log), records[0].rate_hz, position,
         np.stack([record.command for record in records if record.command is not None], axis=1), kp, kd,
-        np.array([_first_velocity(record) for record in records]), np.array(turns), load, carried, late,
+        np.array([_first_velocity(record) for record in records]), np.array(turns), load, inertia, delay_s,
         records[0].hold == "zero-order"
     )  # fmt: skip
 
@@ -185,23 +185,23 @@ def rigid_loads(robot: Robot, records: Sequence[FrictionRecord], position: Float
 
     Returns both, zeros if the robot model couples none of these joints: each has its own inertia and gravity then.
     """
-    places = [robot.driven_indices[robot.driven_names.index(record.joint)] for record in records]
+    indices = [robot.driven_indices[robot.driven_names.index(record.joint)] for record in records]
     (n, m), rate_hz = position.shape, records[0].rate_hz
     q, v, a = smoothed_motion(position, rate_hz)[0]
     states = np.zeros((3, len(robot.joints), n))
     states[0, list(robot.driven_indices)] = (robot.mixing @ records[0].angles(len(robot.driven)))[:, None]
     for signals, values in zip(states, (q, v, a), strict=True):
-        signals[places] = values.T
+        signals[indices] = values.T
     dynamics, theta = inverse_dynamics(robot), np.array([value for value, _ in robot.parameters().values()])
 
     def torque(q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-        return np.asarray(dynamics(q, v, a, np.tile(theta[:, None], q.shape[1])).full())[places]
+        return np.asarray(dynamics(q, v, a, np.tile(theta[:, None], q.shape[1])).full())[indices]
 
     # Columns of the mass matrix at some instants.
     sample, unit = states[0][:, :: max(1, n // 20)], np.zeros((len(robot.joints), 1))
     zeros, columns = np.zeros_like(sample), []
-    for place in places:
-        unit[:], unit[place] = 0.0, 1.0
+    for index in indices:
+        unit[:], unit[index] = 0.0, 1.0
         columns.append(torque(sample, zeros, zeros + unit) - torque(sample, zeros, zeros))
     M = np.array(columns)  # (m, m, k)
     diagonal = np.mean(M[range(m), range(m)], axis=1)
@@ -222,9 +222,9 @@ def simulated_commands(
     commanded, records = commanded_log(robot, log), list(log.values())
     positions = simulate_commanded(commanded, joints)
     for _ in range(MAX_SWEEPS if np.any(commanded.coupled_inertia) else 0):
-        before, (load, carried) = positions, rigid_loads(robot, records, positions)
-        positions = simulate_commanded(replace(commanded, load=load, coupled_inertia=carried), joints)
-        if np.max(np.abs(positions - before)) < SWEEP_TOLERANCE * float(np.ptp(positions)):
+        last_positions, (load, inertia) = positions, rigid_loads(robot, records, positions)
+        positions = simulate_commanded(replace(commanded, load=load, coupled_inertia=inertia), joints)
+        if np.max(np.abs(positions - last_positions)) < SWEEP_TOLERANCE * float(np.ptp(positions)):
             break
     return positions
 
@@ -239,17 +239,17 @@ def _first_velocity(record: FrictionRecord) -> float:
 def _joint_friction(robot: Robot, joint: Joint, measured: FrictionRecords, motion: "JointMotion") -> SlidingFriction:
     # Test passes of a warm-up identify the effect of temperature; without a thermometer their conditions are unknown.
     runs = measured.of(joint.name, "constant_velocity")
-    planned = [r for r in runs if not r.is_warm_up or np.isfinite(r.mean_temperature)]
-    logged, warmed = [r for r in measured.records if r.joint == joint.name], [log.joint for log in measured.warm_ups]
-    notes, curve = [*notes_of(logged), *motion.notes], None
-    if records := [*planned, *motion.passes]:
+    planned_runs = [r for r in runs if not r.is_warm_up or np.isfinite(r.mean_temperature)]
+    logs, warm_joints = [r for r in measured.records if r.joint == joint.name], [log.joint for log in measured.warm_ups]
+    notes, curve = [*notes_of(logs), *motion.notes], None
+    if records := [*planned_runs, *motion.passes]:
         # The passes of joints that moved together are free of the rigid body.
-        is_free = not planned and motion.friction is not None and motion.friction.rigid_body is not None
+        is_free = not planned_runs and motion.friction is not None and motion.friction.rigid_body is not None
         against = not is_free and turns_against_gravity(robot, joint, records[0].configuration)
-        passes = [part for record in records for part in passes_of(record)]
+        passes = [run for record in records for run in passes_of(record)]
         curve = estimate_friction_curve(passes, against, _turn(joint))
         notes += curve.notes
-    elif not (motion.friction or joint.name in warmed or any(r.purpose in STILL for r in logged)):
+    elif not (motion.friction or joint.name in warm_joints or any(r.purpose in STILL for r in logs)):
         raise DataError(
             "friction/no-record",
             "neither passes nor a motion were recorded; leave it out of friction.joints, or record them",
@@ -294,14 +294,14 @@ class JointMotion:
 def _motions(robot: Robot, joints: Sequence[Joint], measured: FrictionRecords) -> Mapping[str, JointMotion]:
     """Return the motions of each joint that has some; where it moved alone and with others, alone counts."""
     logs = motion_logs(measured)
-    evaluated = _joint_group_motion(robot, [log for log in logs if len(log) > 1])
+    motions = _joint_group_motion(robot, [log for log in logs if len(log) > 1])
     for joint in joints:
-        alone = [log[joint.name] for log in logs if len(log) == 1 and joint.name in log]
-        if alone:
-            evaluated[joint.name] = _single_joint_motion(robot, joint, alone)
+        records_alone = [log[joint.name] for log in logs if len(log) == 1 and joint.name in log]
+        if records_alone:
+            motions[joint.name] = _single_joint_motion(robot, joint, records_alone)
         elif run_downs := measured.of(joint.name, "coast_down"):
-            evaluated[joint.name] = _coasting(robot, joint, run_downs)
-    return evaluated
+            motions[joint.name] = _coasting(robot, joint, run_downs)
+    return motions
 
 
 def motion_logs(measured: FrictionRecords, purpose: Purpose = "motion") -> list[dict[str, FrictionRecord]]:
@@ -317,15 +317,15 @@ def _single_joint_motion(robot: Robot, joint: Joint, records: Sequence[FrictionR
     records, notes = sorted(records, key=lambda record: record.payload), list[Note]()
     against, code = turns_against_gravity(robot, joint, records[0].configuration), "friction/no-record"
     detected = [attempt(notes, code, detect_passes, record, against) or () for record in records]
-    passes = _sufficient_runs([part for parts in detected for part in parts])
+    passes = _sufficient_runs([part for components in detected for part in components])
     friction = attempt(notes, code, _regress, robot, joint, records, against)
     if friction is None and not passes:
         raise DataError(code, str(notes[0]))
     if friction is not None and not robot.loops and friction.regression.chance("inertia", 1) < FALSE_ALARM:
         log, signals = motion_log(robot, {joint.name: records[0]}, PASSBAND_HZ), friction.motion
         columns = full_rate_columns(MotionSignals.of(signals, PASSBAND_HZ), friction.terms)
-        parts = torque_components(friction.regression, columns)
-        rigid = {joint.name: parts["inertia"] + parts.get("gravity", 0.0)}
+        components = torque_components(friction.regression, columns)
+        rigid = {joint.name: components["inertia"] + components.get("gravity", 0.0)}
         check_torques(robot, rigid, torques_in_file(robot, log), records[0].place)
     return JointMotion(friction, passes, (*(friction.notes if friction is not None else ()), *notes))
 
@@ -352,19 +352,19 @@ def _joint_group_motion(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord
         for log, motions in zip(members, robot_logs, strict=True):
             measured = {joint: record.torque for joint, record in log.items()}
             check_torques(robot, measured, torques_in_file(robot, motions), next(iter(log.values())).place)
-        friction, alone = regress_robot_motion(robot, robot_logs)
+        friction, rigid_motions = regress_robot_motion(robot, robot_logs)
         for joint in joints:
-            pairs = zip(members, alone, strict=True)
+            pairs = zip(members, rigid_motions, strict=True)
             records = [replace(log[joint], torque=rigid[joint].motion.torque) for log, rigid in pairs]
-            passes = [part for record in records for part in detect_passes(record, has_gravity=False)]
+            passes = [run for record in records for run in detect_passes(record, has_gravity=False)]
             evaluated[joint] = JointMotion(friction[joint], _sufficient_runs(passes), friction[joint].notes)
     return evaluated
 
 
 def _sufficient_runs(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, ...]:
-    numbers = ((part, np.log(part.speed or 1.0), np.nan_to_num(part.mean_temperature)) for part in passes)
+    numbers = ((run, np.log(run.speed or 1.0), np.nan_to_num(run.mean_temperature)) for run in passes)
     conditions = {
-        (round(log / MAX_STEADY_CHANGE), part.load, round(degc / TEMPERATURE_STEP_K)) for part, log, degc in numbers
+        (round(log / MAX_STEADY_CHANGE), run.load, round(degc / TEMPERATURE_STEP_K)) for run, log, degc in numbers
     }
     return tuple(passes) if len(conditions) >= MIN_SPEEDS else ()
 
@@ -378,13 +378,13 @@ def motion_log(robot: Robot, log: Mapping[str, FrictionRecord], passband_hz: flo
 
 
 def _motion(record: FrictionRecord, against_gravity: bool, turn: float = 0.0) -> Motion:
-    place, degc = f"joint {record.joint}", record.temperature
-    measured = np.zeros(0, bool) if degc is None else np.isfinite(degc)
-    if degc is not None and measured.any():
-        degc = np.interp(np.arange(len(degc)), np.flatnonzero(measured), degc[measured])
+    location, degc = f"joint {record.joint}", record.temperature
+    is_measured = np.zeros(0, bool) if degc is None else np.isfinite(degc)
+    if degc is not None and is_measured.any():
+        degc = np.interp(np.arange(len(degc)), np.flatnonzero(is_measured), degc[is_measured])
     return Motion(
-        place, record.rate_hz, record.position, record.torque, record.slides, against_gravity, turn,
-        record.load_torque, degc if measured.any() else None, record.torque_delay_s
+        location, record.rate_hz, record.position, record.torque, record.slides, against_gravity, turn,
+        record.load_torque, degc if is_measured.any() else None, record.torque_delay_s
     )  # fmt: skip
 
 
@@ -394,7 +394,7 @@ MIN_RATIO, CLOSE_FACTOR, MIN_CORRELATION = 10.0, 4.0, 0.5
 
 
 def check_torques(
-    robot: Robot, measured: Mapping[str, FloatArray], expected: Mapping[str, FloatArray], place: str
+    robot: Robot, measured: Mapping[str, FloatArray], expected: Mapping[str, FloatArray], location: str
 ) -> None:
     """Raise DataError if torques (n,) by joint that follow the expected ones are, in the median, of the other side."""
     powers, ratios = list[float](), list[float]()
@@ -412,17 +412,17 @@ def check_torques(
         f"torques are {ratio**power:.3g} times those of the robot's file, and the ratio of the gear is {ratio:.4g}: "
         f"torques or angles are {advice}, or correct their unit"
     )
-    raise DataError("friction/rigid-body", text, place)
+    raise DataError("friction/rigid-body", text, location)
 
 
 def turns_against_gravity(robot: Robot, joint: Joint, posture: Configuration | None) -> bool:
     """Return True if gravity at a motor changes with its angle, the others fixed; true of a robot with loops."""
     if joint.slides or robot.loops:
         return not joint.slides
-    place, q = [link.name for link in robot.joints].index(joint.name), np.zeros((len(robot.joints), 3))
+    index, q = [link.name for link in robot.joints].index(joint.name), np.zeros((len(robot.joints), 3))
     if posture is not None:
         q[list(robot.driven_indices)] = (robot.mixing @ posture.angles)[:, None]
-    q[place] += (0.0, 1.1, 2.3)  # of these angles no two have the same gravity, whatever its phase
+    q[index] += (0.0, 1.1, 2.3)  # of these angles no two have the same gravity, whatever its phase
     theta = np.array([[value] * 3 for value, _ in robot.parameters().values()])
-    torques = np.asarray(inverse_dynamics(robot)(q, 0 * q, 0 * q, theta).full())[place]
+    torques = np.asarray(inverse_dynamics(robot)(q, 0 * q, 0 * q, theta).full())[index]
     return bool(np.ptp(torques) > 1e-9 * max(1.0, float(np.abs(torques).max())))

@@ -9,7 +9,7 @@ The law is fitted to friction torques by variable projection: linear parameters 
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import product
+from itertools import product, starmap
 
 import numpy as np
 from scipy.special import chdtrc, ndtri, stdtrit
@@ -70,31 +70,31 @@ class StaticLaw:
         # Of speeds that are nearly one Coulomb friction alone is the whole of their torque.
         has_slope = np.ptp(curve.speed) > SAME_SPEED_TOLERANCE * curve.speed.max()
         terms = Terms(("coulomb", "viscous") if has_slope else ("coulomb",), (), {})
-        fit, parts = fit_curve(curve, terms), _candidate_terms(curve)
-        reasons, extrapolated, waiting = dict[str, str](), dict[str, str](), list(parts)
+        fit, candidates = fit_curve(curve, terms), _candidate_terms(curve)
+        reasons, extrapolated, waiting = dict[str, str](), dict[str, str](), list(candidates)
         # A part may show only after a later one: what was refused by its numbers is tried once more.
         for _ in range(2):
             reasons = dict(extrapolated)
-            for part in tuple(waiting):
-                wider, reason = _extended_law(curve, fit, part, getattr(spec, part.name))
+            for term in tuple(waiting):
+                wider, reason = _extended_law(curve, fit, term, getattr(spec, term.name))
                 if wider is None:
-                    reasons.setdefault(part.name, reason)  # the first one is the strongest
+                    reasons.setdefault(term.name, reason)  # the first one is the strongest
                     continue
                 fit = wider
-                waiting.remove(part)
-                reasons.pop(part.name, None)
+                waiting.remove(term)
+                reasons.pop(term.name, None)
                 if reason:
-                    reasons[part.name] = extrapolated[part.name] = reason
+                    reasons[term.name] = extrapolated[term.name] = reason
         # Of a part that is there, a further number that does not show is no refusal.
-        for name in {part.name for part in parts if part not in waiting}:
+        for name in {term.name for term in candidates if term not in waiting}:
             if reasons.get(name, "").startswith(ABSENT):
                 del reasons[name]
         for name, reason in reasons.items():
             if getattr(spec, name) == "yes":
                 text = f"law.{name} cannot be identified: {reason}"
                 raise FitError("friction/law", text, f"friction of {curve.place}")
-        fit = _add_curve_uncertainty(curve, fit, parts[0], spec)
-        return replace(fit, unidentified=tuple(UnidentifiedTerm(name, reason) for name, reason in reasons.items()))
+        fit = _add_curve_uncertainty(curve, fit, candidates[0], spec)
+        return replace(fit, unidentified=tuple(starmap(UnidentifiedTerm, reasons.items())))
 
     @property
     def quantile_95(self) -> float:
@@ -113,8 +113,8 @@ class StaticLaw:
 
     def value_and_std(self, name: str) -> tuple[float, float]:
         """Return a parameter and its std; for stiction, the excess over Coulomb friction."""
-        parts = [key for key in self.names if key in (name, FALLING.get(name))]
-        return self.estimate.combination({key: 1.0 if key == name else -1.0 for key in parts})
+        names = [key for key in self.names if key in (name, FALLING.get(name))]
+        return self.estimate.combination({key: 1.0 if key == name else -1.0 for key in names})
 
     def torque(self, conditions: Conditions) -> FloatArray:
         """Return s tau_f (n,) at conditions."""
@@ -231,8 +231,8 @@ class _Search:
 def friction_of(value: Mapping[str, float], reference: float, measured: MeasuredRange | None) -> tuple[Friction, float]:
     """Return friction model and viscous friction from parameters by name, about a reference temperature in degC."""
     fields = {
-        part: {name.removeprefix(part): x for name, x in value.items() if name.startswith(part)}
-        for part in ("load.", "temperature.", "directions.")
+        prefix: {name.removeprefix(prefix): x for name, x in value.items() if name.startswith(prefix)}
+        for prefix in ("load.", "temperature.", "directions.")
     }
     load, heat, apart = fields.values()
     heat |= {"viscous": max(0.0, heat["viscous"])} if "viscous" in heat else {}  # no law grows with heat
@@ -275,7 +275,7 @@ class UnidentifiedTerm:
 
 def identified_names(names: Iterable[str], unidentified: Iterable[UnidentifiedTerm]) -> tuple[str, ...]:
     """Return the names without Stribeck numbers if the Stribeck effect is an extrapolation."""
-    is_extrapolated = any(part.term == "stribeck" for part in unidentified)
+    is_extrapolated = any(term.term == "stribeck" for term in unidentified)
     return tuple(name for name in names if not (is_extrapolated and name.endswith(STRIBECK_NUMBERS)))
 
 

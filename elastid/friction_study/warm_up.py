@@ -112,22 +112,22 @@ class _Problem:
     def residual(self, x: FloatArray) -> FloatArray:
         """Return residuals (n,) of temperatures, friction torques and the start, of variance 1."""
         warm_up, (constants, fractions, torque_fractions, h, start) = self.warm_up, self.thermal_parameters(x)
-        parts = []
+        residuals = []
         if self.is_kelvin:
             log, T = warm_up.log, temperature(warm_up.log, constants, fractions, h, start)
             read, std = np.isfinite(log.temperature), max(log.temperature_std, BEST_THERMOMETER)
-            parts += [(log.temperature - T)[read] / std, x[-1:]]
+            residuals += [(log.temperature - T)[read] / std, x[-1:]]
         if self.has_series:
             weight = 1 / np.hypot(warm_up.torque_std, PARABOLA * warm_up.torque)
             A, b = self.series(constants, torque_fractions) * weight[:, None], warm_up.torque * weight
-            parts.append(b - A @ np.linalg.lstsq(A, b, rcond=None)[0])
-        return np.concatenate(parts)
+            residuals.append(b - A @ np.linalg.lstsq(A, b, rcond=None)[0])
+        return np.concatenate(residuals)
 
     def series(self, constants: FloatArray, fractions: FloatArray) -> FloatArray:
         """Return columns (m, 3 n_speeds) of the parabolas."""
-        speeds, place = np.unique(np.round(self.warm_up.test_speed, 9), return_inverse=True)
+        speeds, index = np.unique(np.round(self.warm_up.test_speed, 9), return_inverse=True)
         heat = _heat(self.warm_up.log, constants, fractions)[self.warm_up.test] / self.warm_up.log.power.max()
-        return np.hstack([np.eye(len(speeds))[place] * heat[:, None] ** power for power in range(3)])
+        return np.hstack([np.eye(len(speeds))[index] * heat[:, None] ** power for power in range(3)])
 
     def fit(self, constant: float | None = None) -> ThermalModel:
         """Return the best of a few starts; constant: with one thermal node. Raise FitError without an optimum."""
@@ -156,7 +156,7 @@ class _Problem:
         return ThermalModel(constants, fractions, h, log_std, end.cost, end.dof - eliminated)
 
 
-def warm_up_note(model: ThermalModel, warm_up: WarmUp, place: str) -> tuple[Note, ...]:
+def warm_up_note(model: ThermalModel, warm_up: WarmUp, location: str) -> tuple[Note, ...]:
     """Return a note where a warm-up ended before its slowest time constant was known."""
     std, constant = float(model.log_std[1]), float(model.time_constants[0])  # of the slowest
     seconds = float(np.ptp(warm_up.log.time_s))
@@ -166,7 +166,7 @@ def warm_up_note(model: ThermalModel, warm_up: WarmUp, place: str) -> tuple[Note
         f"{seconds / 60:.3g} min show a time constant of {constant / 60:.3g} min to {std:.0%} only, so that the final "
         "temperature is extrapolated: log two to three time constants, or a pause in which the joint cools"
     )
-    return (Note("friction/warm-up", text, place),)
+    return (Note("friction/warm-up", text, location),)
 
 
 def _heat(log: WarmUpLog, constants: FloatArray, fractions: FloatArray) -> FloatArray:
@@ -189,7 +189,7 @@ def temperature(log: WarmUpLog, constants: FloatArray, fractions: FloatArray, h:
 def warm_up_of(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:
     """Return the log with the friction torque of each test pass."""
     pairs = [passes_of(record) for record in tests]
-    speeds = [float(np.mean([abs(part.velocity.mean()) for part in pair])) for pair in pairs]
+    speeds = [float(np.mean([abs(run.velocity.mean()) for run in pair])) for pair in pairs]
     solved = [PassRegression.of(pair, True, 0.0).solve() for pair in pairs]
     torques = np.array([(values[0], np.sqrt(covariance[0, 0])) for values, covariance in solved]).reshape(-1, 2)
     samples = np.searchsorted(log.time_s[1:], [record.start_s for record in tests], side="right")

@@ -63,29 +63,29 @@ def _equilibrium(model: ElasticModel, numbers: bytes, angles: bytes, name: str, 
     free, theta = free_coordinates(model), model.carried(theta, configuration.has_payload)
     q = rigid_posture(model, configuration, theta)
     rigid = q.copy()
-    now = _balance(model, theta, q, free)
+    state = _balance(model, theta, q, free)
     gravity = model.potential_gradient(q, theta).full()[:, 0]
-    bad = np.flatnonzero(~np.isfinite(np.column_stack([gravity, now.K])).all(axis=1))
+    bad = np.flatnonzero(~np.isfinite(np.column_stack([gravity, state.K])).all(axis=1))
     if bad.size:
         text = "a parameter of the robot is not finite, or a gas spring is at its end, without a gas column left"
         text = f"the torque on {model.coordinates[bad[0]]} is not a finite number; {text}"
         raise StudyError("robot/no-equilibrium", text, f"configuration {configuration.name}")
     for _ in range(MAX_STEPS):
         # Back onto the loops in full, and from there downhill along them.
-        Z, K = null_space(now.Phi[:, free]), now.K[np.ix_(free, free)]
-        close = np.linalg.lstsq(now.Phi[:, free], -now.phi)[0]
-        pull = Z.T @ (now.torque[free] + K @ close)
+        Z, K = null_space(state.Phi[:, free]), state.K[np.ix_(free, free)]
+        close = np.linalg.lstsq(state.Phi[:, free], -state.phi)[0]
+        pull = Z.T @ (state.torque[free] + K @ close)
         along = _downhill(Z.T @ K @ Z, pull, 1e-9 * np.abs(gravity).max())
         back, step = np.zeros(model.n_q), np.zeros(model.n_q)
         back[free], step[free] = close, Z @ along
         largest = np.abs(back + step).max(initial=0.0)
         scale = min(1.0, MAX_STEP / max(largest, CONVERGED_STEP))
-        q, now = _shortened(model, theta, q + scale * back, scale * step, scale * float(pull @ along), free)
+        q, state = _shorten_step(model, theta, q + scale * back, scale * step, scale * float(pull @ along), free)
         if largest <= CONVERGED_STEP:
             break
-    for fault in _faults(model, theta, free, q, rigid, now, np.abs(gravity).max()):
+    for fault in _faults(model, theta, free, q, rigid, state, np.abs(gravity).max()):
         raise StudyError("robot/no-equilibrium", fault, f"configuration {configuration.name}")
-    return OperatingPoint(configuration, q, now.lambda_, model.B.T @ now.torque)
+    return OperatingPoint(configuration, q, state.lambda_, model.B.T @ state.torque)
 
 
 @dataclass(frozen=True)
@@ -131,7 +131,7 @@ def _downhill(K: FloatArray, torque: FloatArray, rounding: float) -> FloatArray:
     return -modes @ np.where((size > floor) | (np.abs(pull) > rounding), pull / np.maximum(size, floor), 0.0)
 
 
-def _shortened(
+def _shorten_step(
     model: ElasticModel, theta: FloatArray, q: FloatArray, step: FloatArray, slope: float, free: IntArray
 ) -> tuple[FloatArray, _Balance]:
     """Return q and balance after the step, halved until V along it is not nearly as steep uphill at its end.
@@ -140,10 +140,10 @@ def _shortened(
     """
     for halving in range(HALVINGS):
         q_new = q + 0.5**halving * step
-        now = _balance(model, theta, q_new, free)
-        if float(now.torque @ step) <= -0.9 * slope or np.abs(step).max(initial=0.0) < ROUNDING_STEP:
+        state = _balance(model, theta, q_new, free)
+        if float(state.torque @ step) <= -0.9 * slope or np.abs(step).max(initial=0.0) < ROUNDING_STEP:
             break
-    return q_new, now
+    return q_new, state
 
 
 def rigid_posture(model: ElasticModel, configuration: Configuration, theta: FloatArray | None = None) -> FloatArray:
@@ -181,9 +181,9 @@ def _faults(
     soft = "under gravity; raise the stiffness of its springs, or let a joint without spring hang down"
     if (gap := np.abs(balance.phi).max(initial=0.0)) > ROUNDING_GAP:
         yield f"the loops of robot {model.robot.name} stay open by {gap:.3g} m {soft}"
-    unbalanced = np.abs(balance.torque[free])
-    if unbalanced.size and not unbalanced.max() <= 1e-8 * load + 1e-12 * np.abs(K).max():
-        worst = free[int(np.argmax(unbalanced))]
+    residual = np.abs(balance.torque[free])
+    if residual.size and not residual.max() <= 1e-8 * load + 1e-12 * np.abs(K).max():
+        worst = free[int(np.argmax(residual))]
         unit = "N" if slides(names[worst]) else "N*m"
         yield f"{names[worst]} stays unbalanced by {balance.torque[worst]:.3g} {unit} {soft}"
     Z = null_space(balance.Phi[:, free])

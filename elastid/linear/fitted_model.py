@@ -77,42 +77,43 @@ class Estimated:
     rows: IntArray
     places: IntArray
     configuration: str = ""
-    doubts: tuple[ModelErrorFactor, ...] = ()
+    model_error_factors: tuple[ModelErrorFactor, ...] = ()
 
     @classmethod
     def of(
         cls, parameters: Parameters, x: FloatArray, covariance: FloatArray, names: tuple[str, ...], base: FloatArray,
-        configuration: str = "", doubts: tuple[ModelErrorFactor, ...] = (), fixed: Collection[str] = (),
+        configuration: str = "", model_error_factors: tuple[ModelErrorFactor, ...] = (), fixed: Collection[str] = (),
     ) -> "Estimated":  # fmt: skip
         """Return the numbers x (n_x,) of a fit.  base (n_theta,): SI.  fixed: names that keep their base."""
         indices = [i for i, name in enumerate(names) if name in parameters.names and name not in fixed]
-        places = [parameters.names.index(names[i]) for i in indices]
+        rows = [parameters.names.index(names[i]) for i in indices]
         return cls(
-            parameters, x, covariance, names, base, np.array(indices, int), np.array(places, int), configuration, doubts
+            parameters, x, covariance, names, base, np.array(indices, int), np.array(rows, int), configuration,
+            model_error_factors
         )  # fmt: skip
 
     @cached_property
     def x(self) -> FloatArray:
         """The estimate (n_x + n_d,)."""
-        return np.append(self.fit_x, np.zeros(len(self.doubts)))
+        return np.append(self.fit_x, np.zeros(len(self.model_error_factors)))
 
     @cached_property
     def covariance(self) -> FloatArray:
         """Covariance of x (n_x + n_d, n_x + n_d)."""
-        return np.asarray(block_diag(self.fit_covariance, np.eye(len(self.doubts))))
+        return np.asarray(block_diag(self.fit_covariance, np.eye(len(self.model_error_factors))))
 
     def theta(self, x: FloatArray) -> FloatArray:
         """Return theta (n_theta,) at x (n_x + n_d,), SI."""
         n, theta = len(self.fit_x), self.base.copy()
         values = x[:n] + sum(
-            (size * doubt.effects for size, doubt in zip(x[n:], self.doubts, strict=True)), np.zeros(n)
+            (size * factor.effects for size, factor in zip(x[n:], self.model_error_factors, strict=True)), np.zeros(n)
         )
         theta[self.rows] = self.parameters.expand(values, self.configuration)[self.places]
-        for size, doubt in zip(x[n:].tolist(), self.doubts, strict=True):
-            for name in doubt.members:
+        for size, factor in zip(x[n:].tolist(), self.model_error_factors, strict=True):
+            for name in factor.members:
                 if name in self.names:
                     row = self.names.index(name)
-                    theta[row] = doubt.with_error(name, float(theta[row]), size)
+                    theta[row] = factor.with_error(name, float(theta[row]), size)
         return theta
 
     @cached_property
@@ -122,9 +123,9 @@ class Estimated:
         of_x = self.parameters.jacobian(self.fit_x, self.configuration)[self.places]
         slopes[self.rows, : len(self.fit_x)] = of_x
         theta = self.theta(self.x)
-        for column, doubt in enumerate(self.doubts, start=len(self.fit_x)):
-            slopes[self.rows, column] = of_x @ doubt.effects
-            for name, step, is_log in zip(doubt.members, doubt.steps, doubt.log, strict=True):
+        for column, factor in enumerate(self.model_error_factors, start=len(self.fit_x)):
+            slopes[self.rows, column] = of_x @ factor.effects
+            for name, step, is_log in zip(factor.members, factor.steps, factor.log, strict=True):
                 if name in self.names:
                     row = self.names.index(name)
                     slopes[row, column] += step * theta[row] if is_log else step
@@ -137,8 +138,8 @@ class Estimated:
         A parameter that the data do not constrain counts with a standard deviation of 100, of a logarithm mostly.
         """
         C = self.covariance
-        unreached = np.isinf(np.diag(C))
-        return principal_axes(np.where(unreached[:, None] | unreached, 0.0, C) + 1e4 * np.diag(unreached))
+        is_infinite = np.isinf(np.diag(C))
+        return principal_axes(np.where(is_infinite[:, None] | is_infinite, 0.0, C) + 1e4 * np.diag(is_infinite))
 
     @cached_property
     def dependent(self) -> IntArray:
@@ -148,10 +149,10 @@ class Estimated:
 
 def deviation(slopes: FloatArray, covariance: FloatArray) -> FloatArray:
     """Return standard deviations of y (n,) with slopes dy/dx (n, n_x)."""
-    unreached = np.isinf(np.diag(covariance))
-    finite = np.where(unreached[:, None] | unreached, 0.0, covariance)
+    is_infinite = np.isinf(np.diag(covariance))
+    finite = np.where(is_infinite[:, None] | is_infinite, 0.0, covariance)
     variance = np.einsum("ni,ni->n", slopes @ finite, slopes)
-    felt = np.any(np.abs(slopes[:, unreached]) > 1e-12 * np.abs(slopes).max(initial=1e-300), axis=1)
+    felt = np.any(np.abs(slopes[:, is_infinite]) > 1e-12 * np.abs(slopes).max(initial=1e-300), axis=1)
     return np.where(felt, np.inf, np.sqrt(np.maximum(variance, 0.0)))
 
 

@@ -110,12 +110,12 @@ def sensor_elements(chain: Chain) -> tuple[Element, ...]:
     return lag if chain.differentiator is None else (*lag, DifferenceElement("differentiator"))
 
 
-def is_load(place: str) -> bool:
+def is_load(location: str) -> bool:
     """Return True for a force or a torque at a frame: `force tool x`."""
-    return place.startswith(("force ", "torque "))
+    return location.startswith(("force ", "torque "))
 
 
-def projected(Z: FloatArray, matrix: FloatArray) -> FloatArray:
+def project(Z: FloatArray, matrix: FloatArray) -> FloatArray:
     """Return Z^T matrix Z (n, n), symmetric to the last bit; Z (n_q, n), matrix (n_q, n_q)."""
     if len(Z) == Z.shape[1]:
         return matrix  # without elimination, Z is the unit matrix
@@ -190,17 +190,17 @@ class LinearModel:
     @cached_property
     def output_parameters(self) -> tuple[str, ...]:
         """Names of parameters that C, T or B depend on."""
-        return tuple(name for name, s in self.slopes.items() if any(part is not None for part in (s.C, s.T, s.B)))
+        return tuple(name for name, s in self.slopes.items() if any(matrix is not None for matrix in (s.C, s.T, s.B)))
 
     @property
     def is_delayed(self) -> bool:
         """True if the inputs are motor torques; the delay and the lag elements apply only to them."""
-        return not any(is_load(place) for place in self.inputs)
+        return not any(is_load(location) for location in self.inputs)
 
     @property
     def driven(self) -> tuple[str, ...]:
         """Motor of each input that is a torque or a reference."""
-        return tuple(place.replace(REFERENCE, "motor ") for place in self.inputs)
+        return tuple(location.replace(REFERENCE, "motor ") for location in self.inputs)
 
     @property
     def by_torques(self) -> "LinearModel":
@@ -227,17 +227,17 @@ class LinearModel:
         s (...,): j omega; None for the gains alone, without delays and low passes of the log.
         """
 
-        def number(kind: str, role: str, place: str) -> float:
-            name = channel_name(kind, role, place)
+        def number(kind: str, role: str, location: str) -> float:
+            name = channel_name(kind, role, location)
             return self.number(theta, name) if name in self.channel_numbers else CHANNEL_NUMBERS[kind][1]
 
-        def factors(role: str, places: Sequence[str]) -> ComplexArray:
-            gains = np.array([number("gain", role, place) for place in places], np.complex128)
+        def factors(role: str, locations: Sequence[str]) -> ComplexArray:
+            gains = np.array([number("gain", role, location) for location in locations], np.complex128)
             if s is None or not self.channel_numbers:
                 return gains
-            delays = np.array([number("delay", role, "") + number("delay", role, place) for place in places])
+            delays = np.array([number("delay", role, "") + number("delay", role, location) for location in locations])
             common = low_pass_response(s, number("low_pass", role, ""))[..., None]
-            filters = [low_pass_response(s, number("low_pass", role, place)) for place in places]
+            filters = [low_pass_response(s, number("low_pass", role, location)) for location in locations]
             return np.asarray(gains * np.exp(-s[..., None] * delays) * common * np.stack(filters, axis=-1))
 
         of_inputs = factors(self.input_role, self.driven)
@@ -267,8 +267,8 @@ class LinearModel:
         slopes_of_outputs = {name: self.slopes[name] for name in self.output_parameters}
         slopes = self.slopes | {name: replace(s, C=part(s.C), T=part(s.T)) for name, s in slopes_of_outputs.items()}
         outputs = tuple(self.outputs[row] for row in rows)
-        hold = self.hold and replace(self.hold, sampled=tuple(self.hold.sampled[row] for row in rows))
-        return replace(self, C=self.C[rows], T=self.T[rows], outputs=outputs, slopes=slopes, hold=hold)
+        zoh = self.hold and replace(self.hold, sampled=tuple(self.hold.sampled[row] for row in rows))
+        return replace(self, C=self.C[rows], T=self.T[rows], outputs=outputs, slopes=slopes, hold=zoh)
 
     def matrices(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return M, D, K (n, n) at theta (n_theta,) in SI; ValueError unless theta has one value per parameter."""
@@ -285,8 +285,8 @@ class LinearModel:
             letter: {name: slope for name, s in self.slopes.items() if (slope := getattr(s, letter)) is not None}
             for letter in "MDK"
         }
-        places = {letter: [self.parameters.index(name) for name in slopes] for letter, slopes in of_letter.items()}
-        return {x: (np.array(places[x], np.int64), np.array([*slopes.values()])) for x, slopes in of_letter.items()}
+        indices = {letter: [self.parameters.index(name) for name in slopes] for letter, slopes in of_letter.items()}
+        return {x: (np.array(indices[x], np.int64), np.array([*slopes.values()])) for x, slopes in of_letter.items()}
 
 
 @frozen_value
@@ -311,8 +311,8 @@ class StateSpace:
         n_y, n_u = self.D.shape
         title = f"StateSpace of {self.configuration.name}: {len(self.A)} states, {n_u} inputs, {n_y} outputs"
         delay = f", inputs delayed by {1e3 * self.delay:.4g} ms" if self.delay else ""
-        rows = [("input", place, "torque or force") for place in self.inputs]
-        rows += [("output", place, self.quantity) for place in self.outputs]
+        rows = [("input", location, "torque or force") for location in self.inputs]
+        rows += [("output", location, self.quantity) for location in self.outputs]
         return Display(title + delay, ("signal", "at", "quantity"), rows)
 
     def response(self, freq_hz: FloatArray) -> ComplexArray:
@@ -347,17 +347,17 @@ def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
     """
     model = model.by_torques
     if model.quantity != "acceleration" and model.T.any():
-        place = model.outputs[int(np.argmax(model.T.any(axis=1)))]
+        index = model.outputs[int(np.argmax(model.T.any(axis=1)))]
         raise StudyError(
             "linear/state-space",
-            f"{place} measures gravity, too: its {model.quantity} is not defined. Set estimator.quantity: acceleration",
+            f"{index} measures gravity, too: its {model.quantity} is not defined. Set estimator.quantity: acceleration",
         )
     (M, D, K), (C, tilt) = model.matrices(theta), model.readout(theta)
     n, n_u = model.B.shape
-    drift = () if model.integral is None else (-model.integral,)  # of further states z, z' = q
-    m = (2 + len(drift)) * n
-    motion, q, v = np.linalg.solve(M, np.hstack([-K, -D, *drift, model.B])), np.eye(n, m), np.eye(n, m, n)
-    A = np.vstack([v, motion[:, :m], *(q for _ in drift)])  # q'' = motion [q; q'; z; u]
+    integral = () if model.integral is None else (-model.integral,)  # of further states z, z' = q
+    m = (2 + len(integral)) * n
+    motion, q, v = np.linalg.solve(M, np.hstack([-K, -D, *integral, model.B])), np.eye(n, m), np.eye(n, m, n)
+    A = np.vstack([v, motion[:, :m], *(q for _ in integral)])  # q'' = motion [q; q'; z; u]
     B = np.zeros((m, n_u))
     B[n : 2 * n] = motion[:, m:]
     C, D_y = {

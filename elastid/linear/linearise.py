@@ -35,7 +35,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError, check_theta
 from elastid.linear.equilibrium import OperatingPoint, equilibrium, free_coordinates
-from elastid.linear.linear_model import LinearModel, Slope, elements, projected
+from elastid.linear.linear_model import LinearModel, Slope, elements, project
 from elastid.linear.presliding import RelaxingSpring, element_names, with_relaxing_springs
 from elastid.model.elastic import ElasticModel
 from elastid.model.evaluation import evaluate_rows
@@ -68,7 +68,7 @@ class PointDerivatives:
         """
         model, free = self.model, free_coordinates(self.model)
         numbers = (point.q[None], point.lambda_[None], theta[None])
-        statics, phi, Phi_theta, A_q, Phi_q, A_lambda = (part[0] for part in evaluate_rows(self.partial, *numbers))
+        statics, phi, Phi_theta, A_q, Phi_q, A_lambda = (block[0] for block in evaluate_rows(self.partial, *numbers))
         if not model.n_c:
             dq = -np.linalg.lstsq(K[np.ix_(free, free)], statics)[0]
             return dq, A_q @ dq, None
@@ -78,9 +78,9 @@ class PointDerivatives:
         K_f = K[np.ix_(free, free)]
         back = -inverse @ phi
         # Every row of phi must be closed again by the joints, to 1e-6 of the gap that opens if none of them follows.
-        opened = np.abs(Phi[:, free] @ back + phi).max(axis=0) > 1e-6 * np.abs(phi).max(initial=0.0)
-        if opened.any():
-            names = ", ".join(name for name, is_open in zip(model.parameters, opened, strict=True) if is_open)
+        constraint_error = np.abs(Phi[:, free] @ back + phi).max(axis=0) > 1e-6 * np.abs(phi).max(initial=0.0)
+        if constraint_error.any():
+            names = ", ".join(name for name, is_open in zip(model.parameters, constraint_error, strict=True) if is_open)
             raise StudyError(
                 "robot/loops",
                 f"the loops of robot {model.robot.name} open if this value changes, for example an offset out of the "
@@ -103,21 +103,21 @@ def differentiate_point(
     Phi, phi = model.constraint_jacobian(q, theta), model.constraint(q, theta)
     statics = model.potential_gradient(q, theta) + Phi.T @ lambda_
     A, vec_Phi = ca.vec(triangles), ca.vec(Phi)
-    slopes = [ca.jacobian(part, theta) for part in (statics[free], phi, vec_Phi)]
-    slopes += [*(ca.jacobian(part, q)[:, free] for part in (A, vec_Phi)), ca.jacobian(A, lambda_)]
+    slopes = [ca.jacobian(expression, theta) for expression in (statics[free], phi, vec_Phi)]
+    slopes += [*(ca.jacobian(expression, q)[:, free] for expression in (A, vec_Phi)), ca.jacobian(A, lambda_)]
     return PointDerivatives(model, ca.Function("partial", [q, lambda_, theta], list(map(ca.densify, slopes))))
 
 
-def _reading(
+def _output_slopes(
     model: ElasticModel, q: FloatArray, theta: FloatArray, outputs: tuple[str, ...], dq: FloatArray
 ) -> dict[str, FloatArray]:
     """Return slopes of C and T (n_theta, n_y, n_q) of the outputs; none for motors and joints."""
-    if all(place.startswith(("motor ", "joint ")) for place in outputs):
+    if all(location.startswith(("motor ", "joint ")) for location in outputs):
         return {}
-    C_q, C_theta, T_q, T_theta = (part.full() for part in _readout_slopes(model, outputs)(q, theta))
+    C_q, C_theta, T_q, T_theta = (block.full() for block in _readout_slopes(model, outputs)(q, theta))
     slopes = {"C": C_theta + C_q @ dq, "T": T_theta + T_q @ dq}
     return {
-        letter: part.T.reshape(-1, model.n_q, len(outputs)).transpose(0, 2, 1) for letter, part in slopes.items()
+        letter: block.T.reshape(-1, model.n_q, len(outputs)).transpose(0, 2, 1) for letter, block in slopes.items()
     }  # fmt: skip
 
 
@@ -125,8 +125,8 @@ def _reading(
 def _readout_slopes(model: ElasticModel, outputs: tuple[str, ...]) -> ca.Function:
     """Build (q, theta) -> d vec C / dq_f, d vec C / d theta, and of T."""
     (q, theta), free = model.symbols("q", "theta"), free_coordinates(model)
-    parts = [ca.vec(ca.densify(part)) for part in model.readout(q, theta, outputs)]
-    slopes = [s for part in parts for s in (ca.jacobian(part, q)[:, free.tolist()], ca.jacobian(part, theta))]
+    entries = [ca.vec(ca.densify(matrix)) for matrix in model.readout(q, theta, outputs)]
+    slopes = [s for matrix in entries for s in (ca.jacobian(matrix, q)[:, free.tolist()], ca.jacobian(matrix, theta))]
     return ca.Function("readout_slopes", [q, theta], slopes)
 
 
@@ -148,7 +148,7 @@ class Linearisation:
 
     def __reduce__(self) -> "tuple[Callable[..., Linearisation], tuple[Any, ...]]":
         if self.recipe is not None:
-            return _linearised, (*self.recipe, self.presliding)
+            return _linearise, (*self.recipe, self.presliding)
         return Linearisation, (self.model, self.matrices, self.point, None, self.presliding)
 
     @property
@@ -189,7 +189,7 @@ class Linearisation:
         presliding: tuple[RelaxingSpring, ...] = (),
     ) -> "Linearisation":  # fmt: skip
         """Return a robot's equations, differentiated, built once in a process; arguments and errors as `formulate`."""
-        return _linearised(robot, spec, tuple(name for name in robot.on_demand if name in geometry), presliding)
+        return _linearise(robot, spec, tuple(name for name in robot.on_demand if name in geometry), presliding)
 
     def at(
         self, configuration: Configuration, theta: FloatArray, outputs: Sequence[str], quantity: Motion,
@@ -205,7 +205,7 @@ class Linearisation:
         names, theta_ref = (*model.parameters, DELAY), np.append(theta, 0.0)
         point, theta = equilibrium(model, theta, configuration), model.carried(theta, configuration.has_payload)
         triangles, numbers = evaluate_rows(self.matrices, point.q[None], point.lambda_[None], theta[None])
-        M, D, K = (column[_places(model.n_q)] for column in triangles[0].T)
+        M, D, K = (column[_scatter_indices(model.n_q)] for column in triangles[0].T)
         slopes = np.zeros(self.matrices.size_out(1))
         slopes[self._entries] = numbers[0].ravel("F")
         Z = motions(model, model.constraint_jacobian(point.q, theta).full())
@@ -213,19 +213,19 @@ class Linearisation:
         of_theta, dZ = {}, None
         if self.point is not None:
             dq, of_point, dZ = self.point.at(point, theta, K, Z)
-            slopes, of_theta = slopes + of_point, _reading(model, point.q, theta, tuple(outputs), dq)
+            slopes, of_theta = slopes + of_point, _output_slopes(model, point.q, theta, tuple(outputs), dq)
         triangles_of_theta = slopes.T.reshape(len(model.parameters), 3, -1).swapaxes(0, 1)
-        of_theta |= dict(zip("MDK", triangles_of_theta[:, :, _places(model.n_q)], strict=True))
+        of_theta |= dict(zip("MDK", triangles_of_theta[:, :, _scatter_indices(model.n_q)], strict=True))
         absent = () if configuration.has_payload else model.of_payload
         varied = set(names if varied is None else varied).difference(absent)
         of_name = _slopes(model, {"M": M, "D": D, "K": K, "C": C, "T": T}, of_theta, Z, dZ, varied)
-        places = model.inputs, tuple(outputs), quantity
-        M, D, K = (projected(Z, matrix) for matrix in (M, D, K))
+        locations = model.inputs, tuple(outputs), quantity
+        M, D, K = (project(Z, matrix) for matrix in (M, D, K))
         B, C, T = Z.T @ model.B, C @ Z, T @ Z
         chain, sliding = elements(model.robot.chain), model.robot.sliding((*model.inputs, *outputs))
         channels = tuple(name for name in model.parameters if name in model.robot.channel_numbers)
         linear = LinearModel(
-            configuration, names, theta_ref, M, D, K, of_name, B, C, *places, T, chain, Z, channels, sliding=sliding
+            configuration, names, theta_ref, M, D, K, of_name, B, C, *locations, T, chain, Z, channels, sliding=sliding
         )
         if not self.presliding:
             return linear
@@ -249,10 +249,10 @@ def _moves_with_parameters(model: ElasticModel) -> bool:
 
 
 @lru_cache(maxsize=4)
-def _linearised(
+def _linearise(
     robot: Robot, spec: ModelSpec, geometry: tuple[str, ...], presliding: tuple[RelaxingSpring, ...] = ()
 ) -> Linearisation:
-    plain = _linearised(robot, spec, geometry) if presliding else Linearisation.of(formulate(robot, spec, geometry))
+    plain = _linearise(robot, spec, geometry) if presliding else Linearisation.of(formulate(robot, spec, geometry))
     return replace(plain, recipe=(robot, spec, geometry), presliding=presliding)
 
 
@@ -270,12 +270,12 @@ def linearise(
 
 
 @cache
-def _places(n: int) -> IntArray:
+def _scatter_indices(n: int) -> IntArray:
     """Return the index of each entry of a symmetric (n, n) matrix in its lower triangle."""
-    places = np.zeros((n, n), np.int64)
+    indices = np.zeros((n, n), np.int64)
     rows, columns = np.tril_indices(n)
-    places[rows, columns] = places[columns, rows] = np.arange(rows.size)
-    return places
+    indices[rows, columns] = indices[columns, rows] = np.arange(rows.size)
+    return indices
 
 
 def _slopes(

@@ -45,7 +45,7 @@ def modes(model: LinearModel, theta: FloatArray) -> Modes:
     poles, shapes, real = oscillations(*model.matrices(theta))
     poles, decaying = poles[~np.isnan(poles)], real[~np.isnan(real)]
     freq_hz, zeta = np.abs(poles) / (2 * np.pi), -poles.real / np.abs(poles)
-    return Modes(freq_hz, zeta, normalised(shapes[:, : len(poles)]), decaying[np.argsort(np.abs(decaying))])
+    return Modes(freq_hz, zeta, normalise(shapes[:, : len(poles)]), decaying[np.argsort(np.abs(decaying))])
 
 
 def oscillations(M: FloatArray, D: FloatArray, K: FloatArray) -> tuple[ComplexArray, ComplexArray, FloatArray]:
@@ -66,17 +66,17 @@ def oscillations(M: FloatArray, D: FloatArray, K: FloatArray) -> tuple[ComplexAr
     is_real = np.abs(values.imag) <= RIGID_RATE * scale
     swings = ~is_real & (poles.imag > 0)
     order = np.argsort(np.where(swings, np.abs(poles), np.inf), axis=-1, kind="stable")[..., :n]
-    ordered = np.take_along_axis(np.where(swings, poles, np.nan), order, -1).astype(complex)
+    sorted_poles = np.take_along_axis(np.where(swings, poles, np.nan), order, -1).astype(complex)
     shapes = np.take_along_axis(shapes[..., :n, :], order[..., None, :], -1).astype(complex)
-    return ordered, shapes, np.where(is_real, poles.real, np.nan)
+    return sorted_poles, shapes, np.where(is_real, poles.real, np.nan)
 
 
 def shapes_of_all(model: LinearModel, shapes: ComplexArray) -> ComplexArray:
     """Return shapes (n, n_m) of a model as they are in all coordinates of the robot (n_q, n_m), the largest entry 1."""
-    return normalised(model.Z @ shapes)
+    return normalise(model.Z @ shapes)
 
 
-def normalised(shapes: ComplexArray) -> ComplexArray:
+def normalise(shapes: ComplexArray) -> ComplexArray:
     """Scale the columns of shapes (n, n_m) to a largest entry of 1."""
     if not shapes.size:
         return shapes
@@ -101,7 +101,7 @@ def strain_energy(model: ElasticModel, theta: FloatArray, point: OperatingPoint,
     Neither the length nor the phase of a shape matters. NaN for a motion without potential energy, as that of a rigid
     body is.
     """
-    c, b = (part.full() for part in model.strain(point.q, theta))
+    c, b = (matrix.full() for matrix in model.strain(point.q, theta))
     K = model.stiffness(point.q, point.lambda_, theta).full()
     energy = np.einsum("im,ij,jm->m", shapes.conj(), K, shapes).real
     size = np.einsum("im,ij,jm->m", np.abs(shapes), np.abs(K), np.abs(shapes))

@@ -29,7 +29,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.matrices import inverse
-from elastid.base.statistics import interpolated
+from elastid.base.statistics import interpolate
 from elastid.linear.equilibrium import equilibrium, free_coordinates
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.response.transfer import change_of_angles
@@ -40,7 +40,7 @@ from elastid.response import MotorMotion, Response
 from elastid.robot.robot import split_place
 
 # Lines of the motion, and lines of the response between which the change is interpolated, at most; few of a first look.
-MOST_LINES, _FEW = 48, 8
+MOST_LINES, _MIN_LINES = 48, 8
 # Standard deviations that the effect may have, of all elements together, before it is worked out.
 NEGLIGIBLE = 0.1
 # An effect on m lines is off by about this over m^2 of itself. As many are taken as make that negligible, since their
@@ -65,32 +65,32 @@ def estimate_motion_bias(
     motion, noise, freq_hz = response.motion, response.uncertainty, response.freq_hz
     if motion is None or not motion.power.any():
         return None
-    expansion, most = _expand(model, linear, theta), MOST_LINES
+    expansion, max_lines = _expand(model, linear, theta), MOST_LINES
     measured = np.flatnonzero(np.isin(model.inputs, motion.motors))
     at = [motion.motors.index(model.inputs[i]) for i in measured]
     mean = _mean(expansion, motion, linear.configuration.angles, measured, at)
-    inputs = [model.inputs.index(place) for place in linear.driven]
+    inputs = [model.inputs.index(index) for index in linear.driven]
     if linear.controller is not None:
-        inputs = [model.inputs.index(place) for place in linear.controller.motors]
+        inputs = [model.inputs.index(index) for index in linear.controller.motors]
 
-    def of_motion(lines_hz: FloatArray, most: int) -> ComplexArray:
+    def of_motion(lines_hz: FloatArray, max_lines: int) -> ComplexArray:
         """Return dG (F, n_y, n_u) at lines_hz (F,) for a motion of at most so many lines."""
         omega = 2 * np.pi * lines_hz
-        bias = _MotionBias.of(expansion, motion, measured, at, mean, most)
-        nodes = omega[np.unique(np.linspace(0, len(omega) - 1, most).astype(np.int64))]
-        changes = interpolated(omega, nodes, np.stack([bias.change(node) for node in nodes]))
+        bias = _MotionBias.of(expansion, motion, measured, at, mean, max_lines)
+        nodes = omega[np.unique(np.linspace(0, len(omega) - 1, max_lines).astype(np.int64))]
+        changes = interpolate(omega, nodes, np.stack([bias.change(node) for node in nodes]))
         return change_of_angles(linear, theta, lines_hz, expansion.response_change(omega, changes)[:, :, inputs])
 
     if noise is not None:
-        subset = np.unique(np.linspace(0, response.n_lines - 1, _FEW).astype(np.int64))
-        rough = of_motion(freq_hz[subset], _FEW)
+        subset = np.unique(np.linspace(0, response.n_lines - 1, _MIN_LINES).astype(np.int64))
+        rough = of_motion(freq_hz[subset], _MIN_LINES)
         with np.errstate(divide="ignore", invalid="ignore"):
             power_ratios = np.where(noise.variance[subset] > 0, np.abs(rough) ** 2 / noise.variance[subset], np.inf)
         size = np.sqrt(2 * float(np.sum(power_ratios)) * response.n_lines / len(subset))
         if size < NEGLIGIBLE:
             return None
-        most = int(min(most, np.ceil(np.sqrt(_LINES_ERROR * size / NEGLIGIBLE))))
-    effect = of_motion(freq_hz, max(most, _FEW))
+        max_lines = int(min(max_lines, np.ceil(np.sqrt(_LINES_ERROR * size / NEGLIGIBLE))))
+    effect = of_motion(freq_hz, max(max_lines, _MIN_LINES))
     return effect if np.isfinite(effect).all() else None
 
 
@@ -154,13 +154,13 @@ class _Expansion:
 class _MotionBias:
     """An expansion and the motion about it.
 
-    omega (2 K,), of both signs; curved (2 K, m, n + n_y, n_z): R''[., e_1] of m independent motions at each.
+    omega (2 K,), of both signs; curvature_terms (2 K, m, n + n_y, n_z): R''[., e_1] of m independent motions at each.
     mean (n + n_y, n_z): E[R'] - R' and R'' times the shift of the mean.  feedback (3, n_u, n_u) or None.
     """
 
     expansion: _Expansion
     omega: FloatArray
-    curved: ComplexArray
+    curvature_terms: ComplexArray
     mean: FloatArray
     feedback: FloatArray | None
 
@@ -176,8 +176,8 @@ class _MotionBias:
         feedback = None
         if motion.feedback is not None and len(measured) == expansion.B.shape[1]:
             feedback = motion.feedback[:, at][:, :, at]
-        curved = np.tensordot(two_sided, expansion.curvature, axes=1)
-        return cls(expansion, np.concatenate([centres, -centres]), curved, mean, feedback)
+        curvature = np.tensordot(two_sided, expansion.curvature, axes=1)
+        return cls(expansion, np.concatenate([centres, -centres]), curvature, mean, feedback)
 
     def change(self, omega: float) -> ComplexArray:
         """Return the change (n + n_y, n) of the coefficients of x in equations and outputs at a frequency."""
@@ -205,11 +205,11 @@ class _MotionBias:
         rows, curved = np.flatnonzero(curvature.any(axis=(0, 2))), curvature.any(axis=(1, 2))
         of_order = [np.arange(e.n), e.n + np.arange(e.n_q), e.n + e.n_q + np.arange(e.n_q)]
         unknowns = np.flatnonzero(np.any([np.pad(curved[z], (0, e.n - len(z))) for z in of_order], axis=0))
-        K, m = self.curved.shape[:2]
+        K, m = self.curvature_terms.shape[:2]
         blocks = np.zeros((3, K, m, len(rows), len(unknowns)), complex)
         for block, columns in zip(blocks, of_order, strict=True):
             moving = unknowns < len(columns)
-            block[..., moving] = self.curved[:, :, rows][..., columns[unknowns[moving]]]
+            block[..., moving] = self.curvature_terms[:, :, rows][..., columns[unknowns[moving]]]
         equations = np.ascontiguousarray(blocks[:, :, :, rows < e.n].transpose(0, 1, 3, 2, 4))
         partners = np.ascontiguousarray(blocks.conj().transpose(1, 0, 3, 4, 2))
         return rows, unknowns, equations, partners.reshape(K, 3, len(rows) * len(unknowns) * m)
@@ -297,7 +297,7 @@ def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Exp
     curvature = (ahead - behind) / (2 * np.diag(steps)[:, None, None])
     B = np.vstack([model.B, np.zeros((r, model.n_u))])
     free = np.concatenate([free_coordinates(model), np.arange(n_q, n)])
-    orders = np.array([2 if is_point(place) else 1 for place in outputs])
+    orders = np.array([2 if is_point(location) else 1 for location in outputs])
     return _Expansion(n_q, n, J[0], curvature, jacobian, B, free, orders)
 
 
@@ -315,15 +315,15 @@ def _jacobian_of(model: ElasticModel, outputs: tuple[str, ...]) -> ca.Function:
     return ca.Function("slope", [z, theta], [ca.densify(ca.jacobian(R, z))], {"cse": True})
 
 
-def is_point(place: str) -> bool:
+def is_point(location: str) -> bool:
     """Return True for a point of a frame that moves along an axis, `frame tool x` or `accelerometer tool x`."""
-    kind, _, axis = split_place(place)
+    kind, _, axis = split_place(location)
     return kind == "accelerometer" or (kind == "frame" and axis in ("x", "y", "z"))
 
 
-def _acceleration(model: ElasticModel, place: str, q: ca.SX, v: ca.SX, a: ca.SX, theta: ca.SX) -> ca.SX:
+def _acceleration(model: ElasticModel, location: str, q: ca.SX, v: ca.SX, a: ca.SX, theta: ca.SX) -> ca.SX:
     """Return the acceleration of a point along its turning axis, v' + omega x v in the frame's axes; less gravity."""
-    kind, name, axis = split_place(place)
+    kind, name, axis = split_place(location)
     f, i = [frame.name for frame in model.robot.frames].index(name), "xyz".index(axis)
     J = model.frame_velocity(q, theta)[6 * f : 6 * f + 6, :]
     velocity, turning = J[:3, :] @ v, J[3:, :] @ v

@@ -12,16 +12,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.linear.linear_model import LinearModel, Slope, is_load, projected
+from elastid.linear.linear_model import LinearModel, Slope, is_load, project
 from elastid.model.loop_closure import null_space
 from elastid.record import JointLoop, Motors
 from elastid.robot.robot import split_place
 
 
-def moved_by(place: str) -> str:
+def moved_by(location: str) -> str:
     """Return the motion on which a force or torque works."""
-    kind, name, axis = split_place(place)
-    return {"force": f"frame {name} {axis}", "torque": f"frame {name} r{axis}"}.get(kind, place)
+    kind, name, axis = split_place(location)
+    return {"force": f"frame {name} {axis}", "torque": f"frame {name} r{axis}"}.get(kind, location)
 
 
 def locked_motor_motions(B: FloatArray) -> FloatArray:
@@ -47,7 +47,7 @@ class Ports:
     @classmethod
     def at_frames(cls, model: LinearModel, inputs: tuple[str, ...]) -> "Ports":
         """Return forces on motions that are among the outputs of a model, which are read as they are."""
-        n, rows = len(model.outputs), [model.outputs.index(moved_by(place)) for place in inputs if is_load(place)]
+        n, rows = len(model.outputs), [model.outputs.index(moved_by(load)) for load in inputs if is_load(load)]
         return cls(inputs, model.outputs, np.eye(n, n + len(model.inputs))[rows], np.eye(n))
 
 
@@ -60,7 +60,7 @@ def acted_on(model: LinearModel, ports: Ports, motors: Motors, loop: JointLoop |
         K, D, integral = K + stiffness, D + damping, drift if np.any(drift) else None
     N = locked_motor_motions(model.B) if motors == "locked" else np.eye(model.n)
     slopes = {name: _on(slope, N, ports) for name, slope in model.slopes.items()}
-    M, D, K = (projected(N, A) for A in (model.M, D, K))
+    M, D, K = (project(N, A) for A in (model.M, D, K))
     B, C, T = N.T @ np.hstack([model.C.T, model.B]) @ ports.act.T, ports.read @ model.C @ N, ports.read @ model.T @ N
     return replace(
         model, M=M, D=D, K=K, B=B, C=C, T=T, Z=model.Z @ N, slopes=slopes,
@@ -69,7 +69,7 @@ def acted_on(model: LinearModel, ports: Ports, motors: Motors, loop: JointLoop |
 
 
 def _on(slope: Slope, N: FloatArray, ports: Ports) -> Slope:
-    M, D, K = (None if A is None or not np.any(N.T @ A) else projected(N, A) for A in (slope.M, slope.D, slope.K))
-    C, T = (None if part is None else ports.read @ part @ N for part in (slope.C, slope.T))
+    M, D, K = (None if A is None or not np.any(N.T @ A) else project(N, A) for A in (slope.M, slope.D, slope.K))
+    C, T = (None if matrix is None else ports.read @ matrix @ N for matrix in (slope.C, slope.T))
     B = None if slope.C is None else N.T @ slope.C.T @ ports.act[:, : len(slope.C)].T
     return Slope(M, D, K, C, T, B if B is not None and np.any(B) else None)

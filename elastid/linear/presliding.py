@@ -50,7 +50,7 @@ def with_relaxing_springs(
     """Add springs at the motors.  shafts (n_s, n): b of each.  theta (2 n_s,): s, c of the first, s, c of the next."""
     n, n_s = model.n, len(springs)
     size = n + n_s
-    slopes = {name: _padded(slope, n_s) for name, slope in model.slopes.items()}
+    slopes = {name: _pad_slope(slope, n_s) for name, slope in model.slopes.items()}
     M, D, K = (_pad(matrix, n_s, n_s) for matrix in (model.M, model.D, model.K))
     for i, (spring, b) in enumerate(zip(springs, shafts, strict=True)):
         v, e = np.zeros(size), np.zeros(size)
@@ -66,7 +66,7 @@ def with_relaxing_springs(
     )  # fmt: skip
 
 
-def _padded(slope: Slope, n_s: int) -> Slope:
+def _pad_slope(slope: Slope, n_s: int) -> Slope:
     shapes = {"M": (n_s, n_s), "D": (n_s, n_s), "K": (n_s, n_s), "C": (0, n_s), "T": (0, n_s), "B": (n_s, 0)}
     blocks = {letter: (getattr(slope, letter), shape) for letter, shape in shapes.items()}
     return Slope(**{letter: None if A is None else _pad(A, *shape) for letter, (A, shape) in blocks.items()})

@@ -78,21 +78,21 @@ class LoadedRobot:
                     f"robot {model.robot.name} has no frame {name}; {did_you_mean(name, frame_names)}",
                 )
         free = free_coordinates(model)
-        places = np.array([i for i, name in enumerate(model.parameters) if name in dependent], np.int64)
+        indices = np.array([i for i, name in enumerate(model.parameters) if name in dependent], np.int64)
         points = [equilibrium(model, t, load.configuration) for t, load in zip(theta, loads, strict=True)]
         z = np.array([np.append(point.q[free], point.lambda_) for point in points])
-        locked = np.array([point.q for point in points])
+        q_locked = np.array([point.q for point in points])
         wrench = np.zeros((len(loads), len(frames), 6))
         for i, load in enumerate(loads):
             wrench[i, frames.index(load.frame)] = np.append(load.force, load.torque)
         wrenches = np.concatenate([np.zeros_like(wrench), wrench]).reshape(2 * len(loads), -1)
-        functions = _functions(model, frames, tuple(places.tolist()))
+        functions = _functions(model, frames, tuple(indices.tolist()))
         return cls(
-            model, tuple(loads), frames, places, np.tile(z, (2, 1)), np.tile(locked, (2, 1)), wrenches, *functions
+            model, tuple(loads), frames, indices, np.tile(z, (2, 1)), np.tile(q_locked, (2, 1)), wrenches, *functions
         )
 
     def deflections(self, theta: Sequence[FloatArray]) -> tuple[list[FloatArray], list[FloatArray]]:
-        """Return readings (n,) of each load and their slopes (n, n_p) to the parameters, at theta (n_theta,) of each.
+        """Return values (n,) of each load and their slopes (n, n_p) to the parameters, at theta (n_theta,) of each.
 
         LinAlgError where the robot finds no rest.
         """
@@ -102,13 +102,13 @@ class LoadedRobot:
         z, K = self._equilibria(numbers)
         by_theta, p, p_z, p_theta = self._at(self.slopes, z, numbers)
         slopes = p_theta - p_z @ self._solve(K, by_theta)
-        L, places = len(self.loads), [3 * self.frames.index(load.read_at) for load in self.loads]
-        readings, of_theta = [], []
-        for i, (load, at) in enumerate(zip(self.loads, places, strict=True)):
+        L, indices = len(self.loads), [3 * self.frames.index(load.read_at) for load in self.loads]
+        values, of_theta = [], []
+        for i, (load, at) in enumerate(zip(self.loads, indices, strict=True)):
             rows = slice(at, at + 3)
-            readings.append(load.directions @ (p[L + i, rows, 0] - p[i, rows, 0]))
+            values.append(load.directions @ (p[L + i, rows, 0] - p[i, rows, 0]))
             of_theta.append(load.directions @ (slopes[L + i, rows] - slopes[i, rows]))
-        return readings, of_theta
+        return values, of_theta
 
     def _equilibria(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Solve z (2 L, n_z) at rest; returns z and slopes (2 L, n_z, n_z) of its forces; theta (2 L, n_theta)."""
@@ -154,9 +154,9 @@ def _functions(
 ) -> tuple[ca.Function, ca.Function]:
     """Build `LoadedRobot.statics` and `LoadedRobot.slopes`."""
     free = free_coordinates(model).tolist()
-    z, locked = ca.SX.sym("z", len(free) + model.n_c), ca.SX.sym("held", model.n_q)
+    z, q_locked = ca.SX.sym("z", len(free) + model.n_c), ca.SX.sym("held", model.n_q)
     (theta,), wrench = model.symbols("theta"), ca.SX.sym("wrench", 6 * len(frames))
-    q, lambda_ = ca.SX(locked), z[len(free) :]
+    q, lambda_ = ca.SX(q_locked), z[len(free) :]
     q[free] = z[: len(free)]
     by_name = dict(zip(model.parameters, ca.vertsplit(theta), strict=True))
     layout = tree(model.robot, {name: symbol for name, symbol in by_name.items() if name in model.robot.geometry})
@@ -165,14 +165,14 @@ def _functions(
     rates = model.frame_velocity(q, theta)
     points = []
     for i, name in enumerate(frames):
-        place = names.index(name)
-        seat = layout.named[place]
+        index = names.index(name)
+        seat = layout.named[index]
         points.append(position(layout, joint_turns, seat))
         R = rotation(layout, joint_turns, seat)
-        J = rates[6 * place : 6 * place + 6, :]
+        J = rates[6 * index : 6 * index + 6, :]
         forces -= J[:3, :].T @ (R.T @ wrench[6 * i : 6 * i + 3]) + J[3:, :].T @ (R.T @ wrench[6 * i + 3 : 6 * i + 6])
     h, p, varied = ca.vertcat(forces[free], model.constraint(q, theta)), ca.vertcat(*points), theta[list(dependent)]
     slopes = [ca.jacobian(h, varied), p, ca.jacobian(p, z), ca.jacobian(p, varied)]
-    arguments, options = [z, locked, theta, wrench], {"cse": True}
+    arguments, options = [z, q_locked, theta, wrench], {"cse": True}
     statics = ca.Function("statics", arguments, [ca.densify(term) for term in (h, ca.jacobian(h, z))], options)
     return statics, ca.Function("slopes", arguments, [ca.densify(term) for term in slopes], options)

@@ -26,14 +26,14 @@ from elastid.logs.motion_relations import (
     torque_relation,
     travel,
 )
-from elastid.logs.repair import bridged
+from elastid.logs.repair import interpolate_linearly
 from elastid.logs.repair.clock_drift import MIN_DELAY_CORRELATION
 from elastid.logs.units_and_sides import link_side_factor, to_joints, value_refusals
 from elastid.robot import Joint, Robot
 
 
 @dataclass(frozen=True)
-class Doubt:
+class ChannelDoubt:
     """A doubt about a channel, by its place in the study's list, None for the rate of all; key: that is at fault.
 
     is_weak: from the torque of a joint while other joints moved; a second log must confirm it.
@@ -45,7 +45,7 @@ class Doubt:
     is_weak: bool = False
 
 
-def doubts_by_names(channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
+def doubts_by_names(channels: Sequence[ChannelSpec]) -> Iterator[ChannelDoubt]:
     """Find contradictions of names: one signal in two roles, exchanged torques and motions or joints, odd units."""
     guesses = [guess_by_name(c.channel, c.column) for c in channels]
     torques = [g.name for g, c in zip(guesses, channels, strict=True) if c.role == "y" and g.quantity in DRIVES]
@@ -56,25 +56,29 @@ def doubts_by_names(channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
             if is_one and "t" not in (channel.role, earlier.role):
                 text = f"{channel.name_in_file} is the {earlier.quantity} at {earlier.at} (role {earlier.role}), and"
                 text += f" cannot be the {channel.quantity} at {channel.at} (role {channel.role}), too"
-                yield Doubt(i, "channel" if channel.channel else "column", text)
-        words = [n for n in (guess.name, *torques) if re.search(r"[a-z]{2}", n, re.IGNORECASE)]
-        if channel.role == "u" and guess.quantity in MOTIONS and words[:1] == [guess.name] and words[1:]:
-            text = f"{guess.name} is a {guess.quantity} by its name, and {words[1]}, stated as a motion, a torque"
-            yield Doubt(i, "channel", f"{text}: exchange them")
+                yield ChannelDoubt(i, "channel" if channel.channel else "column", text)
+        names = [n for n in (guess.name, *torques) if re.search(r"[a-z]{2}", n, re.IGNORECASE)]
+        if channel.role == "u" and guess.quantity in MOTIONS and names[:1] == [guess.name] and names[1:]:
+            text = f"{guess.name} is a {guess.quantity} by its name, and {names[1]}, stated as a motion, a torque"
+            yield ChannelDoubt(i, "channel", f"{text}: exchange them")
         unit = channel.unit or QUANTITY_UNIT[channel.quantity]
         is_same_kind = (guess.quantity in MOTIONS and channel.role == "y") or guess.quantity == channel.quantity
         is_other = dimension_and_size(unit) != dimension_and_size(guess.unit or unit) and guess.scale == 1
         if in_brackets(channel.channel) and channel.scale == 1 and is_same_kind and is_other:
             key = "unit" if guess.quantity == channel.quantity else "quantity"
             text = f"the heading {guess.name} says {guess.quantity} in {guess.unit}"
-            yield Doubt(i, key, f"{text}, and not {channel.quantity} in {unit}. Correct the heading or the channel")
+            yield ChannelDoubt(
+                i, key, f"{text}, and not {channel.quantity} in {unit}. Correct the heading or the channel"
+            )
         if re.search(r"\d", channel.channel) and not re.fullmatch(r"column \d+", channel.channel):
             families.setdefault((guess.parts[0], channel.quantity, channel.role), []).append(i)
     for members in families.values():
         yield from _family_doubts(members, [guesses[i].parts[1] for i in members], channels)
 
 
-def _family_doubts(members: Sequence[int], labels: Sequence[str], channels: Sequence[ChannelSpec]) -> Iterator[Doubt]:
+def _family_doubts(
+    members: Sequence[int], labels: Sequence[str], channels: Sequence[ChannelSpec]
+) -> Iterator[ChannelDoubt]:
     """Yield warnings on signals whose names differ by a number: one with a different unit, two exchanged ones."""
     units = [channels[i].unit or QUANTITY_UNIT[channels[i].quantity] for i in members]
     sizes = [dimension_and_size(unit) for unit in units]
@@ -86,10 +90,10 @@ def _family_doubts(members: Sequence[int], labels: Sequence[str], channels: Sequ
         name = channels[i].name_in_file
         if size != majority and size[0] == majority[0] and count == len(members) - 1 > 1:
             text = f"{name} has unit {unit}, {channels[members[first]].name_in_file} and the others {units[first]}"
-            yield Doubt(i, "unit", text + ". Use one unit for all joints of a log")
+            yield ChannelDoubt(i, "unit", text + ". Use one unit for all joints of a log")
         if are_numbered and label != number:
             text = f"{name} has number {label} in its name and is assigned to {channels[i].at}"
-            yield Doubt(i, "at", f"{text}. Check the order of the channels")
+            yield ChannelDoubt(i, "at", f"{text}. Check the order of the channels")
 
 
 # Limits of warnings about channels. 150 clean logs cause none (scripts/studies/results.csv).
@@ -128,8 +132,8 @@ class JointSignals:
         dimension = of_translation(unit) if self.joint.slides and channel.side == "link" else unit
         size = dimension_and_size(channel.unit or dimension)[1]
         is_clear = channel.unit and usual_spelling(channel.unit) == guess_by_name(channel.channel, channel.column).unit
-        others = () if is_clear else (unit for unit in units_of(dimension) if unit not in _UNUSUAL)
-        factors = [(size / dimension_and_size(unit)[1], f"unit: {unit}") for unit in others]
+        other_units = () if is_clear else (unit for unit in units_of(dimension) if unit not in _UNUSUAL)
+        factors = [(size / dimension_and_size(unit)[1], f"unit: {unit}") for unit in other_units]
         units = [pair for pair in factors if pair[0] != 1]
         # A motor turns further than its joint, with less torque.
         ratio = abs(self.ratio) ** (1 if (channel.side == "link") == channel.is_motion else -1)
@@ -139,15 +143,15 @@ class JointSignals:
 
 def channel_doubts(
     channels: Sequence[ChannelSpec], values: FloatArray, rate_hz: float, robot: Places
-) -> Iterator[Doubt]:
+) -> Iterator[ChannelDoubt]:
     """Yield warnings about channels of one rate from the raw values (n, c) of a log."""
     constant = dict(value_refusals(channels, list(values.T)))
-    yield from (Doubt(i, "channel", f"{channels[i].name_in_file} {text}") for i, text in constant.items())
+    yield from (ChannelDoubt(i, "channel", f"{channels[i].name_in_file} {text}") for i, text in constant.items())
     name_doubts = list(doubts_by_names(channels))
     yield from name_doubts
     if name_doubts or constant or len(values) < MIN_SAMPLES or not isinstance(robot, Robot):
         return
-    si = [bridged(x) * link_side_factor(c, robot) for x, c in zip(values.T, channels, strict=True)]
+    si = [interpolate_linearly(x) * link_side_factor(c, robot) for x, c in zip(values.T, channels, strict=True)]
     signals, joints = np.stack(si, axis=1) @ to_joints(channels, robot).T, []
     for joint in robot.driven:
         indices = [i for i, c in enumerate(channels) if c.at in (f"motor {joint.name}", f"joint {joint.name}")]
@@ -159,7 +163,7 @@ def channel_doubts(
     yield from doubts or (doubt for joint in joints for doubt in _sensor_doubts(joint))
 
 
-def _travel_doubts(joint: JointSignals) -> Iterator[Doubt]:
+def _travel_doubts(joint: JointSignals) -> Iterator[ChannelDoubt]:
     """Yield positions that no joint has: far beyond its limits, or so many turns behind a gear."""
     limits = joint.joint.limits.angle
     for i in [i for i in joint.motions if joint.order(i) == 0]:
@@ -170,10 +174,10 @@ def _travel_doubts(joint: JointSignals) -> Iterator[Doubt]:
             candidates = [keys for factor, keys in joint.factors(i) if factor > 1 and extent / factor < limit]
             text = f"joint {joint.joint.name} would move over {extent:.4g} {joint.joint.unit}; its range is {limit:.4g}"
             remedy = f"Set {' or '.join(candidates) or 'the unit of its sensor'}"
-            yield Doubt(i, "side" if candidates == ["side: motor"] else "unit", f"{text}. {remedy}")
+            yield ChannelDoubt(i, "side" if candidates == ["side: motor"] else "unit", f"{text}. {remedy}")
 
 
-def _motion_doubts(joint: JointSignals) -> Iterator[Doubt]:
+def _motion_doubts(joint: JointSignals) -> Iterator[ChannelDoubt]:
     """Yield contradictions of the motions of a joint in quantity, unit or sign, else of its torque and motion."""
     is_consistent = False
     for a, b in combinations(sorted(joint.motions, key=joint.order), 2):
@@ -185,7 +189,7 @@ def _motion_doubts(joint: JointSignals) -> Iterator[Doubt]:
             i, k = (b, order) if 0 <= order < len(MOTIONS) else (a, joint.order(b) - best)
             text = f"{joint.named(b)} is proportional to the derivative of order {best} of {joint.named(a)}"
             remedy = f"{joint.channels[i].name_in_file} is probably quantity: {MOTIONS[k % 3]}"
-            yield Doubt(i, "quantity", f"{text}; {remedy}")
+            yield ChannelDoubt(i, "quantity", f"{text}; {remedy}")
             return
         if abs(at_order.correlation) < MIN_CORRELATION:
             continue
@@ -195,7 +199,7 @@ def _motion_doubts(joint: JointSignals) -> Iterator[Doubt]:
         if at_order.gain < 0:
             i = next((i for i in (a, b) if _torque_relation(joint, i).is_against_motion), b)
             names = f"{joint.named(a)} and {joint.named(b)} of joint {joint.joint.name}"
-            yield Doubt(i, "sign", f"{names} have opposite signs. Give one of them sign: -1")
+            yield ChannelDoubt(i, "sign", f"{names} have opposite signs. Give one of them sign: -1")
             return
         is_consistent = True
     for i in joint.motions[:1]:
@@ -203,13 +207,13 @@ def _motion_doubts(joint: JointSignals) -> Iterator[Doubt]:
         names = f"torque {joint.channels[joint.torque or 0].name_in_file} and {joint.named(i)}"
         if relation.is_against_motion:
             text = f"{names} give a negative inertia or friction. Give one of them sign: -1"
-            yield Doubt(joint.torque if is_consistent else i, "sign", text, relation.is_shared)
+            yield ChannelDoubt(joint.torque if is_consistent else i, "sign", text, relation.is_shared)
         elif relation.is_before_gear(joint.joint, joint.ratio):
             text = f"{names} give an inertia below the rotor's own. If they are logged before the gear, set side: motor"
-            yield Doubt(joint.torque, "side", text, relation.is_shared)
+            yield ChannelDoubt(joint.torque, "side", text, relation.is_shared)
 
 
-def _sensor_doubts(joint: JointSignals) -> Iterator[Doubt]:
+def _sensor_doubts(joint: JointSignals) -> Iterator[ChannelDoubt]:
     """Yield contradictions of torque and torque sensor in sign or unit by u = J_m a + friction + s."""
     if joint.sensor is None or joint.torque is None or not joint.motions:
         return
@@ -222,7 +226,7 @@ def _sensor_doubts(joint: JointSignals) -> Iterator[Doubt]:
     is_certain = np.isfinite(std)
     if MIN_GAIN_OVER_STD * std < -gain or (not is_certain and relations[1].is_against_motion):
         text = f"motor torque and torque sensor ({names}) have opposite signs"
-        yield Doubt(i, "sign", f"{text}. Change the sign of the sensor channel (role d)")
+        yield ChannelDoubt(i, "sign", f"{text}. Change the sign of the sensor channel (role d)")
         return
     if not is_certain:  # the sensor measures an inertia, which is a part of the motor's
         inertias = [relation.inertia for relation in relations]
@@ -232,28 +236,28 @@ def _sensor_doubts(joint: JointSignals) -> Iterator[Doubt]:
         for distance, keys in sorted([(abs(np.log(gain * factor)), keys) for factor, keys in joint.factors(i)])[:1]:
             text = f"the motor torque is {gain:.3g} times the sensor's ({names})"
             if distance < MAX_EFFICIENCY or not is_certain:
-                yield Doubt(i, keys.partition(":")[0], f"{text}; with {keys} they are consistent")
+                yield ChannelDoubt(i, keys.partition(":")[0], f"{text}; with {keys} they are consistent")
 
 
 def _torque_relation(joint: JointSignals, i: int) -> TorqueRelation:
     if joint.torque is None:
         return TorqueRelation()
     u, y = joint.signals[:, joint.torque], joint.signals[:, i]
-    places = {c.at: k for k, c in reversed(list(enumerate(joint.channels))) if c.role == "y"}
-    others = [(joint.signals[:, k], joint.order(k)) for k in places.values() if k not in joint.motions]
-    return torque_relation(u, y, joint.order(i), joint.rate_hz, not joint.joint.slides, others)
+    index_of = {c.at: k for k, c in reversed(list(enumerate(joint.channels))) if c.role == "y"}
+    other_motions = [(joint.signals[:, k], joint.order(k)) for k in index_of.values() if k not in joint.motions]
+    return torque_relation(u, y, joint.order(i), joint.rate_hz, not joint.joint.slides, other_motions)
 
 
-def _gain_doubts(joint: JointSignals, a: int, b: int, gain: float, order: int) -> Iterator[Doubt]:
+def _gain_doubts(joint: JointSignals, a: int, b: int, gain: float, order: int) -> Iterator[ChannelDoubt]:
     """Suspect unit or side of one of two motions, on the gear, or on the rate."""
     text = f"{joint.named(b)} is {gain:.4g} times the value computed from {joint.named(a)}"
     factors = [(x**sense, i, keys) for i, sense in ((b, 1), (a, -1)) for x, keys in joint.factors(i)]
     candidates = [(i, keys) for x, i, keys in factors if abs(np.log(gain / x)) <= MAX_FACTOR]
     for i, keys in sorted(candidates, key=lambda pair: not pair[1].startswith("side"))[:1]:
-        yield Doubt(i, keys.partition(":")[0], f"{text}; with {keys} both are consistent")
+        yield ChannelDoubt(i, keys.partition(":")[0], f"{text}; with {keys} both are consistent")
     if not candidates and order == 0 and abs(np.log(gain)) > MAX_PLAY:
         ratio = f"motor.ratio of joint {joint.joint.name} in the robot's file ({joint.ratio:g})"
-        yield Doubt(b, "scale", f"{text}. Check {ratio}, and unit and scale of both")
+        yield ChannelDoubt(b, "scale", f"{text}. Check {ratio}, and unit and scale of both")
     elif not candidates and order > 0:
         rate_hz = gain ** (1 / order) * joint.rate_hz
-        yield Doubt(None, "rate_hz", f"{text}; the sampling rate is probably {rate_hz:.4g} Hz")
+        yield ChannelDoubt(None, "rate_hz", f"{text}; the sampling rate is probably {rate_hz:.4g} Hz")

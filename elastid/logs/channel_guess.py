@@ -1,6 +1,6 @@
-"""Joints of a log: channels of torque and motion guessed by names, units and the motions of one joint.
+"""Joints of a log: torque and motion channels, guessed from names, units and relations between the signals of a joint.
 
-A signal without a telling name has the quantity that is missing among the other signals.
+If a name states no quantity, the signal is assumed to have the quantity that is missing among the other signals.
 """
 
 import re
@@ -27,7 +27,7 @@ from elastid.logs.motion_relations import (
     torque_relation,
     travel,
 )
-from elastid.logs.units_and_sides import unwrapped
+from elastid.logs.units_and_sides import unwrap
 
 _MOTION_HZ = 3.0  # torques have half of their power below this frequency in motions, above it in vibration tests
 
@@ -81,7 +81,7 @@ class LogGuess:
 
     @property
     def sensor_doubt(self) -> str:
-        """Contradiction of the first torque sensor that has one; if there is any, no sensor is used."""
+        """First contradiction of a torque sensor, empty without one; after a contradiction no sensor is used."""
         return next((joint.sensor_doubt for joint in self.joints if joint.sensor_doubt), "")
 
     @property
@@ -105,13 +105,13 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     motions = [_with_unit(m, speeds.get(m.parts[1]), values, rate_hz, slides) for m in motions]
     motions = _with_common_unit(motions)
     motion_at = {m.parts[1]: m for m in motions}
-    paired = [motion_at.get(d.parts[1], motions[min(i, len(motions) - 1)]) for i, d in enumerate(drives)]
-    joints = [_joint(*pair, paired, values, rate_hz) for pair in zip(drives, paired, strict=True)]
+    motion_of_drive = [motion_at.get(d.parts[1], motions[min(i, len(motions) - 1)]) for i, d in enumerate(drives)]
+    joints = [_joint(*pair, motion_of_drive, values, rate_hz) for pair in zip(drives, motion_of_drive, strict=True)]
     joints = _sort(joints, [drive.parts[1] for drive in drives])
     joints = _with_sensors(guesses, joints, values, rate_hz) if has_motors else joints
     motor_motions = {joint.motion.key for joint in joints}
     measured = {g.key: g for g in (*(g for g in guesses if g.quantity in MOTIONS and g.rank >= 0), *motions)}
-    kinds = MOTIONS if slides and len(drives) < len(measured) else (quantity,)  # of a structure all of them
+    kinds = MOTIONS if slides and len(drives) < len(measured) else (quantity,)  # a structure has several quantities
     outputs = [g for g in measured.values() if g.quantity in kinds and g.key not in motor_motions]
     outputs = [_with_unit(g, None, values, rate_hz, slides) for g in outputs]
     pairs = [(values[joint.torque.key], _in_si(joint.motion, values)) for joint in joints]
@@ -136,7 +136,7 @@ def _half_power_hz(u: FloatArray, y: FloatArray, rate_hz: float) -> float:
     if size > 2:
         hz, fraction = coherence(u, np.gradient(y), rate_hz, nperseg=size)
         fraction[fraction < 1 - 0.01 ** (size / len(u))] = 0.0
-        fraction[:2] = 1.0  # slower than a segment
+        fraction[:2] = 1.0  # a segment is too short for these lines
         power *= np.interp(np.arange(len(power)) * rate_hz / len(u), hz, fraction)
     total = np.cumsum(power)
     return float(np.argmax(total >= total[-1] / 2)) * rate_hz / len(u)
@@ -161,7 +161,7 @@ def _with_sensor(joint: JointGuess, sensor: ChannelGuess, values: Values, rate_h
     gain, std = sensor_gain(u, s, y, MOTIONS.index(joint.motion.quantity), rate_hz)
     is_certain, why = MIN_GAIN_OVER_STD * std < abs(gain), "torque sensor behind the gear, by its name"
     sensor = replace(sensor, unit=sensor.unit or "N*m", sign=1 if is_certain and gain < 0 else -1, why=why)
-    is_torque = joint.torque.quantity == "torque"  # of a current the constant is unknown
+    is_torque = joint.torque.quantity == "torque"  # the torque constant of a current is unknown
     return replace(joint, sensor=sensor, sensor_gain=abs(gain) if is_certain and is_torque else 1.0)
 
 
@@ -169,7 +169,7 @@ def _in_si(motion: ChannelGuess, values: Values) -> FloatArray:
     """Return motion (n,) in SI without its sign, an angle unwrapped."""
     size, turns = abs(motion.to_si), motion.quantity == "position" and dimension_and_size(motion.unit)[0] == "rad"
     x = values[motion.key]
-    return size * (unwrapped(x, 2 * np.pi / size)[0] if turns else x)
+    return size * (unwrap(x, 2 * np.pi / size)[0] if turns else x)
 
 
 def _sort(items: Sequence[T], labels: Sequence[str]) -> list[T]:
@@ -263,9 +263,9 @@ def _joint(
     drive: ChannelGuess, motion: ChannelGuess, motions: Sequence[ChannelGuess], values: Values, rate_hz: float
 ) -> JointGuess:
     """Make the joint of a torque and a motion, among the motions of all joints."""
-    others = {g.key: (_in_si(g, values), MOTIONS.index(g.quantity)) for g in (*motions, motion)}
-    y, order = others.pop(motion.key)
-    best = torque_relation(drive.to_si * values[drive.key], y, order, rate_hz, others=[*others.values()])
+    other_motions = {g.key: (_in_si(g, values), MOTIONS.index(g.quantity)) for g in (*motions, motion)}
+    y, order = other_motions.pop(motion.key)
+    best = torque_relation(drive.to_si * values[drive.key], y, order, rate_hz, others=[*other_motions.values()])
     if best.is_against_motion:
         motion = replace(motion, sign=-1, why=f"{motion.why}; sign -1 since inertia and friction are positive so")
     motion = replace(motion, why=f"{motion.why}; it explains {100 * best.explained:.0f} % of {drive.name}")

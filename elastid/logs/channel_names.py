@@ -79,15 +79,15 @@ class ChannelGuess:
         if (numbers := [*filter(str.isdecimal, words)]) and not self.by_words:
             return re.sub(r"\d+", "#", bare), " ".join(numbers)
         nouns = [word for word in words if re.fullmatch(_WORDS.get(self.quantity, ""), word.lower())]
-        others = [w for w in words if w not in nouns and not re.fullmatch(_COMMON, w.lower())] or nouns[1:]
-        common = ["#" if word in others else word for word in words]
-        return " ".join(word for word, _ in groupby(common)), " ".join(others)
+        labels = [w for w in words if w not in nouns and not re.fullmatch(_COMMON, w.lower())] or nouns[1:]
+        common = ["#" if word in labels else word for word in words]
+        return " ".join(word for word, _ in groupby(common)), " ".join(labels)
 
     @property
     def is_torque_sensor(self) -> bool:
         """True for a torque that may be measured behind the gear, by its name."""
-        words = set(re.split(r"[^a-z]+", _split(self.name).lower()))
-        return self.quantity == "torque" and bool(words & {"sensor", "jts", "link"} or {"tau", "j"} <= words)
+        name_words = set(re.split(r"[^a-z]+", _split(self.name).lower()))
+        return self.quantity == "torque" and bool(name_words & {"sensor", "jts", "link"} or {"tau", "j"} <= name_words)
 
     @property
     def place(self) -> str:

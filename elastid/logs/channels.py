@@ -29,7 +29,7 @@ from elastid.logs.repair.clock_drift import (
     delay_by_torque,
 )
 from elastid.logs.repair.masks import samples_before_motion
-from elastid.logs.repair.missing import filled, resampled_with_gaps
+from elastid.logs.repair.missing import fill_gaps, resampled_with_gaps
 from elastid.logs.repair.periodicity import check_complete, period_samples, round_samples
 from elastid.logs.repair.resampling import PASSBAND, at_times
 from elastid.logs.repair.time_stamps import sampling_times, to_rate
@@ -130,37 +130,37 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     columns = {i: column for group in groups for i, column in zip(group.members, group.signals.T, strict=True)}
     may_rest = ("u",) if file.purpose == "coast_down" else ()
     check_values(channels, [columns[i] for i in range(len(columns))], experiment.log(1), may_rest)
-    converted = []
+    in_si = []
     for group in groups:
         signals = [link_side(channels[i], columns[i], robot, experiment.log(group.file)) for i in group.members]
-        converted.append(replace(group, signals=np.stack(signals).T))
+        in_si.append(replace(group, signals=np.stack(signals).T))
     lowest = min(group.rate_hz for group in groups)
-    period_s = _period_s(converted, experiment)
-    at_rate = [_at_rate(group, lowest, period_s, experiment) for group in converted]
+    period_s = _period_s(in_si, experiment)
+    at_rate = [_at_rate(group, lowest, period_s, experiment) for group in in_si]
     period = None if period_s is None else period_samples_of_channel(period_s, lowest, recorded, file)
     known_hz = None if recorded.rate_hz == "unknown" else lowest
     if period is not None and recorded.period_of(file) == "find":
         seconds = "" if known_hz is None else f" ({period / known_hz:.8g} s)"
         text = f"the torques repeat every {period:.8g} samples{seconds}, which is used as the period"
         experiment.log(1).report("periods found", 1, text)
-    aligned = _align(at_rate, period, experiment)
-    n = min(len(group.signals) for group in aligned)
-    columns = {i: x[:n] for group in aligned for i, x in zip(group.members, group.signals.T, strict=True)}
+    in_step = _align(at_rate, period, experiment)
+    n = min(len(group.signals) for group in in_step)
+    columns = {i: x[:n] for group in in_step for i, x in zip(group.members, group.signals.T, strict=True)}
     # If two files contain a signal, the first file is used.
     by_file = sorted(range(len(channels)), key=lambda i: (channels[i].file, i), reverse=True)
     firsts = {(channels[i].role, channels[i].at): i for i in by_file}
-    keep = sorted(firsts.values(), key=lambda i: (channels[i].role == "d", i))
-    selection = tuple(channels[i] for i in keep)
+    order = sorted(firsts.values(), key=lambda i: (channels[i].role == "d", i))
+    selection = tuple(channels[i] for i in order)
     rows = groups[0].rows if len(groups) == 1 else None
     log = replace(experiment.log(1, [channel.full_name for channel in selection], known_hz), rows=rows)
-    values = np.stack([columns[i] for i in keep]).T
+    values = np.stack([columns[i] for i in order]).T
     begin = _begin(values[:, driver_columns(selection)], period, log)
     return GatheredChannels(values[begin:], selection, lowest, period, log.after(begin))
 
 
-def report_unused_references(channels: Sequence[ChannelSpec], log: Log, used: Sequence[int] = ()) -> None:
+def report_unused_references(channels: Sequence[ChannelSpec], log: Log, log_channels: Sequence[int] = ()) -> None:
     """Report references that are not among the used channels."""
-    names = [c.name_in_file for i, c in enumerate(channels) if c.role == "reference" and i not in used]
+    names = [c.name_in_file for i, c in enumerate(channels) if c.role == "reference" and i not in log_channels]
     text = (
         f"{', '.join(names)}: reference not used. Give experiment.recorded.controller in a friction study, else one "
         "reference per input and no r"
@@ -171,12 +171,12 @@ def report_unused_references(channels: Sequence[ChannelSpec], log: Log, used: Se
 
 def _begin(drivers: FloatArray, period: float | None, log: Log) -> int:
     """Return the first sample of the first period in which the excitation (n, d) is not zero throughout."""
-    rest = samples_before_motion(drivers)
-    if period is None or rest < period:
+    n_rest = samples_before_motion(drivers)
+    if period is None or n_rest < period:
         return 0
-    count = int(rest / period)
+    count = int(n_rest / period)
     periods = "period" if count == 1 else f"{count} periods"
-    text = f"the excitation starts at {log.time_of(rest)}; {periods} before it, at zero velocity, are discarded"
+    text = f"the excitation starts at {log.time_of(n_rest)}; {periods} before it, at zero velocity, are discarded"
     log.report("rest left out", count, text)
     return math.ceil(count * period)
 
@@ -224,7 +224,7 @@ def _read(experiment: _Experiment, key: _Key, members: Sequence[int], has_clocks
 
 def _on_grids(experiment: _Experiment, parts: Mapping[_Key, tuple[list[int], FloatArray]]) -> list[_Group]:
     """Bring signals to their rates. If a file has several clocks, cut all signals to the start of the last one."""
-    groups, timed, file = [], dict[_Key, tuple[FloatArray, FloatArray]](), experiment.file
+    groups, time_series, file = [], dict[_Key, tuple[FloatArray, FloatArray]](), experiment.file
     full_names = [channel.full_name for channel in experiment.recorded.channels]
     clocks = {number: {name for k, _, name in parts if k == number} for number, *_ in parts}
     logs = {
@@ -234,21 +234,21 @@ def _on_grids(experiment: _Experiment, parts: Mapping[_Key, tuple[list[int], Flo
     for key, (_, values) in parts.items():
         if key[2]:
             stamps_s = _stamps_s(values[:, -1], key[2], key[1], logs[key])
-            timed[key] = sampling_times(stamps_s, values[:, :-1], logs[key], len(clocks[key[0]]) > 1)
+            time_series[key] = sampling_times(stamps_s, values[:, :-1], logs[key], len(clocks[key[0]]) > 1)
     for key, (members, values) in parts.items():
-        (number, rate_hz, _), log, gridded, rows, first_s = key, logs[key], values, None, None
-        if key in timed:
-            time_s, gridded = timed[key]
-            spans = {name: (float(t[0]), float(t[-1])) for (k, _, name), (t, _) in timed.items() if k == number}
+        (number, rate_hz, _), log, on_grid, rows, first_s = key, logs[key], values, None, None
+        if key in time_series:
+            time_s, on_grid = time_series[key]
+            spans = {name: (float(t[0]), float(t[-1])) for (k, _, name), (t, _) in time_series.items() if k == number}
             begin_s = common_span(spans, experiment.paths[number - 1])[0] if len(spans) > 1 else None
-            gridded = to_rate(time_s, gridded, rate_hz, log, begin_s)
+            on_grid = to_rate(time_s, on_grid, rate_hz, log, begin_s)
             first_s = float(time_s[0]) if begin_s is None else begin_s
             if begin_s is None:
-                rows = log.first + np.searchsorted(time_s - first_s, (np.arange(len(gridded)) - 0.5) / rate_hz)
+                rows = log.first + np.searchsorted(time_s - first_s, (np.arange(len(on_grid)) - 0.5) / rate_hz)
             elif number == 1 and file.samples is not None:
                 first_s += file.samples[0] / experiment.recorded.known_rate_hz
-                gridded = gridded[experiment.range_at(rate_hz, len(gridded))]
-        signals = without_placeholders(np.where(np.isfinite(gridded), gridded, np.nan))
+                on_grid = on_grid[experiment.range_at(rate_hz, len(on_grid))]
+        signals = without_placeholders(np.where(np.isfinite(on_grid), on_grid, np.nan))
         groups.append(_Group(number, rate_hz, tuple(members), signals, rows, first_s))
     return groups
 
@@ -275,8 +275,8 @@ def _at_rate(group: _Group, rate_hz: float, period_s: float | None, experiment: 
         signals = resampled_with_gaps(signals, times, 1 / ratio, log)
     else:
         period = period_samples_of_channel(period_s, group.rate_hz, experiment.recorded, experiment.file)
-        whole = signals if np.isfinite(signals).all() else filled(signals, round(period), 1, log)
-        signals = at_times(whole, times, period, 1 / ratio)
+        complete = signals if np.isfinite(signals).all() else fill_gaps(signals, round(period), 1, log)
+        signals = at_times(complete, times, period, 1 / ratio)
     return replace(group, rate_hz=rate_hz, signals=signals, rows=None)
 
 
@@ -286,25 +286,25 @@ def _align(groups: Sequence[_Group], period: float | None, experiment: _Experime
     base = [group for group in groups if group.file == 1]
     n = min(len(group.signals) for group in base)
     N = None if period is None else round(period)
-    shifts, others, log, x_1 = {}, [], experiment.log(1), _signals(base, N, channels)
+    shifts, other_logs, log, x_1 = {}, [], experiment.log(1), _signals(base, N, channels)
     for number in sorted({group.file for group in groups} - {1}):
         name, members = paths[number - 1].name, [group for group in groups if group.file == number]
         ratio = 1.0 if N is None else _clock_ratio(x_1, _signals(members, N, channels), N)
         if ratio != 1:
             for i, group in enumerate(members):
                 times = np.arange(int((len(group.signals) - 1) / ratio) + 1, dtype=np.float64) * ratio
-                whole = None if period is None else period * ratio
-                members[i] = replace(group, signals=at_times(group.signals, times, whole))
+                period_at_rate = None if period is None else period * ratio
+                members[i] = replace(group, signals=at_times(group.signals, times, period_at_rate))
             text = f"the clocks of {name} and {paths[0].name} differ by {1e6 * (ratio - 1):.1f} ppm: resampled to that"
             log.report("logs at one clock", 1, f"{text} of {paths[0].name}")
         shift, cue = _file_delay(base[0], members[0], x_1, _signals(members, N, channels), N, paths[number - 1])
         shifts[number] = shift
-        others += members
+        other_logs += members
         up_to = "" if N is None else " (up to whole periods)"
         log.report("logs shifted", 1, f"{name} lags {paths[0].name} by {shift:.3f} samples{up_to}; aligned by {cue}")
-    start = max([0, *(int(np.ceil(-shift)) for shift in shifts.values())])
+    start = max([0, *(math.ceil(-shift) for shift in shifts.values())])
     result = [replace(group, signals=group.signals[start:]) for group in base]
-    for group in others:
+    for group in other_logs:
         shift, signals = shifts[group.file], group.signals
         if N is not None and len(signals) < 2 * N and all(channels[i].role == "r" for i in group.members):
             # One period of the excitation alone is repeated.
@@ -333,7 +333,7 @@ def _clock_ratio(base: Signals, file: Signals, N: int) -> float:
 def _periodic(signals: Signals, N: int) -> FloatArray | None:
     """Return whole periods (n, c) of the least noisy role that has two; None without."""
     for role in ("r", "reference", "u", "y"):
-        if x := [x for place, x in signals.items() if place[0] == role and len(x) >= 2 * N]:
+        if x := [x for key, x in signals.items() if key[0] == role and len(x) >= 2 * N]:
             return _stack(x)[: min(map(len, x)) // N * N]
     return None
 
@@ -351,10 +351,10 @@ def _file_delay(
     A signal in both files shows the lag. So do r and u, to whole samples, since the phase of the loop is part of it.
     Otherwise clock or rows do, unless torque and acceleration of the motors contradict them.
     """
-    sent = {place: x for place, x in x_2.items() if place[0] == "r"}
+    references = {place: x for place, x in x_2.items() if place[0] == "r"}
     acting = {("r", motor, quantity): x for (role, motor, quantity), x in x_1.items() if role == "u"}
     correlation = 0.0
-    for x_k, candidates, is_exact in ((x_1, x_2, True), (acting, sent, False)):
+    for x_k, candidates, is_exact in ((x_1, x_2, True), (acting, references, False)):
         delays = {place: delay(x_k[place], x, N) for place, x in candidates.items() if place in x_k}
         best = max(delays, key=lambda place: delays[place][1], default=None)
         correlation = 0.0 if best is None else delays[best][1]
@@ -362,9 +362,9 @@ def _file_delay(
             whole = "" if is_exact else ", to whole samples: log r in both files, or name delay in fit.parameters"
             lag = delays[best][0]
             return lag if is_exact else float(round(lag)), f"{best[0]} at {best[1]}{whole}"
-    shift = None if sent else _clock_shift(first, second, any(place[0] == "r" for place in x_1))
+    shift = None if references else _clock_shift(first, second, any(place[0] == "r" for place in x_1))
     motions = {place: x for place, x in x_2.items() if place[0] == "y" and ("u", place[1], "") in x_1}
-    if motions and not sent:
+    if motions and not references:
         u, y = _stack([x_1["u", at, ""] for _, at, _ in motions]), _stack([*motions.values()])
         orders = np.array([2 - MOTION_ORDER[cast(Motion, quantity)] for *_, quantity in motions])
         lag, agreement, match = delay_by_torque(u, y, orders, N, shift or 0.0)
@@ -396,4 +396,4 @@ def _signals(groups: Sequence[_Group], N: int | None, channels: Sequence[Channel
         for group in groups
         for i, column in zip(group.members, group.signals.T, strict=True)
     }
-    return {place: x for place, x in signals.items() if len(x) >= (N or 1) and np.isfinite(x).all()}
+    return {key: x for key, x in signals.items() if len(x) >= (N or 1) and np.isfinite(x).all()}

@@ -161,8 +161,8 @@ def clock_of(log: Log) -> Clock:
         if len(stamps) != 1:
             rate_hz = float(f"{1e3 / slowest:.6g}")
             return Clock(rate_hz, "highest rate at which both a drive and a motion were logged")
-    unnamed, falling = [name for name in shapes if not guess_by_name(name, None).quantity], ""
-    for name in (*stamps, *filter(is_time, shapes), *unnamed):
+    candidates, falling = [name for name in shapes if not guess_by_name(name, None).quantity], ""
+    for name in (*stamps, *filter(is_time, shapes), *candidates):
         stamps_as_logged, _ = stamps_of(log, name)
         falling = falling or (name if is_time(name) and is_clock(-stamps_as_logged) else "")
         t, jumps = without_jumps(stamps_as_logged)

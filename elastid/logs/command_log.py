@@ -21,7 +21,7 @@ from elastid.logs.files.formats import opened_log, read_channels
 from elastid.logs.files.log import Log as LogFile
 from elastid.logs.files.text_format import guess_format
 from elastid.logs.log_signals import signals_of
-from elastid.logs.repair import Log, bridged
+from elastid.logs.repair import Log, interpolate_linearly
 from elastid.logs.units_and_sides import link_side, on_one_side, to_joints
 from elastid.robot import Robot
 from elastid.simulation.controller import loop_of
@@ -96,17 +96,18 @@ def read_study_log(path: Path, recorded: RecordedSpec, robot: Robot, rate_hz: fl
     Velocities are commanded as the controller of the study feeds them forward; its gains are those of the log.
     rate_hz: in place of the study's.  StudyError if a joint has no channel of role reference, or y of its position.
     """
-    names, columns = robot.driven_names, dict[str, FloatArray]()
+    columns = dict[str, FloatArray]()
     for role in ("reference", "y"):
-        channels = [_channel(recorded, role, joint) for joint in names]
+        channels = [_channel(recorded, role, joint) for joint in robot.driven_names]
         log = Log(str(path), tuple(channel.full_name for channel in channels))
         values = read_channels(path, channels, recorded.text)
-        linked = [bridged(link_side(channel, x, robot, log)) for channel, x in zip(channels, values.T, strict=True)]
-        columns[role], _ = on_one_side(channels, np.stack(linked, axis=1), to_joints(channels, robot))
+        signals = (link_side(channel, x, robot, log) for channel, x in zip(channels, values.T, strict=True))
+        link_side_values = np.stack(list(map(interpolate_linearly, signals)), axis=1)
+        columns[role], _ = on_one_side(channels, link_side_values, to_joints(channels, robot))
     rate_hz, controller = rate_hz or recorded.known_rate_hz, recorded.controller
     forward = 0.0 if controller is None else controller.velocity_feedforward
     velocity = forward * rate_hz * np.gradient(columns["reference"], axis=0)
-    loop = None if controller is None else loop_of(controller, len(names))
+    loop = None if controller is None else loop_of(controller, len(robot.driven_names))
     clock_hz = None if recorded.rate_hz == "unknown" else recorded.known_rate_hz
     kp, kd = (None, None) if loop is None else (loop.kp, loop.kd)
     return CommandLog(path.stem, rate_hz, columns["reference"], velocity, columns["y"], kp, kd, clock_hz)
@@ -114,9 +115,9 @@ def read_study_log(path: Path, recorded: RecordedSpec, robot: Robot, rate_hz: fl
 
 def _channel(recorded: RecordedSpec, role: str, joint: str) -> ChannelSpec:
     """Return the channel of a command, or of the position nearest to the motor of a joint."""
-    for place in (f"motor {joint}", f"joint {joint}"):
+    for location in (f"motor {joint}", f"joint {joint}"):
         for channel in recorded.channels:
-            if (channel.role, channel.at, channel.quantity) == (role, place, "position"):
+            if (channel.role, channel.at, channel.quantity) == (role, location, "position"):
                 return channel
     text = f"no channel of role {role}, quantity position at motor {joint}. Add it to experiment.recorded.channels"
     raise StudyError("study/recorded", text, "--study")

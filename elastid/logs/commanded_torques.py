@@ -90,8 +90,8 @@ class Drives:
         f = positive(freq_hz)
         images = line = np.zeros((len(f), len(self.torques)), complex)
         for m, torques in self.logged(f):
-            delayed = torques * np.exp(-2j * np.pi * (f[:, None] + m * self.rate_hz) * tau)
-            images, line = (images + delayed, line) if m else (images, delayed)
+            delayed_torques = torques * np.exp(-2j * np.pi * (f[:, None] + m * self.rate_hz) * tau)
+            images, line = (images + delayed_torques, line) if m else (images, delayed_torques)
         return images, line
 
 
@@ -176,9 +176,9 @@ def _match(drives: Drives, f: FloatArray, U: ComplexArray, R: ComplexArray, Q: C
         return np.asarray((forward * path_delay - feedback) * log_delay)
 
     def images(tau: float, tau_r: float) -> ComplexArray:
-        shifted = np.exp(-1j * omega * (tau + tau_r))[..., None]
-        shifted[line] = 0.0
-        return np.asarray(np.sum(torques * shifted, axis=0))
+        phase = np.exp(-1j * omega * (tau + tau_r))[..., None]
+        phase[line] = 0.0
+        return np.asarray(np.sum(torques * phase, axis=0))
 
     def scaled(tau: float, tau_r: float) -> tuple[ComplexArray, FloatArray]:
         M = images(tau, tau_r) + delayed(tau, tau_r, forward, feedback)

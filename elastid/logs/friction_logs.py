@@ -121,8 +121,8 @@ class _LogReader:
         for i, segment in enumerate(segments):
             name = f"{self.name} part {i + 1}" if i else self.name
             offset_s = (segment.log.first - gathered.log.first) / recorded.known_rate_hz
-            part = replace(self, name=name, start_s=self.start_s + offset_s, offset_s=offset_s)
-            records += part._segment_records(segment)
+            reader = replace(self, name=name, start_s=self.start_s + offset_s, offset_s=offset_s)
+            records += reader._segment_records(segment)
         if records:
             return tuple(records)
         text = "no moving joint has both torque and position in it. Log role u (or role reference, with the gains as"
@@ -130,8 +130,8 @@ class _LogReader:
         raise DataError("records/channels", f"{text} controller), and {advice}", self.path)
 
     def _segment_records(self, gathered: GatheredChannels) -> tuple[FrictionRecord, ...]:
-        repaired, N, rate_hz = self._repair(gathered)
-        values, tau_d = on_one_side(gathered.channels, repaired, to_shafts(gathered.channels, self.robot))
+        repaired_signals, N, rate_hz = self._repair(gathered)
+        values, tau_d = on_one_side(gathered.channels, repaired_signals, to_shafts(gathered.channels, self.robot))
         if self.recorded.controller is None:
             report_unused_references(gathered.channels, gathered.log)
         motors = [c.at for c in gathered.channels if c.role == "u"]
@@ -150,11 +150,11 @@ class _LogReader:
             return repair_signals(gathered, self.recorded)
         log = gathered.log
         signals = bridge_gaps(gathered.signals, log, MAX_MISSING_FRACTION)
-        judged = [i for i, c in enumerate(gathered.channels) if c.role == "u" or c.quantity == "position"]
-        part_log = replace(log, names=tuple(log.names[i] for i in judged))
-        are_motions = [gathered.channels[i].role != "u" for i in judged]
-        clean = without_lone(signals[:, judged], part_log, are_motions)
-        signals[:, judged] = bridge_short_gaps(clean, replace(part_log, findings=Findings()))
+        columns = [i for i, c in enumerate(gathered.channels) if c.role == "u" or c.quantity == "position"]
+        part_log = replace(log, names=tuple(log.names[i] for i in columns))
+        are_motions = [gathered.channels[i].role != "u" for i in columns]
+        clean = without_lone(signals[:, columns], part_log, are_motions)
+        signals[:, columns] = bridge_short_gaps(clean, replace(part_log, findings=Findings()))
         return signals, None, gathered.rate_hz
 
     def _thermometer(self, channel: ChannelSpec, time_s: FloatArray) -> FloatArray:
@@ -260,8 +260,8 @@ class _LogReader:
         return {"command": command, "gains": (kp, kd), "feedback_delays_s": (delay_s, further_s)}
 
     def _moves(self, joint: Joint, position: FloatArray) -> bool:
-        rest = REST_TRAVEL_M if joint.slides else REST_TRAVEL_RAD
-        return self.file.purpose in STILL or joint.name == self.file.joint or float(np.ptp(position)) > rest
+        min_travel = REST_TRAVEL_M if joint.slides else REST_TRAVEL_RAD
+        return self.file.purpose in STILL or joint.name == self.file.joint or float(np.ptp(position)) > min_travel
 
     def _temperature(self, signals: Signals, joint: str, n: int) -> FloatArray | None:
         degrees = _signal(signals, "t", joint)
@@ -282,9 +282,9 @@ def _segments(gathered: GatheredChannels) -> tuple[GatheredChannels, ...]:
     has_gap = np.asarray(~np.isfinite(gathered.signals).all(axis=1))
     gaps = runs(has_gap, MAX_BRIDGED + 1)
     bounds = zip([0, *gaps[:, 1].tolist()], [*gaps[:, 0].tolist(), len(has_gap)], strict=True)
-    least, log = MIN_PART_S * gathered.rate_hz, gathered.log
+    min_samples, log = MIN_PART_S * gathered.rate_hz, gathered.log
     inner = [_without_ends(has_gap, first, end) for first, end in bounds]
-    long = [(first, end) for first, end in inner if end - first >= least]
+    long = [(first, end) for first, end in inner if end - first >= min_samples]
     if not long or (not len(gaps) and long == [(0, len(has_gap))]):
         return (gathered,)
     for start in gaps[:1, 0]:

@@ -23,7 +23,7 @@ from elastid.logs.clocks import (
 from elastid.logs.files.log import ArrayLog, Log
 from elastid.logs.files.text import TextLog
 from elastid.logs.repair import Log as RepairLog
-from elastid.logs.repair import bridged
+from elastid.logs.repair import interpolate_linearly
 from elastid.logs.repair.masks import MAX_MISSING_FRACTION, far_outside
 from elastid.logs.repair.outliers import without_lone
 from elastid.logs.units_and_sides import MAX_COMPUTABLE
@@ -60,8 +60,8 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
             if np.isfinite(x).all() and len(x) > MIN_SAMPLES:  # a wrong cell is missing
                 x = without_lone(x[:, None], RepairLog("", ("",)), [True] if guess.quantity == "position" else [])[:, 0]
             is_measured = np.isnan(x).sum() < MAX_MISSING_FRACTION * len(x)
-            if is_measured and (np.ptp(whole := bridged(x)) > 0 or with_constant):
-                result.append((replace(_with_counts(guess, whole), name=name), whole))
+            if is_measured and (np.ptp(complete := interpolate_linearly(x)) > 0 or with_constant):
+                result.append((replace(_with_counts(guess, complete), name=name), complete))
     return _with_gravity(_with_commands(result))
 
 
@@ -74,15 +74,15 @@ def _with_counts(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
     return replace(guess, why=f"? whole numbers without a unit: {remedy}")
 
 
-def wrong_cell(log: Log, names: Sequence[str], most: int) -> str:
+def wrong_cell(log: Log, names: Sequence[str], max_samples: int) -> str:
     """Return a message on the first cell of a text log that is no number; else an empty text.
 
-    names: columns to read; all columns if the log has none of them.  most: largest number of rows.
+    names: columns to read; all columns if the log has none of them.  max_samples: largest number of rows.
     """
     if not isinstance(log, TextLog):
         return ""
     columns = [i for i, (name, _) in enumerate(log.named_columns()) if name in names]
-    return log.wrong_cell(columns or range(log.n_columns), slice(0, most))
+    return log.wrong_cell(columns or range(log.n_columns), slice(0, max_samples))
 
 
 def _with_gravity(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[ChannelGuess, FloatArray]]:
@@ -101,7 +101,7 @@ def _with_gravity(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[
 
 
 def _resample_to_slowest(
-    log: Log, channels: Sequence[tuple[str, str, float]], most: int
+    log: Log, channels: Sequence[tuple[str, str, float]], max_samples: int
 ) -> list[tuple[ChannelGuess, FloatArray]]:
     """Interpolate the signals that have a quantity at the times of the slowest one; DataError without a common time."""
     slowest, result = common_step_ms(channels), []
@@ -110,8 +110,8 @@ def _resample_to_slowest(
         for column in range(1, 1 + min(shape)) if len(shape) > 1 else (None,):
             guess, spec = guess_by_name(name, column, unit), ChannelSpec("y", "any", name, column, quantity="position")
             if guess.quantity and ms <= slowest:
-                x = log.values([spec], slice(0, int(most * slowest / ms)))
-                whole = bridged(without_lone(x, RepairLog("", ("",)))[:, 0])
+                x = log.values([spec], slice(0, int(max_samples * slowest / ms)))
+                whole = interpolate_linearly(without_lone(x, RepairLog("", ("",)))[:, 0])
                 stamps = log.time_of(spec)
                 t_ms = ms * np.arange(len(whole), dtype=np.float64)
                 if stamps:

@@ -8,6 +8,7 @@ Motions are compared as derivatives of one Gaussian, :math:`x^{(k)} = (G_s * x)^
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import starmap
 
 import numpy as np
 
@@ -78,7 +79,7 @@ def motion_relations(a: FloatArray, b: FloatArray, rate_hz: float) -> dict[int, 
         # Positions drift and keep offsets, so that velocities are compared.
         orders = (max(order, 0), max(-order, 0)) if order else (1, 1)
         pairs = ([derivative(x, k, rate_hz, s) for x, k in zip((a, b), orders, strict=True)] for s in _widths(a))
-        relations[order] = max((_relation(*pair) for pair in pairs), key=lambda relation: abs(relation.correlation))
+        relations[order] = max(starmap(_relation, pairs), key=lambda relation: abs(relation.correlation))
     return relations
 
 
@@ -143,8 +144,8 @@ def _fit(A: FloatArray, x: FloatArray, column: int) -> tuple[FloatArray, FloatAr
     """
     size = np.maximum(np.linalg.norm(A, axis=0), 1e-300)
     theta = np.linalg.lstsq(A / size, x, rcond=1e-9)[0] / size
-    residual, others = x - A @ theta, np.delete(A, column, axis=1)
-    alone = A[:, column] - others @ np.linalg.lstsq(others, A[:, column], rcond=1e-9)[0]
+    residual, other_columns = x - A @ theta, np.delete(A, column, axis=1)
+    alone = A[:, column] - other_columns @ np.linalg.lstsq(other_columns, A[:, column], rcond=1e-9)[0]
     score = alone * residual
     variance = score @ score + 2 * sum((1 - k / 10) * float(score[k:] @ score[:-k]) for k in range(1, 10))
     return theta, residual, alone, float(np.sqrt(max(variance, 0.0))) / max(float(alone @ alone), 1e-300)
@@ -165,13 +166,13 @@ def _relation_at(
     moving = [x for x in accelerations if np.std(x) > MIN_MOVING * np.std(a)]
     A, torque = np.stack(columns, axis=1)[:: int(width / 2)], torque[:: int(width / 2)]
     theta, residual, alone, std = _fit(A, torque, 0)
-    explained = 1 - float(np.var(residual) / np.var(torque))
+    r_squared = 1 - float(np.var(residual) / np.var(torque))
     by_inertia = float(theta[0] ** 2 * np.var(alone) / np.var(torque))
-    friction = slice(2 if moving and explained < MIN_EXPLAINED_OF_MOVED else 1, 3)
+    friction = slice(2 if moving and r_squared < MIN_EXPLAINED_OF_MOVED else 1, 3)
     terms = (A[:, 0] * theta[0], A[:, friction] @ theta[friction])
     signs = (np.sign(theta[0]), np.sign(np.mean(terms[1] * A[:, 1])))
     signed = [float(s * abs(np.cov(term, torque)[0, 1]) / np.var(torque)) for s, term in zip(signs, terms, strict=True)]
-    is_against = explained > MIN_EXPLAINED and min(signed) < -0.3 and max(signed) < 0.1
+    is_against = r_squared > MIN_EXPLAINED and min(signed) < -0.3 and max(signed) < 0.1
     if is_against and moving:  # joints that move in proportion do not determine the sign
         B = np.stack([np.ones_like(torque), *(x[:: int(width / 2)] for x in moving)], axis=1)
         independent, remaining = (x - B @ np.linalg.lstsq(B, x, rcond=1e-9)[0] for x in (A[:, :2], torque))
@@ -179,7 +180,7 @@ def _relation_at(
         slopes = np.linalg.lstsq(independent, remaining, rcond=1e-9)[0]
         is_against = bool(is_rich and min(slopes * np.std(independent, axis=0)) < 0)
     return TorqueRelation(
-        explained, float(theta[0]), abs(float(theta[0])) + 3 * std, is_against, by_inertia, bool(moving)
+        r_squared, float(theta[0]), abs(float(theta[0])) + 3 * std, is_against, by_inertia, bool(moving)
     )
 
 

@@ -50,7 +50,7 @@ def with_reference_loop(response: Response, recorded: RecordedSpec, robot: Robot
     if controller.velocity == "exact":
         z_inverse = np.exp(-2j * np.pi * freq_hz[:, None] / rate_hz)
         feedback[1] *= 2 / (1 + z_inverse)
-    sampled = tuple(place.startswith(("motor ", "joint ")) for place in response.outputs)
+    sampled = tuple(location.startswith(("motor ", "joint ")) for location in response.outputs)
     if (motion := response.motion) is not None:
         at = [motors.index(motor) for motor in motion.motors]
         terms = loop.kp * loop.ki, loop.kp + loop.kd * loop.ki, loop.kd

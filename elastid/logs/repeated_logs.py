@@ -33,22 +33,22 @@ def join_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
     """
     first = _shift_periods(records[0], 0.0)
     claims = [f"{paths[0]} and {path} are both {first.name}" for path in paths[1:]]
-    aligned = [first, *(_align_record(first, *pair) for pair in zip(records[1:], claims, strict=True))]
-    starts = np.cumsum([0, *(log.n_repeats for log in aligned)]).tolist()
-    r = [log.r for log in aligned if log.r is not None]
-    repairs = sum((Counter(log.repairs) for log in aligned), Counter())
-    counts = ", ".join(f"{log.n_periods} of {path}" for log, path in zip(aligned, paths, strict=True))
-    text = f"the periods of one excitation are from {len(aligned)} logs: {counts}"
+    in_phase = [first, *(_align_record(first, *pair) for pair in zip(records[1:], claims, strict=True))]
+    starts = np.cumsum([0, *(log.n_repeats for log in in_phase)]).tolist()
+    r = [log.r for log in in_phase if log.r is not None]
+    repairs = sum((Counter(log.repairs) for log in in_phase), Counter())
+    counts = ", ".join(f"{log.n_periods} of {path}" for log, path in zip(in_phase, paths, strict=True))
+    text = f"the periods of one excitation are from {len(in_phase)} logs: {counts}"
     note = Note("records/corrected", text, f"record {first.name}", severity="information")
     return replace(
         first,
-        u=np.concatenate([log.u for log in aligned]),
-        y=np.concatenate([log.y for log in aligned]),
-        r=np.concatenate(r) if len(r) == len(aligned) else None,
+        u=np.concatenate([log.u for log in in_phase]),
+        y=np.concatenate([log.y for log in in_phase]),
+        r=np.concatenate(r) if len(r) == len(in_phase) else None,
         starts=tuple(starts[1:-1]),
-        notes=(*dict.fromkeys(notes_of(aligned)), note),
+        notes=(*dict.fromkeys(notes_of(in_phase)), note),
         repairs=dict(repairs),
-        discarded_periods=tuple(n + p for n, log in zip(starts, aligned, strict=False) for p in log.discarded_periods),
+        discarded_periods=tuple(n + p for n, log in zip(starts, in_phase, strict=False) for p in log.discarded_periods),
     )
 
 
@@ -64,24 +64,24 @@ def _align_record(first: Record, record: Record, claim: str) -> Record:
     best = max(range(len(delays)), key=lambda i: delays[i][1])
     lag = delays[best][0]
     b = np.fft.irfft(np.fft.rfft(b, axis=0) * np.exp(2j * np.pi * np.fft.rfftfreq(N) * lag)[:, None], N, axis=0)
-    for i, place in enumerate(first.inputs):
+    for i, location in enumerate(first.inputs):
         noise = var_a[i] + var_b[i]
         # Of an input whose noise no log shows nothing is known, unless it is the one that excites.
         if refusal := _repetition_error(a[:, i], b[:, i], noise) if i == best or np.isfinite(noise) else "":
-            raise DataError("records/inconsistent", f"{claim}, but at {place} {refusal}. {_ADVICE}")
-    aligned = _shift_periods(record, lag)
-    u, y = (x.mean(axis=0) - back.mean(axis=0) for x, back in ((first.u, aligned.u), (first.y, aligned.y)))
-    return replace(aligned, u=aligned.u + u, y=aligned.y + y)
+            raise DataError("records/inconsistent", f"{claim}, but at {location} {refusal}. {_ADVICE}")
+    in_phase = _shift_periods(record, lag)
+    u, y = (x.mean(axis=0) - back.mean(axis=0) for x, back in ((first.u, in_phase.u), (first.y, in_phase.y)))
+    return replace(in_phase, u=in_phase.u + u, y=in_phase.y + y)
 
 
 def _repetition_error(a: FloatArray, b: FloatArray, noise: float) -> str:
     """Return why b (N,) is no repetition of a (N,). noise: variance of their difference, NaN if unknown."""
     power, gain = float(b @ b), float(a @ b) / max(float(a @ a), 1e-300)
-    unexplained = float(np.sum((b - gain * a) ** 2))
-    least = MIN_TIMES_NOISE * len(a) * noise if np.isfinite(noise) else 0.5 * power
-    if unexplained > max(MAX_CHANGE * power, least):
-        return f"the excitations of the two logs differ in {unexplained / power:.0%} of the power"
-    if abs(gain - 1) > MAX_CHANGE and (gain - 1) ** 2 * float(a @ a) > least:
+    error_power = float(np.sum((b - gain * a) ** 2))
+    noise_power = MIN_TIMES_NOISE * len(a) * noise if np.isfinite(noise) else 0.5 * power
+    if error_power > max(MAX_CHANGE * power, noise_power):
+        return f"the excitations of the two logs differ in {error_power / power:.0%} of the power"
+    if abs(gain - 1) > MAX_CHANGE and (gain - 1) ** 2 * float(a @ a) > noise_power:
         return f"the excitation of the second log is {gain:.3g} times that of the first"
     return ""
 
@@ -102,8 +102,8 @@ def _shift_periods(record: Record, lag: float) -> Record:
     start = float(round(lag) % N) if is_whole else lag % N
     periods = max(1, int((record.n_samples - start) // N))
     overlap = range(2) if start % L else range(1)
-    discarded = {int(p - start // L) - i for p in record.discarded_periods for i in overlap}
-    discarded = {p for p in discarded if 0 <= p < periods * N // L}
+    pairs = {int(p - start // L) - i for p in record.discarded_periods for i in overlap}
+    pairs = {p for p in pairs if 0 <= p < periods * N // L}
     times = np.arange(periods * N, dtype=np.float64) + start
     is_inside = is_whole and times[-1] < record.n_samples
 
@@ -111,4 +111,4 @@ def _shift_periods(record: Record, lag: float) -> Record:
         return x[int(start) :][: len(times)] if is_inside else at_times(x, times, float(N))
 
     r = None if record.r is None else shifted(record.r)
-    return replace(record, u=shifted(record.u), y=shifted(record.y), r=r, discarded_periods=tuple(sorted(discarded)))
+    return replace(record, u=shifted(record.u), y=shifted(record.y), r=r, discarded_periods=tuple(sorted(pairs)))

@@ -15,9 +15,10 @@ from typing import Any, cast
 
 import numpy as np
 
-from elastid.base import arrays
-from elastid.base.arrays import FloatArray, LargeArray
+from elastid.base import large_arrays
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, Note
+from elastid.base.large_arrays import LargeArray
 from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.plan.planned_run import mean_period
 from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
@@ -115,7 +116,7 @@ class RecordedRig:
             return self._whole_record(experiment, replace(file, samples=(log.start + first, log.start + last)))
 
         try:
-            record = joined(measured, log.bounds, log.dtype)
+            record = join_pieces(measured, log.bounds, log.dtype)
         except DataError:  # the whole record decides if this piece is an error
             record = None
         if record is None:
@@ -127,9 +128,9 @@ class RecordedRig:
     def _whole_record(self, experiment: Experiment, file: FileSpec, is_one_of_several: bool = False) -> Record:
         recorded = self._recorded
         gathered = gather_channels(recorded, file, self.base, self.robot)
-        channels, where = gathered.channels, f"record {experiment.name}"
-        where += f", {file.path}" if is_one_of_several else ""
-        roles, places = _columns_of_roles(channels), [channel.at for channel in channels]
+        channels, location = gathered.channels, f"record {experiment.name}"
+        location += f", {file.path}" if is_one_of_several else ""
+        roles, locations = _columns_of_roles(channels), [channel.at for channel in channels]
         signals, N, rate_hz = repair_signals(gathered, recorded, is_one_of_several)
         log, repairs = gathered.log, gathered.log.findings.repairs
         report_unused_references(channels, log, roles["r"] or roles["u"])
@@ -142,40 +143,29 @@ class RecordedRig:
         signals = without_step_images(signals, channels, roles, recorded, rate_hz, self.robot, log)
         signals, _ = on_one_side(channels, signals, to_joints(channels, self.robot))
         hold_lengths = hold_samples(recorded, channels, rate_hz)
-        outputs, acting = (tuple(file.at.get(places[i], places[i]) for i in roles[role]) for role in ("y", "u"))
-        has_at = any(other.at for other in recorded.files if other.configuration == file.configuration)
+        outputs, acting = (tuple(file.at.get(locations[i], locations[i]) for i in roles[role]) for role in ("y", "u"))
+        has_at = any(f.at for f in recorded.files if f.configuration == file.configuration)
         inputs = recorded.places_of(file.configuration, "u") if has_at else acting
         u = np.zeros((len(signals), len(inputs)))  # a hammer is at one of its points
-        u[:, [inputs.index(place) for place in acting]] = signals[:, roles["u"]]
+        u[:, [inputs.index(index) for index in acting]] = signals[:, roles["u"]]
         units = input_units(channels, self.robot) * (len(inputs) // len(acting))
         if recorded.has_no_torque:
-            units = tuple(motion_unit("position", self.robot.slides(place)) for place in inputs)
-            inputs = tuple(REFERENCE + place.partition(" ")[2] for place in inputs)
+            units = tuple(motion_unit("position", self.robot.slides(index)) for index in inputs)
+            inputs = tuple(REFERENCE + index.partition(" ")[2] for index in inputs)
         return Record(
-            name=experiment.name,
-            configuration=experiment.configuration,
-            realisation=experiment.realisation,
-            experiment=experiment.experiment,
-            rate_hz=rate_hz,
-            period_samples=N or len(signals),
-            is_periodic=N is not None,
-            inputs=inputs,
-            outputs=outputs,
-            quantities=tuple(cast(Motion, channels[i].quantity) for i in roles["y"]),
-            u=u,
-            y=signals[:, roles["y"]],
+            name=experiment.name, configuration=experiment.configuration, realisation=experiment.realisation,
+            experiment=experiment.experiment, rate_hz=rate_hz, period_samples=N or len(signals),
+            is_periodic=N is not None, inputs=inputs, outputs=outputs,
+            quantities=tuple(cast(Motion, channels[i].quantity) for i in roles["y"]), u=u, y=signals[:, roles["y"]],
             r=signals[:, roles["r"]] if roles["r"] else None,
             r_is_reference=bool(roles["r"]) and channels[roles["r"][0]].role == "reference",
-            has_rate=gathered.log.rate_hz is not None,
-            notes=log.findings.at(where),
+            has_rate=gathered.log.rate_hz is not None, notes=log.findings.at(location),
             hold="zero-order" if any(hold_lengths) else "band-limited",
             hold_samples=() if set(hold_lengths) <= {0.0} or set(hold_lengths) == {1.0} else hold_lengths,
-            half_wave=recorded.half_wave,
-            repairs=dict(repairs),
-            discarded_periods=tuple(log.findings.discarded_periods),
-            sliding=self.robot.sliding((*inputs, *outputs)),
+            half_wave=recorded.half_wave, repairs=dict(repairs),
+            discarded_periods=tuple(log.findings.discarded_periods), sliding=self.robot.sliding((*inputs, *outputs)),
             input_units=units,
-        )
+        )  # fmt: skip
 
 
 def _columns_of_roles(channels: Sequence[ChannelSpec]) -> dict[str, list[int]]:
@@ -218,12 +208,12 @@ def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...
     if n * n_channels < MIN_VALUES:
         return ()
     if N is None:
-        count = -(-n * n_channels // arrays.PIECE_VALUES)
+        count = -(-n * n_channels // large_arrays.PIECE_VALUES)
         return tuple(pairwise(i * n // count for i in range(count + 1)))
     # The first piece, which is repaired in full, is a short one; repairs take several times its memory.
-    periods, rest = max(_MIN_PERIODS, arrays.PIECE_VALUES // 4 // (N * n_channels)), n // N - _MIN_PERIODS
-    starts = (_MIN_PERIODS + i * periods for i in range(max(1, rest // periods)))
-    return tuple(pairwise(N * p for p in (0, *starts, n // N))) if rest >= _MIN_PERIODS else ()
+    periods, remainder = max(_MIN_PERIODS, large_arrays.PIECE_VALUES // 4 // (N * n_channels)), n // N - _MIN_PERIODS
+    starts = (_MIN_PERIODS + i * periods for i in range(max(1, remainder // periods)))
+    return tuple(pairwise(N * p for p in (0, *starts, n // N))) if remainder >= _MIN_PERIODS else ()
 
 
 def _lags(difference: FloatArray, mean: FloatArray) -> bool:
@@ -234,7 +224,7 @@ def _lags(difference: FloatArray, mean: FloatArray) -> bool:
     return is_long and along**2 * len(mean) > 36 * steepness * float(difference @ difference)
 
 
-def joined(
+def join_pieces(
     measure: Callable[[int, int], Record], bounds: Sequence[tuple[int, int]], dtype: np.dtype[Any]
 ) -> Record | None:
     """Join the record of all pieces with signals in files; None if they are not synchronous.
@@ -244,7 +234,7 @@ def joined(
     n, first = bounds[-1][1], measure(*bounds[0])
     period = mean_period(_driver(first), first.period_samples) if first.is_periodic else None
     roles = {role: x for role in ("u", "y", "r") if (x := getattr(first, role)) is not None}
-    signals = {role: arrays.empty_in_file((n, x.shape[1]), dtype) for role, x in roles.items()}
+    signals = {role: large_arrays.empty_in_file((n, x.shape[1]), dtype) for role, x in roles.items()}
     notes, discarded = dict[Note, None](), list[int]()
     repairs: Counter[str] = Counter()
     for start, end in bounds:
@@ -253,7 +243,7 @@ def joined(
             return None
         for role, signal in signals.items():
             signal[start:end] = getattr(piece, role)
-            arrays.release(signal)
+            large_arrays.release(signal)
         notes |= dict.fromkeys(piece.notes)
         repairs.update(piece.repairs)
         discarded += [start // piece.repeat_samples + p for p in piece.discarded_periods]
@@ -265,7 +255,7 @@ def joined(
 
 def _rows(signal: FloatArray, first: int, last: int) -> FloatArray:
     rows = np.array(signal[first:last])
-    arrays.release(signal)
+    large_arrays.release(signal)
     return rows
 
 

@@ -95,21 +95,21 @@ def with_image_errors(response: Response, recorded: RecordedSpec, robot: Robot) 
     is_logged = any(channel.role in ("r", "reference") for channel in recorded.channels)
     if controller is None or controller.reference is None or is_logged or not 0 < rate_hz * controller.cycle < 4:
         return response
-    if any(place not in torques or place not in response.outputs for place in response.inputs):
+    if any(location not in torques or location not in response.outputs for location in response.inputs):
         return response
-    drives = Drives.of(controller, robot, [torques[place] for place in response.inputs], rate_hz)
-    f, rows = response.freq_hz, [response.outputs.index(place) for place in response.inputs]
+    drives = Drives.of(controller, robot, [torques[location] for location in response.inputs], rate_hz)
+    f, rows = response.freq_hz, [response.outputs.index(location) for location in response.inputs]
     C_fb, C_ff = drives.controlled(f)
     s = laplace_variable(f[:, None])
     P = response.G[:, rows] * s[..., None] ** -MOTION_ORDER[response.quantity]
     fed_back, unit = C_fb[:, :, None] * P, np.eye(len(rows))
     images = drives.per_reference(f)[0]
     if drives.is_subtracted:
-        delayed, advanced = (drives.per_reference(f, tau)[0] * np.exp(s * tau) for tau in (_LAG_STD_S, -_LAG_STD_S))
-        changes = [((delayed - advanced) / 2, unit + fed_back), (_GAIN_STD * images, fed_back)]
+        late, early = (drives.per_reference(f, tau)[0] * np.exp(s * tau) for tau in (_LAG_STD_S, -_LAG_STD_S))
+        changes = [((late - early) / 2, unit + fed_back), (_GAIN_STD * images, fed_back)]
     else:
-        rotated = sum(1j * np.sign(m) * image for m, image in drives.logged(f))
-        changes = [(image / np.sqrt(2), unit + fed_back) for image in (images, rotated)]
+        rotation = sum(1j * np.sign(m) * image for m, image in drives.logged(f))
+        changes = [(image / np.sqrt(2), unit + fed_back) for image in (images, rotation)]
     errors = np.stack([-np.einsum("fyj,fj,fju->jfyu", response.G, e / C_ff, by_torque) for e, by_torque in changes])
     bias = np.zeros((1, *errors.shape[1:]), complex) if response.bias is None else response.bias
     return replace(response, bias=np.concatenate([errors, bias]), image_errors=len(errors))

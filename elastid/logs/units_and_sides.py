@@ -73,13 +73,13 @@ def link_side(channel: ChannelSpec, values: FloatArray, robot: Places, log: Log)
     """Convert a signal (n,) to SI on the link side, an angle unwrapped."""
     factor, turns = _side_factor(channel, robot), 0
     if channel.quantity == "position":
-        values, turns = unwrapped(values, np.inf if robot.slides(channel.at) else 2 * np.pi / abs(factor))
+        values, turns = unwrap(values, np.inf if robot.slides(channel.at) else 2 * np.pi / abs(factor))
     if turns:
         log.note(UNWRAPPED, f"{turns} wraps of its counter or revolution were removed from {channel.name_in_file}")
     return (values * factor + channel.offset) * _gear_factor(channel, robot)
 
 
-def unwrapped(values: FloatArray, turn: float) -> tuple[FloatArray, int]:
+def unwrap(values: FloatArray, turn: float) -> tuple[FloatArray, int]:
     """Remove jumps of values (n,) by nearly a turn, or by the 2^k of an integer counter; return also their number."""
     is_finite = np.isfinite(values)
     x = values[is_finite]
@@ -87,8 +87,8 @@ def unwrapped(values: FloatArray, turn: float) -> tuple[FloatArray, int]:
     # The shortest counter has 8 bits, and starts again near its ends.
     is_counter = span >= 2**8 - 2**4 and np.all(x == np.round(x))
     steps, whole = np.abs(np.diff(x)), 2.0 ** math.ceil(math.log2(span + 1)) if is_counter else turn
-    jumps, others = steps[steps >= whole / 2], steps[steps < whole / 2]
-    if not jumps.size or others.max(initial=0.0) > whole / 4 or np.any(np.abs(jumps - whole) > whole / 6):
+    jumps, small_steps = steps[steps >= whole / 2], steps[steps < whole / 2]
+    if not jumps.size or small_steps.max(initial=0.0) > whole / 4 or np.any(np.abs(jumps - whole) > whole / 6):
         return values, 0
     result = values.astype(np.float64)
     result[is_finite] = np.unwrap(x, period=whole)
@@ -114,17 +114,17 @@ def _through_couplings(channels: Sequence[ChannelSpec], robot: Places, side: str
     for row, channel in enumerate(channels):
         if channel.side != side or channel.at not in motors:
             continue
-        mixed = (angle if channel.is_motion else torque)[motors.index(channel.at)]
-        for source in np.flatnonzero(np.abs(mixed) > 1e-12):  # smaller elements are rounding
-            T[row, _place(channels, channel, motors[source])] = mixed[source]
+        motor_signals = (angle if channel.is_motion else torque)[motors.index(channel.at)]
+        for source in np.flatnonzero(np.abs(motor_signals) > 1e-12):  # smaller elements are rounding
+            T[row, _place(channels, channel, motors[source])] = motor_signals[source]
     return T
 
 
 def without_placeholders(signals: FloatArray) -> FloatArray:
     """Return signals (n, c) with NaN for impossible values, in channels with few of them."""
     is_wrong = np.abs(signals) > MAX_COMPUTABLE
-    few = is_wrong.mean(axis=0) <= MAX_WRONG_FRACTION if len(signals) else is_wrong.any(axis=0)
-    return np.where(is_wrong & few, np.nan, signals) if is_wrong.any() else signals
+    is_rare = is_wrong.mean(axis=0) <= MAX_WRONG_FRACTION if len(signals) else is_wrong.any(axis=0)
+    return np.where(is_wrong & is_rare, np.nan, signals) if is_wrong.any() else signals
 
 
 def check_values(
@@ -181,8 +181,8 @@ def report_drives(channels: Sequence[ChannelSpec], signals: FloatArray, N: int |
             text += f" and r have opposite signs (correlation {rho:.2f}). Give the inverted channel sign: -1"
             log.note("records/torque", text)
     C = np.cov(signals, rowvar=False)
-    compared = [i for i, c in enumerate(channels) if c.role in ("u", "y") and c.at.startswith("motor ") and C[i, i] > 0]
-    for a, b in combinations(compared, 2):
+    indices = [i for i, c in enumerate(channels) if c.role in ("u", "y") and c.at.startswith("motor ") and C[i, i] > 0]
+    for a, b in combinations(indices, 2):
         if channels[a].role == channels[b].role and C[a, b] ** 2 >= (1 - MAX_DIFFERENCE**2) * C[a, a] * C[b, b]:
             text = f"{channels[b].full_name} and {channels[a].full_name} have identical samples, so that one is not the"
             advice = "Check channel and column in the study, and the wiring of the logger"
@@ -199,8 +199,8 @@ def _at_once(r: FloatArray, u: FloatArray, N: int | None) -> float:
     else:
         first, second = (blocks(x, N).mean(axis=0) for x in (r, u))
     R, U = (np.fft.rfft(x)[1:] for x in (first, second))
-    power, turned = np.abs(R) ** 2, R.conj() * U
-    cosine = np.divide(turned.real, np.abs(turned), out=np.zeros_like(power), where=turned != 0)
+    power, cross_power = np.abs(R) ** 2, R.conj() * U
+    cosine = np.divide(cross_power.real, np.abs(cross_power), out=np.zeros_like(power), where=cross_power != 0)
     return float(power @ cosine / max(power.sum(), 1e-300))
 
 
@@ -224,10 +224,10 @@ def _gear_factor(channel: ChannelSpec, robot: Places) -> float:
 
 
 def _place(channels: Sequence[ChannelSpec], like: ChannelSpec, motor: str) -> int:
-    for place, channel in enumerate(channels):
+    for i, channel in enumerate(channels):
         same_kind = not like.is_motion or channel.quantity == like.quantity
         if (channel.role, channel.side, channel.at) == (like.role, like.side, motor) and same_kind:
-            return place
+            return i
     text = f"{like.at} is coupled by gears with {motor}, which has no channel with role {like.role} and side:"
     text += (
         f" {like.side}{f' for the {like.quantity}' if like.is_motion else ''}. Log it too, or give the signal on the"

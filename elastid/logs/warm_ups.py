@@ -47,8 +47,8 @@ def heat_of(record: FrictionRecord) -> tuple[FloatArray, FloatArray, FloatArray]
         text = f"its torque extracts {-work[-1]:.4g} J from the motion, so that friction would accelerate the joint"
         raise _refusal(record, text + ". Correct the sign of torque or position")
     T = record.temperature
-    readings = np.full(n + 1, np.nan) if T is None else _means(T, edges)
-    return record.start_s + edges / rate_hz, np.diff(work) / (np.diff(edges) / rate_hz), readings
+    temperature = np.full(n + 1, np.nan) if T is None else _means(T, edges)
+    return record.start_s + edges / rate_hz, np.diff(work) / (np.diff(edges) / rate_hz), temperature
 
 
 def _refusal(record: FrictionRecord, text: str) -> DataError:
@@ -64,14 +64,14 @@ def _means(x: FloatArray, edges: np.ndarray) -> FloatArray:
 
 def tests_in(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord, ...]:
     """Find constant-velocity test runs: for each stated or recurring speed, the first run in each part of the log."""
-    least = 1 if record.speed is not None else MIN_GROUPS
+    min_count = 1 if record.speed is not None else MIN_GROUPS
     passes = detect_passes(record, has_gravity)
     speeds = alike_speeds(np.array([p.speed for p in passes], dtype=np.float64)).tolist()
     length = max(record.duration_s / GROUPS, 1e-9)
     firsts: dict[float, dict[int, FrictionRecord]] = {}
     for speed, test in zip(speeds, passes, strict=True):
         firsts.setdefault(speed, {}).setdefault(int((test.start_s - record.start_s) / length), test)
-    usable = [p for groups in firsts.values() if len(groups) >= least for p in groups.values()]
+    usable = [p for groups in firsts.values() if len(groups) >= min_count for p in groups.values()]
     return tuple(replace(p, is_warm_up=True) for p in sorted(usable, key=lambda p: p.start_s))
 
 
@@ -82,8 +82,8 @@ def warm_up_log(records: Sequence[FrictionRecord], files: Sequence[FileSpec]) ->
     """
     joint, start = records[0].joint, files[0].temperature
     heats = [heat_of(record) for record in records]
-    room = next((float(file.ambient) for file in files if file.ambient is not None), float("nan"))
-    time_s, power, readings = heats[0]
+    ambient = next((float(file.ambient) for file in files if file.ambient is not None), float("nan"))
+    time_s, power, temperature = heats[0]
     for record, (next_s, next_power, next_readings) in zip(records[1:], heats[1:], strict=True):
         pause = float(next_s[0] - time_s[-1])
         if pause < -1.5 / record.rate_hz:
@@ -91,21 +91,21 @@ def warm_up_log(records: Sequence[FrictionRecord], files: Sequence[FileSpec]) ->
             raise DataError("friction/warm-up", text + ". Correct start, or the order of the files", record.place)
         first = 0 if pause > 1.5 / record.rate_hz else 1
         power = np.concatenate([power, np.zeros(1 - first), next_power])
-        time_s, readings = np.append(time_s, next_s[first:]), np.append(readings, next_readings[first:])
-    span, least, valid = float(time_s[-1] - time_s[0]), MIN_STEPS * STEP_S, np.isfinite(readings)
+        time_s, temperature = np.append(time_s, next_s[first:]), np.append(temperature, next_readings[first:])
+    span, min_span, valid = float(time_s[-1] - time_s[0]), MIN_STEPS * STEP_S, np.isfinite(temperature)
     count = max(0.0 if record.temperature is None else step(record.temperature) for record in records)
-    if span < least:
-        text = f"{span:.4g} s are too short for a warm-up; gears need 10 to 60 minutes. Log at least {least:g} s"
+    if span < min_span:
+        text = f"{span:.4g} s are too short for a warm-up; gears need 10 to 60 minutes. Log at least {min_span:g} s"
         raise _refusal(records[0], text + ", better two hours, or set purpose: motion")
     if not valid.any():
-        return WarmUpLog(joint, time_s, power, readings, 0.0, room, room if start is None else start)
-    if np.ptp(readings[valid]) < max(count, 1e-9):
-        text = f"the thermometer reads {readings[valid][0]:.4g} degC throughout while {power.mean():.3g} W heat the"
+        return WarmUpLog(joint, time_s, power, temperature, 0.0, ambient, ambient if start is None else start)
+    if np.ptp(temperature[valid]) < max(count, 1e-9):
+        text = f"the thermometer reads {temperature[valid][0]:.4g} degC throughout while {power.mean():.3g} W heat the"
         advice = "Omit its channel (test runs show the heat as well), or mount the sensor at the joint"
         raise _refusal(records[0], f"{text} joint. {advice}")
-    noise = float(np.std(np.diff(readings[valid], 2)) / np.sqrt(6))  # of white noise on a slow signal
-    std, at_start = max(noise, count / np.sqrt(12)), float(readings[valid][0])
+    noise = float(np.std(np.diff(temperature[valid], 2)) / np.sqrt(6))  # of white noise on a slow signal
+    std, at_start = max(noise, count / np.sqrt(12)), float(temperature[valid][0])
     if noise < count / np.sqrt(12):  # readings of one count have one error
-        most = max(MIN_READINGS, int(PER_COUNT * np.ptp(readings[valid]) / count))
-        readings = np.where(np.cumsum(valid) % max(1, valid.sum() // most) == 0, readings, np.nan)
-    return WarmUpLog(joint, time_s, power, readings, std, room, at_start, max(START_STD, 3 * std))
+        max_count = max(MIN_READINGS, int(PER_COUNT * np.ptp(temperature[valid]) / count))
+        temperature = np.where(np.cumsum(valid) % max(1, valid.sum() // max_count) == 0, temperature, np.nan)
+    return WarmUpLog(joint, time_s, power, temperature, std, ambient, at_start, max(START_STD, 3 * std))

@@ -171,12 +171,12 @@ def estimate_modes(
     response = usable(response, band_hz)
     orders, fit = _search(response, max_order, poles_hz)
     notes: tuple[Note, ...] = ()
-    if (unexplained := _unexplained(response, fit)) > LIMITS.unexplained:
+    if (fraction := _unexplained_fraction(response, fit)) > LIMITS.unexplained:
         # The phase convention of an analyser may be e^(-j omega t): stable poles then look unstable.
         inverted = replace(response, G=response.G.conj())
-        others, other = _search(inverted, max_order, poles_hz)
-        if (remaining := _unexplained(inverted, other)) < LIMITS.phase_gain * unexplained:
-            response, orders, fit = inverted, others, other
+        conjugate_modes, conjugate_fit = _search(inverted, max_order, poles_hz)
+        if (remaining := _unexplained_fraction(inverted, conjugate_fit)) < LIMITS.phase_gain * fraction:
+            response, orders, fit = inverted, conjugate_modes, conjugate_fit
             text = f"the phases have the opposite sign: the conjugate leaves {percent(remaining)} of the power"
             notes = (Note("modal/phase", f"{text}; elastid uses it", response.configuration.name),)
     modes = _modes(response, fit, stabilisation(orders), 0.0 if exponential_s is None else 1 / exponential_s, poles_hz)
@@ -187,7 +187,7 @@ def _search(
     response: Response, max_order: int | None, poles_hz: Sequence[float] | None
 ) -> tuple[tuple[tuple[int, ComplexArray], ...], ModalFit]:
     """Return poles of all orders, and the fit with those that are modes."""
-    data, correlated = modal_data(response), response.correlated_lines
+    data, n_correlated = modal_data(response), response.correlated_lines
     orders = poles_over_orders(
         response.freq_hz,
         normalise_response(response, data),
@@ -195,15 +195,15 @@ def _search(
         max_order or int(np.clip(response.n_lines // 6, 8, 60)),
     )
     stable = clusters(orders)
-    fit = _fitted(data, stable / data.basis.scale, correlated, poles_hz)
+    fit = _fit_modes(data, stable / data.basis.scale, n_correlated, poles_hz)
     if not has_variance(response):
         for _ in range(2):  # by the residuals, which follow a resonance where differences of lines do not
             data = modal_data(response, _residual_variance(response, fit))
-            fit = _fitted(data, stable / data.basis.scale, correlated, poles_hz, fit.poles)
+            fit = _fit_modes(data, stable / data.basis.scale, n_correlated, poles_hz, fit.poles)
     return orders, fit
 
 
-def _unexplained(response: Response, fit: ModalFit) -> float:
+def _unexplained_fraction(response: Response, fit: ModalFit) -> float:
     """Return residual power over the power of the response."""
     residual = response.G - fit.synthesis().reshape(response.G.shape)
     return float(np.sum(np.abs(residual) ** 2) / np.sum(np.abs(response.G) ** 2))
@@ -223,10 +223,10 @@ def _modes_or_none(response: Response, spec: ModalSpec) -> Modes:
 
 def usable(response: Response, band_hz: tuple[float, float] | None) -> Response:
     """Return the response on lines in the band that inputs excite and outputs answer; DataError if they are too few."""
-    keep = response.freq_hz > 0
+    is_usable = response.freq_hz > 0
     if band_hz is not None:
-        keep &= (response.freq_hz >= band_hz[0]) & (response.freq_hz <= band_hz[1])
-    mask = keep & _reached(response)
+        is_usable &= (response.freq_hz >= band_hz[0]) & (response.freq_hz <= band_hz[1])
+    mask = is_usable & _measurable_lines(response)
     if np.sum(mask) < LIMITS.lines:
         where = "" if band_hz is None else f" from {band_hz[0]:g} to {band_hz[1]:g} Hz"
         raise DataError(
@@ -238,7 +238,7 @@ def usable(response: Response, band_hz: tuple[float, float] | None) -> Response:
     return response.lines(mask)
 
 
-def _reached(response: Response) -> BoolArray:
+def _measurable_lines(response: Response) -> BoolArray:
     """Return flags (F,) of lines with force and coherence."""
     from scipy.ndimage import median_filter
 
@@ -276,7 +276,7 @@ def normalise_response(response: Response, data: ModalData) -> ComplexArray:
     return np.asarray(response.G / (output_scale * input_scale))
 
 
-def _fitted(
+def _fit_modes(
     data: ModalData,
     candidates: ComplexArray,
     correlated_lines: float,
@@ -288,10 +288,10 @@ def _fitted(
         return ModalFit(data, _nearest(candidates, np.asarray(poles_hz), data)).refined(30, 1e-4)
     fit = pursue_poles(ModalFit(data, start).refined(), candidates, correlated_lines)
     for _ in range(3):
-        more = pursue_poles(fit, residual_peaks(fit), correlated_lines)
-        if len(more.poles) == len(fit.poles):
+        new_poles = pursue_poles(fit, residual_peaks(fit), correlated_lines)
+        if len(new_poles.poles) == len(fit.poles):
             break
-        fit = more
+        fit = new_poles
     return eliminate_poles(fit, correlated_lines)
 
 
@@ -315,11 +315,11 @@ def _modes(
         fitted.append(FittedMode.of(response, influences, r, complex(fit.poles[r] * scale) + shift))
     if poles_hz is None:
         within = without_twins([mode for mode in fitted if mode.is_within(response, shift)])
-        chosen = [mode for mode in within if not mode.is_background(response)]
+        significant = [mode for mode in within if not mode.is_background(response)]
     else:
-        chosen = [mode for mode in fitted if mode.is_near(poles_hz)]
-    modes = _collect_modes(response, fit, chosen, diagram, influences)
-    notes = (*lost_notes(chosen, response, poles_hz), *window_notes(fitted, shift, response))
+        significant = [mode for mode in fitted if mode.is_near(poles_hz)]
+    modes = _collect_modes(response, fit, significant, diagram, influences)
+    notes = (*lost_notes(significant, response, poles_hz), *window_notes(fitted, shift, response))
     return replace(modes, notes=(*modes.notes, *notes))
 
 
@@ -371,5 +371,5 @@ def _relative_std(shape: ComplexArray, noise: FloatArray) -> FloatArray:
 
 def _second_singular_value(s: FloatArray, std: FloatArray) -> float:
     """Return the second singular value that a residue of rank 1 has by noise, or by its own errors."""
-    noise = float(np.sqrt(np.mean(std**2))) * (np.sqrt(std.shape[0]) + np.sqrt(std.shape[1])) / 2
+    noise = math.sqrt(np.mean(std**2)) * (np.sqrt(std.shape[0]) + np.sqrt(std.shape[1])) / 2
     return float(max(LIMITS.second_shape * float(s[0]), LIMITS.second_shape_std * noise))

@@ -130,12 +130,12 @@ def without_twins(modes: Sequence[FittedMode]) -> list[FittedMode]:
 
 def lost_notes(modes: Sequence[FittedMode], response: Response, poles_hz: Sequence[float] | None) -> tuple[Note, ...]:
     """Return a note on chosen frequencies without a pole."""
-    lost = [f"{f:g}" for f in poles_hz or () if not any(mode.is_near([f]) for mode in modes)]
-    if not lost:
+    missing = [f"{f:g}" for f in poles_hz or () if not any(mode.is_near([f]) for mode in modes)]
+    if not missing:
         return ()
     unit = "Hz" if response.has_rate else "of the sampling rate"
     text = (
-        f"no pole is at {', '.join(lost)} {unit}, which poles_hz names: fitted from there it moves to a resonance "
+        f"no pole is at {', '.join(missing)} {unit}, which poles_hz names: fitted from there it moves to a resonance "
         "elsewhere; choose stable poles in the stabilisation diagram, and name those beside them, too"
     )
     return (Note("modal/poles", text, response.configuration.name),)
@@ -192,18 +192,18 @@ class Influences:
         low, high = int(significant[0]), int(significant[-1]) + 1
         half = self._half
         scale = np.sqrt(self.fit.data.variance / self._free[:, None]) * self._phase.conj()
-        scaled = influence[:, low:high] * scale[low:high]
+        weighted = influence[:, low:high] * scale[low:high]
         # Row k + half of the residuals belongs to line k; reflected at the ends.
-        padded = np.pad(self._normalised, ((half, half), (0, 0)), "symmetric")[low : high + 2 * half]
-        conjugate = scaled.conj()
+        extended = np.pad(self._normalised, ((half, half), (0, 0)), "symmetric")[low : high + 2 * half]
+        conjugate = weighted.conj()
         total, shifts = np.zeros((len(influence), len(influence))), range(2 * half + 1)
         for shift in shifts:
             # t (p, F): errors of the number if line k had the residuals of another line.
-            t = np.einsum("pkc,kc->pk", conjugate, padded[shift : shift + high - low])
+            t = np.einsum("pkc,kc->pk", conjugate, extended[shift : shift + high - low])
             total += 0.5 * (t @ t.conj().T).real
-        total *= self._line_factor(scaled) / len(shifts)
+        total *= self._line_factor(weighted) / len(shifts)
         # Intervals are 1.96 standard deviations, of a variance that is itself from some lines: Student's quantile.
-        weight = np.sum(np.abs(scaled) ** 2, axis=(0, 2))
+        weight = np.sum(np.abs(weighted) ** 2, axis=(0, 2))
         lines = len(shifts) + float(weight.sum() ** 2 / (weight @ weight)) - 1
         dof = 2 * lines * float(weight @ self._free[low:high]) / float(weight.sum()) / self._shared_error_lines
         return total * small_sample_factors(max(dof, LEAST_DOF)) ** 2
@@ -263,8 +263,8 @@ class Influences:
         a = fit.coefficients[: 2 * n].reshape(n, 2, -1)
         energy = np.einsum("ric,ric->r", a, a)
         slopes = np.abs(complex_columns(fit.free_slopes)) ** 2
-        summed = slopes.reshape(len(slopes), n, 2).sum(axis=2)
-        fraction = summed / np.maximum(summed.sum(axis=0), 1e-300)
+        of_elements = slopes.reshape(len(slopes), n, 2).sum(axis=2)
+        fraction = of_elements / np.maximum(of_elements.sum(axis=0), 1e-300)
         # Two real parameters a pole of 2 C real rows a line.
         return np.asarray(fraction @ (energy > 0) / a.shape[2])
 
@@ -312,8 +312,8 @@ class Influences:
         Q, R, norms = fit.factors
         pair = np.linalg.pinv(R, rcond=1e-12)[rows] @ Q.T / norms[rows, None]
         power = np.abs(complex_columns(pair.T)) ** 2  # (F, 2)
-        seen = uniform_filter1d(np.abs(self._normalised) ** 2, 2 * self._half + 1, axis=0, mode="reflect")
-        local = np.einsum("fp,fc->c", power, seen / self._free[:, None] * fit.data.variance) / 2
+        local_power = uniform_filter1d(np.abs(self._normalised) ** 2, 2 * self._half + 1, axis=0, mode="reflect")
+        local = np.einsum("fp,fc->c", power, local_power / self._free[:, None] * fit.data.variance) / 2
         variance = local * self._line_factor(complex_columns(pair.T).T[:, :, None])
         D = fit.data.columns(fit.poles[[r]], derivative=True)
         slope = (np.linalg.lstsq(R, Q.T @ D, rcond=1e-12)[0] / norms[:, None]).T

@@ -220,8 +220,8 @@ class ModalFit:
     @property
     def residues(self) -> ComplexArray:
         """R (n, C) in the elements' units times the frequency scale."""
-        parts = self.coefficients[: 2 * len(self.poles)]
-        return np.asarray((parts[0::2] + 1j * parts[1::2]) * self.data.scale)
+        coefficients = self.coefficients[: 2 * len(self.poles)]
+        return np.asarray((coefficients[0::2] + 1j * coefficients[1::2]) * self.data.scale)
 
     @cached_property
     def free_slopes(self) -> FloatArray:

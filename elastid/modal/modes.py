@@ -69,8 +69,8 @@ class Modes:
         """For each mode the other mode with the most similar shape, and their MAC; none with one mode or one place."""
         if self.n_modes < 2 or len(self.places) < 2:
             return []
-        others = mac(self.place_shapes[0], self.place_shapes[0]) - 2 * np.eye(self.n_modes)
-        return [(int(k), float(row[k])) for row, k in zip(others, others.argmax(axis=1), strict=True)]
+        similarity = mac(self.place_shapes[0], self.place_shapes[0]) - 2 * np.eye(self.n_modes)
+        return [(int(k), float(row[k])) for row, k in zip(similarity, similarity.argmax(axis=1), strict=True)]
 
     @property
     def display(self) -> Display:
@@ -79,8 +79,8 @@ class Modes:
         for f, f_std, zeta, zeta_std, mpc in zip(
             self.freq_hz, self.freq_std, self.zeta, self.zeta_std, self.collinearity, strict=True
         ):
-            places, z_places = digits(f, f_std), digits(zeta, zeta_std)
-            rows.append((number(f, places), number(QUANTILE_95 * f_std, 2), percent(zeta, z_places),
+            f_digits, zeta_digits = digits(f, f_std), digits(zeta, zeta_std)
+            rows.append((number(f, f_digits), number(QUANTILE_95 * f_std, 2), percent(zeta, zeta_digits),
                          percent(QUANTILE_95 * zeta_std, 2), number(mpc, 3)))  # fmt: skip
         head = (f"frequency in {self.frequency_unit}", "+- 95 %", "damping", "+- 95 %", "phase collinearity")
         return Display(f"{len(rows)} modes of {self.configuration}", head, rows)
@@ -133,8 +133,8 @@ class Modes:
             blocks.append(np.kron([[0.0, 1.0], [-stiffness, -damping]], np.eye(n_u)))
             B = np.vstack([B, np.zeros((n_u, n_u)), np.eye(n_u)])
             C = np.hstack([C, offset, slope])
-        A, place = block_diag(np.zeros((0, 0)), *blocks), Configuration(self.configuration, np.zeros(0))
-        return StateSpace(place, A, B, C, D, 0.0, self.inputs, self.outputs, self.quantity)
+        A, configuration = block_diag(np.zeros((0, 0)), *blocks), Configuration(self.configuration, np.zeros(0))
+        return StateSpace(configuration, A, B, C, D, 0.0, self.inputs, self.outputs, self.quantity)
 
     def _residual(self) -> tuple[FloatArray, "list[_Section]"]:
         """Fit D (n_y, n_u) and three sections to the difference of synthesis and modes."""
@@ -149,8 +149,8 @@ class Modes:
         X = np.stack(columns, axis=1) * weight[:, None]
         remainder = (G - self.state_space(residual=False).response(freq_hz)).reshape(len(s), -1) * weight[:, None]
         a = np.linalg.lstsq(np.vstack([X.real, X.imag]), np.vstack([remainder.real, remainder.imag]), rcond=None)[0]
-        D, *parts = a.reshape(-1, *G.shape[1:])
-        triples = zip(ends, polynomials, parts[::2], parts[1::2], strict=True)
+        D, *blocks = a.reshape(-1, *G.shape[1:])
+        triples = zip(ends, polynomials, blocks[::2], blocks[1::2], strict=True)
         return D, [(polynomial, w * slope, w**2 * offset) for w, polynomial, slope, offset in triples]
 
     def transfer_polynomials(self, residual: bool = True) -> tuple[FloatArray, FloatArray]:
@@ -166,9 +166,9 @@ class Modes:
         denominator = _product(factors)
         numerators = D[:, :, None] * denominator
         for k, (_, slope, offset) in enumerate(sections):
-            rest = _product([*factors[:k], *factors[k + 1 :]])
-            numerators[:, :, 1:-1] += slope[:, :, None] * rest
-            numerators[:, :, 2:] += offset[:, :, None] * rest
+            product = _product([*factors[:k], *factors[k + 1 :]])
+            numerators[:, :, 1:-1] += slope[:, :, None] * product
+            numerators[:, :, 2:] += offset[:, :, None] * product
         return numerators, denominator
 
     def transfer_function(self, residual: bool = True) -> Any:

@@ -91,8 +91,8 @@ def poles_over_orders(
         M = T[:n, :, :n, :].reshape(n * n_u, n * n_u).copy()
         block = S[:, :n, :n].transpose(1, 0, 2, 3).reshape(n, n_y, n * n_u)
         factor = scipy.linalg.cho_factor(R[:n, :n] + 1e-12 * R[0, 0] * np.eye(n))
-        solved = scipy.linalg.cho_solve(factor, block.reshape(n, -1)).reshape(block.shape)
-        M -= np.tensordot(block, solved, axes=((0, 1), (0, 1)))
+        solution = scipy.linalg.cho_solve(factor, block.reshape(n, -1)).reshape(block.shape)
+        M -= np.tensordot(block, solution, axes=((0, 1), (0, 1)))
         roots.append((order, _roots(M, n_u, step_s)))
     return tuple(roots)
 
@@ -128,14 +128,14 @@ def _roots(M: FloatArray, n_u: int, step_s: float) -> ComplexArray:
 
 def stabilisation(orders: tuple[tuple[int, ComplexArray], ...]) -> StabilisationDiagram:
     """Return all poles; stable: the previous order has one within 1 % of the frequency and 5 % of the damping ratio."""
-    parts, before = [], np.empty((0, 2))
+    poles_of_orders, previous = [], np.empty((0, 2))
     for n, poles in orders:
         numbers = np.stack([np.abs(poles), -poles.real / np.abs(poles)], axis=1)
-        gap = np.abs(numbers[:, None] - before) / numbers[:, None]
+        gap = np.abs(numbers[:, None] - previous) / numbers[:, None]
         stable = np.any(np.all(gap < (LIMITS.frequency, LIMITS.damping), axis=2), axis=1)
-        parts.append((np.full(len(poles), n), numbers[:, 0] / (2 * np.pi), numbers[:, 1], stable))
-        before = numbers
-    return StabilisationDiagram(*map(np.concatenate, zip(*parts, strict=True)))
+        poles_of_orders.append((np.full(len(poles), n), numbers[:, 0] / (2 * np.pi), numbers[:, 1], stable))
+        previous = numbers
+    return StabilisationDiagram(*map(np.concatenate, zip(*poles_of_orders, strict=True)))
 
 
 def clusters(orders: tuple[tuple[int, ComplexArray], ...]) -> ComplexArray:
@@ -189,21 +189,21 @@ def separate_determinations(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
     Q, R, norms = fit.factors
     rows = np.linalg.pinv(R, rcond=1e-12)[: 2 * n].reshape(n, 2, -1)
     # Q times these: part of each pole's columns orthogonal to all other columns.
-    parts = np.linalg.pinv(rows @ rows.mT) @ rows
-    whole = np.sum((parts.mT @ (fit.coefficients * norms[:, None])[: 2 * n].reshape(n, 2, -1)) ** 2, axis=1)
-    columns = complex_columns(Q @ parts.reshape(2 * n, -1).T).reshape(-1, n, 2)
+    projections = np.linalg.pinv(rows @ rows.mT) @ rows
+    total = np.sum((projections.mT @ (fit.coefficients * norms[:, None])[: 2 * n].reshape(n, 2, -1)) ** 2, axis=1)
+    columns = complex_columns(Q @ projections.reshape(2 * n, -1).T).reshape(-1, n, 2)
     near = np.arange(len(omega)) == np.argmax(np.sum(np.abs(columns) ** 2, axis=2), axis=0)[:, None]
     about = np.zeros_like(near)
     for r in np.flatnonzero(-2 * fit.poles.real <= spacing).tolist():
         near[r], about[r] = np.abs(omega - fit.poles[r].imag) < 2 * spacing, _about(fit, r)
     # QR reduces the lines that no pole uses to as many rows as columns, with equal products.
     near, about = np.tile(near, 2), np.tile(about, 2)
-    rest, Qy = ~np.any(near | about, axis=0), np.concatenate([Q, fit.data.y], axis=1)
+    is_outside, Qy = ~np.any(near | about, axis=0), np.concatenate([Q, fit.data.y], axis=1)
     size = np.maximum(np.linalg.norm(Qy, axis=0), 1.0)
-    T = tall_qr(Qy[rest] / size)[1] * size
-    Q, all_y = np.split(np.concatenate([T, Qy[~rest]]), [Q.shape[1]], axis=1)
-    near, about = (np.pad(flags[:, ~rest], ((0, 0), (len(T), 0))) for flags in (near, about))
-    outside = np.zeros_like(whole)
+    T = tall_qr(Qy[is_outside] / size)[1] * size
+    Q, all_y = np.split(np.concatenate([T, Qy[~is_outside]]), [Q.shape[1]], axis=1)
+    near, about = (np.pad(flags[:, ~is_outside], ((0, 0), (len(T), 0))) for flags in (near, about))
+    outside = np.zeros_like(total)
     for r in range(n):
         A = Q[~near[r]] @ np.concatenate([np.delete(R, [2 * r, 2 * r + 1], axis=1), R[:, 2 * r : 2 * r + 2]], axis=1)
         basis, y = tall_qr(A)[0], all_y[~near[r]]
@@ -212,8 +212,8 @@ def separate_determinations(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
         if near[r].sum() > 2:
             at = about[r][~near[r]]
             local = np.sum((scipy.linalg.orth(basis[at, -2:]).T @ y[at]) ** 2)
-            outside[r] *= local >= LIMITS.outside * whole[r].sum()
-    return whole, outside
+            outside[r] *= local >= LIMITS.outside * total[r].sum()
+    return total, outside
 
 
 def _at(fit: ModalFit, pole: complex) -> FloatArray:
@@ -252,9 +252,9 @@ def p_values(fit: ModalFit, correlated_lines: float) -> FloatArray:
     if not len(fit.poles):
         return np.empty(0)
     s_r, n_r = noise_levels(fit)
-    (whole, outside), noise = separate_determinations(fit), s_r * correlated_lines
+    (total, outside), noise = separate_determinations(fit), s_r * correlated_lines
     return np.maximum(
-        p_value(whole, noise, n_r, LIMITS.trials_per_line * len(fit.data.weight)), p_value(outside, noise, n_r, 1.0)
+        p_value(total, noise, n_r, LIMITS.trials_per_line * len(fit.data.weight)), p_value(outside, noise, n_r, 1.0)
     )
 
 
@@ -289,12 +289,12 @@ def eliminate_poles(fit: ModalFit, correlated_lines: float) -> ModalFit:
         if chance[worst] < LIMITS.records_with_false_modes:
             break
         fit = fit.without(worst).refined(8, 1e-2)
-    while (unresolved := _unresolved(fit)) is not None:
-        fit = fit.without(unresolved).refined(8, 1e-2)
+    while (index := _unresolved_pole(fit)) is not None:
+        fit = fit.without(index).refined(8, 1e-2)
     return fit.refined(30, 1e-4)
 
 
-def _unresolved(fit: ModalFit) -> int | None:
+def _unresolved_pole(fit: ModalFit) -> int | None:
     """Return the weaker of two poles within a line that are narrower than lines: one mode, moved between references."""
     spacing, order = fit.data.basis.spacing, np.argsort(fit.poles.imag)
     for low, high in pairwise(order.tolist()):

@@ -43,7 +43,7 @@ class Mechanism:
 
     def rows(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return phi (Q, n_g) and Phi (Q, n_g, n_l) at q (Q, n_l)."""
-        rows, Phi, _ = (part.full() for part in self.function.map(len(q))(q.T))
+        rows, Phi, _ = (matrix.full() for matrix in self.function.map(len(q))(q.T))
         return np.array(rows.T), np.asarray(Phi.reshape(len(Phi), len(q), -1).transpose(1, 0, 2))
 
     def lever(self, q: FloatArray) -> float:
@@ -71,12 +71,12 @@ def assembled(robot: Robot, angles: FloatArray) -> FloatArray:
     """
     if not robot.loops:
         return robot.opened(angles)
-    parts = mechanism(robot)
+    linkage = mechanism(robot)
     q = followed(robot, angles[None]).ravel()
-    phi, _ = parts.rows(q[None])
+    phi, _ = linkage.rows(q[None])
     if not np.abs(phi).max(initial=0.0) <= MAX_GAP:
-        raise StudyError("robot/loops", _why_open(parts, angles))
-    _check_posture(parts, q)
+        raise StudyError("robot/loops", _why_open(linkage, angles))
+    _check_posture(linkage, q)
     return q
 
 
@@ -88,15 +88,15 @@ def followed(robot: Robot, angles: FloatArray, near: FloatArray | None = None) -
     start = robot.opened(np.array([[joint.start for joint in robot.driven]]))
     if not robot.loops:
         return robot.opened(angles)
-    parts = mechanism(robot)
-    start[:, parts.passive] = [robot.joints[i].start for i in parts.passive]
+    linkage = mechanism(robot)
+    start[:, linkage.passive] = [robot.joints[i].start for i in linkage.passive]
     q = start
     for _ in range(START_NEWTON_STEPS):
-        q = q + _correction(parts, q)
-        if np.abs(parts.rows(q)[0]).max() <= MAX_GAP:
+        q = q + _correction(linkage, q)
+        if np.abs(linkage.rows(q)[0]).max() <= MAX_GAP:
             break
-    q = q + _correction(parts, q)
-    return _continue_posture(parts, q if near is None else _continue_posture(parts, q, near[None]), angles)
+    q = q + _correction(linkage, q)
+    return _continue_posture(linkage, q if near is None else _continue_posture(linkage, q, near[None]), angles)
 
 
 def open_loops(robot: Robot, angles: FloatArray) -> float:
@@ -111,27 +111,27 @@ def are_closed(robot: Robot, q: FloatArray) -> BoolArray:
     """True (Q,) for joints q (Q, n_l) with closed loops away from singularities, as `assembled` accepts them."""
     if not robot.loops:
         return np.ones(len(q), bool)
-    parts = mechanism(robot)
-    phi, Phi = parts.rows(q)
-    closed = np.abs(phi).max(axis=1, initial=0.0) <= MAX_GAP
-    n_p = len(parts.passive)
+    linkage = mechanism(robot)
+    phi, Phi = linkage.rows(q)
+    is_closed = np.abs(phi).max(axis=1, initial=0.0) <= MAX_GAP
+    n_p = len(linkage.passive)
     if not n_p:
-        return np.asarray(closed)
-    s = np.linalg.svd(Phi[:, :, parts.passive], compute_uv=False)
+        return np.asarray(is_closed)
+    s = np.linalg.svd(Phi[:, :, linkage.passive], compute_uv=False)
     smallest = s[:, n_p - 1] if s.shape[1] >= n_p else np.zeros(len(q))
-    return np.asarray(closed & (smallest > MIN_LEVER_SINE * np.array([parts.lever(joints) for joints in q])))
+    return np.asarray(is_closed & (smallest > MIN_LEVER_SINE * np.array([linkage.lever(joints) for joints in q])))
 
 
-def _continue_posture(parts: Mechanism, q: FloatArray, angles: FloatArray) -> FloatArray:
+def _continue_posture(linkage: Mechanism, q: FloatArray, angles: FloatArray) -> FloatArray:
     """Solve postures at the driven joints' angles (Q, n_u), from one posture q (1, n_l)."""
-    steps = max(1, int(np.ceil(np.abs(angles - q[0, parts.driven]).max(initial=0.0) / PATH_STEP)))
+    steps = max(1, int(np.ceil(np.abs(angles - q[0, linkage.driven]).max(initial=0.0) / PATH_STEP)))
     q = np.repeat(q, len(angles), axis=0)
-    way = (angles - q[:, parts.driven]) / steps
+    step = (angles - q[:, linkage.driven]) / steps
     for _ in range(steps):
         # Along the tangent, then back onto the closure.
-        q = q + (rates(parts.robot, q) @ way[:, :, None])[:, :, 0]
+        q = q + (rates(linkage.robot, q) @ step[:, :, None])[:, :, 0]
         for _ in range(NEWTON_STEPS):
-            q = q + _correction(parts, q)
+            q = q + _correction(linkage, q)
     return q
 
 
@@ -154,19 +154,19 @@ def _correction(parts: Mechanism, q: FloatArray) -> FloatArray:
     return np.asarray(dq * np.minimum(1.0, MAX_NEWTON_STEP / np.maximum(longest, MAX_NEWTON_STEP)))
 
 
-def _why_open(parts: Mechanism, angles: FloatArray) -> str:
+def _why_open(linkage: Mechanism, angles: FloatArray) -> str:
     """Name the loop that stays open and its gap, at the requested posture or already at the start, or locked joints."""
-    robot = parts.robot
+    robot = linkage.robot
     (start,) = followed(robot, np.array([[joint.start for joint in robot.driven]]))
     (end,) = followed(robot, angles[None])
-    at_start = np.abs(parts.rows(start[None])[0]).max() > MAX_GAP
-    loop, gap = _widest(parts, start if at_start else end)
+    at_start = np.abs(linkage.rows(start[None])[0]).max() > MAX_GAP
+    loop, gap = _widest(linkage, start if at_start else end)
     if at_start:
         return (
             f"loop {loop} does not close at the start posture: {gap}; correct its ends or its rod's length, "
             "or the `start` of its joints"
         )
-    _check_locked(parts, start)
+    _check_locked(linkage, start)
     return (
         f"loop {loop} does not close: {gap} at the driven joints' angles "
         f"{', '.join(f'{a:.4g}' for a in angles)}, followed from the start posture; move them nearer to it, or correct "
@@ -178,19 +178,19 @@ def _check_locked(parts: Mechanism, q: FloatArray) -> None:
     """Refuse driven joints that no motion of the passive joints follows; StudyError."""
     _, Phi = parts.rows(q[None])
     is_moving = np.abs(Phi[0] @ rates(parts.robot, q[None])[0]).max(axis=0) > 1e-6 * max(np.abs(Phi).max(), 1e-300)
-    if locked := ", ".join(joint.name for joint, is_left in zip(parts.robot.driven, is_moving, strict=True) if is_left):
+    if names := ", ".join(joint.name for joint, is_left in zip(parts.robot.driven, is_moving, strict=True) if is_left):
         raise StudyError(
             "robot/loops",
             "no motion of the passive joints follows, so that only springs could give; leave "
             "a joint of the loop without motor and spring, or drop a constraint",
-            f"the loops lock {locked}",
+            f"the loops lock {names}",
         )
 
 
-def _widest(parts: Mechanism, q: FloatArray) -> tuple[str, str]:
-    rows = [np.abs(ca.Function("rows", [parts.q], [loop.rows])(q).full()).max() for loop in parts.closures]
-    worst = parts.closures[int(np.argmax(rows))]
-    gap = float(np.linalg.norm(ca.Function("gap", [parts.q], [worst.gap])(q).full()))
+def _widest(linkage: Mechanism, q: FloatArray) -> tuple[str, str]:
+    rows = [np.abs(ca.Function("rows", [linkage.q], [loop.rows])(q).full()).max() for loop in linkage.closures]
+    worst = linkage.closures[int(np.argmax(rows))]
+    gap = float(np.linalg.norm(ca.Function("gap", [linkage.q], [worst.gap])(q).full()))
     rod = worst.loop.rod
     length = "" if rod is None else f", the rod is {1e3 * rod.length:.4g} mm long"
     return worst.loop.name, f"its ends are {1e3 * gap:.4g} mm apart{length}"

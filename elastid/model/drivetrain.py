@@ -70,8 +70,8 @@ def input_matrix(robot: Robot) -> FloatArray:
     """
     n_l = len(robot.joints)
     B = np.zeros((n_l + len(robot.flexible), len(robot.driven)))
-    for i, (joint, place) in enumerate(zip(robot.driven, robot.driven_indices, strict=True)):
-        B[n_l + robot.flexible.index(joint) if joint in robot.flexible else place, i] = 1.0
+    for i, (joint, index) in enumerate(zip(robot.driven, robot.driven_indices, strict=True)):
+        B[n_l + robot.flexible.index(joint) if joint in robot.flexible else index, i] = 1.0
     return B
 
 

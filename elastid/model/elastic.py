@@ -158,15 +158,15 @@ class ElasticModel:
         -[g x] J_omega q.
         """
         rates, names = {}, [frame.name for frame in self.robot.frames]
-        if not all(place.startswith(("motor ", "joint ")) for place in locations):
+        if not all(location.startswith(("motor ", "joint ")) for location in locations):
             rows = ca.vertsplit(ca.vertcat(self.angular_velocity(q, theta), self.frame_velocity(q, theta)))
             rates = dict(zip(self.rates, rows, strict=True))
         C, T, coordinates = [], [ca.DM(1, self.n_q)] * len(locations), ca.DM.eye(self.n_q)
-        for i, place in enumerate(locations):
-            self.robot.check_location(place)
-            kind, name, axis = split_place(place)
+        for i, location in enumerate(locations):
+            self.robot.check_location(location)
+            kind, name, axis = split_place(location)
             if kind in ("motor", "joint"):
-                C.append(coordinates[self.index(place), :])
+                C.append(coordinates[self.index(location), :])
                 continue
             C.append(rates["frame" if kind == "accelerometer" else kind, name, axis])
             if kind == "accelerometer":

@@ -18,9 +18,9 @@ def evaluated(
     buffer: Any  # its type stub requires a size; deleted at the end of the scope
     buffer, evaluate = function.buffer()
     arguments = [np.ascontiguousarray(values, np.float64) for values in arguments]
-    for place, arrays in ((buffer.set_arg, arguments), (buffer.set_res, results)):
+    for setter, arrays in ((buffer.set_arg, arguments), (buffer.set_res, results)):
         for i, values in enumerate(arrays):
-            place(i, values.data)
+            setter(i, values.data)
     evaluate()
     return results
 

@@ -75,15 +75,15 @@ def minimal(robot: Robot, spec: ModelSpec, geometry: Collection[str] = ()) -> El
         )
     q = equations.q[: len(robot.joints)]
     loops = closures(robot, unbent(robot, q) if spec.variant == "bending_outside" else q, by_name(equations))
-    stretched = elastic(loops)
-    equations = with_rod_inertia(robot, equations, loops, lumped=spec.variant == "lumped_rod")
+    rods = elastic(loops)
+    equations = with_rod_inertia(robot, equations, loops, rods=spec.variant == "lumped_rod")
     if spec.variant in STIFF:
         rows = [*(closure.rows for closure in loops), *(equations.q[i] for i in elastic_joints_within(robot))]
         if spec.variant != "rigid_loop":
-            equations = series_stiffness(robot, equations, stretched, constant=spec.variant == "constant_stiffness")
+            equations = series_stiffness(robot, equations, rods, constant=spec.variant == "constant_stiffness")
     else:
-        equations = cut(equations, stretched)
-        rows = [closure.rows for closure in loops if closure not in stretched]
+        equations = cut(equations, rods)
+        rows = [closure.rows for closure in loops if closure not in rods]
     return elastic_model(robot, replace(equations, phi=ca.vertcat(equations.phi, *rows)), spec.independent)
 
 
@@ -138,16 +138,16 @@ def unbent(robot: Robot, q: ca.SX) -> ca.SX:
     An elastic joint is straight; the bodies behind the loop's next passive joint keep their direction, as in a
     parallelogram: about parallel axes the passive joint has turned back by as much.
     """
-    straightened, elastic_joints, axes = ca.SX(q), set(elastic_joints_within(robot)), _axes(robot)
+    straight, elastic_joints, axes = ca.SX(q), set(elastic_joints_within(robot)), _axes(robot)
     for branches in robot.branches:
         for branch in branches:
             passive = [i for i in branch if robot.joints[i].is_passive]
             for i in set(branch) & elastic_joints:
-                straightened[i] = 0
+                straight[i] = 0
                 if passive:
                     j = min(passive, key=lambda j: abs(j - i))
-                    straightened[j] += float(axes[i] @ axes[j]) * q[i]
-    return straightened
+                    straight[j] += float(axes[i] @ axes[j]) * q[i]
+    return straight
 
 
 def _axes(robot: Robot) -> list[FloatArray]:
@@ -160,10 +160,10 @@ def _axes(robot: Robot) -> list[FloatArray]:
     return axes
 
 
-def series_stiffness(robot: Robot, equations: Equations, stretched: Sequence[Closure], constant: bool) -> Equations:
+def series_stiffness(robot: Robot, equations: Equations, rods: Sequence[Closure], constant: bool) -> Equations:
     """Add gear springs of levers in series with the elastic rods of loops. constant: as in the start posture."""
     theta = by_name(equations)
-    for closure in stretched:
+    for closure in rods:
         lever = _lever(robot, closure.loop)
         joint, name = robot.joints[lever].name, closure.loop.name
         y = ca.gradient(ca.norm_2(closure.gap), equations.q)[lever]
@@ -180,9 +180,9 @@ def series_stiffness(robot: Robot, equations: Equations, stretched: Sequence[Clo
             equations, (k_eff - k) * deflection**2 / 2, (d_eff - d) * ca.sparsify(across @ across.T)
         )
         # Both bear the torque k_eff times the deflection.
-        parts = {f"k_{joint}": k, f"k_{name}": k_rod}
+        springs = {f"k_{joint}": k, f"k_{name}": k_rod}
         equations = with_strains(
-            equations, *(Strain(spring, k_eff**2 / part, deflection) for spring, part in parts.items())
+            equations, *(Strain(spring, k_eff**2 / k_part, deflection) for spring, k_part in springs.items())
         )
     return equations
 
@@ -224,13 +224,13 @@ def locked_joint(robot: Robot, joint: str, angles: FloatArray) -> ElasticJoint |
     angles (n_u,): posture in which the other joints are locked, with stiff springs, as in undriven joints.
     Without the form: a stiff joint, one in a loop, of coupled gears, or with a spring that is not linear.
     """
-    index = [part.name for part in robot.joints].index(joint)
+    index = [side.name for side in robot.joints].index(joint)
     spec = robot.joints[index]
     if spec.motor is None or not spec.is_flexible or index in robot.joints_in_loops:
         return None
-    place = robot.driven_indices.index(index)
-    coupled = np.abs(robot.mixing[place]) + np.abs(robot.mixing[:, place])
-    if np.count_nonzero(coupled) > 1 or not (spec.spring is None or spec.spring.is_linear):
+    driven_index = robot.driven_indices.index(index)
+    coupling = np.abs(robot.mixing[driven_index]) + np.abs(robot.mixing[:, driven_index])
+    if np.count_nonzero(coupling) > 1 or not (spec.spring is None or spec.spring.is_linear):
         return None
     springs = [(spec.spring, 1.0), (spec.motor.spring, robot.ratio(joint) ** 2)]
     compliance = sum(1 / (scale * spring.stiffness) for spring, scale in springs if spring is not None)
@@ -241,5 +241,5 @@ def locked_joint(robot: Robot, joint: str, angles: FloatArray) -> ElasticJoint |
     q[: len(robot.joints)] = followed(robot, angles[None])
     q[[model.index(motor) for motor in model.inputs]] = angles
     inertia = np.diag(np.asarray(model.mass(q, model.theta)))
-    motor, link = (float(inertia[model.index(f"{part} {joint}")]) for part in ("motor", "joint"))
+    motor, link = (float(inertia[model.index(f"{side} {joint}")]) for side in ("motor", "joint"))
     return ElasticJoint(motor, link, 1 / compliance, damping)

@@ -85,7 +85,7 @@ def tree(robot: Robot, theta: Mapping[str, ca.SX] = NUMBERS) -> Tree:
     for body in robot.all_bodies:
         seat = seats[body.parent].placed(body.placement.rotation, located(f"p_{body.name}", body.placement.xyz, theta))
         for joint in body.joints:
-            axis, align = _aligned(joint)
+            axis, align = _axis_and_rotation(joint)
             point = located(f"pj_{joint.name}", joint.point, theta)
             at_point = seat.placed(align, point)
             zero = theta.get(f"zero_{joint.name}", joint.zero)
@@ -93,8 +93,8 @@ def tree(robot: Robot, theta: Mapping[str, ca.SX] = NUMBERS) -> Tree:
             seat = replace(Attachment(len(frames) - 1, -align.T, np.zeros(3)).placed(np.eye(3), point), R=align.T)
         seats[body.name] = seat.placed(body.mounting.rotation, np.array(body.mounting.xyz))
     placements = ((seats[frame.body], frame.placement) for frame in robot.frames)
-    named = tuple(seat.placed(place.rotation, np.array(place.xyz)) for seat, place in placements)
-    return Tree(tuple(frames), tuple(seats[body.name] for body in robot.all_bodies), named)
+    frame_attachments = tuple(seat.placed(place.rotation, np.array(place.xyz)) for seat, place in placements)
+    return Tree(tuple(frames), tuple(seats[body.name] for body in robot.all_bodies), frame_attachments)
 
 
 def located(name: str, xyz: Sequence[float], theta: Mapping[str, ca.SX]) -> Point:
@@ -105,7 +105,7 @@ def located(name: str, xyz: Sequence[float], theta: Mapping[str, ca.SX]) -> Poin
     return ca.vertcat(*(theta.get(name, number) for name, number in zip(names, xyz, strict=True)))
 
 
-def _aligned(joint: Joint) -> tuple[int, FloatArray]:
+def _axis_and_rotation(joint: Joint) -> tuple[int, FloatArray]:
     """Return the coordinate axis of the motion, and the constant rotation from it to the joint's axis."""
     direction = unit_axis(joint.axis)
     largest = int(np.argmax(np.abs(direction)))
@@ -175,19 +175,19 @@ def turns(layout: Tree, q: ca.SX) -> tuple[Turn, ...]:
 def seat(robot: Robot, layout: Tree, body: str) -> Attachment:
     """Return the seat of a body in the tree of frames; `base` for the base itself. KeyError for an unknown body."""
     seats = {BASE: ON_BASE}
-    seats |= {part.name: place for part, place in zip(robot.all_bodies, layout.attachments, strict=True)}
+    seats |= {part.name: placement for part, placement in zip(robot.all_bodies, layout.attachments, strict=True)}
     if body not in seats:
         raise KeyError(f"robot {robot.name} has no body {body}; there are {', '.join(seats)}")
     return seats[body]
 
 
 def ends_of(
-    robot: Robot, layout: Tree, part: Loop | Compensator, letter: str, theta: Mapping[str, ca.SX]
+    robot: Robot, layout: Tree, link: Loop | Compensator, letter: str, theta: Mapping[str, ca.SX]
 ) -> tuple[tuple[Attachment, Point], ...]:
     """Return body and location of both ends of a loop or a compensator. letter: prefix of the coordinate names."""
     return tuple(
-        (seat(robot, layout, end.body), located(f"{letter}{i}_{part.name}", end.point, theta))
-        for i, end in enumerate(part.ends, start=1)
+        (seat(robot, layout, end.body), located(f"{letter}{i}_{link.name}", end.point, theta))
+        for i, end in enumerate(link.ends, start=1)
     )
 
 

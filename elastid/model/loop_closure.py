@@ -105,8 +105,8 @@ def _pin_rows(
     return ca.vertcat(*rows)
 
 
-def with_rod_inertia(robot: Robot, equations: Equations, loops: Sequence[Closure], lumped: bool = False) -> Equations:
-    """Add mass and weight of all rods to the equations; lumped: a point mass at each end, (1 - a) m and a m."""
+def with_rod_inertia(robot: Robot, equations: Equations, loops: Sequence[Closure], rods: bool = False) -> Equations:
+    """Add mass and weight of all rods to the equations; rods: a point mass at each end, (1 - a) m and a m."""
     theta, gravity = by_name(equations), ca.DM(robot.gravity)
     for closure in loops:
         rod, name = closure.loop.rod, closure.loop.name
@@ -115,7 +115,7 @@ def with_rod_inertia(robot: Robot, equations: Equations, loops: Sequence[Closure
         m, a, inertia = (theta[f"{letter}_{name}"] for letter in "maI")
         first, second = closure.ends
         center = (1 - a) * first + a * second
-        if lumped:
+        if rods:
             masses = ((1 - a) * m, first), (a * m, second)
         else:
             masses = (m, center), (inertia / closure.length**2, second - first)
@@ -140,10 +140,10 @@ def elastic(loops: Sequence[Closure]) -> list[Closure]:
     return [closure for closure in loops if closure.loop.rod is not None and closure.loop.rod.is_elastic]
 
 
-def cut(equations: Equations, stretched: Sequence[Closure]) -> Equations:
+def cut(equations: Equations, rods: Sequence[Closure]) -> Equations:
     """Add the elastic rods of loops as springs and dampers between their end points."""
     theta = by_name(equations)
-    for closure in stretched:
+    for closure in rods:
         name = closure.loop.name
         s = ca.norm_2(closure.gap) - closure.length
         y = ca.gradient(s, equations.q)
@@ -199,31 +199,31 @@ def partition(model: ElasticModel, Phi: FloatArray) -> Partition:
 
     Raises StudyError where the coordinates that a minimal formulation asks for are not independent.
     """
-    chosen = model.independent or ()
+    kept_names = model.independent or ()
     tier = np.array([_tier(model, name) for name in model.coordinates])
-    allowed = ~np.isin(model.coordinates, chosen)
+    is_candidate = ~np.isin(model.coordinates, kept_names)
     rows: list[int] = []
     dependent: list[int] = []
     scale = np.abs(Phi).max(axis=1, initial=0.0, keepdims=True)
     A = Phi / np.where(scale > 0, scale, 1.0)
     rank = np.linalg.matrix_rank(Phi, tol=RANK_TOLERANCE * np.abs(Phi).max(initial=0.0)) if Phi.size else 0
-    passes = [(tier <= last) & allowed for last in range(int(tier.max()) + 1)]
+    passes = [(tier <= last) & is_candidate for last in range(int(tier.max()) + 1)]
     # Pivots below 0.05 of their row only where the preferred dependent coordinates are used up.
-    for least, columns in [*((0.05, columns) for columns in passes), (RANK_TOLERANCE, passes[-1])]:
+    for threshold, columns in [*((0.05, columns) for columns in passes), (RANK_TOLERANCE, passes[-1])]:
         while len(rows) < rank:
             size = np.abs(A) * columns
             size[rows] = 0.0
             row, column = np.unravel_index(int(np.argmax(size)), size.shape)
-            if size[row, column] <= least:
+            if size[row, column] <= threshold:
                 break
-            rest = np.setdiff1d(np.arange(len(A)), [*rows, row])
-            A[rest] -= np.outer(A[rest, column] / A[row, column], A[row])
+            other_rows = np.setdiff1d(np.arange(len(A)), [*rows, row])
+            A[other_rows] -= np.outer(A[other_rows, column] / A[row, column], A[row])
             rows.append(int(row))
             dependent.append(int(column))
-    if len(rows) < rank or (chosen and len(chosen) != model.n_q - rank):
+    if len(rows) < rank or (kept_names and len(kept_names) != model.n_q - rank):
         raise StudyError(
             "robot/loops",
-            f"model.independent: {', '.join(chosen)} are not the {model.n_q - rank} independent coordinates that "
+            f"model.independent: {', '.join(kept_names)} are not the {model.n_q - rank} independent coordinates that "
             "the loops leave here (elastic rods are cut and determine none); choose others of "
             f"{', '.join(model.coordinates)}, or leave the choice to the rank",
         )

@@ -73,22 +73,22 @@ def open_chain(robot: Robot, geometry: Collection[str] = ()) -> Equations:
     coordinates = (*(f"joint {joint.name}" for joint in robot.joints), *motors)
     n_q, n_l = len(coordinates), len(robot.joints)
     q, v, theta = ca.SX.sym("q", n_q), ca.SX.sym("v", n_q), ca.SX.sym("theta", len(table))
-    named = dict(zip(table, ca.vertsplit(theta), strict=True))
+    theta_by_name = dict(zip(table, ca.vertsplit(theta), strict=True))
 
     gravity, none = np.array(robot.gravity), ca.SX(n_q - n_l, 1)
-    layout = tree(robot, named)
+    layout = tree(robot, theta_by_name)
     joint_turns = turns(layout, q[:n_l])
-    carried = inertias(robot, layout, named)
-    composite = composites(layout, carried, joint_turns)
+    bodies = inertias(robot, layout, theta_by_name)
+    composite = composites(layout, bodies, joint_turns)
     M_bodies = ca.diagcat(mass_matrix(layout, composite, joint_turns), ca.SX(n_q - n_l, n_q - n_l))
-    f_bodies = ca.vertcat(bias(layout, carried, joint_turns, v[:n_l], gravity), none)
+    f_bodies = ca.vertcat(bias(layout, bodies, joint_turns, v[:n_l], gravity), none)
     J, gravity_seen = sensor_kinematics(robot, layout, joint_turns)
     J = ca.horzcat(J, ca.SX(J.size1(), n_q - n_l))
-    B, delta, (M_drive, D, K) = input_matrix(robot), gear_deflections(robot), drivetrain(robot, named)
+    B, delta, (M_drive, D, K) = input_matrix(robot), gear_deflections(robot), drivetrain(robot, theta_by_name)
     rigid = [box.rigid @ delta[list(box.gears)] for box in robot.gearboxes]
-    M_carried, c_carried = rotors(robot, named, q, v, J)
-    V_hard, f_hard, strains = joint_springs(robot, q, named)
-    V_balance, f_balance = compensators(robot, layout, joint_turns, q, named)
+    M_carried, c_carried = rotors(robot, theta_by_name, q, v, J)
+    V_hard, f_hard, strains = joint_springs(robot, q, theta_by_name)
+    V_balance, f_balance = compensators(robot, layout, joint_turns, q, theta_by_name)
     M = M_bodies + M_drive + M_carried
     f = f_bodies + c_carried + K @ q + D @ v + f_hard + f_balance
     V = q.T @ K @ q / 2 - ca.dot(composite[-1].h, ca.DM(gravity)) + V_hard + V_balance
@@ -103,19 +103,19 @@ def by_name(equations: Equations) -> dict[str, ca.SX]:
 
 def with_coordinates(equations: Equations, names: Sequence[str]) -> Equations:
     """Append coordinates without inertia and stiffness to the equations."""
-    more = len(names)
-    if not more:
+    n_names = len(names)
+    if not n_names:
         return equations
     return replace(
         equations,
         coordinates=(*equations.coordinates, *names),
-        q=ca.vertcat(equations.q, ca.SX.sym("s", more)),
-        v=ca.vertcat(equations.v, ca.SX.sym("s_rate", more)),
-        M=ca.diagcat(equations.M, ca.SX(more, more)),
-        f=ca.vertcat(equations.f, ca.SX(more, 1)),
-        D=ca.diagcat(equations.D, ca.SX(more, more)),
-        J=ca.horzcat(equations.J, ca.SX(equations.J.size1(), more)),
-        B=np.vstack([equations.B, np.zeros((more, equations.B.shape[1]))]),
+        q=ca.vertcat(equations.q, ca.SX.sym("s", n_names)),
+        v=ca.vertcat(equations.v, ca.SX.sym("s_rate", n_names)),
+        M=ca.diagcat(equations.M, ca.SX(n_names, n_names)),
+        f=ca.vertcat(equations.f, ca.SX(n_names, 1)),
+        D=ca.diagcat(equations.D, ca.SX(n_names, n_names)),
+        J=ca.horzcat(equations.J, ca.SX(equations.J.size1(), n_names)),
+        B=np.vstack([equations.B, np.zeros((n_names, equations.B.shape[1]))]),
     )
 
 

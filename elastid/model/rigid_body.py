@@ -40,7 +40,7 @@ UNIT = tuple(ca.DM(axis) for axis in np.eye(3))
 
 def inertias(robot: Robot, layout: Tree, theta: Mapping[str, ca.SX]) -> tuple[BodyInertia, ...]:
     """Sum the inertia of the bodies on each frame, as symbols of theta, without bodies fixed to the base."""
-    carried = [NOTHING] * len(layout.frames)
+    bodies = [NOTHING] * len(layout.frames)
     for body, seat in zip(robot.all_bodies, layout.attachments, strict=True):
         if seat.frame < 0:
             continue
@@ -51,19 +51,17 @@ def inertias(robot: Robot, layout: Tree, theta: Mapping[str, ca.SX]) -> tuple[Bo
         about_com = _tensor(ca.vertcat(*tensor))
         h = m * c
         steiner = ca.dot(c, h) * ca.DM.eye(3) - h @ c.T
-        carried[seat.frame] += BodyInertia(m, h, ca.DM(seat.R) @ about_com @ ca.DM(seat.R.T) + steiner)
-    return tuple(carried)
+        bodies[seat.frame] += BodyInertia(m, h, ca.DM(seat.R) @ about_com @ ca.DM(seat.R.T) + steiner)
+    return tuple(bodies)
 
 
 def _tensor(numbers: ca.SX) -> ca.SX:
     return ca.reshape(numbers[TENSOR.ravel().tolist()], 3, 3)
 
 
-def composites(
-    layout: Tree, carried: tuple[BodyInertia, ...], joint_turns: tuple[Turn, ...]
-) -> tuple[BodyInertia, ...]:
+def composites(layout: Tree, bodies: tuple[BodyInertia, ...], joint_turns: tuple[Turn, ...]) -> tuple[BodyInertia, ...]:
     """Return the inertia moved by each joint, in its own frame, and last the robot's about the origin of the base."""
-    total = [*carried, NOTHING]
+    total = [*bodies, NOTHING]
     for i in reversed(range(len(layout.frames))):
         body, frame, p = total[i], layout.frames[i], joint_turns[i].origin
         R = ca.DM(frame.R)
@@ -101,7 +99,7 @@ def _force_on_parent(moment: ca.SX, force: ca.SX, frame: BodyFrame, turn: Turn) 
 
 def bias(
     layout: Tree,
-    carried: tuple[BodyInertia, ...],
+    bodies: tuple[BodyInertia, ...],
     joint_turns: tuple[Turn, ...],
     v: ca.SX,
     gravity: FloatArray,
@@ -117,7 +115,7 @@ def bias(
     still = zero, zero, ca.SX(-ca.DM(gravity)), ca.SX.zeros(3, 3)
     motion: list[tuple[ca.SX, ca.SX, ca.SX, ca.SX]] = []  # omega, alpha, a, U of each frame
     moments, forces = [], []
-    for i, (frame, turn, body) in enumerate(zip(layout.frames, joint_turns, carried, strict=True)):
+    for i, (frame, turn, body) in enumerate(zip(layout.frames, joint_turns, bodies, strict=True)):
         (omega, alpha, a, U), R = motion[frame.parent] if frame.parent >= 0 else still, ca.DM(frame.R.T)
         a = turn.back(R @ (a + U @ turn.origin))
         omega, alpha = turn.back(R @ omega), turn.back(R @ alpha)
@@ -137,8 +135,8 @@ def bias(
         if parent >= 0:
             moment, force = _force_on_parent(moments[i], forces[i], layout.frames[i], joint_turns[i])
             moments[parent], forces[parent] = moments[parent] + moment, forces[parent] + force
-    parts = zip(layout.frames, forces, moments, strict=True)
-    return ca.vertcat(*((force if frame.slides else moment)[frame.axis] for frame, force, moment in parts))
+    rows = zip(layout.frames, forces, moments, strict=True)
+    return ca.vertcat(*((force if frame.slides else moment)[frame.axis] for frame, force, moment in rows))
 
 
 def sensor_kinematics(robot: Robot, layout: Tree, joint_turns: tuple[Turn, ...]) -> tuple[ca.SX, ca.SX]:
@@ -150,18 +148,18 @@ def sensor_kinematics(robot: Robot, layout: Tree, joint_turns: tuple[Turn, ...])
     n, gravity = len(layout.frames), ca.SX(ca.DM(np.array(robot.gravity)))
     still = ca.SX(3, n), ca.SX(3, n), gravity
     # Angular velocity, velocity of the origin and gravity in each joint's frame; last, in the base.
-    readings: list[tuple[ca.SX, ca.SX, ca.SX]] = []
+    rows: list[tuple[ca.SX, ca.SX, ca.SX]] = []
     for i, (frame, turn) in enumerate(zip(layout.frames, joint_turns, strict=True)):
-        (angular, linear, g), R = readings[frame.parent] if frame.parent >= 0 else still, ca.DM(frame.R.T)
+        (angular, linear, g), R = rows[frame.parent] if frame.parent >= 0 else still, ca.DM(frame.R.T)
         linear = turn.back(ca.densify(R @ (linear - ca.skew(turn.origin) @ angular)))
         angular = turn.back(ca.densify(R @ angular))
         (linear if frame.slides else angular)[frame.axis, i] += 1
-        readings.append((angular, linear, turn.back(R @ g)))
-    readings.append(still)
-    turning = [ca.DM(seat.R.T) @ readings[seat.frame][0] for seat in layout.attachments]
+        rows.append((angular, linear, turn.back(R @ g)))
+    rows.append(still)
+    turning = [ca.DM(seat.R.T) @ rows[seat.frame][0] for seat in layout.attachments]
     moving, falling = [], []
     for seat in layout.named:
-        (angular, linear, g), R = readings[seat.frame], ca.DM(seat.R.T)
+        (angular, linear, g), R = rows[seat.frame], ca.DM(seat.R.T)
         across = ca.skew(ca.DM(seat.p) if isinstance(seat.p, np.ndarray) else seat.p)
         moving += [R @ (linear - across @ angular), R @ angular]
         falling.append(R @ g)
@@ -176,19 +174,19 @@ def inverse_dynamics(robot: Robot) -> ca.Function:
     """
     names = list(robot.parameters())
     theta = ca.SX.sym("theta", len(names))
-    carried = inertias(robot, tree(robot), dict(zip(names, ca.vertsplit(theta), strict=True)))
-    state, tau = _at_shafts(robot, carried)
+    bodies = inertias(robot, tree(robot), dict(zip(names, ca.vertsplit(theta), strict=True)))
+    state, tau = _at_shafts(robot, bodies)
     return ca.Function("inverse_dynamics", [*state, theta], [tau], ["q", "v", "a", "theta"], ["tau"])
 
 
-def _at_shafts(robot: Robot, carried: Sequence[BodyInertia]) -> tuple[list[ca.SX], ca.SX]:
+def _at_shafts(robot: Robot, bodies: Sequence[BodyInertia]) -> tuple[list[ca.SX], ca.SX]:
     """Return symbols q, v, a (n_l,) and torques (n_l,) for shafts of motors and for joints without a motor."""
     layout, state = tree(robot), [ca.SX.sym(name, len(robot.joints)) for name in "qva"]
     E = np.eye(len(robot.joints))
     E[np.ix_(robot.driven_indices, robot.driven_indices)] = robot.mixing
     of_shafts = ca.sparsify(ca.DM(np.linalg.inv(E)))
     q, v, a = (of_shafts @ x for x in state)
-    return state, of_shafts.T @ bias(layout, tuple(carried), turns(layout, q), v, np.array(robot.gravity), a)
+    return state, of_shafts.T @ bias(layout, tuple(bodies), turns(layout, q), v, np.array(robot.gravity), a)
 
 
 def regressor(robot: Robot) -> ca.Function:
@@ -201,6 +199,6 @@ def regressor(robot: Robot) -> ca.Function:
     1986). Some columns are zero or depend on others: only combinations of the numbers can be identified.
     """
     pi = ca.SX.sym("pi", 10, len(robot.joints))
-    carried = [BodyInertia(column[0], column[1:4], _tensor(column[4:])) for column in ca.horzsplit(pi)]
-    state, tau = _at_shafts(robot, carried)
+    bodies = [BodyInertia(column[0], column[1:4], _tensor(column[4:])) for column in ca.horzsplit(pi)]
+    state, tau = _at_shafts(robot, bodies)
     return ca.Function("regressor", state, [ca.jacobian(tau, ca.vec(pi))], ["q", "v", "a"], ["Y"])

@@ -24,7 +24,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, laplace_variable
 from elastid.base.errors import DataError, Note, StudyError
-from elastid.base.statistics import interpolated
+from elastid.base.statistics import interpolate
 from elastid.fit.parameter_selection import local_ratio_std
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
@@ -60,7 +60,7 @@ def estimate_net_response(
     if friction is None:
         return response
     arm = partial(_arm_variance, net, response, spec, planned_lines, robot)
-    response = replace(response, notes=(*response.notes, *_unexplained(response, records, friction, arm)))
+    response = replace(response, notes=(*response.notes, *_unexplained_torque(response, records, friction, arm)))
     if not friction.shapes:
         return response
     errors = _coefficient_errors(records, friction, response, spec, planned_lines, E)
@@ -73,11 +73,11 @@ def _travel(records: Sequence[Record]) -> dict[str, float]:
     first, travel = records[0], np.max([np.ptp(record.y, axis=0) for record in records], axis=0).tolist()
     rows = zip(first.outputs, first.quantities, travel, strict=True)
     return dict.fromkeys(first.inputs, 0.0) | {
-        place: extent for place, quantity, extent in rows if quantity == "position" and place in first.inputs
+        location: extent for location, quantity, extent in rows if quantity == "position" and location in first.inputs
     }
 
 
-def _unexplained(
+def _unexplained_torque(
     response: Response, records: Sequence[Record], friction: CompensatedFriction, arm: Callable[[], FloatArray | float]
 ) -> tuple[Note, ...]:
     if not friction.configurations or response.noise is None or response.total is None:
@@ -88,8 +88,8 @@ def _unexplained(
     if ratio < MIN_UNEXPLAINED or np.median((total / (noise + arm()))[is_noisy]) < MIN_UNEXPLAINED:
         return ()
     rms = np.sqrt(np.mean([np.var(record.u, axis=0) for record in records], axis=0))
-    coulomb = [friction.coulomb_friction(place)[0] for place in response.inputs]
-    stuck = [place for place, F_c, limit in zip(response.inputs, coulomb, rms / 3, strict=True) if F_c > limit]
+    coulomb = [friction.coulomb_friction(location)[0] for location in response.inputs]
+    stuck = [location for location, F_c, limit in zip(response.inputs, coulomb, rms / 3, strict=True) if F_c > limit]
     cure = "add `gears: {}` to the study"
     if stuck:
         cure = f"raise excitation.torque_rms: friction stops {' and '.join(stuck)} at this amplitude"
@@ -126,7 +126,7 @@ def _arm_variance(
     at = np.rint(response.freq_hz / lines.freq_hz[0]).astype(np.int64) - 1
     G = Y[at] * lines.s[at, None, None] ** MOTION_ORDER[response.quantity] @ np.linalg.pinv(lines.U[at])
     variance = np.zeros(response.G.shape)
-    variance[:, [response.outputs.index(place) for place in response.inputs]] = np.abs(G) ** 2
+    variance[:, [response.outputs.index(location) for location in response.inputs]] = np.abs(G) ** 2
     return variance / len({record.realisation for record in net})
 
 
@@ -141,10 +141,10 @@ def _coefficient_errors(
     """Return delta G (n_b, n_u, F, n_y, n_u) by the coefficients of each motor, their largest errors first, and by its
     reversals.
     """
-    places, n_u = friction.places, len(friction.places)
+    locations, n_u = friction.places, len(friction.places)
     coupling = np.eye(n_u) if E is None else E
     data = gather_configuration([to_shafts(record, E) for record in records], friction.shapes, spec, planned_lines)
-    motor_of = np.array([places.index(shape.place) for shape in friction.shapes])
+    motor_of = np.array([locations.index(shape.place) for shape in friction.shapes])
     on, net = data.excited, data.U - compensation_torque(friction.coulomb_torque, data.Phi, motor_of, n_u)
     pseudo = np.linalg.pinv(net[on]) @ np.linalg.inv(coupling.T)
     lines = np.rint(response.freq_hz / data.freq_hz[0] * data.lines[0]).astype(np.int64)
@@ -155,7 +155,7 @@ def _coefficient_errors(
         coulomb_errors = np.einsum("fik,ib->fbk", data.Phi[on], L)
         reversal_errors = delay * np.einsum("fik,i->fk", data.Phi[on], friction.coulomb_torque * (motor_of == j))
         patterns = np.concatenate([coulomb_errors, reversal_errors[:, None]], axis=1)
-        rows = interpolated(lines, data.lines[on], patterns @ pseudo)
+        rows = interpolate(lines, data.lines[on], patterns @ pseudo)
         errors[: patterns.shape[1], j] = (response.G @ coupling[j])[:, :, None] * rows.swapaxes(0, 1)[:, :, None, :]
     return errors
 
@@ -186,9 +186,9 @@ def compensate_friction(record: Record, friction: CompensatedFriction) -> Record
     n = whole_samples(record)
     record = replace(record, u=record.u[:n], y=record.y[:n], r=None if record.r is None else record.r[:n])
     u = record.u.copy()
-    for place in friction.compensated_motors():
-        basis, motion = friction.compensated_basis(place), friction.motion(record, place)
-        u[:, record.inputs.index(place)] -= zoh_samples(record, place, motion, basis)
+    for location in friction.compensated_motors():
+        basis, motion = friction.compensated_basis(location), friction.motion(record, location)
+        u[:, record.inputs.index(location)] -= zoh_samples(record, location, motion, basis)
     return replace(record, u=u)
 
 
@@ -199,24 +199,28 @@ def to_shafts(record: Record, E: FloatArray | None) -> Record:
     """
     if E is None:
         return record
-    columns = [record.outputs.index(place) for place in record.inputs if place in record.outputs]
+    columns = [record.outputs.index(location) for location in record.inputs if location in record.outputs]
     if len(columns) < len(record.inputs) or len({record.quantities[i] for i in columns}) > 1:
-        others = [i for i in range(len(record.outputs)) if i not in columns]
-        outputs = tuple(record.outputs[i] for i in others)
-        quantities = tuple(record.quantities[i] for i in others)
-        sampled = tuple(record.sampled[i] for i in others) if record.sampled else ()
-        return replace(record, y=record.y[:, others], outputs=outputs, quantities=quantities, sampled=sampled)
-    return _turned(record, columns, np.asarray(np.linalg.inv(E)), E.T)
+        other_outputs = [i for i in range(len(record.outputs)) if i not in columns]
+        outputs = tuple(record.outputs[i] for i in other_outputs)
+        quantities = tuple(record.quantities[i] for i in other_outputs)
+        sampled = tuple(record.sampled[i] for i in other_outputs) if record.sampled else ()
+        return replace(record, y=record.y[:, other_outputs], outputs=outputs, quantities=quantities, sampled=sampled)
+    return _transform_record(record, columns, np.asarray(np.linalg.inv(E)), E.T)
 
 
 def to_links(record: Record, E: FloatArray | None) -> Record:
     """Return the inverse of `to_shafts`, for records of all motors."""
     if E is None:
         return record
-    return _turned(record, [record.outputs.index(place) for place in record.inputs], E, np.asarray(np.linalg.inv(E).T))
+    return _transform_record(
+        record, [record.outputs.index(motor) for motor in record.inputs], E, np.asarray(np.linalg.inv(E).T)
+    )
 
 
-def _turned(record: Record, columns: list[int], torque_matrix: FloatArray, motion_matrix: FloatArray) -> Record:
+def _transform_record(
+    record: Record, columns: list[int], torque_matrix: FloatArray, motion_matrix: FloatArray
+) -> Record:
     y = record.y.copy()
     y[:, columns] = record.y[:, columns] @ motion_matrix
     return replace(record, u=record.u @ torque_matrix, y=y, r=None if record.r is None else record.r @ torque_matrix)

@@ -48,55 +48,55 @@ class CompensatedFriction:
         """Standard deviation (n_f,) of the coefficients."""
         return np.sqrt(np.diag(self.covariance))
 
-    def compensated_basis(self, place: str) -> tuple[tuple[BasisFunction, float], ...]:
+    def compensated_basis(self, location: str) -> tuple[tuple[BasisFunction, float], ...]:
         """Return the basis functions compensated in a motor's torque, each with its coefficient."""
         pairs = zip(self.shapes, self.coulomb_torque.tolist(), strict=True)
-        return tuple((shape, f) for shape, f in pairs if shape.place == place and f > 0)
+        return tuple((shape, f) for shape, f in pairs if shape.place == location and f > 0)
 
     def compensated_motors(self) -> tuple[str, ...]:
         """Return the motors with compensated friction."""
-        return tuple(place for place in self.places if any(shape.place == place for shape in self.shapes))
+        return tuple(location for location in self.places if any(shape.place == location for shape in self.shapes))
 
-    def coulomb_friction(self, place: str) -> tuple[float, float]:
+    def coulomb_friction(self, location: str) -> tuple[float, float]:
         """Return F_c in Nm (N) of fast steady sliding at a motor, the sum of its coefficients, and its std.
 
         Elements that do not slide between two reversals have a torque in sliding that the data do not show: what is
         left of it to sliding is another standard deviation.
         """
-        row = np.array([shape.when_fast * (shape.place == place) for shape in self.shapes])
-        swing = np.array([self.swing(place)])
+        row = np.array([shape.when_fast * (shape.place == location) for shape in self.shapes])
+        swing = np.array([self.swing(location)])
         not_reversed = np.array([(1 - float(shape.reversal(swing)[0])) / 2 for shape in self.shapes])
         std = math.sqrt(max(float(row @ self.covariance @ row), 0.0))
         return float(row @ self.coulomb_torque), math.hypot(std, float((row * not_reversed) @ self.coulomb_torque))
 
-    def swing(self, place: str) -> float:
+    def swing(self, location: str) -> float:
         """Return the median motion of a motor between two reversals, rad (m), link side; infinite if unknown."""
-        return dict(zip(self.places, self.swings, strict=False)).get(place, math.inf)
+        return dict(zip(self.places, self.swings, strict=False)).get(location, math.inf)
 
-    def swing_ratio(self, place: str) -> float:
+    def swing_ratio(self, location: str) -> float:
         """Return the motion of a motor between two reversals over its presliding distance, F_c over stiffness."""
-        basis = [(shape, f) for shape, f in self.compensated_basis(place) if shape.kind in ("stop", "bristle")]
+        basis = [(shape, f) for shape, f in self.compensated_basis(location) if shape.kind in ("stop", "bristle")]
         stiffness = sum(f / shape.threshold for shape, f in basis)
-        return self.swing(place) * stiffness / sum(f for _, f in basis) if basis else math.inf
+        return self.swing(location) * stiffness / sum(f for _, f in basis) if basis else math.inf
 
-    def reversal(self, place: str, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def reversal(self, location: str, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the torque (n,) after a reversal out of fast sliding, at `distance` (n,) from it, and its std.
 
         From -F_c at distance 0 to F_c where all bristles slide again; link side, rad and Nm (m and N).
         """
-        return self._curve(place, [shape.reversal(distance) for shape in self.shapes])
+        return self._curve(location, [shape.reversal(distance) for shape in self.shapes])
 
-    def sliding(self, place: str, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def sliding(self, location: str, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the torque (n,) in steady sliding at `velocity` (n,), and its std; link side, rad/s and Nm."""
-        return self._curve(place, [shape.sliding(velocity) for shape in self.shapes])
+        return self._curve(location, [shape.sliding(velocity) for shape in self.shapes])
 
-    def motion(self, record: Record, place: str) -> Motion:
+    def motion(self, record: Record, location: str) -> Motion:
         """Return the motion of a motor under its friction."""
-        accelerance = float(self.accelerance[self.places.index(place)])
-        return motion_with_friction(record, place, self.compensated_basis(place), accelerance)
+        accelerance = float(self.accelerance[self.places.index(location)])
+        return motion_with_friction(record, location, self.compensated_basis(location), accelerance)
 
-    def _curve(self, place: str, values: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
-        rows = np.stack(values, axis=1) * np.array([shape.place == place for shape in self.shapes])
+    def _curve(self, location: str, values: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
+        rows = np.stack(values, axis=1) * np.array([shape.place == location for shape in self.shapes])
         variance = np.einsum("ni,ij,nj->n", rows, self.covariance, rows)
         return rows @ self.coulomb_torque, np.sqrt(np.maximum(variance, 0.0))
 
@@ -117,7 +117,7 @@ class FrictionRow:
 
 
 # Std of the Coulomb torque by elements that do not slide, over stiffness times swing of their spring (GMS).
-UNSEEN = 6.0
+MAX_UNSEEN_FACTOR = 6.0
 
 
 def friction_rows(friction: CompensatedFriction, springs: Mapping[str, float] = {}) -> tuple[FrictionRow, ...]:
@@ -126,10 +126,10 @@ def friction_rows(friction: CompensatedFriction, springs: Mapping[str, float] = 
     springs: stiffness of the presliding friction that a fit has found at motors.
     """
     rows, compensated, ratios = [], friction.compensated_motors(), friction.residual_power_ratio.tolist()
-    for place, unit, ratio in zip(friction.places, friction.place_units, ratios, strict=True):
-        F_c, std = friction.coulomb_friction(place)
-        if springs.get(place, 0.0) > 0 and friction.swings:
-            std = math.hypot(std, UNSEEN * springs[place] * friction.swing(place))
+    for location, unit, ratio in zip(friction.places, friction.place_units, ratios, strict=True):
+        F_c, std = friction.coulomb_friction(location)
+        if springs.get(location, 0.0) > 0 and friction.swings:
+            std = math.hypot(std, MAX_UNSEEN_FACTOR * springs[location] * friction.swing(location))
         interval = (max(F_c - QUANTILE_95 * std, 0.0), F_c + QUANTILE_95 * std)
-        rows.append(FrictionRow(place, unit, ratio, *((F_c, std, interval) if place in compensated else ())))
+        rows.append(FrictionRow(location, unit, ratio, *((F_c, std, interval) if location in compensated else ())))
     return tuple(rows)

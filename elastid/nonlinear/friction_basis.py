@@ -198,9 +198,9 @@ def motion_with_friction(record: Record, place: str, basis: WeightedBasis, a: fl
     )
 
 
-def zoh_samples(record: Record, place: str, motion: Motion, basis: WeightedBasis) -> FloatArray:
+def zoh_samples(record: Record, location: str, motion: Motion, basis: WeightedBasis) -> FloatArray:
     """Return a motor's friction (n,) along a motion as a torque that is held as u is."""
-    n, H = whole_samples(record), _hold(record, record.inputs.index(place), basis)
+    n, H = whole_samples(record), _hold(record, record.inputs.index(location), basis)
     low = spectrum(rfft(friction_means(record, motion, basis)), n)
     # Near a zero of the hold the torque's samples do not determine the torque.
     return irfft(np.divide(low, H, out=np.zeros_like(low), where=np.abs(H) > 0.1), n)

@@ -47,7 +47,7 @@ from elastid.record import Record
 from elastid.response import UNEXPLAINED, Response
 from elastid.robot import Robot
 
-_SOLVED = ("converged", "noise_unknown", "at_bound", "misfit")
+_VALID_STATUSES = ("converged", "noise_unknown", "at_bound", "misfit")
 # Of the motion what does not repeat, and of a gear's rms deflection at the excited lines noise of its motor's angle,
 # above which nothing is looked for. Below it counts as noise: k of sets unsettled by 1.7 to 7.5 % was at most 0.05 %
 # and 1.7 std off; of 23 clean sets, which wander by up to 6.6 % (scripts/studies/results.csv), none had a wrong effect.
@@ -55,7 +55,7 @@ _SOLVED = ("converged", "noise_unknown", "at_bound", "misfit")
 HIDDEN, COUNT = 0.1, 0.025
 # Names of modification indices that make a channel late.
 _LATE = ("delay", "low_pass", "hold", "torque_lag", "sensor_lag")
-LOST = "stiffness, damping and friction stay those of the linear fit"
+FALLBACK = "stiffness, damping and friction stay those of the linear fit"
 
 
 def identify_gears(
@@ -82,7 +82,7 @@ def identify_gears(
     elastic = elastic_joints(linearisation)
     if not elastic:
         no_spring = "has a spring in its gear, by which its effects would be found; give joints a spring"
-        return replace(nothing, refused=f"no driven joint of robot {robot.name} {no_spring}; {LOST}")
+        return replace(nothing, refused=f"no driven joint of robot {robot.name} {no_spring}; {FALLBACK}")
     try:
         lines = execution.quiet.ordered(partial(gather_lines, spec=spec, planned=planned), measured)
         linear = GearData(lines, responses, linearisation)
@@ -91,7 +91,7 @@ def identify_gears(
             return replace(nothing, refused=reason)
         data = replace(linear, lines=[without_arm(*pair, robot) for pair in zip(lines, drives, strict=True)])
     except (DataError, StudyError) as error:
-        return replace(nothing, refused=f"{error}; {LOST}")
+        return replace(nothing, refused=f"{error}; {FALLBACK}")
     execution.progress(0, 3)
     estimate = choose_effects(data, result.parameters, result.x, gears.orders)
     execution.progress(2, 3)  # the search takes about two thirds of the time
@@ -107,21 +107,21 @@ def identify_gears(
     rigid = [joint for joint in data.joints if joint not in elastic]
     notes = (*coarse_encoders(data.lines, drives), *rigid_gears(rigid))
     nothing_acts = [SmoothedMotion.start(grid, drive, 0) for grid, drive in zip(lines, drives, strict=True)]
-    before = unexplained_fraction(linear, drives, nothing_acts, np.zeros(0))
-    after = unexplained_fraction(data, estimate.drives, estimate.estimates, estimate.magnitudes)
+    fraction_before = unexplained_fraction(linear, drives, nothing_acts, np.zeros(0))
+    fraction_after = unexplained_fraction(data, estimate.drives, estimate.estimates, estimate.magnitudes)
     numbers = estimate.x, estimate.covariance, estimate.effects, estimate.magnitudes, sheets
-    return GearResult(*numbers, before=before, after=after, notes=notes)
+    return GearResult(*numbers, before=fraction_before, after=fraction_after, notes=notes)
 
 
 def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str:
     """Return the reason why no gear effects can be estimated, with its consequence; empty if they can."""
-    if result.status not in _SOLVED:
-        ended = result.status.replace("_", " ")
-        return f"the fit ended as {ended}, and effects of gears are found beside a model that fits"
+    if result.status not in _VALID_STATUSES:
+        status = result.status.replace("_", " ")
+        return f"the fit ended as {status}, and effects of gears are found beside a model that fits"
     if len(np.unique(np.concatenate([lines.realisation for lines in data.lines]))) < 2:
         return (
             "the records are of one realisation, and an effect is taken where it predicts those that it was not fitted "
-            f"to; measure two or more realisations; {LOST}"
+            f"to; measure two or more realisations; {FALLBACK}"
         )
     lag = next(
         (index for index in result.indices if index.name.startswith(_LATE) and index.explained_fraction > 0.5), None
@@ -132,7 +132,7 @@ def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str
         return (
             f"the fit finds {lag.name} ({100 * lag.explained_fraction:.0f} % of the excess of V): the logged torque "
             "differs from the acting one, and effects of gears would follow; give the robot's chain its torque_lag, "
-            f"or free the delay; {LOST}"
+            f"or free the delay; {FALLBACK}"
         )
     ratios = {lines.configuration.name: difference(lines) for lines in data.lines}
     if moving := [name for name, ratio in ratios.items() if ratio > HIDDEN]:
@@ -140,7 +140,7 @@ def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str
             f"the records of {', '.join(moving)} are not settled, or disturbed: their periods differ by up to "
             f"{100 * max(ratios.values()):.2g} % of the motion, and effects of gears are found between the excited "
             "lines, where a transient lies, too; measure more periods and leave the first out "
-            f"(estimator.transient_periods); {LOST}"
+            f"(estimator.transient_periods); {FALLBACK}"
         )
     first = min(float(modes(drive.model, drive.theta).freq_hz.min(initial=np.inf)) for drive in drives)
     highest = max(float(lines.freq_hz[lines.excited].max()) for lines in data.lines)
@@ -148,11 +148,11 @@ def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str
         return (
             f"the first mode, {first:.3g} Hz, lies above the highest excited line, {highest:.3g} Hz: motors and links "
             "move as one, so that nothing behind a gear is distinguished from the same before it; excite higher lines; "
-            f"{LOST}"
+            f"{FALLBACK}"
         )
     coarse = coarse_encoders(data.lines, drives)
     if coarse and len(coarse) == sum(bool(row.any()) for row in drives[0].places["gear"]):
-        return f"{coarse[0]}; {LOST}"
+        return f"{coarse[0]}; {FALLBACK}"
     return ""
 
 
@@ -160,7 +160,7 @@ def difference(lines: PeriodLines) -> float:
     """Return the ratio of the rms error of the mean over periods, without encoder noise, to the rms motion."""
     motion = np.sum(np.mean(np.abs(lines.Y) ** 2, axis=2), axis=0)
     scatter = np.sum(lines.scatter - lines.noise, axis=0)
-    return float(np.sqrt(np.max(np.maximum(scatter, 0.0) / motion)))
+    return math.sqrt(np.max(np.maximum(scatter, 0.0) / motion))
 
 
 def coarse_encoders(data: Sequence[PeriodLines], drives: Sequence[DriveLines]) -> list[Note]:
@@ -210,7 +210,7 @@ def unexplained_fraction(
         signals = residuals(lines, drive, estimate, magnitudes), lines.Y
         r, motion = (np.sum(np.abs(x[lines.excited]) ** 2, axis=(1, 2)) for x in signals)
         fractions.append(np.mean(r / motion))
-    return float(np.sqrt(np.mean(fractions)))
+    return math.sqrt(np.mean(fractions))
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,9 +236,9 @@ class JointEffects:
     def parameter(self, letter: str) -> tuple[float, FloatArray]:
         """Return the stiffness k or damping d of the joint and its row."""
         parameters, x, row = self.estimate.parameters, self.estimate.x, np.zeros(len(self.estimate.covariance))
-        place = parameters.names.index(f"{letter}_{self.joint}")
-        row[: len(x)] = parameters.jacobian(x)[place]
-        return float(parameters.expand(x)[place]), row
+        index = parameters.names.index(f"{letter}_{self.joint}")
+        row[: len(x)] = parameters.jacobian(x)[index]
+        return float(parameters.expand(x)[index]), row
 
     def magnitudes(self, weights: Mapping[int, float]) -> tuple[float, FloatArray]:
         """Return the weighted sum of magnitudes and its row."""
@@ -272,32 +272,32 @@ class JointEffects:
 
     def largest(self) -> float:
         """Return the deflection at the largest torque of the records."""
-        reach = self.peak / self.parameter("k")[0]
+        deflection = self.peak / self.parameter("k")[0]
         for _ in range(40):
-            tau = float(self.torque(np.array([0.0, reach]), hysteresis=False)[0][1])
+            tau = float(self.torque(np.array([0.0, deflection]), hysteresis=False)[0][1])
             # A spring that softens may not bear that torque at all.
-            reach *= min(max(1 + 0.7 * (self.peak / tau - 1), 0.5), 2.0)
-        return reach
+            deflection *= min(max(1 + 0.7 * (self.peak / tau - 1), 0.5), 2.0)
+        return deflection
 
 
 def sheet_of(gear: JointEffects, result: Result, bounds: Mapping[Group, float]) -> GearSheet:
     """Return characteristics of a gear, with the linear fit's, and its torsion curve. bounds: by groups of effects."""
-    reach = gear.largest()
+    deflection = gear.largest()
     rated_torque = next(driven.limits.torque for driven in gear.robot.driven if driven.name == gear.joint)
-    numbers = [*_springs(gear, result, reach), *_torque_numbers(gear, reach), *_periodic(gear)]
+    numbers = [*_springs(gear, result, deflection), *_torque_numbers(gear, deflection), *_periodic(gear)]
     names = {number.name for number in numbers}
-    numbers += [row for row in _unseen(gear, bounds, reach) if row.name not in names]
+    numbers += [row for row in _insignificant_effects(gear, bounds, deflection) if row.name not in names]
     for i, row in enumerate(numbers):
         if row.kind == "torque" and math.isfinite(rated_torque):
             numbers[i] = replace(row, rated_fraction=(row.value if row.is_significant else row.bound) / rated_torque)
-    flank = reach * np.linspace(-1, 1, 200)
+    flank = deflection * np.linspace(-1, 1, 200)
     delta = np.concatenate([flank, -flank])
     tau, rows = gear.torque(delta, hysteresis=True)
     slope = np.maximum(np.gradient(gear.torque(flank, hysteresis=False)[0], flank), 1e-300)
     std = np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, gear.estimate.covariance, rows), 0.0))
     rows_in_order = sorted(numbers, key=lambda row: _ORDER.index(row.name.partition("_")[0].rstrip("0123456789.")))
     # Within a gap a torque says nothing of the torsion.
-    torsion_std = np.minimum(std / np.concatenate([slope, slope[::-1]]), reach)
+    torsion_std = np.minimum(std / np.concatenate([slope, slope[::-1]]), deflection)
     return GearSheet(gear.joint, tuple(rows_in_order), gear.peak, tau, delta, torsion_std)
 
 
@@ -313,7 +313,7 @@ def _named_number(entry: SheetNumber, joint: str, order: float = 0.0, **further:
     return GearNumber(name, meaning, entry.kind, entry.unit, order=order, **further)
 
 
-def _springs(gear: JointEffects, result: Result, reach: float) -> list[GearNumber]:
+def _springs(gear: JointEffects, result: Result, deflection: float) -> list[GearNumber]:
     has_gap = any(effect.kind == "gap" for _, effect, _ in gear.effects)
     spring = "stiffness beyond the gap" if has_gap else "stiffness at zero torque"
     per = ("N", "m") if gear.robot.slides(f"motor {gear.joint}") else ("N*m", "rad")
@@ -325,7 +325,7 @@ def _springs(gear: JointEffects, result: Result, reach: float) -> list[GearNumbe
     ]  # fmt: skip
     if gear.is_linear:
         return numbers
-    delta = np.linspace(0, reach, 601)
+    delta = np.linspace(0, deflection, 601)
     tau, rows = gear.torque(delta, hysteresis=False)
     ends = np.searchsorted(tau, gear.peak * np.arange(4) / 3).clip(0, 600)
     for i, (low, high) in enumerate(pairwise(ends.tolist()), start=1):
@@ -334,19 +334,19 @@ def _springs(gear: JointEffects, result: Result, reach: float) -> list[GearNumbe
             secant, row = ((x[high] - x[low]) / (delta[high] - delta[low]) for x in (tau, rows))
             numbers.append(gear.number(replace(SECANT, prefix=f"K{i}_", meaning=meaning), float(secant), row))
     if not has_gap:  # a secant is softer than k, beyond the gap
-        ratio, row = gear.over_k(float(tau[600]) / reach, rows[600] / reach)
+        ratio, row = gear.over_k(float(tau[600]) / deflection, rows[600] / deflection)
         meaning = f"hardening of the secant stiffness up to {gear.peak:.3g} N*m"
         numbers.append(gear.number(replace(STIFFENING, meaning=meaning), ratio - 1, row))
     return numbers
 
 
-def _torque_numbers(gear: JointEffects, reach: float) -> list[GearNumber]:
+def _torque_numbers(gear: JointEffects, deflection: float) -> list[GearNumber]:
     """Return magnitudes of friction and hysteresis: half the torque difference, and the loop width in torsion, at 0.
 
     Lost motion 2 f b / k: the way between the lines of the two flanks at zero torque, all of the gap where it is free.
     """
     numbers = []
-    path = reach * np.concatenate([np.linspace(-1, 1, 201), np.linspace(1, -1, 201)])
+    path = deflection * np.concatenate([np.linspace(-1, 1, 201), np.linspace(1, -1, 201)])
     weights: dict[SheetNumber, dict[int, float]] = {}
     for i, effect, _ in gear.effects:
         entry, weight = effect.row.number, 1.0
@@ -387,25 +387,25 @@ def _periodic(gear: JointEffects) -> list[GearNumber]:
     return numbers
 
 
-def _unseen(gear: JointEffects, bounds: Mapping[Group, float], reach: float) -> list[GearNumber]:
+def _insignificant_effects(gear: JointEffects, bounds: Mapping[Group, float], deflection: float) -> list[GearNumber]:
     largest: dict[str, GearNumber] = {}
     k = gear.parameter("k")[0]
-    for (effect, *_), bound in bounds.items():
-        for number in _bounded(effect, bound, k, reach) if effect.joint == gear.joint else ():
+    for (effect, *_), limit in bounds.items():
+        for number in _bounded_effect(effect, limit, k, deflection) if effect.joint == gear.joint else ():
             if number.name not in largest or largest[number.name].bound < number.bound:
                 largest[number.name] = number
     return [*largest.values()]
 
 
-def _bounded(effect: GearEffect, bound: float, k: float, reach: float) -> list[GearNumber]:
+def _bounded_effect(effect: GearEffect, limit: float, k: float, deflection: float) -> list[GearNumber]:
     entry, joint = effect.row.number, effect.joint
     if entry == LOST_MOTION:
         # None of a gear that never crosses it.
-        return [_named_number(entry, joint, bound=bound * 2 * effect.scale / k)] if bound <= k else []
+        return [_named_number(entry, joint, bound=limit * 2 * effect.scale / k)] if limit <= k else []
     if entry == STIFFENING:
-        bound *= abs(float(along_period(effect, np.array([0.0, reach]))[0][1])) / (k * reach)
+        limit *= abs(float(along_period(effect, np.array([0.0, deflection]))[0][1])) / (k * deflection)
     if entry != HYSTERESIS:
-        return [_named_number(entry, joint, effect.order, bound=bound)]
+        return [_named_number(entry, joint, effect.order, bound=limit)]
     # Within the records it does not reach its magnitude where it bends over more than they bend the gear.
-    bound *= min(1.0, reach / effect.scale)
-    return [_named_number(entry, joint, bound=bound), _named_number(WIDTH, joint, bound=2 * bound / k)]
+    limit *= min(1.0, deflection / effect.scale)
+    return [_named_number(entry, joint, bound=limit), _named_number(WIDTH, joint, bound=2 * limit / k)]

@@ -63,8 +63,8 @@ class GearEstimate:
 
     def motions_of(self, effects: Sequence[GearEffect], further: int = 0) -> list[SmoothedMotion]:
         """Return the estimated motions with forces of any effects, 0 of those not among these and of further ones."""
-        places = {effect: i for i, effect in enumerate(self.effects)}
-        columns = [*(places.get(effect, -1) for effect in effects), *(-1,) * further]
+        index_of = {effect: i for i, effect in enumerate(self.effects)}
+        columns = [*(index_of.get(effect, -1) for effect in effects), *(-1,) * further]
         return [motion.of(columns) for motion in self.estimates]
 
 
@@ -88,10 +88,10 @@ class GearData:
 
     def motions(
         self, drives: Sequence[DriveLines], effects: Sequence[GearEffect], magnitudes: FloatArray,
-        before: Sequence[SmoothedMotion], tolerance: float = 1e-4,
+        previous: Sequence[SmoothedMotion], tolerance: float = 1e-4,
     ) -> list[SmoothedMotion]:  # fmt: skip
         """Return the motion in each configuration under effects of given magnitudes, as `smooth_motion` has it."""
-        rows = zip(self.lines, drives, before, strict=True)
+        rows = zip(self.lines, drives, previous, strict=True)
         return [smooth_motion(lines, drive, effects, magnitudes, start, tolerance) for lines, drive, start in rows]
 
     def joint_normal_equations(
@@ -198,11 +198,11 @@ def _update_scales(
     effects: Sequence[GearEffect], scales: Sequence[Sequence[int]], steps: FloatArray
 ) -> list[GearEffect]:
     """Return effects with scales increased by fractions (n_s,), _STEP at most, relative to the first of each."""
-    grown = list(effects)
+    next_effects = list(effects)
     for group, step in zip(scales, np.clip(steps, -_STEP, _STEP).tolist(), strict=True):
         for i in group:
-            grown[i] = replace(effects[i], scale=effects[group[0]].scale * (1 + step))
-    return grown
+            next_effects[i] = replace(effects[i], scale=effects[group[0]].scale * (1 + step))
+    return next_effects
 
 
 def initial_estimate(data: GearData, parameters: Parameters, x: FloatArray) -> GearEstimate:

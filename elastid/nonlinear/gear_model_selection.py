@@ -12,6 +12,7 @@ f and its standard deviation by one Gauss-Newton step of parameters, found magni
 together, along the motion under the effects that were found. Of a sine with its cosine the amplitude.
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import compress
@@ -48,7 +49,7 @@ MIN_GAIN_FRACTION = 0.005  # relative to V: residuals of the best model are not 
 MIN_PERIOD_FRACTION = 0.5  # travel of the motor in periods of a transmission error or ripple
 # Std of ln k of a gear with effects besides friction: errors were 0.05 to 0.11 % in six robots simulated by MuJoCo.
 STIFFNESS_ERROR_OF_EFFECTS = 5e-4
-_LOST = 10.0  # factor by which a stiffness fell below its start value, so that it starts there again
+_COLLAPSE_FACTOR = 10.0  # factor by which a stiffness fell below its start value, so that it starts there again
 _ROUGH = 10 * MOVE  # tolerance at which effects are compared; those selected are estimated with tolerance MOVE
 
 
@@ -85,10 +86,10 @@ def _sizes(data: GearData, estimate: GearEstimate, j: int) -> tuple[float, float
     """Return RMS velocity of a motor and deflection of its gear, by the linear model."""
     speeds, deflections = [], []
     for lines, drive in zip(data.lines, estimate.drives, strict=True):
-        motor, gear = (drive.motion(place, j, lines.U) for place in ("motor", "gear"))
+        motor, gear = (drive.motion(location, j, lines.U) for location in ("motor", "gear"))
         speeds.append(np.mean(np.sum(np.abs(lines.s[:, None] * motor) ** 2, axis=0) / 2))
         deflections.append(np.mean(np.sum(np.abs(gear) ** 2, axis=0) / 2))
-    return float(np.sqrt(np.mean(speeds))), float(np.sqrt(np.mean(deflections)))
+    return math.sqrt(np.mean(speeds)), math.sqrt(np.mean(deflections))
 
 
 def choose_effects(data: GearData, parameters: Parameters, x: FloatArray, orders: Sequence[float]) -> GearEstimate:
@@ -99,7 +100,7 @@ def choose_effects(data: GearData, parameters: Parameters, x: FloatArray, orders
     What that fit could not tell apart from an effect (a viscous friction of nearly nothing beside dry friction) must
     start where the robot's file has it: parameters.x of a logarithmic one that ended at a tenth of it or less.
     """
-    is_at_limit = parameters.is_log & (x < parameters.x - np.log(_LOST))
+    is_at_limit = parameters.is_log & (x < parameters.x - np.log(_COLLAPSE_FACTOR))
     estimate = initial_estimate(data, parameters, np.where(is_at_limit, parameters.x, x))
     groups = candidate_groups(data, estimate, orders)
     for _ in range(ROUNDS):
@@ -148,8 +149,8 @@ def _on_grid(estimate: GearEstimate, lines: Sequence[PeriodLines]) -> GearEstima
 
 def _converge(data: GearData, estimate: GearEstimate) -> GearEstimate:
     estimate = estimate_gear_parameters(data, estimate, estimate.effects)
-    pruned = _prune(data, estimate)
-    return estimate if pruned is estimate else _converge(data, pruned)
+    smaller = _prune(data, estimate)
+    return estimate if smaller is estimate else _converge(data, smaller)
 
 
 def _kinds(effects: Sequence[GearEffect]) -> list[tuple[str, str]]:
@@ -165,7 +166,7 @@ def _best_law(data: GearData, estimate: GearEstimate, joint: str, family: tuple[
     springs = springs_of(estimate)
     if not springs:
         return estimate
-    others = tuple(effect for effect in estimate.effects if effect not in springs)
+    other_effects = tuple(effect for effect in estimate.effects if effect not in springs)
     deflection = _sizes(data, estimate, data.joints.index(joint))[1]
 
     def cost(magnitudes: GearEstimate) -> float:
@@ -174,13 +175,13 @@ def _best_law(data: GearData, estimate: GearEstimate, joint: str, family: tuple[
     tie = sum(lines.Y.size for lines in data.lines)
 
     def refit(before: GearEstimate, effects: tuple[GearEffect, ...]) -> GearEstimate:
-        return _prune(data, estimate_gear_parameters(data, before, effects, _ROUGH, others, cost(estimate)))
+        return _prune(data, estimate_gear_parameters(data, before, effects, _ROUGH, other_effects, cost(estimate)))
 
     trials = [estimate]
     for kind in family:
         if not any(effect.kind == kind or {effect.kind, kind} == {"range", "gap"} for effect in springs):
             start = KINDS[kind].scales[len(KINDS[kind].scales) // 2] * deflection
-            trials.append(refit(estimate, (*others, GearEffect(kind, joint, start))))
+            trials.append(refit(estimate, (*other_effects, GearEffect(kind, joint, start))))
     best = min(trials, key=cost)
     with_range = next((trial for trial in trials if [effect.kind for effect in springs_of(trial)] == ["range"]), best)
     if best.weighted_cost < with_range.weighted_cost < best.weighted_cost + tie:
@@ -201,7 +202,7 @@ def _as_gap_or_range(data: GearData, estimate: GearEstimate, joint: str) -> Gear
     names = estimate.parameters.free_names
     if len(springs) != 1 or estimate.effects[springs[0]].edge is None or f"k_{joint}" not in names:
         return estimate
-    (i,), place = springs, names.index(f"k_{joint}")
+    (i,), index = springs, names.index(f"k_{joint}")
     effect, f = estimate.effects[i], float(estimate.magnitudes[i])
     k = estimate.parameters.as_dict(estimate.x)[f"k_{joint}"]
     inner, outer = (k, k + f) if effect.kind == "range" else (k - f, k)
@@ -209,7 +210,7 @@ def _as_gap_or_range(data: GearData, estimate: GearEstimate, joint: str) -> Gear
     if kind == effect.kind or not inner > 0:
         return estimate
     x = estimate.x.copy()
-    x[place] = estimate.parameters.free[place].to_x(outer if kind == "gap" else inner)
+    x[index] = estimate.parameters.free[index].to_x(outer if kind == "gap" else inner)
     effects = (*estimate.effects[:i], replace(effect, kind=kind), *estimate.effects[i + 1 :])
     return estimate_gear_parameters(data, replace(estimate, x=x, effects=effects), effects, tolerance=_ROUGH)
 
@@ -240,12 +241,12 @@ def _prune(data: GearData, estimate: GearEstimate) -> GearEstimate:
         sizes[family] = max(sizes[family], z if effect.row.brakes else abs(z))
         powers[family] += P
     largest = {joint: max(P for family, P in powers.items() if family[1] == joint) for _, joint, *_ in families}
-    keep = [
+    significant = [
         sizes[family] >= MIN_SIGNIFICANCE and powers[family] > SLIGHT**2 * largest[family[1]] for family in families
     ]
-    if all(keep):
+    if all(significant):
         return estimate
-    return estimate_gear_parameters(data, estimate, tuple(compress(estimate.effects, keep)), tolerance=_ROUGH)
+    return estimate_gear_parameters(data, estimate, tuple(compress(estimate.effects, significant)), tolerance=_ROUGH)
 
 
 def _select_effects(data: GearData, estimate: GearEstimate, groups: Sequence[Group]) -> list[GearEffect]:
@@ -264,11 +265,11 @@ def _select_effects(data: GearData, estimate: GearEstimate, groups: Sequence[Gro
         members = (np.arange(ends[i], ends[i + 1]) for i in indices)
         return _cross_validated_cost(sums, prior, np.concatenate([np.arange(ends[0]), *members]))
 
-    def pays(before: float, after: float, indices: list[int]) -> bool:
+    def pays(before: float, new_cost: float, indices: list[int]) -> bool:
         group = groups[indices[-1]]
         # Of what friction leaves unexplained, the law of a spring explains a little of any gear.
         gain, fraction = (MIN_GAIN_OF_SPRING, SLIGHT) if group[0].kind in SPRINGS else (MIN_GAIN, MIN_GAIN_FRACTION)
-        return before - after > max(gain * len(group), fraction * before)
+        return before - new_cost > max(gain * len(group), fraction * before)
 
     return effects_of(greedy(larger, cost, pays)[0])
 
@@ -306,6 +307,6 @@ def magnitude_bounds(data: GearData, estimate: GearEstimate, orders: Iterable[fl
         covariance = inverse(A[np.ix_(columns, columns)])
         step = (covariance @ b[columns])[n:]
         size = float(max(step[0], 0.0) if group[0].row.brakes else np.hypot.reduce(step))
-        bounds[group] = size + ONE_SIDED_95 * float(np.sqrt(np.diag(covariance)[n:].max()))
+        bounds[group] = size + ONE_SIDED_95 * math.sqrt(np.diag(covariance)[n:].max())
         first += len(group)
     return bounds

@@ -6,6 +6,7 @@ The fit and the robot with what was found, as a robot's file states it.
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import starmap
 from typing import Literal
 
 import numpy as np
@@ -14,7 +15,7 @@ from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.result import Result
-from elastid.fit.status_terms import ANSWERED, DISTORTED, Status
+from elastid.fit.status_terms import CODES_WITH_CAUSE, DISTORTED, Status
 from elastid.nonlinear.basis_functions import GearEffect
 from elastid.parameters import Parameter, Parameters
 from elastid.robot import Friction, Gear, GearRipple, Hysteresis, Joint, Robot, Spring, TransmissionError
@@ -23,7 +24,7 @@ from elastid.robot.simplified import with_joints, with_straight_springs, without
 
 # Of what the linear fit leaves of the motion, below which the effects of gears explain its misfit: 5 right models leave
 # at most 0.014 of it, 4 wrong ones at least 0.6 (scripts/studies/results.csv).
-EXPLAINED = 0.25
+MAX_UNEXPLAINED = 0.25
 NOT_EXPLAINED = "the effects found in its gears do not explain it"
 NOT_OPENED = "the effects of the gears were not estimated (see the line `gears`)"
 # Makers' units over SI.
@@ -131,11 +132,11 @@ class GearResult:
     @property
     def explains_misfit(self) -> bool:
         """True if the effects explain most of the linear fit's residual, which then does not limit them."""
-        return bool(self.effects) and self.after < EXPLAINED * self.before
+        return bool(self.effects) and self.after < MAX_UNEXPLAINED * self.before
 
     def unanswered_notes(self, notes: Iterable[Note]) -> tuple[Note, ...]:
         """Return notes of a fit and its responses without those that the effects answer."""
-        return tuple(note for note in notes if not (self.explains_misfit and note.code in ANSWERED))
+        return tuple(note for note in notes if not (self.explains_misfit and note.code in CODES_WITH_CAUSE))
 
     def magnitude(self, kind: str, joint: str) -> float:
         """Return the sum of magnitudes of a kind at a joint, 0 without any."""
@@ -251,8 +252,8 @@ def _gear(joint: Joint, gears: GearResult) -> Gear | None:
     name = joint.name
     gear = Gear(
         load=max(gears.magnitude("load", name), 0.0),
-        transmission_error=tuple(TransmissionError(*numbers) for numbers in _harmonics("error", name, gears)),
-        ripple=tuple(GearRipple(*numbers) for numbers in _harmonics("ripple", name, gears)),
+        transmission_error=tuple(starmap(TransmissionError, _harmonics("error", name, gears))),
+        ripple=tuple(starmap(GearRipple, _harmonics("ripple", name, gears))),
         hysteresis=tuple(
             Hysteresis(magnitude, scale, "sharp" if kind == "stop" else "smooth")
             for kind, scale, magnitude in _effects(name, gears)

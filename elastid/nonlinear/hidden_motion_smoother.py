@@ -19,6 +19,7 @@ motion is folded to the lines below: beside friction of 30 % of the torque it wo
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import starmap
 
 import numpy as np
 from numpy.fft import irfft, rfft
@@ -73,9 +74,9 @@ class SmoothedMotion:
 
 def residuals(lines: PeriodLines, drive: DriveLines, estimate: SmoothedMotion, magnitudes: FloatArray) -> ComplexArray:
     """Return y - G u + C H P f Phi (F, n_u, M), of the logged angles."""
-    explained = drive.C @ drive.H @ np.tensordot(estimate.Phi, magnitudes, axes=1)
-    explained = explained + np.tensordot(estimate.folded, magnitudes, axes=1)
-    return np.asarray(lines.Y - drive.G @ lines.U + drive.sensor[:, :, None] * explained)
+    modelled_motion = drive.C @ drive.H @ np.tensordot(estimate.Phi, magnitudes, axes=1)
+    modelled_motion = modelled_motion + np.tensordot(estimate.folded, magnitudes, axes=1)
+    return np.asarray(lines.Y - drive.G @ lines.U + drive.sensor[:, :, None] * modelled_motion)
 
 
 def smoothed_covariance(r: ComplexArray, lines: PeriodLines, drive: DriveLines) -> ComplexArray:
@@ -184,14 +185,14 @@ class _Problem:
             if place == "gear":
                 x_0[i] += static[j] + self._transmission_error(base, j, m)
         previous = dict(zip(before.signals, before.unknowns[m], strict=bool(before.signals)))
-        start = np.array([previous.get(signal, default) for signal, default in zip(self.signals, x_0, strict=True)])
+        start = np.array(list(starmap(previous.get, zip(self.signals, x_0, strict=True))))
         x, force = newton(partial(self._law, m), self.linear, x_0, start, self.tolerance)
         return base - (self.force_response @ (rows.T @ lines.amplitudes(force).T[:, :, None]))[:, :, 0], x, force
 
     @cached_property
     def _rows(self) -> FloatArray:
         """Directions (n_x, n) of the unknowns."""
-        return np.array([self.drive.directions(place, j) for place, j in self.signals])
+        return np.array(list(starmap(self.drive.directions, self.signals)))
 
     @cached_property
     def _powers(self) -> ComplexArray:
@@ -243,14 +244,14 @@ class _Problem:
     def motion(self, q: ComplexArray, j: int, m: int, x: FloatArray, force: FloatArray) -> GearMotion:
         """Return motion of a joint in an experiment by its estimate q (F, n), unknowns x (n_x, n) and their forces."""
         lines, drive, signals = self.lines, self.drive, self.signals
-        motor, gear, link = (q @ drive.directions(place, j) for place in ("motor", "gear", "link"))
+        motor, gear, link = (q @ drive.directions(location, j) for location in ("motor", "gear", "link"))
         amplitudes = np.stack([gear, lines.s * gear, lines.s * motor, lines.s * link])
         swing, slope, velocity, link_velocity = lines.fine(amplitudes)
         motions: dict[Place, FloatArray] = {
             "gear": swing + self._static_deflection(m)[j] + self._transmission_error(q, j, m),
             "motor": velocity, "link": link_velocity,
         }  # fmt: skip
-        motions |= {place: signal for (place, joint), signal in zip(signals, x, strict=False) if joint == j}
+        motions |= {location: signal for (location, joint), signal in zip(signals, x, strict=False) if joint == j}
         torque = drive.k[j] * motions["gear"] + drive.d[j] * slope
         if ("gear", j) in signals:
             torque = torque + force[signals.index(("gear", j))]
@@ -324,10 +325,10 @@ def _newton_step(
 
     To some percent, so that numbers of four bytes do.
     """
-    x_slope, part = (slope * size).astype(np.float32), (1 / size).astype(np.float32)
+    x_slope, weight = (slope * size).astype(np.float32), (1 / size).astype(np.float32)
 
     def product(v: FloatArray) -> FloatArray:
-        return v + (linear(x_slope * v.reshape(x_0.shape)) * part).ravel()
+        return v + (linear(x_slope * v.reshape(x_0.shape)) * weight).ravel()
 
     operator = LinearOperator((x_0.size, x_0.size), matvec=product, dtype=np.float32)
     step = gmres(operator, (x_0 / size).astype(np.float32).ravel(), rtol=tolerance, restart=40, maxiter=1)[0]

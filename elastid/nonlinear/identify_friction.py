@@ -44,7 +44,7 @@ _CHOICE_RECORDS = 24
 FULL_SWING, MIN_UNCERTAIN = 4.0, 0.05
 
 
-class _Unsuited(ValueError):
+class _UnsuitedRecords(ValueError):
     """Why friction cannot be found."""
 
 
@@ -63,8 +63,8 @@ def identify_motor_friction(
     records = tuple(measured[0])
     try:
         return _identify(records, measured, spec, planned, execution or Execution())
-    except _Unsuited as reason:
-        is_quiet = spec.friction == "auto" and not any(place.startswith("motor ") for place in records[0].inputs)
+    except _UnsuitedRecords as reason:
+        is_quiet = spec.friction == "auto" and not any(location.startswith("motor ") for location in records[0].inputs)
         return _no_friction(records[0], "" if is_quiet else str(reason), spec.friction)
 
 
@@ -75,33 +75,33 @@ def _identify(
     planned: IntArray | None,
     execution: Execution,
 ) -> CompensatedFriction:
-    n_first, places = -(-_CHOICE_RECORDS // len(records)), records[0].inputs
+    n_first, locations = -(-_CHOICE_RECORDS // len(records)), records[0].inputs
 
     def gather(
         part: Sequence[Iterable[Record]], shapes: Sequence[BasisFunction], friction: CompensatedFriction | None = None
     ) -> list[ConfigurationSpectra]:
-        return execution.ordered(partial(_gather, places, shapes, spec, planned, friction), part)
+        return execution.ordered(partial(_gather, locations, shapes, spec, planned, friction), part)
 
     if reason := refusal(records):
-        raise _Unsuited(reason)
+        raise _UnsuitedRecords(reason)
     refuse_mismatch(records)
     shapes = candidate_basis(records, spec.friction == "coulomb")
     data = gather(measured[:n_first], shapes)
-    choice, indices = select_basis(data, shapes, places, spec.friction == "auto")
-    if delay_s := torque_delay(data, shapes, choice, places):
+    choice, indices = select_basis(data, shapes, locations, spec.friction == "auto")
+    if delay_s := torque_delay(data, shapes, choice, locations):
         late, late_shapes = delay_spectra(data, delay_s), tuple(replace(shape, delay_s=delay_s) for shape in shapes)
-        late_choice, late_indices = select_basis(late, late_shapes, places, spec.friction == "auto")
+        late_choice, late_indices = select_basis(late, late_shapes, locations, spec.friction == "auto")
         # Bristles with much damping act before their deflection, as if the torque were logged early.
         if delay_s > 0 or any(shape.is_memoryless for shape in late_choice.shapes):
             data, shapes, choice, indices = late, late_shapes, late_choice, late_indices
     basis_spectra = [replace(spectra, Phi=spectra.Phi[:, indices]) for spectra in data]
-    swings = tuple(median_swing([motion_of(record, place) for record in records]) for place in places)
+    swings = tuple(median_swing([motion_of(record, motor) for record in records]) for motor in locations)
     first, friction = _FrictionFit(records[0], spec, basis_spectra, choice, swings), None
     if choice.shapes:
         noise = np.sqrt(np.mean([spectra.velocity_noise**2 for spectra in basis_spectra], axis=0))
-        near = refine_basis(choice, first.sums[0], places, noise)
+        near = refine_basis(choice, first.sums[0], locations, noise)
         between = replace(first, choice=near, data=gather(measured[:n_first], near.shapes, first.result))
-        pairs = [[fit.result.coulomb_friction(place)[0] for fit in (between, first)] for place in places]
+        pairs = [[fit.result.coulomb_friction(motor)[0] for fit in (between, first)] for motor in locations]
         # Of many configurations the motion between the samples is looked at where it moves F_c by what is known of it.
         is_near = all(abs(coefficient - sampled) <= SIGN_ERROR * coefficient for coefficient, sampled in pairs)
         if n_first >= len(measured) or not is_near:
@@ -121,18 +121,18 @@ def _gather(
     records = tuple(measured)
     refuse_mismatch(records)
     if reason := refusal(records):
-        raise _Unsuited(reason)
+        raise _UnsuitedRecords(reason)
     if records[0].inputs != inputs:
-        raise _Unsuited("configurations have different inputs, and so no motors in common")
+        raise _UnsuitedRecords("configurations have different inputs, and so no motors in common")
     data = gather_configuration(records, shapes, spec, planned, friction)
     if not data.is_invertible:
-        raise _Unsuited(
+        raise _UnsuitedRecords(
             f"the torques of {', '.join(inputs)}, or the angles of these motors, are not independent in all "
             f"{len(records)} experiments of configuration {data.name}; check for a file listed twice and for a channel "
             "that holds the signal of another motor"
         )
     if data.U.shape[2] <= data.U.shape[1] and data.excited.all():
-        raise _Unsuited(
+        raise _UnsuitedRecords(
             f"one realisation ({len(records)} experiment{'s' * (len(records) > 1)}) does not separate nonlinear "
             "distortion from the linear response"
         )
@@ -199,7 +199,7 @@ class _FrictionFit:
         result, motor_of, n = self.result, self.choice.motor_of, len(self.data)
         C, notes = result.covariance.copy(), list[Note]()
         sums = [normal_equations([spectra], self.sums[0], motor_of) for spectra in self.data]
-        for i, place in enumerate(result.places):
+        for i, location in enumerate(result.places):
             f = np.where(motor_of == i, self.sums[0], 0.0)
             power = np.array([max(f @ fold.A.sum(axis=0) @ f, 1e-300) for fold in sums])
             factor = np.array([f @ fold.b.sum(axis=0) for fold in sums]) / power
@@ -207,9 +207,9 @@ class _FrictionFit:
             Q = float(weight @ (factor - weight @ factor / weight.sum()) ** 2)
             if n > 1 and f.any() and chi_square_limit(n - 1, DEPENDENCE_BY_CHANCE) < Q:
                 C += (Q - n + 1) / (weight.sum() - weight @ weight / weight.sum()) * np.outer(f, f)
-                F_c, low, high = result.coulomb_friction(place)[0], int(np.argmin(factor)), int(np.argmax(factor))
+                F_c, low, high = result.coulomb_friction(location)[0], int(np.argmin(factor)), int(np.argmax(factor))
                 text = (
-                    f"{place}: friction varies from {F_c * factor[low]:.4g} {result.place_units[i]} in "
+                    f"{location}: friction varies from {F_c * factor[low]:.4g} {result.place_units[i]} in "
                     f"{result.configurations[low]} to {F_c * factor[high]:.4g} in {result.configurations[high]}. To "
                     "find whether angle, temperature or load is the cause, run a friction study with `loads`"
                 )
@@ -227,24 +227,24 @@ def _notes(result: CompensatedFriction) -> tuple[Note, ...]:
             f"early. State `delay: {delay_ms:.3g} ms` at the channels of role u, or free `delay_u` in the fit"
         )
         notes.append(Note("nonlinear/torque-delay", text, severity="warning"))
-    for place, unit, percent in zip(result.places, result.place_units, 100 * result.residual_power_ratio, strict=True):
-        if place in result.compensated_motors():
-            F_c, std = result.coulomb_friction(place)
+    for motor, unit, percent in zip(result.places, result.place_units, 100 * result.residual_power_ratio, strict=True):
+        if motor in result.compensated_motors():
+            F_c, std = result.coulomb_friction(motor)
             text = (
-                f"{place}: Coulomb friction of {F_c:.4g} {unit} (std {std:.2g}, link side) is compensated. The power "
+                f"{motor}: Coulomb friction of {F_c:.4g} {unit} (std {std:.2g}, link side) is compensated. The power "
                 f"of noise and distortion decreases to {percent:.2g} % of its value without compensation"
             )
             notes.append(Note("nonlinear/friction-compensated", text, severity="information"))
-            ratio = result.swing_ratio(place)
+            ratio = result.swing_ratio(motor)
             if std > MIN_UNCERTAIN * F_c and ratio < FULL_SWING:
                 text = (
-                    f"{place}: the Coulomb torque is {F_c:.3g} {unit} (std {std:.2g}). The motion between two "
+                    f"{motor}: the Coulomb torque is {F_c:.3g} {unit} (std {std:.2g}). The motion between two "
                     f"reversals is {ratio:.2g} of the presliding distance (limit {FULL_SWING:g}). Raise the amplitude"
                 )
                 notes.append(Note("nonlinear/presliding", text, severity="information"))
         else:
             text = (
-                f"{place}: Coulomb friction is not significant and not compensated. In cross-validation, "
+                f"{motor}: Coulomb friction is not significant and not compensated. In cross-validation, "
                 f"{percent:.3g} % of the power of noise and distortion remains with compensation"
             )
             notes.append(Note("nonlinear/friction-not-compensated", text, severity="information"))
@@ -270,7 +270,7 @@ def refusal(records: Sequence[Record]) -> str:
     if reason := reason_unsuited(first):
         return reason
     equal = np.zeros(len(first.inputs)) if first.r is None else np.all(first.u == first.r, axis=0)
-    if same := [place for place, is_equal in zip(first.inputs, equal, strict=True) if is_equal]:
+    if same := [motor for motor, is_equal in zip(first.inputs, equal, strict=True) if is_equal]:
         return (
             f"the torque of {', '.join(same)} equals the reference to the last bit, so that the controller's part "
             "against friction is not in it and friction cannot be found; log the torque, or the current, that the "
@@ -281,11 +281,11 @@ def refusal(records: Sequence[Record]) -> str:
     n_u, K = len(first.inputs), len(records)
     if n_u > K:
         return f"{K} experiments do not separate {n_u} inputs; measure more, since friction is what responses leave"
-    for place in first.inputs:
-        motion = motion_of(first, place)
+    for motor in first.inputs:
+        motion = motion_of(first, motor)
         if motion.velocity_noise > VELOCITY_NOISE * motion.speed:
             return (
-                f"the velocity of {place} is {motion.speed:.2g} RMS and its noise {motion.velocity_noise:.2g}, so that "
+                f"the velocity of {motor} is {motion.speed:.2g} RMS and its noise {motion.velocity_noise:.2g}, so that "
                 "its sign is not known; use an encoder of more counts, or excite slower or larger motions"
             )
     return ""

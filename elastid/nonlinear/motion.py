@@ -18,7 +18,7 @@ CELLS = 4
 VELOCITY_NOISE = 0.04
 # Above which lines of the period are filtered as others are: below, friction moves the motor a little at all of them.
 _NOISY = VELOCITY_NOISE / 4
-_KNOWN = 1 - 1 / NEIGHBOURS  # share of a line's power that is not noise, which noise alone never seems to have
+_MAX_COHERENCE = 1 - 1 / NEIGHBOURS  # share of a line's power that is not noise, which noise alone never seems to have
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Motion:
     @property
     def speed(self) -> float:
         """RMS of the velocity."""
-        return float(np.sqrt(np.mean(self.velocity**2)))
+        return math.sqrt(np.mean(self.velocity**2))
 
     @cached_property
     def by_sample(self) -> FloatArray:
@@ -61,22 +61,22 @@ class Motion:
         return np.asarray(np.maximum(np.maximum(self.by_sample.min(axis=0), -self.by_sample.max(axis=0)), 0.0))
 
 
-def motion_of(record: Record, place: str, by_torque: Callable[[Motion], ComplexArray] | None = None) -> Motion:
+def motion_of(record: Record, location: str, by_torque: Callable[[Motion], ComplexArray] | None = None) -> Motion:
     """Return the motion of a motor over all whole periods of a record, which it need not repeat, by its samples.
 
     by_torque(motion): DFT (n // 2 + 1,) of its angle by what is known of its torque as an inertia, in place of what is
     noise above the last line that is known; along the motion of the round before, in two rounds.
     """
-    n, order = whole_samples(record), MOTION_ORDER[record.quantities[record.outputs.index(place)]]
-    Y, start, gain = motor_spectrum(record, place)
+    n, order = whole_samples(record), MOTION_ORDER[record.quantities[record.outputs.index(location)]]
+    Y, start, gain = motor_spectrum(record, location)
     fraction, noise = signal_fraction(record, Y, order)
     s = laplace(len(Y), n, record.rate_hz)
-    velocity = integrated(fraction * Y, s, order - 1)
+    velocity = integrate(fraction * Y, s, order - 1)
     if order != 1:
         velocity[0] = gain * record.rate_hz  # a mean velocity is the gain of the angle
     motion = Motion(_fine(velocity, n), start, record.rate_hz, noise)
     if by_torque is not None:
-        above = np.arange(len(Y)) > np.flatnonzero(fraction > _KNOWN).max(initial=0)
+        above = np.arange(len(Y)) > np.flatnonzero(fraction > _MAX_COHERENCE).max(initial=0)
         for _ in range(2):
             motion = replace(motion, velocity=_fine(velocity + above * (1 - fraction) * s * by_torque(motion), n))
     return motion
@@ -121,7 +121,7 @@ def _wiener_gain(power: FloatArray, noise: float) -> FloatArray:
 @lru_cache(maxsize=16)
 def _velocity_power(lines: int, n: int, rate_hz: float, order: int) -> FloatArray:
     """Return power of a velocity over the power of each line of a motion (lines,), a derivative of that order."""
-    return frozen(np.abs(integrated(np.ones(lines, np.complex128), laplace(lines, n, rate_hz), order - 1)) ** 2)
+    return frozen(np.abs(integrate(np.ones(lines, np.complex128), laplace(lines, n, rate_hz), order - 1)) ** 2)
 
 
 def whole_samples(record: Record) -> int:
@@ -129,13 +129,13 @@ def whole_samples(record: Record) -> int:
     return record.n_samples // record.period_samples * record.period_samples
 
 
-def motor_spectrum(record: Record, place: str) -> tuple[ComplexArray, float, float]:
+def motor_spectrum(record: Record, location: str) -> tuple[ComplexArray, float, float]:
     """Return the DFT (n // 2 + 1,) of a motor's logged motion over whole periods, the start of its angle, and its gain.
 
     An angle is taken from its start on, without the ramp of its gain; both are 0 of other quantities.
     """
-    y = record.y[: whole_samples(record), record.outputs.index(place)]
-    if record.quantities[record.outputs.index(place)] != "position":
+    y = record.y[: whole_samples(record), record.outputs.index(location)]
+    if record.quantities[record.outputs.index(location)] != "position":
         return rfft(y), 0.0, 0.0
     gain = _gain(y, record.period_samples)
     return rfft(y - y[0] - gain * np.arange(len(y)) / len(y)), float(y[0]), gain
@@ -158,7 +158,7 @@ def laplace(lines: int, n: int, rate_hz: float) -> ComplexArray:
     return frozen(2j * np.pi * rate_hz / n * np.arange(lines), np.complex128)
 
 
-def integrated(Y: ComplexArray, s: ComplexArray, order: int) -> ComplexArray:
+def integrate(Y: ComplexArray, s: ComplexArray, order: int) -> ComplexArray:
     """Return Y / s^order; a mean has no integral."""
     if order <= 0:
         return Y if order == 0 else Y * s**-order

@@ -38,7 +38,7 @@ from elastid.response import Response
 from elastid.robot import Robot
 from elastid.simulation.controller import feed_forward
 
-REACH = 2  # times the highest line of the motion, up to which the torques are kept
+TORQUE_BAND = 2  # times the highest line of the motion, up to which the torques are kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +98,7 @@ def drive_lines(
     """Return the model at x (n_x,). response: fitted response of the same configuration, with all motors as inputs."""
     robot, name = linearisation.model.robot, lines.configuration.name
     theta = parameters.expand(x, name)
-    motors = [response.outputs.index(place) for place in response.inputs]
+    motors = [response.outputs.index(location) for location in response.inputs]
     model = linear_model(linearisation, response, theta)
     kernel = kernel_of(model.with_outputs(motors), parameters, lines.freq_hz)
     M, D, K = model.matrices(theta)
@@ -128,9 +128,9 @@ def drive_lines(
         for letter, without in (("k", 1.0), ("d", 0.0))
     )
     point = equilibrium(linearisation.model, theta[: -1 if DELAY in model.parameters else None], lines.configuration)
-    places = {place: row @ model.Z for place, row in rows.items()}
+    rows_of = {location: row @ model.Z for location, row in rows.items()}
     chain = parameters.jacobian(x, name)[kernel.places]
-    joint_numbers = driven, ratios, places, k, d, k * (rows["gear"] @ point.q)
+    joint_numbers = driven, ratios, rows_of, k, d, k * (rows["gear"] @ point.q)
     return DriveLines(model, kernel, theta, H, C, model.B, G, images, command, sensor, *joint_numbers, chain)
 
 
@@ -150,8 +150,8 @@ def geometric_torques(robot: Robot, at: Configuration, motion: ComplexArray, s: 
             "own distortion is not known; check the lengths of its loops, and the angles of configurations",
         )
 
-    def tau(part: float) -> FloatArray:
-        return feed_forward(model, q0, *(part * x for x in states)).T
+    def tau(fraction: float) -> FloatArray:
+        return feed_forward(model, q0, *(fraction * x for x in states)).T
 
     h = 1e-3
     distortion = (tau(1.0) - (tau(h) - tau(-h)) / (2 * h) - tau(0.0)).reshape(n, -1, M)
@@ -166,15 +166,15 @@ def without_arm(lines: PeriodLines, drive: DriveLines, robot: Robot) -> PeriodLi
     of the measured angles.
     """
     top = int(np.flatnonzero(lines.excited)[-1]) + 1
-    reach = min(REACH * top, len(lines.s))
-    H, links, sensor = drive.H[:reach], drive.places["link"], drive.sensor[:reach, :, None]
+    n_lines = min(TORQUE_BAND * top, len(lines.s))
+    H, links, sensor = drive.H[:n_lines], drive.places["link"], drive.sensor[:n_lines, :, None]
     angle_map = links @ H @ drive.B @ np.linalg.inv(drive.C @ H @ drive.B)
     Y, arm = lines.Y.copy(), np.zeros((len(lines.s) + 1, len(links), lines.Y.shape[2]), complex)
     for _ in range(3):  # motion and torques by each other
-        motion = angle_map @ (Y[:reach] / sensor) - links @ H @ links.T @ arm[1 : reach + 1]
+        motion = angle_map @ (Y[:n_lines] / sensor) - links @ H @ links.T @ arm[1 : n_lines + 1]
         motion[top:] = 0.0
-        arm[: reach + 1] = geometric_torques(robot, lines.configuration, motion, lines.s[:reach])
-        Y[:reach] = lines.Y[:reach] + sensor * (drive.C @ H @ links.T @ arm[1 : reach + 1])
+        arm[: n_lines + 1] = geometric_torques(robot, lines.configuration, motion, lines.s[:n_lines])
+        Y[:n_lines] = lines.Y[:n_lines] + sensor * (drive.C @ H @ links.T @ arm[1 : n_lines + 1])
     return replace(lines, Y=Y, arm=arm)
 
 
@@ -185,6 +185,6 @@ def _signals(X: ComplexArray) -> FloatArray:
     """
     F, n, M = X.shape
     N = 8 * (F + 1)
-    padded = np.zeros((N // 2 + 1, n, M), complex)
-    padded[1 : F + 1] = X
-    return np.asarray((irfft(padded, N, axis=0) * (N / 2)).swapaxes(0, 1).reshape(n, -1))
+    spectrum = np.zeros((N // 2 + 1, n, M), complex)
+    spectrum[1 : F + 1] = X
+    return np.asarray((irfft(spectrum, N, axis=0) * (N / 2)).swapaxes(0, 1).reshape(n, -1))

@@ -9,7 +9,7 @@ from numpy.fft import irfft, rfft
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, laplace_variable
 from elastid.base.errors import DataError
-from elastid.base.statistics import interpolated, smallest_step
+from elastid.base.statistics import interpolate, smallest_step
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.lines import analysed_lines
 from elastid.frf.period_selection import settled, trusted
@@ -78,7 +78,7 @@ class ConfigurationSpectra:
         net = self.U - friction
         pseudo = np.linalg.pinv(net[on], rcond=_MIN_SINGULAR)
         G = self.Y[on] @ pseudo
-        e, X = self.U - np.linalg.solve(interpolated(self.lines, self.lines[on], G), self.Y), self.Phi.copy()
+        e, X = self.U - np.linalg.solve(interpolate(self.lines, self.lines[on], G), self.Y), self.Phi.copy()
         # The span of the net torques is that of Y, too, as far as G maps one onto the other.
         for signal in (e, X):
             signal[on] -= (signal[on] @ pseudo) @ net[on]
@@ -106,34 +106,28 @@ def gather_configuration(
     everywhere = np.arange(excited[0], excited[-1] + 1, 2 if first.half_wave else 1)
     lines = np.union1d(evenly_spaced(excited, 400), evenly_spaced(np.setdiff1d(everywhere, excited), 400))
     is_excited = np.isin(lines, excited)
-    columns = [first.outputs.index(place) for place in first.inputs]
+    columns = [first.outputs.index(motor) for motor in first.inputs]
     U, Y, Phi = list[ComplexArray](), list[ComplexArray](), list[ComplexArray]()
     velocity_noise = np.zeros((len(spectra), len(first.inputs)))
-    places = tuple(dict.fromkeys(shape.place for shape in shapes))
-    for k, logged in enumerate(spectra):
-        record = logged.record
-        used = _periods(logged, lines, is_excited, spec, spec.quantity)
-        Y.append(used.Y[..., columns].mean(axis=0))
-        U.append(used.U.mean(axis=0))
+    motors = tuple(dict.fromkeys(shape.place for shape in shapes))
+    for k, spectrum in enumerate(spectra):
+        record = spectrum.record
+        periods = _periods(spectrum, lines, is_excited, spec, spec.quantity)
+        Y.append(periods.Y[..., columns].mean(axis=0))
+        U.append(periods.U.mean(axis=0))
         Phi.append(np.zeros((len(lines), len(shapes)), complex))
         # A last half period without its other half is no part of the motion.
-        complete = used.periods[used.periods < record.n_periods * first.period_samples // first.repeat_samples]
-        for place in places:
-            motion = friction.motion(record, place) if friction else motion_of(record, place)
-            velocity_noise[k, first.inputs.index(place)] = motion.velocity_noise
-            rows = [i for i, shape in enumerate(shapes) if shape.place == place]
+        complete = periods.periods[periods.periods < record.n_periods * first.period_samples // first.repeat_samples]
+        for motor in motors:
+            motion = friction.motion(record, motor) if friction else motion_of(record, motor)
+            velocity_noise[k, first.inputs.index(motor)] = motion.velocity_noise
+            rows = [i for i, shape in enumerate(shapes) if shape.place == motor]
             Phi[-1][:, rows] = amplitudes(record, motion, [shapes[i] for i in rows], complete, lines).T
     return ConfigurationSpectra(
-        lines,
-        line_frequencies(lines, first.rate_hz, first.period_samples),
-        is_excited,
-        np.stack(U, axis=2),
-        np.stack(Y, axis=2),
-        np.stack(Phi, axis=2),
-        np.array([record.realisation for record in records]),
-        np.sqrt(np.mean(velocity_noise**2, axis=0)),
-        first.configuration.name,
-    )
+        lines, line_frequencies(lines, first.rate_hz, first.period_samples), is_excited, np.stack(U, axis=2),
+        np.stack(Y, axis=2), np.stack(Phi, axis=2), np.array([record.realisation for record in records]),
+        np.sqrt(np.mean(velocity_noise**2, axis=0)), first.configuration.name,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,48 +207,43 @@ def gather_lines(measured: Iterable[Record], spec: EstimatorSpec, planned: IntAr
     first = records[0]
     if reason := reason_unsuited(first):
         raise DataError("gears/records", reason, f"configuration {first.configuration.name}")
-    columns = [first.outputs.index(place) for place in first.inputs]
+    columns = [first.outputs.index(location) for location in first.inputs]
     excited = analysed_lines(list(map(RecordSpectra, records)), spec, planned)
     lines = np.arange(1, (first.period_samples + 1) // 2)
     is_excited = np.isin(lines, excited)
-    whole = (RecordSpectra(replace(record, half_wave=False)) for record in records)
-    periods = [_periods(record, lines, is_excited, spec, "position") for record in whole]
+    full_records = (RecordSpectra(replace(record, half_wave=False)) for record in records)
+    periods = [_periods(record, lines, is_excited, spec, "position") for record in full_records]
     period_spectra = [period.Y[:, :, columns] for period in periods]
-    repeated = [Y.var(axis=0, ddof=1) / len(Y) for Y in period_spectra if len(Y) > 1]
+    variances = [Y.var(axis=0, ddof=1) / len(Y) for Y in period_spectra if len(Y) > 1]
     # Of a single period the highest lines show noise, where a robot barely moves.
-    scatter = np.mean(repeated if repeated else [np.abs(Y[0]) ** 2 for Y in period_spectra], axis=0)
-    logged = np.array([first.quantities[i] == "position" for i in columns])
+    scatter = np.mean(variances if variances else [np.abs(Y[0]) ** 2 for Y in period_spectra], axis=0)
+    is_position = np.array([first.quantities[i] == "position" for i in columns])
     return PeriodLines(
-        first.configuration,
-        first.rate_hz,
-        first.period_samples,
+        first.configuration, first.rate_hz, first.period_samples,
         np.stack([period.U.mean(axis=0) for period in periods], axis=2),
         np.stack([Y.mean(axis=0) for Y in period_spectra], axis=2),
-        np.stack([np.where(logged, record.y[:, columns].mean(axis=0), 0.0) for record in records], axis=1),
+        np.stack([np.where(is_position, record.y[:, columns].mean(axis=0), 0.0) for record in records], axis=1),
         np.stack([record.u[: record.n_periods * record.period_samples].mean(axis=0) for record in records], axis=1),
-        np.mean(scatter[int(7 / 8 * len(scatter)) :], axis=0),
-        scatter,
-        is_excited,
+        np.mean(scatter[int(7 / 8 * len(scatter)) :], axis=0), scatter, is_excited,
         np.array([record.realisation for record in records]),
-        np.array([smallest_step(first.y[:, column]) for column in columns]),
-        logged,
-    )
+        np.array([smallest_step(first.y[:, column]) for column in columns]), is_position,
+    )  # fmt: skip
 
 
 def reason_unsuited(first: Record) -> str:
     """Return the reason why friction and gear effects are not identifiable from these records, else ""."""
     if not first.is_periodic:
         return "the records are not periodic; nonlinear effects are estimated from differences of periodic experiments"
-    missing = ", ".join(place for place in first.inputs if place not in first.outputs)
+    missing = ", ".join(location for location in first.inputs if location not in first.outputs)
     text = f"the angle of {missing} is not among the outputs. Log the angle of each motor: these effects depend on it"
     return text if missing else ""
 
 
 def _periods(
-    logged: RecordSpectra, lines: IntArray, excited: BoolArray, spec: EstimatorSpec, quantity: Motion
+    spectra: RecordSpectra, lines: IntArray, excited: BoolArray, spec: EstimatorSpec, quantity: Motion
 ) -> PeriodSpectra:
     """Return motions and torques of the periods that can be trusted, by their excited lines (F,), at all lines."""
-    periods = period_spectra(logged, lines, quantity)
+    periods = period_spectra(spectra, lines, quantity)
     return periods.only(trusted(periods.on(excited), spec).periods) if len(periods.periods) > 1 else periods
 
 
@@ -266,9 +255,9 @@ def compensation_torque(coefficients: FloatArray, Phi: ComplexArray, motor_of: I
     return torque
 
 
-def evenly_spaced(lines: IntArray, most: int) -> IntArray:
+def evenly_spaced(lines: IntArray, count: int) -> IntArray:
     """Return at most so many of the lines, evenly spaced, with the first and the last."""
-    return lines[np.linspace(0, len(lines) - 1, min(len(lines), most)).round().astype(np.int64)]
+    return lines[np.linspace(0, len(lines) - 1, min(len(lines), count)).round().astype(np.int64)]
 
 
 def _smooth(targets: IntArray, lines: IntArray, G: ComplexArray) -> BoolArray:

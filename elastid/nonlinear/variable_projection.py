@@ -120,12 +120,12 @@ def inverse(A: FloatArray) -> FloatArray:
 
 
 def cross_validated_power(
-    A: FloatArray, b: FloatArray, c: FloatArray, solved: Callable[[FloatArray, FloatArray], FloatArray]
+    A: FloatArray, b: FloatArray, c: FloatArray, solve: Callable[[FloatArray, FloatArray], FloatArray]
 ) -> float:
     """Return the residual power of each fold of A (M, n, n), b (M, n), c (M,), solved for by all others."""
     cost, total, pull = 0.0, A.sum(axis=0), b.sum(axis=0)
     for m in range(len(A)):
-        f = solved(total - A[m], pull - b[m])
+        f = solve(total - A[m], pull - b[m])
         cost += float(c[m] - 2 * b[m] @ f + f @ A[m] @ f)
     return cost
 
@@ -189,10 +189,10 @@ class Basis:
 
 
 def select_basis(
-    data: Sequence[ConfigurationSpectra], candidates: Sequence[BasisFunction], places: Sequence[str], auto: bool
+    data: Sequence[ConfigurationSpectra], candidates: Sequence[BasisFunction], locations: Sequence[str], auto: bool
 ) -> tuple[Basis, IntArray]:
     """Select basis functions by cross-validation; return them and their indices (n,) among the candidates."""
-    motor_of = _motors(candidates, places)
+    motor_of = _motors(candidates, locations)
     equations, groups = estimate_coefficients(data, motor_of)[1], identifiable_basis(data, motor_of)
     choices = [select_motor_basis(equations, i, members, candidates) for i, members in enumerate(groups)]
     choices = [pair if not auto or pair[1] <= MAX_RESIDUAL_FRACTION else (pair[0][:0], 1.0) for pair in choices]
@@ -207,7 +207,7 @@ DELAY_ITERATIONS = 2  # of the coefficients at a delay, whose power has an error
 
 
 def torque_delay(
-    data: Sequence[ConfigurationSpectra], candidates: Sequence[BasisFunction], choice: Basis, places: Sequence[str]
+    data: Sequence[ConfigurationSpectra], candidates: Sequence[BasisFunction], choice: Basis, locations: Sequence[str]
 ) -> float:
     """Estimate the delay of the logged torques behind the motions by friction; 0 if it explains them nearly as well.
 
@@ -220,7 +220,7 @@ def torque_delay(
         return 0.0
     from scipy.optimize import minimize_scalar
 
-    motor_of = _motors(candidates, places)
+    motor_of = _motors(candidates, locations)
     groups = identifiable_basis(data, motor_of)  # a delay changes no magnitude
 
     def power(delay_s: float) -> float:
@@ -229,12 +229,12 @@ def torque_delay(
         return float(np.mean(np.log(np.maximum(ratios, 1e-12))))
 
     step = 1 / (8 * max(float(spectra.freq_hz[spectra.excited].max()) for spectra in data))
-    reach = math.ceil(MAX_DELAY_S / step) if is_wide else 0
-    grid = step * np.arange(-reach, reach + 1)
+    n_steps = math.ceil(MAX_DELAY_S / step) if is_wide else 0
+    grid = step * np.arange(-n_steps, n_steps + 1)
     powers = [power(delay) for delay in grid]
     best = float(grid[np.argmin(powers)])
     search = minimize_scalar(power, bounds=(best - step, best + step), method="bounded", options={"xatol": 1e-2 * step})
-    limit = powers[reach] + math.log(DELAYED_POWER if is_wide else PREFERRED_POWER)
+    limit = powers[n_steps] + math.log(DELAYED_POWER if is_wide else PREFERRED_POWER)
     return float(search.x) if search.fun < limit else 0.0
 
 
@@ -258,8 +258,8 @@ def delay_step_power(data: Sequence[ConfigurationSpectra], candidates: Sequence[
     powers = []
     for column, motor in enumerate(motors.tolist(), len(f)):
         acting = np.flatnonzero((motor_of == motor) & (f > 0))
-        both = np.append(acting, column), acting
-        powers.append([residual_power(equations, motor, part, lambda A, b: inverse(A) @ b) for part in both])
+        with_column = np.append(acting, column), acting
+        powers.append([residual_power(equations, motor, part, lambda A, b: inverse(A) @ b) for part in with_column])
     late_power, power_at_0 = np.array(powers).T
     return float(np.exp(np.mean(np.log(np.maximum(quotient(late_power, power_at_0, 1.0), 1e-12)))))
 
@@ -270,8 +270,8 @@ def delay_spectra(data: Sequence[ConfigurationSpectra], delay_s: float) -> list[
     return [replace(spectra, Phi=factor * spectra.Phi) for spectra, factor in zip(data, late, strict=True)]
 
 
-def _motors(shapes: Sequence[BasisFunction], places: Sequence[str]) -> IntArray:
-    return np.array([places.index(shape.place) for shape in shapes], dtype=np.int64)
+def _motors(shapes: Sequence[BasisFunction], locations: Sequence[str]) -> IntArray:
+    return np.array([locations.index(shape.place) for shape in shapes], dtype=np.int64)
 
 
 def identifiable_basis(data: Sequence[ConfigurationSpectra], motor_of: IntArray) -> list[IntArray]:
@@ -299,16 +299,16 @@ _BENDING = tuple(0.025 * 2 ** (i / 2) for i in range(15))
 def candidate_basis(records: Sequence[Record], signs_alone: bool) -> tuple[BasisFunction, ...]:
     """Return the candidates of every motor: a sign, abrupt or smooth, a Stribeck curve, bristles and their damping."""
     shapes: list[BasisFunction] = []
-    for place in records[0].inputs:
-        motions = [motion_of(record, place) for record in records]
-        speed = float(np.sqrt(np.mean([motion.speed**2 for motion in motions])))
-        shapes += [BasisFunction(place, "sign", part * speed) for part in _TURNING]
+    for location in records[0].inputs:
+        motions = [motion_of(record, location) for record in records]
+        speed = math.sqrt(np.mean([motion.speed**2 for motion in motions]))
+        shapes += [BasisFunction(location, "sign", fraction * speed) for fraction in _TURNING]
         if signs_alone:
             continue
-        shapes += [BasisFunction(place, "stribeck", part * speed) for part in _FALLING if speed > 0]
+        shapes += [BasisFunction(location, "stribeck", fraction * speed) for fraction in _FALLING if speed > 0]
         if (swing := median_swing(motions)) > 0:
             kinds: tuple[Kind, ...] = ("stop", "bristle", "stop damping", "bristle damping")
-            shapes += [BasisFunction(place, kind, part * swing) for kind in kinds for part in _BENDING]
+            shapes += [BasisFunction(location, kind, fraction * swing) for kind in kinds for fraction in _BENDING]
     return tuple(shapes)
 
 
@@ -336,18 +336,18 @@ def greedy(
 ) -> tuple[list[int], float]:
     """Select by forward selection: add the member that pays and lowers the cost most."""
     members: list[int] = []
-    least = cost(members)
-    while better := [(after, sets) for sets in larger(members) if pays(least, after := cost(sets), sets)]:
-        least, members = min(better)
-    return members, least
+    best_cost = cost(members)
+    while better := [(new_total, sets) for sets in larger(members) if pays(best_cost, new_total := cost(sets), sets)]:
+        best_cost, members = min(better)
+    return members, best_cost
 
 
-def may_join(shape: BasisFunction, others: Sequence[BasisFunction]) -> bool:
-    """Return True if a motor may have a shape besides others: one Stribeck curve, and damping of stops or bristles.
+def may_join(shape: BasisFunction, shapes: Sequence[BasisFunction]) -> bool:
+    """Return True if a motor may have a shape besides shapes: one Stribeck curve, and damping of stops or bristles.
 
     None of these is alone, since they have no F_c.
     """
-    kinds = {other.kind for other in others}
+    kinds = {s.kind for s in shapes}
     if shape.kind == "stribeck":
         return bool(kinds) and "stribeck" not in kinds
     return not shape.is_damping or not kinds.isdisjoint(("stop", "bristle"))
@@ -364,22 +364,22 @@ def select_motor_basis(
     def power(members: list[int]) -> float:
         return residual_power(equations, motor, np.array(members, dtype=np.int64))
 
-    def pays(before: float, after: float, _: list[int]) -> bool:
-        return after < (1 - SLIGHT) * before  # not where no line shows any power
+    def pays(new_total: float, new_cost: float, _: list[int]) -> bool:
+        return new_cost < (1 - SLIGHT) * new_total  # not where no line shows any power
 
     def larger(members: list[int], firsts: list[list[int]]) -> list[list[int]]:
-        others = [shapes[i] for i in members]
-        more = [i for i in indices if i not in members and may_join(shapes[i], others)]
-        return firsts if not members else [[*members, i] for i in more]
+        member_shapes = [shapes[i] for i in members]
+        free_indices = [i for i in indices if i not in members and may_join(shapes[i], member_shapes)]
+        return firsts if not members else [[*members, i] for i in free_indices]
 
     total, indices = power([]), candidates.tolist()
     singles = [[i] for i in indices if may_join(shapes[i], ())]
-    same = [[i, j] for i in indices for j in indices if shapes[i].element == shapes[j].element]
-    pairs = [[i, j] for i, j in same if shapes[j].is_damping and not shapes[i].is_damping]
-    members, least = greedy(partial(larger, firsts=singles), power, pays)
-    if pairs and (damping := greedy(partial(larger, firsts=pairs), power, pays))[1] < PREFERRED_POWER * least:
-        members, least = damping
-    return np.array(sorted(members), dtype=np.int64), least / total if total > 0 else 1.0
+    elements = [[i, j] for i in indices for j in indices if shapes[i].element == shapes[j].element]
+    pairs = [[i, j] for i, j in elements if shapes[j].is_damping and not shapes[i].is_damping]
+    members, cost_of_members = greedy(partial(larger, firsts=singles), power, pays)
+    if pairs and (damping := greedy(partial(larger, firsts=pairs), power, pays))[1] < PREFERRED_POWER * cost_of_members:
+        members, cost_of_members = damping
+    return np.array(sorted(members), dtype=np.int64), cost_of_members / total if total > 0 else 1.0
 
 
 def residual_power_ratios(equations: NormalEquations, motors: int, motor_of: IntArray) -> FloatArray:
@@ -392,7 +392,7 @@ def residual_power_ratios(equations: NormalEquations, motors: int, motor_of: Int
     return ratios
 
 
-def refine_basis(choice: Basis, coefficients: FloatArray, places: Sequence[str], velocity_noise: FloatArray) -> Basis:
+def refine_basis(choice: Basis, coefficients: FloatArray, motors: Sequence[str], velocity_noise: FloatArray) -> Basis:
     """Refine the choice: signs and Stribeck curves of a motor near the mean speed of the selected ones.
 
     A sign turns over the square root of D^2 - (c sigma)^2, D being the mean speed that fits and sigma (n_m,) the
@@ -400,26 +400,26 @@ def refine_basis(choice: Basis, coefficients: FloatArray, places: Sequence[str],
     Signs that are far from each other stay.
     """
     shapes: list[BasisFunction] = []
-    for place, noise in zip(places, velocity_noise.tolist(), strict=True):
+    for motor, noise in zip(motors, velocity_noise.tolist(), strict=True):
         pairs = [
-            (shape, f) for shape, f in zip(choice.shapes, coefficients.tolist(), strict=True) if shape.place == place
+            (shape, f) for shape, f in zip(choice.shapes, coefficients.tolist(), strict=True) if shape.place == motor
         ]
         for kind, near in _NEAR.items():
-            same = [(shape.threshold, f) for shape, f in pairs if shape.kind == kind and f > 0]
-            gradual = [speed for speed, _ in same if speed > 0]
+            members = [(shape.threshold, f) for shape, f in pairs if shape.kind == kind and f > 0]
+            gradual = [speed for speed, _ in members if speed > 0]
             if not gradual or max(gradual) > 3 * min(gradual):
                 continue
-            mean = sum(speed * f for speed, f in same) / sum(f for _, f in same)
+            mean = sum(speed * f for speed, f in members) / sum(f for _, f in members)
             if kind == "sign":
                 mean = math.sqrt(max(mean**2 - (SIGN_BLUR * noise) ** 2, 0.0))
             pairs = [(shape, f) for shape, f in pairs if shape.kind != kind]
-            pairs += [(BasisFunction(place, kind, part * mean), 0.0) for part in (near if mean else near[:1])]
+            pairs += [(BasisFunction(motor, kind, factor * mean), 0.0) for factor in (near if mean else near[:1])]
         shapes += [replace(shape, delay_s=choice.delay_s) for shape, _ in pairs]
-    return Basis(tuple(shapes), _motors(shapes, places), choice.residual_power_ratio)
+    return Basis(tuple(shapes), _motors(shapes, motors), choice.residual_power_ratio)
 
 
 def basis_error_covariance(choice: Basis, coefficients: FloatArray) -> FloatArray:
     """Return the covariance (n_f, n_f) of coefficients (n_f,) by missing basis functions, one factor per motor."""
-    others = np.array([shape.kind != "sign" for shape in choice.shapes], dtype=np.bool_) & (coefficients > 0)
-    error = np.where(np.isin(choice.motor_of, choice.motor_of[others]), SHAPE_ERROR, SIGN_ERROR) * coefficients
+    is_smooth = np.array([shape.kind != "sign" for shape in choice.shapes], dtype=np.bool_) & (coefficients > 0)
+    error = np.where(np.isin(choice.motor_of, choice.motor_of[is_smooth]), SHAPE_ERROR, SIGN_ERROR) * coefficients
     return np.where(choice.motor_of[:, None] == choice.motor_of, np.outer(error, error), 0.0)

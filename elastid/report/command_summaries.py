@@ -6,7 +6,7 @@ from elastid.base.display import Answer, Display, degrees, number, percent
 from elastid.report.figures.use import SHOWN
 from elastid.use.closed_loops import LIMIT_DB
 from elastid.use.loops import Loops, LoopState
-from elastid.use.map import LISTED, WorkspaceMap
+from elastid.use.map import N_SOFTEST, WorkspaceMap
 from elastid.use.moves import KINDS
 from elastid.use.tune import TunedMove
 
@@ -16,7 +16,7 @@ def answer_of_map(workspace: WorkspaceMap) -> Answer:
     m = workspace.sample
     C, order = m["softest_compliance"], m.softest
     soft, stiff = int(order[0]), int(order[-1])
-    where = ", ".join(number(float(c), 3) for c in m.position[soft])
+    position = ", ".join(number(float(c), 3) for c in m.position[soft])
     part, force = float(m.compliance_fraction[soft].max(initial=0.0)), ", ".join(f"{F:g}" for F in m.load)
     softest = [
         (
@@ -24,7 +24,7 @@ def answer_of_map(workspace: WorkspaceMap) -> Answer:
             f"{100 * float(C.relative_std[i]):.2g} %", ", ".join(f"{c:.2f}" for c in m.axes[i, :, 0].tolist()),
             _text(m["frequency_1"].value[i], "Hz"), _text(m["depth_of_cut"].value[i], "m"), m.limiting_springs[i],
         )
-        for i in order[:LISTED].tolist()
+        for i in order[:N_SOFTEST].tolist()
     ]  # fmt: skip
     limiting, tenth = np.array(m.limiting_springs), order[: max(1, len(m) // 10)]
     springs = [
@@ -35,7 +35,7 @@ def answer_of_map(workspace: WorkspaceMap) -> Answer:
     answers = (
         ("Where is it soft?", (
             f"{len(workspace)} postures: {_text(C.value[stiff], 'm/N')} to {_text(C.value[soft], 'm/N')} in the "
-            f"softest direction. Softest: posture {m.asked[soft] + 1} with {m.frame} at ({where}) m{exclusions}.",
+            f"softest direction. Softest: posture {m.asked[soft] + 1} with {m.frame} at ({position}) m{exclusions}.",
         )),
         ("What limits it, and what helps?", (
             f"The stiffness of {m.limiting_springs[soft]}: 1 % more reduces the compliance in the softest posture "
@@ -78,8 +78,8 @@ def answer_of_move(tuned: TunedMove) -> Answer:
     rigid, last, has_samples = tuned.outcomes[0], tuned.outcomes[-1], bool(tuned.samples)
     fractions = np.array([np.abs(getattr(tuned, kind)).max(axis=0) for kind in KINDS]) / tuned.limits
     kind, i = np.unravel_index(int(np.argmax(fractions)), fractions.shape)
-    most = f"{list(KINDS)[kind]} of motor {tuned.joints[i]} reaches {percent(fractions[kind, i], 3)} of its limit"
-    sentence = f"Yes. Closest to a limit: {most}." if fractions.any() else "No limit is given."
+    peak = f"{list(KINDS)[kind]} of motor {tuned.joints[i]} reaches {percent(fractions[kind, i], 3)} of its limit"
+    sentence = f"Yes. Closest to a limit: {peak}." if fractions.any() else "No limit is given."
     exact = (
         f"{tuned.duration:.4g} s: largest path error of {tuned.frame} {number(1e3 * last.largest, 3)} mm on the "
         f"{tuned.judge} (rigid feedforward: {number(1e3 * rigid.largest, 3)} mm); residual vibration "
@@ -127,14 +127,14 @@ def answer_of_move(tuned: TunedMove) -> Answer:
 
 def answer_of_loops(loops: Loops) -> Answer:
     """Describe both controllers, and the limits of the designed one."""
-    designed, today = loops.designed, loops.today
-    worst = int(np.argmax(designed.peak_db))
-    lines = [f"{designed.name}: {_state_words(designed)}."]
-    lines.append(f"Its gain is limited in posture {designed.postures[worst]}: {designed.limited_by[worst]}.")
+    new_loops, old_loops = loops.designed, loops.today
+    worst = int(np.argmax(new_loops.peak_db))
+    lines = [f"{new_loops.name}: {_state_words(new_loops)}."]
+    lines.append(f"Its gain is limited in posture {new_loops.postures[worst]}: {new_loops.limited_by[worst]}.")
     if loops.count:
-        rate = 100 * float(np.mean(designed.drawn_peaks_db <= LIMIT_DB))
+        rate = 100 * float(np.mean(new_loops.drawn_peaks_db <= LIMIT_DB))
         lines.append(f"{rate:.3g} % of {loops.count} posterior samples stay below {LIMIT_DB:g} dB in all postures.")
-    of_today = f"{today.name}: {_state_words(today)}." if today else "The study has no controller."
+    of_today = f"{old_loops.name}: {_state_words(old_loops)}." if old_loops else "The study has no controller."
     peaks = [
         (loop.name, posture, number(peak, 3), f"{number(low, 3)} to {number(high, 3)}" if loops.count else "–", cause)
         for loop in loops.states
@@ -143,13 +143,13 @@ def answer_of_loops(loops: Loops) -> Answer:
             strict=True,
         )
     ]  # fmt: skip
-    new, notched = loops.gains, np.array(loops.gains.axes, int)
+    new, notch_axes = loops.gains, np.array(loops.gains.axes, int)
     columns = new.position_gain, new.velocity_gain, 1 / new.position_gain, new.low_pass_hz
     gains = [
         (
             joint, *(number(float(column[i]), 4) for column in columns),
-            ", ".join(number(freq_hz, 3) for freq_hz in new.notches[notched == i, 0].tolist()),
-            number(float(designed.bandwidth_hz[:, i].min()), 3),
+            ", ".join(number(freq_hz, 3) for freq_hz in new.notches[notch_axes == i, 0].tolist()),
+            number(float(new_loops.bandwidth_hz[:, i].min()), 3),
         )
         for i, joint in enumerate(loops.joints)
     ]  # fmt: skip
@@ -177,6 +177,6 @@ def answer_of_loops(loops: Loops) -> Answer:
 def _state_words(state: LoopState) -> str:
     if unstable := [name for name, peak in zip(state.postures, state.peak_db, strict=True) if not np.isfinite(peak)]:
         return f"unstable in posture {', '.join(unstable)}"
-    least = state.bandwidth_hz.min(axis=0)
-    bandwidths = ", ".join(f"{axis} {number(float(f), 3)}" for axis, f in zip(state.axes, least, strict=True))
+    lowest = state.bandwidth_hz.min(axis=0)
+    bandwidths = ", ".join(f"{axis} {number(float(f), 3)}" for axis, f in zip(state.axes, lowest, strict=True))
     return f"bandwidth in Hz {bandwidths}; sensitivity peak {number(float(state.peak_db.max()), 3)} dB"

@@ -90,7 +90,7 @@ class ReportContent:
     @property
     def missing_modes(self) -> tuple[Note, ...]:
         """Notes on missing modes of the model; empty if one cause explains the residuals and shifts modes, too."""
-        return () if self.result.has_lone_cause else notes_of(self.measured_modes)
+        return () if self.result.has_single_cause else notes_of(self.measured_modes)
 
 
 @dataclass(frozen=True)
@@ -147,11 +147,11 @@ MAX_VALUES = 330_000
 
 
 def model_lines(
-    freq_hz: FloatArray, resonances_hz: Sequence[float], zeta: Sequence[float], most: int = MAX_VALUES
+    freq_hz: FloatArray, resonances_hz: Sequence[float], zeta: Sequence[float], max_lines: int = MAX_VALUES
 ) -> FloatArray:
     """Return rising frequencies: the measured lines freq_hz (F,), lines between them, and more near each resonance.
 
-    Of more than `most` lines, those that were not measured are thinned.
+    Of more than `max_lines` lines, those that were not measured are thinned.
     """
     low, high = float(freq_hz[0]), float(freq_hz[-1])
     about = [
@@ -161,17 +161,17 @@ def model_lines(
     between = np.geomspace(low, high, N_OVERALL) if low > 0 else np.linspace(low, high, N_OVERALL)
     every = np.unique(np.concatenate([between, *about]))
     further = np.setdiff1d(every[(every > low) & (every < high)], freq_hz)
-    room = min(max(most - len(freq_hz), 0), len(further))
-    return np.union1d(freq_hz, further[np.linspace(0, len(further) - 1, room).astype(int)])
+    n_free = min(max(max_lines - len(freq_hz), 0), len(further))
+    return np.union1d(freq_hz, further[np.linspace(0, len(further) - 1, n_free).astype(int)])
 
 
 def dense_models(fitted: FittedRobot) -> tuple[tuple[Response, FloatArray], ...]:
     """Evaluate the model of each measured configuration on `model_lines`, with standard deviations (L, n_y, n_u)."""
     models = []
-    most = MAX_VALUES // max(sum(G.G[0].size for G in fitted.measured), 1)
+    max_lines = MAX_VALUES // max(sum(G.G[0].size for G in fitted.measured), 1)
     for model, measured in zip(fitted.models, fitted.measured, strict=True):
         mode = model.modes()
-        lines = model_lines(measured.freq_hz, mode.freq_hz.tolist(), mode.zeta.tolist(), most)
+        lines = model_lines(measured.freq_hz, mode.freq_hz.tolist(), mode.zeta.tolist(), max_lines)
         response = replace(model.response(lines, sampled=True), has_rate=measured.has_rate)
         models.append((response, model.response_std(lines)))
     return tuple(models)
@@ -234,7 +234,7 @@ def parameter_rows(
         known_of = name, parameter.unit, estimates[name], stds[name], result.interval(name)
         file, at_bound = (parameter.value, (parameter.lower, parameter.upper)), bool(result.at_bound[i])
         contained = (contents or {}).get(name, "")
-        parts = {kind: part[name] for kind, part in result.std_contributions.items()}
+        parts = {kind: stds_of[name] for kind, stds_of in result.std_contributions.items()}
         of_base = "" if truths else bases.get(name, "")  # the base of a simulated robot is rigid
         rows.append(ParameterRow(*known_of, *file, at_bound, true, deviation, contained, parts, verdicts[i], of_base))
     return tuple(rows)
@@ -247,13 +247,13 @@ def gear_table(gears: GearResult, numbers: Sequence[GearNumber] | None = None) -
     effects, where there are any.
     """
     rows_of = gears.numbers if numbers is None else numbers
-    rated = any(math.isfinite(row.rated_fraction) for row in gears.numbers)
+    has_rated = any(math.isfinite(row.rated_fraction) for row in gears.numbers)
     headings = ["parameter", "meaning", "unit", "estimate", "std", "95 % interval"]
-    table = [[*headings, *["of rated torque"] * rated, "linear fit"]]
+    table = [[*headings, *["of rated torque"] * has_rated, "linear fit"]]
     for row in rows_of:
-        share = f"{number(100 * row.rated_fraction, 2)} %" if math.isfinite(row.rated_fraction) else "–"
-        before = number(row.linear * row.factor, digits(row.value, row.std)) if math.isfinite(row.linear) else "–"
-        table.append([*_cells(row), *[share] * rated, before])
+        fraction = f"{number(100 * row.rated_fraction, 2)} %" if math.isfinite(row.rated_fraction) else "–"
+        linear = number(row.linear * row.factor, digits(row.value, row.std)) if math.isfinite(row.linear) else "–"
+        table.append([*_cells(row), *[fraction] * has_rated, linear])
     return table
 
 
@@ -271,13 +271,13 @@ def _cells(row: GearNumber) -> list[str]:
 
 def seen_words(sheet: GearSheet) -> str:
     """Summarise stiffness and significant effects of a gear."""
-    words = []
+    texts = []
     for row in sheet.numbers:
         if row.is_significant and row.name[0] in "kHeFr" and not row.name.startswith("H_"):
             unit, std = row.maker_unit or row.unit, row.factor * row.std
             value = row.factor * row.value
-            words.append(f"{row.meaning.partition(',')[0]} {number(value, digits(value, std))} {unit}")
-    return "; ".join(words)
+            texts.append(f"{row.meaning.partition(',')[0]} {number(value, digits(value, std))} {unit}")
+    return "; ".join(texts)
 
 
 def gear_line(gears: GearResult) -> str:
@@ -287,5 +287,5 @@ def gear_line(gears: GearResult) -> str:
     nonlinear = [row.name for row in gears.numbers if row.is_significant and not math.isfinite(row.linear)]
     if not nonlinear:
         return "no effect besides stiffness and damping is significant; upper bounds are in gears.h5"
-    unexplained = f"unexplained position signal {percent(gears.after)} (linear fit {percent(gears.before)})"
-    return f"significant effects: {', '.join(nonlinear)} (upper bounds for the others); {unexplained}"
+    fraction = f"unexplained position signal {percent(gears.after)} (linear fit {percent(gears.before)})"
+    return f"significant effects: {', '.join(nonlinear)} (upper bounds for the others); {fraction}"

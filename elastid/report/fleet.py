@@ -38,9 +38,9 @@ class Outcome:
 
 def answer_of_fleet(title: str, findings: Sequence[Finding], outcomes: Sequence[Outcome], rate: float) -> Answer:
     """Answer three questions as on every page, with findings and every study; rate: false discovery rate."""
-    n_robots, failed = len({run.robot for run in outcomes}), [run for run in outcomes if run.failed]
+    n_robots, failures = len({run.robot for run in outcomes}), [run for run in outcomes if run.failed]
     robots = f"{n_robots} robot{'s' if n_robots > 1 else ''}"
-    good = f"{robots}, {len(outcomes) - len(failed)} of {len(outcomes)} measurements identified."
+    identified_text = f"{robots}, {len(outcomes) - len(failures)} of {len(outcomes)} measurements identified."
     answer, advice = "None beyond the natural spread.", "Measure again at the next service."
     if findings:
         answer = "; ".join(change.sentence for change in findings[:3])
@@ -49,33 +49,28 @@ def answer_of_fleet(title: str, findings: Sequence[Finding], outcomes: Sequence[
     elif max(n_robots, *Counter(run.robot for run in outcomes).values()) < 3:
         answer = "Not known: at least 3 robots, or 3 dates of one robot, are needed to estimate the natural spread."
     questions = (
-        ("Are the numbers good?", (good,)),
+        ("Are the numbers good?", (identified_text,)),
         ("Which robots differ or drift?", (answer,)),
         ("What next?", (advice,)),
     )
-    changes = [
-        (
-            f"{change.parameter} of {change.robot}",
-            f"{change.kind}{f': {change.meaning}' if change.meaning else ''}",
-            f"{number(100 * change.change, 3)} %" if change.is_relative else number(change.change, 3),
-            number(change.z, 3),
-            number(change.p, 2),
-        )
-        for change in findings
-    ]
+    runs = [(run.robot, run.date, run.status, run.message) for run in outcomes]
     tables = (
-        Display("Findings", ("of", "finding", "change", "change / std", "chance"), changes),
-        Display(
-            "Robots and dates",
-            ("robot", "date", "status", "message"),
-            [(run.robot, run.date, run.status, run.message) for run in outcomes],
-        ),
+        Display("Findings", ("of", "finding", "change", "change / std", "chance"), list(map(_cells, findings))),
+        Display("Robots and dates", ("robot", "date", "status", "message"), runs),
     )
     note = (
         "Findings are differences from other robots and trends over dates that exceed the intervals and the natural "
         f"spread. False discovery rate: {percent(rate)}."
     )
     return Answer(title, questions, tables if findings else tables[1:], (note,))
+
+
+def _cells(finding: Finding) -> tuple[str, ...]:
+    """Return the row of a finding in the table of findings."""
+    meaning = f": {finding.meaning}" if finding.meaning else ""
+    change = f"{number(100 * finding.change, 3)} %" if finding.is_relative else number(finding.change, 3)
+    subject = f"{finding.parameter} of {finding.robot}"
+    return subject, f"{finding.kind}{meaning}", change, number(finding.z, 3), number(finding.p, 2)
 
 
 def drawings_of_fleet(

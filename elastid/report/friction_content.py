@@ -19,7 +19,7 @@ GOOD = {
     "failed": "No parameter was identified.",
 }
 # Symbols of the numbers that the sentence of a joint has, each by direction where these differ.
-ANSWERED = ("tau_f", "F_c", "F_s", "f")
+CODES_WITH_CAUSE = ("tau_f", "F_c", "F_s", "f")
 # Largest relative half-width of a good number, and largest relative rms error of a good simulation.
 MOST_OFF = 0.1
 # Parts of a law without numbers, in words.
@@ -86,8 +86,8 @@ class FrictionContent:
         """Answer by the status, and by the least known of the numbers that a joint's sentence has."""
         if self.result.status in ("identified", "partly") and self._off:
             return f"Yes, but {self._off}."
-        answered = [row for row in self.result.numbers if row.symbol in ANSWERED and row.value]
-        widths = {row.name: (row.high - row.low) / 2 / abs(row.value) for row in answered}
+        rows = [row for row in self.result.numbers if row.symbol in CODES_WITH_CAUSE and row.value]
+        widths = {row.name: (row.high - row.low) / 2 / abs(row.value) for row in rows}
         widest = max(widths, key=widths.__getitem__, default="")
         if self.result.status != "identified" or not widest or widths[widest] <= MOST_OFF:
             return GOOD[self.result.status]
@@ -126,7 +126,7 @@ class FrictionContent:
     @property
     def _failures(self) -> tuple[str, ...]:
         sentences = [f"Joint {part.joint} is a misfit: {part.misfit}." for part in self.result.joints if part.misfit]
-        sentences += [words] if (words := _not_identified(self.result)) else []
+        sentences += [sentence] if (sentence := _not_identified(self.result)) else []
         worst = max(self.log_comparison.balances, key=lambda balance: balance.unexplained_fraction, default=None)
         if worst is not None:
             sentences.append(
@@ -147,12 +147,16 @@ class FrictionContent:
 
 def answer(joint: JointFriction) -> str:
     """Summarise the identified numbers of a joint in one sentence."""
-    symbols = {identified.symbol for identified in joint.numbers}
-    parts = [s for symbol in ANSWERED for s in ((f"{symbol}+", f"{symbol}-") if f"{symbol}+" in symbols else (symbol,))]
-    first = [identified for symbol in parts for identified in joint.numbers if identified.symbol == symbol]
+    symbols = {estimate.symbol for estimate in joint.numbers}
+    parts = [
+        s
+        for symbol in CODES_WITH_CAUSE
+        for s in ((f"{symbol}+", f"{symbol}-") if f"{symbol}+" in symbols else (symbol,))
+    ]
+    first = [estimate for symbol in parts for estimate in joint.numbers if estimate.symbol == symbol]
     if not first:
         return f"Joint {joint.joint}: no friction could be identified."
-    numbers = ", ".join(f"{identified.symbol} = {with_interval(identified)}" for identified in first)
+    numbers = ", ".join(f"{estimate.symbol} = {with_interval(estimate)}" for estimate in first)
     return f"Joint {joint.joint}: {numbers}."
 
 
@@ -184,19 +188,19 @@ def part_words(part: UnidentifiedTerm) -> str:
     return TORQUE_COMPONENTS.get(part.term, part.term)
 
 
-def with_interval(identified: FrictionNumber) -> str:
+def with_interval(row: FrictionNumber) -> str:
     """Format value and half-width of its 95 % interval with the unit: `9.71 ± 0.02 N*m`."""
-    value, half = identified.value, (identified.high - identified.low) / 2
-    return f"{number(value, digits(value, half))} ± {number(half, 2)} {identified.unit}".rstrip()
+    value, half = row.value, (row.high - row.low) / 2
+    return f"{number(value, digits(value, half))} ± {number(half, 2)} {row.unit}".rstrip()
 
 
 # Of the table of an identified friction law, as `number_cells` fills it.
 NUMBER_HEADINGS = ("number", "symbol", "value", "std", "95 % interval", "unit", "identified from")
 
 
-def number_cells(identified: FrictionNumber) -> tuple[str, ...]:
+def number_cells(row: FrictionNumber) -> tuple[str, ...]:
     """Format one identified number under NUMBER_HEADINGS."""
-    places = digits(identified.value, identified.std)
-    ends = " … ".join(interval_of((identified.low, identified.high), places))
-    cells = number(identified.value, places), number(identified.std, 2), ends
-    return identified.name, identified.symbol, *cells, identified.unit, identified.learnt_from
+    places = digits(row.value, row.std)
+    ends = " … ".join(interval_of((row.low, row.high), places))
+    cells = number(row.value, places), number(row.std, 2), ends
+    return row.name, row.symbol, *cells, row.unit, row.learnt_from

@@ -93,23 +93,23 @@ def measured_drawing(modes: Modes, geometry: GeometrySpec) -> ModeDrawing | None
     names = list(geometry.points)
     points = np.array([geometry.points[name] for name in names], dtype=float)
     motion = np.zeros((len(names), 3, modes.n_modes), complex)
-    for place, shape in zip(modes.places, modes.place_shapes[0], strict=True):
-        if (where := geometry.direction_of(place)) is not None:
-            point, direction = where
+    for location, shape in zip(modes.places, modes.place_shapes[0], strict=True):
+        if (node := geometry.direction_of(location)) is not None:
+            point, direction = node
             sign = -1.0 if direction.startswith("-") else 1.0
             motion[names.index(point), "xyz".index(direction.lstrip("+-"))] += sign * shape
     size = float(np.ptp(points, axis=0).max(initial=0.0))
-    reach = np.linalg.norm(motion, axis=1).max(axis=0, initial=0.0)
-    if not size > 0 or not reach.any():
+    amplitude = np.linalg.norm(motion, axis=1).max(axis=0, initial=0.0)
+    if not size > 0 or not amplitude.any():
         return None
     lines = geometry.lines or tuple(pairwise(names))
     links: tuple[tuple[int, int, StickKind], ...] = tuple((names.index(a), names.index(b), "strut") for a, b in lines)
-    swung = motion * np.divide(SWING * size, reach, out=np.zeros(modes.n_modes), where=reach > 0)
+    swung = motion * np.divide(SWING * size, amplitude, out=np.zeros(modes.n_modes), where=amplitude > 0)
     return ModeDrawing(points, links, tuple(range(len(names))), swung)
 
 
 # Written: shares of a mode's energy, coordinates by their motion over the largest, and how many of each.
-MIN_SHARE, MIN_MOTION, MAX_WRITTEN = 0.05, 0.5, 4
+MIN_FRACTION, MIN_MOTION, MAX_WRITTEN = 0.05, 0.5, 4
 
 
 @frozen_value
@@ -174,11 +174,11 @@ def shares_in_words(names: Sequence[str], fractions: FloatArray) -> str:
     >>> shares_in_words(["gear 1", "gear 2", "weight"], np.array([0.104, 0.956, -0.06]))
     '96 % gear 2, 10 % gear 1, -6 % weight'
     """
-    return ", ".join(f"{100 * fractions[i]:.0f} % {names[i]}" for i in _largest(np.abs(fractions), MIN_SHARE))
+    return ", ".join(f"{100 * fractions[i]:.0f} % {names[i]}" for i in _largest(np.abs(fractions), MIN_FRACTION))
 
 
-def _largest(magnitude: FloatArray, least: float) -> list[int]:
-    return [i for i in np.argsort(-magnitude, kind="stable").tolist() if magnitude[i] >= least][:MAX_WRITTEN]
+def _largest(magnitude: FloatArray, min_value: float) -> list[int]:
+    return [i for i in np.argsort(-magnitude, kind="stable").tolist() if magnitude[i] >= min_value][:MAX_WRITTEN]
 
 
 def spring_names(robot: Robot) -> dict[str, str]:

@@ -111,19 +111,19 @@ def is_wrong(result: Result) -> bool:
     return result.status in ("misfit", "model_error")
 
 
-MOTION_LEFT = 0.01  # of the position signal, which effects of the gears may leave unexplained
+MAX_UNEXPLAINED = 0.01  # of the position signal, which effects of the gears may leave unexplained
 
 
 def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResult | None = None) -> str:
     """State the quality of the estimates, consistent with status, verdicts, causes and intervals."""
-    most = widest(rows)
+    widest_row = widest(rows)
     if result.status != "converged":
         if result.meaning == CONTRADICTED:
-            required, is_number, _ = result.cause[0].removeprefix(REQUIRED).strip().partition(" instead of ")
-            value = required if is_number else "the value that the data require"
+            requirement, is_number, _ = result.cause[0].removeprefix(REQUIRED).strip().partition(" instead of ")
+            value = requirement if is_number else "the value that the data require"
             return f"Only if {value} is correct. The robot model states a different value."
         return f"{'No' if is_wrong(result) else 'Not yet'}. {capital(result.meaning.partition('. ')[0])}."
-    if most is None:
+    if widest_row is None:
         return "No parameter was identified."
     poor = [row for row in rows if row.verdict.startswith((BIASED, UNCERTAIN))]
     with_verdicts = _with_verdicts(poor)
@@ -136,14 +136,14 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
         return f"With caution{with_verdicts and f': {with_verdicts}'}. The intervals include the {error}."
     if result.cause[0]:
         return f"With caution: {result.cause[0]}."
-    if gears is not None and not gears.refused and gears.after > MOTION_LEFT:
+    if gears is not None and not gears.refused and gears.after > MAX_UNEXPLAINED:
         return f"With caution: gears and springs leave {percent(gears.after)} of the position signal unexplained."
     if poor:
         return f"{'No' if len(poor) == len(rows) else 'Not all of them'}: {with_verdicts}."
-    if half_width(most) > WIDTH_CLASSES[-1]:
-        return f"Not all of them: the interval of {most.name} is wider than ±{percent(WIDTH_CLASSES[-1])}."
-    mixed = ", ".join(row.name for row in rows if row.has_coulomb)
-    but = f", except {mixed} (may include Coulomb friction, which is not compensated)" if mixed else ""
+    if half_width(widest_row) > WIDTH_CLASSES[-1]:
+        return f"Not all of them: the interval of {widest_row.name} is wider than ±{percent(WIDTH_CLASSES[-1])}."
+    with_coulomb = ", ".join(row.name for row in rows if row.has_coulomb)
+    but = f", except {with_coulomb} (may include Coulomb friction, which is not compensated)" if with_coulomb else ""
     if any(row.truth is not None for row in rows):  # a simulated robot is exactly its file
         return f"Yes{but}."
     base = next((f" {capital(row.base)}." for row in rows if row.base), "")
@@ -157,13 +157,13 @@ def _with_verdicts(rows: Sequence[ParameterRow]) -> str:
         has_size = row.verdict == UNCERTAIN and row.estimate != 0
         size = f" (std {percent(row.std / abs(row.estimate))})" if has_size else ""
         names.setdefault(row.verdict, []).append(f"{row.name}{size}")
-    parts = []
+    phrases = []
     for verdict, of_verdict in names.items():
         word, _, reason = verdict.partition(": ")
         verb = "is" if len(of_verdict) == 1 else "are"
         reason = "limit 50 %; do not use" if verdict == UNCERTAIN else reason
-        parts.append(f"{', '.join(of_verdict)} {verb} {word}{reason and f' ({reason})'}")
-    return ", and ".join(parts)
+        phrases.append(f"{', '.join(of_verdict)} {verb} {word}{reason and f' ({reason})'}")
+    return ", and ".join(phrases)
 
 
 def _noise_and_error(result: Result, agreements: Sequence[FrfError]) -> str:
@@ -201,15 +201,15 @@ def _status_clause(result: Result, agreements: Sequence[FrfError]) -> str:
 
 
 def _widths_clause(rows: Sequence[ParameterRow]) -> str:
-    judged = springs_and_dampers(rows)
-    kind = "stiffnesses and dampings" if any(row.name.startswith(("k", "d")) for row in judged) else "parameters"
-    if any(row.verdict.startswith((BIASED, UNCERTAIN)) for row in judged):
+    joint_rows = springs_and_dampers(rows)
+    kind = "stiffnesses and dampings" if any(row.name.startswith(("k", "d")) for row in joint_rows) else "parameters"
+    if any(row.verdict.startswith((BIASED, UNCERTAIN)) for row in joint_rows):
         return ""  # the verdicts say more
-    parameters = [row for row in rows if row not in judged and not row.has_coulomb]
-    all_others = max(map(half_width, parameters), default=math.inf)
-    last = f", and all {len(parameters)} other parameters of ±{percent(all_others)} or less"
-    first = _width_clause(judged, kind)
-    return first and f"{first}{last if all_others <= WIDTH_CLASSES[-1] else ''} (half-width, 95 %)"
+    parameters = [row for row in rows if row not in joint_rows and not row.has_coulomb]
+    largest = max(map(half_width, parameters), default=math.inf)
+    last = f", and all {len(parameters)} other parameters of ±{percent(largest)} or less"
+    first = _width_clause(joint_rows, kind)
+    return first and f"{first}{last if largest <= WIDTH_CLASSES[-1] else ''} (half-width, 95 %)"
 
 
 def _width_clause(rows: Sequence[ParameterRow], kind: str) -> str:
@@ -255,11 +255,11 @@ def _titles(agreements: Sequence[FrfError]) -> tuple[str, tuple[str, ...], tuple
 def summary_line(content: ReportContent) -> str:
     """State the number of configurations and experiments, and the robot's time."""
     n = len(content.frf)
-    parts = [f"{n} configuration{'s' if n != 1 else ''}"]
+    phrases = [f"{n} configuration{'s' if n != 1 else ''}"]
     if content.plan is not None:
         records = sum(content.plan.realisations) * len(content.plan.inputs)
-        parts += [f"{records} records", f"{number(content.plan.robot_time_s, 3)} s of robot time"]
-    return " · ".join(parts)
+        phrases += [f"{records} records", f"{number(content.plan.robot_time_s, 3)} s of robot time"]
+    return " · ".join(phrases)
 
 
 # Actions that are shown, and the half-width of an interval that needs no further measurement.
@@ -318,9 +318,9 @@ def _action_of_status(result: Result) -> Action | None:
 
 def _action_of_cause(result: Result) -> Action | None:
     sentence, _, command = result.cause[2].partition(": `")
-    first, tied = result.indices[:1], {p.tie.to for p in result.parameters if p.tie is not None}
+    first, tied_names = result.indices[:1], {p.tie.to for p in result.parameters if p.tie is not None}
     # A number to which others are tied is not freed alone.
-    is_tied = any(tied & {*index.members} for index in first)
+    is_tied = any(tied_names & {*index.members} for index in first)
     text = "" if is_tied and not command.startswith("elastid") else command.rstrip("`")
     return Action(f"{sentence}.", "", text) if sentence else None
 
@@ -341,18 +341,18 @@ def _action_of_tolerance(result: Result, poor: ParameterRow) -> Action | None:
         of_kind = [j for j in range(n, len(names)) if names[j].startswith(beginning)]
         cross = C[i, of_kind]
         fractions[beginning] = float(cross @ np.linalg.pinv(C[np.ix_(of_kind, of_kind)]) @ cross / C[i, i])
-    most = max(fractions, key=lambda beginning: fractions[beginning])
-    if 2 * fractions[most] < 1:
+    largest = max(fractions, key=lambda beginning: fractions[beginning])
+    if 2 * fractions[largest] < 1:
         return None
-    sentence = f"{TOLERANCES[most].format(', '.join(name for name in names[n:] if name.startswith(most)))}."
-    fraction = percent(fractions[most])
+    sentence = f"{TOLERANCES[largest].format(', '.join(name for name in names[n:] if name.startswith(largest)))}."
+    fraction = percent(fractions[largest])
     reason = f"The tolerance causes {fraction} of the variance of {poor.name}. Without it, the interval shrinks"
-    return _narrower(sentence, poor, reason, math.sqrt(max(1 - fractions[most], 0.0)))
+    return _narrower(sentence, poor, reason, math.sqrt(max(1 - fractions[largest], 0.0)))
 
 
 def _narrower(measure: str, poor: ParameterRow, reason: str, factor: float) -> Action | None:
-    before, after = percent(half_width(poor)), percent(factor * half_width(poor))
-    return None if before == after else Action(measure, f"{reason} from ±{before} to ±{after}.")
+    width, new_width = percent(half_width(poor)), percent(factor * half_width(poor))
+    return None if width == new_width else Action(measure, f"{reason} from ±{width} to ±{new_width}.")
 
 
 def _action_of_experiments(result: Result, poor: ParameterRow) -> Action | None:
@@ -368,7 +368,7 @@ def _action_of_experiments(result: Result, poor: ParameterRow) -> Action | None:
 
 
 # Configurations whose modes the first screen names.
-MODES_SHOWN = 3
+MAX_MODES = 3
 
 
 def questions_of_responses(content: ResponsesContent) -> Questions:
@@ -379,11 +379,11 @@ def questions_of_responses(content: ResponsesContent) -> Questions:
     good += [f"Warnings below: {warnings}."] if warnings else []
     with_modes = [modes for modes in content.modes if modes.n_modes]
     modes = []
-    for of_state in with_modes[:MODES_SHOWN]:
+    for of_state in with_modes[:MAX_MODES]:
         low, high = (number(float(of_state.freq_hz[i]), 4) for i in (0, -1))
         count = f"{of_state.n_modes} modes from {low} to" if of_state.n_modes > 1 else "one mode at"
         modes.append(f"{of_state.configuration}: {count} {high} {of_state.frequency_unit}.")
-    n_more = len(with_modes) - MODES_SHOWN
+    n_more = len(with_modes) - MAX_MODES
     modes += [f"{n_more} further configurations: below."] if n_more > 0 else []
     return (
         ("Are the responses good?", tuple(good)),
@@ -397,8 +397,8 @@ def _action_of_damping(rows: Sequence[Modes]) -> str:
         return "Measure longer, or hit more often: a factor of four halves the noise."
     widths = [QUANTILE_95 * modes.zeta_std / modes.zeta for modes in rows]
     modes, width = max(zip(rows, widths, strict=True), key=lambda pair: float(pair[1].max()))
-    least = int(width.argmax())
+    index = int(width.argmax())
     return (
-        f"The damping at {number(float(modes.freq_hz[least]), 4)} {modes.frequency_unit} has the widest interval, "
-        f"±{percent(float(width[least]))}; a record four times as long, or four times the hits, halves it."
+        f"The damping at {number(float(modes.freq_hz[index]), 4)} {modes.frequency_unit} has the widest interval, "
+        f"±{percent(float(width[index]))}; a record four times as long, or four times the hits, halves it."
     )

@@ -11,7 +11,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable
 from elastid.robot.measurement_chain import Channel, low_pass_response
 
-_REFLECTED = 2048  # samples at each end: the fractional delay of a step decays with their inverse
+_EDGE_SAMPLES = 2048  # samples at each end: the fractional delay of a step decays with their inverse
 
 
 def logged(signals: FloatArray, rate_hz: float, channels: Sequence[Sequence[Channel]]) -> FloatArray:
@@ -36,14 +36,14 @@ def _filter(x: FloatArray, rate_hz: float, channels: Sequence[Channel], power: i
     if not delays or len(x) < 2:
         return x * gain
     lag_s = power * sum(channel.delay + channel.low_pass for channel in delays)
-    m = min(len(x) - 1, _REFLECTED)
-    extended = np.pad(x, m, mode="reflect", reflect_type="odd")
-    slope = (extended[-1] - extended[0]) / (len(extended) - 1)
-    line = extended[0] + slope * np.arange(len(extended))
-    s = laplace_variable(np.fft.rfftfreq(len(extended), 1 / rate_hz))
+    m = min(len(x) - 1, _EDGE_SAMPLES)
+    mirrored = np.pad(x, m, mode="reflect", reflect_type="odd")
+    slope = (mirrored[-1] - mirrored[0]) / (len(mirrored) - 1)
+    line = mirrored[0] + slope * np.arange(len(mirrored))
+    s = laplace_variable(np.fft.rfftfreq(len(mirrored), 1 / rate_hz))
     H: ComplexArray = np.prod([_response(s, channel) ** power for channel in delays], axis=0)
-    filtered = np.fft.irfft(np.fft.rfft(extended - line) * H, len(extended)) + line - slope * rate_hz * lag_s
-    return np.asarray(gain * filtered[m : m + len(x)])
+    result = np.fft.irfft(np.fft.rfft(mirrored - line) * H, len(mirrored)) + line - slope * rate_hz * lag_s
+    return np.asarray(gain * result[m : m + len(x)])
 
 
 def _response(s: ComplexArray, channel: Channel) -> ComplexArray:

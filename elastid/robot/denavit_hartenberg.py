@@ -104,8 +104,8 @@ class DenavitHartenberg:
             bodies.append(self._body(link, parent, last))
             parent, last = link.body_name, Placement()
         frames = (Frame(TOOL, parent, self.tool), *self.frames)
-        described = self.name, tuple(bodies), self.gravity, self.source, frames, self.payload
-        return Robot(*described, gears=self.gears, tolerances=self.tolerances)
+        fields = self.name, tuple(bodies), self.gravity, self.source, frames, self.payload
+        return Robot(*fields, gears=self.gears, tolerances=self.tolerances)
 
     def _body(self, link: Link, parent: str, before: Placement) -> Body:
         """Return the link as a body.  before: placement of frame i - 1 in its body, the identity but for the base."""

@@ -121,17 +121,17 @@ def friction_numbers(robot: Robot) -> dict[str, tuple[float, str]]:
 def with_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
     """Return the robot with other parameters, including friction (link side), as by `Robot.with_parameters`."""
     friction = friction_numbers(robot)
-    rest = {name: value for name, value in values.items() if name not in friction}
-    changed = robot.with_parameters(rest) if rest else robot
+    other_values = {name: value for name, value in values.items() if name not in friction}
+    new_robot = robot.with_parameters(other_values) if other_values else robot
     laws: dict[str, tuple[Friction, float]] = {}
-    for joint in changed.driven:
+    for joint in new_robot.driven:
         names = {term.path: term.name(joint.name) for term in TERMS.values()}
         numbers = {path: values[name] for path, name in names.items() if name in values and name in friction}
-        law = law_of(changed, joint.name)
+        law = law_of(new_robot, joint.name)
         if numbers and law is not None and joint.motor is not None:
             viscous = numbers.pop("viscous", joint.motor.link_viscous)
             laws[joint.name] = replaced(law, {tuple(path.split(".")): x for path, x in numbers.items()}), viscous
-    return with_laws(changed, laws) if laws else changed
+    return with_laws(new_robot, laws) if laws else new_robot
 
 
 def with_laws(robot: Robot, laws: Mapping[str, tuple[Friction, float]]) -> Robot:

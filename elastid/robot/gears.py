@@ -71,10 +71,10 @@ def spring_directions(driven: Sequence[Joint], gears: Sequence[GearCoupling]) ->
     """
     directions: dict[str, FloatArray] = {}
     # Exactly zero between axes that are not coupled.
-    after, total = (_without_rounding(np.linalg.inv(mixing(driven, gears, only))) for only in ("before", ""))
+    to_joints, total = (_without_rounding(np.linalg.inv(mixing(driven, gears, only))) for only in ("before", ""))
     for i, joint in enumerate(driven):
         if joint.spring is not None:
-            directions[f"k_{joint.name}"] = after[:, i]
+            directions[f"k_{joint.name}"] = to_joints[:, i]
         if joint.motor is not None and joint.motor.spring is not None:
             directions[f"km_{joint.name}"] = total[:, i] / joint.motor.ratio
     return directions

@@ -90,7 +90,7 @@ class Motor:
         entries: Numbers = {f"Jm_{joint}": ("kg*m^2", ("inertia",)), f"fm_{joint}": ("N*m*s/rad", ("viscous",))}
         if self.spring is None:
             return entries
-        shaft = {f"{name[0]}m{name[1:]}": place for name, place in self.spring.numbers(joint).items()}
+        shaft = {f"{name[0]}m{name[1:]}": path for name, path in self.spring.numbers(joint).items()}
         return entries | below("spring", shaft)
 
 
@@ -266,9 +266,9 @@ class Joint:
             )
         if low <= at - swing <= at + swing <= high:
             return ""
-        reach = f" with the carrier's {swing:.4g} {self.unit} to either side" if swing else ""
+        range_text = f" with the carrier's {swing:.4g} {self.unit} to either side" if swing else ""
         return (
-            f"joint {self.name} at {at:.4g} {self.unit}{reach} is outside its limits [{low:.4g}, {high:.4g}] "
+            f"joint {self.name} at {at:.4g} {self.unit}{range_text} is outside its limits [{low:.4g}, {high:.4g}] "
             f"{self.unit}"
         )
 

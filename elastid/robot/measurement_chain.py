@@ -41,13 +41,13 @@ MEANINGS = {
 SIGNALS = {"u": "torque", "y": "output", "r": "reference"}
 
 
-def channel_name(kind: str, role: str, place: str = "") -> str:
+def channel_name(kind: str, role: str, location: str = "") -> str:
     """Return the name of a number of a channel, or of all channels of a role.
 
     >>> channel_name("gain", "y", "accelerometer tool z"), channel_name("delay", "u")
     ('gain_y_accelerometer_tool_z', 'delay_u')
     """
-    return "_".join(filter(None, (kind, role, place))).replace(" ", "_")
+    return "_".join(filter(None, (kind, role, location))).replace(" ", "_")
 
 
 def channel_meaning(name: str) -> str:
@@ -59,9 +59,9 @@ def channel_meaning(name: str) -> str:
     match = re.fullmatch(rf"({'|'.join(CHANNEL_NUMBERS)})_(kp|kd|[uyr])(?:_(.+))?", name)
     if match is None:
         return ""
-    kind, role, place = match[1], match[2], (match[3] or "").replace("_", " ")
+    kind, role, location = match[1], match[2], (match[3] or "").replace("_", " ")
     signal = SIGNALS.get(role, "")
-    owner = place or "all motors" if not signal else f"the {signal} of {place}" if place else f"all {signal}s"
+    owner = location or "all motors" if not signal else f"the {signal} of {location}" if location else f"all {signal}s"
     return MEANINGS.get(f"{kind} {role}", MEANINGS[kind]).format(owner)
 
 
@@ -120,9 +120,9 @@ class Chain:
 
     def __post_init__(self) -> None:
         channels = [(channel.role, channel.at) for channel in self.channels]
-        for role, place in channels:
-            if channels.count((role, place)) > 1:
-                raise ValueError(f"channels has {role} at {place or 'all places'} twice; leave one out")
+        for role, location in channels:
+            if channels.count((role, location)) > 1:
+                raise ValueError(f"channels has {role} at {location or 'all places'} twice; leave one out")
 
     @property
     def numbers(self) -> Numbers:
@@ -134,10 +134,10 @@ class Chain:
                     numbers[channel_name(kind, channel.role, channel.at)] = (unit, ("channels", i, kind))
         return numbers
 
-    def channel_numbers(self, motors: Sequence[str], places: Sequence[str]) -> dict[str, tuple[Channel, str]]:
+    def channel_numbers(self, motors: Sequence[str], locations: Sequence[str]) -> dict[str, tuple[Channel, str]]:
         """Return channel and kind of each number of torques at motors and motions at places, by name, if listed."""
         channels = {(channel.role, channel.at): channel for channel in self.channels}
-        places_of_role = {"u": motors, "y": places, "r": motors, "kp": motors, "kd": motors}
+        places_of_role = {"u": motors, "y": locations, "r": motors, "kp": motors, "kd": motors}
         keys = [(role, place) for role, at in places_of_role.items() for place in ("", *at) if place or role in "uyr"]
         return {
             channel_name(kind, *key): (channels.get(key, Channel(*key)), kind)  # type: ignore[arg-type]
@@ -146,15 +146,15 @@ class Chain:
             if (key[1] or kind != "gain") and (key[0] in "uyr" or kind == "gain")
         }
 
-    def at(self, role: str, places: Iterable[str]) -> list[tuple[Channel, ...]]:
+    def at(self, role: str, locations: Iterable[str]) -> list[tuple[Channel, ...]]:
         """Return the listed channels of a role at each place, including channels for all places."""
         channels = [channel for channel in self.channels if channel.role == role]
-        return [tuple(channel for channel in channels if channel.at in ("", place)) for place in places]
+        return [tuple(channel for channel in channels if channel.at in ("", location)) for location in locations]
 
-    def check_places(self, motors: Collection[str], places: Collection[str]) -> None:
+    def check_places(self, motors: Collection[str], locations: Collection[str]) -> None:
         """Raise ValueError for a listed channel that does not exist, and for a common gain of a role."""
         for channel in self.channels:
-            names = places if channel.role == "y" else motors
+            names = locations if channel.role == "y" else motors
             if (channel.at and channel.at not in names) or (not channel.at and channel.gain != 1):
                 raise ValueError(
                     f"chain.channels: no {channel.role} is at '{channel.at}'; there are {', '.join(names)}"

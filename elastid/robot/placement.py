@@ -53,11 +53,11 @@ class Placement:
         x, y, z = (float(length) for length in translation)
         return cls((x, y, z), (float(roll), float(np.arctan2(-R[2, 0], cosine)), float(yaw)))
 
-    def then(self, *others: "Placement") -> "Placement":
+    def then(self, *placements: "Placement") -> "Placement":
         """Return the placement of the last frame of a chain, each placed in the frame before it."""
         R, p = self.rotation, np.array(self.xyz)
-        for other in others:
-            R, p = R @ other.rotation, p + R @ np.array(other.xyz)
+        for placement in placements:
+            R, p = R @ placement.rotation, p + R @ np.array(placement.xyz)
         return Placement.of(R, p)
 
     @property
@@ -101,8 +101,8 @@ def replaced(description: Any, values: Mapping[Path, float]) -> Any:
     if () in values:
         return values[()]
     inner: dict[str | int, dict[Path, float]] = {}
-    for (step, *rest), value in values.items():
-        inner.setdefault(step, {})[tuple(rest)] = value
+    for (step, *further), value in values.items():
+        inner.setdefault(step, {})[tuple(further)] = value
     if isinstance(description, tuple):
         return tuple(replaced(entry, inner[i]) if i in inner else entry for i, entry in enumerate(description))
     return replace(

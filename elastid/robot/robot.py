@@ -28,10 +28,10 @@ def check_unique_names(robot: "Robot") -> None:
         if name.casefold() == BASE:
             raise ValueError(f"body {name}: this name is reserved for the base. Rename the body")
     check_different("body", bodies)
-    for kind, parts in (
+    for kind, items in (
         ("joint", robot.joints), ("frame", robot.frames), ("loop", robot.loops), ("compensator", robot.compensators)
     ):  # fmt: skip
-        check_different(kind, [part.name for part in parts])
+        check_different(kind, [item.name for item in items])
     masses = [*bodies, *(loop.name for loop in robot.loops)]
     for name in masses:
         stem, _, letters = name.rpartition("_")
@@ -91,10 +91,10 @@ def check_tolerances(robot: "Robot") -> None:
 FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
-def split_place(place: str) -> tuple[str, str, str]:
+def split_place(location: str) -> tuple[str, str, str]:
     """Return kind, name and axis of a place on a body or a frame, such as `frame tool rz`."""
-    kind, _, rest = place.partition(" ")
-    name, _, axis = rest.rpartition(" ")
+    kind, _, axis_name = location.partition(" ")
+    name, _, axis = axis_name.rpartition(" ")
     return kind, name, axis
 
 
@@ -200,12 +200,12 @@ class Robot:
         """The bodies and, last, the payload."""
         if self.payload is None:
             return self.bodies
-        place = self.payload.at
+        mount = self.payload.at
         bodies = {body.name: (body.name, Placement()) for body in self.bodies}
         seats = bodies | {frame.name: (frame.body, frame.placement) for frame in self.frames}
-        if place not in seats:
-            raise ValueError(f"payload: {place} is no frame or body. There are {', '.join(seats)}")
-        return (*self.bodies, self.payload.body(*seats[place]))
+        if mount not in seats:
+            raise ValueError(f"payload: {mount} is no frame or body. There are {', '.join(seats)}")
+        return (*self.bodies, self.payload.body(*seats[mount]))
 
     def carrying(self, carries: bool) -> "Robot":
         """Return the robot with its payload, or without it."""
@@ -341,8 +341,8 @@ class Robot:
     def numbers(self) -> Numbers:
         """Unit and path of every named number of joints, bodies and attached components."""
         numbers: Numbers = {}
-        for path, part in (*self._joints_and_bodies, *self._attached):
-            numbers |= below(path, part.numbers)
+        for path, item in (*self._joints_and_bodies, *self._attached):
+            numbers |= below(path, item.numbers)
         payload = below("payload", self.payload.numbers) if self.payload is not None else {}
         return numbers | payload | below("chain", self.chain.numbers)
 
@@ -353,8 +353,8 @@ class Robot:
         A model in which all of them were symbols would be several times as large.
         """
         numbers: Numbers = {}
-        for path, part in (*sorted(self._joints_and_bodies, key=lambda part: part[0]), *self._attached):
-            numbers |= below(path, part.geometry)
+        for path, item in (*sorted(self._joints_and_bodies, key=lambda item: item[0]), *self._attached):
+            numbers |= below(path, item.geometry)
         return numbers
 
     @cached_property
@@ -398,8 +398,8 @@ class Robot:
             for name, (channel, kind) in channel_names.items():
                 key = channel.role, channel.at
                 channels[key] = replaced(channels.get(key, channel), {(kind,): values[name]})
-            changed: Robot = replace(self, chain=replace(self.chain, channels=tuple(channels.values())))
-            return changed.with_parameters({name: value for name, value in values.items() if name not in channel_names})
+            robot: Robot = replace(self, chain=replace(self.chain, channels=tuple(channels.values())))
+            return robot.with_parameters({name: value for name, value in values.items() if name not in channel_names})
         for name in values:
             if name not in numbers:
                 raise StudyError(

@@ -106,9 +106,9 @@ def with_straight_springs(robot: Robot) -> Robot:
     return with_joints(robot, straight)
 
 
-def with_joints(robot: Robot, changed: Callable[[Joint], Joint | None]) -> Robot:
+def with_joints(robot: Robot, change: Callable[[Joint], Joint | None]) -> Robot:
     """Return the robot with changed joints; None removes a joint."""
-    bodies = ((body, tuple(filter(None, map(changed, body.joints)))) for body in robot.bodies)
+    bodies = ((body, tuple(filter(None, map(change, body.joints)))) for body in robot.bodies)
     return replace(robot, bodies=tuple(replace(body, joints=joints) for body, joints in bodies))
 
 

@@ -92,7 +92,7 @@ class Spring:
         """Check that a + 2 s |Delta| + 3 k3 Delta^2 is positive in both directions: s >= 0 or s^2 < 3 a k3."""
         even, odd, cubic = self.quadratic or 0.0, self.symmetric_quadratic or 0.0, self.cubic or 0.0
         a = min(self.stiffness, self.inner_stiffness) if self.backlash is not None else self.stiffness
-        where = " inside the backlash" if a < self.stiffness else ""
+        location = " inside the backlash" if a < self.stiffness else ""
         for s, side in ((odd + even, "positive"), (odd - even, "negative")):
             if cubic < 0 or (s < 0 and not s**2 < 3 * a * cubic):
                 # The smallest deflection x at which a + 2 s x + 3 cubic x^2 reaches 0.
@@ -101,7 +101,7 @@ class Spring:
                 worst, (unit, angle) = min(x for x in ends if x >= 0), self._units
                 raise ValueError(
                     f"the stiffness becomes negative at a {side} deflection of {worst:.3g} {angle} (k = {a:g} {unit}"
-                    f"{where}, quadratic {s:g} {unit}^2 on this side, cubic {cubic:g} {unit}^3). The limit is "
+                    f"{location}, quadratic {s:g} {unit}^2 on this side, cubic {cubic:g} {unit}^3). The limit is "
                     "quadratic^2 < 3 k cubic"
                 )
 

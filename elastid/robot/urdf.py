@@ -156,8 +156,8 @@ class UrdfRobot:
             raise root.wrong(f"a URDF begins with <robot>, this file with <{root.tag}>")
         bodies, frames = _Reader(root, self.joints).read()
         name = self.name or (root.name if "name" in root.attributes else path.stem)
-        described = name, bodies, self.gravity, self.source, (*frames, *self.frames), self.payload
-        return Robot(*described, gears=self.gears, tolerances=self.tolerances)
+        fields = name, bodies, self.gravity, self.source, (*frames, *self.frames), self.payload
+        return Robot(*fields, gears=self.gears, tolerances=self.tolerances)
 
 
 class _Reader:
@@ -290,8 +290,8 @@ def _limits(joint: UrdfElement) -> Limits:
     if limit is None:
         return Limits()
     velocity, effort = (limit.number(key, "0") or math.inf for key in ("velocity", "effort"))
-    unlimited = joint.text("type") == "continuous" or not {"lower", "upper"} & limit.attributes.keys()
-    low, high = (-math.inf, math.inf) if unlimited else (limit.number("lower", "0"), limit.number("upper", "0"))
+    is_unlimited = joint.text("type") == "continuous" or not {"lower", "upper"} & limit.attributes.keys()
+    low, high = (-math.inf, math.inf) if is_unlimited else (limit.number("lower", "0"), limit.number("upper", "0"))
     if low == high == 0:  # as exporters write a joint without limits
         low, high = -math.inf, math.inf
     try:

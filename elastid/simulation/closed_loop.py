@@ -90,10 +90,10 @@ def _load(function: ca.Function) -> ca.Function:
         source.write_text(generator.dump(), encoding="utf-8")
         command = [*compiler(), *FLAGS, str(source), "-o", str(library), "-lm"]
         with output.open("wb") as file:  # a pipe would stay open with a child of the compiler that never ends
-            done = subprocess.run(command, stdout=file, stderr=file, timeout=MAX_COMPILE_S, cwd=folder, check=False)
-        if done.returncode:
-            words = output.read_text(encoding="utf-8", errors="replace").strip()[-300:]
-            raise OSError(f"{command[0]} ended with status {done.returncode} {words}".rstrip())
+            process = subprocess.run(command, stdout=file, stderr=file, timeout=MAX_COMPILE_S, cwd=folder, check=False)
+        if process.returncode:
+            message = output.read_text(encoding="utf-8", errors="replace").strip()[-300:]
+            raise OSError(f"{command[0]} ended with status {process.returncode} {message}".rstrip())
         return ca.external(function.name(), str(library))
 
 

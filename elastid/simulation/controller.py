@@ -111,7 +111,7 @@ def rigid_path(model: ElasticModel, q0: FloatArray, start: FloatArray, position:
     angles = np.vstack([start, position])
     q = np.zeros((len(angles), model.n_q))
     q[:, :n_l] = followed(model.robot, angles, start)
-    q[:, [model.index(place) for place in model.inputs]] = angles
+    q[:, [model.index(location) for location in model.inputs]] = angles
     return np.asarray(q0 + q[1:] - q[0])
 
 
@@ -154,8 +154,8 @@ def rigid_rates(
     v, a = ((T @ rate[:, :, None])[:, :, 0] for rate in (velocity, acceleration))
     if model.robot.loops:
         step_s = 1e-4  # of the central difference
-        before, after = (rigid_motion(model, q + sign * step_s * v) for sign in (-1, 1))
-        a += ((after - before) / (2 * step_s) @ velocity[:, :, None])[:, :, 0]
+        q_before, q_after = (rigid_motion(model, q + sign * step_s * v) for sign in (-1, 1))
+        a += ((q_after - q_before) / (2 * step_s) @ velocity[:, :, None])[:, :, 0]
     return T, v, a
 
 

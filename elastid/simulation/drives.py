@@ -94,8 +94,8 @@ class Drives:
         if self.lag is None:
             return u, w
         A, b = self.lag.step(step)
-        after = ca.reshape(w, u.numel(), len(self.lag.coefficients)) @ ca.DM(A.T) + u @ ca.DM(b[None])
-        return after[:, 0], ca.vec(after)
+        new_states = ca.reshape(w, u.numel(), len(self.lag.coefficients)) @ ca.DM(A.T) + u @ ca.DM(b[None])
+        return new_states[:, 0], ca.vec(new_states)
 
     def on_motors(self, torque: ca.SX, angle: ca.SX) -> ca.SX:
         """Return torque (n_u,) with its ripple at motor angles (n_u,)."""

@@ -216,10 +216,10 @@ def projection(model: ElasticModel, theta: ca.SX | None = None) -> ca.Function:
     numbers = model.theta if theta is None else theta
     division = pivots(model)
     _, step = _solve(model.constraint_jacobian(q, numbers), -model.constraint(q, numbers), division)
-    closed = q + step
-    Z, _ = _solve(model.constraint_jacobian(closed, numbers), ca.SX(model.n_c, 1), division)
+    projected = q + step
+    Z, _ = _solve(model.constraint_jacobian(projected, numbers), ca.SX(model.n_c, 1), division)
     arguments = [q, v, *([] if theta is None else [theta])]
-    return ca.Function("projection", arguments, [closed, Z @ v[division.independent.tolist()]], {"cse": True})
+    return ca.Function("projection", arguments, [projected, Z @ v[division.independent.tolist()]], {"cse": True})
 
 
 def pivots(model: ElasticModel) -> Partition:
@@ -245,10 +245,10 @@ def _solve(Phi: ca.SX, right: ca.SX, division: Partition) -> tuple[ca.SX, ca.SX]
                 rows[k] = rows[k] - rows[k][column] * rows[i]
     n_q, independent = Phi.size2(), division.independent.tolist()
     Z, a = ca.SX(n_q, len(independent)), ca.SX(n_q, 1)
-    for place, column in enumerate(independent):
-        Z[column, place] = 1
+    for row, column in enumerate(independent):
+        Z[column, row] = 1
     for i, column in enumerate(columns):
-        for place, coordinate in enumerate(independent):
-            Z[column, place] = -rows[i][coordinate]
+        for row, coordinate in enumerate(independent):
+            Z[column, row] = -rows[i][coordinate]
         a[column] = rows[i][n_q]
     return ca.sparsify(Z), ca.sparsify(a)

@@ -42,8 +42,8 @@ class ReferencePath:
     def response(self, freq_hz: FloatArray) -> ComplexArray:
         """Compute F_r (F,) at freq_hz (F,)."""
         (h, early), z_inverse = self.taps, np.exp(-2j * np.pi * freq_hz / self.rate_hz)
-        interpolated = z_inverse[:, None] ** (np.arange(len(h)) - early) @ h / self.spec.cycle_samples(self.rate_hz)
-        return np.asarray(interpolated * ((1 - self.lag) / (1 - self.lag * z_inverse)) ** self.spec.filter_order)
+        interpolate = z_inverse[:, None] ** (np.arange(len(h)) - early) @ h / self.spec.cycle_samples(self.rate_hz)
+        return np.asarray(interpolate * ((1 - self.lag) / (1 - self.lag * z_inverse)) ** self.spec.filter_order)
 
     def played(self, rows: FloatArray) -> FloatArray:
         """Compute the reference inside the controller (m n, n_u) from rows (m, n_u) that are at rest at both ends."""

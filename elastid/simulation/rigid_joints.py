@@ -13,6 +13,13 @@ h uses the trapezoidal rule for the linear terms and is implicit in sgn, so that
 with a = J + h (f + k_d) / 2 + h^2 k_p / 4 and b = 2 J - a (Acary and Brogliato, Numerical Methods for Nonsmooth
 Dynamical Systems, 2008, chapter 10). If friction is a soft constraint, as in MuJoCo, the velocity of a sticking joint
 decays with the time constant tau / (1 - c), and a fraction c (creep) of its torque still accelerates it.
+
+Before a real joint slides, it moves by bristles of compliance s and damping time T (LuGre model without a Stribeck
+curve: Canudas de Wit et al., IEEE Trans. Automatic Control 40, 1995). w: torque of the springs of the bristles.
+
+.. math:: s\, \dot w = \dot q - |\dot q|\, w / F_c, \quad F = w + T \dot w
+
+With implicit Euler for w, the velocity at the end of the step is a root of a quadratic; s = 0 sticks exactly.
 """
 
 import math
@@ -24,10 +31,13 @@ import numpy as np
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.model.evaluation import evaluated
 
-# Parameters of a joint, link side, in the order of the last axis of arrays: J, f, F_c, o, G, H, tau, c.
-NUMBERS = ("inertia", "viscous", "coulomb", "offset", "gravity.cos", "gravity.sin", "stick_time", "creep")
+# Parameters of a joint, link side, in the order of the last axis of arrays: J, f, F_c, o, G, H, tau, c, s, T.
+NUMBERS = (
+    "inertia", "viscous", "coulomb", "offset", "gravity.cos", "gravity.sin", "stick_time", "creep",
+    "bristle_compliance", "bristle_time"
+)  # fmt: skip
 # Largest phase of the control loop's natural frequency in a step, and the largest number of steps in a sample.
-STEP_RAD, MAX_STEPS = 0.05, 64
+STEP_RAD, MAX_STEPS, MAX_BRISTLES = 0.05, 64, 4.0
 # Steps in one call of the compiled function. Building this function takes as long as some thousand steps.
 BLOCK = 500
 
@@ -53,15 +63,17 @@ class CommandedJoints:
     is_zoh: bool = True
 
     def steps(self, numbers: FloatArray) -> int:
-        """Return the number of steps in a sample that resolves the loops of joints with parameters (..., S, 8)."""
-        J = np.maximum(numbers[..., 0] + self.coupled_inertia, 1e-9)
-        fastest = float(np.max(np.maximum(np.sqrt(self.kp / J), self.kd / (2 * J))))
+        """Return the number of steps in a sample that resolves the loops of joints with parameters (..., S, 10)."""
+        J, s = np.maximum(numbers[..., 0] + self.coupled_inertia, 1e-9), numbers[..., 8]
+        loop = np.maximum(np.sqrt(self.kp / J), self.kd / (2 * J))
+        bristles = np.where(s > 0, 1 / np.sqrt(np.maximum(s, 1e-12) * J), 0.0)  # rigid ones need no more steps
+        fastest = float(np.max(np.maximum(loop, np.minimum(bristles, MAX_BRISTLES * loop))))
         return min(max(2, math.ceil(fastest / self.rate_hz / STEP_RAD)), MAX_STEPS)
 
     def simulate(self, numbers: FloatArray, delay_s: FloatArray, steps: int, window: int = 1) -> FloatArray:
         """Simulate the positions (n // window, K, S) of K candidates, rad or m, averaged over windows of samples.
 
-        numbers (K, S, 8): parameters in the order of NUMBERS.  delay_s (K,): T_d, s.  steps: in a sample; the same for
+        numbers (K, S, 10): parameters in the order of NUMBERS.  delay_s (K,): T_d, s.  steps: in a sample; the same for
         candidates that are compared, because their errors depend on it.  window: samples per mean.
         """
         (n, S), K = self.command.shape, len(delay_s)
@@ -69,6 +81,7 @@ class CommandedJoints:
         step, block = self._step(numbers, 1 / self.rate_hz / steps), max(1, BLOCK // steps)
         simulate_block, sums = step.mapaccum(block * steps), np.zeros((n // window, K, S))
         state = np.broadcast_to(np.stack([self.position, self.velocity])[:, None], (2, K, S))
+        state = np.concatenate([state, self._start_friction(numbers)[None]])
         for first in range(0, len(sums) * window, block):
             torque = self._torque(first, first + block, steps, delay_s) - numbers[..., 3]
             (states,) = evaluated(simulate_block, (state, torque), [(len(torque), *state.shape)])
@@ -78,19 +91,30 @@ class CommandedJoints:
             state = states[-1]
         return sums / window
 
+    def _start_friction(self, numbers: FloatArray) -> FloatArray:
+        """Return the friction (K, S) that keeps each joint at its first velocity."""
+        _, f, F_c, o, G, H, *_ = np.moveaxis(numbers, -1, 0)
+        gravity = o + G * np.cos(self.position) + H * np.sin(self.position) + self.load[0]
+        torque = self.command[0] - gravity - self.kp * self.position - (f + self.kd) * self.velocity
+        return np.asarray(np.clip(torque, -F_c, F_c))
+
     def _step(self, numbers: FloatArray, h: float) -> ca.Function:
-        """Build the function that advances positions and velocities (2 K S,) by h seconds under a torque (K S,)."""
-        J, f, F_c, _, G, H, tau, creep = np.moveaxis(numbers, -1, 0)
+        """Build the function that advances q, q', w (3 K S,) by h seconds under a torque (K S,)."""
+        J, f, F_c, _, G, H, tau, creep, s, T = np.moveaxis(numbers, -1, 0)
         J = np.maximum(J + self.coupled_inertia, 0.0)  # delayed feedback reduces the inertia
         a = J + h / 2 * (f + self.kd) + h * h / 4 * self.kp
         rows = [(2 * J - a) / a, h / a, h / a * self.kp, h * F_c / a, 1 - creep, np.exp(-h / np.maximum(tau, 1e-300))]
         b, gain, spring, threshold, stick_fraction, decay, G, H = (ca.DM(row.ravel()) for row in (*rows, G, H))
-        x, v, torque = (ca.SX.sym(name, a.size) for name in ("x", "v", "torque"))
+        x, v, w, torque = (ca.SX.sym(name, a.size) for name in ("x", "v", "w", "torque"))
         middle = x + h / 2 * v
         free = b * v + gain * (torque - G * ca.cos(middle) - H * ca.sin(middle)) - spring * x
         v_next = free - ca.fmax(ca.fmin(stick_fraction * (free - decay * v), threshold), -threshold)
-        next_state = ca.vertcat(x + h / 2 * (v + v_next), v_next)
-        return ca.Function("step", [ca.vertcat(x, v), torque], [next_state])
+        w_next = w
+        if np.any(s > 0):
+            v_bristles, w_next = _bristles(free, w, h, *(ca.DM(row.ravel()) for row in (a, F_c, s, T)))
+            v_next = ca.if_else(ca.DM(s.ravel() > 0), v_bristles, v_next)
+        next_state = ca.vertcat(x + h / 2 * (v + v_next), v_next, w_next)
+        return ca.Function("step", [ca.vertcat(x, v, w), torque], [next_state])
 
     def _torque(self, first: int, last: int, steps: int, delay_s: FloatArray) -> FloatArray:
         """Return the mean delayed command minus the load (N, K, S) in each step from sample `first` to `last`."""
@@ -116,3 +140,15 @@ class CommandedJoints:
         quadratic = np.where((fraction >= 0) & (fraction <= 1), fraction * (fraction - 1), 0.0) * quadratic_part[k]
         linear = np.where(fraction < 0, self.command[0] / self.rate_hz, integral[k + 1] - integral[k])
         return np.asarray(integral[k] + fraction * linear + quadratic)
+
+
+def _bristles(
+    free: ca.SX, w: ca.SX, h: float, a: ca.DM, F_c: ca.DM, s: ca.DM, T: ca.DM
+) -> tuple[ca.SX, ca.SX]:  # fmt: skip
+    """Return q' and w after a step of h seconds, where `free` is q' without friction."""
+    T -= h / 2 * s / (s + h * h / a)  # w at the end of the step leads its mean by h / 2; rigid bristles damp fully
+    excess, direction = free - h / a * w, ca.sign(free - h / a * w)
+    B = F_c * (s + h * (h + T) / a) - h * direction * (free + T / a * w)
+    speed = (ca.sqrt(B * B + 4 * h * F_c * s * ca.fabs(excess)) - B) / (2 * h)
+    v = direction * speed
+    return v, F_c * (s * w + h * v) / ca.fmax(F_c * s + h * speed, 1e-300)

@@ -95,16 +95,16 @@ def opened(path: Path | str, kind: str) -> Iterator[Any]:
 
 def _require_kind(path: Path, file: Any, kind: str) -> None:
     _check_self_contained(path)
-    stored, written = plain(file.attrs.get("elastid")), plain(file.attrs.get("format", 0))
-    if stored != kind:
-        holds = f"holds {stored}" if stored else "was not written by elastid"
+    file_kind, version = plain(file.attrs.get("elastid")), plain(file.attrs.get("format", 0))
+    if file_kind != kind:
+        holds = f"holds {file_kind}" if file_kind else "was not written by elastid"
         raise StudyError(
             "files/kind", f"{holds}, expected {kind}; name another; `elastid inspect {path}` shows its content", path
         )
-    if written != FORMAT:
+    if version != FORMAT:
         raise DataError(
             "files/version",
-            f"format {written}, written by {'a newer' if written > FORMAT else 'an older'} elastid; this one reads "
+            f"format {version}, written by {'a newer' if version > FORMAT else 'an older'} elastid; this one reads "
             f"format {FORMAT}: update it, or delete the file and run its stage again",
             path,
         )
@@ -154,11 +154,11 @@ class DiskFile(io.FileIO):
 
     def write(self, data: Any) -> int:
         """Write all of it, or none after an error."""
-        rest = memoryview(data).cast("B")
-        total = len(rest)
+        remaining = memoryview(data).cast("B")
+        total = len(remaining)
         try:
-            while self._error is None and len(rest):
-                rest = rest[super().write(rest) :]
+            while self._error is None and len(remaining):
+                remaining = remaining[super().write(remaining) :]
         except OSError as error:
             self._error = error
         return total

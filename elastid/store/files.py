@@ -24,7 +24,7 @@ from typing import Any, BinaryIO, TextIO, TypeVar
 
 from elastid.base.errors import ElastidError
 from elastid.base.escape import csv_cell
-from elastid.base.files import replacing, unlinked, write_atomically
+from elastid.base.files import open_regular_file, replacing, write_atomically
 
 T = TypeVar("T")
 
@@ -69,12 +69,12 @@ def write_checksum(path: Path) -> None:
 
 def once_per_version(check: Callable[[Path], T]) -> Callable[[Path | str], T]:
     """Return a check of a file that is made once for each version of it: results are opened often."""
-    cached = lru_cache(maxsize=256)(lambda path, inode, size, written_ns: check(path))
+    cached_check = lru_cache(maxsize=256)(lambda path, inode, size, written_ns: check(path))
 
     @wraps(check)
     def checked(path: Path | str) -> T:
         version = os.stat(path)
-        return cached(Path(path), version.st_ino, version.st_size, version.st_mtime_ns)
+        return cached_check(Path(path), version.st_ino, version.st_size, version.st_mtime_ns)
 
     return checked
 
@@ -115,19 +115,19 @@ def is_as_written(path: Path) -> bool | None:
     """Tell if a file of a run folder is as it was at `keep_checksums`; None for a file without a checksum."""
     path = path.resolve()
     for folder in path.parents[:2]:  # a run folder and those in it: figures, references
-        if (expected := _checksums(folder).get(path.relative_to(folder).as_posix())) is not None:
-            return expected == content_hash(path)
+        if (digest := _checksums(folder).get(path.relative_to(folder).as_posix())) is not None:
+            return digest == content_hash(path)
     return None
 
 
 def keep_checksums(folder: Path, names: Iterable[str]) -> None:
     """Save checksums of the existing files, and delete entries of removed files. names: as for `changed_texts`."""
     hashes = _checksums(folder)
-    now = {name: digest for name, digest in hashes.items() if (folder / name).is_file()}
-    now |= {name: content_hash(folder / name) for name in _files(folder, names)}
-    if now != hashes:
+    current = {name: digest for name, digest in hashes.items() if (folder / name).is_file()}
+    current |= {name: content_hash(folder / name) for name in _files(folder, names)}
+    if current != hashes:
         with text_file(folder / CHECKSUMS) as file:
-            file.writelines(f"{now[name]}  {name}\n" for name in sorted(now))
+            file.writelines(f"{current[name]}  {name}\n" for name in sorted(current))
 
 
 def remove_texts(folder: Path, names: Iterable[str]) -> None:
@@ -187,7 +187,7 @@ def lock_folder(folder: Path) -> Iterator[None]:
 @contextmanager
 def _locked(path: Path) -> Iterator[BinaryIO]:
     while True:
-        with open(path, "a+b", opener=unlinked) as file:
+        with open(path, "a+b", opener=open_regular_file) as file:
             if not _lock(file):
                 raise ElastidError("files/folder", _refusal(path))
             # Between opening and locking, the owner may have removed it.
@@ -219,7 +219,7 @@ def _lock(file: BinaryIO) -> bool:
 def _refusal(path: Path) -> str:
     try:
         owner = json.loads(path.read_bytes())
-        who = f"process {owner['process']} on {owner['host']} has been writing there since {owner['since']}"
+        owner_text = f"process {owner['process']} on {owner['host']} has been writing there since {owner['since']}"
     except (OSError, ValueError, TypeError, KeyError):
-        who = "another elastid is writing there"
-    return f"{path.parent}: {who}; wait until it has ended, or give another folder with --run"
+        owner_text = "another elastid is writing there"
+    return f"{path.parent}: {owner_text}; wait until it has ended, or give another folder with --run"

@@ -12,14 +12,14 @@ from elastid.store.reading import read_dataclass, reader
 from elastid.store.values import write_artefact, writer
 from elastid.validation.log_comparison import NO_COMPARISON, LogComparison
 
-PLAN, RECORDS, LEVELS = "friction plan", "friction records", "constant-velocity torques"
+PLAN, RECORDS, CONSTANT_VELOCITY = "friction plan", "friction records", "constant-velocity torques"
 FRICTION, FILTER = "friction", "filter"
 
 
 # plan.h5, constant_velocity.h5 with a group for each joint, and filter.h5 with friction followed over its motions.
 write_friction_plan, read_friction_plan = writer(PLAN, plan=(None, None)), reader(PLAN, "plan", FrictionPlan)
-write_constant_velocity = writer(LEVELS, joints=(tuple[SlidingFriction, ...], ()))
-read_constant_velocity = reader(LEVELS, "joints", tuple[SlidingFriction, ...])
+write_constant_velocity = writer(CONSTANT_VELOCITY, joints=(tuple[SlidingFriction, ...], ()))
+read_constant_velocity = reader(CONSTANT_VELOCITY, "joints", tuple[SlidingFriction, ...])
 write_filter = writer(FILTER, joints=(tuple[TrackedFriction, ...], ()))
 read_filter = reader(FILTER, "joints", tuple[TrackedFriction, ...])
 # Of friction.h5 the result, its comparison with the logs, and with the validation logs, empty without any.

@@ -13,8 +13,10 @@ from typing import Any, TypeVar
 import h5py
 import numpy as np
 
-from elastid.base.arrays import NO_LABEL, PIECE_VALUES, Label, format_range, format_values, mapped, value_range
+from elastid.base.arrays import NO_LABEL, Label
 from elastid.base.escape import group_name
+from elastid.base.large_arrays import PIECE_VALUES, map_dataset
+from elastid.base.value_range import format_range, format_values, value_range
 from elastid.store.artefacts import kind_of, opened, plain
 from elastid.store.values import NAMES, Kind, fields_of, from_json, from_text, kind_of_annotation, needs_groups
 
@@ -34,8 +36,8 @@ def read_value(group: Any, name: str, annotation: Any, label: Label = NO_LABEL) 
 
 def read_dataclass(group: Any, kind: type[T]) -> T:
     """Read a dataclass from a group of its fields."""
-    there = {*group, *group.attrs}
-    slots = [field for field in fields_of(kind) if field.name in there or not field.may_be_empty]
+    names = {*group, *group.attrs}
+    slots = [field for field in fields_of(kind) if field.name in names or not field.may_be_empty]
     return kind(**{field.name: read_value(group, field.name, field.annotation, field.label) for field in slots})
 
 
@@ -49,14 +51,14 @@ def entry_names(group: Any) -> tuple[str, ...]:
 def _scalar(value: Any, kind: Kind) -> Any:
     value = plain(value)
     if type(value) is not kind.type or (kind.choices and value not in kind.choices):
-        expected = f"one of {', '.join(map(str, kind.choices))}" if kind.choices else kind.type.__name__
-        raise ValueError(f"{value!r} where {expected} is expected")
+        expectation = f"one of {', '.join(map(str, kind.choices))}" if kind.choices else kind.type.__name__
+        raise ValueError(f"{value!r} where {expectation} is expected")
     return value
 
 
 def _read_array(dataset: Any, *_: Any) -> Any:
     """Read an array, read-only so that nobody copies it; a large one stays in the file."""
-    in_place = mapped(Path(dataset.file.filename), dataset)
+    in_place = map_dataset(Path(dataset.file.filename), dataset)
     if in_place is not None:
         return in_place
     values = np.asarray(dataset)
@@ -83,7 +85,7 @@ def _read_mapping(item: Any, kind: Kind, label: Label) -> dict[str, Any]:
 
 
 def _read_union(item: Any, kind: Kind, _: Label) -> Any:
-    return read_dataclass(item, {part.__name__: part for part in kind.parts}[item.attrs["type"]])
+    return read_dataclass(item, {type_.__name__: type_ for type_ in kind.parts}[item.attrs["type"]])
 
 
 _READERS: dict[str, Callable[..., Any]] = {
@@ -135,22 +137,22 @@ def _numbers(dataset: Any, number: type, shape: tuple[int, ...] | None = None) -
 def read_part(path: Path | str, kind: str, name: str, annotation: type[T]) -> T:
     """Read one part of a file of a kind; raise DataError if it is absent, unless its annotation allows None."""
     with opened(path, kind) as file:
-        part: T = read_value(file, name, annotation)
-        return part
+        value: T = read_value(file, name, annotation)
+        return value
 
 
 def reader(kind: str, name: str, annotation: type[T] | str, may_miss: bool = False) -> Callable[[Path | str], T]:
     """Make the reader of a part of a file of a kind; annotation: "module:name" of a module loaded for it alone."""
 
     def read(path: Path | str) -> T:
-        resolved: Any = resolve_name(annotation) if isinstance(annotation, str) else annotation
-        part: T = read_part(path, kind, name, resolved | None if may_miss else resolved)
-        return part
+        annotation_type: Any = resolve_name(annotation) if isinstance(annotation, str) else annotation
+        value: T = read_part(path, kind, name, annotation_type | None if may_miss else annotation_type)
+        return value
 
     return read
 
 
-def described(path: Path | str) -> str:
+def describe_artefact(path: Path | str) -> str:
     """Return groups, variables with axes, shapes, units and values, and the provenance of a file."""
     kind = kind_of(path) or ""
     with opened(path, kind) as file:
@@ -167,7 +169,7 @@ def _content_lines(group: Any, depth: int) -> Iterator[str]:
             yield f"{indent}{name}/"
             yield from _content_lines(item, depth + 1)
         elif name != "study":
-            yield f"{indent}{name} {_axes(item)}{_words(item)}{_format_values(item)}"
+            yield f"{indent}{name} {_axes(item)}{_label_text(item)}{_format_values(item)}"
 
 
 def _axes(dataset: Any) -> str:
@@ -177,11 +179,11 @@ def _axes(dataset: Any) -> str:
     labels = np.asarray(dataset.attrs.get("DIMENSION_LABELS", []))
     if labels.shape != (dataset.ndim,):
         labels = np.full(dataset.ndim, "")
-    words = (label.decode(errors="replace") if isinstance(label, bytes) else str(label) for label in labels)
-    return "(" + ", ".join(f"{word} {n}".strip() for word, n in zip(words, dataset.shape, strict=True)) + ")"
+    axis_names = (label.decode(errors="replace") if isinstance(label, bytes) else str(label) for label in labels)
+    return "(" + ", ".join(f"{word} {n}".strip() for word, n in zip(axis_names, dataset.shape, strict=True)) + ")"
 
 
-def _words(dataset: Any) -> str:
+def _label_text(dataset: Any) -> str:
     units, long_name = dataset.attrs.get("units"), dataset.attrs.get("long_name", "")
     return (f": {long_name}" if long_name else "") + (f" [{units}]" if units else "")
 

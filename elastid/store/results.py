@@ -85,7 +85,7 @@ class Numbers:
         focus = result.parameters.of_interest
         parts = (*result.std_contributions.values(),) or (dict.fromkeys(result.std, math.nan),) * 3
         rows = [
-            (result.values[p.name], result.std[p.name], *(part[p.name] for part in parts), *result.interval(p.name))
+            (result.values[p.name], result.std[p.name], *(stds[p.name] for stds in parts), *result.interval(p.name))
             for p in focus
         ]  # fmt: skip
         return cls(tuple(p.name for p in focus), tuple(p.unit for p in focus), *np.array(rows).reshape(-1, 7).T)
@@ -103,21 +103,21 @@ def write_fit(
     modelled: responses of the fitted model at the lines of each measured one.  figures: values and types of the page.
     """
     check_kind(result, Result, "result", "elastid.identify(...) and elastid.load(path) give one")
-    parts: dict[str, tuple[Any, Any]] = {"fit": (result, Result), "numbers": (Numbers.of(result), Numbers)}
-    parts["modelled"] = modelled, tuple[Response, ...] | None
-    write_artefact(path, FIT, stamp, parts | dict(figures), {"modelled": "configuration.name"})
+    contents: dict[str, tuple[Any, Any]] = {"fit": (result, Result), "numbers": (Numbers.of(result), Numbers)}
+    contents["modelled"] = modelled, tuple[Response, ...] | None
+    write_artefact(path, FIT, stamp, contents | dict(figures), {"modelled": "configuration.name"})
 
 
 def write_map_table(path: Path, workspace: "WorkspaceMap") -> None:
     """Write map.csv: a row for each posture with all quantities, SI, their standard deviations and intervals."""
     heads = ["posture", *(f"joint {name}" for name in workspace.joints), "x", "y", "z", "limiting spring"]
     heads += [f"{q.name}{end}" for q in workspace.quantities for end in ("", " std", " low", " high")]
-    every, step = len(workspace), 1000
-    pieces = (workspace.part(np.arange(first, min(every, first + step))) for first in range(0, every, step))
+    n, step = len(workspace), 1000
+    pieces = (workspace.subset(np.arange(first, min(n, first + step))) for first in range(0, n, step))
 
-    def rows(m: "WorkspaceMap") -> Iterator[tuple[Any, ...]]:
-        numbers = [column for q in m.quantities for column in (q.value, q.std, *q.interval)]
-        columns = [m.asked + 1, *m.angles.T, *m.position.T, m.limiting_springs, *numbers]
+    def rows(piece: "WorkspaceMap") -> Iterator[tuple[Any, ...]]:
+        numbers = [column for q in piece.quantities for column in (q.value, q.std, *q.interval)]
+        columns = [piece.asked + 1, *piece.angles.T, *piece.position.T, piece.limiting_springs, *numbers]
         return zip(*(np.asarray(column).tolist() for column in columns), strict=True)
 
     write_rows(path, chain([heads], chain.from_iterable(map(rows, pieces))))

@@ -43,9 +43,9 @@ def write_run(
     signals = [(name, unit, getattr(reference, name)) for name, unit in _MOTION]
     signals += [] if injected is None else [("injected torque", "N*m", injected)]
     headings = [
-        f"{name} of {place} ({of_translation(unit) if place in sliding else unit}, link side)"
+        f"{name} of {location} ({of_translation(unit) if location in sliding else unit}, link side)"
         for name, unit, _ in signals
-        for place in inputs
+        for location in inputs
     ]
     columns, scale = [signal for _, _, signal in signals], ["torque scale"] * (injected is None)
     rows = np.column_stack([reference.scale, *columns] if scale else columns)
@@ -54,7 +54,7 @@ def write_run(
 
 def write_torque(path: Path, plan: Plan, experiment: Experiment) -> None:
     """Write one period of the torques to inject as CSV, repeated from time 0 of the movement, and backwards."""
-    columns = [f"{place} ({'N' if place in plan.sliding else 'N*m'}, link side)" for place in plan.inputs]
+    columns = [f"{location} ({'N' if location in plan.sliding else 'N*m'}, link side)" for location in plan.inputs]
     _write_csv(path, ["time_s", *columns], plan.torque(experiment), plan.rate_hz)
 
 
@@ -69,21 +69,21 @@ def write_references(path: Path, plan: Plan, experiment: Experiment, simulated: 
     rows, counts = references(plan, simulated.carrier, experiment), simulated.noise.encoder_counts
     rate_hz, first = plan.rate_hz / plan.cycle_samples, plan.first_sample // plan.cycle_samples
     side = "motor" if spec.unit == "increments" else spec.side
-    slides = np.array([place in plan.sliding and side == "link" for place in plan.inputs])
+    slides = np.array([location in plan.sliding and side == "link" for location in plan.inputs])
     scale = {"rad": 1.0, "deg": np.where(slides, 1.0, 180 / np.pi), "increments": counts / (2 * np.pi)}[spec.unit]
     x = (rows if side == "link" else rows @ robot.eta.T) * np.asarray(scale, np.float64)
     if spec.unit == "increments" and plan.inject == "position":
         x = np.rint(x)
     per_s = "/s" if plan.inject == "velocity" else ""
     headings = [
-        f"{plan.inject} of {place} ({'m' if is_linear else spec.unit}{per_s}, {side} side)"
-        for place, is_linear in zip(plan.inputs, slides, strict=True)
+        f"{plan.inject} of {location} ({'m' if is_linear else spec.unit}{per_s}, {side} side)"
+        for location, is_linear in zip(plan.inputs, slides, strict=True)
     ]
     _write_csv(path, ["time_s", *headings], x, rate_hz, first, 12)
     if plan.inject == "position":
-        more = {"velocities": np.gradient(rows, axis=0) * rate_hz} if spec.interpolation == "spline" else {}
+        velocities = {"velocities": np.gradient(rows, axis=0) * rate_hz} if spec.interpolation == "spline" else {}
         time_s = np.arange(len(rows)) / rate_hz
-        write_trajectory(path.with_suffix(".yaml"), robot.driven_names, time_s, positions=rows, **more)
+        write_trajectory(path.with_suffix(".yaml"), robot.driven_names, time_s, positions=rows, **velocities)
 
 
 def write_signals(path: Path, rate_hz: float, **signals: FloatArray) -> None:

@@ -13,6 +13,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from functools import cache, reduce
+from itertools import starmap
 from operator import attrgetter, or_
 from pathlib import Path
 from types import MappingProxyType, NoneType, UnionType
@@ -21,8 +22,9 @@ from typing import Any, Literal, TypeAlias, Union, get_args, get_origin, get_typ
 import numpy as np
 from h5py import h5ds
 
-from elastid.base.arrays import NO_LABEL, PIECE_VALUES, Label, LargeArray, release, unit_of_name
+from elastid.base.arrays import NO_LABEL, Label, unit_of_name
 from elastid.base.escape import group_name
+from elastid.base.large_arrays import PIECE_VALUES, LargeArray, release
 from elastid.robot import Robot
 from elastid.store.artefacts import NO_STAMP, TEXT, Stamp, created
 from elastid.store.files import write_text
@@ -161,7 +163,7 @@ def json_value(value: Any, number: Callable[[float], Any] = or_null) -> Any:
     if isinstance(value, list | tuple):
         return [json_value(entry, number) for entry in value]
     if hasattr(value, "__dataclass_fields__"):
-        return {part.name: json_value(getattr(value, part.name), number) for part in fields_of(type(value))}
+        return {field_.name: json_value(getattr(value, field_.name), number) for field_ in fields_of(type(value))}
     return value
 
 
@@ -181,8 +183,8 @@ def from_json(content: Any, annotation: Any) -> Any:
         case "array" if isinstance(content, list):
             return np.array([math.nan if number is None else number for number in content], kind.type)
         case "array":
-            part = float if kind.type is np.complex128 else kind.type
-            return np.array(content["values"], part).view(kind.type).reshape(content["shape"])
+            convert = float if kind.type is np.complex128 else kind.type
+            return np.array(content["values"], convert).view(kind.type).reshape(content["shape"])
         case "fields":
             if not content.keys() <= {slot.name for slot in fields_of(kind.type)}:
                 raise ValueError(f"{', '.join(content)} are not the fields of {kind.type.__name__}")
@@ -193,7 +195,7 @@ def from_json(content: Any, annotation: Any) -> Any:
         case "sequence":
             return tuple(from_json(entry, kind.parts[0]) for entry in content)
         case _:
-            return tuple(from_json(entry, part) for entry, part in zip(content, kind.parts, strict=True))
+            return tuple(starmap(from_json, zip(content, kind.parts, strict=True)))
 
 
 # Texts along a group of named entries, whose own names are escaped: none of them is this.
@@ -238,7 +240,7 @@ def _write_fields(group: Any, name: str, value: Any, kind: Kind, label: Label, a
     """Write a dataclass to a group; fields that are dataclasses come last, since their axes may be in this one."""
     group = group.create_group(name)
     scopes = (_Scope(group, value), *above)
-    inner, labelled = [], []
+    inner, with_label = [], []
     for slot in fields_of(type(value)):
         content = getattr(value, slot.name)
         if content is None or (slot.may_be_empty and not content):
@@ -251,8 +253,8 @@ def _write_fields(group: Any, name: str, value: Any, kind: Kind, label: Label, a
             scopes[0].axes[slot.name] = dataset
             # The times of a large record would take as much room as its signals.
             if slot.label.axes and not isinstance(content, LargeArray):
-                labelled.append((dataset, slot.label.axes))
-    for dataset, axes in labelled:
+                with_label.append((dataset, slot.label.axes))
+    for dataset, axes in with_label:
         _attach(dataset, axes, scopes)
     for slot in inner:
         write_value(group, slot.name, getattr(value, slot.name), slot.annotation, slot.label, scopes)

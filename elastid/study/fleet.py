@@ -73,8 +73,8 @@ def _members(spec: FleetSpec, path: Path) -> Iterator[Member]:
         overrides = []
         for key, value in {**spec.set, **member.set}.items():
             text = value if isinstance(value, str) else repr(value)
-            filled = text.replace("{robot}", member.robot).replace("{date}", member.date)  # other braces stay
-            overrides.append(f"{key}={filled}")
+            member_text = text.replace("{robot}", member.robot).replace("{date}", member.date)  # other braces stay
+            overrides.append(f"{key}={member_text}")
         yield Member(member.robot, member.date, tuple(overrides))
 
 

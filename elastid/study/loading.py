@@ -207,9 +207,9 @@ def _load(path: Path, overrides: tuple[str, ...]) -> tuple[LoadedStudy, YamlSour
     if problems or robot_errors:  # of a robot whose file cannot be read, the errors of that file alone count
         problems = [problem for problem in problems if not robot_errors or problem.path != ("robot",)]
         raise make_error(source, problems, robot_errors)
-    study, unresolved = convert_to_si(study)
-    study = with_usual_tolerances(study) if not unresolved else study
-    problems = [*check_study(study, path.parent), *unresolved]
+    study, unit_problems = convert_to_si(study)
+    study = with_usual_tolerances(study) if not unit_problems else study
+    problems = [*check_study(study, path.parent), *unit_problems]
     if problems:
         raise make_error(source, _with_origin(problems, source.text))
     return LoadedStudy(_exclude_all_amplitudes(study), path, source.text, overrides), source
@@ -304,24 +304,24 @@ def _split(override: str) -> tuple[KeyPath, YamlSource, str]:
 def _override(source: YamlSource, keys: KeyPath, value: YamlSource, option: str) -> YamlSource:
     place = Place(2, 0, 0, option)
     data, path = _put(source.data, keys, value.data, option)
-    unchanged = {steps: places for steps, places in source.places.items() if steps[: len(path)] != path}
-    added = {path[:i]: (place, place) for i in range(1, len(path) + 1) if path[:i] not in unchanged}
+    kept_places = {steps: places for steps, places in source.places.items() if steps[: len(path)] != path}
+    new_places = {path[:i]: (place, place) for i in range(1, len(path) + 1) if path[:i] not in kept_places}
     below = {(*path, *keys_below): (place, place) for keys_below in value.places}
-    return YamlSource(data, {**unchanged, **added, **below}, source.text)
+    return YamlSource(data, {**kept_places, **new_places, **below}, source.text)
 
 
 def _put(data: Any, keys: KeyPath, value: Any, option: str) -> tuple[Any, KeyPath]:
     """Return data with `value` at `keys`, and the keys as in the data (list indices as numbers)."""
     if not keys:
         return value, ()
-    step, rest = keys[0], keys[1:]
+    step, further = keys[0], keys[1:]
     if isinstance(data, list):
         if not str(step).isdigit() or int(step) >= len(data):
             text = f"'{step}' must be a number from 0 to {len(data) - 1}, the index of a list"
             raise StudyError("options/invalid", text, option)
         index = int(step)
-        entry, path = _put(data[index], rest, value, option)
+        entry, path = _put(data[index], further, value, option)
         return [*data[:index], entry, *data[index + 1 :]], (index, *path)
     mapping = data if isinstance(data, dict) else {}
-    entry, path = _put(mapping.get(step), rest, value, option)
+    entry, path = _put(mapping.get(step), further, value, option)
     return {**mapping, step: entry}, (step, *path)

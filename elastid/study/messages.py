@@ -48,8 +48,8 @@ def validate(data: Any, root: type) -> tuple[Any, list[Problem]]:
         value = validator(root).validate_python(data)
     except ValidationError as error:
         problems = _find_problems(error.errors(include_url=False), root, data)
-    reported = {problem.path for problem in problems}
-    problems += [problem for problem in _find_booleans(data, value, root) if problem.path not in reported]
+    paths = {problem.path for problem in problems}
+    problems += [problem for problem in _find_booleans(data, value, root) if problem.path not in paths]
     return value, problems
 
 
@@ -82,8 +82,8 @@ def _walk(error: PydanticError, data: Any) -> tuple[KeyPath, KeyPath | None]:
     """Return pydantic's location as a path through the data, and the path of the outermost union on its way."""
     path: list[str | int] = []
     union = None
-    for place, step in enumerate(error["loc"], start=1):
-        is_missing = error["type"] == "missing" and place == len(error["loc"])
+    for depth, step in enumerate(error["loc"], start=1):
+        is_missing = error["type"] == "missing" and depth == len(error["loc"])
         if isinstance(data, dict) and (step in data or is_missing):
             path.append(step)
             data = data.get(step)
@@ -145,8 +145,8 @@ def _named_key(message: str, path: KeyPath, section: Any) -> KeyPath:
         for i, entry in enumerate(value if isinstance(value, list) else [])
         if isinstance(entry, dict) and entry.get("name")
     }
-    places = {name: re.search(rf"(?<![\w.-]){re.escape(name)}(?!\w|[.-]\w)", message) for name in (*section, *entries)}
-    starts = {name: place.start() for name, place in places.items() if place is not None}
+    matches = {name: re.search(rf"(?<![\w.-]){re.escape(name)}(?!\w|[.-]\w)", message) for name in (*section, *entries)}
+    starts = {name: match.start() for name, match in matches.items() if match is not None}
     if not starts:
         return path
     first = min(starts, key=starts.__getitem__)
@@ -177,8 +177,8 @@ def make_error(source: YamlSource, problems: Iterable[Problem], robot_errors: st
 def _line(source: YamlSource, problem: Problem) -> tuple[Place, str]:
     value = value_at(source.data, problem.path)
     place = source.place(problem.path, of_value=not problem.at_key and value is not None)
-    is_said = problem.at_key or (isinstance(value, str) and value in problem.message)
-    value_text = "" if is_said or isinstance(value, dict | list) or value is None else f" (got {value!r:.60})"
+    has_value = problem.at_key or (isinstance(value, str) and value in problem.message)
+    value_text = "" if has_value or isinstance(value, dict | list) or value is None else f" (got {value!r:.60})"
     steps = (f"[{step}]" if isinstance(step, int) else f".{step}" for step in problem.path[place.skipped_keys :])
     keys = one_line("".join(steps).lstrip("."))
     return place, printable(f"{place}: {keys}{': ' if keys else ''}{problem.message}{value_text}")

@@ -146,8 +146,8 @@ def explain(query: str) -> str:
         target = target[:-1]  # of a name the mapping that holds it
     exact = [key for path, key in keys.items() if _agree(steps[path], target)]
     matches = exact or [key for path, key in keys.items() if _agree(steps[path][-len(target) :], target)]
-    if not matches and (same := [code for code in codes() if code.endswith(f"/{query}")]):
-        return "\n\n".join(map(explain, same))
+    if not matches and (matching_codes := [code for code in codes() if code.endswith(f"/{query}")]):
+        return "\n\n".join(map(explain, matching_codes))
     if not matches:
         names = {".".join(path[-n:]): ".".join(path) for path in reversed(steps.values()) for n in (len(path), 1)}
         close = get_close_matches(".".join(target), names, n=1)
@@ -165,11 +165,11 @@ def overview() -> str:
         fill(key.text, 100, initial_indent=f"  {key.name:<{width}}  ", subsequent_indent=" " * (width + 4))
         for key in keys
     ]
-    more = (
+    hint = (
         "`elastid explain fit` lists the keys below one of them, `elastid explain fit.criterion` explains one.\n"
         "Keys of a robot's file are below robot (robot.bodies), of a fleet's file below fleet (fleet.members)."
     )
-    return "\n".join(["A study has these keys, in this order:", *lines, more])
+    return "\n".join(["A study has these keys, in this order:", *lines, hint])
 
 
 def _explanation(key: StudyKey) -> str:
@@ -243,8 +243,8 @@ def explain_parameter(name: str, robot: Robot | None = None) -> str:
             for step in steps:
                 item = item[step] if isinstance(step, int) else getattr(item, step)
                 owners += [f"{type(item).__name__.lower()} {item.name}"] if hasattr(item, "name") else []
-            place = f" Of {', '.join(owners)}; nominal {item:g} {unit} ({'.'.join(map(str, steps))})." if steps else ""
-            return f"{f'{capital(meaning)}.' if meaning else key.text}{side}{place}"
+            origin = f" Of {', '.join(owners)}; nominal {item:g} {unit} ({'.'.join(map(str, steps))})." if steps else ""
+            return f"{f'{capital(meaning)}.' if meaning else key.text}{side}{origin}"
     if name == "delay":
         return "Time delay of all outputs relative to the inputs, s."
     terms = [term.meaning for term in TERMS.values() if name.startswith(f"{term.prefix}_m")]

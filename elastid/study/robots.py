@@ -44,11 +44,11 @@ def read_robot(path: Path) -> YamlSource:
     if "experiment" in source.data:
         text = "this is a study. Give its robot model (the file under `robot`), or its run folder"
         raise StudyError("robot/file", text, f"{path}:1:1")
-    places = {
+    key_places = {
         ("robot", *keys): (replace(key, skipped_keys=1), replace(value, skipped_keys=1))
         for keys, (key, value) in source.places.items()
     }
-    return YamlSource({"robot": source.data}, places, source.text)
+    return YamlSource({"robot": source.data}, key_places, source.text)
 
 
 def with_robot(source: YamlSource, folder: Path) -> YamlSource:

@@ -100,13 +100,13 @@ def parse(text: str, name: str, rank: int = 0) -> YamlSource:
 
 def first_of(lines: Sequence[str]) -> str:
     """Return lines of errors, the first of many and a count of the others."""
-    most = 20  # correcting them corrects most others
-    more = len(lines) - most
-    return "\n".join([*lines[:most], *([f"... and {more} further errors"] if more > 0 else [])])
+    max_lines = 20  # correcting them corrects most others
+    n_more = len(lines) - max_lines
+    return "\n".join([*lines[:max_lines], *([f"... and {n_more} further errors"] if n_more > 0 else [])])
 
 
-def _line_column(before: str) -> tuple[int, int]:
-    return before.count("\n") + 1, len(before) - before.rfind("\n")
+def _line_column(text: str) -> tuple[int, int]:
+    return text.count("\n") + 1, len(text) - text.rfind("\n")
 
 
 def _half_character(text: str) -> bool:

@@ -75,11 +75,11 @@ class Actuators:
 
     def interval_text(self, row: Actuator, *quantities: str) -> str:
         """Return intervals of quantities of a joint in a line; empty without any."""
-        parts = []
+        phrases = []
         for quantity in quantities:
             if ends := self.intervals.get((row.joint, quantity)):
-                parts.append(f"{quantity} {ends[0]:.6g} to {ends[1]:.6g} {UNITS[quantity][row.slides]}")
-        return f"95 %: {', '.join(parts)}" if parts else ""
+                phrases.append(f"{quantity} {ends[0]:.6g} to {ends[1]:.6g} {UNITS[quantity][row.slides]}")
+        return f"95 %: {', '.join(phrases)}" if phrases else ""
 
 
 Gains: TypeAlias = Sequence[tuple[float, float]]
@@ -110,12 +110,12 @@ def _actuator(robot: Robot, joint: Joint, kp: float | None, kd: float | None, de
 
 def _parts_without_snippet(joint: Joint, law: Friction | None) -> Iterator[str]:
     """Yield the model terms of a joint that no snippet contains."""
-    parts = {
+    name_of = {
         "quadratic friction": "quadratic", "friction by direction": "directions", "load-dependent friction": "load",
         "temperature dependence of the friction": "temperature", "presliding (LuGre)": "lugre",
         "presliding (Maxwell slip)": "maxwell_slip",
     }  # fmt: skip
-    yield from (words for words, key in parts.items() if law is not None and getattr(law, key, None))
+    yield from (part_name for part_name, key in name_of.items() if law is not None and getattr(law, key, None))
     if joint.spring is not None and joint.spring.backlash is not None:
         yield "backlash of the gear (export to mujoco has it)"
     if joint.spring is not None and any((joint.spring.quadratic, joint.spring.symmetric_quadratic, joint.spring.cubic)):
@@ -128,20 +128,20 @@ def _parts_without_snippet(joint: Joint, law: Friction | None) -> Iterator[str]:
 
 def fit_intervals(model: FittedRobot, friction: CompensatedFriction | None) -> Intervals:
     """Return intervals of the numbers of a fit and of its Coulomb friction, on the link side."""
-    fitted = {number.name: number for number in known_numbers(model) if math.isfinite(number.std)}
-    places = {row.place: row.interval for row in (friction_rows(friction) if friction else ()) if row.interval}
+    numbers = {number.name: number for number in known_numbers(model) if math.isfinite(number.std)}
+    interval_of = {row.place: row.interval for row in (friction_rows(friction) if friction else ()) if row.interval}
     intervals: dict[tuple[str, str], tuple[float, float]] = {}
     for joint in model.robot.driven:
         name, square = joint.name, model.robot.ratio(joint.name) ** 2
-        for quantity, parts in (
+        for quantity, scale_of in (
             ("armature", {f"Jm_{name}": square}), ("viscous", {f"fm_{name}": square, f"f_{name}": 1.0}),
             ("stiffness", {f"k_{name}": 1.0}), ("damping", {f"d_{name}": 1.0}),
         ):  # fmt: skip
-            if free := [(fitted[part], scale) for part, scale in parts.items() if part in fitted]:
+            if free := [(numbers[part], scale) for part, scale in scale_of.items() if part in numbers]:
                 value = float(joint.all_viscous) if quantity == "viscous" else free[0][0].value * free[0][1]
                 down, up = (math.hypot(*(k * (n.value - getattr(n, end)) for n, k in free)) for end in ("low", "high"))
                 intervals[name, quantity] = value - down, value + up
-        if ends := places.get(f"motor {name}"):
+        if ends := interval_of.get(f"motor {name}"):
             intervals[name, "coulomb"] = ends
     return intervals
 
@@ -155,10 +155,10 @@ def with_total_inertias(actuators: Actuators, result: FrictionResult) -> Actuato
         if total is None:
             return row
         unit = UNITS["armature"][row.slides]
-        words = (
+        note_text = (
             f"total inertia {total:.6g} {unit} with the links (the armature is from the robot model and not identified)"
         )
-        return replace(row, lost=(*row.lost, words, "identified gravity and offset of the torque"))
+        return replace(row, lost=(*row.lost, note_text, "identified gravity and offset of the torque"))
 
     return replace(actuators, rows=tuple(row_of(row) for row in actuators.rows))
 
@@ -233,8 +233,8 @@ def _isaac_lab(actuators: Actuators) -> str:
     """Return a module with one actuator configuration per joint."""
     lines = []
     for row in actuators.rows:
-        words = actuators.interval_text(row, "armature", "coulomb", "stiction", "viscous", "kp", "kd", "delay")
-        lines += [f"    # {one_line(words)}"] * bool(words)
+        interval = actuators.interval_text(row, "armature", "coulomb", "stiction", "viscous", "kp", "kd", "delay")
+        lines += [f"    # {one_line(interval)}"] * bool(interval)
         expression = re.escape(row.joint).replace("\\ ", " ")  # matches the name alone
         delay = row.delay or 0.0
         fields = {
@@ -299,9 +299,9 @@ def _ros2(actuators: Actuators) -> str:
     """Return gains of a trajectory controller with effort commands, and limits of joints."""
     gains, limits = list[str](), list[str]()
     for row in actuators.rows:
-        name, words = one_line(row.joint).replace("'", "''"), actuators.interval_text(row, "kp", "kd")
+        name, interval = one_line(row.joint).replace("'", "''"), actuators.interval_text(row, "kp", "kd")
         if row.kp is not None:
-            gains += [f"      # {words}"] * bool(words)
+            gains += [f"      # {interval}"] * bool(interval)
             gains.append(f"      '{name}': {{p: {row.kp!r}, i: 0.0, d: {(row.kd or 0.0)!r}}}")
         finite = {key: value for key, value in (("effort", row.effort), ("velocity", row.velocity)) if value < math.inf}
         pairs = (f"has_{key}_limits: true, max_{key}: {float(value)!r}" for key, value in finite.items())
@@ -313,12 +313,12 @@ def _ros2(actuators: Actuators) -> str:
 
 
 def _readme(actuators: Actuators) -> str:
-    lost = [f"- {one_line(row.joint)}: {', '.join(row.lost)}" for row in actuators.rows if row.lost]
+    omissions = [f"- {one_line(row.joint)}: {', '.join(row.lost)}" for row in actuators.rows if row.lost]
     head = ["| joint | quantity | value | unit | 95 % interval |", "|---|---|---|---|---|"]
     return from_template(
         "targets/templates/actuators.md.txt", name=one_line(actuators.name),
         numbers="\n".join([*head, *_table(actuators)]),
-        lost="\n".join(lost) or "- Nothing: the models of all joints have only the numbers above.",
+        lost="\n".join(omissions) or "- Nothing: the models of all joints have only the numbers above.",
     )  # fmt: skip
 
 

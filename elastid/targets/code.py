@@ -79,7 +79,7 @@ def write_c(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """
     prefixed = []
     for function in functions(model):
-        results = [ca.densify(part) for part in function.call(function.sx_in())]
+        results = [ca.densify(output) for output in function.call(function.sx_in())]
         signature = function.sx_in(), results, function.name_in(), function.name_out()
         prefixed.append(ca.Function(f"robot_{function.name()}", *signature, {"cse": True}))
     sources = c_sources("robot", prefixed)

@@ -37,9 +37,9 @@ def write_responses_control(
 
 
 def _measured(G: Response) -> dict[str, np.ndarray]:
-    place = G.configuration.name
-    std = {} if G.uncertainty is None else {f"{place}/std": np.sqrt(G.uncertainty.variance)}
-    return {f"{place}/freq_hz": G.freq_hz, f"{place}/G": G.G} | std
+    configuration = G.configuration.name
+    std = {} if G.uncertainty is None else {f"{configuration}/std": np.sqrt(G.uncertainty.variance)}
+    return {f"{configuration}/freq_hz": G.freq_hz, f"{configuration}/G": G.G} | std
 
 
 def _write(data: Path, arrays: dict[str, np.ndarray], loader: Path, name: str, first: Response) -> tuple[Path, Path]:
@@ -59,12 +59,12 @@ def write_control(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     by noise and by the tolerances of the robot's file.  free (m,), covariance (m, m): of the free parameters, SI.
     """
     systems = [plant.state_space() for plant in model.models]
-    first, numbers = systems[0], known_numbers(model)
+    first_system, numbers = systems[0], known_numbers(model)
     free, C = model.result.parameters.free, model.result.covariance
     slopes = np.where([p.log for p in free], model.result.parameters.natural(model.result.x), 1.0)
     arrays = {
         "configurations": np.array([system.configuration.name for system in systems]),
-        **{name: np.array(getattr(first, name)) for name in ("inputs", "outputs", "quantity")},
+        **{name: np.array(getattr(first_system, name)) for name in ("inputs", "outputs", "quantity")},
         "parameters": np.array([n.name for n in numbers]), "units": np.array([n.unit for n in numbers]),
         "known": np.array([[*n.row.values()] for n in numbers]),
         "free": np.array([p.name for p in free]), "covariance": slopes[:, None] * C * slopes,

@@ -30,16 +30,16 @@ def write_modes_csv(path: Path, modes: Sequence[Modes]) -> Path:
 
 
 def _measured_modes(modes: Sequence[Modes]) -> Iterable[Sequence[Any]]:
-    places = list(dict.fromkeys(place for basis in modes for place in basis.places))
+    locations = list(dict.fromkeys(place for basis in modes for place in basis.places))
     columns = "frequency", "frequency_std", "damping_ratio", "damping_ratio_std", "phase_collinearity"
-    yield "configuration", *columns, *(f"{part}_{place}" for place in places for part in ("re", "im", "std"))
+    yield "configuration", *columns, *(f"{part}_{place}" for place in locations for part in ("re", "im", "std"))
     for basis in modes:
         shapes, std = basis.place_shapes
         numbers = zip(basis.freq_hz, basis.freq_std, basis.zeta, basis.zeta_std, basis.collinearity, strict=True)
         for r, row in enumerate(numbers):
             entries = zip(basis.places, shapes[:, r].real, shapes[:, r].imag, std[:, r], strict=True)
             by_place = {place: numbers for place, *numbers in entries}
-            yield basis.configuration, *row, *(x for place in places for x in by_place.get(place, ("", "", "")))
+            yield basis.configuration, *row, *(x for place in locations for x in by_place.get(place, ("", "", "")))
 
 
 def write_csv(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
@@ -99,7 +99,7 @@ def _modes(model: FittedRobot) -> Iterable[Sequence[Any]]:
 
 def _response(measured: Response, G: ComplexArray, variance: FloatArray | None) -> Iterable[Sequence[Any]]:
     elements = [(a, b, f"{y}_{u}") for a, y in enumerate(measured.outputs) for b, u in enumerate(measured.inputs)]
-    names = [f"{part}_{name}" for part in ("re", "im") for _, _, name in elements]
+    names = [f"{component}_{name}" for component in ("re", "im") for _, _, name in elements]
     names += [f"std_{name}" for _, _, name in elements] if variance is not None else []
     yield "freq_hz", *names
     rows, columns = [a for a, _, _ in elements], [b for _, b, _ in elements]

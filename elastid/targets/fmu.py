@@ -137,11 +137,11 @@ def layout(
         "RATE": [Variable("controller_rate", "parameter", "fixed", "Rate of the controller, Hz", rate_hz)],
         "STEP": [Variable("largest_step", "parameter", "fixed", "Longest step of integration, s", step_s)],
     }
-    places, first = {}, 0
+    starts, first = {}, 0
     for name, members in groups.items():
-        places[name] = first
+        starts[name] = first
         first += len(members)
-    return Layout(tuple(variable for members in groups.values() for variable in members), places)
+    return Layout(tuple(variable for members in groups.values() for variable in members), starts)
 
 
 def _of(
@@ -238,9 +238,9 @@ def _describe_3(variables: ET.Element, structure: ET.Element, layout: Layout, na
         ET.SubElement(variables, "Float64", _attributes(variable, reference) | _start_of(variable))
     limits = {"start": "1", "min": "1", "max": str(len(names))}
     ET.SubElement(variables, "Int32", _configuration(len(layout.variables), names) | limits)
-    for part in ("Output", "InitialUnknown"):
+    for section in ("Output", "InitialUnknown"):
         for reference in layout.outputs:
-            ET.SubElement(structure, part, valueReference=str(reference))
+            ET.SubElement(structure, section, valueReference=str(reference))
 
 
 def build_description(sources: Sequence[str]) -> str:
@@ -285,15 +285,15 @@ def equations(model: ElasticModel, contacts: Contacts) -> tuple[ca.Function, ...
     z, u = ca.SX.sym("z", contacts.n_states), ca.SX.sym("u", model.n_u)
     friction, step = ca.SX.sym("friction", len(contacts.curves)), ca.SX.sym("step")
     B, n_l = ca.DM(model.B), len(model.robot.joints)
-    places = origins(model, q)
-    force = ca.SX.sym("force", places.numel())
+    origin_of = origins(model, q)
+    force = ca.SX.sym("force", origin_of.numel())
     torque = B @ u - contacts.torque(v, z, friction) - gear_forces(model, q, v, theta)
-    torque += ca.jacobian(places, q).T @ force
+    torque += ca.jacobian(origin_of, q).T @ force
     accelerate = free_acceleration(model, theta=theta)
     functions = [
         dense("acceleration", [q, v, z, u, force, theta, friction], [accelerate(q, v, torque, theta)]),
         dense("bristles", [z, v, friction, step], [contacts.advanced(v, z, friction, step)]),
-        dense("readings", [q, v], [B.T @ q, B.T @ v, q[:n_l], places]),
+        dense("readings", [q, v], [B.T @ q, B.T @ v, q[:n_l], origin_of]),
     ]
     if model.n_c:
         functions.append(dense("closing", [q, v, theta], list(projection(model, theta)(q, v, theta))))
@@ -324,14 +324,14 @@ def write_move_fmu(folder: Path, robot: Robot, tuned: TunedMove) -> tuple[Path, 
 
 def write_units(folder: Path, subject: Subject, stem: str) -> tuple[Path, ...]:
     """Write <stem>_fmi2.fmu and <stem>_fmi3.fmu of a robot; StudyError where a posture of its start has no rest."""
-    sources, described = unit_sources(subject)
+    sources, xml_of_version = unit_sources(subject)
     compiler = next((tool for name in COMPILERS if (tool := shutil.which(name))), None)
     paths = tuple(folder / f"{stem}_fmi{version}.fmu" for version in (2, 3))
     for version, path in zip((2, 3), paths, strict=True):
         surplus = "fmi3.c" if version == 2 else "fmi2.c"
         names = _compiled_sources(version, subject.move is not None)
         content: dict[str, str | bytes] = {f"sources/{name}": text for name, text in sources.items() if name != surplus}
-        content["modelDescription.xml"] = described[version]
+        content["modelDescription.xml"] = xml_of_version[version]
         if version == 3:
             content["sources/buildDescription.xml"] = build_description(names)
         if compiler is not None:
@@ -360,9 +360,9 @@ def unit_sources(subject: Subject) -> tuple[dict[str, str], dict[int, str]]:
     sizes = _sizes(subject, sliding.n_states, functions, variables)
     token = f"{{{uuid.uuid5(uuid.NAMESPACE_OID, ''.join([*sources.values(), sizes]))}}}"
     sources["sizes.h"] = sizes + f'#define GUID "{token}"\n'
-    described = (subject.name, token, variables, tuple(point.configuration.name for point in points), 1 / rate_hz)
+    fields = (subject.name, token, variables, tuple(point.configuration.name for point in points), 1 / rate_hz)
     compiled_sources = {version: _compiled_sources(version, move is not None) for version in (2, 3)}
-    return sources, {version: description(version, compiled_sources[version], *described) for version in (2, 3)}
+    return sources, {version: description(version, compiled_sources[version], *fields) for version in (2, 3)}
 
 
 def compile_library(compiler: str, sources: Mapping[str, str], names: Sequence[str]) -> bytes:
@@ -399,7 +399,7 @@ def _sizes(subject: Subject, n_z: int, functions: tuple[ca.Function, ...], varia
         "N_POSTURES": len(subject.postures), "N_VALUES": len(variables.variables),
         "HAS_LOOPS": int(equations_of.n_c > 0), "HAS_MOVE": int(subject.move is not None),
         **{f"N_{of.upper()}": max(getattr(f, f"sz_{of}")() for f in functions) for of in ("arg", "res", "iw", "w")},
-        **{f"OF_{name}": place for name, place in {"OUTPUTS": variables.places["ANGLE"], **variables.places}.items()},
+        **{f"OF_{name}": index for name, index in {"OUTPUTS": variables.places["ANGLE"], **variables.places}.items()},
         "START_REFUSED": '"no such configuration, or a rate or step that is not positive"',
         "LOST": '"the motion has left all bounds: take a smaller largest_step, or gentler inputs"',
     }  # fmt: skip

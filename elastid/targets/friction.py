@@ -122,9 +122,9 @@ def compensation(robot: Robot) -> ca.Function:
     torques = []
     for i, joint in enumerate(robot.driven):
         is_flexible = joint in robot.flexible
-        places = [f"motor {joint.name}", *([] if is_flexible else [f"joint {joint.name}"])]
+        locations = [f"motor {joint.name}", *([] if is_flexible else [f"joint {joint.name}"])]
         total = (joint.all_viscous - is_flexible * joint.viscous) * v[i]
-        for law in (laws[place] for place in places if place in laws):
+        for law in (laws[location] for location in locations if location in laws):
             curve = law.symbols(law.curve().tolist())
             total += curve.torque(v[i]) * ca.tanh(v[i] / SLIDING) + curve.growing(v[i])
         torques.append(total)

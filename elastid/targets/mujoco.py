@@ -99,20 +99,20 @@ def mjcf(robot: Robot, rods: "Mapping[str, RodPose]" = NO_RODS) -> ET.Element:
 
 
 def _check(robot: Robot) -> None:
-    parts = [
+    omissions = [
         f"the spring of joint {j.name}" for j in robot.joints if j.spring and not replace(j.spring, **_NO_GAP).is_linear
     ]
-    parts += [f"compensator {compensator.name}" for compensator in robot.compensators]
-    parts += [
+    omissions += [f"compensator {compensator.name}" for compensator in robot.compensators]
+    omissions += [
         f"the motor of joint {joint.name}, which {f'rides on {motor.on}' if motor.on else 'has a spring in its shaft'}"
         for joint in robot.driven
         if (motor := joint.motor) is not None and (motor.on or motor.spring is not None)
     ]
-    parts += ["gears that couple axes"] if robot.gears else []
-    if parts:
+    omissions += ["gears that couple axes"] if robot.gears else []
+    if omissions:
         raise StudyError(
             "export/not-representable",
-            f"MJCF cannot represent {', '.join(parts)}. Export to casadi or c instead",
+            f"MJCF cannot represent {', '.join(omissions)}. Export to casadi or c instead",
             f"robot {robot.name}",
         )
 
@@ -177,8 +177,8 @@ def _tendon(root: ET.Element, joint: Joint) -> ET.Element:
     fixed = next((tendon for tendon in tendons if tendon.get("name") == f"joint {joint.name}"), None)
     if fixed is None:
         fixed = ET.SubElement(tendons, "fixed", name=f"joint {joint.name}")
-        for part in ("motor", "twist"):
-            ET.SubElement(fixed, "joint", joint=f"{part} {joint.name}", coef="1")
+        for kind in ("motor", "twist"):
+            ET.SubElement(fixed, "joint", joint=f"{kind} {joint.name}", coef="1")
     return fixed
 
 
@@ -312,19 +312,19 @@ def _add_rod(equality: ET.Element, elements: Elements, loop: Loop, rod: Rod, dir
     seat = np.array(mounted.xyz) + R @ np.array(loop.ends[0].point)
     pose = {"pos": in_full(seat), "quat": in_full(quaternion(R @ _turn(_ALONG, direction)))}
     body = ET.SubElement(parent, "body", {"name": f"rod {loop.name}"} | pose)
-    part = _part(rod)
-    moving = rod.mass * rod.center / part if part > 0 else 0.0
+    text = _part(rod)
+    moving = rod.mass * rod.center / text if text > 0 else 0.0
     _point_mass(body, rod.mass - moving, 0.0)
     ET.SubElement(body, "joint", name=f"turn {loop.name}", type="ball")
     middle = ET.SubElement(body, "body", name=f"rod {loop.name} middle")
-    _point_mass(middle, moving, part * rod.length)
+    _point_mass(middle, moving, text * rod.length)
     end = ET.SubElement(body, "body", name=f"rod {loop.name} end")
     _point_mass(end, 0.0, rod.length)
     if rod.is_elastic:
         slide = {"type": "slide", "axis": "1 0 0"}
         ET.SubElement(middle, "joint", {"name": f"part {loop.name}"} | slide)
         ET.SubElement(end, "joint", {"name": f"stretch {loop.name}"} | slide)
-        coupled = {"joint1": f"part {loop.name}", "joint2": f"stretch {loop.name}", "polycoef": f"0 {part!r} 0 0 0"}
+        coupled = {"joint1": f"part {loop.name}", "joint2": f"stretch {loop.name}", "polycoef": f"0 {text!r} 0 0 0"}
         ET.SubElement(equality, "joint", {"name": f"{loop.name} stretch"} | coupled | _HARD)
     ET.SubElement(end, "site", name=f"{loop.name} end 1", pos=in_full((rod.length, 0.0, 0.0)))
     _site(*elements[loop.ends[1].body], f"{loop.name} end 2", loop.ends[1].point)

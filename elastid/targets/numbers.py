@@ -85,7 +85,7 @@ def _known_number(result: Result, parameter: Parameter) -> KnownNumber:
     words = f"std {std:.3g}, {low:.6g} to {high:.6g}" if math.isfinite(std) else "free, but not constrained by the data"
     if parameter.is_nuisance:
         return KnownNumber(*number, f"within its tolerance, {words}", std, low, high)
-    parts = [part[parameter.name] for part in result.std_contributions.values()]
-    if parts:
-        words = "{} (noise {:.3g}, prior {:.3g}, systematic {:.3g})".format(words, *parts)
-    return KnownNumber(*number, words, std, low, high, *parts)
+    stds = [stds_of[parameter.name] for stds_of in result.std_contributions.values()]
+    if stds:
+        words = "{} (noise {:.3g}, prior {:.3g}, systematic {:.3g})".format(words, *stds)
+    return KnownNumber(*number, words, std, low, high, *stds)

@@ -48,8 +48,8 @@ def write_uff(
     geometry: points and lines of the structure, which each file gets.
     """
     pyuff = installed("pyuff", "uff")
-    places = dict.fromkeys(place for response in responses for place in (*response.outputs, *response.inputs))
-    nodes, points = _located(list(places), geometry)
+    locations = dict.fromkeys(location for response in responses for location in (*response.outputs, *response.inputs))
+    nodes, points = _located(list(locations), geometry)
     folder.mkdir(parents=True, exist_ok=True)
     paths, mode_sets = [], {basis.configuration: basis for basis in modes}
     for response in responses:
@@ -63,14 +63,14 @@ def write_uff(
             pyuff.UFF(str(temporary)).write_sets(sets, "overwrite")
         paths.append(path)
     table = folder / "nodes.csv"
-    rows = [(place, node, "-" * (code < 0) + _DIRECTIONS[abs(code)]) for place, (node, code) in nodes.items()]
+    rows = [(location, node, "-" * (code < 0) + _DIRECTIONS[abs(code)]) for location, (node, code) in nodes.items()]
     write_rows(table, [("place", "node", "direction"), *rows])
     return (*paths, table)
 
 
-def nodes_of(places: Iterable[str]) -> Nodes:
+def nodes_of(locations: Iterable[str]) -> Nodes:
     """Return node and direction (0 none, 1 to 3 along x, y, z, 4 to 6 about them) of each place, all different."""
-    names = list(dict.fromkeys(places))
+    names = list(dict.fromkeys(locations))
     matches = {name: re.fullmatch(r"(?:.*\D)?(\d{1,9})(r?[xyz])", name) for name in names}
     nodes = {name: (int(m[1]), _DIRECTIONS.index(m[2])) for name, m in matches.items() if m}
     nodes = {name: node for i, (name, node) in enumerate(nodes.items()) if node not in list(nodes.values())[:i]}
@@ -119,30 +119,16 @@ def _sets(name: str, response: Response, nodes: Nodes) -> Iterable[dict[str, Any
     for i, output in enumerate(response.outputs):
         for j, input_ in enumerate(response.inputs):
             yield {
-                "type": 58,
-                "binary": 0,
-                "func_type": _FREQUENCY_RESPONSE,
-                "id1": uff_text(f"{output} to {input_}"),
-                "id2": uff_text(name),
-                "id3": "NONE",
-                "id4": uff_text(response.configuration.name),
-                "id5": uff_text(response.unit),
-                "rsp_ent_name": "NONE",
-                "ref_ent_name": "NONE",
-                "rsp_node": nodes[output][0],
-                "rsp_dir": nodes[output][1],
-                "ref_node": nodes[input_][0],
-                "ref_dir": nodes[input_][1],
-                "abscissa_spec_data_type": _FREQUENCY,
+                "type": 58, "binary": 0, "func_type": _FREQUENCY_RESPONSE, "id1": uff_text(f"{output} to {input_}"),
+                "id2": uff_text(name), "id3": "NONE", "id4": uff_text(response.configuration.name),
+                "id5": uff_text(response.unit), "rsp_ent_name": "NONE", "ref_ent_name": "NONE",
+                "rsp_node": nodes[output][0], "rsp_dir": nodes[output][1], "ref_node": nodes[input_][0],
+                "ref_dir": nodes[input_][1], "abscissa_spec_data_type": _FREQUENCY,
                 "ordinate_spec_data_type": _ORDINATES[response.quantity],
                 "orddenom_spec_data_type": _FORCE if response.units_of_inputs[j] in ("N", "N*m") else _UNKNOWN,
-                "ord_data_type": _COMPLEX_DOUBLE,
-                "abscissa_spacing": 0,
-                "abscissa_min": float(response.freq_hz[0]),
-                "abscissa_inc": 0.0,
-                "data": response.G[:, i, j],
-                "x": response.freq_hz,
-            }
+                "ord_data_type": _COMPLEX_DOUBLE, "abscissa_spacing": 0, "abscissa_min": float(response.freq_hz[0]),
+                "abscissa_inc": 0.0, "data": response.G[:, i, j], "x": response.freq_hz,
+            }  # fmt: skip
 
 
 def _mode_sets(name: str, modes: Modes, nodes: Nodes) -> Iterable[dict[str, Any]]:
@@ -154,22 +140,13 @@ def _mode_sets(name: str, modes: Modes, nodes: Nodes) -> Iterable[dict[str, Any]
         for i, node, direction in translating:
             shape[abs(direction) - 1, numbers.index(node)] = np.sign(direction) * modes.place_shapes[0][i, r]
         yield {
-            "type": 55,
-            "id1": uff_text(name),
-            "id4": uff_text(modes.configuration),
+            "type": 55, "id1": uff_text(name), "id4": uff_text(modes.configuration),
             "id5": uff_text(f"{modes.freq_hz[r]:.6g} Hz, damping ratio {modes.zeta[r]:.5g}"),
-            "model_type": _STRUCTURAL,
-            "analysis_type": _COMPLEX_MODES,
-            "data_ch": _TRANSLATIONS,
-            "spec_data_type": _ORDINATES["position"],
-            "data_type": 5,
-            "n_data_per_node": 3,
-            "load_case": 1,
-            "mode_n": r + 1,
-            "eig": complex(modes.poles[r]),
-            "node_nums": numbers,
+            "model_type": _STRUCTURAL, "analysis_type": _COMPLEX_MODES, "data_ch": _TRANSLATIONS,
+            "spec_data_type": _ORDINATES["position"], "data_type": 5, "n_data_per_node": 3, "load_case": 1,
+            "mode_n": r + 1, "eig": complex(modes.poles[r]), "node_nums": numbers,
             **{f"r{axis + 1}": shape[axis] for axis in range(3)},
-        }
+        }  # fmt: skip
 
 
 TARGETS = (

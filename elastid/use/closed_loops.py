@@ -108,12 +108,14 @@ class PostureFamily:
     @classmethod
     def of(cls, result: Result, postures: Sequence[Configuration], rate_hz: float) -> "PostureFamily":
         """Build the family of the fit in these postures; StudyError if a posture has no equilibrium."""
-        motors = result.known_robot.motor_locations
+        motors = result.nominal_robot.motor_locations
         family = result.family(PredictionPorts(inputs=motors, outputs=motors, motors="free"))
         chain, e, models, inertia = torque_elements(family.robot.chain), family.estimated, [], []
         for posture in postures:
             linear = family.linearisation.at(posture, family.theta, family.model.inputs, "position")
-            estimated = Estimated.of(e.parameters, e.fit_x, e.fit_covariance, e.names, e.base, posture.name, e.doubts)
+            estimated = Estimated.of(
+                e.parameters, e.fit_x, e.fit_covariance, e.names, e.base, posture.name, e.model_error_factors
+            )
             models.append(FittedModel(replace(linear, chain=chain, channel_numbers=(), hold=None), estimated))
             q = equilibrium(family.model, family.theta, posture).q
             inertia.append(tune(family.model, q, 1 / (2 * np.pi), 1.0).kp)
@@ -152,30 +154,30 @@ class PostureFamily:
         point = equilibrium(self.family.model, self.family.theta, linear.configuration)
         energy = strain_energy(self.family.model, self.family.theta, point, shapes_of_all(linear, modal.shapes))
         M, shapes = linear.matrices(theta)[0], modal.shapes
-        parts = np.abs(linear.B.T @ shapes) ** 2 / np.einsum("im,ij,jm->m", shapes.conj(), M, shapes).real
-        parts = parts / np.maximum(parts.max(axis=1, initial=0.0), 1e-300)[:, None]
+        participation = np.abs(linear.B.T @ shapes) ** 2 / np.einsum("im,ij,jm->m", shapes.conj(), M, shapes).real
+        participation = participation / np.maximum(participation.max(axis=1, initial=0.0), 1e-300)[:, None]
         springs = [energy.springs[i] for i in np.nan_to_num(energy.fraction).argmax(axis=0)]
         # A pendulum under gravity has less than half of its strain energy in springs.
         return tuple(
-            PlantMode(float(modal.freq_hz[m]), springs[m], tuple(parts[:, m].tolist()))
+            PlantMode(float(modal.freq_hz[m]), springs[m], tuple(participation[:, m].tolist()))
             for m in np.flatnonzero(energy.load <= 0.5).tolist()
         )
 
     def _plants(self, x: FloatArray) -> Plants:
         pieces = [_sampled(model.linear, model.estimated.theta(x), self.rate_hz) for model in self.models]
-        A, B, C = (np.array(part) for part in zip(*pieces, strict=True))
+        A, B, C = (np.array(matrices) for matrices in zip(*pieces, strict=True))
         return Plants(self.rate_hz, A, B, C, self.inertia)
 
 
 def _sampled(linear: LinearModel, theta: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     system = state_space(linear, theta)
     n, n_u = system.B.shape
-    samples, part = divmod(max(system.delay, 0.0) * rate_hz, 1.0)
+    samples, fraction = divmod(max(system.delay, 0.0) * rate_hz, 1.0)
     wide = np.zeros((n + n_u, n + n_u))
     wide[:n] = np.hstack([system.A, system.B])
-    (A, B), (_, B_now) = (np.split(expm(wide * span / rate_hz)[:n], [n], axis=1) for span in (1.0, 1 - part))
+    (A, B), (_, B_now) = (np.split(expm(wide * span / rate_hz)[:n], [n], axis=1) for span in (1.0, 1 - fraction))
     C = system.C
-    if part > 0:  # u_(k - 1) acts for the first part of the sample
+    if fraction > 0:  # u_(k - 1) acts for the first part of the sample
         A, B, C = _with_input_states(A, B - B_now, B_now, C)
     for _ in range(int(samples)):
         A, B, C = _with_input_states(A, B, np.zeros_like(B), C)
@@ -247,7 +249,7 @@ class Closed:
     def _controller(self, has_damping: bool) -> ComplexArray:
         """Return F or F_r (N, F, n_u)."""
         delay = self.scene.delay
-        stack = self.gains.gain_derivatives(lambda part: np.atleast_2d(part)[:, None])
+        stack = self.gains.gain_derivatives(lambda gain: np.atleast_2d(gain)[:, None])
         H = 1.0 if self.filters is None else self.filters.response(delay)
         return replace(stack, kd=has_damping * stack.kd).response(delay, self.scene.plants.rate_hz) * H
 
@@ -313,7 +315,7 @@ def closed_loop_poles(plants: Plants, gains: JointLoop, filters: Filters | None)
     """Return z (N, n) of the loops; gains that differ from plant to plant are (N, n_u)."""
     N, _, n_u = plants.B.shape
     T, unit, zeros = 1 / plants.rate_hz, np.eye(n_u), np.zeros((n_u, n_u))
-    kp, kd, ki = (np.broadcast_to(part, (N, n_u))[:, :, None] * unit for part in (gains.kp, gains.kd, gains.ki))
+    kp, kd, ki = (np.broadcast_to(gain, (N, n_u))[:, :, None] * unit for gain in (gains.kp, gains.kd, gains.ki))
     # States y_(k-1) and T sum e of e_k = -(k_p + k_d / T) y_k + k_d / T y_(k-1).
     A, B = _blocks([[zeros, zeros], [kd, unit]]), _blocks([[unit], [-T * kp - kd]])
     C, D = _blocks([[kd / T, ki]]), -kp - kd / T

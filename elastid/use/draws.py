@@ -32,21 +32,21 @@ def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = 
     configuration: whose parameters count, where configurations have their own.  FitError where nearly no draw is a
     physical robot.
     """
-    covariance, exact = result.covariance_of_prediction, replace(result.known_robot, tolerances="exact")
+    covariance, exact = result.covariance_of_prediction, replace(result.nominal_robot, tolerances="exact")
     names = result.parameters.dependent_names(configuration)
     axes, rng = principal_axes(covariance), np.random.default_rng(seed)
-    samples, values, robots, n_bad = [], [], list[Robot](), 0
+    samples, values, robots, n_bad, factors = [], [], list[Robot](), 0, result.model_error_factors
     while len(robots) < count:
         x = result.x + rng.standard_normal(len(axes)) @ axes
-        sizes = rng.standard_normal(len(result.doubts))
-        moved_by_doubts = sum((size * doubt.effects for size, doubt in zip(sizes, result.doubts, strict=True)), 0.0 * x)
-        x = np.clip(x + moved_by_doubts, *result.parameters.x_bounds)
+        sizes = rng.standard_normal(len(factors))
+        model_error_shift = sum((z * factor.effects for z, factor in zip(sizes, factors, strict=True)), 0.0 * x)
+        x = np.clip(x + model_error_shift, *result.parameters.x_bounds)
         numbers = result.parameters.numbers(x, configuration)
         row = [numbers[name] for name in names]
         numbers.pop(DELAY, None)
-        for size, doubt in zip(sizes, result.doubts, strict=True):
-            members = [name for name in doubt.members if name in numbers]
-            numbers |= {name: doubt.with_error(name, numbers[name], float(size)) for name in members}
+        for size, factor in zip(sizes, factors, strict=True):
+            members = [name for name in factor.members if name in numbers]
+            numbers |= {name: factor.with_error(name, numbers[name], float(size)) for name in members}
         try:
             robots.append(exact.with_parameters(numbers))
         except ValueError:
@@ -60,6 +60,6 @@ def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = 
                 ) from None
         else:
             values.append(row)
-            samples.append(np.append(x - moved_by_doubts, sizes))
+            samples.append(np.append(x - model_error_shift, sizes))
     fixed = [p.name for p, v in zip(result.parameters.free, np.diag(covariance), strict=True) if np.isinf(v)]
     return DrawnRobots(names, np.array(samples), np.array(values), tuple(robots), tuple(fixed))

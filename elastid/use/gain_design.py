@@ -85,12 +85,12 @@ def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIM
 
 def _with_notch(scene: Scene, best: Cascade) -> Iterator[Cascade]:
     """Yield cascades with a shallow notch more for one axis, below and above the peak to which it contributes most."""
-    left, size, right = np.linalg.svd(scaled(best.on(scene).S, scene.plants.inertia))
-    parts = np.abs(left[..., 0] * right[..., 0, :]) * size[..., :1]
+    U, size, Vh = np.linalg.svd(scaled(best.on(scene).S, scene.plants.inertia))
+    contributions = np.abs(U[..., 0] * Vh[..., 0, :]) * size[..., :1]
     for axis in range(len(best.velocity_gain)):
         if best.axes.count(axis) >= MAX_NOTCHES:
             continue
-        freq_hz = scene.freq_hz[np.unravel_index(int(parts[..., axis].argmax()), parts.shape[:2])]
+        freq_hz = scene.freq_hz[np.unravel_index(int(contributions[..., axis].argmax()), contributions.shape[:2])]
         for ratio in (0.8, 1.25):
             row = np.array([[min(freq_hz * ratio, HIGHEST * scene.plants.rate_hz), 0.7, 0.7]])
             yield replace(best, notches=np.vstack([best.notches, row]), axes=(*best.axes, axis))
@@ -106,11 +106,11 @@ def tune_gains(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROU
 
     n = len(start.velocity_gain)
     uphill = np.eye(n, len(start.vector)).sum(axis=0) / n  # the mean of ln K_p over the axes
-    best, reach = slow_down(start, is_accepted), _REACH
+    best, step_bound = slow_down(start, is_accepted), _REACH
     if best is None:
         return None
     for _ in range(rounds):
-        low, high = best.bounds(reach, scene.plants.rate_hz)
+        low, high = best.bounds(step_bound, scene.plants.rate_hz)
         optimum = minimize(
             lambda x: (-uphill @ x, -uphill), best.vector, jac=True, method="SLSQP",
             bounds=list(zip(low, high, strict=True)), options={"maxiter": _STEPS, "ftol": 1e-5},
@@ -122,8 +122,8 @@ def tune_gains(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROU
         trial = slow_down(best.at(x), is_accepted, 20) if np.isfinite(x).all() else None
         gain = (trial or best).reached(scene) - best.reached(scene)
         best = trial if trial and gain > 0 else best
-        reach /= 3 if gain < 0.005 else 1
-        if reach < 0.05:
+        step_bound /= 3 if gain < 0.005 else 1
+        if step_bound < 0.05:
             break
     return best
 
@@ -132,16 +132,16 @@ def sensitivity_margin(scene: Scene, form: Cascade, limit_db: float) -> tuple[Fl
     """Return limit less M_S, dB (n,), of each part of the band of each plant, and slopes (n, n_x) to logarithms x."""
     closed, root = form.on(scene), np.sqrt(scene.plants.inertia)
     S, sizes = closed.S, closed.size
-    parts = np.array_split(np.arange(sizes.shape[1]), _BANDS)
-    lines = np.array([part[size[part].argmax()] for size in sizes for part in parts])
+    bands = np.array_split(np.arange(sizes.shape[1]), _BANDS)
+    lines = np.array([band[size[band].argmax()] for size in sizes for band in bands])
     rows = np.repeat(np.arange(len(sizes)), _BANDS)
     margin_db = limit_db - 0.02 - 20 * np.log10(sizes[rows, lines])
     # d sigma = -Re u^H S dF P S v in scaled coordinates.
     at, scale, owners = S[rows, lines], root[rows], form.owners
     left, sigma, right = np.linalg.svd(at / scale[:, :, None] * scale[:, None, :])
-    before = np.einsum("ki,kij->kj", left[:, :, 0].conj() / scale, at)
-    after = np.einsum("kij,kjl,kl->ki", scene.P[rows, lines], at, right[:, 0].conj() * scale)
-    through = before * closed.F[rows, lines] * after
+    left_factor = np.einsum("ki,kij->kj", left[:, :, 0].conj() / scale, at)
+    right_factor = np.einsum("kij,kjl,kl->ki", scene.P[rows, lines], at, right[:, 0].conj() * scale)
+    through = left_factor * closed.F[rows, lines] * right_factor
     log_slopes = form.log_slopes(scene.delay[rows, lines], scene.plants.rate_hz)
     slopes = -(through[:, owners] * log_slopes).real / sigma[:, :1]
     if not closed.stable.all():  # a step too far counts as farther than any limit

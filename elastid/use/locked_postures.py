@@ -10,6 +10,7 @@ equations once, with the fitted numbers as constants. Robots with loops are line
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import starmap
 
 import casadi as ca
 import numpy as np
@@ -93,10 +94,10 @@ class LockedEquations:
         gradient, (c, b) = model.potential_gradient(q, theta)[free], model.strain(q, theta)
         varied = ca.vertcat(*(ca.densify(N.T @ A @ N)[lower] for A in (M, D, K)), ca.vec(ca.densify(J)))
         slopes = ca.jacobian(varied, theta)[:, dependent], ca.jacobian(varied, q)[:, free]
-        parts = [varied, *slopes, ca.jacobian(gradient, theta)[:, dependent], c, b @ N]
+        expressions = [varied, *slopes, ca.jacobian(gradient, theta)[:, dependent], c, b @ N]
         numbers = ca.DM(model.carried(family.theta, family.request.payload is not False))
-        named = (ca.Function("of", [q, lambda_, theta], each) for each in ([gradient, K[free, free], M], parts))
-        dense = ([ca.densify(part) for part in function(q, ca.DM(0, 1), numbers)] for function in named)
+        named = (ca.Function("of", [q, lambda_, theta], each) for each in ([gradient, K[free, free], M], expressions))
+        dense = ([ca.densify(expression) for expression in function(q, ca.DM(0, 1), numbers)] for function in named)
         statics, linear = (ca.Function("at", [q], outputs, {"cse": True}) for outputs in dense)
         return statics, linear
 
@@ -134,8 +135,8 @@ class LockedEquations:
         model, follows = self.family.model, self.family.linearisation.follows
         poses = frame_poses(model.robot_at(self.family.theta), q[:, : len(model.robot.joints)], self.family.frame)
         if model.n_c or not locked_motor_motions(model.B).size:
-            rows = [self._linearised(*row) for row in zip(angles, q, strict=True)]
-            return LockedPostures(*(np.array(part) for part in (*zip(*rows, strict=True), poses.position)))
+            rows = list(starmap(self._linearised, zip(angles, q, strict=True)))
+            return LockedPostures(*(np.array(values) for values in (*zip(*rows, strict=True), poses.position)))
         varied, slopes, of_q, pull, stiffness, deflection = evaluate_rows(self._functions[1], q)
         if follows:
             slopes = slopes - of_q @ np.linalg.solve(evaluate_rows(self._functions[0], q)[1], pull)
@@ -153,9 +154,9 @@ class LockedEquations:
         slopes = [linear.slopes.get(family.estimated.names[row], Slope()) for row in self.dependent]
 
         def stacked(letter: str) -> FloatArray:
-            parts, zero = [getattr(slope, letter) for slope in slopes], np.zeros_like(getattr(linear, letter))
-            return np.stack([zero if part is None else part for part in parts], axis=-1)
+            matrices, zero = [getattr(slope, letter) for slope in slopes], np.zeros_like(getattr(linear, letter))
+            return np.stack([zero if matrix is None else matrix for matrix in matrices], axis=-1)
 
         triangles = np.concatenate([stacked(letter)[np.tril_indices(linear.n)] for letter in "MDK"])
-        c, b = (part.full() for part in family.model.strain(q, family.theta))
+        c, b = (matrix.full() for matrix in family.model.strain(q, family.theta))
         return linear.M, linear.D, linear.K, linear.C, triangles, stacked("C"), c[:, 0], b @ linear.Z

@@ -55,7 +55,7 @@ def assess(
     ends, drawn_peaks = np.full((2, *peaks.shape), np.nan), np.zeros(0)
     if drawn is not None:
         D = len(drawn) // len(plants)
-        tiled = gains.gain_derivatives(lambda part: np.tile(np.broadcast_to(part, bandwidth.shape), (D, 1)))
+        tiled = gains.gain_derivatives(lambda gain: np.tile(np.broadcast_to(gain, bandwidth.shape), (D, 1)))
         of_draws = Closed(Scene.of(drawn, 120, 9), tiled, filters).peaks_db.reshape(D, -1)
         # Sorted: quantiles of infinities would be NaN.
         ends = np.sort(of_draws, axis=0)[[int(0.025 * (D - 1)), int(np.ceil(0.975 * (D - 1)))]]
@@ -117,7 +117,7 @@ def todays_loops(family: PostureFamily, drawn: Plants | None, spec: ControllerSp
     """Assess a controller in all postures; gains that follow from a bandwidth differ from posture to posture."""
     model, theta = family.family.model, family.family.theta
     first, *others = (gains_of(model, equilibrium(model, theta, posture).q, spec) for posture in family.configurations)
-    gains = first.gain_derivatives(lambda *parts: np.array(parts), *others)
+    gains = first.gain_derivatives(lambda *gains_: np.array(gains_), *others)
     return assess(TODAY, family, drawn, gains, filters_of(family.axes, spec, family.rate_hz))
 
 

@@ -17,20 +17,11 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import (
-    BoolArray,
-    ComplexArray,
-    FloatArray,
-    IntArray,
-    empty_in_file,
-    frozen_value,
-    labelled,
-    laplace_variable,
-    release,
-)
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value, labelled, laplace_variable
 from elastid.base.errors import StudyError
 from elastid.base.execution import HERE, Execution
 from elastid.base.kernels import is_compiled
+from elastid.base.large_arrays import empty_in_file, release
 from elastid.base.matrices import singular_values
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.posture import Family, PredictionPorts
@@ -41,7 +32,7 @@ from elastid.linear.response.kernel import Elimination, solved_products
 from elastid.use.locked_postures import LockedEquations, LockedPostures
 
 LINES, CURVE_LINES = 300, 120
-SAMPLE, LISTED = 2000, 10  # postures on a page: spread evenly over the map, and the softest
+SAMPLE, N_SOFTEST = 2000, 10  # postures on a page: spread evenly over the map, and the softest
 
 
 @dataclass(frozen=True)
@@ -93,35 +84,38 @@ QUANTITIES: dict[str, tuple[str, str]] = {
 Values: TypeAlias = dict[str, tuple[FloatArray, FloatArray]]
 
 
-@np.errstate(invalid="ignore")  # of modes that there are not
+@np.errstate(invalid="ignore")  # postures with fewer modes than others have NaN
 def map_columns(
     equations: LockedEquations, lines_hz: FloatArray, curve_hz: FloatArray, cut: Cut, angles: FloatArray
 ) -> tuple[BoolArray, dict[str, FloatArray]]:
-    """Return whether each posture (N,) has an equilibrium, and the columns of a map of those that have one, Q.
+    """Return whether each of N postures has an equilibrium, and the columns of a map of the Q postures that have one.
 
-    angles (N, n_u).  curve_hz (L,): of a curve.  Quantities are (Q, 2): value and standard deviation.
+    angles (N, n_u), rad or m.  curve_hz (L,): lines of the curves.  Quantities are (Q, 2): value and std.
     """
     q, has_rest = equations.rest(angles)
     if not has_rest.any():
         return has_rest, {}
-    at, e = equations.at(angles[has_rest], q[has_rest]), equations.family.estimated
-    (poles, shapes, _), slopes_of_x = oscillations(at.M, at.D, at.K), e.slopes[equations.dependent]
-    freq_hz, zeta, shifts = np.abs(poles) / (2 * np.pi), -poles.real / np.abs(poles), e.axes @ slopes_of_x.T
-    peak_hz, chatter_hz = _extremes(at, freq_hz, zeta, lines_hz, cut)
+    models, estimate = equations.at(angles[has_rest], q[has_rest]), equations.family.estimated
+    (poles, shapes, _), slopes_of_x = (
+        oscillations(models.M, models.D, models.K),
+        estimate.slopes[equations.dependent],
+    )
+    freq_hz, zeta, shifts = np.abs(poles) / (2 * np.pi), -poles.real / np.abs(poles), estimate.axes @ slopes_of_x.T
+    peak_hz, chatter_hz = _extremes(models, freq_hz, zeta, lines_hz, cut)
     static_hz = 1e-5 * np.nanmin(freq_hz, axis=1, initial=lines_hz[0])  # a force so slow finds the robot at rest
     s = laplace_variable(np.column_stack([static_hz, peak_hz, chatter_hz]))
-    responses = _Responses(at, s, at.motions(s, np.eye(3)[None]), shifts)
+    responses = _Responses(models, s, models.motions(s, np.eye(3)[None]), shifts)
     compliance, axes = responses.principal_compliances
     softest = axes[:, :, 0]
     values = responses.static_values(compliance[:, 0], softest, np.array(cut.load)) | responses.dynamic_values(cut)
-    values |= _frequencies(at, poles, shapes, slopes_of_x, e.covariance)
-    u = np.linalg.solve(at.K, at.J.mT @ softest[:, :, None])
-    energy = (u.mT @ at.K @ u)[:, :, 0]
-    fractions = at.stiffness * (at.deflection @ u)[:, :, 0] ** 2 / np.where(energy > 0, energy, np.inf)
-    magnitude, magnitude_std = _curve(at, softest, curve_hz, shifts)
+    values |= _frequencies(models, poles, shapes, slopes_of_x, estimate.covariance)
+    deflection = np.linalg.solve(models.K, models.J.mT @ softest[:, :, None])
+    energy = (deflection.mT @ models.K @ deflection)[:, :, 0]
+    fractions = models.stiffness * (models.deflection @ deflection)[:, :, 0] ** 2 / np.where(energy > 0, energy, np.inf)
+    magnitude, magnitude_std = _curve(models, softest, curve_hz, shifts)
     return has_rest, {name: np.stack(value, axis=1) for name, value in values.items()} | {
         "angles": angles[has_rest], "axes": axes, "chatter_hz": chatter_hz, "compliance_fraction": fractions,
-        "position": at.position, "magnitude": magnitude, "magnitude_std": magnitude_std,
+        "position": models.position, "magnitude": magnitude, "magnitude_std": magnitude_std,
     }  # fmt: skip
 
 
@@ -132,7 +126,7 @@ class _Responses:
     shifts (n_a, P): shifts of the parameters by one standard deviation in each independent direction.
     """
 
-    at: LockedPostures
+    models: LockedPostures
     s: ComplexArray
     X: ComplexArray
     shifts: FloatArray
@@ -140,12 +134,12 @@ class _Responses:
     @cached_property
     def H(self) -> ComplexArray:
         """Compliance (Q, 3, 3, 3) of the frame at the three lines."""
-        return self.at.J[:, None] @ self.X
+        return self.models.J[:, None] @ self.X
 
     def std(self, line: int, a: ComplexArray | FloatArray, b: ComplexArray | FloatArray) -> FloatArray:
         """Return standard deviations (Q,) of Re a^T G b of directions a, b (Q, 3)."""
         pair = ((self.X[:, line] @ direction[:, :, None]).mT for direction in (a, b))
-        slopes = self.at.response_slopes(self.s[:, line, None], a, b, *pair)[:, 0]
+        slopes = self.models.response_slopes(self.s[:, line, None], a, b, *pair)[:, 0]
         return np.asarray(np.linalg.norm(slopes.real @ self.shifts.T, axis=1))
 
     @property
@@ -175,20 +169,20 @@ class _Responses:
         real = self.H[:, 2].real
         worst = np.linalg.eigh(real)[1][:, :, 0]
         n, f = (np.broadcast_to(direction, worst.shape) for direction in cut.directions or (worst, worst))
-        least = np.einsum("qi,qij,qj->q", n, real, f)
-        least = np.where(least < 0, least, np.nan)
-        depth = -1 / (2 * cut.cutting_coefficient * least)
-        depth_std = depth / -least * self.std(2, n, f)
-        return {"dynamic_compliance": peak, "depth_of_cut": (np.where(least < 0, depth, np.inf), depth_std)}
+        min_real = np.einsum("qi,qij,qj->q", n, real, f)
+        min_real = np.where(min_real < 0, min_real, np.nan)
+        depth = -1 / (2 * cut.cutting_coefficient * min_real)
+        depth_std = depth / -min_real * self.std(2, n, f)
+        return {"dynamic_compliance": peak, "depth_of_cut": (np.where(min_real < 0, depth, np.inf), depth_std)}
 
 
 def _frequencies(
-    at: LockedPostures, poles: ComplexArray, shapes: ComplexArray, slopes_of_x: FloatArray, covariance: FloatArray
+    models: LockedPostures, poles: ComplexArray, shapes: ComplexArray, slopes_of_x: FloatArray, covariance: FloatArray
 ) -> Values:
     """Return the first three natural frequencies; NaN if the robot has fewer coordinates."""
     lowest, phi = poles[:, :3], shapes[:, :, :3].mT
-    norm = np.einsum("qmi,qmij,qmj->qm", phi, 2 * lowest[..., None, None] * at.M[:, None] + at.D[:, None], phi)
-    slopes = -(lowest.conj() / norm / np.abs(lowest))[..., None] * at.slopes(lowest, phi, phi)
+    norm = np.einsum("qmi,qmij,qmj->qm", phi, 2 * lowest[..., None, None] * models.M[:, None] + models.D[:, None], phi)
+    slopes = -(lowest.conj() / norm / np.abs(lowest))[..., None] * models.slopes(lowest, phi, phi)
     rows, swings = np.full((3, 2, len(poles)), np.nan), ~np.isnan(lowest)
     rows[: lowest.shape[1], 0] = np.abs(lowest).T / (2 * np.pi)
     rows[: lowest.shape[1], 1].T[swings] = deviation((slopes.real @ slopes_of_x)[swings] / (2 * np.pi), covariance)
@@ -196,29 +190,37 @@ def _frequencies(
 
 
 def _curve(
-    at: LockedPostures, direction: FloatArray, curve_hz: FloatArray, shifts: FloatArray
+    models: LockedPostures, direction: FloatArray, curve_hz: FloatArray, shifts: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return magnitude (Q, L) of the dynamic compliance along a direction (Q, 3), and its standard deviation."""
     s = laplace_variable(curve_hz[None])
-    x = at.motions(s, direction[:, :, None])[..., 0]
-    G, slopes = (x @ at.J.mT @ direction[:, :, None])[..., 0], at.response_slopes(s, direction, direction, x, x)
+    x = models.motions(s, direction[:, :, None])[..., 0]
+    G, slopes = (
+        (x @ models.J.mT @ direction[:, :, None])[..., 0],
+        models.response_slopes(s, direction, direction, x, x),
+    )
     magnitude = np.maximum(np.abs(G), 1e-300)
     of_magnitude = (G.conj()[..., None] * slopes).real / magnitude[..., None]
     return magnitude, np.linalg.norm(of_magnitude @ shifts.T, axis=2)
 
 
 def _extremes(
-    at: LockedPostures, freq_hz: FloatArray, zeta: FloatArray, lines_hz: FloatArray, cut: Cut
+    models: LockedPostures, freq_hz: FloatArray, zeta: FloatArray, lines_hz: FloatArray, cut: Cut
 ) -> tuple[FloatArray, FloatArray]:
     """Return lines (Q,) of the largest response and the most negative real part.  freq_hz, zeta (Q, n): NaN beyond."""
     zeta = np.clip(zeta, 0.0, 1.0)
     # Where each mode peaks, and where its real part is most negative.
     extremes = [np.sqrt(np.maximum(1 - 2 * zeta**2, 1e-4)), np.sqrt(1 + 2 * zeta)]
-    near = np.nan_to_num(np.hstack([freq_hz * each for each in extremes])).clip(lines_hz[0], lines_hz[-1])
-    lines = np.hstack([np.broadcast_to(lines_hz, (len(near), len(lines_hz))), near])
-    elimination = Elimination.of(np.any([A.any(axis=0) for A in (at.M, at.D, at.K)], axis=0))
+    mode_lines = np.nan_to_num(np.hstack([freq_hz * factor for factor in extremes])).clip(lines_hz[0], lines_hz[-1])
+    lines = np.hstack([np.broadcast_to(lines_hz, (len(mode_lines), len(lines_hz))), mode_lines])
+    elimination = Elimination.of(np.any([A.any(axis=0) for A in (models.M, models.D, models.K)], axis=0))
     products, rows = elimination.products if is_compiled() else solved_products, np.arange(len(lines))
-    G = np.array([products(at.M[q], at.D[q], at.K[q], 2 * np.pi * lines[q], at.J[q].T, at.J[q].T) for q in rows])
+    G = np.array(
+        [
+            products(models.M[q], models.D[q], models.K[q], 2 * np.pi * lines[q], models.J[q].T, models.J[q].T)
+            for q in rows
+        ]
+    )
     if cut.directions is None:  # c I - Re G is positive, its largest eigenvalue c less the smallest of Re G
         c = np.linalg.norm(G.real, axis=(2, 3))
         real = c - largest_gain((c[:, :, None, None] * np.eye(3) - G.real).astype(complex))
@@ -254,19 +256,19 @@ class Quantity:
     def interval(self) -> tuple[FloatArray, FloatArray]:
         """Ends (Q,) of the 95 % intervals."""
         with np.errstate(over="ignore", invalid="ignore"):
-            reach = np.exp(QUANTILE_95 * self.relative_std)
-            return self.value / reach, (self.value * reach)
+            factor = np.exp(QUANTILE_95 * self.relative_std)
+            return self.value / factor, (self.value * factor)
 
 
 @frozen_value
 class WorkspaceMap:
     """Quantities of Q postures with an equilibrium, motors locked, in the axes of the base.
 
-    angles (Q, n_u): of the driven joints `joints`.  asked (Q,): number of each among the requested postures; those
-    without an equilibrium are `refused`.  sliding: of each joint, True where it slides.  position (Q, 3): of the frame.
-    axes (Q, 3, 3): directions of the principal static compliances, columns, the softest first.  springs,
-    compliance_fraction (Q, n_s): part of each spring in the compliance of the softest direction.
-    curve_hz (L,): of `magnitude`.
+    angles (Q, n_u): of the driven joints `joints`.  asked (Q,): index of each posture among the requested ones.
+    refused: indices of the requested postures without an equilibrium.  sliding: True for each joint that slides.
+    position (Q, 3): of the frame.  axes (Q, 3, 3): directions of the principal static compliances, columns, the softest
+    first.  springs, compliance_fraction (Q, n_s): contribution of each spring to the compliance of the softest
+    direction.  curve_hz (L,): lines of `magnitude`.
     """
 
     name: str
@@ -296,33 +298,33 @@ class WorkspaceMap:
     def __len__(self) -> int:
         return len(self.angles)
 
-    def part(self, rows: IntArray) -> "WorkspaceMap":
-        """Return the map of some postures, by their rising rows (n,)."""
+    def subset(self, rows: IntArray) -> "WorkspaceMap":
+        """Return the map of a subset of its postures; rows (n,): their indices, ascending."""
 
-        def column(of: Any, name: str) -> Any:
-            values, pieces = getattr(of, name), []
+        def select(values: Any) -> Any:
+            pieces = []
             for piece in np.array_split(rows, 1 + len(rows) // 200):  # a system maps 64 KB about each row of a file
                 pieces.append(values[piece])
                 release(values)
             return np.concatenate(pieces)
 
         names = "angles asked position axes compliance_fraction chatter_hz magnitude magnitude_std"
-        columns = {name: column(self, name) for name in names.split()}
-        quantities = tuple(replace(q, **{name: column(q, name) for name in ("value", "std")}) for q in self.quantities)
+        columns = {name: select(getattr(self, name)) for name in names.split()}
+        quantities = tuple(replace(q, value=select(q.value), std=select(q.std)) for q in self.quantities)
         return replace(self, quantities=quantities, **columns)
 
     @cached_property
     def sample(self) -> "WorkspaceMap":
-        """The map of SAMPLE postures spread evenly, the LISTED softest and the stiffest, for pages and figures."""
+        """The map of SAMPLE postures spread evenly, the N_SOFTEST softest and the stiffest, for pages and figures."""
         if len(self) <= SAMPLE:
             return self
-        C, ends = self["softest_compliance"].value, np.zeros(0, int)
+        compliance, extremes = self["softest_compliance"].value, np.zeros(0, int)
         for first in range(0, len(self), SAMPLE):
-            ends = np.append(ends, np.arange(first, min(first + SAMPLE, len(self))))
-            ends = ends[np.argsort(-C[ends], kind="stable")]
-            ends = np.append(ends[:LISTED], ends[-1])
-            release(C)
-        return self.part(np.union1d(np.linspace(0, len(self) - 1, SAMPLE).round().astype(int), ends))
+            rows = np.append(extremes, np.arange(first, min(first + SAMPLE, len(self))))
+            rows = rows[np.argsort(-compliance[rows], kind="stable")]
+            extremes = np.append(rows[:N_SOFTEST], rows[-1])
+            release(compliance)
+        return self.subset(np.union1d(np.linspace(0, len(self) - 1, SAMPLE).round().astype(int), extremes))
 
     @property
     def softest(self) -> IntArray:
@@ -331,7 +333,7 @@ class WorkspaceMap:
 
     @property
     def limiting_springs(self) -> tuple[str, ...]:
-        """The spring with the largest part in the softest direction of each posture."""
+        """The spring with the largest contribution to the softest direction of each posture."""
         if not self.springs:
             return ("",) * len(self)
         return tuple(self.springs[i] for i in np.argmax(self.compliance_fraction, axis=1))
@@ -348,22 +350,22 @@ def map_workspace(
     is_path: bool = False,
     execution: Execution = HERE,
 ) -> WorkspaceMap:
-    """Map postures (Q, n_u) of a fitted robot; StudyError where none of them has an equilibrium.
+    """Map postures (N, n_u), rad or m, of a fitted robot; StudyError if none of them has an equilibrium.
 
-    fitted: or its family in the axes of the base, built before.  frame: by default `tool`, else the last one.
-    lines_hz (F,): by default LINES of them over the modes.  Maps of many postures are in temporary files.
+    fitted: a result, or its family in the axes of the base.  frame: default `tool`, else the last frame.
+    lines_hz (F,): default LINES lines over the modes.  Maps of many postures are in temporary files.
     """
     cut = cut or Cut()
     family = fitted if isinstance(fitted, Family) else fitted.family(PredictionPorts(frame=frame, axes="world"))
     equations, N, columns = LockedEquations(family), len(angles), dict[str, Any]()
     lines = default_lines(equations, angles) if lines_hz is None else np.asarray(lines_hz, float)
     curve = np.geomspace(lines[0], lines[-1], CURVE_LINES)
-    work, has_rest = partial(_in_parts, partial(map_columns, equations, lines, curve, cut)), np.zeros(N, bool)
+    work, has_rest = partial(_in_batches, partial(map_columns, equations, lines, curve, cut)), np.zeros(N, bool)
     pieces = [np.asarray(angles[first : first + SAMPLE]) for first in range(0, N, SAMPLE)]
-    for i, (rests, part) in execution.unordered(work, pieces):
-        rows = SAMPLE * i + np.flatnonzero(rests)
+    for i, (batch_has_rest, batch) in execution.unordered(work, pieces):
+        rows = SAMPLE * i + np.flatnonzero(batch_has_rest)
         has_rest[rows] = True
-        for key, values in (part | {"asked": rows}).items():
+        for key, values in (batch | {"asked": rows}).items():
             if key not in columns:
                 columns[key] = (empty_in_file if N > 5 * SAMPLE else np.empty)((N, *values.shape[1:]), values.dtype)
             columns[key][rows] = values
@@ -375,14 +377,7 @@ def map_workspace(
             f"robot {family.robot.name} has no equilibrium in any of the {N} postures. Check that the loops can "
             "reach the postures, and the units of springs and masses",
         )
-    for key, column in columns.items():
-        n = 0
-        for first in range(0, N, SAMPLE):
-            values = column[first : first + SAMPLE][has_rest[first : first + SAMPLE]]
-            column[n : (n := n + len(values))] = values
-            release(column)
-        column.flags.writeable = False
-        columns[key] = column[:n]
+    columns = {key: _keep_rows(column, has_rest) for key, column in columns.items()}
     quantities = tuple(Quantity(key, text, unit, *columns.pop(key).T) for key, (unit, text) in QUANTITIES.items())
     driven = family.robot.driven
     return WorkspaceMap(
@@ -393,17 +388,32 @@ def map_workspace(
     )  # fmt: skip
 
 
-def _in_parts(function: Callable[[FloatArray], Any], angles: FloatArray) -> tuple[BoolArray, dict[str, FloatArray]]:
+def _keep_rows(column: Any, has_rest: BoolArray) -> Any:
+    """Move the rows with an equilibrium to the front of a column, in place, and return them read-only."""
+    n = 0
+    for first in range(0, len(column), SAMPLE):
+        values = column[first : first + SAMPLE][has_rest[first : first + SAMPLE]]
+        column[n : (n := n + len(values))] = values
+        release(column)
+    column.flags.writeable = False
+    return column[:n]
+
+
+def _in_batches(function: Callable[[FloatArray], Any], angles: FloatArray) -> tuple[BoolArray, dict[str, FloatArray]]:
     """Apply `map_columns` to 50 postures at a time, which fit into a cache; returns the joined columns."""
-    rests, parts = zip(*(function(angles[first : first + 50]) for first in range(0, len(angles), 50)), strict=True)
-    names = max(parts, key=len)
-    return np.concatenate(rests), {key: np.concatenate([part[key] for part in parts if part]) for key in names}
+    has_rest, columns = zip(*(function(angles[first : first + 50]) for first in range(0, len(angles), 50)), strict=True)
+    names = max(columns, key=len)
+    return np.concatenate(has_rest), {key: np.concatenate([batch[key] for batch in columns if batch]) for key in names}
 
 
 def default_lines(equations: LockedEquations, angles: FloatArray) -> FloatArray:
     """Return LINES lines (F,) from half the first natural frequency of some postures to twice their sixth, or last."""
-    sample = angles[:: max(1, len(angles) // 20)][:20]
-    q, rests = equations.rest(sample)
-    at = equations.at(sample[rests], q[rests]) if rests.any() else None
-    freq_hz = np.array([2.0, 50.0]) if at is None else np.abs(oscillations(at.M, at.D, at.K)[0][:, :6]) / (2 * np.pi)
+    some_angles = angles[:: max(1, len(angles) // 20)][:20]
+    q, has_rest = equations.rest(some_angles)
+    models = equations.at(some_angles[has_rest], q[has_rest]) if has_rest.any() else None
+    freq_hz = (
+        np.array([2.0, 50.0])
+        if models is None
+        else np.abs(oscillations(models.M, models.D, models.K)[0][:, :6]) / (2 * np.pi)
+    )
     return np.geomspace(np.nanmin(freq_hz) / 2, 2 * np.nanmax(freq_hz), LINES)

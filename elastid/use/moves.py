@@ -46,9 +46,9 @@ class MotionLimits:
         low, high = np.where(finite[:, None], self.angle, 0.0).T
         return (low + high) / 2, np.where(finite, (high - low) / 2, np.inf)
 
-    def narrowed(self, parts: dict[str, FloatArray]) -> "MotionLimits":
+    def narrowed(self, factors: dict[str, FloatArray]) -> "MotionLimits":
         """Return the limits, each named kind multiplied by a factor (n_u,)."""
-        return replace(self, **{kind: getattr(self, kind) * part for kind, part in parts.items()})
+        return replace(self, **{kind: getattr(self, kind) * factor for kind, factor in factors.items()})
 
 
 @frozen_value(eq=False)

@@ -13,9 +13,10 @@ import numpy as np
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
-from elastid.base.arrays import BoolArray, FloatArray, empty_in_file, release
+from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.files import name_and_unit, read_table
+from elastid.base.large_arrays import empty_in_file, release
 from elastid.base.units import factor
 from elastid.model.closed_posture import are_closed, followed, rates
 from elastid.model.kinematics import frame_jacobians, frame_poses

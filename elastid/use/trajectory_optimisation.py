@@ -13,6 +13,7 @@ The solver is IPOPT (Wachter and Biegler, Mathematical Programming 106, 2006) wi
 error. The result is the best plan within the limits, or the plan with the shortest time.
 """
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -81,7 +82,7 @@ class CommandedRobot:
         phi = m.constraint(q, m.theta)[rows]
         Phi = ca.jacobian(phi, q)
         force = m.mass(q, m.theta) @ a + m.force(q, v, m.theta) + self.friction(v) + Phi.T @ lambda_
-        results = [ca.densify(part) for part in (force, phi, Phi)]
+        results = [ca.densify(expression) for expression in (force, phi, Phi)]
         return ca.Function("balance", [q, v, a, lambda_], results, {"cse": True})
 
     def friction(self, v: ca.SX, of_motors: bool = False) -> ca.SX:
@@ -104,13 +105,13 @@ class CommandedRobot:
         if self.model.n_u > 3:  # the orientation is followed, too
             axes = rotation(layout, joint_turns, seat)
             error = ca.vertcat(error, LEVER / 2 * sum(ca.cross(R[:, i], axes[:, i]) for i in range(3)))
-        results = [ca.densify(part) for part in (error, ca.jacobian(error, q))]
+        results = [ca.densify(expression) for expression in (error, ca.jacobian(error, q))]
         return ca.Function("tool", [q, p, ca.vec(R)], results, {"cse": True})
 
     def torque(self, q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
         """Return torques u (N, n_u) for a motion (N, n_q); forces in loops by least squares."""
         m, n, n_r = self.model, len(q), len(self.rows)
-        force, _, Phi = (part.full() for part in self.balance.map(n)(q.T, v.T, a.T, np.zeros((n_r, n))))
+        force, _, Phi = (values.full() for values in self.balance.map(n)(q.T, v.T, a.T, np.zeros((n_r, n))))
         carried = -Phi.reshape(n_r, n, m.n_q).transpose(1, 2, 0)
         columns = np.concatenate([np.broadcast_to(m.B, (n, *m.B.shape)), carried], axis=2)
         return np.asarray((np.linalg.pinv(columns) @ force.T[:, :, None])[:, : m.n_u, 0])
@@ -135,7 +136,7 @@ class CommandedRobot:
         for _ in range(8):
             q = equilibrium(self.model, self.model.theta, Configuration("move", motors)).q
             R = target.rotation.transpose(0, 2, 1).reshape(9)
-            error, J = (part.full() for part in self.tool(q, target.position[0], R))
+            error, J = (values.full() for values in self.tool(q, target.position[0], R))
             step = -np.linalg.pinv(J @ rigid_motion(self.model, q), rcond=1e-6) @ error[:, 0]
             if np.abs(step).max() < 1e-9:
                 return q
@@ -220,8 +221,8 @@ class _CollocationProblem:
         self.ends = [commanded.rest(angles) for angles in move.ends]
         self.count = N + DEGREE  # of coefficients
         splines = BSpline(self.knots, np.eye(self.count), DEGREE)
-        parts = np.array_split(times[1:-1], 1 + N // 200)  # dense matrices of few rows at a time
-        self.bases = [vstack([csc_array(splines(part, order)) for part in parts], "csc") for order in range(4)]
+        chunks = np.array_split(times[1:-1], 1 + N // 200)  # dense matrices of few rows at a time
+        self.bases = [vstack([csc_array(splines(chunk, order)) for chunk in chunks], "csc") for order in range(4)]
         self.target = commanded.poses(commanded.rigid(move, times[1:-1])[0])
         zeros = np.zeros((2, self.n_q))
         self.holding = commanded.torque(np.array(self.ends), zeros, zeros)
@@ -350,7 +351,7 @@ def shortest(
         return None
     low, high = sorted((duration, duration * step))
     while high > 1.01 * low:  # then the shortest one is known
-        middle = float(np.sqrt(low * high))
+        middle = math.sqrt(low * high)
         low, high = (low, middle) if can(middle) else (middle, high)
     return move.in_time(high)
 
@@ -364,14 +365,14 @@ def first_duration(commanded: CommandedRobot, move: Move, limits: MotionLimits) 
     path, a, start = unit.at(t) - unit.ends[0], unit.at(t, 2), commanded.rigid_posture(unit.ends[0])
     slow, quick = (feed_forward(commanded.model, start, path, 0 * path, x) for x in (0 * a, a))
     room = np.maximum(limits.torque - np.abs(slow), 0.05 * limits.torque)
-    times.append(float(np.sqrt((np.abs(quick - slow) / room).max())))
+    times.append(math.sqrt((np.abs(quick - slow) / room).max()))
     return 1.1 * max(times)
 
 
 def sample_plan(commanded: CommandedRobot, planned: Planned, rate_hz: float, until_s: float) -> References:
     """Sample a plan at even times up to until_s after its end, at rest there."""
     low, high = planned.q.t[0], planned.q.t[-1]
-    n = int(np.ceil((high + until_s - low) * rate_hz))
+    n = math.ceil((high + until_s - low) * rate_hz)
     time_s = low + np.arange(n + 1) / rate_hz
     m = commanded.model
     q, v, a, jerk = (evaluate_spline(planned.q, time_s, order) @ m.B for order in range(4))

@@ -309,4 +309,4 @@ def _by_octave(errors: FloatArray, rate_hz: float) -> Iterator[Octave]:
 
 
 def _rms(x: FloatArray) -> float:
-    return float(np.sqrt(np.mean(np.square(x))))
+    return math.sqrt(np.mean(np.square(x)))

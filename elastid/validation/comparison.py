@@ -126,15 +126,15 @@ class Comparison:
     trials: tuple[Trial, ...] = ()
 
 
-def divide(names: Sequence[str], parts: int) -> tuple[tuple[str, ...], ...]:
+def divide(names: Sequence[str], n_folds: int) -> tuple[tuple[str, ...], ...]:
     """Return the configurations in so many parts, each in one of them; 0: one a part. None for a single configuration.
 
-    The amplitudes of a posture are in one part: either would predict the other.
+    The amplitudes of a posture are in one fold: either would predict the other.
     """
     postures = list(dict.fromkeys(map(posture_of, names)))
-    n = min(parts or len(postures), len(postures))
+    n = min(n_folds or len(postures), len(postures))
     groups = [postures[i::n] for i in range(n)] if n > 1 else []
-    return tuple(tuple(name for name in names if posture_of(name) in part) for part in groups)
+    return tuple(tuple(name for name in names if posture_of(name) in fold) for fold in groups)
 
 
 Fit: TypeAlias = Callable[[Sequence[Elastic]], Mapping[Elastic, ComparedModel]]
@@ -227,9 +227,9 @@ def refit(responses: Sequence[Response], task: tuple[ComparedVariant, Sequence[s
     out = [response for response in responses if response.configuration.name in left_out]
     weights, names = variant.fit.weights, [response.configuration.name for response in fitted]
     factors = tuple(
-        replace(factor, configurations=part)
+        replace(factor, configurations=members)
         for factor in weights.factors
-        if (part := tuple(name for name in factor.configurations if name in names)) or not factor.configurations
+        if (members := tuple(name for name in factor.configurations if name in names)) or not factor.configurations
     )
     spec = replace(variant.fit, weights=replace(weights, factors=factors))
     try:
@@ -307,16 +307,9 @@ def _compared(name: str, refits: Sequence[Refit], criterion: float, configuratio
     squares = np.array([[score.rms_log_db, score.phase_rms_deg] for score in by_configuration]).reshape(-1, 2) ** 2
     db, deg = np.sqrt(squares.mean(axis=0)) if len(squares) else (math.nan, math.nan)
     return ComparedModel(
-        name,
-        full.n_free,
-        full.cost,
-        full.dof,
-        criterion,
-        np.array([score.misfit for score in by_configuration]),
-        float(db),
-        float(deg),
-        "; ".join(notes),
-    )
+        name, full.n_free, full.cost, full.dof, criterion, np.array([score.misfit for score in by_configuration]),
+        float(db), float(deg), "; ".join(notes),
+    )  # fmt: skip
 
 
 def _verdict(rows: Sequence[ComparedModel]) -> str:

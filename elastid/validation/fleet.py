@@ -211,8 +211,8 @@ def _trends(parameter: _Parameter, parameters: Iterable[_Parameter]) -> list[Fin
     return findings
 
 
-def _total_excess(parts: Iterable[_Excess]) -> _Excess:
-    sums, dofs = zip((0.0, 0.0), *parts, strict=True)
+def _total_excess(excesses: Iterable[_Excess]) -> _Excess:
+    sums, dofs = zip((0.0, 0.0), *excesses, strict=True)
     return sum(sums), sum(dofs)
 
 

@@ -35,7 +35,7 @@ from elastid.validation.residual_tests import (
 )
 
 # 95 % of a circular complex error are within so many times its std, sqrt(E|e|^2).
-CIRCULAR_95 = float(np.sqrt(-np.log(0.05)))
+CIRCULAR_95 = math.sqrt(-np.log(0.05))
 
 
 @frozen_value(eq=False)
@@ -86,10 +86,10 @@ def predict_response(result: Result, measured: Response, is_fitted: bool = False
 
     StudyError for places that the robot lacks, and where it finds no rest.
     """
-    motors, places = measured.motors, (measured.inputs, measured.outputs)
+    motors, locations = measured.motors, (measured.inputs, measured.outputs)
     from elastid.fit.posture import PredictionPorts, as_configuration  # equations, which a page does without
 
-    request = PredictionPorts(*places, motors, quantity=measured.quantity, controller=measured.loop)
+    request = PredictionPorts(*locations, motors, quantity=measured.quantity, controller=measured.loop)
     family = result.family(request, measured.configuration.name)
     band = family.at(as_configuration(measured.configuration, family.robot, ())).response_band(measured.freq_hz, LEVEL)
     predicted = replace(band.response, configuration=measured.configuration)
@@ -137,7 +137,7 @@ class FrfError:
 def pooled_rms(rms: FloatArray, lines: IntArray) -> float:
     """Return the mean-square sum of rms (...) weighted by the number of lines (...), as a root; NaN without lines."""
     mask = lines > 0
-    return float(np.sqrt(np.average(rms[mask] ** 2, weights=lines[mask]))) if mask.any() else math.nan
+    return math.sqrt(np.average(rms[mask] ** 2, weights=lines[mask])) if mask.any() else math.nan
 
 
 def are_white(agreements: Sequence[FrfError]) -> bool:
@@ -152,9 +152,9 @@ def noise_p(agreements: Sequence[FrfError]) -> float:
 
 def power_ratio(agreements: Sequence[FrfError]) -> tuple[float, float]:
     """Return ratio of residual power to noise power, over all configurations, and its degrees of freedom."""
-    tested = [(a.power_dof, a.power_ratio) for a in agreements if a.power_dof > 0]
-    dof = sum(weight for weight, _ in tested)
-    return (sum(weight * ratio for weight, ratio in tested) / dof, dof) if tested else (math.nan, 0.0)
+    pairs = [(a.power_dof, a.power_ratio) for a in agreements if a.power_dof > 0]
+    dof = sum(weight for weight, _ in pairs)
+    return (sum(weight * ratio for weight, ratio in pairs) / dof, dof) if pairs else (math.nan, 0.0)
 
 
 @dataclass(frozen=True)
@@ -238,18 +238,11 @@ def agreement(
     reference = np.maximum(np.maximum(np.abs(G), sigma), tiny)
     ratio, ratio_dof, white_p = _tests(measured, noise, Ghat - G, shifts)
     return FrfError(
-        measured.configuration.name,
-        is_validation,
-        measured.outputs,
-        measured.inputs,
-        is_judged.sum(axis=0),
+        measured.configuration.name, is_validation, measured.outputs, measured.inputs, is_judged.sum(axis=0),
         np.sqrt(_mean((20 * np.log10(np.maximum(np.abs(Ghat), tiny) / reference)) ** 2, is_judged)),
         np.sqrt(_mean(np.degrees(np.angle(Ghat * G.conj())) ** 2, is_judged)),
-        np.sqrt(_mean(np.abs(e) ** 2, has_noise) / _expected_power(noise, sigma)),
-        ratio,
-        ratio_dof,
-        white_p,
-    )
+        np.sqrt(_mean(np.abs(e) ** 2, has_noise) / _expected_power(noise, sigma)), ratio, ratio_dof, white_p,
+    )  # fmt: skip
 
 
 def _expected_power(noise: SmoothedNoise | None, sigma: FloatArray) -> FloatArray | float:
@@ -273,10 +266,10 @@ def _tests(
     return *power_over_noise(z, whiten, noise, shift_dof), white_by_chance(z)
 
 
-def _mean(values: FloatArray | BoolArray, where: BoolArray) -> FloatArray:
+def _mean(values: FloatArray | BoolArray, mask: BoolArray) -> FloatArray:
     """Return mean (n_y, n_u) along frequency over some lines, NaN without any."""
-    count = where.sum(axis=0)
-    return np.asarray(np.where(where, values, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan))
+    count = mask.sum(axis=0)
+    return np.asarray(np.where(mask, values, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan))
 
 
 def _verdict(agreements: Sequence[FrfError]) -> str:
@@ -300,8 +293,8 @@ def _verdict(agreements: Sequence[FrfError]) -> str:
     test = "the noise is unknown"
     if not math.isnan(p):
         test = f"residuals {color}, {math.sqrt(ratio):.3g} times the noise (rms)"
-    where = f"configuration {names}, which was not fitted"
-    return f"Validation {verdict}. The model predicts {where}: {test}. Error of the FRFs: {error} including noise."
+    subject = f"configuration {names}, which was not fitted"
+    return f"Validation {verdict}. The model predicts {subject}: {test}. Error of the FRFs: {error} including noise."
 
 
 def _over(agreements: Sequence[FrfError]) -> tuple[float, float]:

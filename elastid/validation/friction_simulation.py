@@ -78,15 +78,15 @@ def _record_of(motion: MotionFriction, records: Iterable[FrictionRecord]) -> Fri
 
 def _balance(fit: MotionFriction, record: FrictionRecord) -> TorqueBalance:
     signals = MotionSignals.of(fit.motion, fit.passband_hz)
-    parts: dict[str, FloatArray] = {}
+    components: dict[str, FloatArray] = {}
     if "inertia" not in fit.regression.names:
-        parts[RIGID_BODY] = signals.filtered(record.torque - fit.motion.torque)
+        components[RIGID_BODY] = signals.filtered(record.torque - fit.motion.torque)
     numbers = torque_components(fit.regression, columns_of(signals, fit.terms))
-    parts |= {PART_OF[name]: numbers[name] for name in TORQUE_COMPONENTS if name in numbers}
+    components |= {PART_OF[name]: numbers[name] for name in TORQUE_COMPONENTS if name in numbers}
     rate_hz = record.rate_hz / int(signals.decimation.step)
     torque, band_hz = signals.filtered(record.torque), (0.0, fit.passband_hz)
     return torque_balance(
-        f"joint {record.joint}", record.name, drive_unit(record.slides), rate_hz, torque, parts, band_hz
+        f"joint {record.joint}", record.name, drive_unit(record.slides), rate_hz, torque, components, band_hz
     )
 
 
@@ -188,8 +188,8 @@ def _rigid_torque(fit: MotionFriction, signals: MotionSignals, record: FrictionR
     """
     if fit.rigid_body is not None:
         return record.torque - fit.motion.torque
-    parts = torque_components(fit.regression, full_rate_columns(signals, fit.terms))
-    return parts["inertia"] + parts.get("gravity", 0.0)
+    components = torque_components(fit.regression, full_rate_columns(signals, fit.terms))
+    return components["inertia"] + components.get("gravity", 0.0)
 
 
 def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> LogSimulation:
@@ -247,9 +247,9 @@ def _in_passband(log: _Log, model: ElasticModel, trajectory: Trajectory) -> Iter
             (TORQUE, motor, driving, record.torque, u[:, i]),
             (LINK, link, turning, record.link_position, trajectory.q[:, model.index(link)]),
         )
-        for kind, place, unit, y, y_model in rows:
+        for kind, location, unit, y, y_model in rows:
             if y is not None:
-                yield ComparedSignal(kind, place, unit, *(simulated.filtered(x[: log.n]) for x in (y, y_model)))
+                yield ComparedSignal(kind, location, unit, *(simulated.filtered(x[: log.n]) for x in (y, y_model)))
 
 
 def predict_logs(

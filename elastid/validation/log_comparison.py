@@ -71,7 +71,7 @@ class TorqueBalance:
     def sentence(self) -> str:
         """Shares of the parts in a sentence."""
         pairs = zip(self.parts, self.fractions, strict=True)
-        fractions = ", ".join(f"{part} {fraction:.1%}" for part, fraction in pairs)
+        fractions = ", ".join(f"{component} {fraction:.1%}" for component, fraction in pairs)
         worst, unit = self.worst, "Hz" if self.has_rate else "of the sampling rate"
         return (
             f"{self.place}, {self.log}: contributions to the mean-square torque: {fractions}. Unexplained: "
@@ -136,13 +136,13 @@ class LogSimulation:
         aid = f". A slow position loop ({held_hz:.2g} Hz) keeps the model at the logged positions" if held_hz else ""
         errors = {kind: [100 * signal.error for signal in self.of(kind)] for kind in (MOTION, TORQUE, LINK)}
         loop = errors.pop(TORQUE) if aid else []
-        parts = [f"{kind} at most {max(values):.3g} %" for kind, values in errors.items() if values]
+        phrases = [f"{kind} at most {max(values):.3g} %" for kind, values in errors.items() if values]
         of_loop = ""
         if loop:
             of_loop = f" The torque of the position loop is at most {max(loop):.3g} % of the logged torque (rms)."
         return (
             f"Simulation of {self.seconds:.3g} s of record {self.log} {driven}{aid}. Rms errors in percent "
-            f"of the rms signal: {', '.join(parts)}.{of_loop}"
+            f"of the rms signal: {', '.join(phrases)}.{of_loop}"
         )
 
 

@@ -102,15 +102,15 @@ def _along_record(
 ) -> Iterator[ComparedSignal]:
     """Yield signals of a plant under the torque of the last period of a record, over and over, held on its motion."""
     model, angles, chain = plant.model, record.configuration.angles, plant.model.robot.chain
-    N, motors = record.period_samples, [model.inputs.index(place) for place in record.inputs]
+    N, motors = record.period_samples, [model.inputs.index(location) for location in record.inputs]
     half_waves = 2 if record.half_wave else 1
     last = last_counted(record.n_periods, {index // half_waves for index in record.discarded_periods})
     period = slice(last * N, (last + 1) * N)
     position = np.tile(angles, (N, 1))
-    for i, place in zip(motors, record.inputs, strict=True):
-        if (place, "position") in zip(record.outputs, record.quantities, strict=True):
-            y = record.y[period, [record.outputs.index(place)]]
-            position[:, i] = before_channels(y, record.rate_hz, chain.at("y", [place]))[:, 0]
+    for i, location in zip(motors, record.inputs, strict=True):
+        if (location, "position") in zip(record.outputs, record.quantities, strict=True):
+            y = record.y[period, [record.outputs.index(location)]]
+            position[:, i] = before_channels(y, record.rate_hz, chain.at("y", [location]))[:, 0]
     # As the loop differentiates what it reads, so that its torque is of the error alone.
     velocity = (position - np.roll(position, 1, axis=0)) * record.rate_hz
     if not record.is_periodic:
@@ -134,11 +134,11 @@ def _logged(record: Record, plant: Plant, trajectory: Trajectory) -> Record:
     N, model, chain = record.period_samples, plant.model, plant.model.robot.chain
     y = sense(trajectory.q, trajectory.reading, model, plant.point.q, record.outputs, record.rate_hz, N)
     y = logged(filter_motions(model.robot, y, record.rate_hz), record.rate_hz, chain.at("y", record.outputs))
-    motors = [model.inputs.index(place) for place in record.inputs]
+    motors = [model.inputs.index(motor) for motor in record.inputs]
     u = logged(trajectory.u[:, motors], record.rate_hz, chain.at("u", record.inputs))
     return replace(
         record, u=u[-N:], y=y[-N:], r=None, discarded_periods=(), hold="zero-order", hold_samples=(),
-        quantities=tuple(logged_quantity(place) for place in record.outputs), sampled=(True,) * len(record.outputs)
+        quantities=tuple(logged_quantity(motor) for motor in record.outputs), sampled=(True,) * len(record.outputs)
     )  # fmt: skip
 
 

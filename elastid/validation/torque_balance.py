@@ -41,7 +41,7 @@ from elastid.validation.log_comparison import DRY, ELASTICITY, FRICTION, RIGID_B
 
 
 def torque_balance(
-    place: str,
+    location: str,
     log: str,
     unit: str,
     rate_hz: float,
@@ -60,10 +60,10 @@ def torque_balance(
     power = [float(np.sum(np.abs(U[inside]) ** 2)) for _, _, inside in octaves]
     total = max(sum(power), 1e-300)
     bands = tuple(
-        BandBalance(low, high, part / total, *_explained(U[inside], T[:, inside], dry))
-        for part, (low, high, inside) in zip(power, octaves, strict=True)
+        BandBalance(low, high, component / total, *_explained(U[inside], T[:, inside], dry))
+        for component, (low, high, inside) in zip(power, octaves, strict=True)
     )
-    header = place, log, unit, rate_hz, names, measured, torques
+    header = location, log, unit, rate_hz, names, measured, torques
     return TorqueBalance(*header, fractions, ratio, without, bands, has_rate)
 
 
@@ -109,13 +109,13 @@ def model_parts(fitted: FittedRobot, rigid: Linearisation, configuration: str) -
     model, theta = fitted.at(configuration).linear, fitted.theta_of(configuration)
     if not set(model.inputs) <= set(model.outputs):
         return None
-    motors = model.with_outputs([model.outputs.index(place) for place in model.inputs])
+    motors = model.with_outputs([model.outputs.index(index) for index in model.inputs])
     numbers = named(model.parameters, theta)
     free = numbers | {name: 0.0 for name, (_, path) in fitted.robot.numbers.items() if path[-1] == "viscous"}
     values = {name: value for name, (value, _) in rigid.model.robot.parameters().items()} | free
     rigid_theta = np.array([values[name] for name in (*rigid.model.parameters, DELAY)])
     alone = rigid.at(model.configuration, rigid_theta[:-1], motors.outputs, motors.quantity)
-    columns = [alone.inputs.index(place) for place in motors.inputs]
+    columns = [alone.inputs.index(index) for index in motors.inputs]
     alone = replace(alone, B=alone.B[:, columns], inputs=motors.inputs, hold=motors.hold)
     return (motors, theta), (motors, np.array([free[name] for name in model.parameters])), (alone, rigid_theta)
 
@@ -132,8 +132,8 @@ def elastic_balances(
     lines = np.rint(freq_hz * N / record.rate_hz).astype(np.int64)
     (Y,), (U,) = last_period(record, lines, motors.quantity)
     (_,), (U_net,) = last_period(net, lines, motors.quantity)
-    Y_m = Y[:, [record.outputs.index(place) for place in motors.outputs]]
-    modelled = (frequency_response(*part, freq_hz) for part in parts)
+    Y_m = Y[:, [record.outputs.index(index) for index in motors.outputs]]
+    modelled = (frequency_response(*pair, freq_hz) for pair in parts)
     torques_of_models = (np.asarray(np.linalg.solve(G, Y_m[..., None])[..., 0]) for G in modelled)
     full, frictionless, rigid = (synthesise(lines, torque, N) for torque in torques_of_models)
     measured, dry = synthesise(lines, U, N), synthesise(lines, U - U_net, N)
@@ -141,10 +141,10 @@ def elastic_balances(
     band_hz = float(freq_hz[0]), float(freq_hz[-1]) * (1 + 1e-9)
     return tuple(
         torque_balance(
-            place, record.name, record.units_of_inputs[i], record.rate_hz, measured[:, i],
+            index, record.name, record.units_of_inputs[i], record.rate_hz, measured[:, i],
             {name: torque[:, i] for name, torque in torques.items() if np.any(torque)}, band_hz, record.has_rate
         )
-        for i, place in enumerate(motors.inputs)
+        for i, index in enumerate(motors.inputs)
     )  # fmt: skip
 
 

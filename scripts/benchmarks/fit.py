@@ -24,7 +24,6 @@ least_squares with the same Jacobian, at worst 29 (faster_than_same_jacobian_at_
 than with CasADi's derivatives.
 """
 
-import argparse
 import json
 import statistics
 import time
@@ -350,10 +349,7 @@ def compare(Q: int, F: int, quick: bool, passes_only: bool) -> dict[str, float]:
 
 def main() -> None:
     """Run the benchmark. Print its tables, then one JSON line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="a small problem, to see that it runs")
-    parser.add_argument("--passes", action="store_true", help="single passes alone")
-    arguments = parser.parse_args()
+    arguments = timing.options(__doc__, "a small problem, to see that it runs", passes=False)
     Q, F = (2, 12) if arguments.quick else (20, 200)
     print(json.dumps(compare(Q, F, arguments.quick, arguments.passes)))
 

@@ -8,6 +8,7 @@ scipy.fft.rfft of u and y, record by record, its results dropped, in the faster 
 in contiguous periods, and as recorded; the DFT of elastid, in C, takes several signals at once. Peers:
 scipy.signal.csd of all pairs at once by broadcasting, for H1 without any variance and without the detrending that
 excited lines do not need; best-linear-approximation (its `noisy_input`) where it is installed; it needs Python 3.12.
+--no-peers: floor and elastid only (a peer may need 12 GB).
 The last line is one JSON object with the numbers of the table; last_run.json has those of the last run of each part.
 
 Measured (CPU time, medians in turn, two cores): the odd lines take 1.00 (B_over_floor) and all lines 2.75
@@ -16,7 +17,6 @@ Measured (CPU time, medians in turn, two cores): the odd lines take 1.00 (B_over
 82 (B_log_over_floor) times the floor of its FFT.
 """
 
-import argparse
 import json
 import tracemalloc
 from collections.abc import Callable, Sequence
@@ -157,10 +157,7 @@ def case(name: str, lines: IntArray, size: tuple[int, int, int, int], repeats: i
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="short records, to see that it runs")
-    parser.add_argument("--no-peers", action="store_true", help="floor and elastid only (a peer may need 12 GB)")
-    arguments = parser.parse_args()
+    arguments = timing.options(__doc__, "short records, to see that it runs", **{"no-peers": False})
     size, repeats = ((512, 4, 3, 3), 1) if arguments.quick else ((16384, 8, 6, 6), 5)
     print(timing.machine())
     N = size[0]

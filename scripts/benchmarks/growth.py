@@ -17,7 +17,6 @@ their logs: of references with 0.9 (references_configurations_cpu) and 0.2 (refe
 configurations; of commands with 1.0 (commands_samples_cpu) and 0.3 (commands_samples_memory) of the samples.
 """
 
-import argparse
 import json
 import sys
 import time
@@ -80,7 +79,7 @@ def of_identify(configurations: int, lines: int, coordinates: int) -> Callable[[
 def of_map(postures: int, **fit: int) -> Callable[[], object]:
     """Prepare the prediction of compliance, modes and stability, with intervals, in random postures."""
     result = of_identify(**fit)()
-    angles = random_postures(result.known_robot, postures, 1)
+    angles = random_postures(result.nominal_robot, postures, 1)
     return lambda: map_workspace(result, angles, frame=str(fit["coordinates"] // 3))
 
 
@@ -130,34 +129,33 @@ def memory_mb(name: str) -> float:
 def point(task: tuple[str, dict[str, int]]) -> tuple[float, float]:
     """Measure one size: CPU seconds of its second run, and peak memory of its first run, MB, including its data."""
     name, size = task
-    before = memory_mb("VmRSS")
+    start_mb = memory_mb("VmRSS")
     studies = {"references": of_references, "commands": of_commands}
     work = ({"estimate": of_estimate, "identify": of_identify, "map": of_map} | studies)[name](**size)
     Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     work()
     peak, begin = memory_mb("VmHWM"), time.process_time()
     work()
-    return time.process_time() - begin, peak - before
+    return time.process_time() - begin, peak - start_mb
 
 
 def main() -> None:
     """Print a row for each size, then the slopes."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="two small sizes of one thing each, to see that it runs")
-    is_quick, slopes = parser.parse_args().quick, dict[str, float]()
+    is_quick = timing.options(__doc__, "two small sizes of one thing each, to see that it runs").quick
+    slopes = dict[str, float]()
     print(timing.machine())
     for name, over in SIZES.items():
         usual = USUAL.get(name, {})
         if is_quick and "coordinates" in usual:
             usual = usual | {"configurations": 3, "coordinates": 9}
         for key, sizes in [*over.items()][: 1 if is_quick else None]:
-            used = QUICK[key] if is_quick else sizes
-            tasks = [(name, usual | {key: size}) for size in used]
+            selection = QUICK[key] if is_quick else sizes
+            tasks = [(name, usual | {key: size}) for size in selection]
             with get_context("spawn").Pool(1, maxtasksperchild=1) as pool:
                 points = np.array(pool.map(point, tasks, chunksize=1))
-            print(f"{name} over {key} {used}: CPU s, MB\n{points.round(2)}", flush=True)
+            print(f"{name} over {key} {selection}: CPU s, MB\n{points.round(2)}", flush=True)
             for kind, values in zip(("cpu", "memory"), points.T, strict=True):
-                slope = np.polyfit(np.log(used), np.log(np.maximum(values, 1e-3)), 1)[0]
+                slope = np.polyfit(np.log(selection), np.log(np.maximum(values, 1e-3)), 1)[0]
                 slopes[f"{name}_{key}_{kind}"] = round(float(slope), 2)
     print(json.dumps(slopes))
 

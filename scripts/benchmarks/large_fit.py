@@ -10,11 +10,11 @@ peak is all memory that the fit ever had (ru_maxrss), pages of the file included
 --jobs N (1): the same fit by N worker processes, too, which must end in the same numbers. CPU seconds of the process
 that asks, which no worker takes from it, and of all workers; the bytes that it sent; and how many times as fast as one
 process N and 64 workers would be, if each had a processor of its own and a network took no time. Linux only.
+--folder F: for the file (a temporary one).
 
 The last line is one JSON object. Measured with a thousand: 1.41 GB of memory at the peak, in 233 CPU seconds.
 """
 
-import argparse
 import json
 import os
 import resource
@@ -102,29 +102,24 @@ def cpu_of_descendants(pid: int) -> dict[int, float]:
     return {child: seconds[child] for child in parents if descends(child)}
 
 
-def of_workers(one: dict[str, Any], many: dict[str, Any], theirs: float, jobs: int) -> dict[str, float]:
+def of_workers(single: dict[str, Any], parallel: dict[str, Any], theirs: float, jobs: int) -> dict[str, float]:
     """Compare fits without and with workers. Model: one processor per worker, idle while the main process works."""
-    assert one["sha256"] == many["sha256"]
-    own = many["cpu_s"]
+    assert single["sha256"] == parallel["sha256"]
+    worker_s = parallel["cpu_s"]
     return {
-        "asking_cpu_s": own,
+        "asking_cpu_s": worker_s,
         "workers_cpu_s": theirs,
-        "serial_share": own / (own + theirs),
-        "sent_mb": many["sent_mb"],
-        "asking_peak_gb": many["peak_gb"],
-        f"wall_{jobs}_over_1": one["wall_s"] / many["wall_s"],
-        **{f"model_{n}_over_1": one["cpu_s"] / (own + theirs / n) for n in sorted({jobs, 64})},
+        "serial_share": worker_s / (worker_s + theirs),
+        "sent_mb": parallel["sent_mb"],
+        "asking_peak_gb": parallel["peak_gb"],
+        f"wall_{jobs}_over_1": single["wall_s"] / parallel["wall_s"],
+        **{f"model_{n}_over_1": single["cpu_s"] / (worker_s + theirs / n) for n in sorted({jobs, 64})},
     }
 
 
 def main() -> None:
     """Print the measurements, then one JSON line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="three configurations, to see that it runs")
-    parser.add_argument("--configurations", type=int, default=1000)
-    parser.add_argument("--jobs", type=int, default=1, help="worker processes of a second fit (default: none)")
-    parser.add_argument("--folder", type=Path, help="for the file (default: a temporary one)")
-    args = parser.parse_args()
+    args = timing.options(__doc__, "three configurations", configurations=1000, jobs=1, folder=Path)
     Q, F = (3, 30) if args.quick else (args.configurations, 200)
     print(timing.machine(), flush=True)
     with tempfile.TemporaryDirectory(dir=args.folder) as folder:

@@ -10,7 +10,6 @@ one process on one core. The medians of their CPU times are compared, after a ch
 line is JSON.
 """
 
-import argparse
 import json
 import time
 from collections.abc import Callable
@@ -144,9 +143,8 @@ def check(six: dict[str, float]) -> None:
 
 def main() -> None:
     """Print a row for each robot, then the JSON line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="one second once, to see that it runs")
-    quick, with_mujoco = parser.parse_args().quick, find_spec("mujoco") is not None
+    quick = timing.options(__doc__, "one second once, to see that it runs").quick
+    with_mujoco = find_spec("mujoco") is not None
     demo = load(Path(str(files("elastid") / "app/templates/serial/study.yml"))).study.robot
     seconds, rounds, results = *((1.0, 1) if quick else (5.0, 9)), dict[str, dict[str, float]]()
     for name, robot in {"demo": demo, "six_axes": build_robot()}.items():

@@ -38,7 +38,7 @@ FIT = (
 
 
 def stage(template: str, *stages: str) -> list[str]:
-    """Arguments that run stages of a study again, or all unfinished ones."""
+    """Return arguments that run stages of a study again, or all unfinished ones."""
     return ["-m", "elastid", "run", f"{template}/study.yml", *stages, "--run", f"{template}/run", "--jobs", "1", "-q"]
 
 
@@ -66,28 +66,28 @@ def interval(values: Sequence[float]) -> tuple[float, float, float]:
     return walsh[outside - 1], (walsh[(len(walsh) - 1) // 2] + walsh[len(walsh) // 2]) / 2, walsh[-outside]
 
 
-def is_slower(samples: Iterable[Sequence[float]], limit: float, what: str) -> bool:
-    """True if the median of the first sample of log ratios exceeds the limit, and the interval of the second one."""
+def is_slower(samples: Iterable[Sequence[float]], limit: float, name: str) -> bool:
+    """Return True if the median of the first sample of log ratios exceeds the limit, and the interval of the second."""
     for sample in samples:
         low, middle, high = (math.exp(end) for end in interval(sample))
-        print(f"{what}: {middle:.3f} ({low:.3f} to {high:.3f}, {len(sample)} pairs), limit {limit}", flush=True)
+        print(f"{name}: {middle:.3f} ({low:.3f} to {high:.3f}, {len(sample)} pairs), limit {limit}", flush=True)
         if (low if len(sample) == PAIRS[1] else middle) <= limit:
             return False
     return True
 
 
 def git(*arguments: str) -> str:
-    """Output of a git command, empty if it fails."""
-    done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=False)
-    return done.stdout.strip() if done.returncode == 0 else ""
+    """Return output of a git command, empty if it fails."""
+    process = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=False)
+    return process.stdout.strip() if process.returncode == 0 else ""
 
 
 def commits(base: str, release: str) -> dict[str, str]:
-    """Commits to compare by their role; those that this clone does not have are left out and reported."""
+    """Return commits to compare by their role; those that this clone does not have are left out and reported."""
     head = git("rev-parse", "HEAD")
-    merged = [git("merge-base", "HEAD", branch) for branch in ("origin/main", "main")]
+    bases = [git("merge-base", "HEAD", branch) for branch in ("origin/main", "main")]
     names = {
-        "base": base or next((commit for commit in merged if commit not in ("", head)), "HEAD^"),
+        "base": base or next((commit for commit in bases if commit not in ("", head)), "HEAD^"),
         "release": release or git("describe", "--tags", "--abbrev=0", "HEAD^") or RELEASE,
     }
     available = {"head": head}
@@ -115,28 +115,28 @@ class Checkout:
             self.run(["-m", "elastid", "new", template, "--template", template])
 
     def run(self, command: Sequence[str]) -> bool:
-        """True if a command of Python succeeds."""
+        """Run a command of Python. Return True if it succeeds."""
         none = subprocess.DEVNULL
         return not subprocess.call(
             [self.python, *command], cwd=self.folder, env=self.environment, stdin=none, stdout=none, stderr=none
         )
 
     def work(self, name: str) -> bool:
-        """True if a workload succeeds."""
+        """Run a workload. Return True if it succeeds."""
         command, count = WORKLOADS[name]
         return all(self.run(command) for _ in range(count))
 
     def seconds(self, name: str) -> float:
-        """User and system time of a workload in fresh processes."""
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        """Return user and system time of a workload in fresh processes."""
+        start = resource.getrusage(resource.RUSAGE_CHILDREN)
         if not self.work(name):
             raise SystemExit(f"{name} fails in {self.folder.name}")
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        end = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return end.ru_utime + end.ru_stime - start.ru_utime - start.ru_stime
 
 
 def prepare(folder: Path, revisions: Mapping[str, str], needs_results: bool) -> dict[str, Checkout]:
-    """Checkouts, with finished runs if needed; all with the studies of the oldest commit if each accepts these."""
+    """Make checkouts, with finished runs if needed; all with the studies of the oldest commit if each accepts these."""
     sides = {role: Checkout(folder / role, commit) for role, commit in revisions.items()}
     oldest = [*sides.values()][-1]
     for template in TEMPLATES:
@@ -163,23 +163,23 @@ def log_ratios(sides: Mapping[str, Checkout], name: str, pairs: int) -> dict[str
 
 
 def samples(sides: Mapping[str, Checkout], name: str, first: Sequence[float]) -> Iterator[Sequence[float]]:
-    """The log ratios that are there, then those of a repeat with more pairs."""
+    """Yield the log ratios that are there, then those of a repeat with more pairs."""
     yield first
     yield from log_ratios(sides, name, PAIRS[1]).values()
 
 
 def slower(sides: Mapping[str, Checkout], name: str) -> list[str]:
-    """Workload and roles to which the head is slower, after a run of each that counts for nothing."""
+    """Return workload and roles to which the head is slower, after a run of each that counts for nothing."""
     able = {role: side for role, side in sides.items() if side.work(name) or role == "head"}
     results = []
     for role, first in log_ratios(able, name, PAIRS[0]).items():
-        again = samples({each: able[each] for each in ("head", role)}, name, first)
-        results += [f"{name} over {role}"] * is_slower(again, LIMITS[role], f"{name} over {role}")
+        repeat = samples({each: able[each] for each in ("head", role)}, name, first)
+        results += [f"{name} over {role}"] * is_slower(repeat, LIMITS[role], f"{name} over {role}")
     return results
 
 
 def main() -> int:
-    """A line for each workload and commit."""
+    """Print a line for each workload and commit."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("base", nargs="?", default="")
     parser.add_argument("--release", default="")
@@ -190,12 +190,12 @@ def main() -> int:
         try:
             needs_results = not {*arguments.only} <= {"help", "check"}
             sides = prepare(Path(folder), revisions, needs_results) if len(revisions) > 1 else {}
-            failed = [each for name in arguments.only if sides for each in slower(sides, name)]
+            slow = [each for name in arguments.only if sides for each in slower(sides, name)]
         finally:
             for role in revisions:
                 git("worktree", "remove", "--force", f"{folder}/{role}")
-    print(f"{len(failed)} slower{': ' * bool(failed)}{'; '.join(failed)}; {time.monotonic() - begin:.0f} s")
-    return int(bool(failed))
+    print(f"{len(slow)} slower{': ' * bool(slow)}{'; '.join(slow)}; {time.monotonic() - begin:.0f} s")
+    return int(bool(slow))
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ Measured, in CPU seconds on two cores: 33 (all_s) in all; design 2.5 (design_s),
 (estimate_s), fit 6.3 (fit_s), validate 3.2 (validate_s), report 2.5 (report_s).
 """
 
-import argparse
 import json
 import os
 import random
@@ -65,9 +64,7 @@ def study(postures: int, realisations: int, starts: int) -> str:
 
 def main() -> None:
     """Run the study. Print each stage when it ends, then one JSON line."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="two postures, one start")
-    is_quick = parser.parse_args().quick
+    is_quick = timing.options(__doc__, "two postures, one start").quick
     text = study(2, 2, 1) if is_quick else study(10, 2, 20)
     print(timing.machine(), flush=True)
     seconds = dict[str, float]()

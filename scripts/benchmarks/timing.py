@@ -1,22 +1,26 @@
-"""CPU times of functions for the benchmarks, and the description of the machine.
+"""CPU times of functions for the benchmarks, their command-line options, and the description of the machine.
 
 Scripts import this module first: it sets one BLAS thread, which NumPy reads when it is loaded.
 """
 
-import os
+import sys
+from pathlib import Path
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+sys.path.insert(0, str(Path(__file__).parents[1] / "studies"))
 
 import ctypes
+import os
 import platform
 import statistics
 import time
 from collections.abc import Callable, Mapping
-from pathlib import Path
 
+import study_run  # sets one BLAS thread
 import numpy as np
 
 from elastid.base.kernels import description
+
+options = study_run.options
 
 
 def cpu_seconds(function: Callable[[], object], repeats: int) -> float:

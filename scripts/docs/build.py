@@ -37,7 +37,7 @@ class Page(HTMLParser):
 
 
 def sources(folder: Path) -> Path:
-    """The written pages, the generated ones, the pictures and the examples, side by side in a new folder."""
+    """Return the written pages, the generated ones, the pictures and the examples, side by side in a new folder."""
     sys.path.insert(0, str(HERE))
     import generated
     import packages
@@ -63,13 +63,13 @@ def sources(folder: Path) -> Path:
 
 
 def pages_of(html: Path) -> dict[Path, Page]:
-    """The pages by their paths, without the files of the theme."""
+    """Return the pages by their paths, without the files of the theme."""
     paths = (path for path in html.rglob("*.html") if "_static" not in path.parts)
     return {path: Page(path.read_text(encoding="utf-8")) for path in paths}
 
 
 def dead_links(html: Path, pages: dict[Path, Page]) -> tuple[int, list[str]]:
-    """How many links lead from page to page or to an anchor, and those that lead nowhere."""
+    """Return how many links lead from page to page or to an anchor, and those that lead nowhere."""
     count, dead = 0, []
     for path, page in pages.items():
         for link in page.links:
@@ -85,14 +85,14 @@ def dead_links(html: Path, pages: dict[Path, Page]) -> tuple[int, list[str]]:
 
 
 def build(html: Path, quick: bool) -> dict[str, int]:
-    """The pages in the folder `html`; RuntimeError for a warning or a link that leads nowhere."""
+    """Build the pages in the folder `html`; RuntimeError for a warning or a link that leads nowhere."""
     from sphinx.cmd.build import build_main
 
     os.environ["ELASTID_DOCS_RUN"] = "0" if quick else "1"
     with tempfile.TemporaryDirectory() as folder:
         source = sources(Path(folder))
-        done = build_main(["-W", "--keep-going", "-q", "-E", "-b", "html", "-c", str(HERE), str(source), str(html)])
-    if done:
+        code = build_main(["-W", "--keep-going", "-q", "-E", "-b", "html", "-c", str(HERE), str(source), str(html)])
+    if code:
         raise RuntimeError("Sphinx reports the warnings above; correct the page or the docstring that each names")
     pages = pages_of(html.resolve())
     count, dead = dead_links(html.resolve(), pages)

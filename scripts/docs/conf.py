@@ -9,7 +9,7 @@ from typing import Any
 
 sys.path.extend([str(Path(__file__).parent), str(Path(__file__).parents[1] / "examples")])
 from docutils import nodes
-from plain_text import restructured
+from plain_text import to_rst
 
 import elastid
 
@@ -60,9 +60,9 @@ sphinx_gallery_conf = {
 
 
 def _as_text(_app: Any, _what: str, _name: str, _of: Any, _options: Any, lines: list[str]) -> None:
-    """Docstrings of the code are text with equations, not reStructuredText, but for those with sections."""
+    """Convert docstrings, text with equations, to reStructuredText, but for those with sections."""
     if "--------" not in lines:
-        lines[:] = ["", *restructured("\n".join(lines)).splitlines()]
+        lines[:] = ["", *to_rst("\n".join(lines)).splitlines()]
 
 
 # Text within these is no prose, or a link already.

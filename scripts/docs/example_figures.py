@@ -9,7 +9,7 @@ _DRAWN: set[int] = set()
 
 
 def drawn(_block: tuple[Any, ...], variables: dict[str, Any], gallery: dict[str, Any]) -> str:
-    """The reStructuredText of the figures that a block of an example has made."""
+    """Return the reStructuredText of the figures that a block of an example has made."""
     paths = []
     for value in variables["example_globals"].values():
         if isinstance(value, Figure) and id(value) not in _DRAWN:

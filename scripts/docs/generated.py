@@ -12,12 +12,12 @@ from pathlib import Path
 import click
 import matplotlib.pyplot as plt
 import numpy as np
-from plain_text import escaped, list_table, restructured
+from plain_text import escape, list_table, to_rst
 
 import elastid
 from elastid.app.cli import cli, run_command
 from elastid.app.target_table import MODULES, targets
-from elastid.store.reading import described
+from elastid.store.reading import describe_artefact
 from elastid.study.reference import StudyKey, explain, keys_of, list_keys
 from elastid.study.sections import Study
 from elastid.targets.target import VALUES
@@ -36,17 +36,17 @@ NAMES = ".. rst-class:: names\n"
 
 
 def title(text: str, line: str = "=") -> str:
-    """A heading."""
+    """Return a heading."""
     return f"{text}\n{line * len(text)}\n"
 
 
 def block(text: str, language: str = "none") -> str:
-    """A block of text as it is."""
+    """Return a block of text as it is."""
     return f".. code-block:: {language}\n\n" + "\n".join(f"   {line}".rstrip() for line in text.splitlines()) + "\n"
 
 
 def commands() -> str:
-    """Every command with its arguments and options, from the command line itself."""
+    """Return every command with its arguments and options, from the command line itself."""
     parts = [NAMES, title("Commands"), f"{cli.help} The order is the same as in ``elastid --help``.\n"]
     root = click.Context(cli, info_name="elastid", help_option_names=["-h", "--help"])
     for name in cli.list_commands(root):
@@ -55,33 +55,33 @@ def commands() -> str:
         parts += [
             f".. _command-{name}:\n",
             title(f"elastid {name}", "-"),
-            restructured(inspect.cleandoc(command.help or "")),
+            to_rst(inspect.cleandoc(command.help or "")),
         ]
         parts.append(block(command.get_usage(usage).removeprefix("Usage: "), "bash"))
         records = [option.get_help_record(usage) for option in command.params]
-        parts += [f"``{name}``\n   {escaped(text)}\n" for name, text in filter(None, records) if text]
+        parts += [f"``{name}``\n   {escape(text)}\n" for name, text in filter(None, records) if text]
     return "\n".join(parts)
 
 
 def export_targets() -> str:
-    """Every target of `elastid export`: the content of its files, and the values that a row of a package may need."""
-    rows = [(f"``{row.tag}``", escaped(row.content)) for tag in MODULES for row in targets(tag)]
-    values = [f"``{name}``\n   {escaped(meaning)}\n" for name, meaning in VALUES.items()]
+    """Return every target of `elastid export`: content of its files, and values that a row of a package may need."""
+    rows = [(f"``{row.tag}``", escape(row.content)) for tag in MODULES for row in targets(tag)]
+    values = [f"``{name}``\n   {escape(meaning)}\n" for name, meaning in VALUES.items()]
     return "\n".join([title("Targets of an export"), list_table(rows, ":widths: 20 80"), _PACKAGE_TARGETS, *values])
 
 
 def keys() -> dict[str, str]:
-    """A page for each section of a study, with every key, and their index."""
+    """Return a page for each section of a study, with every key, and their index."""
     by_path = {key.path: key for key in list_keys()}
     texts = {key.name: key.text for key in keys_of(Study)}
     order = list(texts)
-    grouped = sorted(by_path.values(), key=lambda key: order.index(_root(key)))
+    by_section = sorted(by_path.values(), key=lambda key: order.index(_root(key)))
     pages = {}
-    for root, of in groupby(grouped, _root):
+    for root, of in groupby(by_section, _root):
         parts = [NAMES, title(root)]
         for key in of:
             heading = [] if key.path == root else [f".. _key-{key.path}:\n", title(key.path, "-")]
-            parts += [*heading, _explained(key)]
+            parts += [*heading, _explain(key)]
         pages[f"keys/{root}"] = "\n".join(parts)
     sections = [root for root in order if f"keys/{root}" in pages]
     head = (
@@ -89,7 +89,7 @@ def keys() -> dict[str, str]:
         "editors show it with the study.schema.json of ``elastid new``. ``[]`` is the number of an entry, ``<name>`` a "
         "name that you choose.\n"
     )
-    table = list_table([(f":doc:`{root}`", escaped(texts[root])) for root in sections], ":widths: 20 80")
+    table = list_table([(f":doc:`{root}`", escape(texts[root])) for root in sections], ":widths: 20 80")
     toc = ".. toctree::\n   :hidden:\n\n" + "".join(f"   {root}\n" for root in sections)
     pages["keys/index"] = "\n".join([title("Keys of a study"), head, table, toc])
     return pages
@@ -102,8 +102,8 @@ def _root(key: StudyKey) -> str:
 _FIELDS = "Value|Default|How to choose it|When to change it|Keys below it|Keys of each"
 
 
-def _explained(key: StudyKey) -> str:
-    """The paragraphs of `elastid explain`, behind the path: the text, and the others as a list of fields."""
+def _explain(key: StudyKey) -> str:
+    """Return the paragraphs of `elastid explain`, behind the path: the text, and the others as a list of fields."""
     paragraphs: list[str] = []
     for line in explain(key.path).splitlines()[1:]:
         starts = re.match(rf"  ({_FIELDS}): ", line)
@@ -111,12 +111,12 @@ def _explained(key: StudyKey) -> str:
             paragraphs.append(line.strip())
         else:
             paragraphs[-1] += " " + line.strip()
-    text, *others = (re.sub(rf"^({_FIELDS}):", r":\1:", escaped(each)) for each in paragraphs)
-    return "\n".join([text, "", *others, ""])
+    text, *entries = (re.sub(rf"^({_FIELDS}):", r":\1:", escape(each)) for each in paragraphs)
+    return "\n".join([text, "", *entries, ""])
 
 
 def names() -> dict[str, str]:
-    """A page for each public name, by autodoc, and their index in the order of the work."""
+    """Return a page for each public name, by autodoc, and their index in the order of the work."""
     pages = {"names/index": title("Public names") + "\n.. toctree::\n\n   " + "\n   ".join(elastid.__all__)}
     for name in elastid.__all__:
         kind = type(getattr(elastid, name)).__name__.replace("type", "class")
@@ -125,25 +125,25 @@ def names() -> dict[str, str]:
 
 
 def files(folder: Path) -> str:
-    """Names, axes, shapes and units of every artefact, read from small runs in `folder`, and what summary.json has."""
+    """Return names, axes, shapes and units of every artefact of small runs in `folder`, and keys of summary.json."""
     (folder / "tiny").mkdir()
     (folder / "tiny" / "study.yml").write_text(_TINY)
     (folder / "tiny" / "robot.yml").write_text(_TINY_ROBOT)
     run_command(["new", str(folder / "recorded"), "--template", "recorded"])
     for name, stages in (("recorded", ["measure", "estimate", "fit", "validate"]), ("tiny", ["design"])):
         run = ["--run", str(folder / name / "run"), "--jobs", "1", "-q"]
-        if (done := run_command(["run", str(folder / name / "study.yml"), *stages, *run])) not in (0, 3):
-            raise RuntimeError(f"the run for the page of files ended with {done}")
+        if (code := run_command(["run", str(folder / name / "study.yml"), *stages, *run])) not in (0, 3):
+            raise RuntimeError(f"the run for the page of files ended with {code}")
     parts = [title("Files of a run"), inspect.cleandoc(_FILES)]
     for name, artefacts in HDF5.items():
         for artefact in artefacts:
-            text = "\n".join(_structure(described(folder / name / "run" / artefact).splitlines()[1:]))
+            text = "\n".join(_structure(describe_artefact(folder / name / "run" / artefact).splitlines()[1:]))
             parts += [title(artefact, "-"), block(text)]
     summary = json.loads((folder / "recorded" / "run" / "summary.json").read_text())
     parts += [
         title("summary.json", "-"),
         inspect.cleandoc(_SUMMARY),
-        block(json.dumps(_shortened(summary), indent=1), "json"),
+        block(json.dumps(_shorten(summary), indent=1), "json"),
     ]
     robot = (folder / "recorded" / "run" / "identified_robot.yml").read_text()
     parts += [title("robot.yml", "-"), inspect.cleandoc(_ROBOT), block(robot, "yaml")]
@@ -151,24 +151,24 @@ def files(folder: Path) -> str:
 
 
 def _structure(lines: list[str]) -> Iterator[str]:
-    """Names, axes, meanings and units; values and numbers of one run are left out, but for those of attributes."""
+    """Return names, axes, meanings and units, without the values of one run, but with values of attributes."""
     for line in lines:
         yield re.sub(r"(\)|\]|[a-z]) = .*$", r"\1", line) if "(" in line.split(" = ")[0] else line[:110]
 
 
-def _shortened(value: object) -> object:
-    """The same with the first of each list, and four digits."""
+def _shorten(value: object) -> object:
+    """Return the same with the first of each list, and four digits."""
     if isinstance(value, dict):
-        return {name: _shortened(each) for name, each in value.items()}
+        return {name: _shorten(each) for name, each in value.items()}
     if isinstance(value, list):
-        return [_shortened(each) for each in value[:2]]
+        return [_shorten(each) for each in value[:2]]
     if isinstance(value, float):
         return float(f"{value:.4g}")
     return value
 
 
 def equations() -> str:
-    """Every equation of the code: module, what it is, and the equation itself."""
+    """Return every equation of the code: module, what it is, and the equation itself."""
     parts = [title("Equations"), "This page collects the equations of the docstrings, package by package.\n"]
     rooms = sorted((path for path in PACKAGE.rglob("*.py")), key=lambda path: path.relative_to(PACKAGE).parts)
     for room, paths in groupby(rooms, lambda path: path.relative_to(PACKAGE).parts[0].removesuffix(".py")):
@@ -184,7 +184,7 @@ def _with_equations(path: Path) -> Iterator[str]:
             doc = ast.get_docstring(node) or ""
             if ".. math::" in doc:
                 name = module if isinstance(node, ast.Module) else f"{module}.{node.name}"
-                yield f"**{escaped(name)}**\n\n{restructured(doc)}"
+                yield f"**{escape(name)}**\n\n{to_rst(doc)}"
 
 
 _PACKAGE_TARGETS = """
@@ -236,7 +236,7 @@ SCORES = (
 
 
 def open_benchmark(folder: Path) -> str:
-    """Results of the open benchmark by robot and entry, medians over the seeds, as a figure and a table."""
+    """Return results of the open benchmark by robot and entry, medians over the seeds, as a figure and a table."""
     results = json.loads((BENCHMARK / "results.json").read_text())["open"]
     entries, robots = (list(dict.fromkeys(row[key] for row in results)) for key in ("entry", "robot"))
     figure, axes = plt.subplots(figsize=(8, 4.5), layout="constrained")

@@ -21,14 +21,14 @@ INERTIA, RATIO, LOAD, STIFFNESS, DAMPING = 1e-3, 100.0, 8.0, 3.2e4, 30.0
 
 
 def axis(coulomb: float) -> ei.Robot:
-    """Motor, gear and load; the stiffness is a start value, 6 % below the true one."""
+    """Return motor, gear and load; the stiffness is a start value, 6 % below the true one."""
     motor = ei.Motor(INERTIA, RATIO, 1e-3, coulomb=coulomb)
     joint = ei.Joint("1", "z", ei.Spring(3e4, DAMPING), motor)
     return ei.Robot("axis", (ei.Body("load", joints=(joint,), inertia=LOAD),), gravity=(0.0, 0.0, 0.0))
 
 
 def records_of(robot: ei.Robot, realisations: int) -> Any:
-    """Records of four periods of 4 s, in closed loop."""
+    """Return records of four periods of 4 s, in closed loop."""
     excitation = {"rate_hz": 500, "period": "4 s", "band_hz": [2, 60], "torque_rms": 60, "grid": "odd-random"}
     rig = {"truth": {"k_1": STIFFNESS}, "noise": {"torque_std": 2, "angle_std": 2e-6}}
     experiment = {"configurations": {"home": [0]}, "realisations": realisations, "periods": 4, "simulated": rig}
@@ -36,13 +36,13 @@ def records_of(robot: ei.Robot, realisations: int) -> Any:
 
 
 def drawn(widths: tuple[float, ...]) -> tuple[Figure, Any]:
-    """A figure of one row of axes."""
+    """Draw a figure of one row of axes."""
     figure = Figure(figsize=(9, 3.1), layout="constrained")
     return figure, figure.subplots(1, len(widths), width_ratios=widths)
 
 
 def log_axes(ax: Any, ylabel: str) -> None:
-    """Frequency on a logarithmic axis, with plain numbers."""
+    """Set frequency on a logarithmic axis, with plain numbers."""
     ax.set(xscale="log", yscale="log", xlabel="frequency (Hz)", xticks=(2, 5, 10, 20, 50))
     ax.set_xticklabels(["2", "5", "10", "20", "50"])
     ax.minorticks_off()
@@ -51,7 +51,7 @@ def log_axes(ax: Any, ylabel: str) -> None:
 
 
 def loop(records: Any) -> Figure:
-    """Block diagram of the closed loop; one period of the torque and its spectrum."""
+    """Draw block diagram of the closed loop; one period of the torque and its spectrum."""
     figure, (diagram, spectrum) = drawn((1.25, 1))
     diagram.set(xlim=(0, 10), ylim=(0, 5))
     diagram.axis("off")
@@ -61,9 +61,9 @@ def loop(records: Any) -> Figure:
     for x in (2.6, 8.2):
         diagram.plot(x, 3.6, "o", ms=13, mfc="white", mec="black")
         diagram.text(x, 3.6, "+", ha="center", va="center")
-    ways = [(0.3, 3.6, 2.4, 3.6), (2.8, 3.6, 4.35, 3.6), (6.95, 3.6, 8.0, 3.6), (8.4, 3.6, 9.9, 3.6)]
-    ways += [(8.2, 4.9, 8.2, 3.9), (9.2, 1.3, 6.95, 1.3), (2.6, 1.3, 2.6, 3.3)]
-    for x, y, to_x, to_y in ways:
+    arrows = [(0.3, 3.6, 2.4, 3.6), (2.8, 3.6, 4.35, 3.6), (6.95, 3.6, 8.0, 3.6), (8.4, 3.6, 9.9, 3.6)]
+    arrows += [(8.2, 4.9, 8.2, 3.9), (9.2, 1.3, 6.95, 1.3), (2.6, 1.3, 2.6, 3.3)]
+    for x, y, to_x, to_y in arrows:
         diagram.annotate("", (to_x, to_y), (x, y), arrowprops={"arrowstyle": "-|>", "color": "black"})
     diagram.plot([9.2, 9.2], [3.6, 1.3], [4.35, 2.6], [1.3, 1.3], color="black", lw=1)
     labels = ((0.3, 3.8, "multisine $r$"), (3.0, 3.8, "torque $u$"), (8.3, 4.6, "noise $v$"), (9.3, 3.8, "$y$"))
@@ -84,13 +84,13 @@ def loop(records: Any) -> Figure:
 
 
 def periods(records: Any, response: ei.Response) -> Figure:
-    """Torque in two realisations; levels of output, noise and distortion."""
+    """Draw torque in two realisations; levels of output, noise and distortion."""
     figure, (time, level) = drawn((1, 1.1))
     for record, color in zip(records[:2], (BLUE, ORANGE), strict=True):
         n = record.period_samples
-        shown = np.asarray(record.y)[-2 * n :, 0] * 1e3
+        period = np.asarray(record.y)[-2 * n :, 0] * 1e3
         t = np.arange(2 * n) / record.rate_hz
-        time.plot(t, shown - shown.mean(), color=color, lw=0.8, label=f"realisation {record.realisation + 1}")
+        time.plot(t, period - period.mean(), color=color, lw=0.8, label=f"realisation {record.realisation + 1}")
     time.axvline(n / record.rate_hz, color="black", lw=0.8, ls="--")
     low, high = time.get_ylim()
     time.set(xlabel="time (s)", ylabel="joint angle (mrad)", xlim=(0, 8), ylim=(low, high + 0.55 * (high - low)))
@@ -100,9 +100,9 @@ def periods(records: Any, response: ei.Response) -> Figure:
     quality = response.quality
     kinds = [("excited", "amplitude", BLUE, "output"), ("odd", "amplitude", ORANGE, "odd distortion")]
     kinds += [("even", "amplitude", GREEN, "even distortion"), ("excited", "noise", GREY, "noise")]
-    for which, what, color, words in kinds:
-        lines = getattr(quality, which)
-        level.plot(lines.freq_hz, getattr(lines, what)[:, 0], ".", ms=4, color=color, label=words)
+    for index, kind, color, words in kinds:
+        lines = getattr(quality, index)
+        level.plot(lines.freq_hz, getattr(lines, kind)[:, 0], ".", ms=4, color=color, label=words)
     log_axes(level, "acceleration (rad/s²)")
     level.set_ylim(top=60)
     level.legend(fontsize=8, ncols=2, loc="upper left")
@@ -110,7 +110,7 @@ def periods(records: Any, response: ei.Response) -> Figure:
 
 
 def band(uncompensated: ei.Response, response: ei.Response) -> Figure:
-    """FRF with its 95 % band without and with friction compensation."""
+    """Draw FRF with its 95 % band without and with friction compensation."""
     figure, each = drawn((1, 1))
     for ax, measured, words in zip(each, (uncompensated, response), ("without", "with"), strict=True):
         f, G = measured.freq_hz, np.abs(measured.G[:, 0, 0])
@@ -126,13 +126,13 @@ def band(uncompensated: ei.Response, response: ei.Response) -> Figure:
 
 
 def model() -> Figure:
-    """Two inertias and a spring, and the FRF of the linearised model with its two limits."""
+    """Draw two inertias and a spring, and the FRF of the linearised model with its two limits."""
     figure, (sketch, ax) = drawn((1, 1))
     sketch.set(xlim=(0, 10), ylim=(0, 5))
     sketch.axis("off")
-    for x, wide, words in ((1.0, 2.0, "motor\n$M_m$"), (6.6, 2.4, "link\n$M(q_a)$")):
+    for x, wide, label in ((1.0, 2.0, "motor\n$M_m$"), (6.6, 2.4, "link\n$M(q_a)$")):
         sketch.add_patch(FancyBboxPatch((x, 1.6), wide, 1.8, boxstyle="round,pad=0.05", fc="#eef4fa", ec=BLUE))
-        sketch.text(x + wide / 2, 2.5, words, ha="center", va="center")
+        sketch.text(x + wide / 2, 2.5, label, ha="center", va="center")
     t = np.linspace(0, 1, 200)
     along = 3.05 + 3.5 * t
     coil = np.where((t > 0.15) & (t < 0.85), 0.28 * np.sin(2 * np.pi * 6 * (t - 0.15) / 0.7), 0)
@@ -140,19 +140,19 @@ def model() -> Figure:
     sketch.plot([3.05, 4.7], [1.95, 1.95], [4.95, 6.55], [1.95, 1.95], color="black", lw=1)
     sketch.plot([4.7, 4.7], [1.7, 2.2], [5.2, 4.55, 4.55, 5.2], [2.25, 2.25, 1.65, 1.65], color="black", lw=1)
     named = ((4.8, 3.45, "stiffness $K$"), (4.8, 1.15, "damping $D$"), (2.0, 3.75, "$q_m,\\ u$"), (7.8, 3.75, "$q_a$"))
-    for x, y, words in (*named, (7.8, 0.9, "gravity $g(q_a)$")):
-        sketch.text(x, y, words, ha="center")
+    for x, y, label in (*named, (7.8, 0.9, "gravity $g(q_a)$")):
+        sketch.text(x, y, label, ha="center")
     f = np.geomspace(2, 60, 600)
     s, J = 2j * np.pi * f, INERTIA * RATIO**2
     c = STIFFNESS + DAMPING * s
     ax.loglog(f, np.abs(s**2 * (LOAD * s**2 + c) / ((J * s**2 + c) * (LOAD * s**2 + c) - c**2)), color=BLUE)
     limits = ((1 / (J + LOAD), 2, "rigid robot: $1/(M+M_m)$", 0.6), (1 / J, 20, "motor alone: $1/M_m$", 0.72))
-    for value, x, words, up in limits:
+    for value, x, label, up in limits:
         ax.axhline(value, color=GREY, lw=0.8, ls="--")
-        ax.text(x, value * up, words, fontsize=8)
+        ax.text(x, value * up, label, fontsize=8)
     zero, pole = np.sqrt(STIFFNESS / LOAD) / 2 / np.pi, np.sqrt(STIFFNESS * (1 / J + 1 / LOAD)) / 2 / np.pi
-    for x, y, words in ((zero, 1.3e-3, "zero: motor locked"), (pole, 0.75, "pole: mode of the free robot")):
-        ax.annotate(words, (x, y), (x * 1.12, y), fontsize=8, va="center")
+    for x, y, label in ((zero, 1.3e-3, "zero: motor locked"), (pole, 0.75, "pole: mode of the free robot")):
+        ax.annotate(label, (x, y), (x * 1.12, y), fontsize=8, va="center")
         ax.axvline(x, color=ORANGE, lw=0.8, ls=":")
     log_axes(ax, "acceleration per torque ((rad/s²)/Nm)")
     ax.set_ylim(1e-3, 2)
@@ -160,7 +160,7 @@ def model() -> Figure:
 
 
 def fit(response: ei.Response, result: ei.Result) -> Figure:
-    """Fitted FRF, normalised residuals on the normal density, intervals of the parameters."""
+    """Draw fitted FRF, normalised residuals on the normal density, intervals of the parameters."""
     figure, (curve, histogram, forest) = drawn((1.1, 0.9, 1))
     fitted = result.model("home").response(response.freq_hz).G
     curve.plot(response.freq_hz, np.abs(response.G[:, 0, 0]), ".", ms=3, color=BLUE, label="measured")
@@ -185,7 +185,7 @@ def fit(response: ei.Response, result: ei.Result) -> Figure:
 
 
 def tolerances() -> Figure:
-    """A stiffness and a mass of which the data determine the ratio; contributions to the variance over the time."""
+    """Draw a stiffness and a mass of which the data determine the ratio, and contributions to the variance."""
     figure, (plane, time) = drawn((1, 1))
     noise, mass = 0.5, np.array([-4.0, 4.0])  # std of ratio (%), errors of the mass (%); its tolerance is 1 %
     for side in (-1.96, 1.96):
@@ -207,7 +207,7 @@ def tolerances() -> Figure:
 
 
 def gear() -> Figure:
-    """Torque over deflection, transmission error over the motor angle, friction over the torque."""
+    """Draw torque over deflection, transmission error over the motor angle, friction over the torque."""
     figure, (torsion, error, friction) = drawn((1.1, 1, 0.9))
     x = np.linspace(-1, 1, 400)
     spring = 0.6 * x + 0.4 * x**3
@@ -228,7 +228,7 @@ def gear() -> Figure:
 
 
 def of_example(name: str) -> Figure:
-    """The figure of an example of the gallery."""
+    """Return the figure of an example of the gallery."""
     path = Path(__file__).parents[1] / "examples" / name
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         figure: Figure = runpy.run_path(str(path), run_name="__main__")["figure"]
@@ -236,7 +236,7 @@ def of_example(name: str) -> Figure:
 
 
 def figures() -> dict[str, Figure]:
-    """All figures by the names of their files."""
+    """Return all figures by the names of their files."""
     rubbing, smooth = axis(coulomb=0.15), axis(coulomb=0.0)
     records = records_of(rubbing, 4)
     uncompensated, response = (ei.estimate(records, rubbing, friction=each)["home"] for each in ("none", "auto"))

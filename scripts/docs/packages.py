@@ -14,7 +14,7 @@ PACKAGE = ROOT / "elastid"
 
 
 def layers() -> list[list[str]]:
-    """Names of the packages by layer, the lowest last, from the import rules of pyproject.toml."""
+    """Return names of the packages by layer, the lowest last, from the import rules of pyproject.toml."""
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
         "contracts"
     ]
@@ -23,13 +23,13 @@ def layers() -> list[list[str]]:
 
 
 def python_files(name: str) -> list[Path]:
-    """Files of a package, or the one file of a module."""
+    """Return files of a package, or the one file of a module."""
     file = PACKAGE / f"{name}.py"
     return [file] if file.exists() else sorted((PACKAGE / name).rglob("*.py"))
 
 
 def imports() -> Counter[tuple[str, str]]:
-    """Number of import statements from one package to another: (importer, imported)."""
+    """Return number of import statements from one package to another: (importer, imported)."""
     count = Counter[tuple[str, str]]()
     for name in (name for layer in layers() for name in layer):
         for path in python_files(name):
@@ -59,7 +59,7 @@ def draw(path: Path) -> None:
 
 
 def page(pictures: Path) -> str:
-    """Page with drawing and table; a row for each package: subject, files, lines, packages that it imports."""
+    """Return page with drawing and table; a row for each package: subject, files, lines, packages that it imports."""
     draw(pictures / "packages.png")
     below, rows = imports(), [("package", "subject", "files", "lines", "imports")]
     for name in (name for layer in layers() for name in layer):

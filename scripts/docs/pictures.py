@@ -32,7 +32,7 @@ MOST_BYTES = 120_000
 
 
 def responses(run: Path, path: Path) -> None:
-    """Magnitudes of one configuration, the fitted model with its 95 % band, as an n_y x n_u matrix."""
+    """Draw magnitudes of one configuration, the fitted model with its 95 % band, as an n_y x n_u matrix."""
     result = ei.load(run / "fit.h5")
     measured = next(G for G in ei.load(run / "frf.h5") if G.configuration.name in result.configurations)
     model = result.model(measured.configuration.name)
@@ -60,25 +60,25 @@ def responses(run: Path, path: Path) -> None:
 
 
 def friction(run: Path, path: Path) -> None:
-    """Levels and law of friction with the band."""
+    """Draw levels and law of friction with the band."""
     figure = ei.plot.friction_curve(ei.load(run / "friction.h5"), "1")
     figure.savefig(path, dpi=110)
 
 
 def workspace(run: Path, path: Path) -> None:
-    """The softest static compliance at a thousand random postures."""
+    """Draw the softest static compliance at a thousand random postures."""
     result = ei.load(run / "fit.h5")
     mapped = map_workspace(result, random_postures(result.robot, 1000), name="demo")
     ei.plot.workspace(mapped).savefig(path, dpi=110)
 
 
 def move(run: Path, path: Path) -> None:
-    """The last tuned move of the run: errors of the tool, and torques."""
+    """Draw the last tuned move of the run: errors of the tool, and torques."""
     move_figure(read_tune(run / "tune.h5")).savefig(path, dpi=90)
 
 
 def axes(path: Path) -> None:
-    """Driven axis, elastic axes behind it, and the offset of a row of the table, in the plane of two links."""
+    """Draw driven axis, elastic axes behind it, and the offset of a row of the table, in the plane of two links."""
     figure = Figure(figsize=(8.4, 3.4), layout="constrained")
     left, right = figure.subplots(1, 2)
     for ax, offset, words in ((left, 0.0, "offset: 0"), (right, 90.0, "offset: 90 deg")):
@@ -115,15 +115,15 @@ def page(run: Path, path: Path) -> None:
         browser.close()
 
 
-def shown(demo: Path) -> str:
-    """The text of the page's first screen, and the numbers that were found, line by line."""
+def first_screen_text(demo: Path) -> str:
+    """Return the text of the page's first screen, and the numbers that were found, line by line."""
     text = (demo / "report.html").read_text(encoding="utf-8")
     screen = text[text.index('<header class="top">') : text.index('id="q-next"')]
     screen = re.sub(r"<(svg|script|style|output)\b.*?</\1>", " ", screen, flags=re.DOTALL)
-    words = [html.unescape(" ".join(part.split())) for part in re.split(r"<[^>]*>", screen)]
+    texts = [html.unescape(" ".join(part.split())) for part in re.split(r"<[^>]*>", screen)]
     parameters = json.loads((demo / "summary.json").read_text(encoding="utf-8"))["parameters"]
     numbers = [f"{name} {each['value']:.4g} +- {each['std']:.2g}" for name, each in parameters.items() if "std" in each]
-    return "\n".join([*filter(None, words), *numbers, ""])
+    return "\n".join([*filter(None, texts), *numbers, ""])
 
 
 def _chromium() -> str:
@@ -136,15 +136,15 @@ def _chromium() -> str:
 
 
 def smaller(path: Path) -> int:
-    """The picture with 64 colors at most, in bytes; RuntimeError where it is still too large for a README."""
+    """Return the picture with 64 colors at most, in bytes; RuntimeError where it is still too large for a README."""
     Image.open(path).convert("RGB").quantize(64, method=Image.Quantize.MEDIANCUT).save(path, optimize=True)
     if (size := path.stat().st_size) > MOST_BYTES:
         raise RuntimeError(f"{path} has {size} bytes, more than {MOST_BYTES}; draw it smaller")
     return size
 
 
-def made(demo: Path, of_friction: Path, bench: Path) -> Iterator[tuple[str, int]]:
-    """Every picture with its size in bytes."""
+def draw_pictures(demo: Path, of_friction: Path, bench: Path) -> Iterator[tuple[str, int]]:
+    """Yield every picture with its size in bytes."""
     draw = {
         "frf.png": lambda path: responses(demo, path),
         "friction.png": lambda path: friction(of_friction, path),
@@ -171,5 +171,5 @@ if __name__ == "__main__":
     parser.add_argument("--friction", type=Path, default=Path("runs/friction_of_an_axis"), metavar="DIR")
     parser.add_argument("--bench", type=Path, default=Path("runs/recorded"), metavar="DIR")
     asked = parser.parse_args()
-    print(json.dumps(dict(made(asked.demo, asked.friction, asked.bench))))
-    (Path(__file__).parent / "shown.txt").write_text(shown(asked.demo), encoding="utf-8")
+    print(json.dumps(dict(draw_pictures(asked.demo, asked.friction, asked.bench))))
+    (Path(__file__).parent / "shown.txt").write_text(first_screen_text(asked.demo), encoding="utf-8")

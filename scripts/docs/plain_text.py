@@ -10,18 +10,18 @@ _MARKUP = re.compile(r"([\\*_|])")
 _ROLE = re.compile(r":math:`[^`]*`")
 
 
-def escaped(text: str) -> str:
-    """Text in which only `code` and :math: mean something.
+def escape(text: str) -> str:
+    """Return text in which only `code` and :math: mean something.
 
-    >>> escaped("`k_*` and d_1*")
+    >>> escape("`k_*` and d_1*")
     '``k_*`` and d\\\\_1\\\\*'
     """
     pieces, end = [], 0
     for match in re.finditer(rf"{_ROLE.pattern}|{_CODE.pattern}", text):
         pieces.append(_MARKUP.sub(r"\\\1", text[end : match.start()]).replace("`", r"\`"))
         glued = r"\ " if text[match.end() : match.end() + 1].isalnum() else ""
-        before = r"\ " if text[match.start() - 1 : match.start()].isalnum() else ""
-        pieces.append(before + (match[0] if match[0].startswith(":math:") else f"``{match[1].strip()}``") + glued)
+        gap = r"\ " if text[match.start() - 1 : match.start()].isalnum() else ""
+        pieces.append(gap + (match[0] if match[0].startswith(":math:") else f"``{match[1].strip()}``") + glued)
         end = match.end()
     return "".join(pieces) + _MARKUP.sub(r"\\\1", text[end:]).replace("`", r"\`")
 
@@ -43,8 +43,8 @@ def list_table(rows: Iterable[Sequence[object]], option: str = ":header-rows: 1"
     return f".. list-table::\n   {option}\n\n{''.join(cells)}"
 
 
-def restructured(doc: str) -> str:
-    """A docstring as reStructuredText.
+def to_rst(doc: str) -> str:
+    """Return a docstring as reStructuredText.
 
     Paragraphs that begin with `.. math::` or `>>>` are kept; indented ones are shown as they are; bullets are lists;
     `name: text` at the start of a line, or two spaces behind a sentence, becomes a line of its own.
@@ -58,15 +58,15 @@ def _paragraph(text: str) -> str:
     if text.startswith((" ", "\t")):
         return "::\n\n" + indent(dedent(text), "    ")
     if text.startswith("- "):
-        return "\n".join("- " + escaped(" ".join(item.split())) for item in re.split(r"\n?^- ", text, flags=re.M)[1:])
+        return "\n".join("- " + escape(" ".join(item.split())) for item in re.split(r"\n?^- ", text, flags=re.M)[1:])
     head, equation, tail = text.partition("\n.. math::")
     if equation:
         return f"{_paragraph(head)}\n\n{equation.strip()}{tail}"
-    return "\n\n".join(_line(each) for line in _joined(text) for each in _KEY.split(line) if each.strip())
+    return "\n\n".join(_line(each) for line in _join(text) for each in _KEY.split(line) if each.strip())
 
 
-def _joined(text: str) -> list[str]:
-    """The lines of a paragraph joined, but for those that begin with `name: `."""
+def _join(text: str) -> list[str]:
+    """Join the lines of a paragraph, but for those that begin with `name: `."""
     lines: list[str] = []
     for line in text.splitlines():
         if lines and not re.match(r"(?:[A-Za-z]\w*, )*[A-Za-z_]\w*(?: \([^()]*\))?: ", line):
@@ -78,4 +78,4 @@ def _joined(text: str) -> list[str]:
 
 def _line(text: str) -> str:
     match = re.match(r"((?:[A-Za-z]\w*, )*[A-Za-z_]\w*(?: \([^()]*\))?): (.*)", text, re.DOTALL)
-    return f"- **{escaped(match[1])}**: {escaped(match[2].strip())}" if match else escaped(" ".join(text.split()))
+    return f"- **{escape(match[1])}**: {escape(match[2].strip())}" if match else escape(" ".join(text.split()))

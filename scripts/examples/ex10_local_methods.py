@@ -19,7 +19,7 @@ f = np.fft.rfftfreq(N * periods * 4, 1 / rate_hz)  # zeros behind the record: th
 
 
 def plant(freq_hz):
-    """Compliance of two coupled modes at 8 and 17 Hz with 3 % damping."""
+    """Return compliance of two coupled modes at 8 and 17 Hz with 3 % damping."""
     shapes = np.array([[1.0, 0.6], [0.5, -1.0]])
     omega, modes = 2 * np.pi * freq_hz[:, None], 2 * np.pi * np.array([8.0, 17.0])
     each = modes**2 / (modes**2 - omega**2 + 0.06j * modes * omega)

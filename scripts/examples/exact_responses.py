@@ -16,7 +16,7 @@ def measured(
     robot: ei.Robot, truth: Mapping[str, float], postures: Mapping[str, Sequence[float]], freq_hz, noise=0.01,
     of_largest=False,
 ):  # fmt: skip
-    """Responses of a robot with the numbers of `truth`: elements with so much relative noise, and its covariance.
+    """Return responses of a robot with the numbers of `truth`, with relative noise, and its covariance.
 
     of_largest: relative to the largest element of a line, in whose noise small ones drown.
     """

@@ -30,7 +30,7 @@ def chatter(item: object) -> str:
 
 def test_libraries_do_not_write_on_terminal(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     """Of a command that keeps no log; afterwards Python is as it was."""
-    monkeypatch.setattr("elastid.app.inspection.described", chatter)
+    monkeypatch.setattr("elastid.app.inspection.describe_file", chatter)
     with warnings.catch_warnings():
         warnings.simplefilter("always")
         before = warnings.showwarning, list(logging.getLogger().handlers)

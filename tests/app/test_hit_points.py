@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from elastid.app.cli import run_command
-from elastid.logs.responses.table import geometry_of_files
+from elastid.logs.responses.universal_files import geometry_of_files
 from elastid.modal.estimate import estimate_modes
 from elastid.store.measured import read_responses
 from elastid.study import load

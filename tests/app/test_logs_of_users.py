@@ -242,7 +242,7 @@ def test_cells_of_matlab_7_3_are_names_and_units(tmp_path: Path) -> None:
 
 
 def test_exponents_of_fortran_and_other_functions_of_universal_files(tmp_path: Path) -> None:
-    """Time histories are read; power spectra are refused by their name."""
+    """Time histories are read with rate and units; power spectra are refused by their name."""
     pyuff = pytest.importorskip("pyuff")
     keys = {"rsp_dir": 3, "ref_dir": 0, "ref_node": 0, "id1": "", "rsp_ent_name": "NONE", "ref_ent_name": "NONE"}
     keys |= {"abscissa_spacing": 1, "abscissa_inc": 1 / RATE, "abscissa_spec_data_type": 17, "x": T, "type": 58}
@@ -254,6 +254,8 @@ def test_exponents_of_fortran_and_other_functions_of_universal_files(tmp_path: P
             pyuff.UFF(str(tmp_path / name)).write_sets(keys | data | units, "add" if node > 1 else "overwrite")
     path = tmp_path / "log.uff"
     path.write_text(re.sub(r"(\d)[eE]([+-]\d\d)", r"\1D\2", path.read_text()))
+    with opened_log(path, TextFormatSpec()) as opened:
+        assert [(x.units, x.rate_hz) for x in opened.arrays.values()] == [("N", RATE), ("m/s^2", RATE)]
     log = read_channels(path, [ChannelSpec("u", "1z", "1z", quantity="force")], TextFormatSpec())
     np.testing.assert_allclose(log[:, 0], U, atol=1e-6)
     with refused("responses/table", place="psd.uff", holds="auto spectrum"):

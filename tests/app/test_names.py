@@ -13,7 +13,7 @@ from plants.hostile_names import FILES, HOSTILE, hostile_robot, picked
 from plants.runs import summary_of
 
 from elastid.app.cli import run_command
-from elastid.app.inspection import described
+from elastid.app.inspection import describe_file
 from elastid.study.robots import yaml_text
 from tests.base.test_names import quoted
 from tests.report.page.test_page import Page
@@ -104,7 +104,7 @@ def test_a_whole_run_has_them_as_texts(tmp_path: Path, start: int) -> None:
     assert "blink" not in page.tags
     assert names[0] in page.text
     for file in sorted(each for each in run.rglob("*") if each.suffix in (".h5", ".json")):
-        assert not controls_in(described(file)), file
+        assert not controls_in(describe_file(file)), file
     for target in ("robot", "control", "matlab", "urdf", "casadi", "c", "csv", "uff"):
         assert run_command(["export", str(path), "--to", target, "--run", str(run)]) == 0, target
     assert {each.name for each in tmp_path.iterdir()} <= {"robot.yml", "study.yml", "out"}

@@ -1,13 +1,11 @@
 """Friction of one study on the logs of another."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from textwrap import indent
 
 import numpy as np
 import pytest
-from plants.cogged_joint import CoggedJoint, simulated
 from plants.moving_arm import ARM, motion
 from plants.runs import summary_of
 
@@ -32,24 +30,6 @@ experiment:
 """
 
 
-@pytest.fixture(scope="module")
-def study_of(tmp_path_factory) -> Callable[..., Path]:
-    """The study of a log of a rigid axis with J = 6 kg*m^2, f = 20 N*m*s/rad and a Coulomb friction."""
-
-    def made(name: str, seed: int, coulomb: float) -> Path:
-        folder = tmp_path_factory.mktemp(name)
-        rng, t = np.random.default_rng(seed), np.arange(32000) * 5e-4
-        waves = zip(rng.uniform(0.1, 1.5, 5), rng.uniform(0, 2 * np.pi, 5), rng.uniform(0.1, 0.4, 5), strict=True)
-        reference = sum(size / f**0.7 * np.sin(2 * np.pi * f * t + phase) for f, phase, size in waves)
-        joint = CoggedJoint(6.0, coulomb, coulomb, viscous=20.0, gravity=0.0, cogging=0.0)
-        q, u = (signal[::4] for signal in simulated([joint], [reference], 5e-4)[0])
-        np.savetxt(folder / "log.csv", np.stack([u + rng.normal(0, 0.5, len(u)), q], axis=1), delimiter=",")
-        (folder / "study.yml").write_text(STUDY)
-        return folder / "study.yml"
-
-    return made
-
-
 def test_command_line_logs_keep_keys_of_replaced_files(tmp_path: Path) -> None:
     """The last of the first where there are more; not those of one log alone."""
     files = "{path: a.csv, configuration: a}, {path: b.csv, configuration: b, samples: [0, 9]}"
@@ -62,28 +42,6 @@ def test_command_line_logs_keep_keys_of_replaced_files(tmp_path: Path) -> None:
 
 def command(*words: str | Path) -> int:
     return cli.run_command([*map(str, words), "-q"])
-
-
-@pytest.mark.slow
-def test_friction_explains_same_axis_and_not_higher_friction(study_of: Callable[..., Path], tmp_path: Path) -> None:
-    """As well as a regression of that log; where Coulomb friction is 4 Nm more, what is left is that, 0.1 % off."""
-    first, second, third = study_of("first", 1, 12.0), study_of("second", 2, 12.0), study_of("third", 2, 16.0)
-    assert command("run", first, "--run", tmp_path / "first") == 0
-    left = {}
-    for name, study in (("second", second), ("third", third)):
-        folder = tmp_path / name
-        assert command("predict", study, "--with", tmp_path / "first", "--run", folder) == 0
-        content = summary_of(folder, "prediction.json")
-        (torque,) = content["torque"]
-        left[name] = torque["unexplained_fraction"]
-        assert content["not_predicted"] == {}
-        assert torque["unexplained_fraction"] < torque["unexplained_without_friction"]
-        (run,) = content["simulation"]
-        (angle,) = (signal for signal in run["signals"] if signal["signal"] == "motor angle")
-        assert angle["error"] < 0.2
-        u = np.loadtxt(study.parent / "log.csv", delimiter=",")[:, 0]
-    assert left["second"] < 1e-4
-    assert left["third"] * np.mean(u**2) == pytest.approx(4.0**2, rel=0.15)
 
 
 OTHER = ARM.with_parameters({"m_upper": 3.0, "m_fore": 2.0, "Jm_1": 1e-3})

@@ -62,17 +62,6 @@ def test_numbers_from_references_are_true(
 
 
 @pytest.mark.slow
-def test_whole_run_of_a_stated_delay_reports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A delay that is stated rightly is no parameter; all stages of the run are carried out."""
-    study = JOINT.write(tmp_path / "a", delay_r={"start": JOINT.delay_s, "fixed": True})
-    result = fitted(study, monkeypatch, ("measure", "estimate", "fit", "validate", "report"))
-    assert result.status == "converged"
-    assert "delay_r" not in result.parameters.free_names
-    assert_within(result, k_1=JOINT.k, d_1=JOINT.d)
-    assert (study.parent / "runs" / "referenced" / "report.html").exists()
-
-
-@pytest.mark.slow
 def test_wrong_delay_is_a_misfit_whose_cause_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A stated delay that is 2.3 ms off: status misfit, and the first cause is a delay of the references."""
     study = JOINT.write(tmp_path / "a", delay_r={"start": 0.005, "fixed": True})
@@ -103,16 +92,6 @@ def test_wrong_damping_gain_moves_viscous_friction_alone(tmp_path: Path, monkeyp
     assert result.parameters.as_dict(result.x)["fm_1"] == pytest.approx(JOINT.fm + JOINT.kd / 6, rel=0.05)
     value, half = combination(result)
     assert abs(value - JOINT.fm - JOINT.kd) < 2 * half
-
-
-@pytest.mark.slow
-def test_free_gains_give_sum_of_damping_gain_and_friction(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a prior of 20 % of each gain neither k_d nor friction is identified, but their sum is."""
-    study = JOINT.write(tmp_path / "a", stated=(JOINT.kp, JOINT.kd / 1.2), **GAINS)
-    result = fitted(study, monkeypatch)
-    value, half = combination(result)
-    assert abs(value - JOINT.fm - JOINT.kd) < 2 * half
-    assert half < 1.96 * result.std["fm_1"] / 4
 
 
 @pytest.mark.slow

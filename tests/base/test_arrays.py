@@ -11,24 +11,19 @@ import h5py
 import numpy as np
 import pytest
 
-from elastid.base import arrays as base_arrays
+from elastid.base import large_arrays
 from elastid.base.arrays import (
     BoolArray,
     ComplexArray,
     FloatArray,
     IntArray,
-    LargeArray,
     folded,
-    format_values,
     frozen,
     frozen_value,
-    mapped,
-    mean_of_rows,
     quotient,
-    release,
-    stored_beside,
-    stored_in,
 )
+from elastid.base.large_arrays import LargeArray, map_dataset, mean_of_rows, move_beside, move_to_file, release
+from elastid.base.value_range import format_values
 
 
 @frozen_value(eq=False)
@@ -94,7 +89,7 @@ def test_a_large_array_reads_the_rows_asked_for() -> None:
 
 def test_mapped_datasets_are_large_and_contiguous(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """By their bytes in a large file, or by their number of values in any file."""
-    monkeypatch.setattr(base_arrays, "MIN_PART_BYTES", 64)
+    monkeypatch.setattr(large_arrays, "MIN_MAPPED_BYTES", 64)
     single = np.arange(32, dtype=np.float32).reshape(16, 2)
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["small"], file["large"], file["single"] = np.zeros(2), np.zeros(8), single
@@ -104,20 +99,20 @@ def test_mapped_datasets_are_large_and_contiguous(tmp_path: Path, monkeypatch: p
         (1 << 40, 99, set()),
         (1 << 40, 2, {"small", "large", "single"}),
     ):
-        monkeypatch.setattr(base_arrays, "MIN_LARGE_FILE", least_bytes)
-        monkeypatch.setattr(base_arrays, "MIN_LARGE_VALUES", least_values)
+        monkeypatch.setattr(large_arrays, "MIN_LARGE_FILE", least_bytes)
+        monkeypatch.setattr(large_arrays, "MIN_LARGE_VALUES", least_values)
         with h5py.File(tmp_path / "a.h5") as file:
-            assert {name for name in file if mapped(tmp_path / "a.h5", file[name]) is not None} == names
+            assert {name for name in file if map_dataset(tmp_path / "a.h5", file[name]) is not None} == names
             if "single" in names:
-                np.testing.assert_array_equal(mapped(tmp_path / "a.h5", file["single"])[3:9], single[3:9])
+                np.testing.assert_array_equal(map_dataset(tmp_path / "a.h5", file["single"])[3:9], single[3:9])
 
 
 FILLED = """
 import sys
 from pathlib import Path
 import numpy as np
-from elastid.base.arrays import stored_in
-kept = [stored_in(Path(sys.argv[1]), np.full(1000, i)) for i in range(3)]
+from elastid.base.large_arrays import move_to_file
+kept = [move_to_file(Path(sys.argv[1]), np.full(1000, i)) for i in range(3)]
 print(sum(array.sum() for array in kept), flush=True)
 input()
 """
@@ -143,16 +138,16 @@ def test_file_arrays_keep_values_after_release_and_in_processes(tmp_path, monkey
     write = os.pwrite
     monkeypatch.setattr(os, "pwrite", lambda file, data, place: write(file, data[:30_000], place))
     given = [np.arange(n, dtype=dtype).reshape(-1, 1) for n, dtype in ((5, float), (0, complex), (70_000, np.int64))]
-    kept = [stored_in(tmp_path, array) for array in given]
+    kept = [move_to_file(tmp_path, array) for array in given]
     for array, again in zip(given, kept, strict=True):
         release(again)
         assert again.dtype == array.dtype
         assert not again.flags.writeable
         np.testing.assert_array_equal(again, array)
         np.testing.assert_array_equal(pickle.loads(pickle.dumps(again)), array)
-        np.testing.assert_array_equal(stored_beside(again, array), array)
-    assert stored_beside(given[0], given[0]) is given[0]
-    assert stored_in(tmp_path / "nowhere", given[0]) is given[0]
+        np.testing.assert_array_equal(move_beside(again, array), array)
+    assert move_beside(given[0], given[0]) is given[0]
+    assert move_to_file(tmp_path / "nowhere", given[0]) is given[0]
 
 
 def test_values_in_pieces_quotients_and_rows_of_text() -> None:

@@ -19,9 +19,9 @@ from elastid.base.files import (
     check_self_contained,
     clear_folder,
     name_and_unit,
+    open_regular_file,
     path_below,
     read_table,
-    unlinked,
     write_atomically,
 )
 
@@ -67,7 +67,7 @@ def test_a_file_that_is_a_link_is_not_opened(mode: str, tmp_path: Path, elsewher
     dangling.symlink_to(elsewhere / "new")
     for path in (link, dangling, pipe):
         with pytest.raises((ElastidError, FileExistsError)):
-            open(path, mode, opener=unlinked).close()
+            open(path, mode, opener=open_regular_file).close()
     assert (elsewhere / "victim").read_text() == "untouched"
     assert not (elsewhere / "new").exists()
 

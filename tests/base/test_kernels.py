@@ -15,7 +15,7 @@ from elastid.linear.response.kernel import Elimination
 
 needs_kernels = pytest.mark.skipif(not kernels.is_compiled(), reason="the kernels in C are not built")
 LEVELS = ("portable", "avx2", "avx512")
-CACHES = (kernels._library, kernels._level, kernels._kernel)
+CACHES = (kernels._library, kernels._processor_level, kernels._kernel)
 
 
 def forget() -> None:
@@ -34,7 +34,7 @@ def _forgotten() -> Iterator[None]:
 def results(level: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, np.ndarray]:
     """Kernels that compute each line as if it were alone, on 37 lines, and a bristle along a motion."""
     with monkeypatch.context() as patched:
-        patched.setattr(kernels, "_level", lambda: level)
+        patched.setattr(kernels, "_processor_level", lambda: level)
         kernels._kernel.cache_clear()
         rng = np.random.default_rng(1)
         A, B = circular(rng, (37, 5, 4)), circular(rng, (37, 5, 5))
@@ -57,7 +57,7 @@ def results(level: str, monkeypatch: pytest.MonkeyPatch) -> dict[str, np.ndarray
 @needs_kernels
 def test_levels_of_the_processor_agree(monkeypatch: pytest.MonkeyPatch) -> None:
     """To the last bit where sums run over no lines and both levels multiply and add in one; to rounding without."""
-    available = LEVELS[: LEVELS.index(kernels._level()) + 1]
+    available = LEVELS[: LEVELS.index(kernels._processor_level()) + 1]
     own = results(available[-1], monkeypatch)
     for level in available[:-1]:
         for name, value in results(level, monkeypatch).items():

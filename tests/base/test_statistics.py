@@ -10,7 +10,7 @@ from elastid.base.statistics import (
     correlation_of,
     f_test,
     identifiable_combinations,
-    interpolated,
+    interpolate,
     mean_of_neighbours,
     principal_axes,
     propagate,
@@ -90,4 +90,4 @@ def test_runs_means_and_interpolation_equal_definitions(seed: int, n: int, half:
     lines = np.cumsum(0.1 + rng.random(n))
     wanted = rng.uniform(lines[0], lines[-1], 5)
     between = [np.interp(wanted, lines, part) for part in x.T]
-    np.testing.assert_allclose(interpolated(wanted, lines, x), np.transpose(between), atol=1e-12)
+    np.testing.assert_allclose(interpolate(wanted, lines, x), np.transpose(between), atol=1e-12)

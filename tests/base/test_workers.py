@@ -18,7 +18,7 @@ import pytest
 
 from elastid.base import workers
 from elastid.base.execution import Execution, persistent_workers, surviving
-from elastid.base.workers import _NAMES, REST, End, Kept, LostError, Served
+from elastid.base.workers import _NAMES, REST, End, KeptOnce, LostError, WorkerState
 
 LOADING = """
 import os, signal, sys
@@ -158,7 +158,7 @@ def test_workers_start_anew_where_there_is_no_process_to_copy(monkeypatch: pytes
 
 
 @dataclass(frozen=True, eq=False)
-class Data(Kept):
+class Data(KeptOnce):
     """An array that does not change, and the process that first worked something out of it."""
 
     values: np.ndarray
@@ -236,7 +236,7 @@ def test_unknown_name_from_other_end_is_refused():
 
 def test_worker_keeps_function_until_it_rests():
     """The first message contains the function; after the rest, an item without a function is refused."""
-    here, served = End(keeps=False), Served()
+    here, served = End(keeps=False), WorkerState()
     assert here.unpacked(served.answer(here.packed((abs, -2), True))).result == 2
     assert here.unpacked(served.answer(here.packed((None, -3)))).result == 3
     assert served.answer(REST) is None

@@ -133,7 +133,7 @@ def test_a_configuration_without_a_spectrum_has_the_typical_one() -> None:
     asked = problem(excitation=replace(EXCITATION, flat="information"))
     asked = with_typical_spectrum(asked, EXCITATION.torque_rms)
     amplitudes = np.abs(asked.plan(experiment()).R[0])
-    np.testing.assert_allclose(amplitudes, np.broadcast_to(asked.typical, amplitudes.shape))
+    np.testing.assert_allclose(amplitudes, np.broadcast_to(asked.typical_spectrum, amplitudes.shape))
 
 
 def test_goal_is_reached_at_requested_interval() -> None:

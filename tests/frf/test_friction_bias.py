@@ -13,7 +13,7 @@ from elastid.fit.problem.least_squares import as_real
 from elastid.frf.distortion import (
     MAX_ROTATED_FRACTION,
     MIN_OWN_CHANNEL_FRACTION,
-    Detected,
+    DetectionLines,
     fast_total_error,
     unit_impedance,
 )
@@ -123,6 +123,6 @@ def test_density_at_zero_velocity_equals_sine_in_noise(carrier: float) -> None:
 def test_distortion_at_line_is_that_of_neighbouring_detection_lines() -> None:
     """An excess in proportion to the frequency is found at each line to the distance of two detection lines."""
     lines, odd = np.arange(1, 201, 2), np.arange(7, 200, 8)
-    detected = Detected(None, None, odd, odd[:, None, None].astype(complex), 1)
+    detected = DetectionLines(None, None, odd, odd[:, None, None].astype(complex), 1)
     error = fast_total_error(detected, lines, np.zeros((len(lines), 1, 1), complex), 9)
     assert np.abs(error[0][10:90, 0, 0].real - lines[10:90]).max() <= 8

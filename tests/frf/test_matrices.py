@@ -109,8 +109,8 @@ def test_scatter_in_c_is_that_of_numpy(F: int, n: int, sizes: tuple[int, ...], i
     assert packed.dof == plain.dof == 2 * (sum(sizes) - 1)
     np.testing.assert_allclose(means[1], means[0], rtol=1e-13)
     np.testing.assert_allclose(packed.power(), plain.power(), rtol=1e-12)
-    expected = plain.collected()
-    np.testing.assert_allclose(packed.collected(), expected, rtol=0, atol=1e-13 * np.abs(expected).max())
+    expected = plain.collect()
+    np.testing.assert_allclose(packed.collect(), expected, rtol=0, atol=1e-13 * np.abs(expected).max())
 
 
 def test_groups_of_periods_scatter_like_all_at_once() -> None:
@@ -121,4 +121,4 @@ def test_groups_of_periods_scatter_like_all_at_once() -> None:
     mean = add_periods(together, groups_of(z, (4, 2, 3), scale))
     V = z - z.mean(axis=0)
     np.testing.assert_allclose(mean, z.mean(axis=0), rtol=1e-13)
-    np.testing.assert_allclose(together.collected(), np.einsum("pfi,pfj->fij", V, V.conj()), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(together.collect(), np.einsum("pfi,pfj->fij", V, V.conj()), rtol=0, atol=1e-12)

@@ -1,27 +1,21 @@
 """Estimators of a response against theory and Monte Carlo; fewer experiments than motors."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from plants import random_plants
 from plants.random_plants import ALL_PERIODS, experiments_of
 from plants.refusals import refused
-from plants.runs import run_of
 from plants.two_axes import study as study
 from plants.two_mass import circular
 from scipy.signal import csd
 
-from elastid.app.run import run_all
 from elastid.excitation.multisine import orthogonal_set
 from elastid.frf.estimate import estimate
 from elastid.frf.estimators import METHODS, arithmetic, errors_in_variables, h1, joint, noise_covariance
 from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.record import Record
-from elastid.store.measured import read_responses
-from elastid.store.plan import read_forecast, read_plan
-from elastid.store.results import read_fit
 
 RATE, N = 500.0, 256
 
@@ -158,29 +152,3 @@ def test_means_and_covariances_agree_with_best_linear_approximation() -> None:
     np.testing.assert_allclose(found.G, peer.value, rtol=1e-10)
     assert found.total.form == "full"
     np.testing.assert_allclose(found.total.full(), peer.total.cov, rtol=1e-8, atol=1e-14)
-
-
-ONE = (
-    "excitation.period=4 s",
-    "experiment={configurations: {bent: [0.5, 0.9]}, realisations: 1, experiments: 1}",
-    "experiment.simulated={truth: {k_1: 36e3, k_2: 12e3}, noise: {torque_std: 0.1, angle_std: 1e-6}}",
-    "estimator={method: local_rational}",
-    'fit={starts: 2, weights: {model_error: 1e-6}, parameters: {"k_*": {}, "d_*": {}}}',
-)
-
-
-@pytest.mark.slow
-def test_one_experiment_of_two_motors_finds_both_springs(study: Path, tmp_path: Path) -> None:
-    """From study to report: both true stiffnesses to 1 %, in one run of the robot."""
-    run = run_of(study, tmp_path / "run", *ONE)
-    run_all(run)
-    plan, forecast, result = read_plan(run.path("design")), read_forecast(run.path("design")), read_fit(run.path("fit"))
-    assert [experiment.name for experiment in plan.experiments] == ["bent-r0-e0"]
-    assert plan.robot_time_s == 3 * 4 + 2 * 0.5
-    assert read_responses(run.path("estimate"))[0].G.shape[1:] == (2, 2)
-    assert result.values["k_1"] == pytest.approx(36e3, rel=0.01)
-    assert result.values["k_2"] == pytest.approx(12e3, rel=0.01)
-    whole = run_of(study, tmp_path / "whole", *[*ONE, "experiment.experiments=2"])
-    run_all(whole, ["design"])
-    two = read_forecast(whole.path("design"))
-    np.testing.assert_allclose(forecast.relative, np.sqrt(2) * two.relative, rtol=0.02)

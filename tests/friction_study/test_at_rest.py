@@ -62,17 +62,6 @@ def errors(found: PreslidingFit) -> tuple[float, float]:
     return found.sigma_0 / plant.SIGMA_0 - 1, found.sigma_1 / plant.SIGMA_1 - 1
 
 
-def test_sigma_0_is_identified_to_four_thousandths() -> None:
-    """At half of it and at it, the link on its spring known."""
-    found = fit_presliding_responses(
-        "joint 1", presliding_responses(measured((0.075, 0.15), 1)), JOINT, (plant.VISCOUS, 0.0)
-    )
-    sigma_0, sigma_1 = errors(found)
-    assert abs(sigma_0) < 0.002
-    assert abs(sigma_1) < 0.01
-    assert not found.notes
-
-
 def test_identified_bristles_are_passive(tmp_path):
     """Damping of bristles falls over at most 4 sqrt(2 e) F_c / sigma_1."""
     (tmp_path / "robot.yml").write_text(plant.ROBOT)

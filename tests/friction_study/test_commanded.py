@@ -13,6 +13,7 @@ from plants.commanded_joints import (
     TWO_ROBOT,
     one_joint,
     positions,
+    positions_with_bristles,
     references,
     two_joints,
 )
@@ -105,6 +106,17 @@ def test_friction_as_a_soft_constraint_is_recovered(in_steps: bool, tmp_path: Pa
     assert fit["coulomb"] == pytest.approx(TRUE["coulomb"][0], rel=0.01)
     assert (fit["stick_time"], fit["creep"]) == pytest.approx((0.02, 0.1), rel=0.05)
     assert {"tau_m1", "c_m1"} <= {number.name for number in result.numbers}
+
+
+@pytest.mark.parametrize("damping_s", [0.0, slow(0.01)])
+def test_bristles_are_recovered(damping_s: float, tmp_path: Path) -> None:
+    """A joint that moves by 1 % of its travel before it slides; a model that sticks exactly has J 50 % high."""
+    r, compliance = references(1200, 1, 0.35, 2.0), 0.01
+    q = positions_with_bristles(r, compliance, damping_s) + np.random.default_rng(3).normal(0, 1e-5, r.shape)
+    fit = commanded(found(robot_of(ONE_ROBOT, tmp_path), log(q, r, np.array(GAINS[:1]))))["1"]
+    assert_recovered(fit, 0, 0.0)
+    assert fit["bristle_compliance"] == pytest.approx(compliance, rel=0.02)
+    assert fit["bristle_time"] == pytest.approx(damping_s, abs=1e-3)
 
 
 def test_a_joint_that_never_reverses_shows_the_sum_of_friction_and_offset(tmp_path: Path) -> None:

@@ -93,7 +93,7 @@ def test_noise_is_found_from_innovations() -> None:
 
 def test_correlated_torque_noise_keeps_its_variance() -> None:
     """w_k+1 = a w_k + e_k, a = exp(-T / tau), has std sigma where var e = sigma^2 (1 - a^2)."""
-    joint, noise = replace(FOLLOWED, correlation_s=0.02), replace(NOISE, correlated=0.3)
+    joint, noise = replace(FOLLOWED, correlation_s=0.02), replace(NOISE, correlated_torque=0.3)
     driving = noise.vector(joint, RATE_HZ)[2]
     assert driving / (1 - np.exp(-1 / (RATE_HZ * 0.02)) ** 2) == pytest.approx(0.3**2)
 

@@ -79,7 +79,7 @@ def test_numbers_follow_fit_and_slopes_equal_differences() -> None:
     own = result()
     doubt = ModelErrorFactor(np.array([0.03, -0.02, 0.0, 0.01]), ("m_fore", "c_fore_x"), (0.1, 5e-3), (True, False))
     model = own.at(ANGLES)
-    estimated = replace(model.estimated, doubts=(doubt,))
+    estimated = replace(model.estimated, model_error_factors=(doubt,))
     theta = estimated.theta(estimated.x)
     np.testing.assert_allclose(theta, model.estimated.theta(model.estimated.x), rtol=1e-12)
     assert len(estimated.x) == len(own.x) + 1

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from plants.lab_logs import N, measured, study_of, with_names
 from plants.refusals import refused
 
-from elastid.base import arrays
-from elastid.base.arrays import LargeArray
+from elastid.base import large_arrays
+from elastid.base.large_arrays import LargeArray
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.frf import experiment_blocks
 from elastid.frf import spectra as frf_spectra
@@ -30,7 +30,7 @@ NAMES = {"i1": "drive", "i2": "drive", "phi": "phi", "w2": "w2"}
 @pytest.fixture
 def large(monkeypatch: pytest.MonkeyPatch) -> None:
     """Everything is large from 8000 values on, and worked on 6400 at a time."""
-    for module in (arrays, frf_spectra):
+    for module in (large_arrays, frf_spectra):
         monkeypatch.setattr(module, "MIN_LARGE_VALUES", 8000)
         monkeypatch.setattr(module, "PIECE_VALUES", 6400)
     monkeypatch.setattr(rig, "MIN_VALUES", 8000)

@@ -37,8 +37,8 @@ def test_an_encoder_that_starts_again_after_a_turn_is_unwrapped(bits: int, speed
     log = Log("log", ())
     whole = link_side(channel, path, ROBOT, log)
     assert not log.findings.notes
-    unwrapped = link_side(channel, np.mod(path, turn), ROBOT, log)
-    np.testing.assert_allclose(unwrapped - unwrapped[0], whole - whole[0], atol=1e-9 * np.nanmax(np.abs(whole)))
+    unwrap = link_side(channel, np.mod(path, turn), ROBOT, log)
+    np.testing.assert_allclose(unwrap - unwrap[0], whole - whole[0], atol=1e-9 * np.nanmax(np.abs(whole)))
     assert [note.code for note in log.findings.notes] == [UNWRAPPED]
     jumping, at_rest = np.random.default_rng(seed).uniform(0, turn, 400), np.full(400, turn / 2)
     left, unit = (link_side(channel, x, ROBOT, log) for x in (jumping, at_rest))

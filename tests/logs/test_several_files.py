@@ -23,7 +23,7 @@ from elastid.logs.repeated_logs import join_periods
 from elastid.logs.rig import RecordedRig
 from elastid.record import Record
 from elastid.response import Response
-from elastid.store.reading import described
+from elastid.store.reading import describe_artefact
 
 N, RATE = 240, 100.0
 LINES = np.arange(5, 81, 4)
@@ -82,9 +82,9 @@ def test_a_log_that_was_split_is_the_log(periods: int, tmp_path: Path) -> None:
     whole = run(12 * N, seed=1)
     (tmp_path / "whole").mkdir()
     long = estimate([record_of(tmp_path / "whole", [whole])], SPEC)
-    joined = record_of(tmp_path, np.split(whole, 12 // periods))
-    assert joined.starts == tuple(range(periods, 12, periods))
-    parts = estimate([joined], SPEC)
+    join_pieces = record_of(tmp_path, np.split(whole, 12 // periods))
+    assert join_pieces.starts == tuple(range(periods, 12, periods))
+    parts = estimate([join_pieces], SPEC)
     np.testing.assert_allclose(parts.G, long.G, rtol=1e-9)
     np.testing.assert_allclose(parts.noise.variance, long.noise.variance, rtol=1e-6)
 
@@ -104,10 +104,10 @@ def test_channels_at_two_rates_need_them_stated(tmp_path: Path) -> None:
 def test_logs_of_any_start_are_aligned(tmp_path: Path) -> None:
     """Each loses the part before its first whole period; a lone period is turned."""
     logs = [run(3 * N, 1), run(3 * N + 50, 2, first=77), run(N, 3, first=191)]
-    joined = record_of(tmp_path, logs)
-    assert joined.n_periods == 3 + 2 + 1
-    np.testing.assert_allclose(joined.u[:, 0], np.tile(joined.u[:N, 0], 6), atol=1e-9)
-    assert "3 logs: 3 of log_0.csv, 2 of log_1.csv, 1 of log_2.csv" in str(joined.notes)
+    join_pieces = record_of(tmp_path, logs)
+    assert join_pieces.n_periods == 3 + 2 + 1
+    np.testing.assert_allclose(join_pieces.u[:, 0], np.tile(join_pieces.u[:N, 0], 6), atol=1e-9)
+    assert "3 logs: 3 of log_0.csv, 2 of log_1.csv, 1 of log_2.csv" in str(join_pieces.notes)
 
 
 def test_every_start_has_a_transient_of_its_own(tmp_path: Path) -> None:
@@ -184,7 +184,7 @@ def test_a_file_that_reaches_out_is_refused(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "log.h5", "w") as file:
         file.attrs["elastid"] = "frf"
         file["g/a"] = h5py.ExternalLink("secret", "/a")
-    for read in (partial(contents, text=TextFormatSpec()), described):
+    for read in (partial(contents, text=TextFormatSpec()), describe_artefact):
         with refused("files/unsafe"):
             read(tmp_path / "log.h5")
 

@@ -12,7 +12,7 @@ from elastid.fit.result import Result
 from elastid.fit.result_rows import ModificationIndex
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
-from elastid.nonlinear.gear_characteristics import LOST, coarse_encoders, difference, refusal, unexplained_fraction
+from elastid.nonlinear.gear_characteristics import FALLBACK, coarse_encoders, difference, refusal, unexplained_fraction
 from elastid.nonlinear.gear_estimation import GearData
 from elastid.nonlinear.hidden_motion_smoother import SmoothedMotion
 from elastid.nonlinear.period_model import DriveLines
@@ -104,7 +104,7 @@ def counts(good: Case, part: float) -> Case:
         (lambda good: with_status(good, "not_converged"), "not converged"),
         (lambda good: with_lines(good, scatter=0.2**2 * power(good)), "20 % of the motion"),
         (lambda good: with_lines(good, scatter=0.02**2 * power(good)), ""),
-        (lambda good: counts(good, 0.05), LOST),
+        (lambda good: counts(good, 0.05), FALLBACK),
         (lambda good: counts(good, 0.01), ""),
     ],
 )

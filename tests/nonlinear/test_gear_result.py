@@ -7,10 +7,11 @@ import pytest
 from nonlinear.test_gear_characteristics import PARAMETERS, plain_fit
 from plants.two_mass_gear import RATIO, Gear, robot
 
-from elastid.nonlinear.basis_functions import GearEffect, Kind
+from elastid.nonlinear.basis_functions import GearEffect, Kind, along_period
 from elastid.nonlinear.gear_result import GearResult, with_effects, with_linear_springs, with_terms_of
 from elastid.parameters import Parameter, Parameters
 from elastid.robot import Robot, Spring
+from elastid.robot.simplified import with_joints
 
 K, D = 2e5, 60.0
 
@@ -57,10 +58,11 @@ def test_active_magnitudes_and_foreign_effects_are_excluded() -> None:
         ([("range", 2e-4, 1e5), ("range", 4e-4, 1e5)], Spring(K, D)),
         ([("progressive", 0.0, 3e7)], Spring(K, D, symmetric_quadratic=3e7)),
         ([("progressive", 0.0, -3e9), ("cubic", 0.0, 1.0)], Spring(K, D)),
+        ([("cubic", 0.0, -1e9)], Spring(K, D)),
     ],
 )
 def test_springs_have_the_ends_that_a_file_can_state(effects: list[tuple[Kind, float, float]], spring: Spring) -> None:
-    """Softer within a gap and stiffer beyond a range; straight with two ranges, or where it would pull."""
+    """Softer within a gap and stiffer beyond a range; straight with two ranges, or where it softens or would pull."""
     assert with_magnitudes(*effects).driven[0].spring == spring
 
 
@@ -76,3 +78,25 @@ def test_fit_keeps_end_stiffness_and_robot_terms() -> None:
     assert numbers["ki_1"] == pytest.approx(K)
     assert set(restricted.parameters.free_names) == {"k_1", "d_1"}
     assert with_linear_springs(ranged).driven[0].spring == Spring(K, D)
+
+
+def test_spring_terms_of_the_file_are_replaced() -> None:
+    """The effects add to straight springs: a gap of the file beside an identified gap would count twice."""
+    worn = with_joints(
+        robot(Gear()), lambda joint: replace(joint, spring=replace(joint.spring, backlash=2e-4, cubic=1e9))
+    )
+    nothing = GearResult(PARAMETERS.x, np.eye(2), (), np.zeros(0))
+    assert with_effects(worn, nothing).driven[0].spring == Spring(K, D)
+
+
+@pytest.mark.parametrize(("kind", "level"), [("gap", 1.5e5), ("gap", 2e5), ("range", 6e4)])
+def test_spring_with_ends_has_the_torque_of_its_effect(kind: Kind, level: float) -> None:
+    """k x less f clip(x), or more f beyond b, but for the rounded ends."""
+    b = 3e-4
+    spring = with_magnitudes((kind, b, level)).driven[0].spring
+    x = np.array([0.2, 0.6, 1.6, 4.0]) * b
+    torque = K * x + level * along_period(GearEffect(kind, "1", b), x)[0]
+    e = spring.rounding * b
+    beyond = (np.sqrt((x - b) ** 2 + e**2) - np.sqrt((x + b) ** 2 + e**2)) / 2 + x  # a dead zone of half width b
+    ours = spring.stiffness * beyond + spring.inner_stiffness * (x - beyond)
+    np.testing.assert_allclose(ours, torque, atol=0.02 * K * b)

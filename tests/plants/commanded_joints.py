@@ -123,3 +123,16 @@ def positions(
             q = [x + h / 6 * (w1 + 2 * w2 + 2 * w3 + w4) for x, w1, w2, w3, w4 in zip(q, v, v2, v3, v4, strict=True)]
             v = [w + h / 6 * (b1 + 2 * b2 + 2 * b3 + b4) for w, b1, b2, b3, b4 in zip(v, a1, a2, a3, a4, strict=True)]
     return result
+
+
+def positions_with_bristles(reference: FloatArray, compliance: float, damping_s: float, steps: int = 100) -> FloatArray:
+    """Simulate positions (n, 1) of one joint with LuGre friction without a Stribeck curve, by explicit Euler steps."""
+    (kp, kd), J, f, F_c = GAINS[0], *(TRUE[name][0] for name in ("inertia", "viscous", "coulomb"))
+    q = v = w = 0.0
+    h, result = 1 / RATE_HZ / steps, np.empty_like(reference)
+    for k, r in enumerate(reference[:, 0].tolist()):
+        result[k] = q
+        for _ in range(steps):
+            change = (v - abs(v) * w / F_c) / compliance
+            q, v, w = q + h * v, v + h / J * (kp * (r - q) - (kd + f) * v - w - damping_s * change), w + h * change
+    return result

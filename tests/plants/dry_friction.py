@@ -66,11 +66,6 @@ def measured(coulomb: tuple[float, float] = COULOMB, realisations: int = 3, seed
     return simulated(robot(coulomb), CONFIGURATIONS, realisations, seed, 2)
 
 
-def measured_robot(machine: Robot) -> Measured:
-    """As `measured`, of another robot of these axes."""
-    return simulated(machine, CONFIGURATIONS, 3, 2, 2)
-
-
 @cache
 def measured_bristles(law: str) -> Measured:
     """Two realisations in one configuration, of friction by another law."""

@@ -1,6 +1,7 @@
 """Gear boxes: the springs that couplings join, the deflections that they allow, and the ratios of all motors."""
 
 from dataclasses import replace
+from itertools import starmap
 
 import numpy as np
 import pytest
@@ -68,4 +69,4 @@ def test_rigid_gear_is_moved_by_coupling() -> None:
 def test_gears_that_cannot_be_are_refused(couplings, says):
     """Unknown joints, couplings given twice, motors that no longer distinguish the joints."""
     with pytest.raises(ValueError, match=says):
-        replace(wrist(None), gears=tuple(GearCoupling(*coupling) for coupling in couplings))
+        replace(wrist(None), gears=tuple(starmap(GearCoupling, couplings)))

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import casadi as ca
 import numpy as np
 import pytest
 from plants.integration import acceleration, energy, runge_kutta
@@ -13,8 +12,6 @@ from pydantic import TypeAdapter
 from ruamel.yaml import YAML
 
 from elastid.linear.equilibrium import equilibrium
-from elastid.linear.linearise import linearise
-from elastid.linear.response.transfer import frequency_response
 from elastid.model.closed_posture import assembled
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
@@ -165,27 +162,6 @@ def test_energy_is_conserved_and_loops_stay_closed(name: str):
     V = energy(model, q, np.zeros_like(v))
     assert np.abs(model.constraint.map(len(q))(q.T, model.theta).full()).max() < 1e-14
     assert np.abs(E - E[0]).max() < 1e-6 * np.ptp(V)
-
-
-def test_accelerations_of_a_linkage_have_its_frequency_response():
-    """The accelerations linearised by themselves, state by state, give the FRF of the linear model to 1e-9."""
-    robot, at = shipped("linkage_arm"), Configuration("c", POSE["linkage_arm"])
-    for one in (robot, stiff(robot)):
-        model = formulate(one)
-        point = equilibrium(model, model.theta, at)
-        x, u = ca.SX.sym("x", 2 * model.n_q), ca.SX.sym("u", 2)
-        a = free_acceleration(model)(x[: model.n_q], x[model.n_q :], ca.DM(model.B) @ u)
-        rate = ca.vertcat(x[model.n_q :], a)
-        values = ca.Function("A", [x, u], [ca.jacobian(rate, x), ca.jacobian(rate, u)])
-        A, B = (np.array(part.full()) for part in values(np.r_[point.q, np.zeros(model.n_q)], point.u))
-        lines = np.geomspace(1, 150, 30)
-        s = 2j * np.pi * lines[:, None, None]
-        motion = np.linalg.solve(s * np.eye(len(A)) - A, B.astype(complex))[:, : model.n_q]
-        G = s**2 * (model.B.T @ motion)
-        linear = linearise(model, at, model.theta, model.inputs, "acceleration")
-        reference = frequency_response(linear, linear.theta_ref, lines)
-        scale = np.abs(reference).max(axis=(1, 2), keepdims=True)
-        assert (np.abs(G - reference) / scale).max() < 1e-9
 
 
 @pytest.mark.parametrize("name", POSE)

@@ -21,8 +21,8 @@ def joints(reference: FloatArray, held: bool = True) -> CommandedJoints:
 
 
 def simulate(commanded: CommandedJoints, numbers: list[list[float]], delay_s: list[float]) -> FloatArray:
-    """Simulate positions (n, K) of one joint for candidates, parameters (K, 8) and delays (K,)."""
-    rows = np.array(numbers)[:, None]
+    """Simulate positions (n, K) of one joint for candidates, first parameters (K, up to 10) and delays (K,)."""
+    rows = np.array([row + [0.0] * (10 - len(row)) for row in numbers])[:, None]
     return commanded.simulate(rows, np.array(delay_s), commanded.steps(rows))[..., 0]
 
 
@@ -30,7 +30,7 @@ def simulate(commanded: CommandedJoints, numbers: list[list[float]], delay_s: li
 def test_delayed_step_response_agrees_with_closed_form(delay_s: float) -> None:
     """A fraction of a sample counts as such: the poles of J s^2 + (f + k_d) s + k_p after the delay."""
     reference = np.where(np.arange(200) >= 20, 1.0, 0.0)
-    moved = simulate(joints(reference), [[J, f, 0, 0, 0, 0, 0, 0]], [delay_s])[:, 0]
+    moved = simulate(joints(reference), [[J, f]], [delay_s])[:, 0]
     t = np.maximum(np.arange(200) / 200 - 0.1 - delay_s, 0.0)
     decay, beat = (f + kd) / (2 * J), math.sqrt(kp / J - ((f + kd) / (2 * J)) ** 2)
     exact = 1 - np.exp(-decay * t) * (np.cos(beat * t) + decay / beat * np.sin(beat * t))
@@ -44,7 +44,7 @@ def test_linear_commands_agree_with_integration_by_scipy() -> None:
     reference, load = 0.3 * np.sin(2 * np.pi * t), 0.2 * t
     commanded = joints(reference, held=False)
     object.__setattr__(commanded, "load", load[:, None])
-    moved = simulate(commanded, [[J, f, 0, 0.05, 0.4, 0.7, 0, 0]], [0.004])[:, 0]
+    moved = simulate(commanded, [[J, f, 0, 0.05, 0.4, 0.7]], [0.004])[:, 0]
 
     def rate(time: float, x: FloatArray) -> list[float]:
         r = float(np.interp(time - 0.004, t, reference))
@@ -58,7 +58,7 @@ def test_linear_commands_agree_with_integration_by_scipy() -> None:
 def test_a_joint_sticks_where_its_command_is_below_coulomb_friction() -> None:
     """Exactly, without creep; beyond it the joint ends where friction holds the rest of the command."""
     reference = np.full(400, 0.02)
-    moved = simulate(joints(reference), [[J, f, 0.41, 0, 0, 0, 0, 0], [J, f, 0.1, 0, 0, 0, 0, 0]], [0.0, 0.0])
+    moved = simulate(joints(reference), [[J, f, 0.41], [J, f, 0.1]], [0.0, 0.0])
     assert np.all(moved[:, 0] == 0)
     assert 0.015 <= moved[-1, 1] <= 0.025
 
@@ -73,13 +73,34 @@ def test_a_joint_that_sticks_softly_creeps_at_a_constant_velocity() -> None:
     assert velocity == pytest.approx([c * T / J * tau / (1 - c), 0.0], rel=0.1)
 
 
+@pytest.mark.parametrize("T", [0.0, 0.01])
+def test_bristles_agree_with_integration_by_scipy(T: float) -> None:
+    """The LuGre model with compliance s and damping time T before sliding."""
+    F_c, s, t = 0.2, 0.02, np.arange(400) / 200
+    reference = 0.05 * np.sin(2 * np.pi * t)
+
+    def rate(time: float, x: FloatArray) -> list[float]:
+        change = (x[1] - abs(x[1]) * x[2] / F_c) / s
+        torque = kp * (reference[min(int(time * 200 + 1e-9), 399)] - x[0]) - (kd + f) * x[1]
+        return [x[1], (torque - x[2] - T * change) / J, change]
+
+    exact = solve_ivp(rate, (0, t[-1]), [0.0] * 3, t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.001).y[0]
+    moved = simulate(joints(reference), [[J, f, F_c, 0, 0, 0, 0, 0, s, T]], [0.0])[:, 0]
+    assert np.max(np.abs(moved - exact)) < 0.01 * np.max(np.abs(exact))
+
+
+def test_stiff_bristles_stick_exactly() -> None:
+    """The limit without compliance is the joint that sticks exactly."""
+    reference = 0.05 * np.sin(np.arange(400) / 30)
+    moved = simulate(joints(reference), [[J, f, 0.2, 0, 0, 0, 0, 0, s, 0] for s in (1e-7, 0.0)], [0.0, 0.0])
+    assert np.max(np.abs(moved[:, 0] - moved[:, 1])) < 1e-5
+
+
 def test_candidates_move_as_each_alone() -> None:
     """Together and alone they are the same to rounding; means over windows are means of samples."""
     commanded = joints(0.3 * np.sin(np.arange(300) / 15))
-    numbers, delays = (
-        np.array([[J, f, 0.1, 0, 0, 0, 0.01, 0.1], [J / 4, 2 * f, 0.2, 0, 0.3, 0, 0, 0]])[:, None],
-        [0.0, 0.01],
-    )
+    rows = [[J, f, 0.1, 0, 0, 0, 0.01, 0.1, 0, 0], [J / 4, 2 * f, 0.2, 0, 0.3, 0, 0, 0, 0.01, 0.001]]
+    numbers, delays = np.array(rows)[:, None], [0.0, 0.01]
     steps = commanded.steps(numbers)
     together = commanded.simulate(numbers, np.array(delays), steps)
     for k in range(2):

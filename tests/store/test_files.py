@@ -13,7 +13,7 @@ import pytest
 from plants.artefacts import STAMP, some_fit
 from plants.refusals import refused
 
-from elastid.app.inspection import described
+from elastid.app.inspection import describe_file
 from elastid.base.errors import ElastidError
 from elastid.store.artefacts import read_stamp
 from elastid.store.files import (
@@ -45,7 +45,7 @@ def test_a_flipped_bit_is_refused_or_changes_nothing(tmp_path: Path) -> None:
         spoilt.write_bytes(flipped)
         if place >= USER_BLOCK:
             with refused("files/damaged", holds=".h5"):
-                described(spoilt)
+                describe_file(spoilt)
             assert read_stamp(spoilt) is None
             with refused("files/damaged", holds=".h5"):
                 read_fit(spoilt)
@@ -102,7 +102,7 @@ def test_every_flipped_bit_of_a_text_is_noticed(folder: Path, name: str) -> None
         (folder / name).write_bytes(spoilt)
         assert changed_texts(folder, NAMES) == (name,)
     with refused("files/damaged"):
-        described(folder / name)
+        describe_file(folder / name)
 
 
 def test_a_damaged_list_never_vouches_for_a_damaged_text(folder: Path) -> None:

@@ -13,7 +13,7 @@ from elastid.store.friction_study import (
     write_friction_records,
     write_friction_result,
 )
-from elastid.store.reading import described
+from elastid.store.reading import describe_artefact
 
 
 def test_every_part_of_a_result_comes_back(tmp_path: Path) -> None:
@@ -21,7 +21,7 @@ def test_every_part_of_a_result_comes_back(tmp_path: Path) -> None:
     result = friction_result()
     write_friction_result(tmp_path / "friction.h5", result)
     assert repr(read_friction_result(tmp_path / "friction.h5")) == repr(result)
-    assert "Fc_melbow" in described(tmp_path / "friction.h5")
+    assert "Fc_melbow" in describe_artefact(tmp_path / "friction.h5")
 
 
 def test_records_keep_temperatures_windows_and_warm_ups(tmp_path: Path) -> None:
@@ -37,7 +37,7 @@ def test_records_keep_temperatures_windows_and_warm_ups(tmp_path: Path) -> None:
     assert repr(found.warm_ups) == repr((log,))
     assert found.notes == (Note("a", "b"),)
     assert (found.records[0].velocity, found.records[1].there) == (None, None)
-    text = described(tmp_path / "records.h5")
+    text = describe_artefact(tmp_path / "records.h5")
     assert "torque (sample 100): torque of the motor, link side [N*m]" in text
     assert "velocity (sample 100): velocity of the joint [m/s]" in text
 

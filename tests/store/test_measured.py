@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from plants.three_mass import NO_FLOOR, parameters, plant, with_covariance
 
-import elastid.base.arrays as base_arrays
+from elastid.base import large_arrays
 from elastid.experiment.plan.reference_trajectory import Reference
 from elastid.fit.covariance import estimate_uncertainty
 from elastid.fit.problem.frf_residuals import elastic_fit
@@ -119,8 +119,8 @@ def test_large_covariances_stay_in_file_for_workers(tmp_path, monkeypatch):
     matrix = known.noise.matrix
     write_responses(tmp_path / "frf.h5", [known])
     (near,) = read_responses(tmp_path / "frf.h5")
-    monkeypatch.setattr(base_arrays, "MIN_PART_BYTES", matrix.nbytes)
-    monkeypatch.setattr(base_arrays, "MIN_LARGE_FILE", 0)
+    monkeypatch.setattr(large_arrays, "MIN_MAPPED_BYTES", matrix.nbytes)
+    monkeypatch.setattr(large_arrays, "MIN_LARGE_FILE", 0)
     (far,) = read_responses(tmp_path / "frf.h5")
     tasks, problems, ends = [], [], []
     for response in (near, far):
@@ -131,7 +131,7 @@ def test_large_covariances_stay_in_file_for_workers(tmp_path, monkeypatch):
         part, again, of_again = pickle.loads(tasks[-1])
         there = estimate_uncertainty(replace(fit, parts=(part,)), [again], [of_again], parameters().x)
         ends.append((fit.evaluate(parameters().x).cost, there.covariance.tobytes()))
-    assert isinstance(far.noise.matrix, base_arrays.FileArray)
+    assert isinstance(far.noise.matrix, large_arrays.FileArray)
     assert type(2 * far.noise.matrix) is type(np.abs(far.noise.matrix)) is np.ndarray
     assert ends[0] == ends[1]
     assert len(tasks[1]) < len(tasks[0]) - 0.95 * matrix.nbytes

@@ -46,7 +46,7 @@ def library(folder: Path, source: Path) -> ctypes.CDLL:
     return ctypes.CDLL(str(built))
 
 
-def interpolated(tuned: TunedMove, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def interpolate(tuned: TunedMove, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Position, velocity, torque (N, n_u) at times (N,) from the first sample; at rest before and after the move.
 
     Position by cubic Hermite polynomials, velocity their derivative, torque held from sample to sample.
@@ -65,13 +65,13 @@ def test_c_interpolates_as_python_does(tmp_path: Path) -> None:
     c = library(tmp_path, source)
     last = float(np.diff(move.time_s).mean()) * (len(move.time_s) - 1)
     times = np.r_[-1.0, 0.0, np.random.default_rng(0).uniform(0, last, 50), 0.005, last, last + 1]
-    expected = interpolated(move, times)
+    expected = interpolate(move, times)
     buffers = [(ctypes.c_double * 2)() for _ in range(3)]
     for i, t in enumerate(times.tolist()):
         assert c.move_at(ctypes.c_double(t), *buffers) == (t >= last)
         for own, value in zip(buffers, expected, strict=True):
             np.testing.assert_allclose(np.array(own), value[i], rtol=1e-12, atol=1e-12)
-    q, v, u = interpolated(move, move.time_s - move.time_s[0])
+    q, v, u = interpolate(move, move.time_s - move.time_s[0])
     np.testing.assert_allclose(q, move.position, atol=1e-12)
     np.testing.assert_allclose(v, move.velocity, atol=1e-9)
     np.testing.assert_allclose(u, move.torque)

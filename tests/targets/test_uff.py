@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from elastid.experiment.specs.channels import ChannelSpec
-from elastid.logs.responses.table import uff_geometry, uff_table
+from elastid.logs.responses.universal_files import uff_geometry, uff_table
 from elastid.modal.estimate import estimate_modes
 from elastid.modal.spec import GeometrySpec
 from elastid.record import Configuration

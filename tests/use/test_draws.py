@@ -18,9 +18,9 @@ def test_draws_scatter_as_the_fit_says() -> None:
 
 def test_sampled_robot_has_numbers_of_draw() -> None:
     """A mass, which takes the parameters with it; besides, they scatter as the fit says."""
-    doubt = ModelErrorFactor(np.array([0.3, -0.2, 0.0, 0.1]), ("m_fore",), (0.1,), (True,))
-    estimated = replace(result().at(np.array([0.4, -0.9])).estimated, doubts=(doubt,))
-    draws = draw_robots(type("Doubted", (Result,), {"doubts": (doubt,)})(**vars(result())), 20)
+    factor = ModelErrorFactor(np.array([0.3, -0.2, 0.0, 0.1]), ("m_fore",), (0.1,), (True,))
+    estimated = replace(result().at(np.array([0.4, -0.9])).estimated, model_error_factors=(factor,))
+    draws = draw_robots(type("Doubted", (Result,), {"model_error_factors": (factor,)})(**vars(result())), 20)
     assert np.std(draws.x[:, :-1], axis=0).max() < 2 * STD
     for x, robot in zip(draws.x, draws.robots, strict=True):
         numbers = dict(zip(estimated.names, estimated.theta(x).tolist(), strict=True))

@@ -34,10 +34,10 @@ def design(study: Study, work: Work) -> Artefacts:
     robot = problem.robot
     carrier = study.experiment.as_simulated().carrier
     with work.execution() as execution:
-        designed = design_experiments(problem, execution)
-        movement = partial(movement_of, designed.plan, carrier, robot)
-        movements = tuple(execution.ordered(movement, designed.plan.configurations))
-    plan, forecast, limit_use = designed.plan, designed.forecast, designed.limit_use
+        experiments = design_experiments(problem, execution)
+        movement = partial(movement_of, experiments.plan, carrier, robot)
+        movements = tuple(execution.ordered(movement, experiments.plan.configurations))
+    plan, forecast, limit_use = experiments.plan, experiments.forecast, experiments.limit_use
 
     def report(console: Console) -> None:
         """Report limits, robot time, choice of configurations and forecast."""
@@ -48,15 +48,15 @@ def design(study: Study, work: Work) -> Artefacts:
             f"configurations ({plan.robot_time_s:g} s of robot time); torque at {len(plan.lines)} DFT lines from "
             f"{plan.freq_hz[0]:g} to {plan.freq_hz[-1]:g} Hz"
         )
-        played = "one trajectory per experiment, one row per cycle"
+        signals = "one trajectory per experiment, one row per cycle"
         if plan.inject == "torque":
-            played = "one period of the torque signals per experiment. Add them to the controller's torques and play"
-            played += f" {plan.periods + plan.transient_periods} periods without a gap"
+            signals = "one period of the torque signals per experiment. Add them to the controller's torques and play"
+            signals += f" {plan.periods + plan.transient_periods} periods without a gap"
         # A run of all stages simulates the experiment: only a user who measures plays the signals.
         say = console.say if console.shows_tables else console.detail
         say(f"design: {limit_use.closest}")
         say(f"design: largest peaks in percent of the limits: {limit_use.by_quantity}")
-        say(f"design: references/*.csv: {played}")
+        say(f"design: references/*.csv: {signals}")
         if forecast.choice:
             console.say(f"design: {forecast.choice}")
         # Relative standard deviations below 1e-9 are rounding.

@@ -43,8 +43,8 @@ def estimate(study: Study, work: Work) -> Artefacts:
     with work.execution() as execution:
         estimates = execution.ordered(estimate_one, names)
     responses = [response for response, _ in estimates]
-    reported = {note for _, notes in estimates for note in notes}  # when the records were measured
-    notes = [note for note in notes_of(responses) if note not in reported]
+    all_notes = {note for _, notes in estimates for note in notes}  # when the records were measured
+    notes = [note for note in notes_of(responses) if note not in all_notes]
     return _artefacts(responses, work.unanswered(notes), friction)
 
 

@@ -77,15 +77,15 @@ def fit(study: Study, work: Work) -> Artefacts:
         ]
     try:
         with work.execution(work.checkpoint()) as execution:
-            fitted = [*study.fitted(responses), *tapped]
-            result, effects = identified(fitted, robot, spec, study.model, execution, loads=tests)
+            all_responses = [*study.fitted(responses), *tapped]
+            result, effects = identified(all_responses, robot, spec, study.model, execution, loads=tests)
     except FitError as error:
         return Artefacts({"summary.json": as_json(failure(study.name, spec.starts, str(error)))}, error=error)
     # The fixed values and the base of a simulated robot are exact.
     exact = () if study.experiment.simulated is None else (FIXED_VALUES, "fit/assumed-rigid")
-    noted = [note for note in result.notes if note.code not in exact]
+    remarks = [note for note in result.notes if note.code not in exact]
     loop_notes = () if loop is None else loop_note(result, robot, loop)
-    result = replace(result, notes=(*noted, *notes_of(tapped), *loop_notes, *combination_notes(result)))
+    result = replace(result, notes=(*remarks, *notes_of(tapped), *loop_notes, *combination_notes(result)))
     model_of_all = FittedRobot.of(result, robot, responses, study.model)
     modelled = model_of_all.responses_by(effects)
     agreements = [agreement(m, G, m.configuration.name in validation) for m, G in zip(responses, modelled, strict=True)]
@@ -104,8 +104,8 @@ def fit(study: Study, work: Work) -> Artefacts:
         seconds = (second.sentence for second in (result.static, result.tool) if second is not None)
         reason = "the residuals exceed the noise" if result.exceeds_noise else "the data contradict the robot model"
         status = f"misfit ({reason})" if result.status == "misfit" else result.status.replace("_", " ")
-        for words in (f"{status}; {result.converged_starts}", *seconds):
-            console.say(f"fit: {'linear model: ' * work.has_gears}{words}")
+        for line in (f"{status}; {result.converged_starts}", *seconds):
+            console.say(f"fit: {'linear model: ' * work.has_gears}{line}")
 
     files = robot_files(study.name, robot, result, friction, responses.names)
     robots = {file: text(robot_file) for file, robot_file in files}
@@ -156,10 +156,10 @@ def conclude(run: Run) -> None:
     for note in result.notes:
         if note.code == COMBINATION:
             say(note.text)
-    if estimated and (mixed := ", ".join(row.name for row in rows if row.has_coulomb)):
-        say(f"{mixed}: {WITH_COULOMB}")
-    explained = result.status != linear.status
-    for line in _with_gears(result, rows, gear_result) if explained else _answers(run, result, rows, gear_result):
+    if estimated and (with_coulomb := ", ".join(row.name for row in rows if row.has_coulomb)):
+        say(f"{with_coulomb}: {WITH_COULOMB}")
+    has_new_status = result.status != linear.status
+    for line in _with_gears(result, rows, gear_result) if has_new_status else _answers(run, result, rows, gear_result):
         say(line)
     run.say_files([*run.stages["report"].leaves, run.stages["fit"].leaves[1]])
     status, meaning = result.status.replace("_", " "), result.meaning
@@ -169,7 +169,7 @@ def conclude(run: Run) -> None:
         raise MisfitError("fit/misfit", failure, status)
     if result.status not in TRUSTED:
         raise FitError("fit/not-trusted", failure, status)
-    say(f"{status}: {result.message if explained else meaning}")
+    say(f"{status}: {result.message if has_new_status else meaning}")
 
 
 OF_JOINTS = {"k": "stiffness", "d": "damping"}
@@ -199,9 +199,9 @@ def _legend(
     groups = []
     for owner, has_motor, families in SYMBOLS:
         of_owner = {
-            family: (name, place)
-            for name, family, place in symbols
-            if family in families and has_motor in (None, place.partition(SEPARATOR)[0] in robot.driven_names)
+            family: (name, location)
+            for name, family, location in symbols
+            if family in families and has_motor in (None, location.partition(SEPARATOR)[0] in robot.driven_names)
         }
         names = ", ".join(f"{of_owner[family][0]} ({families[family]})" for family in families if family in of_owner)
         groups += [f"{names} of {owner.format(next(iter(of_owner.values()))[1])}"] if of_owner else []
@@ -217,10 +217,10 @@ def _legend(
     meanings = {**STD_PARTS, "std_systematic": ", ".join(compress(errors, errors.values()))}
     if stds := [name for name in result.display.headings if name in meanings]:
         varied, squares = result.parameters.free_names[len(rows) :], " + ".join(f"{name}^2" for name in stds)
-        more = ", ".join(varied) if len(varied) <= LIMITS.named else f"{len(varied)} values of the robot model"
-        gains = " (gain_u: logged torque / true torque)" if "gain_u" in more else ""
+        names_of_rest = ", ".join(varied) if len(varied) <= LIMITS.named else f"{len(varied)} values of the robot model"
+        gains = " (gain_u: logged torque / true torque)" if "gain_u" in names_of_rest else ""
         tolerance = "tolerance in the robot model, otherwise the default tolerance"
-        yield f"The fit also varied {more}{gains}, with a prior. Std of each prior: {tolerance}"
+        yield f"The fit also varied {names_of_rest}{gains}, with a prior. Std of each prior: {tolerance}"
         yield f"std^2 = {squares}. {'. '.join(f'{name}: {meanings[name]}' for name in stds)}"
     profiles = zip(rows, result.profile95, strict=False)
     if by_profile := ", ".join(row.name for row, ends in profiles if not np.isnan(ends).any()):

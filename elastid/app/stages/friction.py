@@ -84,10 +84,10 @@ def import_motions(study: Study, work: Work) -> Artefacts:
     with work.execution() as execution:
         logs = read_friction_logs(study.as_robot(), study.experiment, work.base, joints, payloads, execution.progress)
     notes = (*logs.notes, *notes_of(logs.records))
-    parts: dict[str, Write] = {
+    files: dict[str, Write] = {
         "records.h5": lambda p, stamp: stored.write_friction_records(p, logs.records, stamp, logs.warm_ups, logs.notes)
     }
-    return Artefacts(parts, partial(report_count, notes, len(logs.records)))
+    return Artefacts(files, partial(report_count, notes, len(logs.records)))
 
 
 def constant_velocity(study: Study, work: Work) -> Artefacts:
@@ -98,8 +98,8 @@ def constant_velocity(study: Study, work: Work) -> Artefacts:
         joint_fits = identify_sliding_friction(study.as_robot(), joints, measured, execution.progress)
 
     def report(console: Console) -> None:
-        said = notes_of(measured.records)
-        console.notes(note for note in notes_of(joint_fits) if note not in said)
+        notes = notes_of(measured.records)
+        console.notes(note for note in notes_of(joint_fits) if note not in notes)
         for fit in joint_fits:
             console.say(f"constant_velocity: joint {fit.joint}: {_level_words(fit)}")
 
@@ -119,14 +119,14 @@ def friction(study: Study, work: Work) -> Artefacts:
     except FitError as error:
         return Artefacts({"summary.json": as_json(failed_friction(name, str(error)))}, error=error)
     # Along the first log of each group of joints that moved together.
-    identified, controller = with_identified_friction(robot, result), None if recorded is None else recorded.controller
+    full_robot, controller = with_identified_friction(robot, result), None if recorded is None else recorded.controller
     with work.execution() as execution:
-        log_comparison = compare_friction_logs(identified, result.joints, measured, controller, execution)
-        judged = predict_logs(identified, result.joints, validation, controller, execution)
-    reported = notes_of(joint_fits)
+        log_comparison = compare_friction_logs(full_robot, result.joints, measured, controller, execution)
+        judged = predict_logs(full_robot, result.joints, validation, controller, execution)
+    joint_notes = notes_of(joint_fits)
 
     def report(console: Console) -> None:
-        console.notes(note for note in notes_of(result.joints) if note not in reported)
+        console.notes(note for note in notes_of(result.joints) if note not in joint_notes)
         console.say(f"friction: {result.message}")
         for words in (*log_comparison.sentences, *(f"validation: {words}" for words in judged.sentences)):
             console.say(f"friction: {words}")
@@ -197,21 +197,21 @@ def track_friction(study: Study, work: Work) -> Artefacts:
     measured = stored.read_friction_records(work.sources["measure"])
     result = stored.read_friction_result(work.sources["friction"])
     with work.execution() as execution:
-        followed, notes = track_joints(
+        tracked, notes = track_joints(
             study.as_robot(), result.joints, measured.records, study.filter or FilterSpec(), execution.progress
         )
 
     def report(console: Console) -> None:
-        console.notes([*notes, *notes_of(followed)])
-        for joint in followed:
-            console.say(f"follow: joint {joint.joint}: {_words(joint)}")
+        console.notes([*notes, *notes_of(tracked)])
+        for joint in tracked:
+            console.say(f"follow: joint {joint.joint}: {_tracking_sentence(joint)}")
 
-    return Artefacts({"filter.h5": lambda path, stamp: stored.write_filter(path, followed, stamp)}, report)
+    return Artefacts({"filter.h5": lambda path, stamp: stored.write_filter(path, tracked, stamp)}, report)
 
 
-def _words(followed: TrackedFriction) -> str:
+def _tracking_sentence(tracked: TrackedFriction) -> str:
     ends = [
-        f"{name} {number(followed.values[-1, i])} ({number(followed.low[-1, i])} to {number(followed.high[-1, i])})"
-        for i, name in enumerate(followed.names)
+        f"{name} {number(tracked.values[-1, i])} ({number(tracked.low[-1, i])} to {number(tracked.high[-1, i])})"
+        for i, name in enumerate(tracked.names)
     ]
-    return f"final values {', '.join(ends)}; mean NIS {number(followed.consistency.nis, 3)}; {followed.verdict}"
+    return f"final values {', '.join(ends)}; mean NIS {number(tracked.consistency.nis, 3)}; {tracked.verdict}"

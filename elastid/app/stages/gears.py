@@ -23,7 +23,7 @@ from elastid.fit.diagnosis.hypotheses import WITHOUT_OTHER_ROBOTS
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec
-from elastid.fit.status_terms import ANSWERED
+from elastid.fit.status_terms import CODES_WITH_CAUSE
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.gear_characteristics import identify_gears
 from elastid.nonlinear.gear_result import GearNumber, GearResult, with_gears
@@ -44,12 +44,12 @@ def gears(study: Study, work: Work) -> Artefacts:
     robot, model, files_of = study.as_robot(), study.model, work.sources
     measured, friction = read_responses(files_of["estimate"]), read_friction(files_of["estimate"])
     responses, result = study.fitted(measured), read_fit(files_of["fit"])
-    planned = read_plan(files_of["design"]).lines if "design" in files_of else None
+    plan_lines = read_plan(files_of["design"]).lines if "design" in files_of else None
     records = [RecordsOnShafts(files_of["measure"], response.configuration.name, None) for response in responses]
     with work.execution() as execution:
         start = on_straight_springs(robot, responses, result, model, study.seeded_fit, execution)
         spec = study.gears or GearsSpec()
-        gear_result = identify_gears(records, responses, *start, study.estimator, spec, execution, model, planned)
+        gear_result = identify_gears(records, responses, *start, study.estimator, spec, execution, model, plan_lines)
     final, summary = with_gears(result, gear_result), _summary(files_of["fit"].with_name("summary.json"))
     content = with_gear_section(summary, result, fitted_rows(study, final, friction, gear_result), gear_result)
     robots = robot_files(study.name, robot, final, friction, measured.names, gear_result)
@@ -61,7 +61,7 @@ def gears(study: Study, work: Work) -> Artefacts:
 
     def report(console: Console) -> None:
         linear = [*result.notes, *notes_of(responses)]
-        console.notes(gear_result.unanswered_notes(note for note in linear if note.code in ANSWERED))
+        console.notes(gear_result.unanswered_notes(note for note in linear if note.code in CODES_WITH_CAUSE))
         console.notes(gear_result.notes)
         if gear_result.refused:  # the end of the run has the effects
             console.warn(f"gears: {gear_line(gear_result)}")
@@ -120,7 +120,7 @@ def with_gear_section(
     changes = section(final, "status message")
     changes |= {} if final.indices else {"modification_indices": []}  # the gears explain what these would
     if gears.explains_misfit and not final.indices:
-        is_unanswered = [note["code"] not in ANSWERED for note in content["notes"]]
+        is_unanswered = [note["code"] not in CODES_WITH_CAUSE for note in content["notes"]]
         changes |= {name: list(compress(content[name], is_unanswered)) for name in ("warnings", "notes")}
     return {**content, **changes, "parameters": json_value(parameters), "gears": json_value(numbers)}
 

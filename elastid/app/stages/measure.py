@@ -60,7 +60,7 @@ def measure_parts(
     read: Callable[[Path], Iterable[R]],
     write: Callable[[Path, Iterable[R], Stamp], None],
     noun: str,
-    is_large: Callable[[Any], bool] = lambda part: False,
+    is_large: Callable[[Any], bool] = lambda item: False,
 ) -> tuple[Iterator[R], Callable[[Console], None]]:
     """Measure each experiment or motion into its own file; keep the files of an interrupted run.
 
@@ -70,19 +70,19 @@ def measure_parts(
     """
     work.parts.mkdir(parents=True, exist_ok=True)
     remove_leftovers(work.parts)
-    files = {part.name: work.parts / f"{part.name}.h5" for part in parts if not is_large(part)}
+    files = {item.name: work.parts / f"{item.name}.h5" for item in parts if not is_large(item)}
     stamps = {name: read_stamp(path) for name, path in files.items()}
-    finished = [name for name, stamp in stamps.items() if stamp is not None and stamp.is_of(work.stamp)]
-    remaining = [(files[p.name], p) for p in parts if p.name in files and p.name not in finished]
-    if finished:
-        work.console.say(f"measure: resumed, {len(finished)} of {len(parts)} {noun} kept")
+    done_names = [name for name, stamp in stamps.items() if stamp is not None and stamp.is_of(work.stamp)]
+    remaining = [(files[p.name], p) for p in parts if p.name in files and p.name not in done_names]
+    if done_names:
+        work.console.say(f"measure: resumed, {len(done_names)} of {len(parts)} {noun} kept")
     with work.execution() as execution:
         execution.ordered(partial(_measure_part, measure, write, work.stamp), remaining)
     notes: list[Note] = []
 
     def gathered() -> Iterator[R]:
-        for part in parts:
-            for record in read(files[part.name]) if part.name in files else [measure(part)]:
+        for item in parts:
+            for record in read(files[item.name]) if item.name in files else [measure(item)]:
                 notes.extend(record.notes)
                 yield record
 
@@ -99,8 +99,8 @@ def _measure_part(
 def report_count(notes: Iterable[Note], count: int, console: Console) -> None:
     """Print notes and the number of records."""
     name = next((m for note in notes if (m := re.fullmatch(r"record ((.*)-r(\d+)-e(\d+))", note.place))), None)
-    words = f". {name[1]}: configuration {name[2]}, realisation {name[3]}, experiment {name[4]}" if name else ""
-    console.say(f"measure: {count} record{'s' * (count != 1)}{words}")
+    name_text = f". {name[1]}: configuration {name[2]}, realisation {name[3]}, experiment {name[4]}" if name else ""
+    console.say(f"measure: {count} record{'s' * (count != 1)}{name_text}")
     console.notes(notes)
 
 
@@ -122,11 +122,11 @@ def tests_of(study: Study, loads: LoadsSpec, responses: Sequence[Response]) -> t
     thetas = [model.theta] * len(placed)
     exact, _ = LoadedRobot.of(model, placed, thetas, ()).deflections(thetas)
     draws = np.random.SeedSequence([study.seed, len(tests)]).spawn(len(tests))
-    readings = []
+    deflections = []
     for load, y, draw in zip(tests, exact, draws, strict=True):
         test = load.test
         if test.deflection is None:
             values = np.random.default_rng(draw).normal(y, test.deviations).tolist()
             test = replace(test, deflection=values[0] if test.n_readings == 1 else tuple(values))
-        readings.append(replace(load, test=test))
-    return tuple(readings)
+        deflections.append(replace(load, test=test))
+    return tuple(deflections)

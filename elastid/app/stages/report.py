@@ -88,7 +88,7 @@ def page_artefacts(
 def report_responses(study: Study, work: Work) -> Artefacts:
     """Write page, figures, modes.csv and modes.h5 of responses without a robot."""
     # SciPy's linear algebra, which comes with the modes, takes long to load, and the page of a fit does without.
-    from elastid.logs.responses.table import geometry_of_files
+    from elastid.logs.responses.universal_files import geometry_of_files
     from elastid.modal.estimate import estimate_all_modes
     from elastid.report.content import ResponsesContent
     from elastid.report.run_summary import questions_of_responses
@@ -102,14 +102,14 @@ def report_responses(study: Study, work: Work) -> Artefacts:
         friction = None
     geometry = modal.geometry or geometry_of_files(study.experiment, work.base)
     of_band = [np.isin(G.freq_hz, mode_set.at_hz) for G, mode_set in zip(responses, modes, strict=True)]
-    responses_shown = tuple(G.lines(band) if band.any() else G for G, band in zip(responses, of_band, strict=True))
+    shown_responses = tuple(G.lines(band) if band.any() else G for G, band in zip(responses, of_band, strict=True))
     stamp = work.stamp
-    content = ResponsesContent(study.name, responses_shown, modes, stamp.study, stamp.shown, friction, geometry)
+    content = ResponsesContent(study.name, shown_responses, modes, stamp.study, stamp.shown, friction, geometry)
     lines = []
     for mode_set in modes:
         frequencies = ", ".join(f"{freq_hz:.4g}" for freq_hz in mode_set.freq_hz)
-        words = f"modes at {frequencies} {mode_set.frequency_unit}" if frequencies else "no mode"
-        lines.append(f"report: {mode_set.configuration}: {words}")
+        mode_text = f"modes at {frequencies} {mode_set.frequency_unit}" if frequencies else "no mode"
+        lines.append(f"report: {mode_set.configuration}: {mode_text}")
         lines += [f"report: {mode_set.configuration}: {note.text}" for note in mode_set.notes]
     lines += [f"{question} {' '.join(sentences)}" for question, sentences in questions_of_responses(content)]
     tables: dict[str, Write] = {

@@ -34,7 +34,7 @@ from elastid.validation.torque_balance import Part, elastic_balances, model_part
 
 
 @dataclass(frozen=True)
-class Validated:
+class ValidationBasis:
     """A study and its fitted robot; gears: for the simulation alone."""
 
     study: Study
@@ -52,7 +52,7 @@ def validate(study: Study, work: Work) -> Artefacts:
     fitted = FittedRobot.of(result, study.as_robot(), responses, study.model)
     gears = read_gears(work.sources.get("gears"))
     fitted = replace(fitted, modelled=read_modelled(work.sources["fit"]))
-    basis = Validated(study, fitted, read_friction(work.sources["estimate"]), gears)
+    basis = ValidationBasis(study, fitted, read_friction(work.sources["estimate"]), gears)
     records = work.sources.get("measure")
     if records is None and study.experiment.responses is None:
         work.console.say("validate: no simulation in time, because records.h5 is missing or outdated")
@@ -77,8 +77,8 @@ def validate(study: Study, work: Work) -> Artefacts:
         for prediction in judged.predictions:
             console.say(f"validate: {'fitted' if prediction.is_fitted else 'predicted'}: {prediction.sentence}")
         worst = sorted(log_comparison.balances, key=lambda balance: balance.unexplained_fraction)[-1:]
-        for words in replace(log_comparison, balances=tuple(worst)).sentences:
-            console.detail(f"validate: {words}")
+        for sentence in replace(log_comparison, balances=tuple(worst)).sentences:
+            console.detail(f"validate: {sentence}")
 
     files: dict[str, Write] = {
         "validation.json": as_json(validation_summary(study.name, judged, log_comparison)),
@@ -88,7 +88,11 @@ def validate(study: Study, work: Work) -> Artefacts:
 
 
 def judge(
-    basis: Validated, validation_names: Sequence[str], records: Path | None, console: Console, execution: Execution
+    basis: ValidationBasis,
+    validation_names: Sequence[str],
+    records: Path | None,
+    console: Console,
+    execution: Execution,
 ) -> tuple[Validation, LogComparison]:
     """Compute errors of all responses, those for validation with the interval of a prediction, and of the simulation.
 
@@ -105,7 +109,7 @@ def judge(
     return validate_responses(fitted.measured, fitted.responses, validation_names, shifts), log_comparison
 
 
-def _balances(basis: Validated, path: Path, console: Console, execution: Execution) -> tuple[TorqueBalance, ...]:
+def _balances(basis: ValidationBasis, path: Path, console: Console, execution: Execution) -> tuple[TorqueBalance, ...]:
     """Balance the torque of each motor in the first record of every configuration of records.h5.
 
     It is not divided into parts where the robot cannot be rigid, or a motor's motion was not measured.
@@ -119,11 +123,11 @@ def _balances(basis: Validated, path: Path, console: Console, execution: Executi
     responses = [response for response in fitted.measured if response.configuration.name in names]
     pairs = ((model_parts(fitted, rigid, response.configuration.name), response) for response in responses)
     models = [(parts, response) for parts, response in pairs if parts is not None]
-    balances = execution.ordered(partial(_balanced, path, basis.friction, E, basis.study.estimator), models)
+    balances = execution.ordered(partial(_balance_of_record, path, basis.friction, E, basis.study.estimator), models)
     return tuple(chain.from_iterable(balances))
 
 
-def _balanced(
+def _balance_of_record(
     path: Path, friction: CompensatedFriction | None, E: FloatArray | None, spec: EstimatorSpec,
     model: tuple[Sequence[Part], Response]
 ) -> tuple[TorqueBalance, ...]:  # fmt: skip
@@ -132,7 +136,7 @@ def _balanced(
     return elastic_balances(first, next(compensated_records([first], friction, E)), parts, response.freq_hz, spec)
 
 
-def _simulations(basis: Validated, path: Path) -> tuple[LogSimulation, ...]:
+def _simulations(basis: ValidationBasis, path: Path) -> tuple[LogSimulation, ...]:
     """Simulate along the first record of the first validation configuration, or else of the first configuration."""
     names = read_configurations(path)
     name_of_posture = next((name for name in basis.study.validation.configurations if name in names), names[0])

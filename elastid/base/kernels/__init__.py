@@ -31,12 +31,12 @@ def is_compiled() -> bool:
 
 def is_wide() -> bool:
     """Return True if kernels run in C with more than two numbers in a register."""
-    return is_compiled() and _level() != "portable"
+    return is_compiled() and _processor_level() != "portable"
 
 
 def description() -> str:
     """Describe the kernels in use and the processor level that they are compiled for."""
-    return f"kernels in C for {_level()}" if is_compiled() else "kernels in NumPy"
+    return f"kernels in C for {_processor_level()}" if is_compiled() else "kernels in NumPy"
 
 
 def call(name: str, *arguments: int | npt.NDArray[Any] | None) -> None:
@@ -75,7 +75,7 @@ def _library() -> ctypes.CDLL | None:
 
 
 @cache
-def _level() -> str:
+def _processor_level() -> str:
     """Return the widest level of the library for this processor: portable, avx2 or avx512."""
     library = _library()
     if library is None:
@@ -85,7 +85,7 @@ def _level() -> str:
 
 @cache
 def _kernel(name: str) -> Callable[..., int]:
-    instructions = _level()
+    instructions = _processor_level()
     return getattr(_library(), f"{name}_{instructions}")  # type: ignore[no-any-return]
 
 

@@ -99,17 +99,17 @@ def plan_passes(
     fast for the joint or its window.
     """
     passes = Counter(speeds)
-    planned = [planned_pass(speed, number, limits) for speed in passes for number in range(passes[speed] * repeat)]
-    order = np.random.default_rng(seed).permutation(len(planned))
+    plans = [planned_pass(speed, number, limits) for speed in passes for number in range(passes[speed] * repeat)]
+    order = np.random.default_rng(seed).permutation(len(plans))
     middle = sorted(speeds)[len(speeds) // 2]
-    ordered, since, count = [_reference(middle, 0, limits)], 0.0, 1
+    references, since, count = [_reference(middle, 0, limits)], 0.0, 1
     for i in order:
-        ordered.append(planned[i])
-        since += pass_time(planned[i], limits)
+        references.append(plans[i])
+        since += pass_time(plans[i], limits)
         if since > reference_every_s:
-            ordered.append(_reference(middle, count, limits))
+            references.append(_reference(middle, count, limits))
             since, count = 0.0, count + 1
-    return (*ordered, _reference(middle, count, limits))
+    return (*references, _reference(middle, count, limits))
 
 
 def ramp_time(speed: float, limits: PassLimits) -> float:
@@ -117,34 +117,34 @@ def ramp_time(speed: float, limits: PassLimits) -> float:
     return RAMP_PEAK * speed / limits.acceleration
 
 
-def pass_time(planned: PlannedPass, limits: PassLimits) -> float:
+def pass_time(plan: PlannedPass, limits: PassLimits) -> float:
     """Return seconds of one pass there and back."""
-    return 2 * (planned.plateau_s + limits.settling_s(planned.speed) + 2 * ramp_time(planned.speed, limits) + PAUSE_S)
+    return 2 * (plan.plateau_s + limits.settling_s(plan.speed) + 2 * ramp_time(plan.speed, limits) + PAUSE_S)
 
 
-def pass_reference(planned: PlannedPass, limits: PassLimits, rate_hz: float) -> PassReference:
+def pass_reference(plan: PlannedPass, limits: PassLimits, rate_hz: float) -> PassReference:
     """Compute trapezoids of velocity with smooth ramps, there and back, at rest at both ends."""
-    ramp_s = ramp_time(planned.speed, limits)
-    settling_s = limits.settling_s(planned.speed)
-    n_ramp, n_steady, n_pause = (max(2, round(t * rate_hz)) for t in (ramp_s, planned.plateau_s + settling_s, PAUSE_S))
+    ramp_s = ramp_time(plan.speed, limits)
+    settling_s = limits.settling_s(plan.speed)
+    n_ramp, n_steady, n_pause = (max(2, round(t * rate_hz)) for t in (ramp_s, plan.plateau_s + settling_s, PAUSE_S))
     x = (np.arange(n_ramp) + 0.5) / n_ramp
     rise = x**3 * (10 - 15 * x + 6 * x**2)
-    way = np.concatenate([rise, np.ones(n_steady), rise[::-1], np.zeros(n_pause)])
-    velocity = planned.speed * np.concatenate([way, -way])
-    position = planned.start + np.cumsum(velocity) / rate_hz
+    profile = np.concatenate([rise, np.ones(n_steady), rise[::-1], np.zeros(n_pause)])
+    velocity = plan.speed * np.concatenate([profile, -profile])
+    position = plan.start + np.cumsum(velocity) / rate_hz
     acceleration = np.gradient(velocity) * rate_hz
-    first, last, n = n_ramp + round(settling_s * rate_hz), n_ramp + n_steady, len(way)
+    first, last, n = n_ramp + round(settling_s * rate_hz), n_ramp + n_steady, len(profile)
     return PassReference(rate_hz, position, velocity, acceleration, (first, last), (first + n, last + n))
 
 
 def fastest_speed(limits: PassLimits) -> float:
     """Find the highest speed whose pass fits into the window, within the joint's velocity."""
-    room = limits.window[1] - limits.window[0] - limits.turn - limits.lag
+    travel = limits.window[1] - limits.window[0] - limits.turn - limits.lag
     a, t = limits.acceleration / RAMP_PEAK, limits.loop_settling_s + SHORTEST_S
-    if room <= 0:
+    if travel <= 0:
         return 0.0
-    # room = v^2 / a + v t.
-    return float(min(limits.velocity, a / 2 * (math.sqrt(t**2 + 4 * room / a) - t)))
+    # travel = v^2 / a + v t.
+    return float(min(limits.velocity, a / 2 * (math.sqrt(t**2 + 4 * travel / a) - t)))
 
 
 def planned_pass(speed: float, number: int, limits: PassLimits) -> PlannedPass:

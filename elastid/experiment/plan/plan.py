@@ -174,12 +174,12 @@ class Plan:
         """Rate, period and lines, and the RMS torque of each input in each configuration."""
         f = self.freq_hz
         rms = np.sqrt(np.sum(np.abs(self.R) ** 2, axis=3) / 2).max(axis=(1, 2))
-        slides = [place in self.sliding for place in self.inputs]
+        slides = [location in self.sliding for location in self.inputs]
         rows = [
             (c.name, degrees(c.angles.tolist(), slides), str(M), ", ".join(f"{torque:.3g}" for torque in torques))
             for c, M, torques in zip(self.configurations, self.realisations, rms.tolist(), strict=True)
         ]
-        units = " or ".join(dict.fromkeys(drive_unit(place in self.sliding) for place in self.inputs))
+        units = " or ".join(dict.fromkeys(drive_unit(location in self.sliding) for location in self.inputs))
         return Display(
             f"Plan of {len(self.experiments)} runs, {self.robot_time_s:.4g} s: {len(f)} lines from {f[0]:.4g} to "
             f"{f[-1]:.4g} Hz at {self.rate_hz:g} Hz, {self.periods} periods of {self.period_samples} samples",
@@ -254,7 +254,7 @@ def make_plan(
     experiment: ExperimentSpec,
     robot: Robot,
     seed: int,
-    chosen: Sequence[DesignedConfiguration] = (),
+    designed: Sequence[DesignedConfiguration] = (),
     spectra: Mapping[str, FloatArray] | None = None,
     closed_loop: PredictClosedLoop | None = None,
 ) -> Plan:
@@ -262,7 +262,7 @@ def make_plan(
 
     With several amplitudes each configuration is measured at every one, under a name of its own (`at_amplitude`).
 
-    chosen: configurations that a design has added to those of the study.  spectra: amplitudes (F, n_u) in Nm that it
+    designed: configurations that a design has added to those of the study.  spectra: amplitudes (F, n_u) in Nm that it
     has found, by the configuration's name.  closed_loop: needed where excitation.flat or compress names a quantity
     other than the torque.  The phases of a set depend on seed, configuration index and realisation alone, so that a
     further configuration or realisation leaves the others as they were (but for optimised phases, the first other
@@ -274,7 +274,7 @@ def make_plan(
             index,
             replace(pick, configuration=replace(pick.configuration, name=at_amplitude(pick.configuration.name, index))),
         )
-        for pick in (*picks, *chosen)
+        for pick in (*picks, *designed)
         for index in range(1, len(excitation.amplitudes) + 1)
     ]
     lines, n_u = planned_lines(excitation, seed), len(robot.driven)

@@ -118,11 +118,11 @@ def _square(carrier: CarrierSpec, plan: Plan) -> tuple[FloatArray, FloatArray, F
     """
     f = carrier.cycles * plan.rate_hz / plan.period_samples
     h = np.arange(1, (plan.period_samples - 1) // (2 * carrier.cycles) + 1, 2)
-    filtered = 1 / (h * np.sqrt(1 + (h * f / SQUARE_CUTOFF_HZ) ** 4))
-    analysed = np.isin(h * carrier.cycles, np.concatenate([plan.lines, plan.detection]))
-    is_free = ~analysed & (filtered > 1e-4 * filtered[0])
+    amplitude = 1 / (h * np.sqrt(1 + (h * f / SQUARE_CUTOFF_HZ) ** 4))
+    is_measured = np.isin(h * carrier.cycles, np.concatenate([plan.lines, plan.detection]))
+    is_free = ~is_measured & (amplitude > 1e-4 * amplitude[0])
     omega = 2 * np.pi * f * h[is_free]
-    c = 4 / np.pi * filtered[is_free]
+    c = 4 / np.pi * amplitude[is_free]
     phase = np.outer(_time(plan), omega)
     v = carrier.velocities(len(plan.inputs))
     shapes = (-np.cos(phase) @ (c / omega), np.sin(phase) @ c, np.cos(phase) @ (c * omega))
@@ -131,9 +131,9 @@ def _square(carrier: CarrierSpec, plan: Plan) -> tuple[FloatArray, FloatArray, F
 
 
 def _constant_velocity(v: FloatArray, s: FloatArray, ds: FloatArray, plan: Plan) -> Movement:
-    travelled = np.concatenate([[0.0], np.cumsum((s[1:] + s[:-1]) / 2)]) / plan.rate_hz
+    distance = np.concatenate([[0.0], np.cumsum((s[1:] + s[:-1]) / 2)]) / plan.rate_hz
     middle = (plan.measured.start + plan.measured.stop) // 2
-    return Movement(np.outer(travelled - travelled[middle], v), np.outer(s, v), np.outer(ds, v), s)
+    return Movement(np.outer(distance - distance[middle], v), np.outer(s, v), np.outer(ds, v), s)
 
 
 def _time(plan: Plan) -> FloatArray:
@@ -187,8 +187,8 @@ def reference(
     """Return the reference of one configuration."""
     path = movement(carrier, plan)
     signals = path.position, path.velocity, path.acceleration, path.scale
-    once, place = np.unique(_first_of_its_kind(plan, carrier), return_inverse=True)
-    torque = feed_forward(configuration, Movement(*(x[once] for x in signals)))[place]
+    configurations, index = np.unique(_first_of_its_kind(plan, carrier), return_inverse=True)
+    torque = feed_forward(configuration, Movement(*(x[configurations] for x in signals)))[index]
     position = configuration.angles + path.position
     timing = plan.rate_hz, plan.first_sample
     return Reference(configuration, *timing, position, path.velocity, path.acceleration, torque, path.scale)
@@ -234,8 +234,8 @@ class Rehearsal:
 
 def derivatives(x: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray]:
     """Compute first and second derivative (n, c) of x (n, c), of sixth order; the run begins and ends at rest."""
-    padded = np.pad(x, ((3, 3), (0, 0)), mode="edge")
-    f = [padded[i : i + len(x)] for i in range(7)]
+    extended = np.pad(x, ((3, 3), (0, 0)), mode="edge")
+    f = [extended[i : i + len(x)] for i in range(7)]
     first = (45 * (f[4] - f[2]) - 9 * (f[5] - f[1]) + f[6] - f[0]) * (rate_hz / 60)
     second = (2 * (f[6] + f[0]) - 27 * (f[5] + f[1]) + 270 * (f[4] + f[2]) - 490 * f[3]) * (rate_hz**2 / 180)
     return first, second

@@ -6,6 +6,7 @@ the joint. Motions can be measured in any order and in any process: `heat_of` ha
 
 import math
 from dataclasses import dataclass, replace
+from itertools import starmap
 from typing import TypeAlias
 
 import numpy as np
@@ -91,7 +92,7 @@ class FrictionRun:
             return np.concatenate([np.zeros(0), *(law.curve(x, T if law.place in sides else None) for law, x in pairs)])
 
         try:
-            table = np.array([curves(moment, u) for moment, u in zip(moments.tolist(), holding, strict=True)])
+            table = np.array(list(starmap(curves, zip(moments.tolist(), holding, strict=True))))
             return np.array([np.interp(np.arange(n), moments, column) for column in table.T]).reshape(-1, n).T
         except ValueError as error:
             raise StudyError("experiment/simulated", str(error), self.motion.name) from None
@@ -140,17 +141,17 @@ def _activities(plan: FrictionPlan, joint: str) -> list[_Activity]:
 
 
 def _between(start_s: float, end_s: float, warm_up: PlannedWarmUp | None, limits: PassLimits) -> list[_Activity]:
-    rest = np.zeros(0)
+    torque = np.zeros(0)
     if warm_up is None:
-        return [(start_s, end_s, rest)]
+        return [(start_s, end_s, torque)]
     low = min(max(warm_up.start_s, start_s), end_s)
     high = max(min(warm_up.start_s + warm_up.time_s, end_s), low)
     speeds = _speeds(planned_pass(warm_up.speed, 0, limits), limits)
-    return [(start_s, low, rest), (low, high, speeds[speeds > 0]), (high, end_s, rest)]
+    return [(start_s, low, torque), (low, high, speeds[speeds > 0]), (high, end_s, torque)]
 
 
-def _speeds(planned: PlannedPass, limits: PassLimits) -> FloatArray:
-    return np.quantile(np.abs(pass_reference(planned, limits, 100.0).velocity), (np.arange(16) + 0.5) / 16)
+def _speeds(plan: PlannedPass, limits: PassLimits) -> FloatArray:
+    return np.quantile(np.abs(pass_reference(plan, limits, 100.0).velocity), (np.arange(16) + 0.5) / 16)
 
 
 @dataclass(frozen=True)
@@ -183,37 +184,24 @@ class SimulatedFrictionRig:
 
     def measure(self, motion: PlannedMotion) -> FrictionRecord:
         """Simulate one motion. DataError where the joint is lost, StudyError where the steps are too long for it."""
-        run, number = self._run(motion), [planned.name for planned in self.plan.motions].index(motion.name)
+        run, number = self._run(motion), [plan.name for plan in self.plan.motions].index(motion.name)
         model, i, rate_hz, seed = run.plant.model, run.index, self.plan.rate_hz, (self.seed, number)
         noise = draw_noise(self.simulated.noise, len(run.path.position), rate_hz, model.n_u, model.inputs, seed)
         trajectory = run.simulated(self.simulated.controller, rate_hz, noise)
         first = motion.period_samples or 0 if motion.purpose == "presliding_test" else 0
-        temperature, planned, E = self._thermometer(run, number), motion.planned, self.robot.mixing
+        temperature, plan, E = self._thermometer(run, number), motion.planned, self.robot.mixing
         return FrictionRecord(
-            motion.name,
-            motion.joint,
-            motion.purpose,
-            rate_hz,
-            (trajectory.reading @ E.T + noise.outputs)[first:, i],
+            motion.name, motion.joint, motion.purpose, rate_hz, (trajectory.reading @ E.T + noise.outputs)[first:, i],
             (trajectory.u @ np.linalg.inv(E) + noise.torque)[first:, i],
-            temperature=None if temperature is None else temperature[first:],
-            there=run.path.there,
-            back=run.path.back,
-            speed=None if planned is None else planned.speed,
-            load=motion.load,
-            load_torque=self._load_torque(run),
-            torque_delay_s=0.5 / rate_hz,
-            resolution=float(run.plant.loop.drives.resolution[i]),
-            start_s=motion.start_s + first / rate_hz,
-            period_samples=motion.period_samples,
-            hold="zero-order",
-            configuration=run.plant.point.configuration,
-            is_reference=planned is not None and planned.is_reference,
-            is_warm_up=motion.is_warm_up,
-            place=motion.name,
-            slides=self.robot.driven[i].slides,
+            temperature=None if temperature is None else temperature[first:], there=run.path.there,
+            back=run.path.back, speed=None if plan is None else plan.speed, load=motion.load,
+            load_torque=self._load_torque(run), torque_delay_s=0.5 / rate_hz,
+            resolution=float(run.plant.loop.drives.resolution[i]), start_s=motion.start_s + first / rate_hz,
+            period_samples=motion.period_samples, hold="zero-order", configuration=run.plant.point.configuration,
+            is_reference=plan is not None and plan.is_reference, is_warm_up=motion.is_warm_up,
+            place=motion.name, slides=self.robot.driven[i].slides,
             notes=tuple(limit_notes(run.plant, motion.name, trajectory.u, [i])),
-        )
+        )  # fmt: skip
 
     def warm_ups(self) -> tuple[WarmUpLog, ...]:
         """Return the heat of each joint that was warmed, from the start of its warm-up to its last test."""
@@ -239,10 +227,10 @@ class SimulatedFrictionRig:
     def _load_torque(self, run: FrictionRun) -> float:
         model = model_of(with_point_mass(self.robot, run.motion.payload))
         windows = [window for window in (run.path.there, run.path.back) if window is not None]
-        sliding = np.concatenate([np.arange(*window) for window in windows]) if windows else np.zeros(1, int)
-        places = np.linspace(0, len(sliding) - 1, min(20, len(sliding))).astype(int)
+        sliding = np.concatenate(list(starmap(np.arange, windows))) if windows else np.zeros(1, int)
+        samples = np.linspace(0, len(sliding) - 1, min(20, len(sliding))).astype(int)
         point = equilibrium(model, model.theta, run.plant.point.configuration)
-        torque = holding_torque(model, point, run.index, run.path.position[sliding[places]])
+        torque = holding_torque(model, point, run.index, run.path.position[sliding[samples]])
         return float(np.abs(torque @ np.linalg.inv(self.robot.mixing)[:, run.index]).mean())
 
     def _thermometer(self, run: FrictionRun, number: int) -> FloatArray | None:
@@ -259,9 +247,9 @@ class SimulatedFrictionRig:
         time_s, T, power = heat_of(self.plan, true_robot(self.robot, self.simulated.truth), spec, warm_up.joint)
         tests = [test.start_s for test in self.plan.motions if test.joint == warm_up.joint and test.is_warm_up]
         end_s = max(warm_up.start_s + warm_up.time_s, *tests)
-        places = np.flatnonzero((time_s > warm_up.start_s - 1e-6) & (time_s < end_s + 1e-6))
+        samples = np.flatnonzero((time_s > warm_up.start_s - 1e-6) & (time_s < end_s + 1e-6))
         joint = self.robot.driven_names.index(warm_up.joint)
         rng = np.random.default_rng(np.random.SeedSequence((self.seed, joint, 2)))
         std = np.nan if spec.thermometer_std is None else spec.thermometer_std
-        signals = time_s[places], power[places[:-1]], T[places] + std * rng.standard_normal(len(places))
-        return WarmUpLog(warm_up.joint, *signals, spec.thermometer_std or 0.0, spec.ambient, float(T[places[0]]))
+        signals = time_s[samples], power[samples[:-1]], T[samples] + std * rng.standard_normal(len(samples))
+        return WarmUpLog(warm_up.joint, *signals, spec.thermometer_std or 0.0, spec.ambient, float(T[samples[0]]))

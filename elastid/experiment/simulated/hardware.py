@@ -38,14 +38,14 @@ _WEIGHTS = [
 _SECOND_DERIVATIVE = np.array([*_WEIGHTS[::-1], -2 * sum(_WEIGHTS), *_WEIGHTS])
 
 
-def logged_quantity(place: str) -> Motion:
-    """Return the quantity logged at a place: acceleration of points, position of joints, motors and bodies."""
-    return "acceleration" if is_point(place) else "position"
+def logged_quantity(location: str) -> Motion:
+    """Return the quantity logged at a location: acceleration of points, position of joints, motors and bodies."""
+    return "acceleration" if is_point(location) else "position"
 
 
 def output_stds(noise: NoiseSpec, outputs: Sequence[str]) -> FloatArray:
     """Return standard deviation (n_y,) of the noise on each output, in its unit."""
-    return np.array([noise.acceleration_std if is_point(place) else noise.angle_std for place in outputs])
+    return np.array([noise.acceleration_std if is_point(location) else noise.angle_std for location in outputs])
 
 
 def sense(
@@ -63,12 +63,12 @@ def sense(
     """
     C = model.output_jacobian(q0, outputs)
     y = q @ C.T
-    for column, place in enumerate(outputs):
-        if place in model.inputs:
-            y[:, column] = reading[:, model.inputs.index(place)]
-        elif is_point(place):
-            y[:, column] = point_acceleration(q, model, q0, place, rate_hz, period_samples)
-        elif not place.startswith("joint "):
+    for column, location in enumerate(outputs):
+        if location in model.inputs:
+            y[:, column] = reading[:, model.inputs.index(location)]
+        elif is_point(location):
+            y[:, column] = point_acceleration(q, model, q0, location, rate_hz, period_samples)
+        elif not location.startswith("joint "):
             y[:, column] -= C[column] @ q0
     return y
 
@@ -84,13 +84,13 @@ def sense_movement(
 
 
 def point_acceleration(
-    q: FloatArray, model: ElasticModel, q0: FloatArray, place: str, rate_hz: float, period_samples: int
+    q: FloatArray, model: ElasticModel, q0: FloatArray, location: str, rate_hz: float, period_samples: int
 ) -> FloatArray:
     """Compute m/s^2 (n,) at `frame <name> <axis>` or `accelerometer <name> <axis>` along a motion q (n, n_q).
 
     Before its first sample the motion is extrapolated linearly, after its last one from a period earlier.
     """
-    kind, name, axis = place.split(" ", 1)[0], *place.split(" ", 1)[1].rsplit(" ", 1)
+    kind, name, axis = location.split(" ", 1)[0], *location.split(" ", 1)[1].rsplit(" ", 1)
     links = [model.index(f"joint {joint.name}") for joint in model.robot.joints]
     poses = frame_poses(model.robot, q[:, links], name)
     acceleration = _second_derivative(poses.position, rate_hz, period_samples)
@@ -104,10 +104,10 @@ def point_acceleration(
 
 def _second_derivative(p: FloatArray, rate_hz: float, period_samples: int) -> FloatArray:
     n, N = len(p), min(period_samples, len(p) - 1)
-    before = p[0] - np.arange(_REACH, 0, -1)[:, None] * (p[1] - p[0])
-    after = p[n - N : n - N + _REACH] + (p[n - 1] - p[n - 1 - N])
-    padded = np.concatenate([before, p, after])
-    return np.asarray(sum(weight * padded[i : i + n] for i, weight in enumerate(_SECOND_DERIVATIVE)) * rate_hz**2)
+    head = p[0] - np.arange(_REACH, 0, -1)[:, None] * (p[1] - p[0])
+    tail = p[n - N : n - N + _REACH] + (p[n - 1] - p[n - 1 - N])
+    extended = np.concatenate([head, p, tail])
+    return np.asarray(sum(weight * extended[i : i + n] for i, weight in enumerate(_SECOND_DERIVATIVE)) * rate_hz**2)
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ def draw_noise(
             white = random.standard_normal(signals[name].shape)
             noise = np.fft.irfft(shape[:, None] * np.fft.rfft(white, axis=0), n, axis=0)
             if name == "outputs":  # accelerations have no noise of an angle
-                noise = noise * [logged_quantity(place) == "position" for place in outputs]
+                noise = noise * [logged_quantity(location) == "position" for location in outputs]
             signals[name] = signals[name] + noise
     return Noise(**signals)
 

@@ -113,17 +113,17 @@ def true_plant(
     model = model_of(robot, spec.model)
     point = equilibrium(model, model.theta, start)
     s, fastest = poles(model, contacts(model, frictions(robot)), point.q)
-    least = least_steps(1.2 * s if has_theta else s, 1 / rate_hz)
+    min_steps = least_steps(1.2 * s if has_theta else s, 1 / rate_hz)
     # The rate of a recorded log cannot be raised: it has the steps in a second of a log of 1 kHz.
-    most = spec.substeps or max(MAX_SUBSTEPS, int(1000.0 / rate_hz * MAX_SUBSTEPS) if is_free else 0)
-    if least > most:
+    max_steps = spec.substeps or max(MAX_SUBSTEPS, int(1000.0 / rate_hz * MAX_SUBSTEPS) if is_free else 0)
+    if min_steps > max_steps:
         raise StudyError(
             "experiment/simulated",
-            f"configuration {start.name}: the fastest mode, of {fastest}, needs {least} steps per sample at "
-            f"{rate_hz:g} Hz; limit {most}. Raise the rate",
+            f"configuration {start.name}: the fastest mode, of {fastest}, needs {min_steps} steps per sample at "
+            f"{rate_hz:g} Hz; limit {max_steps}. Raise the rate",
             "experiment.simulated.substeps",
         )
-    substeps = max(least, spec.steps(rate_hz, highest_hz))
+    substeps = max(min_steps, spec.steps(rate_hz, highest_hz))
     hardware = spec.noise.encoder_counts, spec.torque_ripple, spec.saturation, spec.controller
     compiled = samples if spec.compiled else 0
     return Plant(model, _loop_of(robot, spec.model, rate_hz, substeps, *hardware, compiled, is_free, has_theta), point)
@@ -159,9 +159,9 @@ def limit_notes(plant: Plant, run: str, u: FloatArray, motors: Iterable[int]) ->
             yield beyond(place, torque.max(), joint.limits.torque, unit)
 
 
-def beyond(place: str, peak: float, limit: float, unit: str) -> Note:
+def beyond(location: str, peak: float, limit: float, unit: str) -> Note:
     """Return a note on a motor that went beyond a limit which its drive does not keep."""
-    return Note("experiment/limits", f"reached {peak:.4g} {unit}; its limit is {limit:.4g} {unit}; {_LOWER}", place)
+    return Note("experiment/limits", f"reached {peak:.4g} {unit}; its limit is {limit:.4g} {unit}; {_LOWER}", location)
 
 
 _LOWER = "lower excitation.torque_rms, or the highest speed of passes"
@@ -224,7 +224,7 @@ MASSES = (2.0, 1.5, 1.0)
 STIFFNESSES = (30e3, 40e3, 25e3)
 DAMPING = (0.010, 0.015, 0.020)
 # The masses that a shaker pushes, and the lines, as parts of the rate, that both shakers excite.
-SHAKEN = (0, 2)
+EXCITED_STATES = (0, 2)
 BAND = (0.01, 0.4)
 
 
@@ -242,7 +242,7 @@ def true_response(freq_hz: FloatArray) -> ComplexArray:
     natural, damping, shapes = true_modes()
     omega = 2 * np.pi * freq_hz[:, None]
     modal = -(omega**2) / (natural**2 - omega**2 + 2j * damping * natural * omega)
-    return np.asarray(np.einsum("ir,fr,jr->fij", shapes, modal, shapes[list(SHAKEN)]))
+    return np.asarray(np.einsum("ir,fr,jr->fij", shapes, modal, shapes[list(EXCITED_STATES)]))
 
 
 def shake(rate_hz: float, period_samples: int, periods: int, seed: int) -> list[FloatArray]:
@@ -253,7 +253,7 @@ def shake(rate_hz: float, period_samples: int, periods: int, seed: int) -> list[
     """
     random = np.random.default_rng(seed)
     lines = np.arange(round(BAND[0] * period_samples), round(BAND[1] * period_samples))
-    U = 5.0 * np.sqrt(2 / len(lines)) * np.exp(2j * np.pi * random.random((len(lines), len(SHAKEN))))
+    U = 5.0 * np.sqrt(2 / len(lines)) * np.exp(2j * np.pi * random.random((len(lines), len(EXCITED_STATES))))
     G, experiments = true_response(lines * rate_hz / period_samples), []
     for F in (U, U * [1, -1]):
         pairs = ((F, 0.05), ((G @ F[..., None])[..., 0], 0.1))

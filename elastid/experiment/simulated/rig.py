@@ -67,8 +67,8 @@ class SimulatedRig:
                 f"the plan excites {', '.join(self.plan.inputs)}, robot {self.robot.name} has "
                 f"{', '.join(self.robot.motor_locations)}; design the plan for this robot",
             )
-        for place in self.outputs:
-            self.robot.check_location(place)
+        for location in self.outputs:
+            self.robot.check_location(location)
         if self.robot.chain.differentiator is not None:
             raise StudyError(
                 "experiment/simulated",
@@ -128,12 +128,12 @@ class SimulatedRig:
         u, y = (signal[plan.measured] for signal in self._sense(run, trajectory))
         r = np.tile(plan.torque(experiment), (plan.periods, 1))
         names = experiment.name, experiment.configuration, experiment.realisation, experiment.experiment
-        timing, places = (plan.rate_hz, plan.period_samples), (plan.inputs, self.outputs)
-        quantities = tuple(logged_quantity(place) for place in self.outputs)
+        timing, locations = (plan.rate_hz, plan.period_samples), (plan.inputs, self.outputs)
+        quantities = tuple(logged_quantity(location) for location in self.outputs)
         sliding = self.robot.sliding((*plan.inputs, *self.outputs))
         sampled = (True,) * len(self.outputs)  # also accelerations, which are those of sampled motions
         return Record(
-            *names, *timing, *places, quantities, u, y, r, notes=notes, hold="zero-order", sliding=sliding,
+            *names, *timing, *locations, quantities, u, y, r, notes=notes, hold="zero-order", sliding=sliding,
             sampled=sampled
         )  # fmt: skip
 

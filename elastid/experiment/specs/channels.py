@@ -235,10 +235,10 @@ def channel_refusal(channel: ChannelSpec, channels: Sequence[ChannelSpec], place
     if dimensions[0] != turning and dimension_and_size(channel.unit)[0] not in dimensions and channel.unit != "g":
         units = ", ".join(name for dimension in dimensions for name in units_of(dimension))
         return "unit", f"unit '{channel.unit}' does not measure {channel.quantity}; units that fit here: {units}"
-    turning_too = [c for c in channels if c.at == channel.at and not c.drive and not _translates(c)]
-    if not channel.drive and _translates(channel) and turning_too:
+    rotations = [c for c in channels if c.at == channel.at and not c.drive and not _translates(c)]
+    if not channel.drive and _translates(channel) and rotations:
         return "at", (
-            f"{channel.name_in_file} is a translation at '{channel.at}', {turning_too[0].name_in_file} a rotation. "
+            f"{channel.name_in_file} is a translation at '{channel.at}', {rotations[0].name_in_file} a rotation. "
             f"Rename one location, for example {channel.at} rotation"
         )
     return "", ""

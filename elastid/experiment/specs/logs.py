@@ -215,20 +215,20 @@ class RecordedSpec:
 
     def period_of(self, file: FileSpec) -> float | Literal["find"] | None:
         """Return samples of a file's period at the study's rate, whole or not; `find` as stated, None without one."""
-        place = self if file.period is None and file.period_samples is None else file
-        if place.period_samples is not None:
-            return float(place.period_samples)
-        if place.period is None or place.period == "none":
+        section = self if file.period is None and file.period_samples is None else file
+        if section.period_samples is not None:
+            return float(section.period_samples)
+        if section.period is None or section.period == "none":
             return None
-        return "find" if place.period == "find" else float(place.period) * self.known_rate_hz
+        return "find" if section.period == "find" else float(section.period) * self.known_rate_hz
 
     def repeat_refusal(self, number: int) -> str:
         """Return why a file may not have the numbers of an earlier one; empty if it has further periods, or no one."""
         file = self.files[number]
-        earlier = [before for before in self.files[:number] if before.run == file.run]
+        earlier = [previous for previous in self.files[:number] if previous.run == file.run]
         periods = {self.period_of(entry) for entry in (*earlier[:1], file)}
-        is_repeated = any((before.path, before.samples) == (file.path, file.samples) for before in earlier)
-        is_repeated |= any(before.at != file.at for before in earlier)
+        is_repeated = any((previous.path, previous.samples) == (file.path, file.samples) for previous in earlier)
+        is_repeated |= any(previous.at != file.at for previous in earlier)
         if not earlier or (len(periods) == 1 and None not in periods and not is_repeated):
             return ""
         return (

@@ -17,10 +17,10 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, named
 from elastid.base.errors import ElastidError
-from elastid.fit.diagnosis.forgotten_load import LEAST, find_load, steps_of
+from elastid.fit.diagnosis.forgotten_load import MIN_MASS_FRACTION, find_load, steps_of
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, Scores, against
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.refit import AS_MEASURED, settle, thinned
+from elastid.fit.diagnosis.refit import UNCHANGED, on_some_lines, settle
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.result_rows import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve
@@ -38,20 +38,20 @@ class AlternativeModel(NamedTuple):
 
 def find_alternatives(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     """Return the indices with the best variant, and with a load that was fitted, where nothing explains all."""
-    explained = max((index.explained_fraction for index in indices), default=0.0)
-    if explained > LIMITS.complete_fraction and not any(index.group == SCALE for index in indices):
+    fraction = max((index.explained_fraction for index in indices), default=0.0)
+    if fraction > LIMITS.complete_fraction and not any(index.group == SCALE for index in indices):
         return indices
     trials = sorted(
         (_judged(alternative, evidence, scores) for alternative in _alternatives(evidence)), key=lambda trial: trial[1]
     )
     # V that the file's own robot reaches from the study's start is no merit of a variant.
     as_stated = min(_judged(AlternativeModel("", "", evidence.assembly), evidence, scores)[1], scores.cost)
-    first, least = trials[0]
+    first, costs = trials[0]
     alternatives = []
-    if as_stated - least > LIMITS.majority_fraction * (as_stated - scores.noise):
-        equal = tuple(index.name for index, V in trials[1:] if least > LIMITS.equal_drop * V)
+    if as_stated - costs > LIMITS.majority_fraction * (as_stated - scores.noise):
+        equal = tuple(index.name for index, V in trials[1:] if costs > LIMITS.equal_drop * V)
         alternatives.append(replace(first, alike=equal))
-    if max(explained, *(index.explained_fraction for index in alternatives), 0.0) <= LIMITS.complete_fraction:
+    if max(fraction, *(index.explained_fraction for index in alternatives), 0.0) <= LIMITS.complete_fraction:
         alternatives += [
             index for index in _with_load(evidence, scores) if index.explained_fraction > LIMITS.majority_fraction
         ]
@@ -66,8 +66,8 @@ def _judged(alternative: AlternativeModel, evidence: Evidence, scores: Scores) -
     is_of_interest = np.array([not p.is_nuisance for p in parameters.free])
     for start in (parameters.x, np.where(is_of_interest, evidence.optimum.end.x, parameters.x)):
         with suppress(ElastidError, np.linalg.LinAlgError):  # no robot stands there, or V has no slope
-            fit = thinned(alternative.assembly.at(start, alternative.assembly.spec.criterion), LIMITS.residuals)
-            V, end = settle(AS_MEASURED, fit, start)
+            fit = on_some_lines(alternative.assembly.at(start, alternative.assembly.spec.criterion), LIMITS.residuals)
+            V, end = settle(UNCHANGED, fit, start)
             V *= evidence.optimum.fit.n_residuals / max(fit.n_residuals, 1)
             cost, x = min((cost, x), (V, end), key=lambda point: point[0])
     return against(ModificationIndex(alternative.name, alternative.family), cost, x, evidence, scores), cost
@@ -78,8 +78,8 @@ def _alternatives(evidence: Evidence) -> Iterator[AlternativeModel]:
     yield from _encoders(evidence)
     base = evidence.assembly
     robot, parameters = base.linearisation.model.robot, base.parameters
-    for name, family, varied, numbers in (*_motor_inertias(robot), *_mounted_otherwise(robot)):
-        yield AlternativeModel(name, family, _with_robot(base, varied, _about(parameters, numbers)))
+    for name, family, other_robot, numbers in (*_motor_inertias(robot), *_mounted_otherwise(robot)):
+        yield AlternativeModel(name, family, _with_robot(base, other_robot, _about(parameters, numbers)))
 
 
 def _with_robot(base: Assembly, robot: Robot, parameters: Parameters) -> Assembly:
@@ -105,9 +105,9 @@ def _angles(evidence: Evidence) -> Iterator[AlternativeModel]:
         changes[f"angles of axes {first.name} and {second.name} exchanged in all configurations"] = np.eye(n)[order]
     angles = np.array([G.configuration.angles for G in assembly.responses])
     for name, change in changes.items():
-        changed = angles @ change.T
-        if not np.allclose(changed, angles):
-            pairs = zip(assembly.responses, changed, strict=True)
+        new_angles = angles @ change.T
+        if not np.allclose(new_angles, angles):
+            pairs = zip(assembly.responses, new_angles, strict=True)
             responses = (replace(G, configuration=replace(G.configuration, angles=row)) for G, row in pairs)
             yield AlternativeModel(name, "postures", replace(assembly, responses=tuple(responses)))
 
@@ -131,20 +131,20 @@ def _encoders(evidence: Evidence) -> Iterator[AlternativeModel]:
 
 
 # Name, family, robot, and the numbers about which tolerances are.
-_Other: TypeAlias = tuple[str, str, Robot, Mapping[str, float]]
+_Alternative: TypeAlias = tuple[str, str, Robot, Mapping[str, float]]
 
 
-def _motor_inertias(robot: Robot) -> Iterator[_Other]:
+def _motor_inertias(robot: Robot) -> Iterator[_Alternative]:
     """Yield robots with the inertia of one motor or of all motors referred to the link side of the gear."""
     inertias = {name: value for name, (value, _) in robot.parameters().items() if name.startswith("Jm_") and value > 0}
     motor_side = {name: value / robot.ratio(name.removeprefix("Jm_")) ** 2 for name, value in inertias.items()}
     groups = {f"inertia of motor {name.removeprefix('Jm_')}": {name: value} for name, value in motor_side.items()}
     for name, numbers in (groups | ({"inertias of all motors": motor_side} if len(motor_side) > 1 else {})).items():
-        words = f"{name} given on the link side, or in kg cm^2"
-        yield words, "side of the gear", robot.with_parameters(numbers), numbers
+        cause = f"{name} given on the link side, or in kg cm^2"
+        yield cause, "side of the gear", robot.with_parameters(numbers), numbers
 
 
-def _mounted_otherwise(robot: Robot) -> Iterator[_Other]:
+def _mounted_otherwise(robot: Robot) -> Iterator[_Alternative]:
     size = float(np.linalg.norm(robot.gravity)) or 9.81
     directions = {f"gravity along {sign}{axis} of the base": size * float(f"{sign}1") * row
                   for axis, row in zip("xyz", np.eye(3), strict=True) for sign in "+-"}  # fmt: skip
@@ -153,7 +153,7 @@ def _mounted_otherwise(robot: Robot) -> Iterator[_Other]:
             yield name, "gravity", replace(robot, gravity=tuple(gravity.tolist())), {}
     if robot.payload is not None and robot.payload.mass > 0:
         numbers = {n: v for n, (v, _) in robot.parameters().items() if n == "m_payload" or n.startswith("I_payload")}
-        massless = {name: LEAST * value for name, value in numbers.items()}
+        massless = {name: MIN_MASS_FRACTION * value for name, value in numbers.items()}
         yield "the payload of the file not mounted", "payload of the file", robot.with_parameters(massless), massless
 
 
@@ -182,8 +182,8 @@ def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     body = max(loads, key=lambda name: loads[name].drop, default="")
     if evidence.assembly.linearisation.model.robot.payload is not None or not body or not loads[body].mass > 0:
         return []
-    mass, place = loads[body].mass, _centre(scores, body) + loads[body].place
-    loaded = _carrying(evidence, body, mass, place)
+    mass, centre = loads[body].mass, _centre(scores, body) + loads[body].place
+    loaded = _carrying(evidence, body, mass, centre)
     if loaded is None or not loaded[0] < scores.cost:
         return []
     cost, p, x = loaded
@@ -204,16 +204,16 @@ def _centre(scores: Scores, body: str) -> FloatArray:
 
 
 def _carrying(
-    evidence: Evidence, body: str, mass: float, place: FloatArray
+    evidence: Evidence, body: str, mass: float, centre: FloatArray
 ) -> tuple[float, FloatArray, FloatArray] | None:
     """Fit the mass (kg) and the position (m) of a load on a body. Return V, the load (4,) and x (n_x,)."""
     study = evidence.assembly
     inertia, names = mass * LIMITS.load_radius**2, tuple(f"c_payload_{axis}" for axis in "xyz")
-    robot = replace(study.linearisation.model.robot, payload=Payload(mass, tuple(place.tolist()), inertia, body))
+    robot = replace(study.linearisation.model.robot, payload=Payload(mass, tuple(centre.tolist()), inertia, body))
     numbers = (
         Parameter("m_payload", mass, "kg", log=True, prior=Prior(mass, LIMITS.load_std)),
         *(Parameter(n, float(v), "m", prior=Prior(float(v), LIMITS.load_std))
-          for n, v in zip(names, place, strict=True)),
+          for n, v in zip(names, centre, strict=True)),
         Parameter("I_payload", inertia, "kg*m^2", log=True, prior=Prior(inertia, LIMITS.load_std)),
     )  # fmt: skip
     file, estimates = study.parameters, named(study.parameters.free_names, evidence.result.x)
@@ -225,7 +225,7 @@ def _carrying(
         assembly = _with_robot(study, robot, parameters)
         for _ in range(LIMITS.rounds):
             fit = assembly.at(x, study.spec.criterion)
-            _, near = settle(AS_MEASURED, thinned(fit), x)
+            _, near = settle(UNCHANGED, on_some_lines(fit), x)
             x = solve(fit.problem, near, ROUGH, LIMITS.iterations).x
         cost = assembly.at(x, study.spec.criterion).evaluate(x).cost
     except (ElastidError, np.linalg.LinAlgError):  # no equilibrium along the search, or V has no derivative

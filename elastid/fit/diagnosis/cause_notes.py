@@ -62,9 +62,9 @@ def phrase(index: ModificationIndex, evidence: Evidence) -> str:
     """Return the change itself: `m_fore = 71.4 kg instead of 75 kg (-4.8 %)`, `a delay of 0.294 ms`."""
     hypothesis = hypothesis_of_index(index, evidence.hypotheses)
     if hypothesis is not None and hypothesis.phrase:
-        words, where = hypothesis.phrase, index.name.partition("@")[2]
-        only_there = f" in configuration {where} alone" if where else ""
-        return words.format(name=index.name) if isinstance(words, str) else f"{words(index)}{only_there}"
+        text, where = hypothesis.phrase, index.name.partition("@")[2]
+        scope = f" in configuration {where} alone" if where else ""
+        return text.format(name=index.name) if isinstance(text, str) else f"{text(index)}{scope}"
     return number_phrase(index) if index.members else index.name
 
 
@@ -75,8 +75,8 @@ def number_phrase(index: ModificationIndex) -> str:
     change = relative(step) if index.log[0] else f"{step:+.3g}{unit}"
     if index.name.endswith("*"):
         return f"{index.name} {change}"
-    before = f"{float(index.values[0]):.4g}{unit} ({change})"
-    return f"{index.group} {index.name} = {index.changed[0]:.4g}{unit} instead of {before}"
+    nominal = f"{float(index.values[0]):.4g}{unit} ({change})"
+    return f"{index.group} {index.name} = {index.changed[0]:.4g}{unit} instead of {nominal}"
 
 
 def _remedy(index: ModificationIndex, evidence: Evidence) -> str:

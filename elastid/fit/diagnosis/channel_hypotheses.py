@@ -23,124 +23,124 @@ from elastid.fit.diagnosis.hypothesis import SCALE, Changes, Evidence, Hypothesi
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.refit import (
     Change,
-    Evaluated,
-    Misreading,
+    EvaluatedResponse,
+    ResponseChange,
     evaluate,
+    on_some_lines,
     predict,
     settle,
     squares,
     start_distance,
-    thinned,
 )
 from elastid.fit.problem.frf_residuals import ElasticFit, Part
 from elastid.fit.result_rows import ModificationIndex
 
 
-def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+def find_channel_error(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     """Append the best channel hypothesis to the indices, with the names of hypotheses indistinguishable from it."""
     optimum, result, assembly = evidence.optimum, evidence.result, evidence.assembly
-    fit, x = thinned(optimum.fit), optimum.end.x
+    fit, x = on_some_lines(optimum.fit), optimum.end.x
     of_all, costs = optimum.fit.n_residuals / max(fit.n_residuals, 1), np.array(squares(evaluate(fit, x)))
     starts = [(fit, x, ~result.at_bound)]
     with suppress(ElastidError):  # no equilibrium there
-        file = thinned(assembly.at(assembly.parameters.x, assembly.spec.criterion))
+        file = on_some_lines(assembly.at(assembly.parameters.x, assembly.spec.criterion))
         # With wrong channels, the fit may have changed the nuisance parameters by many of their tolerances.
         starts.append((file, assembly.parameters.x, np.array([not p.is_nuisance for p in assembly.parameters.free])))
     predicted = [  # V of every hypothesis after one step from each start
-        (predict(misreading, evaluated, problem.parameters.prior_slopes, free)[0], misreading, (problem, start, free))
+        (predict(change, evaluated, problem.parameters.prior_slopes, free)[0], change, (problem, start, free))
         for problem, start, free in starts
         for evaluated in (evaluate(problem, start),)
         for hypothesis in evidence.hypotheses
-        for misreading in (_changes(hypothesis.changes, evaluated, costs) if hypothesis.changes is not None else ())
+        for change in (_changes(hypothesis.changes, evaluated, costs) if hypothesis.changes is not None else ())
     ]
-    refits: dict[str, tuple[float, FloatArray, Misreading]] = {}
-    for cost, misreading, (problem, start, free) in sorted(predicted, key=lambda trial: trial[0]):
+    refits: dict[str, tuple[float, FloatArray, ResponseChange]] = {}
+    for cost, change, (problem, start, free) in sorted(predicted, key=lambda trial: trial[0]):
         if len(refits) >= LIMITS.refits or cost > LIMITS.predicted_ratio * costs.sum():
             break
-        if misreading.name not in refits:
-            V, x_end = settle(misreading, problem, settle(misreading, problem, start, free)[1])
-            refits[misreading.name] = (of_all * V, x_end, misreading)
+        if change.name not in refits:
+            V, x_end = settle(change, problem, settle(change, problem, start, free)[1])
+            refits[change.name] = (of_all * V, x_end, change)
     as_read = min(of_all * float(costs.sum()), scores.cost)
     excess = max(as_read - scores.noise, 1e-300)
-    least = min((cost for cost, _, _ in refits.values()), default=math.inf)
-    if as_read - least <= LIMITS.complete_fraction * excess:
-        for name, cost, x_end in _scaled(fit, (fit.parameters.x, x)):
-            refits[name] = (of_all * cost, x_end, Misreading(name, SCALE, lambda _, values: values))
-    least = as_read - LIMITS.sufficient_fraction * excess
-    good = sorted((curve for curve in refits.values() if curve[0] < least), key=lambda curve: curve[0])
+    min_cost = min((cost for cost, _, _ in refits.values()), default=math.inf)
+    if as_read - min_cost <= LIMITS.complete_fraction * excess:
+        for name, cost, x_end in _scale_channels(fit, (fit.parameters.x, x)):
+            refits[name] = (of_all * cost, x_end, ResponseChange(name, SCALE, lambda _, values: values))
+    min_cost = as_read - LIMITS.sufficient_fraction * excess
+    good = sorted((curve for curve in refits.values() if curve[0] < min_cost), key=lambda curve: curve[0])
     if not good:
         return indices
     cost, x_end, best = good[0]
-    equal = tuple(misreading.name for V, _, misreading in good[1:] if cost > LIMITS.equal_drop * V)
+    equal = tuple(change.name for V, _, change in good[1:] if cost > LIMITS.equal_drop * V)
     occam = start_distance(fit.parameters, x_end) if best.family == SCALE else 0.0
     index = ModificationIndex(best.name, best.family, alike=equal, occam=occam)
     return [*indices, against(index, cost, x_end, evidence, scores)]
 
 
-def _changes(changes: Changes, evaluated: Sequence[Evaluated], costs: FloatArray) -> Iterator[Misreading]:
+def _changes(changes: Changes, evaluated: Sequence[EvaluatedResponse], costs: FloatArray) -> Iterator[ResponseChange]:
     """Yield misreadings of all configurations, and of single configurations with the worst fit."""
     yield from changes(evaluated, costs)
     for i in np.argsort(-costs)[: LIMITS.refits] if len(costs) > 2 else ():
         part = evaluated[i].part
-        for misreading in changes([evaluated[i]], costs[[i]]):
-            name = f"{misreading.name} in configuration {part.configuration} alone"
-            yield replace(misreading, name=name, change=partial(_change_one, part, misreading.change))
+        for change in changes([evaluated[i]], costs[[i]]):
+            name = f"{change.name} in configuration {part.configuration} alone"
+            yield replace(change, name=name, apply=partial(_change_one, part, change.apply))
 
 
-def _change_one(part: Part, change: Change, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
+def _change_one(part: Part, change: Change, evaluated: EvaluatedResponse, values: ComplexArray) -> ComplexArray:
     return change(evaluated, values) if evaluated.part.configuration == part.configuration else values
 
 
-def _channels(evaluated: Sequence[Evaluated]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _channels(evaluated: Sequence[EvaluatedResponse]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     models = [e.part.kernel.model for e in evaluated]
     outputs = tuple(dict.fromkeys(name for model in models for name in model.outputs))
     return outputs, tuple(dict.fromkeys(name for model in models for name in model.inputs))
 
 
-def signs(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Misreading]:
+def signs(evaluated: Sequence[EvaluatedResponse], _: FloatArray) -> Iterator[ResponseChange]:
     """Yield the hypotheses of a channel with the opposite sign."""
     outputs, inputs = _channels(evaluated)
-    for place in outputs:
-        yield Misreading(f"y at {place} with the other sign", "sign", partial(_times, {place: -1.0}, {}))
-    for place in inputs:
-        yield Misreading(f"u at {place} with the other sign", "sign", partial(_times, {}, {place: -1.0}))
+    for location in outputs:
+        yield ResponseChange(f"y at {location} with the other sign", "sign", partial(_times, {location: -1.0}, {}))
+    for location in inputs:
+        yield ResponseChange(f"u at {location} with the other sign", "sign", partial(_times, {}, {location: -1.0}))
 
 
-def directions(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Misreading]:
+def directions(evaluated: Sequence[EvaluatedResponse], _: FloatArray) -> Iterator[ResponseChange]:
     """Yield the hypotheses of a motor that counts torque and motion in the opposite direction."""
     outputs, inputs = _channels(evaluated)
-    for place in (place for place in inputs if place in outputs):
-        name = f"{place} counted in the other direction, torque and motion"
-        yield Misreading(name, "direction", partial(_times, {place: -1.0}, {place: -1.0}))
+    for location in (location for location in inputs if location in outputs):
+        name = f"{location} counted in the other direction, torque and motion"
+        yield ResponseChange(name, "direction", partial(_times, {location: -1.0}, {location: -1.0}))
 
 
 def _times(
-    outputs: dict[str, float], inputs: dict[str, float], evaluated: Evaluated, values: ComplexArray
+    outputs: dict[str, float], inputs: dict[str, float], evaluated: EvaluatedResponse, values: ComplexArray
 ) -> ComplexArray:
     model = evaluated.part.kernel.model
     rows, columns = [outputs.get(p, 1.0) for p in model.outputs], [inputs.get(p, 1.0) for p in model.inputs]
     return values * np.outer(rows, columns)
 
 
-def exchanged_channels(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Misreading]:
+def exchanged_channels(evaluated: Sequence[EvaluatedResponse], _: FloatArray) -> Iterator[ResponseChange]:
     """Yield the hypotheses of two exchanged channels."""
     (outputs, inputs), family = _channels(evaluated), "exchanged channels"
     for a, b in combinations(outputs, 2):
-        yield Misreading(f"y at {a} and at {b} exchanged", family, partial(_permuted, {a: b, b: a}, {}))
+        yield ResponseChange(f"y at {a} and at {b} exchanged", family, partial(_permute, {a: b, b: a}, {}))
     for a, b in combinations(inputs, 2):
         exchange = {a: b, b: a}
-        yield Misreading(f"u at {a} and at {b} exchanged", family, partial(_permuted, {}, exchange))
+        yield ResponseChange(f"u at {a} and at {b} exchanged", family, partial(_permute, {}, exchange))
         if a in outputs and b in outputs:
-            yield Misreading(
-                f"{a} and {b} exchanged, torques and motions", family, partial(_permuted, exchange, exchange)
+            yield ResponseChange(
+                f"{a} and {b} exchanged, torques and motions", family, partial(_permute, exchange, exchange)
             )
 
 
-def _permuted(
-    outputs: dict[str, str], inputs: dict[str, str], evaluated: Evaluated, values: ComplexArray
+def _permute(
+    outputs: dict[str, str], inputs: dict[str, str], evaluated: EvaluatedResponse, values: ComplexArray
 ) -> ComplexArray:
-    def places(names: Sequence[str], swapped: dict[str, str]) -> list[int]:
-        order = [swapped.get(name, name) for name in names]
+    def places(names: Sequence[str], exchange: dict[str, str]) -> list[int]:
+        order = [exchange.get(name, name) for name in names]
         return [names.index(name) if name in names else i for i, name in enumerate(order)]
 
     model = evaluated.part.kernel.model
@@ -148,7 +148,7 @@ def _permuted(
     return values[..., rows, :][..., columns]
 
 
-def exchanged_postures(evaluated: Sequence[Evaluated], costs: FloatArray) -> Iterator[Misreading]:
+def exchanged_postures(evaluated: Sequence[EvaluatedResponse], costs: FloatArray) -> Iterator[ResponseChange]:
     """Yield the hypotheses of two exchanged configurations with large residuals and with equal lines and channels."""
     kernels = [e.part.kernel for e in evaluated]
     for a, b in combinations(sorted(np.argsort(-costs)[: LIMITS.exchanged].tolist()), 2):
@@ -158,28 +158,28 @@ def exchanged_postures(evaluated: Sequence[Evaluated], costs: FloatArray) -> Ite
         ):
             order = tuple({a: b, b: a}.get(i, i) for i in range(len(evaluated)))
             name = f"responses of configurations {first.configuration.name} and {second.configuration.name} exchanged"
-            yield Misreading(name, "exchanged postures", lambda _, values: values, order)
+            yield ResponseChange(name, "exchanged postures", lambda _, values: values, order)
 
 
-def conjugates(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Misreading]:
+def conjugates(_: Sequence[EvaluatedResponse], __: FloatArray) -> Iterator[ResponseChange]:
     """Yield the hypotheses of phases for exp(-j omega t), with both signs because of odd powers of j omega."""
-    yield Misreading("all phases negated", "phase", lambda _, values: values.conj())
-    yield Misreading("all phases negated", "phase", lambda _, values: -values.conj())
+    yield ResponseChange("all phases negated", "phase", lambda _, values: values.conj())
+    yield ResponseChange("all phases negated", "phase", lambda _, values: -values.conj())
 
 
-def quantities(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Misreading]:
+def quantities(_: Sequence[EvaluatedResponse], __: FloatArray) -> Iterator[ResponseChange]:
     """Yield the hypotheses of a confused position, velocity or acceleration."""
     for power in (1, 2, -1, -2):
         count, direction = "once" if abs(power) == 1 else "twice", "less" if power > 0 else "more"
         name = f"responses differentiated {count} {direction} in time"
-        yield Misreading(name, "quantity", partial(_differentiated, power))
+        yield ResponseChange(name, "quantity", partial(_differentiate, power))
 
 
-def _differentiated(power: int, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
+def _differentiate(power: int, evaluated: EvaluatedResponse, values: ComplexArray) -> ComplexArray:
     return values * (laplace_variable(evaluated.part.kernel.freq_hz) ** power)[:, None, None]
 
 
-# The family of a misreading, its changes, the error, the fault that shows it, and the advice.
+# Family, changes of the model, error in words, simulated fault of the tests, advice.
 _CHANNEL_ROWS: tuple[tuple[str, Changes, str, str, str], ...] = (
     ("sign", signs, "sign of a channel", "sign of torque 2", "check sign, scale and gear ratio of the channel"),
     ("direction", directions, "sign convention of a motor (torque and position)", "mirrored motor",
@@ -199,26 +199,26 @@ CHANNEL_HYPOTHESES = tuple(
 )
 
 
-def _scaled(fit: ElasticFit, starts: Sequence[FloatArray]) -> Iterator[tuple[str, float, FloatArray]]:
+def _scale_channels(fit: ElasticFit, starts: Sequence[FloatArray]) -> Iterator[tuple[str, float, FloatArray]]:
     for x in starts:
-        V, words = math.inf, ""
+        V, text = math.inf, ""
         for _ in range(LIMITS.scale_rounds):
             outputs, inputs = _scales(evaluate(fit, x))
             # The values of a torque are off by 1 / c.
             factors = {f"y at {p}": c for p, c in outputs.items()} | {f"u at {p}": -c for p, c in inputs.items()}
             far = {name: c for name, c in factors.items() if abs(c) > math.log(LIMITS.scale)}
-            words = ", ".join(f"{name} times {math.exp(c):.3g}" for name, c in far.items())
-            if not words:
+            text = ", ".join(f"{name} times {math.exp(c):.3g}" for name, c in far.items())
+            if not text:
                 break
             # As channels with these ln c read the response of the model.
-            of_y, of_u = ({place: math.exp(-c) for place, c in side.items()} for side in (outputs, inputs))
-            misreading = Misreading("", SCALE, partial(_times, of_y, of_u))
-            V, x = settle(misreading, fit, x)
-        if words:
-            yield words, V, x
+            of_y, of_u = ({location: math.exp(-c) for location, c in side.items()} for side in (outputs, inputs))
+            change = ResponseChange("", SCALE, partial(_times, of_y, of_u))
+            V, x = settle(change, fit, x)
+        if text:
+            yield text, V, x
 
 
-def _scales(evaluated: Sequence[Evaluated]) -> tuple[dict[str, float], dict[str, float]]:
+def _scales(evaluated: Sequence[EvaluatedResponse]) -> tuple[dict[str, float], dict[str, float]]:
     """Return ln c of outputs and inputs that match measured and modelled magnitudes, by the median of lines."""
     outputs, inputs = _channels(evaluated)
     rows, values = [], []

@@ -67,17 +67,17 @@ def undetectable_errors(result: Result, scores: Scores) -> Iterator[Undetectable
     n = len(result.parameters.of_interest)
     test, std = scores.test, result.std_of_x[:n]
     for candidate in scores.candidates:
-        places, first = candidate.places, test.numbers[candidate.places[0]]
+        locations, first = candidate.places, test.numbers[candidate.places[0]]
         is_exact = first.is_stated and not first.is_nuisance and not math.isinf(first.upper)
         if candidate.directions.shape[1] > 1 or not is_exact:
             continue
         direction = candidate.directions[:, 0]
         # An unidentifiable parameter has an infinite std: its relative change is 0.
-        changes = quotient(np.abs(test.response[:n, places] @ direction), std)
+        changes = quotient(np.abs(test.response[:n, locations] @ direction), std)
         worst = int(np.argmax(changes))
         if changes[worst] == 0:
             continue
-        error = min(first.usual, scores.detectable(places, direction))
+        error = min(first.usual, scores.detectable(locations, direction))
         yield UndetectableError(candidate.name, first, worst, 1 / float(changes[worst]), error)
 
 
@@ -130,8 +130,8 @@ def _tilting(scores: Scores, n: int) -> dict[str, tuple[FloatArray, float]]:
     """Return dx / dc (n,) for elastic rotations of the base, and the detectable compliance c, rad/(N m), by name."""
     test = scores.test
     return {
-        f"base about {number.name[-1]}": (test.response[:n, place], scores.detectable(np.array([place]), np.ones(1)))
-        for place, number in enumerate(test.numbers)
+        f"base about {number.name[-1]}": (test.response[:n, i], scores.detectable(np.array([i]), np.ones(1)))
+        for i, number in enumerate(test.numbers)
         if number.name.startswith("base_")
     }
 

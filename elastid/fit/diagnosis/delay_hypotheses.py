@@ -19,15 +19,15 @@ from elastid.base.errors import ElastidError
 from elastid.fit.diagnosis.hypothesis import Evidence, Scores
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.refit import (
-    AS_MEASURED,
-    Evaluated,
-    Misreading,
+    UNCHANGED,
+    EvaluatedResponse,
+    ResponseChange,
     evaluate,
     logarithmic,
+    on_some_lines,
     predict,
     settle,
     squares,
-    thinned,
 )
 from elastid.fit.parameter_selection import MAX_TIME
 from elastid.fit.problem.frf_residuals import ElasticFit
@@ -67,7 +67,7 @@ def as_delay(name: str) -> str:
 
 
 def fit_delay_forms(
-    evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray | bool, near: str,
+    evaluated: Sequence[EvaluatedResponse], prior: FloatArray, free: BoolArray | bool, near: str,
     channel: tuple[str, str], T_0: float,
 ) -> Iterator[TimeDelay]:  # fmt: skip
     """Yield the best time T of each form of a delay, near the delay `name` with T_0 seconds.
@@ -79,24 +79,24 @@ def fit_delay_forms(
     limit = LIMITS.edge_phase / max(float(e.part.kernel.freq_hz.max()) for e in evaluated)
 
     def at(T: float, form: str) -> tuple[float, FloatArray]:
-        return predict(Misreading("", "time", partial(_delayed, FORMS[form], T, *channel)), evaluated, prior, free)
+        return predict(ResponseChange("", "time", partial(_delay, FORMS[form], T, *channel)), evaluated, prior, free)
 
     for form in FORMS:
         low, high = np.clip(sorted((0.3 * T_0, 2.0 * T_0)), -limit, limit).tolist()
         options = {"maxiter": LIMITS.iterations, "xatol": 1e-4 * max(abs(low), abs(high))}
-        least = minimize_scalar(lambda T, form=form: at(T, form)[0], bounds=(low, high), options=options)
-        yield TimeDelay(near.replace("delay", form, 1), float(least.x), *at(float(least.x), form))
+        optimum = minimize_scalar(lambda T, form=form: at(T, form)[0], bounds=(low, high), options=options)
+        yield TimeDelay(near.replace("delay", form, 1), float(optimum.x), *at(float(optimum.x), form))
 
 
-def _delayed(
-    factor: Factor, T: float, role: str, place: str, evaluated: Evaluated, values: ComplexArray
+def _delay(
+    factor: Factor, T: float, role: str, location: str, evaluated: EvaluatedResponse, values: ComplexArray
 ) -> ComplexArray:
     model = evaluated.part.kernel.model
     H = factor(evaluated.part.kernel.freq_hz, T)[:, None, None]
     if not role:
         return H * values
     # A torque that is logged late divides its column.
-    is_place = np.array([name == place for name in (model.outputs if role == "y" else model.driven)])
+    is_place = np.array([name == location for name in (model.outputs if role == "y" else model.driven)])
     return np.where(is_place[:, None] if role == "y" else is_place, 1 / H if role == "u" else H, 1.0) * values
 
 
@@ -106,12 +106,12 @@ def common_delay(fit: ElasticFit, x: FloatArray) -> float:
     A global search: V is periodic in the delay at each line, and a solver finds the nearest minimum only.  Logarithmic
     criterion; steps of an eighth of the shortest period, up to half the inverse of the distance of two lines.
     """
-    subset = thinned(fit, LIMITS.residuals)
+    subset = on_some_lines(fit, LIMITS.residuals)
     evaluated = evaluate(replace(subset, parts=tuple(map(logarithmic, subset.parts))), x)
     step = 0.125 / max(e.part.kernel.freq_hz[-1] for e in evaluated)
     far = min(MAX_TIME[1], *(0.5 / float(np.diff(e.part.kernel.freq_hz).max(initial=1.0)) for e in evaluated))
     delays = step * np.array(sorted(range(-int(far / step), int(far / step) + 1), key=abs))
-    costs = [sum(squares([replace(e, G=_delayed(delay, T, "", "", e, e.G)) for e in evaluated])) for T in delays]
+    costs = [sum(squares([replace(e, G=_delay(delay, T, "", "", e, e.G)) for e in evaluated])) for T in delays]
     return float(delays[np.argmin(costs)])
 
 
@@ -120,32 +120,32 @@ def find_delays(indices: list[ModificationIndex], evidence: Evidence, scores: Sc
     optimum, result, assembly = evidence.optimum, evidence.result, evidence.assembly
     if not optimum.fit.n_residuals:
         return indices
-    fit, x, free = thinned(optimum.fit), optimum.end.x, ~result.at_bound
+    fit, x, free = on_some_lines(optimum.fit), optimum.end.x, ~result.at_bound
     evaluated, prior = evaluate(fit, x), fit.parameters.prior_slopes
     fraction = fit.n_residuals / optimum.fit.n_residuals
-    cost, noise = min(predict(AS_MEASURED, evaluated, prior, free)[0], scores.cost * fraction), scores.noise * fraction
+    cost, noise = min(predict(UNCHANGED, evaluated, prior, free)[0], scores.cost * fraction), scores.noise * fraction
     models = [e.part.kernel.model for e in evaluated]
     # A delay of all references delays all motions, one of the torques is within the loop.
     common = DELAY if all(model.controller is None for model in models) else channel_name(DELAY, "r")
     channels = {common: ("", "")} | {
-        channel_name(DELAY, role, place): (role, place)
+        channel_name(DELAY, role, location): (role, location)
         for model in models
-        for role, places in (("y", model.outputs), (model.input_role, model.driven))
-        for place in places
+        for role, locations in (("y", model.outputs), (model.input_role, model.driven))
+        for location in locations
     }
     delayed = [row for row in indices if row.name in channels and row.explained_fraction > LIMITS.min_stated_fraction]
     delayed = delayed[: LIMITS.refits]
-    others = [index for index in indices if index not in delayed]
-    points: dict[str, tuple[list[Evaluated], FloatArray, BoolArray | bool]]
+    other_rows = [index for index in indices if index not in delayed]
+    points: dict[str, tuple[list[EvaluatedResponse], FloatArray, BoolArray | bool]]
     points = {row.name: (evaluated, x, free) for row in delayed}
     with suppress(ElastidError):  # no equilibrium there
         start = assembly.parameters.x
-        file = thinned(assembly.at(start, assembly.spec.criterion))
+        file = on_some_lines(assembly.at(start, assembly.spec.criterion))
         if common not in result.parameters.free_names and (T := common_delay(file, start)):
-            start = settle(Misreading("", "time", partial(_delayed, delay, T, "", "")), file, start)[1]
+            start = settle(ResponseChange("", "time", partial(_delay, delay, T, "", "")), file, start)[1]
             points[common] = evaluate(file, start), start, True
             row = ModificationIndex(common, "time", (common,), np.zeros(1), ("s",), (False,), np.array([T]))
-            delayed, others = ([r for r in rows if r.name != common] for rows in (delayed, others))
+            delayed, other_rows = ([r for r in rows if r.name != common] for rows in (delayed, other_rows))
             delayed.insert(0, row)
     for row in delayed:
         at, near, may_follow = points[row.name]
@@ -159,5 +159,5 @@ def find_delays(indices: list[ModificationIndex], evidence: Evidence, scores: Sc
             of_form = replace(of_form, steps=np.array([form.time]), effects=near + form.step - result.x)
             drop = explained * scores.excess / scores.lines
             alike = (*(other.name for other in equal if other is not form), *row.alike)
-            others.append(replace(of_form, drop=drop, explained_fraction=explained, alike=alike))
-    return others
+            other_rows.append(replace(of_form, drop=drop, explained_fraction=explained, alike=alike))
+    return other_rows

@@ -10,7 +10,7 @@ from elastid.base.display import capital, percent
 from elastid.base.errors import Note
 from elastid.base.names import posture_of
 from elastid.base.statistics import max_cost_ratio
-from elastid.fit.combinations import correlated, covariance_by_noise
+from elastid.fit.combinations import correlated_combinations, covariance_by_noise
 from elastid.fit.diagnosis.hypothesis import Evidence
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.result import Result
@@ -22,8 +22,8 @@ NEAR_BOUND = 1e-4  # share of a range within which x is at its bound
 def at_bound(parameters: Parameters, x: FloatArray) -> BoolArray:
     """Return True for each free parameter (n_x,) that ended at a bound."""
     lower, upper = parameters.x_bounds
-    reach = NEAR_BOUND * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
-    return (x - lower < reach) | (upper - x < reach)
+    margin = NEAR_BOUND * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
+    return (x - lower < margin) | (upper - x < margin)
 
 
 def bound_notes(result: Result) -> Iterator[Note]:
@@ -45,7 +45,7 @@ def bound_notes(result: Result) -> Iterator[Note]:
 def estimate_notes(evidence: Evidence) -> tuple[Note, ...]:
     """Return warnings about bounds, undetermined and weakly determined parameters, correlations, and the hit rate."""
     result = evidence.result
-    return (*bound_notes(result), *_determination(result, evidence.uncertainty.unreached), *_search(result))
+    return (*bound_notes(result), *_determination(result, evidence.uncertainty.unidentifiable), *_search(result))
 
 
 def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
@@ -101,22 +101,22 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
     return (Note("fit/frequency-unit", text, ", ".join(result.parameters.free[i].name for i in stiff)),)
 
 
-def _determination(result: Result, unreached: BoolArray) -> Iterator[Note]:
+def _determination(result: Result, unidentifiable: BoolArray) -> Iterator[Note]:
     names, values = result.parameters.free_names, result.singular_values
-    if unreached.any():
+    if unidentifiable.any():
         yield Note(
             "fit/not-identifiable",
-            f"{listed(names, unreached)}: only a combination of them is identifiable (smallest singular value "
-            f"{values[-1]:.1e}, largest {values[0]:.1e}). Fix or tie one of them",
+            f"{list_in_words(names, unidentifiable)}: only a combination of them is identifiable (smallest singular "
+            f"value {values[-1]:.1e}, largest {values[0]:.1e}). Fix or tie one of them",
         )
     of_interest = result.parameters.of_interest
-    for parameter in (p for p, beyond in zip(of_interest, unreached, strict=False) if p.log and not beyond):
+    for parameter in (p for p, beyond in zip(of_interest, unidentifiable, strict=False) if p.log and not beyond):
         if is_weak(result, parameter.name):
             limit = percent(LIMITS.stiffness_std)
             text = f"weakly identifiable (std above {limit} of the estimate). Do not use the estimate"
             yield Note("fit/weakly-identifiable", text, parameter.name)
     # A file that is off moves all alike.
-    yield from correlated(names, covariance_by_noise(result.covariance, len(of_interest)))
+    yield from correlated_combinations(names, covariance_by_noise(result.covariance, len(of_interest)))
 
 
 def is_weak(result: Result, name: str) -> bool:
@@ -151,6 +151,6 @@ def contradictions(result: Result) -> tuple[Note, ...]:
     )
 
 
-def listed(names: tuple[str, ...], selection: BoolArray) -> str:
+def list_in_words(names: tuple[str, ...], selection: BoolArray) -> str:
     """Return the selected names as a list for a sentence."""
     return ", ".join(name for name, is_chosen in zip(names, selection, strict=True) if is_chosen)

@@ -20,7 +20,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, named
 from elastid.base.errors import ElastidError
-from elastid.fit.diagnosis.refit import Evaluated
+from elastid.fit.diagnosis.refit import EvaluatedResponse
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.problem.frf_residuals import Part, at_measured_places, each_at_home, places_of
 from elastid.linear.equilibrium import equilibrium
@@ -50,9 +50,9 @@ class ExtendedModel:
         """Return the extended equations, without torsions or geometry where impossible; model: one of the fit."""
         robot = assembly.linearisation.model.robot
         roles = ("u",) if model.controller is None else ("kp", "kd")
-        channels = [channel_name("gain", role, place) for role in roles for place in robot.motor_locations]
-        outputs = {place for response in assembly.responses for place in response.outputs}
-        channels += [channel_name("gain", "y", place) for place in sorted(outputs) if place in robot.locations]
+        channels = [channel_name("gain", role, location) for role in roles for location in robot.motor_locations]
+        outputs = {location for response in assembly.responses for location in response.outputs}
+        channels += [channel_name("gain", "y", location) for location in sorted(outputs) if location in robot.locations]
         channels += [name for name in assembly.parameters.names if name in set(robot.channel_numbers) - set(channels)]
         for flexible, rigid in (_with_torsions(robot), (robot, {})):
             with suppress(ElastidError, ValueError):
@@ -94,8 +94,8 @@ class ExtendedModel:
 
 def _loads(assembly: Assembly) -> dict[str, dict[str, float]]:
     model, configurations = assembly.linearisation.model, [G.configuration for G in assembly.responses]
-    at_rest = partial(equilibrium, model, assembly.parameters.theta[: len(model.parameters)])
-    points, joints = each_at_home(at_rest, configurations, assembly.home), model.robot.driven_names
+    equilibrium_of = partial(equilibrium, model, assembly.parameters.theta[: len(model.parameters)])
+    points, joints = each_at_home(equilibrium_of, configurations, assembly.home), model.robot.driven_names
     return {point.configuration.name: named(joints, point.u) for point in points}
 
 
@@ -150,7 +150,7 @@ def evaluate_extended(
     x: FloatArray,
     columns: Sequence[Callable[[ModelResponse], Mapping[str, ComplexArray]]],
     part: Part,
-) -> Evaluated:
+) -> EvaluatedResponse:
     """Return one configuration of a fit at x (n_x,), on its lines; columns: hypotheses."""
     model, theta = extended.at(parameters, part.kernel.model, x)
     varied = {DELAY, *model.channel_numbers, *(element.name for element in model.chain), *model.slopes}
@@ -177,4 +177,4 @@ def evaluate_extended(
     )
     for further in columns:
         numbers |= further(response)
-    return Evaluated(part, part.mixing, G, free, numbers)
+    return EvaluatedResponse(part, part.mixing, G, free, numbers)

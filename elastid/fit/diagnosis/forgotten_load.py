@@ -21,7 +21,7 @@ from elastid.robot.body import TENSOR_LETTERS
 
 MASS_KG, DISTANCE_M = 5.0, 0.3  # usual ones of a load from a body's centre
 
-LEAST = 1e-3  # of the body's mass: nobody forgets a smaller load, and other causes look like one
+MIN_MASS_FRACTION = 1e-3  # of the body's mass: nobody forgets a smaller load, and other causes look like one
 
 STARTS = [(3.0, DISTANCE_M * axis) for axis in (*np.eye(3), np.array([-1.0, 0.0, 0.0]))]
 
@@ -39,11 +39,11 @@ class Load:
 
 def find_load(test: ScoreTest, candidate: Candidate, variance: float, least: float) -> Load | None:
     """Return the best load of a body within the priors; None if V decreases by less than `least` or it has no mass."""
-    places, numbers = candidate.places, [test.numbers[i] for i in candidate.places]
-    S, g = test.S[np.ix_(places, places)], test.g[places]
+    locations, numbers = candidate.places, [test.numbers[i] for i in candidate.places]
+    S, g = test.S[np.ix_(locations, locations)], test.g[locations]
     mass = next((n.value for n in numbers if n.name.startswith("m_")), 0.0)
     is_reached = np.diag(S) > 0
-    if not (mass > 0 and test.is_distinct[places].any() and is_reached.any()):
+    if not (mass > 0 and test.is_distinct[locations].any() and is_reached.any()):
         return None
     scale = np.sqrt(np.where(is_reached, np.diag(S), math.inf))
     power, turn = np.linalg.eigh(S / np.outer(scale, scale))
@@ -67,7 +67,7 @@ def find_load(test: ScoreTest, candidate: Candidate, variance: float, least: flo
     ends = [least_squares(residual, [mu, *rho], bounds=bounds, x_scale=scales) for mu, rho in STARTS]
     best = min(ends, key=lambda end: float(end.cost))
     p, J = best.x, best.jac[: len(target)]
-    if abs(p[0]) < LEAST * mass:
+    if abs(p[0]) < MIN_MASS_FRACTION * mass:
         return None
     change = A @ _moments(p)
     return Load(float(p[0]), p[1:], steps_of(numbers, p), max(float(-change @ (2 * g + S @ change)), 0.0), J.T @ J)
@@ -92,15 +92,15 @@ def _parameter_changes(numbers: list[FixedNumber]) -> FloatArray:
     for row, number in zip(A, numbers, strict=True):
         # m, cx, Ixy, I of m_fore, c_fore_x@c1, I_fore_xy, I_fore of the body fore
         letter, _, entry = number.name.partition("@")[0].partition("_")
-        for place, factor in J.get(letter + entry.removeprefix(body).removeprefix("_"), {}).items():
-            row[place] = factor / number.value if number.log else factor
+        for entry_index, factor in J.get(letter + entry.removeprefix(body).removeprefix("_"), {}).items():
+            row[entry_index] = factor / number.value if number.log else factor
     return A
 
 
 def steps_of(numbers: list[FixedNumber], p: FloatArray) -> FloatArray:
     """Return the changes of mass, common centre and inertia, as ln p if log."""
     mass = numbers[0].value
-    changes, both = _parameter_changes(numbers) @ _moments(p), mass / (mass + p[0])
-    changes = changes * np.where([n.name.startswith(("c_", "I_")) for n in numbers], both, 1.0)
+    changes, new_fraction = _parameter_changes(numbers) @ _moments(p), mass / (mass + p[0])
+    changes = changes * np.where([n.name.startswith(("c_", "I_")) for n in numbers], new_fraction, 1.0)
     log = np.array([n.log for n in numbers])
     return np.where(log, np.log1p(np.where(log, np.maximum(changes, -0.99), 0.0)), changes)

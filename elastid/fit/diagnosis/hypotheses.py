@@ -23,7 +23,7 @@ from elastid.base.display import capital, percent
 from elastid.base.entry_points import registered
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.fit.diagnosis.alternative_models import find_alternatives
-from elastid.fit.diagnosis.channel_hypotheses import CHANNEL_HYPOTHESES, find_misreading
+from elastid.fit.diagnosis.channel_hypotheses import CHANNEL_HYPOTHESES, find_channel_error
 from elastid.fit.diagnosis.delay_hypotheses import FORMS, find_delays
 from elastid.fit.diagnosis.hypothesis import SCALE, Hypothesis, Size, axis
 from elastid.fit.diagnosis.limits import LIMITS
@@ -49,40 +49,40 @@ DEGREES_LOG = 0.1  # of a scale about pi / 180, within which it is said to be th
 
 def gain(index: ModificationIndex) -> str:
     """Return the factor by which a channel, or all channels of one kind, read wrongly."""
-    _, role, where = index.name.split("_", 2)
+    _, role, location = index.name.split("_", 2)
     signals, factor = SIGNALS[role], relative(float(index.steps[0]))
-    if where == "*":
+    if location == "*":
         return f"gain of all {signals} {factor}"
     step = float(index.steps[0])
     size = relative(step).lstrip("+-")
     error = f"wrong by {size}" if "factor" in size else f"about {size} too {'large' if step > 0 else 'small'}"
-    return f"logged {signals[:-1]} at {where.replace('_', ' ')} {error}"
+    return f"logged {signals[:-1]} at {location.replace('_', ' ')} {error}"
 
 
 def angle(index: ModificationIndex) -> str:
     """Return the offset of an axis, in one configuration or in all."""
-    where = "" if "@" in index.name else " in all configurations"
-    return f"angle of axis {axis(index)} wrong by {math.degrees(float(index.steps[0])):+.2g} deg{where}"
+    scope = "" if "@" in index.name else " in all configurations"
+    return f"angle of axis {axis(index)} wrong by {math.degrees(float(index.steps[0])):+.2g} deg{scope}"
 
 
 def angles(index: ModificationIndex) -> str:
     """Return the offsets of an axis that differ between configurations, the largest first."""
     by_size = sorted(zip(index.steps.tolist(), index.members, strict=True), key=lambda pair: -abs(pair[0]))
-    where = ", ".join(
+    location = ", ".join(
         f"{math.degrees(step):+.2g} deg in {member.partition('@')[2]}" for step, member in by_size[: LIMITS.named]
     )
-    return f"angles of axis {axis(index)} wrong by {where}"
+    return f"angles of axis {axis(index)} wrong by {location}"
 
 
 def compliance(index: ModificationIndex) -> str:
     """Return the stiffness of a gear, a base or a body that the file has as rigid."""
-    kind, _, where = index.name.partition("_")
+    kind, _, location = index.name.partition("_")
     k = 1 / index.changed[0] if index.changed[0] > 0 else math.inf
     if kind == "gear":
-        return f"elasticity in the gear of axis {where} of {k:.2g} N*m/rad"
+        return f"elasticity in the gear of axis {location} of {k:.2g} N*m/rad"
     if kind == "base":
-        return f"an elastic base about its {where} axis of {k:.2g} N*m/rad"
-    body, _, axis = where.rpartition("_")
+        return f"an elastic base about its {location} axis of {k:.2g} N*m/rad"
+    body, _, axis = location.rpartition("_")
     return f"an elastic rotation of body {body} about its {axis} axis of {k:.2g} N*m/rad"
 
 
@@ -90,8 +90,8 @@ def payload(index: ModificationIndex) -> str:
     """Return the mass, centre and inertia of a body together; where a mass is added, its place."""
     body, mass, new = axis(index), float(index.values[0]), index.changed[0]
     members = zip(index.members, index.values, index.changed, strict=True)
-    place = [f"{(new * c - mass * float(c_0)) / (new - mass):.2g}" for name, c_0, c in members if name[0] == "c"]
-    at = f" at about [{', '.join(place)}] m in the axes of {body}" if new > mass and len(place) == 3 else ""
+    centre = [f"{(new * c - mass * float(c_0)) / (new - mass):.2g}" for name, c_0, c in members if name[0] == "c"]
+    at = f" at about [{', '.join(centre)}] m in the axes of {body}" if new > mass and len(centre) == 3 else ""
     return f"mass of {body} = {new:.4g} kg instead of {mass:.4g} kg ({new - mass:+.2g} kg{at})"
 
 
@@ -99,23 +99,23 @@ def delay_phrase(index: ModificationIndex) -> str:
     """Return the delay or low pass of a channel, or of the motions relative to the torques."""
     T, name = float(index.steps[0]), index.name.partition("@")[0]
     form = next(form for form in FORMS if name.startswith(form))
-    role, _, place = name.removeprefix(form).lstrip("_").replace("_", " ").partition(" ")
-    signals, others = ("motions", "torques") if T > 0 else ("torques", "motions")
+    role, _, location = name.removeprefix(form).lstrip("_").replace("_", " ").partition(" ")
+    signals, reference = ("motions", "torques") if T > 0 else ("torques", "motions")
     if role == "r":
-        signals = f"references{place and f' of {place}'}"
+        signals = f"references{location and f' of {location}'}"
     if form == "delay":
-        ms, of = f"{T / 1e-3:.3g} ms", f"the {signals}" if role == "r" else f"{role} at {place}"
-        lag = f": {signals} logged {ms.lstrip('-')} later than the {others}"
+        ms, of = f"{T / 1e-3:.3g} ms", f"the {signals}" if role == "r" else f"{role} at {location}"
+        lag = f": {signals} logged {ms.lstrip('-')} later than the {reference}"
         return f"a delay of {ms}{f' of {of}' if role else lag}"
     size = f"a low pass of first order of {abs(T) / 1e-3:.3g} ms ({1 / (2 * math.pi * abs(T)):.3g} Hz)"
     if role in ("", "r"):
         return f"{size} in the log of the {signals}"
-    return f"{size} of {role} at {place}{'' if T > 0 else ' that was compensated and does not exist'}"
+    return f"{size} of {role} at {location}{'' if T > 0 else ' that was compensated and does not exist'}"
 
 
 def scale(index: ModificationIndex) -> str:
     """Return the factors of channels in another unit."""
-    factors = [float(word) for before, word in pairwise(index.name.replace(",", "").split()) if before == "times"]
+    factors = [float(word) for previous, word in pairwise(index.name.replace(",", "").split()) if previous == "times"]
     is_degrees = factors and all(abs(math.log(math.radians(1) / factor)) < DEGREES_LOG for factor in factors)
     return f"{'degrees read as radians' if is_degrees else 'channels in another scale'} ({index.name})"
 
@@ -203,7 +203,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis(SCALE, phrase=scale,
                advice="check unit, scale, side (link or motor) and gear ratio of the channels, and the inertias of "
                       "the robot", summary="channels in another unit", plant="torque constants 20 % off",
-               search=find_misreading),
+               search=find_channel_error),
     # Effects that the robot model lacks.
     Hypothesis("compliance", ("torsion", "gear", "base"), Size(math.inf, math.inf, unit="rad/(N*m)", grows=True),
                phrase=compliance,

@@ -26,7 +26,7 @@ from elastid.base.statistics import chi_square_limit
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.extended_model import ExtendedModel, ModelResponse
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.refit import Evaluated, Misreading
+from elastid.fit.diagnosis.refit import EvaluatedResponse, ResponseChange
 from elastid.fit.diagnosis.score_test import Candidate, FixedNumber, ScoreTest
 from elastid.fit.frf_problem import Assembly, RelinearisedOptimum
 from elastid.fit.problem.least_squares import error_gain, is_far_from_noise
@@ -34,7 +34,7 @@ from elastid.fit.result import Result
 from elastid.fit.result_rows import ModificationIndex
 
 Columns: TypeAlias = Callable[[ModelResponse], Mapping[str, ComplexArray]]
-Changes: TypeAlias = Callable[[Sequence[Evaluated], FloatArray], Iterator[Misreading]]
+Changes: TypeAlias = Callable[[Sequence[EvaluatedResponse], FloatArray], Iterator[ResponseChange]]
 
 
 SCALE = "scale"  # family of channels in another unit, whose readings follow from the size of the responses
@@ -129,10 +129,10 @@ class Scores:
         """V of all residuals after the step of the free parameters."""
         return self.excess / self.lines + self.noise
 
-    def detectable(self, places: IntArray, direction: FloatArray) -> float:
+    def detectable(self, indices: IntArray, direction: FloatArray) -> float:
         """Return the smallest error along a direction (n_m,) that changes V by `LIMITS.drop`; infinite if none does."""
-        information = float(direction @ self.test.S[np.ix_(places, places)] @ direction) / self.lines
-        is_distinct = self.test.is_distinct[places].any() and information > 0
+        information = float(direction @ self.test.S[np.ix_(indices, indices)] @ direction) / self.lines
+        is_distinct = self.test.is_distinct[indices].any() and information > 0
         return math.sqrt(LIMITS.drop / information) if is_distinct else math.inf
 
     @cached_property

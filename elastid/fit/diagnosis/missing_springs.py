@@ -18,10 +18,10 @@ from elastid.base.errors import FitError
 from elastid.fit.diagnosis.extended_model import ExtendedModel
 from elastid.fit.diagnosis.hypothesis import Evidence, Scores, against
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.refit import AS_MEASURED, evaluate, predict, spread_out, squares, thinned
+from elastid.fit.diagnosis.refit import UNCHANGED, evaluate, on_some_lines, predict, spread_out, squares
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.problem.frf_residuals import ElasticFit, kernel_of, linear_model
-from elastid.fit.problem.inertia_barrier import moved_inertias
+from elastid.fit.problem.inertia_barrier import free_inertias
 from elastid.fit.result_rows import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.linear.linear_model import LinearModel
@@ -34,8 +34,8 @@ def find_missing_springs(
     indices: list[ModificationIndex], evidence: Evidence, scores: Scores
 ) -> list[ModificationIndex]:
     """Return the indices with missing springs instead of their linear steps, if no cause explains V."""
-    explained = max((index.explained_fraction for index in indices), default=0.0)
-    if evidence.result.exceeds_noise and explained > LIMITS.certain_fraction:
+    fraction = max((index.explained_fraction for index in indices), default=0.0)
+    if evidence.result.exceeds_noise and fraction > LIMITS.certain_fraction:
         return indices
     candidates = sorted(_promising(evidence, scores), key=lambda spring: spring.predicted)[: LIMITS.refits]
     springs = [index for index in (_fit_spring(spring, evidence, scores) for spring in candidates) if index is not None]
@@ -61,7 +61,7 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
     models = _models(evidence, extended, assembly.responses[selection])
     springs = [joint.spring for joint in assembly.linearisation.model.robot.joints if joint.spring is not None]
     time_constants = [spring.damping / spring.stiffness for spring in springs if spring.damping > 0]
-    subset = thinned(replace(optimum.fit, parts=optimum.fit.parts[selection]), LIMITS.residuals)
+    subset = on_some_lines(replace(optimum.fit, parts=optimum.fit.parts[selection]), LIMITS.residuals)
     ratio = float(np.median(time_constants)) if time_constants else 1e-3
     V, estimates = sum(squares(evaluate(subset, x))), named(assembly.parameters.free_names, x)
     for name in extended.rigid:
@@ -69,17 +69,17 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
         for k in _stiffnesses(name, models, subset).tolist():
             sprung = _with_spring(subset, name, k, ratio, models, assembly)
             start = sprung.parameters.x_with(estimates)
-            cost, step = predict(AS_MEASURED, evaluate(sprung, start), sprung.parameters.prior_slopes)
+            cost, step = predict(UNCHANGED, evaluate(sprung, start), sprung.parameters.prior_slopes)
             trials.append(_Spring(name, k, ratio, np.clip(start + step, *sprung.parameters.x_bounds), cost))
         least = _minima(np.array([spring.predicted for spring in trials]), LIMITS.variances * scores.variance_ratio)
         yield from (trials[i] for i in np.flatnonzero(least) if trials[i].predicted < LIMITS.predicted_ratio * V)
 
 
 def _models(evidence: Evidence, extended: ExtendedModel, responses: Sequence[Response]) -> list[LinearModel]:
-    x, fitted, models = evidence.optimum.end.x, evidence.assembly.parameters, []
-    names = {*fitted.names, *extended.rigid, *(f"d{name[1:]}" for name in extended.rigid)}
+    x, parameters, models = evidence.optimum.end.x, evidence.assembly.parameters, []
+    names = {*parameters.names, *extended.rigid, *(f"d{name[1:]}" for name in extended.rigid)}
     for response in responses:
-        theta = extended.theta(fitted, x, response.configuration.name)
+        theta = extended.theta(parameters, x, response.configuration.name)
         models.append(linear_model(extended.linearisation, response, theta, names))
     return models
 
@@ -93,8 +93,8 @@ def _minima(costs: FloatArray, depth: float) -> BoolArray:
 
 def _stiffnesses(name: str, models: Sequence[LinearModel], fit: ElasticFit) -> FloatArray:
     """Return k_i (n_k,), the last a step above the band."""
-    place = int(np.argmax(np.diag(np.asarray(models[0].slopes[name].K))))  # of its coordinate
-    inertia = float(np.mean([model.M[place, place] for model in models]))
+    index = int(np.argmax(np.diag(np.asarray(models[0].slopes[name].K))))  # of its coordinate
+    inertia = float(np.mean([model.M[index, index] for model in models]))
     freq_hz = np.concatenate([part.kernel.freq_hz for part in fit.parts])
     low, high = float(freq_hz[freq_hz > 0].min()), float(freq_hz.max())
     count = min(LIMITS.stiffnesses, 2 + math.ceil(math.log(high / low) / math.log(LIMITS.frequency_step)))
@@ -115,7 +115,7 @@ def _with_spring(
     parameters = Parameters((*of_model.values(), *(p for p in assembly.parameters if not p.is_of_model)))
     kernels = (kernel_of(m, parameters, p.kernel.freq_hz) for p, m in zip(fit.parts, models, strict=True))
     parts = tuple(replace(part, columns=Columns(kernel)) for part, kernel in zip(fit.parts, kernels, strict=True))
-    return ElasticFit(parameters, parts, moved_inertias(parameters, assembly.linearisation.model.robot))
+    return ElasticFit(parameters, parts, free_inertias(parameters, assembly.linearisation.model.robot))
 
 
 def _fit_spring(spring: _Spring, evidence: Evidence, scores: Scores) -> ModificationIndex | None:
@@ -126,14 +126,14 @@ def _fit_spring(spring: _Spring, evidence: Evidence, scores: Scores) -> Modifica
         end = solve(fit.problem, spring.x, ROUGH, LIMITS.iterations)
     except FitError:
         return None
-    before = replace(optimum.fit, loads=None).evaluate(optimum.end.x).cost
-    drop = min(before, scores.cost) - end.cost
+    cost = replace(optimum.fit, loads=None).evaluate(optimum.end.x).cost
+    drop = min(cost, scores.cost) - end.cost
     if not drop > 0:
         return None
     estimates = named(fit.parameters.free_names, end.x)
     k = math.exp(estimates[spring.name])
-    place = fit.parameters.free_names.index(spring.name)
-    variance = np.linalg.pinv(fit.evaluate(end.x).hessian / 2, hermitian=True)[place, place]
+    i = fit.parameters.free_names.index(spring.name)
+    variance = np.linalg.pinv(fit.evaluate(end.x).hessian / 2, hermitian=True)[i, i]
     name = scores.extended.rigid[spring.name]
     std, x = (
         math.sqrt(max(float(variance) * scores.variance_ratio, 0.0)) / k,

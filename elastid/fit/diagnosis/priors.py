@@ -56,7 +56,7 @@ def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
     give this shift the covariance L (S - C_nn) L^T, S = diag(s^2) (Hausman 1978, eq. 2.9).
     """
     n, C = len(result.parameters.of_interest), result.covariance
-    d, slope = (part[n:] for part in result.parameters.priors(result.x))
+    d, slope = (x[n:] for x in result.parameters.priors(result.x))
     if not (len(d) and slope.all() and np.isfinite(C).all()):
         return ()
     s, variance_ratio = 1 / slope, np.diag(C)[n:] * slope**2

@@ -100,11 +100,11 @@ def _with_priors(
     b[:n_x] += pull
     A[:n_x, :n_x] += lines * J.T @ J
     b[:n_x] += lines * J.T @ r
-    shifted = [i for i, p in enumerate(free) if p.is_nuisance and slope[i] > 0]
-    A, b = np.pad(A, (0, len(shifted))), np.append(b, -pull[shifted])
+    nuisance = [i for i, p in enumerate(free) if p.is_nuisance and slope[i] > 0]
+    A, b = np.pad(A, (0, len(nuisance))), np.append(b, -pull[nuisance])
     numbers = []
-    for place, i in zip(range(len(b) - len(shifted), len(b)), shifted, strict=True):
-        A[place, place], A[i, place], A[place, i] = weight[i], -weight[i], -weight[i]
+    for row, i in zip(range(len(b) - len(nuisance), len(b)), nuisance, strict=True):
+        A[row, row], A[i, row], A[row, i] = weight[i], -weight[i], -weight[i]
         parameter, prior = free[i], free[i].prior
         hypothesis = hypothesis_of(parameter.name, evidence.hypotheses)
         number = hypothesis.number(parameter.name, prior.mean if prior is not None else 0.0, parameter.unit, True)
@@ -133,11 +133,11 @@ def _add_sums(sums: Iterable[_Sums], n_x: int) -> _Sums:
     for A_q, b_q, V_q, count_q, names_q in sums:
         for name in names_q:
             names.setdefault(name, len(names))
-        more = n_x + len(names) - len(b)
-        A, b = np.pad(A, (0, more)), np.pad(b, (0, more))
-        places = np.concatenate([np.arange(n_x), [n_x + names[name] for name in names_q]]).astype(int)
-        A[np.ix_(places, places)] += A_q
-        b[places] += b_q
+        n_missing = n_x + len(names) - len(b)
+        A, b = np.pad(A, (0, n_missing)), np.pad(b, (0, n_missing))
+        indices = np.concatenate([np.arange(n_x), [n_x + names[name] for name in names_q]]).astype(int)
+        A[np.ix_(indices, indices)] += A_q
+        b[indices] += b_q
         V, n_residuals = V + V_q, n_residuals + count_q
     return A, b, V, n_residuals, tuple(names)
 
@@ -174,8 +174,8 @@ def candidates(numbers: Sequence[FixedNumber], robot: Robot, hypotheses: Sequenc
     A torque constant that is wrong in every drive is one error and not six: gain_u_* is a factor of all of them.  A
     payload changes mass, centre and inertia of a body; the angle of an axis may be off in every posture.
     """
-    place = {number.name: i for i, number in enumerate(numbers)}
-    parts = {name for name in place for prefix in ("m_", "c_", "I_") if name.startswith(prefix) and "@" in name}
+    index_of = {number.name: i for i, number in enumerate(numbers)}
+    parts = {name for name in index_of for prefix in ("m_", "c_", "I_") if name.startswith(prefix) and "@" in name}
     options = [
         Candidate(n.name, n.family, np.array([i]), np.eye(1)) for i, n in enumerate(numbers) if n.name not in parts
     ]
@@ -185,24 +185,24 @@ def candidates(numbers: Sequence[FixedNumber], robot: Robot, hypotheses: Sequenc
             options.append(Candidate(name, numbers[members[0]].family, np.array(members), np.ones((len(members), 1))))
 
     for prefix in (prefix for h in hypotheses if h.is_common for prefix in h.numbers):
-        add_common(f"{prefix}_*", [i for name, i in place.items() if name.startswith(f"{prefix}_")])
+        add_common(f"{prefix}_*", [i for name, i in index_of.items() if name.startswith(f"{prefix}_")])
     for body in robot.bodies:
         moments = [f"I_{body.name}_{axis}" for axis in ("xx", "yy", "zz")]
-        if f"I_{body.name}" not in place:
-            add_common(f"I_{body.name}_*", [place[name] for name in moments if name in place])
-    for name, family, members in _common_causes(robot, place):
-        together = [place[member] for member in members if member in place]
+        if f"I_{body.name}" not in index_of:
+            add_common(f"I_{body.name}_*", [index_of[name] for name in moments if name in index_of])
+    for name, family, members in _common_causes(robot, index_of):
+        together = [index_of[member] for member in members if member in index_of]
         if len(together) > 1:
             options.append(Candidate(name, family, np.array(together), np.eye(len(together))))
     return options
 
 
-def _common_causes(robot: Robot, place: dict[str, int]) -> Iterator[tuple[str, str, list[str]]]:
-    postures = sorted({name.partition("@")[2] for name in place if "@" in name})
+def _common_causes(robot: Robot, index_of: dict[str, int]) -> Iterator[tuple[str, str, list[str]]]:
+    postures = sorted({name.partition("@")[2] for name in index_of if "@" in name})
     for body in robot.bodies:
         yield f"payload_{body.name}", "payload", inertial(body)
         for posture in postures:
-            numbers = [f"{name}@{posture}" for name in inertial(body)]  # in `place` only for the last body
+            numbers = [f"{name}@{posture}" for name in inertial(body)]  # in `index` only for the last body
             yield f"payload_{body.name}@{posture}", "payload of one posture", numbers
     for joint in robot.driven:
         yield f"angles_{joint.name}", "angles by posture", [f"angle_{joint.name}@{posture}" for posture in postures]
@@ -215,7 +215,7 @@ def temper(scores: Scores) -> float:
 
 def modification_indices(evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, ...]:
     """Return causes that lower V significantly: the most likely with further ones, then each alone."""
-    indices = ranked(scores.test, scores)
+    indices = rank(scores.test, scores)
     # Causes that linear steps do not show are searched if the residuals exceed the noise.
     for search in (h.search for h in evidence.hypotheses if h.search is not None and evidence.is_unexplained):
         indices = search(indices, evidence, scores)
@@ -239,22 +239,22 @@ def modification_indices(evidence: Evidence, scores: Scores) -> tuple[Modificati
 
 def _following_causes(first: ModificationIndex, scores: Scores) -> list[ModificationIndex]:
     by_name = {candidate.name: candidate for candidate in scores.candidates}
-    before, following, test = first, list[ModificationIndex](), scores.test
-    for place in range(2, LIMITS.refits + 1):
-        linear = as_delay(before.name)
+    previous, following, test = first, list[ModificationIndex](), scores.test
+    for rank_number in range(2, LIMITS.refits + 1):
+        linear = as_delay(previous.name)
         # Further resonances, and results of a separate fit, are no linear changes.
-        if linear not in by_name or before.group == "compliance" or math.isnan(before.std):
+        if linear not in by_name or previous.group == "compliance" or math.isnan(previous.std):
             break
         test = test.freed(by_name[linear])
-        best = ranked(test, scores, place, 1)[:1]
+        best = rank(test, scores, rank_number, 1)[:1]
         if not best or best[0].explained_fraction < LIMITS.min_further_fraction:
             break
-        before = best[0]
-        following.append(before)
+        previous = best[0]
+        following.append(previous)
     return following
 
 
-def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = LIMITS.ranked) -> list[ModificationIndex]:
+def rank(test: ScoreTest, scores: Scores, place: int = 0, count: int = LIMITS.ranked) -> list[ModificationIndex]:
     """Return candidates with a significant drop, best first: so many, and every delay, which has several forms."""
     options, significant, tau2 = scores.candidates, scores.significant, temper(scores)
     steps = [_step(test, candidate, scores) for candidate in options]
@@ -271,33 +271,26 @@ def ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = LIMITS.r
         is_equal = (drops > LIMITS.equal_drop * drops[i]) & (correlations[i] > LIMITS.equal_correlation)
         equal = [int(j) for j in np.flatnonzero(is_equal) if j != i]
         return ModificationIndex(
-            name=candidate.name,
-            group=candidate.family,
-            members=tuple(number.name for number in members),
-            values=np.array([number.value for number in members]),
-            units=tuple(number.unit for number in members),
-            log=tuple(number.log for number in members),
-            steps=step,
-            std=test.std(candidate) * math.sqrt(max(scores.variance_ratio, 0.0)),
-            drop=drop / scores.lines,
-            explained_fraction=drop / max(scores.excess, drop, 1e-300),
-            effects=test.effects(candidate, step),
-            alike=tuple(options[j].name for j in sorted(equal, key=lambda j: -drops[j])),
-            place=place,
+            name=candidate.name, group=candidate.family, members=tuple(number.name for number in members),
+            values=np.array([number.value for number in members]), units=tuple(number.unit for number in members),
+            log=tuple(number.log for number in members), steps=step,
+            std=test.std(candidate) * math.sqrt(max(scores.variance_ratio, 0.0)), drop=drop / scores.lines,
+            explained_fraction=drop / max(scores.excess, drop, 1e-300), effects=test.effects(candidate, step),
+            alike=tuple(options[j].name for j in sorted(equal, key=lambda j: -drops[j])), place=place,
             occam=float(occam),
-        )
+        )  # fmt: skip
 
-    return [index(i) for k, i in enumerate(order) if k < most or options[i].name.startswith("delay")]
+    return [index(i) for k, i in enumerate(order) if k < count or options[i].name.startswith("delay")]
 
 
 def _step(test: ScoreTest, candidate: Candidate, scores: Scores) -> tuple[FloatArray, float, float]:
     tau2, no_load = temper(scores), (np.zeros(len(candidate.places)), 0.0, 0.0)
     # A smaller drop is neither significant nor equivalent to a significant cause.
-    if test.most(candidate) < LIMITS.equal_drop * min(scores.significant.values()):
+    if test.max_drop(candidate) < LIMITS.equal_drop * min(scores.significant.values()):
         return no_load
     if candidate.name.startswith("payload_"):
-        least = max(scores.significant[4], LIMITS.min_cause_fraction * scores.excess)
-        load = find_load(test, candidate, scores.variance_ratio, least)
+        min_drop = max(scores.significant[4], LIMITS.min_cause_fraction * scores.excess)
+        load = find_load(test, candidate, scores.variance_ratio, min_drop)
         if load is None:
             return no_load
         W = np.array([MASS_KG, *3 * [DISTANCE_M]])
@@ -349,7 +342,7 @@ def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> Result:
         result = replace(result, assumed_rigid=find_rigid_parts(result, scores))
     inertias = find_border_inertias(optimum.fit.inertias, optimum.fit.parameters, optimum.end.x)
     estimate = estimate_notes(evidence)
-    if evidence.is_unexplained and result.has_lone_cause:
+    if evidence.is_unexplained and result.has_single_cause:
         # A cause that explains all explains bounds and residuals, too; their own advice would be another.
         estimate = tuple(note for note in estimate if note.code not in CONSEQUENCES)
     ratios = scattered_ratios(evidence.uncertainty.ratios, evidence.assembly.responses)

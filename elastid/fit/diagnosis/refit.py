@@ -25,7 +25,7 @@ from elastid.parameters import Parameters
 
 
 @dataclass(frozen=True, eq=False)
-class Evaluated:
+class EvaluatedResponse:
     """One configuration at x: G (F, n_y, n_u) of the model and its derivatives, to x and by name to ln p or p.
 
     mixing: `Part.mixing`, for all that is whitened.
@@ -47,25 +47,25 @@ class Evaluated:
         return as_real(self.part.residual(self.G, self.mixing).ravel())
 
 
-Change: TypeAlias = Callable[[Evaluated, ComplexArray], ComplexArray]  # of arrays (..., F, n_y, n_u)
+Change: TypeAlias = Callable[[EvaluatedResponse, ComplexArray], ComplexArray]  # of arrays (..., F, n_y, n_u)
 
 STEP_STD = 0.5  # of the prior of ln p that keeps a step near, and a stiffness near its start, at residuals of a misfit
 
 
 @dataclass(frozen=True, eq=False)
-class Misreading:
-    """A way to read the responses: name, in words, family, and the change of the model's response.
+class ResponseChange:
+    """Change of the modelled responses by one hypothesis: name in words, family, and the function that applies it.
 
-    order: the configuration whose model each measured response is of, where postures are exchanged.
+    order: index of the configuration whose model each measured response belongs to, if postures are exchanged.
     """
 
     name: str
     family: str
-    change: Change
+    apply: Change
     order: tuple[int, ...] = ()
 
 
-AS_MEASURED = Misreading("as read", "", lambda _, values: values)
+UNCHANGED = ResponseChange("as read", "", lambda _, values: values)
 
 # Configurations that a judgement of all together takes; of more, every so many.
 CONFIGURATIONS = 32
@@ -76,25 +76,25 @@ def spread_out(count: int) -> slice:
     return slice(None, None, max(1, math.ceil(count / CONFIGURATIONS)))
 
 
-def thinned(fit: ElasticFit, residuals: int = 8_000) -> ElasticFit:
-    """Return the fit on every so many lines of each configuration, about so many real residuals in total.
+def on_some_lines(fit: ElasticFit, residuals: int = 8_000) -> ElasticFit:
+    """Return the fit on a subset of lines of each configuration, with about `residuals` real residuals in total.
 
-    Without static load tests, which say nothing about readings of the responses.
+    Without static load tests, which do not depend on the channels of the responses.
     """
     return replace(fit, parts=tuple(map(thinning(fit, residuals), fit.parts)), loads=None, home=HERE)
 
 
 def thinning(fit: ElasticFit, residuals: int) -> Callable[[Part], Part]:
-    """Return the function from a part to every so many of its lines, about so many real residuals in total.
+    """Return the function that keeps a subset of the lines of a part, about `residuals` real residuals in total.
 
-    At least 20 lines each, 5 of very many configurations: V of one by itself is judged, too.
+    At least 20 lines per configuration, 5 if there are very many: V of a single configuration is tested as well.
     """
-    step, least = max(1, math.ceil(fit.n_residuals / residuals)), max(5, min(20, 1280 // max(1, len(fit.parts))))
-    return partial(_thin, step, least)
+    step, min_lines = max(1, math.ceil(fit.n_residuals / residuals)), max(5, min(20, 1280 // max(1, len(fit.parts))))
+    return partial(_thin, step, min_lines)
 
 
-def _thin(step: int, least: int, part: Part) -> Part:
-    lines = slice(None, None, min(step, max(1, len(part.measured) // least)))
+def _thin(step: int, min_lines: int, part: Part) -> Part:
+    lines = slice(None, None, min(step, max(1, len(part.measured) // min_lines)))
     kernel = replace(part.kernel, freq_hz=part.kernel.freq_hz[lines])
     whitening = part.whitening and part.whitening.lines(lines)
     return replace(
@@ -102,13 +102,13 @@ def _thin(step: int, least: int, part: Part) -> Part:
     )
 
 
-def evaluate(fit: ElasticFit, x: FloatArray) -> list[Evaluated]:
+def evaluate(fit: ElasticFit, x: FloatArray) -> list[EvaluatedResponse]:
     """Return every configuration at x (n_x,), with derivatives to the free parameters alone."""
     evaluated = []
     for part in (part for part in fit.parts if part.n_residuals):
         G, slopes = part.columns.evaluate(part.theta(fit.parameters, x))
         free = np.tensordot(part.chain(fit.parameters, x).T, slopes, axes=1)
-        evaluated.append(Evaluated(part, part.mixing, G, free))
+        evaluated.append(EvaluatedResponse(part, part.mixing, G, free))
     return evaluated
 
 
@@ -120,41 +120,41 @@ def start_distance(parameters: Parameters, x: FloatArray) -> float:
     return sum(2 * math.log1p(((x[i] - parameters.x[i]) / STEP_STD) ** 2) for i in stiffnesses)
 
 
-def squares(evaluated: Sequence[Evaluated]) -> list[float]:
+def squares(evaluated: Sequence[EvaluatedResponse]) -> list[float]:
     """Return V of each configuration."""
     return [float(e.residual @ e.residual) for e in evaluated]
 
 
 def predict(
-    misreading: Misreading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray | bool = True
+    change: ResponseChange, evaluated: Sequence[EvaluatedResponse], prior: FloatArray, free: BoolArray | bool = True
 ) -> tuple[float, FloatArray]:
-    """Return V after one Gauss-Newton step (n_x,) of the free parameters, and that; prior (n_x,): 1 / s of theirs."""
-    V, b, A = _normal_equations(misreading, evaluated, prior, free)
+    """Return V after one Gauss-Newton step of the free parameters, and the step (n_x,); prior (n_x,): 1 / std."""
+    V, b, A = _normal_equations(change, evaluated, prior, free)
     near = V / max(sum(e.part.n_residuals for e in evaluated), 1) / STEP_STD**2
     step = np.asarray(-np.linalg.solve(A + max(near, 1e-300) * np.eye(len(b)), b), dtype=float)
     return V + float(step @ (2 * b + A @ step)), step
 
 
 def _normal_equations(
-    misreading: Misreading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray | bool
+    change: ResponseChange, evaluated: Sequence[EvaluatedResponse], prior: FloatArray, free: BoolArray | bool
 ) -> tuple[float, FloatArray, FloatArray]:
-    """Return V, J^T r (n_x,) and J^T J (n_x, n_x) of a misreading, its priors centred on its present value."""
+    """Return V, J^T r (n_x,) and J^T J (n_x, n_x) of a changed model, with priors centred on the present x."""
     V, b, A = 0.0, np.zeros(len(prior)), np.diag(prior**2)
     for i, measured in enumerate(evaluated):
-        model = evaluated[misreading.order[i]] if misreading.order else measured
-        changed = replace(measured, G=misreading.change(measured, model.G))
-        r, J = changed.residual, -changed.whitened(misreading.change(measured, model.free)) * np.reshape(free, (-1, 1))
+        model = evaluated[change.order[i]] if change.order else measured
+        hypothesis = replace(measured, G=change.apply(measured, model.G))
+        r, J = hypothesis.residual, -hypothesis.whitened(change.apply(measured, model.free)) * np.reshape(free, (-1, 1))
         V, b, A = V + float(r @ r), b + J @ r, A + J @ J.T
     return V, b, A
 
 
 def settle(
-    misreading: Misreading, fit: ElasticFit, x: FloatArray, free: BoolArray | bool = True
+    change: ResponseChange, fit: ElasticFit, x: FloatArray, free: BoolArray | bool = True
 ) -> tuple[float, FloatArray]:
     """Return V and x (n_x,) of an optimum that the solver reaches from x, of the logarithms first."""
 
     def evaluation(problem: ElasticFit, x: FloatArray) -> Evaluation:
-        V, b, A = _normal_equations(misreading, evaluate(problem, x), fit.parameters.prior_slopes, free)
+        V, b, A = _normal_equations(change, evaluate(problem, x), fit.parameters.prior_slopes, free)
         return Evaluation(V, 2 * b, 2 * A)
 
     V, fixed = math.inf, np.logical_not(np.broadcast_to(free, len(x)))

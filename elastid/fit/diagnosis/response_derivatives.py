@@ -29,11 +29,11 @@ NO_LOAD = 0.01  # of the largest torque, below which a gear carries none
 def channel_delays(response: ModelResponse) -> dict[str, ComplexArray]:
     """Return the derivatives with respect to the delay (s) of each output and input, or to a single one of all."""
     s, model, columns = laplace_variable(response.freq_hz[:, None, None]), response.model, dict[str, ComplexArray]()
-    for role, places, axis in (("y", model.outputs, 1), (model.input_role, model.driven, 2)):
-        for i, place in enumerate(places if len(places) > 1 else ()):
+    for role, locations, axis in (("y", model.outputs, 1), (model.input_role, model.driven, 2)):
+        for i, location in enumerate(locations if len(locations) > 1 else ()):
             mask = np.zeros((1, len(model.outputs), len(model.inputs)))
             mask[(slice(None),) * axis + (i,)] = 1.0
-            columns[channel_name("delay", role, place)] = (s if role == "u" else -s) * mask * response.G
+            columns[channel_name("delay", role, location)] = (s if role == "u" else -s) * mask * response.G
     return columns if model.controller is None else columns | {channel_name("delay", "r"): -s * response.G}
 
 
@@ -44,10 +44,10 @@ def gear_ratios(response: ModelResponse) -> dict[str, ComplexArray]:
     inverse, columns = np.linalg.inv(robot.mixing), {}
     for i, joint in enumerate(robot.driven):
         turn = np.outer(inverse[:, i], robot.mixing[i])
-        left, right = (_between(turn, robot, places) for places in (model.outputs, model.inputs))
-        scaled = [f"{letters}_{joint.name}" for letters in ("Jm", "fm", "km", "dm")]
-        by_scale = sum((2 * values[name] * slopes[name] for name in scaled if name in slopes), np.zeros_like(G))
-        columns[f"ratio_{joint.name}"] = left @ G + G @ right.T + by_scale
+        of_outputs, of_inputs = (_between(turn, robot, locations) for locations in (model.outputs, model.inputs))
+        names = [f"{letters}_{joint.name}" for letters in ("Jm", "fm", "km", "dm")]
+        by_scale = sum((2 * values[name] * slopes[name] for name in names if name in slopes), np.zeros_like(G))
+        columns[f"ratio_{joint.name}"] = of_outputs @ G + G @ of_inputs.T + by_scale
     return columns
 
 
@@ -72,8 +72,8 @@ def of_one_posture(response: ModelResponse) -> dict[str, ComplexArray]:
     for joint in robot.driven:
         if (spring := f"k_{joint.name}") in response.slopes:
             columns[f"spring_{joint.name}@{name}"] = response.value(spring) * response.slopes[spring]
-    carried = {number: response.slopes[number] for number in inertial(last) if number in response.slopes}
-    return columns | {f"{number}@{name}": column for number, column in carried.items()}
+    slopes = {number: response.slopes[number] for number in inertial(last) if number in response.slopes}
+    return columns | {f"{number}@{name}": column for number, column in slopes.items()}
 
 
 def inertial(body: Body) -> list[str]:
@@ -92,12 +92,12 @@ def stiffening(response: ModelResponse) -> dict[str, ComplexArray]:
     columns = {}
     for joint in response.robot.driven_names:
         loads = {name: abs(torques[joint]) for name, torques in response.loads.items()}
-        most, spring = max(loads.values(), default=0.0), f"k_{joint}"
-        if most > 0 and min(loads.values()) < LOAD_RATIO * most and spring in response.slopes:
-            load, least = loads[response.model.configuration.name], max(min(loads.values()), NO_LOAD * most)
+        max_load, spring = max(loads.values(), default=0.0), f"k_{joint}"
+        if max_load > 0 and min(loads.values()) < LOAD_RATIO * max_load and spring in response.slopes:
+            load, min_load = loads[response.model.configuration.name], max(min(loads.values()), NO_LOAD * max_load)
             slope = response.value(spring) * response.slopes[spring]
-            columns[f"load_{joint}"] = (load / most) ** 2 * slope
-            columns[f"play_{joint}"] = -((least / max(load, least)) ** 4) * slope
+            columns[f"load_{joint}"] = (load / max_load) ** 2 * slope
+            columns[f"play_{joint}"] = -((min_load / max(load, min_load)) ** 4) * slope
     return columns
 
 
@@ -105,22 +105,22 @@ def gear_couplings(response: ModelResponse) -> dict[str, ComplexArray]:
     """Return the derivatives with respect to turns of motor i per turn of joint j, if no gear couples them."""
     robot, model, G, s = response.robot, response.model, response.G, laplace_variable(response.freq_hz[:, None, None])
     driven, inverse, columns = robot.driven, np.linalg.inv(robot.mixing), dict[str, ComplexArray]()
-    places = model.outputs
-    if model.inputs != places or model.quantity != "acceleration" or not set(places) <= set(robot.motor_locations):
+    outputs = model.outputs
+    if model.inputs != outputs or model.quantity != "acceleration" or not set(outputs) <= set(robot.motor_locations):
         return {}
     rotors = [(response.value(f"Jm_{j.name}"), response.value(f"fm_{j.name}")) for j in driven]
-    squared = [abs(j.motor.ratio) ** 2 if j.motor is not None else 0.0 for j in driven]
+    ratios_squared = [abs(j.motor.ratio) ** 2 if j.motor is not None else 0.0 for j in driven]
     for i, j in permutations(range(len(driven)), 2):
         turn = inverse[:, [i]] * np.eye(len(driven))[j]
-        rows, columns_of = (_between(turn, robot, p) for p in (places, places))
-        rotor = squared[i] * (rotors[i][0] + rotors[i][1] / s)
+        rows, columns_of = (_between(turn, robot, p) for p in (outputs, outputs))
+        rotor = ratios_squared[i] * (rotors[i][0] + rotors[i][1] / s)
         pair = np.outer(robot.mixing[i], np.eye(len(driven))[j])
-        pairs = _between(pair + pair.T, robot, places)
+        pairs = _between(pair + pair.T, robot, outputs)
         columns[f"coupling_{driven[i].name}_{driven[j].name}"] = rows @ G + G @ columns_of.T - rotor * (G @ pairs @ G)
     return columns
 
 
-def _between(turn: FloatArray, robot: Robot, places: tuple[str, ...]) -> FloatArray:
+def _between(turn: FloatArray, robot: Robot, locations: tuple[str, ...]) -> FloatArray:
     """Return entries of a matrix over motors (n_u, n_u) between locations, zero for other locations."""
-    index = [robot.motor_locations.index(place) if place in robot.motor_locations else -1 for place in places]
+    index = [robot.motor_locations.index(place) if place in robot.motor_locations else -1 for place in locations]
     return np.array([[turn[i, j] if min(i, j) >= 0 else 0.0 for j in index] for i in index])

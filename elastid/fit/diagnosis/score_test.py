@@ -68,18 +68,18 @@ class ScoreTest:
     @classmethod
     def of(cls, numbers: Sequence[FixedNumber], A: FloatArray, b: FloatArray, free: BoolArray) -> ScoreTest:
         """Return A = [J J_h]^T [J J_h] with priors and b = [J J_h]^T r; free (n_x,): parameters that may follow."""
-        n_x, places = len(free), np.flatnonzero(free)
+        n_x, indices = len(free), np.flatnonzero(free)
         size = np.sqrt(np.diag(A))
         size[size == 0] = 1.0
         A, b = A / np.outer(size, size), b / size
-        cross = A[places, n_x:]
-        follow = -np.linalg.pinv(A[np.ix_(places, places)], rcond=1e-13, hermitian=True) @ cross
-        S, g = A[n_x:, n_x:] + cross.T @ follow, b[n_x:] + follow.T @ b[places]
+        cross = A[indices, n_x:]
+        follow = -np.linalg.pinv(A[np.ix_(indices, indices)], rcond=1e-13, hermitian=True) @ cross
+        S, g = A[n_x:, n_x:] + cross.T @ follow, b[n_x:] + follow.T @ b[indices]
         # The free parameters leave at least this fraction of the information on a number that is distinct.
         identifiable = np.diag(S) > 1e-7 * np.maximum(np.diag(A)[n_x:], 1e-300)
         scale = size[n_x:]
         response = np.zeros((n_x, len(numbers)))
-        response[places] = follow * scale / size[places, None]
+        response[indices] = follow * scale / size[indices, None]
         return cls(tuple(numbers), S * np.outer(scale, scale), g * scale, response, identifiable)
 
     def step(self, candidate: Candidate) -> tuple[FloatArray, float]:
@@ -87,19 +87,19 @@ class ScoreTest:
 
         Several numbers have a prior with the width of plausible values, which decides if the data do not.
         """
-        D, places = candidate.directions, candidate.places
+        D, locations = candidate.directions, candidate.places
         S, g = self.along(candidate)
-        if not self.is_distinct[places].any() or (len(g) == 1 and S[0, 0] <= 0):
+        if not self.is_distinct[locations].any() or (len(g) == 1 and S[0, 0] <= 0):
             return np.zeros(len(D)), 0.0
-        along = places[np.argmax(D != 0, axis=0)]  # the first number of each direction
+        along = locations[np.argmax(D != 0, axis=0)]  # the first number of each direction
         steps = D[:, 0] * (-g[0] / S[0, 0]) if len(g) == 1 else D @ self._bounded(along, S, g)
         # The fraction of the steps that stays within all limits.
-        pairs = [(step, self.numbers[i]) for step, i in zip(steps, places, strict=True) if step != 0]
-        parts = ((number.upper if step > 0 else -number.lower) / abs(step) for step, number in pairs)
-        steps = steps * max(min([1.0, *parts]), 0.0)
-        return steps, max(float(-steps @ (2 * self.g[places] + self.S[np.ix_(places, places)] @ steps)), 0.0)
+        pairs = [(step, self.numbers[i]) for step, i in zip(steps, locations, strict=True) if step != 0]
+        factors = ((number.upper if step > 0 else -number.lower) / abs(step) for step, number in pairs)
+        steps = steps * max(min([1.0, *factors]), 0.0)
+        return steps, max(float(-steps @ (2 * self.g[locations] + self.S[np.ix_(locations, locations)] @ steps)), 0.0)
 
-    def most(self, candidate: Candidate) -> float:
+    def max_drop(self, candidate: Candidate) -> float:
         """Return the drop of V by the best step of a candidate, plausible or not."""
         S, g = self.along(candidate)
         return float(g @ np.linalg.pinv(S, hermitian=True) @ g)
@@ -125,18 +125,18 @@ class ScoreTest:
 
     def freed(self, candidate: Candidate) -> ScoreTest:
         """Return the test of all numbers with a candidate at its step and free."""
-        D, places = candidate.directions, candidate.places
-        columns = self.S[:, places] @ D
+        D, locations = candidate.directions, candidate.places
+        columns = self.S[:, locations] @ D
         back = columns @ np.linalg.pinv(self.along(candidate)[0], hermitian=True)
-        g = self.g + self.S[:, places] @ self.step(candidate)[0]
+        g = self.g + self.S[:, locations] @ self.step(candidate)[0]
         S = self.S - back @ columns.T
         identifiable = self.is_distinct & (np.diag(S) > 1e-6 * np.diag(self.S))
-        response = self.response - self.response[:, places] @ D @ back.T
-        return replace(self, S=S, g=g - back @ (D.T @ g[places]), response=response, is_distinct=identifiable)
+        response = self.response - self.response[:, locations] @ D @ back.T
+        return replace(self, S=S, g=g - back @ (D.T @ g[locations]), response=response, is_distinct=identifiable)
 
-    def _bounded(self, places: IntArray, S: FloatArray, g: FloatArray) -> FloatArray:
+    def _bounded(self, indices: IntArray, S: FloatArray, g: FloatArray) -> FloatArray:
         """Compute the step along several directions (n_d,) within the limits of each number, which are priors, too."""
-        limits = np.array([(self.numbers[i].lower, self.numbers[i].upper) for i in places]).T
+        limits = np.array([(self.numbers[i].lower, self.numbers[i].upper) for i in indices]).T
         width = np.maximum(np.abs(limits).min(axis=0), 1e-3)  # some, where a number can only grow
         size = np.sqrt(np.maximum(np.diag(S), 0.0) + width**-2)
         # Rounding in S can exceed the priors of wide numbers: no Cholesky factor then exists.
@@ -152,8 +152,8 @@ class ScoreTest:
 
     def along(self, candidate: Candidate) -> tuple[FloatArray, FloatArray]:
         """Return S (n_d, n_d) and g (n_d,) along the directions of a candidate."""
-        D, places = candidate.directions, candidate.places
-        return D.T @ self.S[np.ix_(places, places)] @ D, D.T @ self.g[places]
+        D, locations = candidate.directions, candidate.places
+        return D.T @ self.S[np.ix_(locations, locations)] @ D, D.T @ self.g[locations]
 
 
 def free_drop(A: FloatArray, b: FloatArray, free: BoolArray) -> float:

@@ -39,13 +39,16 @@ _UNKNOWN = (
     "check location, direction, sign, unit and std of the largest residual, the angles, and the state of the motors "
     "(no single cause explains it; a gear with friction or backlash has another stiffness for small motions)"
 )
-# Residuals (n,) and derivatives (n, n_z + 1) by parts: along the root of C at x (n_x,), and for c of a factor 1 + c.
+# (x (n_x,), root (n_x, n_z), c) -> blocks of residuals (n,) with derivatives (n, n_z + 1) to z and to c of 1 + c.
 Residuals: TypeAlias = Callable[[FloatArray, FloatArray, float], Iterable[tuple[FloatArray, FloatArray]]]
 
 
 @dataclass(frozen=True, eq=False)
 class SecondSource:
-    """Fit to the motors: x_m (n_x,), a root L of C = L L^T with x = x_m + L z; and the residuals of the source."""
+    """An independent data set next to the fit of the motors' responses, x = x_m + L z with C = L L^T.
+
+    x (n_x,): x_m.  root (n_x, n_z): L.  residuals: whitened residuals of the data set.
+    """
 
     x: FloatArray
     root: FloatArray
@@ -53,23 +56,23 @@ class SecondSource:
     n_residuals: int
 
     @classmethod
-    def of(cls, alone: Result, residuals: Residuals, n_residuals: int) -> SecondSource:
-        """Return the source beside `alone`, the fit to the motors' responses."""
-        C = alone.covariance.copy()
+    def of(cls, motor_fit: Result, residuals: Residuals, n_residuals: int) -> SecondSource:
+        """Return the data set next to `motor_fit`, the fit of the motors' responses."""
+        C = motor_fit.covariance.copy()
         unknown = ~np.isfinite(np.diag(C))
         C[unknown] = C[:, unknown] = 0.0
         C[unknown, unknown] = LIMITS.unreached**2
         size = np.sqrt(np.maximum(np.diag(C), 1e-300))
         values, V = np.linalg.eigh(C / np.outer(size, size))
-        return cls(alone.x, size[:, None] * V * np.sqrt(np.maximum(values, 0.0)), residuals, n_residuals)
+        return cls(motor_fit.x, size[:, None] * V * np.sqrt(np.maximum(values, 0.0)), residuals, n_residuals)
 
-    def least(self, with_factor: bool = False) -> tuple[float, float, float]:
-        """Return T and the factor less 1 with its std, NaN without one."""
+    def min_cost(self, with_factor: bool = False) -> tuple[float, float, float]:
+        """Return the minimum T; with_factor: also c of a common factor 1 + c, and its std (otherwise NaN)."""
         z = np.zeros(self.root.shape[1] + with_factor)
         unknowns = Parameters(tuple(Parameter(f"z{i}", 0.0) for i in range(len(z))))
         try:
             end = solve(LeastSquares(unknowns, self.n_residuals, self._at), z, ROUGH, LIMITS.iterations)
-        except FitError:  # no robot stands there
+        except FitError:  # the robot has no equilibrium there
             return np.inf, np.nan, np.nan
         if not with_factor:
             return end.cost, np.nan, np.nan
@@ -84,29 +87,30 @@ class SecondSource:
         cost, gradient, H = float(prior @ prior), prior, np.diag(np.where(np.arange(len(z)) < n, 1.0, 0.0))
         with np.errstate(all="ignore"):
             try:
-                for r, every_slope in self.residuals(x, self.root, float(z[n:].sum())):
-                    J = every_slope[:, : len(z)]
+                for r, slopes in self.residuals(x, self.root, float(z[n:].sum())):
+                    J = slopes[:, : len(z)]
                     cost, gradient, H = cost + float(r @ r), gradient + J.T @ r, H + J.T @ J
-            except np.linalg.LinAlgError:  # no robot stands there
+            except np.linalg.LinAlgError:  # the robot has no equilibrium there
                 cost = np.inf
         # Far away slopes overflow before the cost does.
         return Evaluation(cost if np.isfinite(cost) and np.isfinite(H).all() else np.inf, 2 * gradient, 2 * H)
 
 
-def agreement(now: SecondSource, alone: Result) -> tuple[Agreement, float]:
-    """Return the source next to `alone`, without a cause; and T with the factor that explains it, else inf."""
-    scale = alone.inflation_factor**2 if alone.exceeds_noise else 1.0
-    dof, T = now.n_residuals, now.least()[0]
-    least, by, std = now.least(with_factor=True)
-    is_other_size = by**2 > scale * chi_square_limit(1, FALSE_ALARM_RATE) * std**2
-    is_beyond = scale * dof * max_cost_ratio(dof) < T or is_other_size
-    ratio = (1 + by, std) if np.isfinite(std) else (np.nan, std)
-    return Agreement(*ratio, T, dof, _UNKNOWN if is_beyond else ""), least if explains(now, T, least) else np.inf
+def agreement(source: SecondSource, motor_fit: Result) -> tuple[Agreement, float]:
+    """Test the agreement of a data set with the fit; also returns T with a common factor if this explains T, or inf."""
+    scale = motor_fit.inflation_factor**2 if motor_fit.exceeds_noise else 1.0
+    dof, T = source.n_residuals, source.min_cost()[0]
+    cause_cost, factor_error, std = source.min_cost(with_factor=True)
+    has_factor = factor_error**2 > scale * chi_square_limit(1, FALSE_ALARM_RATE) * std**2
+    disagrees = scale * dof * max_cost_ratio(dof) < T or has_factor
+    ratio = (1 + factor_error, std) if np.isfinite(std) else (np.nan, std)
+    cause_cost = cause_cost if explains(source, T, cause_cost) else np.inf
+    return Agreement(*ratio, T, dof, _UNKNOWN if disagrees else ""), cause_cost
 
 
-def explains(now: SecondSource, T: float, least: float) -> bool:
-    """Return True if a cause lowers T to `least`, by more than half of the excess over its degrees of freedom."""
-    return T - least > LIMITS.majority_fraction * (T - now.n_residuals)
+def explains(source: SecondSource, T: float, cause_cost: float) -> bool:
+    """Return True if a cause that lowers T to `cause_cost` explains most of the excess of T over its expectation."""
+    return T - cause_cost > LIMITS.majority_fraction * (T - source.n_residuals)
 
 
 def _residuals(
@@ -118,17 +122,17 @@ def _residuals(
     yield (loads.measured - (1 + c) * y) / loads.std, -J / loads.std[:, None]
 
 
-def static_agreement(loads: StaticLoads, alone: Result) -> StaticAgreement:
-    """Compare load tests with the deflections predicted by `alone`, the fit of the responses without load tests."""
-    now = SecondSource.of(alone, partial(_residuals, loads, alone.parameters), loads.n_residuals)
-    comparison, least = agreement(now, alone)
-    if comparison.disagrees and np.isfinite(least):
-        why = "stiffer under static load (gear friction)" if comparison.ratio < 1 else "softer (gear hysteresis)"
-        cause = f"check the scales of loads and gauge; if correct, all springs are {why}"
+def static_agreement(loads: StaticLoads, motor_fit: Result) -> StaticAgreement:
+    """Compare load tests with the deflections that `motor_fit`, the fit of the motors' responses, predicts."""
+    source = SecondSource.of(motor_fit, partial(_residuals, loads, motor_fit.parameters), loads.n_residuals)
+    comparison, cause_cost = agreement(source, motor_fit)
+    if comparison.disagrees and np.isfinite(cause_cost):
+        reason = "stiffer under static load (gear friction)" if comparison.ratio < 1 else "softer (gear hysteresis)"
+        cause = f"check the scales of loads and gauge; if correct, all springs are {reason}"
         comparison = replace(comparison, cause=cause)
-    predicted, slopes = loads.predicted(alone.parameters, alone.x)
+    predicted, slopes = loads.predicted(motor_fit.parameters, motor_fit.x)
     rows = [row for load in loads.robot.loads for row in load.directions.tolist()]
-    by_responses_std = np.linalg.norm(slopes @ now.root, axis=1)
+    by_responses_std = np.linalg.norm(slopes @ source.root, axis=1)
     numbers = np.column_stack([loads.measured, loads.std, predicted, by_responses_std]).tolist()
     readings = tuple(
         LoadReading(loads.robot.loads[i].configuration.name, loads.robot.loads[i].read_at, (x, y, z), *row)
@@ -147,59 +151,61 @@ def _tool_residuals(
         yield with_factor.residual, -with_factor.whitened(slopes).T
 
 
-def tool_agreement(assembly: Assembly, alone: Result) -> ToolAgreement:
-    """Compare the responses at the tool in `assembly` with `alone`, the fit to the motor responses."""
-    fit, now = _source(assembly.with_model_error(alone.model_error), alone)
-    result, with_factor = agreement(now, alone)
+def tool_agreement(assembly: Assembly, motor_fit: Result) -> ToolAgreement:
+    """Compare the responses at the tool in `assembly` with `motor_fit`, the fit of the motors' responses."""
+    fit, source = _source(assembly, motor_fit)
+    result, cost_with_factor = agreement(source, motor_fit)
     is_misread = False
     if result.disagrees:
-        others = [(_source(replace(assembly, responses=readings).with_model_error(alone.model_error), alone)[1], words)
-                  for readings, words in _tool_readings(assembly.responses)]  # fmt: skip
-        least, misreading = min(((trial.least()[0], words) for trial, words in others), key=lambda trial: trial[0])
-        is_misread = explains(now, result.chi_square, least)
-        if with_factor < least and abs(result.ratio - 1) < LIMITS.largest:
-            is_misread, misreading = False, (
-                "check unit and calibration of hammer and sensor, and the torque constants of the motors: all "
-                f"responses at the tool are {result.ratio:.4g} times as large"
-            )  # fmt: skip
-            result = replace(result, cause=misreading)
-        result = replace(result, cause=misreading if is_misread else result.cause)
-    comparison = tuple(_compared(G, part, fit, alone.x) for G, part in zip(assembly.responses, fit.parts, strict=True))
+        costs = {
+            remedy: _source(replace(assembly, responses=responses), motor_fit)[1].min_cost()[0]
+            for responses, remedy in _interpretations(assembly.responses)
+        }
+        remedy = min(costs, key=costs.__getitem__)
+        if cost_with_factor < costs[remedy] and abs(result.ratio - 1) < LIMITS.largest:
+            cause = "check unit and calibration of hammer and sensor, and the torque constants of the motors: all "
+            result = replace(result, cause=f"{cause}responses at the tool are {result.ratio:.4g} times as large")
+        elif is_misread := explains(source, result.chi_square, costs[remedy]):
+            result = replace(result, cause=remedy)
+    comparison = tuple(
+        _compare(G, part, fit, motor_fit.x) for G, part in zip(assembly.responses, fit.parts, strict=True)
+    )
     return ToolAgreement(**vars(result), responses=comparison, is_misread=is_misread)
 
 
-def _source(assembly: Assembly, alone: Result) -> tuple[ElasticFit, SecondSource]:
-    fit = replace(assembly, parameters=alone.parameters).at(alone.x, assembly.spec.criterion)
-    return fit, SecondSource.of(alone, partial(_tool_residuals, fit), fit.n_residuals)
+def _source(assembly: Assembly, motor_fit: Result) -> tuple[ElasticFit, SecondSource]:
+    assembly = replace(assembly, parameters=motor_fit.parameters).with_model_error(motor_fit.model_error)
+    fit = assembly.at(motor_fit.x, assembly.spec.criterion)
+    return fit, SecondSource.of(motor_fit, partial(_tool_residuals, fit), fit.n_residuals)
 
 
-def _compared(response: Response, part: Part, fit: ElasticFit, x: FloatArray) -> ToolComparison:
+def _compare(response: Response, part: Part, fit: ElasticFit, x: FloatArray) -> ToolComparison:
     G, is_used = part.kernel.response(part.theta(fit.parameters, x)), part.gain > 0
     ratio = np.abs(response.G[is_used]) / np.maximum(np.abs(G[is_used]), 1e-300)
     rms = float(np.sqrt(np.mean((20 * np.log10(np.maximum(ratio, 1e-300))) ** 2))) if is_used.any() else np.nan
     return ToolComparison(response.configuration.name, response.motors, response.inputs, response.outputs, rms)
 
 
-def _tool_readings(responses: Sequence[Response]) -> Iterator[tuple[tuple[Response, ...], str]]:
+def _interpretations(responses: Sequence[Response]) -> Iterator[tuple[tuple[Response, ...], str]]:
     def interpretation(sign: float, power: int) -> tuple[Response, ...]:
-        readings = []
+        interpreted = []
         for G in responses:
             s = laplace_variable(G.freq_hz[:, None, None])
-            noise, total = (scaled(part, np.abs(s) ** (2 * power)) for part in (G.noise, G.total))
-            readings.append(replace(G, G=sign * G.G * s**power, noise=noise, total=total))
-        return tuple(readings)
+            noise, total = (scaled(covariance, np.abs(s) ** (2 * power)) for covariance in (G.noise, G.total))
+            interpreted.append(replace(G, G=sign * G.G * s**power, noise=noise, total=total))
+        return tuple(interpreted)
 
     yield interpretation(-1.0, 0), "reverse the sign of force or motion: they have opposite signs"
     orders = {order: name for name, order in MOTION_ORDER.items()}
     for power in (-2, -1, 1, 2):
-        stated = {MOTION_ORDER[G.quantity] for G in responses}
-        if len(stated) == 1 and (quantity := orders.get(min(stated) - power)):
+        stated_orders = {MOTION_ORDER[G.quantity] for G in responses}
+        if len(stated_orders) == 1 and (quantity := orders.get(min(stated_orders) - power)):
             yield (
                 interpretation(1.0, power),
-                f"correct the quantity: the file has the {quantity}, not the {orders[min(stated)]}",
+                f"correct the quantity: the file has the {quantity}, not the {orders[min(stated_orders)]}",
             )
-    moves = any(place.startswith("motor ") for G in responses for place in G.outputs)
-    ways: tuple[Literal["locked", "free"], ...] = ("free",) if moves else ("locked", "free")
-    for motors in ways:
+    has_motor_motion = any(location.startswith("motor ") for G in responses for location in G.outputs)
+    motor_states: tuple[Literal["locked", "free"], ...] = ("free",) if has_motor_motion else ("locked", "free")
+    for motors in motor_states:
         if any(G.motors != motors for G in responses):
             yield (tuple(replace(G, motors=motors, loop=None) for G in responses), f"correct tool.motors to {motors}")

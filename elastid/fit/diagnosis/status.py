@@ -27,7 +27,7 @@ from elastid.base.errors import notes_of
 from elastid.base.names import matching
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.cause_notes import fault, phrase
-from elastid.fit.diagnosis.estimate_notes import contradictions, is_weak, listed
+from elastid.fit.diagnosis.estimate_notes import contradictions, is_weak, list_in_words
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.priors import contradicted_priors, contradicted_tolerances
@@ -41,11 +41,11 @@ from elastid.response import UNEXPLAINED
 
 def with_status(evidence: Evidence) -> Result:
     """Return the result with the worst status that applies, and its message: verdict, then residual test."""
-    result, end, unreached = evidence.result, evidence.optimum.end, evidence.uncertainty.unreached
+    result, end, unidentifiable = evidence.result, evidence.optimum.end, evidence.uncertainty.unidentifiable
     free = result.parameters.free_names
     starts = result.converged_starts
-    bound_text = f" with {listed(free, result.at_bound)} at a bound" if result.at_bound.any() else ""
-    explained = f"the model explains {percent(max(evidence.explained, 0.0))} of the measured responses"
+    bound_text = f" with {list_in_words(free, result.at_bound)} at a bound" if result.at_bound.any() else ""
+    fit_quality = f"the model explains {percent(max(evidence.explained, 0.0))} of the measured responses"
 
     def conclude(status: Status, message: str) -> Result:
         return replace(result, status=status, message=f"{message}. {capital(result.residual_test)}; {starts}")
@@ -53,14 +53,14 @@ def with_status(evidence: Evidence) -> Result:
     misread = {SCALE, *(h.family for h in evidence.hypotheses if h.changes is not None)}
     readings = [index for index in result.indices if index.place and index.group in misread]
     if evidence.is_suspect and readings:
-        return conclude("model_error", f"{explained}. {capital(fault(readings[0], evidence))}")
+        return conclude("model_error", f"{fit_quality}. {capital(fault(readings[0], evidence))}")
     too_large = result.inflation_factor > LARGE or not result.noise_is_known
     if too_large and evidence.explained < LIMITS.majority_fraction:
-        return conclude("model_error", f"{explained}. Check channels, gear ratios, bounds and the robot model")
+        return conclude("model_error", f"{fit_quality}. Check channels, gear ratios, bounds and the robot model")
     if not end.converged:
         return conclude("not_converged", f"the search stopped before an optimum ({end.message})")
-    if unreached.any():
-        return conclude("ill_conditioned", f"not identifiable: a combination of {listed(free, unreached)}")
+    if unidentifiable.any():
+        return conclude("ill_conditioned", f"not identifiable: a combination of {list_in_words(free, unidentifiable)}")
     logarithmic = [p.name for p in result.parameters.of_interest if p.log]
     if logarithmic and all(is_weak(result, name) for name in logarithmic):
         text = f"the std of every parameter is above {percent(LIMITS.stiffness_std)} of its estimate"
@@ -72,12 +72,12 @@ def with_status(evidence: Evidence) -> Result:
     misfit = _by_fixed_number(evidence) or _beyond_declared(evidence)
     # The intervals include ratios that differ from angle to angle.
     if not evidence.uncertainty.ratios.explains:
-        contradicted = _by_prior(evidence) or next((note.text for note in contradictions(result)), "")
-        misfit = by_blocks or misfit or contradicted
+        contradiction = _by_prior(evidence) or next((note.text for note in contradictions(result)), "")
+        misfit = by_blocks or misfit or contradiction
     if misfit:
         return conclude("misfit", f"{misfit}{bound_text and f'. The fit ended{bound_text}'}")
-    biased = [name for name, verdict in zip(free, result.verdicts, strict=False) if verdict.startswith(BIASED)]
-    but = f", but {', '.join(biased)} biased" if biased else ""
+    biased_names = [name for name, verdict in zip(free, result.verdicts, strict=False) if verdict.startswith(BIASED)]
+    but = f", but {', '.join(biased_names)} biased" if biased_names else ""
     good: Status = "converged" if result.noise_is_known else "noise_unknown"
     return conclude("at_bound" if bound_text else good, f"converged{bound_text}{but}")
 
@@ -112,10 +112,10 @@ def _in_deviations(effects: FloatArray, result: Result) -> FloatArray:
     n = len(result.parameters.of_interest)
     with np.errstate(divide="ignore", invalid="ignore"):
         deviations = np.nan_to_num(np.abs(effects[:n]) / result.std_of_x[:n])
-    return np.where(_matters(np.abs(effects[:n]), result), deviations, 0.0)
+    return np.where(_is_significant(np.abs(effects[:n]), result), deviations, 0.0)
 
 
-def _matters(change: FloatArray, result: Result) -> BoolArray:
+def _is_significant(change: FloatArray, result: Result) -> BoolArray:
     of_interest = result.parameters.of_interest
     size = [LIMITS.effect_on_damping if p.unit in DAMPING_UNITS else LIMITS.effect for p in of_interest]
     return change > size * np.where([p.log for p in of_interest], 1.0, np.abs(result.x[: len(of_interest)]))
@@ -124,7 +124,7 @@ def _matters(change: FloatArray, result: Result) -> BoolArray:
 def _shifts(evidence: Evidence) -> FloatArray:
     result = evidence.result
     std = result.std_of_x[: len(result.parameters.of_interest)]
-    return np.where(_matters(std, result), evidence.uncertainty.shift[: len(std)], 0.0)
+    return np.where(_is_significant(std, result), evidence.uncertainty.shift[: len(std)], 0.0)
 
 
 def _decides(evidence: Evidence) -> BoolArray:
@@ -172,10 +172,10 @@ def _blocks_disagree(evidence: Evidence) -> bool:
 def _by_blocks(evidence: Evidence) -> str:
     result, uncertainty = evidence.result, evidence.uncertainty
     shift = _shifts(evidence)
-    shifted = np.flatnonzero((shift > LIMITS.shift) & _decides(evidence))
-    if not (_blocks_disagree(evidence) and shifted.size):
+    indices = np.flatnonzero((shift > LIMITS.shift) & _decides(evidence))
+    if not (_blocks_disagree(evidence) and indices.size):
         return ""
-    worst = shifted[np.argsort(-uncertainty.shift[shifted])]
+    worst = indices[np.argsort(-uncertainty.shift[indices])]
     names = ", ".join(result.parameters.free_names[i] for i in worst[: LIMITS.named])
     return (
         f"{len(worst)} of {len(shift)} parameters are biased by up to {shift[worst[0]]:.3g} std (largest: {names}), "

@@ -26,9 +26,10 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, release, stored_beside
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.kernels import call
-from elastid.base.workers import Kept
+from elastid.base.large_arrays import move_beside, release
+from elastid.base.workers import KeptOnce
 from elastid.fit.problem.least_squares import ResidualKind
 from elastid.fit.problem.weights import Whitening
 from elastid.linear.response.derivatives import AnyComplex, Columns, Sensitivity
@@ -48,13 +49,13 @@ class LineResiduals(NamedTuple):
 class BlockSums(NamedTuple):
     """Sums of a block of lines, columns U (F, n_e, n_b), s = j omega, residuals r = q - R g of its elements.
 
-    cost: sum |r|^2.  pulled (3, n_b): sum over lines of s^p r^H R diag(slope) U, p = 0, 1, 2.
+    cost: sum |r|^2.  pull (3, n_b): sum over lines of s^p r^H R diag(slope) U, p = 0, 1, 2.
     moments (5, n_b, n_b): Re, for odd p Im, of sum omega^p V^H V, V = R diag(slope) U diag(scale), p = 0 ... 4, on and
     above the diagonal.
     """
 
     cost: float
-    pulled: ComplexArray
+    pull: ComplexArray
     moments: FloatArray
 
 
@@ -92,10 +93,10 @@ class Packed:
         """Return the packed form of R (F, n_e, n_e) or its diagonal (F, n_e)."""
         rows = R if R.ndim == 2 else R[:, *np.triu_indices(R.shape[1])]
         F, n_r = rows.shape
-        filled = np.zeros((-(-F // BATCH) * BATCH, n_r), complex)
-        filled[:F] = rows
-        parts = np.stack([filled.real, filled.imag], axis=2).reshape(-1, BATCH, n_r, 2)
-        return cls(np.ascontiguousarray(parts.transpose(0, 2, 3, 1)))
+        padded_rows = np.zeros((-(-F // BATCH) * BATCH, n_r), complex)
+        padded_rows[:F] = rows
+        pairs = np.stack([padded_rows.real, padded_rows.imag], axis=2).reshape(-1, BATCH, n_r, 2)
+        return cls(np.ascontiguousarray(pairs.transpose(0, 2, 3, 1)))
 
     def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> BlockSums:
         """Return the sums of `Full.sums`; callable only where the kernels are built."""
@@ -104,7 +105,7 @@ class Packed:
         sign = np.ones(n_b)
         sign[:n_1] = part.sign
         cost, weight = np.zeros(1), np.empty((n_e, F), complex)
-        pulled, moments = np.zeros((3, n_b), complex), np.zeros((5, n_b, n_b))
+        pull, moments = np.zeros((3, n_b), complex), np.zeros((5, n_b, n_b))
         between = np.zeros((3, r, r), complex)
         sizes = F, n_y, n_u, n_1, n_2, r, n_b - n_1 - n_2, n_e, self.R.shape[1] == n_e
         right = None if part.is_alike else part.right.T
@@ -112,9 +113,9 @@ class Packed:
         residuals = (None if values is None else values.T for values in e)
         weights = self.R[part.block.start // BATCH :], part.omega, sign, sign * scale
         name = "sums_float" if precision is np.float32 else "sums_double"
-        call(name, *sizes, *columns, *residuals, *weights, cost, weight, pulled, between, moments)
-        pulled[:, n_1 : n_1 + n_2] = part.pulled_by(between)
-        return BlockSums(float(cost[0]), pulled, moments)
+        call(name, *sizes, *columns, *residuals, *weights, cost, weight, pull, between, moments)
+        pull[:, n_1 : n_1 + n_2] = part.pulled_by(between)
+        return BlockSums(float(cost[0]), pull, moments)
 
 
 def _times(R: npt.NDArray[np.inexact[Any]], U: AnyComplex) -> AnyComplex:
@@ -124,7 +125,7 @@ def _times(R: npt.NDArray[np.inexact[Any]], U: AnyComplex) -> AnyComplex:
 
 
 @dataclass(frozen=True, eq=False)
-class CompressedResiduals(Kept):
+class CompressedResiduals(KeptOnce):
     """The residuals mixing (gain e) of one configuration; measured, gain, criterion and whitening as of `Part`.
 
     elements: rows and columns (n_e,) of the elements g.  entries (n_y, n_u): index of each entry in elements.
@@ -190,8 +191,8 @@ class CompressedResiduals(Kept):
     @cached_property
     def _counts(self) -> BoolArray:
         """Elements (F, n_e) of which at least one measured number counts."""
-        used = (self.gain > 0).reshape(len(self.gain), -1)
-        return used[:, self._places[0]] | used[:, self._places[1]]
+        is_used = (self.gain > 0).reshape(len(self.gain), -1)
+        return is_used[:, self._places[0]] | is_used[:, self._places[1]]
 
     @cached_property
     def compressed(self) -> "Compressed":
@@ -206,12 +207,12 @@ class CompressedResiduals(Kept):
             W = mixing * self.gain.reshape(len(self.gain), 1, -1)
             basis, R = np.linalg.qr(W[:, :, first] + has_mirror * W[:, :, second])
             weights = form(R)  # the largest array of a thousand configurations
-            weights = replace(weights, R=stored_beside(self.whitening.noise.in_file, weights.R))
+            weights = replace(weights, R=move_beside(self.whitening.noise.in_file, weights.R))
             residual = (mixing @ residual[:, :, None])[:, :, 0]
             q = (basis.mT.conj() @ residual[:, :, None])[:, :, 0]
             residual = residual - (basis @ q[:, :, None])[:, :, 0]
         else:
-            gain, mirror = (self.gain.reshape(len(self.gain), -1)[:, place] for place in (first, second))
+            gain, mirror = (self.gain.reshape(len(self.gain), -1)[:, columns] for columns in (first, second))
             size = np.hypot(gain, mirror * has_mirror)
             Q, weights = (
                 np.stack([gain, mirror * has_mirror], axis=2) / np.where(size > 0, size, 1.0)[:, :, None],
@@ -262,12 +263,12 @@ class NormalEquations:
         for part in self.columns.at(theta):
             constant, e = self.residuals.at(part.block, part.G)
             sums = R.sums(part, e, scale, precision)
-            V, pull, moments = V + (constant + sums.cost), pull + sums.pulled, moments + sums.moments
+            V, pull, moments = V + (constant + sums.cost), pull + sums.pull, moments + sums.moments
         release(R.R)
-        places, sign = self._pairs
+        indices, sign = self._pairs
         g = highest * pull[pieces.power, pieces.base].real
         sigma = (highest / scale[pieces.base])[:, None] * pieces.sigma
-        return V, pieces.sigma.T @ g, sigma.T @ (sign * moments.take(places)) @ sigma
+        return V, pieces.sigma.T @ g, sigma.T @ (sign * moments.take(indices)) @ sigma
 
     @cached_property
     def _pairs(self) -> tuple[IntArray, FloatArray]:
@@ -279,5 +280,5 @@ class NormalEquations:
         order, apart = power + power[:, None], power - power[:, None]
         signs = np.where(base < base[:, None], -1.0, 1.0) ** order
         n_b = base.max(initial=-1) + 1
-        places = (order * n_b + np.minimum(base, base[:, None])) * n_b + np.maximum(base, base[:, None])
-        return places, signs * np.array([1.0, -1.0, -1.0, 1.0])[apart % 4]
+        indices = (order * n_b + np.minimum(base, base[:, None])) * n_b + np.maximum(base, base[:, None])
+        return indices, signs * np.array([1.0, -1.0, -1.0, 1.0])[apart % 4]

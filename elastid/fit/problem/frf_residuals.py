@@ -20,7 +20,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.base.errors import DataError
 from elastid.base.execution import HERE, Execution, Item, Value
-from elastid.base.workers import Kept
+from elastid.base.workers import KeptOnce
 from elastid.fit.problem.compressed_residuals import CompressedResiduals, NormalEquations
 from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares, ResidualKind, difference, error_gain
@@ -45,7 +45,7 @@ MIN_LINES = 5_000
 
 
 @dataclass(frozen=True, eq=False)
-class Part(Kept):
+class Part(KeptOnce):
     """One configuration: measured G (F, n_y, n_u), the columns of its model, and the scale of its residuals.
 
     measured: without the aliases of ZOH torques, by the model where it was linearised.
@@ -119,8 +119,8 @@ class Part(Kept):
 
         mixing: `Part.mixing`.
         """
-        e, used = difference(self.criterion, self.measured, G), self.gain > 0
-        return mixed(mixing, np.where(used, self.gain * np.where(used, e, 0.0), 0.0))
+        e, is_used = difference(self.criterion, self.measured, G), self.gain > 0
+        return mixed(mixing, np.where(is_used, self.gain * np.where(is_used, e, 0.0), 0.0))
 
     def slopes(self, G: ComplexArray, dG: ComplexArray, mixing: ComplexArray | None) -> ComplexArray:
         """Return dr (n, F, n_y, n_u) by changes dG of a response G."""
@@ -137,7 +137,7 @@ def mixed(mixing: ComplexArray | None, values: ComplexArray) -> ComplexArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Chunk(Kept):
+class Chunk(KeptOnce):
     """Some configurations over one set of parameters."""
 
     parameters: Parameters
@@ -212,8 +212,8 @@ class ElasticFit:
     def evaluate(self, x: FloatArray, precision: type[np.floating[Any]] = np.float64) -> Evaluation:
         """Return V, its gradient and 2 J^T J at x (n_x,); V is infinite where the model has no response."""
         try:
-            every = self.home.at_home(partial(Chunk.sums, x=x, precision=precision), self.chunks)
-            V, g, A = (sum(terms) for terms in zip(*every, strict=True))  # in the order of the chunks
+            chunk_sums = self.home.at_home(partial(Chunk.sums, x=x, precision=precision), self.chunks)
+            V, g, A = (sum(terms) for terms in zip(*chunk_sums, strict=True))  # in the order of the chunks
             r, J = self.static(x)
         except np.linalg.LinAlgError:
             return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
@@ -291,14 +291,14 @@ def part_with(
     columns: Columns, images: ComplexArray, response: Response, weights: Weights, criterion: ResidualKind
 ) -> Part:
     """Return the part of one configuration with the columns of its model; images (F, n_y, n_u): aliases."""
-    kernel, used = columns.kernel, weights.used
+    kernel, is_used = columns.kernel, weights.used
     if criterion == "log":
         # The logarithm of noise is noise, and biased: elements must exceed it by 6 dB.
         G = kernel.response(kernel.model.theta_ref)
-        used = used & (np.abs(G) > 1e-12 * np.abs(G).max()) & (np.abs(response.G) > 2.0 * weights.sigma)
+        is_used = is_used & (np.abs(G) > 1e-12 * np.abs(G).max()) & (np.abs(response.G) > 2.0 * weights.sigma)
     with np.errstate(divide="ignore", invalid="ignore"):
-        slope = np.where(used, error_gain(criterion, response.G), 1.0)
-    gain = np.sqrt(2 * weights.factor) / np.where(used, np.abs(slope) * weights.sigma, np.inf)
+        slope = np.where(is_used, error_gain(criterion, response.G), 1.0)
+    gain = np.sqrt(2 * weights.factor) / np.where(is_used, np.abs(slope) * weights.sigma, np.inf)
     whitening = None
     if weights.correlated is not None and criterion == "complex":
         whitening = Whitening(weights.correlated, weights.floor, response.G, weights.sigma)
@@ -320,15 +320,15 @@ def at_measured_places(model: LinearModel, response: Response | LinearModel) -> 
         *references,
         *(name for name in response.inputs if is_load(name) and moved_by(name) in model.outputs),
     )
-    places = (("input", response.inputs, known_inputs), ("output", response.outputs, model.outputs))
-    for kind, names, options in places:
+    locations = (("input", response.inputs, known_inputs), ("output", response.outputs, model.outputs))
+    for kind, names, options in locations:
         if unknown := ", ".join(name for name in names if name not in options):
             text = f"the model has no {kind} {unknown}; there are {', '.join(options) or 'none'}"
             raise DataError("fit/responses", text, f"configuration {response.configuration.name}")
     if loads and model.inputs != response.inputs:
         model = acted_on(model, Ports.at_frames(model, response.inputs), response.motors, response.loop)
-    acting = response.controller.motors if response.controller is not None and is_closed else response.inputs
-    B = model.B if model.controller is not None else model.B[:, [model.inputs.index(name) for name in acting]]
+    acting_motors = response.controller.motors if response.controller is not None and is_closed else response.inputs
+    B = model.B if model.controller is not None else model.B[:, [model.inputs.index(name) for name in acting_motors]]
     model, loop = model.with_outputs([model.outputs.index(name) for name in response.outputs]), response.controller
     return replace(model, B=B, inputs=response.inputs, hold=response.hold, controller=loop)
 

@@ -28,13 +28,13 @@ BORDER = 1e-5  # of the second moments, by which the border is farther for a bod
 class BodyInertia:
     """The inertia of one body in a configuration: the places in theta of its entries.
 
-    beyond: distance of the border beyond the possible inertias, relative to the second moments.
+    margin: distance of the border beyond the possible inertias, relative to the second moments.
     """
 
     name: str
-    places: tuple[int, ...]
+    indices: tuple[int, ...]
     configuration: str = ""
-    beyond: float = 0.0
+    margin: float = 0.0
 
     @property
     def refusal(self) -> str:
@@ -46,11 +46,11 @@ class BodyInertia:
 
     def slopes(self, parameters: Parameters, x: FloatArray) -> FloatArray:
         """Return d entry / d x (n_entries, n_x)."""
-        return parameters.jacobian(x, self.configuration)[list(self.places)]
+        return parameters.jacobian(x, self.configuration)[list(self.indices)]
 
     def second_moment(self, parameters: Parameters, x: FloatArray) -> FloatArray:
         """Return sigma (3, 3)."""
-        return np.tensordot(parameters.expand(x, self.configuration)[list(self.places)], self.directions, axes=1)
+        return np.tensordot(parameters.expand(x, self.configuration)[list(self.indices)], self.directions, axes=1)
 
     def roundness(self, parameters: Parameters, x: FloatArray) -> float:
         """Return the smallest principal second moment over their sum: 1/3 of a ball, 0 of a plate, < 0: impossible."""
@@ -60,21 +60,21 @@ class BodyInertia:
     @property
     def directions(self) -> FloatArray:
         """d Sigma / d entry (n_entries, 3, 3)."""
-        tensors = (np.arange(len(self.places))[:, None, None] == TENSOR).astype(float)
+        tensors = (np.arange(len(self.indices))[:, None, None] == TENSOR).astype(float)
         return np.asarray(0.5 * np.trace(tensors, axis1=1, axis2=2)[:, None, None] * np.eye(3) - tensors)
 
 
-def moved_inertias(parameters: Parameters, robot: Robot) -> tuple[BodyInertia, ...]:
+def free_inertias(parameters: Parameters, robot: Robot) -> tuple[BodyInertia, ...]:
     """Return the bodies with at least one free entry of the inertia tensor, once for each set of configurations."""
     inertias: list[BodyInertia] = []
     for body in robot.bodies:
         names = [f"I_{body.name}{suffix}" for suffix in body.inertia_entries if suffix]
         groups = [p.only for p in parameters if p.only and p.stands_for in names]
-        for where in dict.fromkeys(["", *(group[0] for group in groups)]):
-            if set(names) & set(parameters.dependent_names(where)):
-                inertia = BodyInertia(body.name, tuple(parameters.index(name) for name in names), where)
+        for configuration in dict.fromkeys(["", *(group[0] for group in groups)]):
+            if set(names) & set(parameters.dependent_names(configuration)):
+                inertia = BodyInertia(body.name, tuple(parameters.index(name) for name in names), configuration)
                 is_flat = abs(inertia.roundness(parameters, parameters.x)) < BORDER
-                inertias.append(replace(inertia, beyond=BORDER * is_flat))
+                inertias.append(replace(inertia, margin=BORDER * is_flat))
     return tuple(inertias)
 
 
@@ -91,12 +91,12 @@ def barrier(
     for body in inertias:
         sigma, directions = body.second_moment(parameters, x), body.directions
         scale, traces = max(float(np.trace(sigma)), 1e-300), np.trace(directions, axis1=1, axis2=2)
-        sigma = sigma + body.beyond * scale * np.eye(3)
+        sigma = sigma + body.margin * scale * np.eye(3)
         values = np.linalg.eigvalsh(sigma) / scale
         if values[0] <= 0 or not np.all(np.isfinite(sigma)):
             return math.inf, g, np.eye(len(x))
         inverse = np.linalg.inv(sigma)
-        relative = inverse @ (directions + body.beyond * traces[:, None, None] * np.eye(3))  # Sigma^-1 dSigma
+        relative = inverse @ (directions + body.margin * traces[:, None, None] * np.eye(3))  # Sigma^-1 dSigma
         local = body.slopes(parameters, x)
         # ln det(Sigma / tr Sigma): a large body is no more likely than a small one.
         b -= 2 * BARRIER_WEIGHT * float(np.sum(np.log(values)))
@@ -117,15 +117,15 @@ def feasible_starts(starts: FloatArray, inertias: Sequence[BodyInertia], paramet
     """
     if not inertias:
         return starts
-    begin = parameters.x
-    for body in impossible_inertias(inertias, parameters, begin):
+    nominal = parameters.x
+    for body in impossible_inertias(inertias, parameters, nominal):
         raise StudyError("fit/parameters", body.refusal, "fit.parameters")
 
-    def drawn_in(start: FloatArray) -> FloatArray:
-        nearer = (begin + (start - begin) / 2**step for step in range(20))
-        return next((x for x in nearer if not impossible_inertias(inertias, parameters, x)), begin)
+    def move_inside(start: FloatArray) -> FloatArray:
+        candidates = (nominal + (start - nominal) / 2**step for step in range(20))
+        return next((x for x in candidates if not impossible_inertias(inertias, parameters, x)), nominal)
 
-    return np.array([drawn_in(start) for start in starts])
+    return np.array([move_inside(start) for start in starts])
 
 
 def find_border_inertias(inertias: Sequence[BodyInertia], parameters: Parameters, x: FloatArray) -> tuple[Note, ...]:

@@ -120,6 +120,6 @@ def is_far_from_noise(cost: float, dof: float) -> bool:
 def find_active_bounds(problem: LeastSquares, x: FloatArray, ending: Evaluation) -> BoolArray:
     """Return True for each variable (n_x,) within 1e-6 of a bound beyond which the cost falls."""
     lower, upper = problem.parameters.x_bounds
-    reach = 1e-6 * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
-    below, above = x <= lower + reach, x >= upper - reach
+    margin = 1e-6 * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
+    below, above = x <= lower + margin, x >= upper - margin
     return (below & (ending.gradient > 0)) | (above & (ending.gradient < 0))

@@ -37,10 +37,11 @@ from typing import Any
 import numpy as np
 from scipy.special import fdtr, gammainc
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, quotient, stored_beside
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, quotient
+from elastid.base.large_arrays import move_beside
 from elastid.base.matrices import inverse
 from elastid.base.statistics import chi_square_limit
-from elastid.base.workers import Kept
+from elastid.base.workers import KeptOnce
 from elastid.record import MOTION_ORDER, Motion
 from elastid.response import Covariance, Response
 
@@ -84,7 +85,7 @@ def noise_model(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
     The variance components of every second line follow from the other lines, so that C does not depend on the line's
     own S; fewer than 16 lines are not divided.
     """
-    models = [_across_lines(S, each) for each in (replace(shapes, output=shapes.output[:MOTIONS]), shapes)]
+    models = [_across_lines(S, shape) for shape in (replace(shapes, output=shapes.output[:MOTIONS]), shapes)]
     return max(models, key=lambda C: -float(np.sum(np.linalg.slogdet(C)[1]) + np.sum(np.linalg.inv(C).mT * S).real))
 
 
@@ -137,7 +138,7 @@ def _powers(W: ComplexArray, w: FloatArray, shapes: NoiseShapes, g: ComplexArray
 
 
 @frozen_value
-class SmoothedNoise(Kept):
+class SmoothedNoise(KeptOnce):
     """Sample covariance and its smoothed value over neighbouring DFT lines, for unbiased weights 1 / v.
 
     Both covariances have the same form. Matrices of all elements are computed when needed and not stored.
@@ -188,7 +189,7 @@ def _smooth(response: Response, raw: Covariance) -> tuple[Covariance, FloatArray
     assert S is not None
     covariance, kept_matrix, kept_variance = smooth_covariance(S, _model(response, raw, S), raw.dof)
     power = np.einsum("faa->fa", covariance).real
-    covariance = stored_beside(S, covariance)
+    covariance = move_beside(S, covariance)
     if raw.left is None:
         smooth = Covariance(power.reshape(F, n_u, n_y).swapaxes(1, 2), raw.dof, matrix=covariance)
     else:
@@ -204,8 +205,8 @@ def _model(response: Response, raw: Covariance, S: ComplexArray) -> ComplexArray
         return noise_model(S, shapes)
     _, n_y, n_u = response.G.shape
     model = np.zeros_like(S)
-    for place in (slice(j * n_y, (j + 1) * n_y) for j in range(n_u)):
-        model[:, place, place] = noise_model(S[:, place, place], shapes)
+    for rows in (slice(j * n_y, (j + 1) * n_y) for j in range(n_u)):
+        model[:, rows, rows] = noise_model(S[:, rows, rows], shapes)
     return model
 
 
@@ -240,8 +241,8 @@ def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float) -> tuple
     F, n = S.shape[:2]
     width = min(_width(n, dof), F)
     L = np.asarray(np.linalg.cholesky(model), np.complex128)
-    whiten = np.asarray(np.linalg.inv(L), np.complex128)
-    X = whiten @ S @ whiten.mT.conj()
+    whitening = np.asarray(np.linalg.inv(L), np.complex128)
+    X = whitening @ S @ whitening.mT.conj()
     scale = np.einsum("faa->f", X).real / n
     positive = scale > 0
     scale = without_gaps(scale) if positive.any() else np.ones(F)
@@ -286,9 +287,9 @@ def _self_influence(
     shares = (1 + (1 - rho) * (n**2 - 1)) / (n * width), (1 + (1 - rho) * (n - 1)) / (n * width)
     together = np.einsum("faa->f", np.linalg.solve(smooth, S)).real / n
     alone = np.mean(np.einsum("faa->fa", S).real / np.einsum("faa->fa", smooth).real, axis=1)
-    filled = [k * float(np.mean(z)) for k, z in zip(shares, (together, alone), strict=True)]
-    whole, diagonal = (np.full(F, z / max(1 - z / dof, 0.1)) for z in filled)
-    return whole, diagonal
+    influences = [k * float(np.mean(z)) for k, z in zip(shares, (together, alone), strict=True)]
+    mean, diagonal = (np.full(F, z / max(1 - z / dof, 0.1)) for z in influences)
+    return mean, diagonal
 
 
 def without_gaps(variance: FloatArray) -> FloatArray:

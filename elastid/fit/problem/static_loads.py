@@ -60,15 +60,15 @@ class StaticLoads:
     def of(cls, tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: Parameters) -> "StaticLoads":
         """Return the loads of a robot at the start of the parameters; StudyError for an unknown frame, or no rest."""
         loads = tuple(load_of(load, robot) for load in tests)
-        framed = with_frames(robot, (name for load in loads for name in (load.frame, load.read_at)))
-        equations = formulate(framed, model, tuple(name for name in robot.on_demand if name in parameters.names))
+        framed_robot = with_frames(robot, (name for load in loads for name in (load.frame, load.read_at)))
+        equations = formulate(framed_robot, model, tuple(name for name in robot.on_demand if name in parameters.names))
         names = [load.configuration.name for load in loads]
-        dependent = {name for where in names for name in parameters.dependent_names(where)}
-        theta = [parameters.expand(parameters.x, where)[:-1] for where in names]
+        dependent = {name for configuration in names for name in parameters.dependent_names(configuration)}
+        theta = [parameters.expand(parameters.x, configuration)[:-1] for configuration in names]
         loaded = LoadedRobot.of(equations, loads, theta, tuple(dependent))
         load_tests = tuple(load.test for load in tests)
-        readings = ([test.measured for test in load_tests], [test.deviations for test in load_tests])
-        return cls(load_tests, loaded, *map(np.concatenate, readings))
+        deflections = ([test.measured for test in load_tests], [test.deviations for test in load_tests])
+        return cls(load_tests, loaded, *map(np.concatenate, deflections))
 
     @property
     def n_residuals(self) -> int:
@@ -99,8 +99,8 @@ class StaticLoads:
 
 def load_of(placed_test: PlacedTest, robot: Robot) -> Load:
     """Return the force and torque of a test, a hanging mass as its weight; StudyError for a wrong number of angles."""
-    test, where = placed_test.test, placed_test.configuration
-    if refusal := robot.count_refusal(where.angles.size):
-        raise StudyError("study/invalid", f"{where.name}: {refusal}", "loads")
+    test, configuration = placed_test.test, placed_test.configuration
+    if refusal := robot.count_refusal(configuration.angles.size):
+        raise StudyError("study/invalid", f"{configuration.name}: {refusal}", "loads")
     force = np.asarray(test.force, dtype=float) + test.mass * np.asarray(robot.gravity, dtype=float)
-    return Load(where, test.frame, force, np.asarray(test.torque, dtype=float), test.read_at, test.directions)
+    return Load(configuration, test.frame, force, np.asarray(test.torque, dtype=float), test.read_at, test.directions)

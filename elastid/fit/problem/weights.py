@@ -12,7 +12,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen, fro
 from elastid.base.errors import DataError, Note, StudyError, did_you_mean
 from elastid.base.matrices import inverse
 from elastid.base.names import posture_of
-from elastid.base.workers import Kept
+from elastid.base.workers import KeptOnce
 from elastid.covariance import kronecker
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.spec import TYPICAL_MODEL_ERROR, FactorSpec, FitSpec, misnamed
@@ -20,7 +20,7 @@ from elastid.response import Covariance, Response
 
 
 @dataclass(frozen=True, eq=False)
-class Whitening(Kept):
+class Whitening(KeptOnce):
     """Whitening of errors relative to sigma (F, n_y, n_u), inf for excluded elements; factors only, to save memory.
 
     noise: C~.  floor: alpha, of |G| (F, n_y, n_u).
@@ -35,9 +35,9 @@ class Whitening(Kept):
     def matrix(self) -> ComplexArray:
         """L^-1 (F, n_y n_u, n_y n_u) of C~ relative to sigma, elements in the order of G; computed at every call."""
         F, n_y, n_u = self.sigma.shape
-        used = np.isfinite(self.sigma)
-        s = np.where(used, self.sigma, 1.0).reshape(F, 1, -1)
-        factors = used_factors(self.noise, used, is_split=self.floor == 0)
+        is_used = np.isfinite(self.sigma)
+        s = np.where(is_used, self.sigma, 1.0).reshape(F, 1, -1)
+        factors = used_factors(self.noise, is_used, is_split=self.floor == 0)
         self.noise.release()
         if len(factors) == 2:
             return inverse_cholesky(factors[::-1]) * s
@@ -47,18 +47,18 @@ class Whitening(Kept):
         C[:, diagonal, diagonal] += (self.floor * np.abs(self.G)).reshape(F, -1) ** 2
         return inverse_cholesky([C / (s.mT * s)])
 
-    def lines(self, keep: BoolArray | slice) -> "Whitening":
-        """Return the whitening on some lines; keep (F,) is True where a line stays."""
+    def lines(self, rows: BoolArray | slice) -> "Whitening":
+        """Return the whitening on a subset of lines; rows: mask (F,) or slice."""
         mask = np.zeros(len(self.sigma), dtype=np.bool_)
-        mask[keep] = True
+        mask[rows] = True
         noise = self.noise.lines(mask)
         self.noise.release()
-        return Whitening(noise, self.floor, self.G[keep], self.sigma[keep])
+        return Whitening(noise, self.floor, self.G[rows], self.sigma[rows])
 
 
-def used_factors(noise: Covariance, used: BoolArray, is_split: bool = True) -> tuple[ComplexArray, ...]:
-    """Return (left, right) if split, else (cov(vec G),); identity for elements not in `used` (F, n_y, n_u)."""
-    flat = vec(used)
+def used_factors(noise: Covariance, is_used: BoolArray, is_split: bool = True) -> tuple[ComplexArray, ...]:
+    """Return (left, right) if split, else (cov(vec G),); identity for elements not in `is_used` (F, n_y, n_u)."""
+    flat = vec(is_used)
     lines = flat.all(axis=1)
     if is_split and noise.left is not None and noise.right is not None and np.array_equal(lines, flat.any(axis=1)):
         return tuple(np.where(lines[:, None, None], part, np.eye(part.shape[1])) for part in (noise.left, noise.right))
@@ -84,7 +84,7 @@ def _is_singular(noise: Covariance, sigma: FloatArray) -> bool:
 
 
 @frozen_value
-class Weights(Kept):
+class Weights(KeptOnce):
     """sigma (F, n_y, n_u): standard deviation E|dG|^2 ^ 1/2 with which each element counts, inf where it is left out.
 
     factor (F, n_y, n_u): of the study, times the inverse variance.  noise: of the response, None where it is unknown.
@@ -122,7 +122,7 @@ def weigh(response: Response, spec: FitSpec) -> Weights:
     Default of the model error: 0 if all elements have noise, else `TYPICAL_MODEL_ERROR`.
     Raises DataError if the response has no variance and the model error is 0.
     """
-    where, measured, floor = response.configuration.name, response.uncertainty, spec.weights.model_error
+    name, measured, floor = response.configuration.name, response.uncertainty, spec.weights.model_error
     if floor is None:
         is_noisy = measured is not None and not np.any((measured.variance == 0) & (response.G != 0))
         floor = 0.0 if is_noisy else TYPICAL_MODEL_ERROR
@@ -131,24 +131,24 @@ def weigh(response: Response, spec: FitSpec) -> Weights:
             "fit/weights",
             "no variance is known (that takes two periods or two realisations) and "
             "fit.weights.model_error is 0; set it, for example to 0.01",
-            f"configuration {where}",
+            f"configuration {name}",
         )
     noise = smooth_noise(response)
     variance = np.zeros(response.G.shape) if noise is None else noise.variance
     sigma = np.sqrt(variance + (floor * np.abs(response.G)) ** 2)
     factor = _factors(response, spec.weights.factors)
-    used = (factor > 0) & _within(response.freq_hz, spec.band_hz or (-np.inf, np.inf))[:, None, None]
+    is_used = (factor > 0) & _within(response.freq_hz, spec.band_hz or (-np.inf, np.inf))[:, None, None]
     texts = list[str]()
     if measured is None:
         texts.append(f"no variance is known; the model error of {floor:g} determines the weights")
-    mute = _no_more_than_noise(response, variance, used)
+    mute = _no_more_than_noise(response, variance, is_used)
     if mute.any():
         names = ", ".join(f"{response.outputs[i]} from {response.inputs[j]}" for i, j in np.argwhere(mute))
         texts.append(f"FRF elements without a significant response are not fitted: {names}")
-    used &= ~mute
-    if silent := int((used & (sigma == 0)).sum()):
+    is_used &= ~mute
+    if silent := int((is_used & (sigma == 0)).sum()):
         texts.append(f"{silent} elements are not fitted: their variance and the model error are zero")
-    sigma = np.where(used & (sigma != 0), sigma, np.inf)
+    sigma = np.where(is_used & (sigma != 0), sigma, np.inf)
     correlated = None  # C~ if the elements of a line are weighted jointly
     if noise is not None:
         is_full = noise.smooth.form != "diagonal" and spec.criterion == "complex" and spec.weights.covariance == "auto"
@@ -156,7 +156,7 @@ def weigh(response: Response, spec: FitSpec) -> Weights:
             correlated = noise.smooth
         noise.measured.release()
     scale = _scale(noise, np.square(floor * np.abs(response.G)), correlated is not None)
-    notes = tuple(Note("fit/weights", text, f"configuration {where}") for text in texts)
+    notes = tuple(Note("fit/weights", text, f"configuration {name}") for text in texts)
     return Weights(sigma, noise, scale, floor, notes, factor, correlated)
 
 
@@ -208,14 +208,14 @@ def _within(freq_hz: FloatArray, band_hz: tuple[float, float]) -> BoolArray:
     return (freq_hz >= band_hz[0]) & (freq_hz <= band_hz[1])
 
 
-def _no_more_than_noise(response: Response, variance: FloatArray, used: BoolArray) -> BoolArray:
+def _no_more_than_noise(response: Response, variance: FloatArray, is_used: BoolArray) -> BoolArray:
     """Flag elements (n_y, n_u) with less signal than noise on their lines, mean |G|^2 / v < 2, or all zero.
 
     A weak element with a few lines above its noise stays: the weights know how much each line is worth.
     """
     power = np.abs(response.G) ** 2
     ratio = np.divide(power, variance, out=np.where(power > 0, np.inf, 0.0), where=variance > 0)
-    return np.asarray(np.where(used, ratio, 0.0).sum(axis=0) < 2 * used.sum(axis=0))
+    return np.asarray(np.where(is_used, ratio, 0.0).sum(axis=0) < 2 * is_used.sum(axis=0))
 
 
 def check_factors(responses: Sequence[Response], spec: FitSpec) -> None:

@@ -36,27 +36,27 @@ def ipopt(
 
     Errors of the problem are raised as they are; Ctrl-C becomes KeyboardInterrupt.
     """
-    scaled, n = _ScaledProblem(problem, x0, beginning), len(x0)
+    nlp, n = _ScaledProblem(problem, x0, beginning), len(x0)
     x, number, none, no_rows = (ca.Sparsity.dense(n, 1), ca.Sparsity.dense(1, 1), ca.Sparsity(0, 0), ca.Sparsity(0, 1))
     point = [("x", x), ("p", none)]
     at_multipliers = [*point, ("lam_f", number), ("lam_g", no_rows)]
-    objective = _Callback("objective", point, [("f", number), ("g", no_rows)], scaled.objective)
-    gradient = _Callback("nlp_grad_f", point, [("f", number), ("grad_f_x", x)], scaled.gradient)
-    hessian = _Callback("nlp_hess_l", at_multipliers, [("hess_gamma_x_x", ca.Sparsity.upper(n))], scaled.hessian)
+    objective = _Callback("objective", point, [("f", number), ("g", no_rows)], nlp.objective)
+    gradient = _Callback("nlp_grad_f", point, [("f", number), ("grad_f_x", x)], nlp.gradient)
+    hessian = _Callback("nlp_hess_l", at_multipliers, [("hess_gamma_x_x", ca.Sparsity.upper(n))], nlp.hessian)
     options = _OPTIONS | {"grad_f": gradient, "hess_lag": hessian}
-    options |= {"ipopt.max_iter": max_iterations, "ipopt.tol": tolerance * scaled.weight}
+    options |= {"ipopt.max_iter": max_iterations, "ipopt.tol": tolerance * nlp.weight}
     solver = ca.nlpsol("fit", "ipopt", objective, options)
-    lower, upper = map(scaled.to_z, problem.parameters.x_bounds)
-    solution = solver(x0=scaled.to_z(x0), lbx=lower, ubx=upper)
+    lower, upper = map(nlp.to_z, problem.parameters.x_bounds)
+    solution = solver(x0=nlp.to_z(x0), lbx=lower, ubx=upper)
     stats = solver.stats()
-    if scaled.error is not None:
-        raise scaled.error
+    if nlp.error is not None:
+        raise nlp.error
     # Ctrl-C inside IPOPT does not raise; it returns this status and an x that is no solution.
     if stats["return_status"] == _FOREIGN_EXCEPTION:
         raise KeyboardInterrupt
-    end = np.clip(scaled.to_x(solution["x"]), *problem.parameters.x_bounds)
+    end = np.clip(nlp.to_x(solution["x"]), *problem.parameters.x_bounds)
     status = "" if stats["return_status"] == _SUCCESS else str(stats["return_status"])
-    return Ending(end, scaled.at(end), status, int(stats["iter_count"]))
+    return Ending(end, nlp.at(end), status, int(stats["iter_count"]))
 
 
 class _ScaledProblem:
@@ -67,10 +67,10 @@ class _ScaledProblem:
 
     def __init__(self, problem: LeastSquares, x0: FloatArray, beginning: Evaluation) -> None:
         lower, upper = problem.parameters.x_bounds
-        bounded = np.isfinite(upper - lower)
+        is_bounded = np.isfinite(upper - lower)
         self.problem = problem
-        self.origin = np.where(bounded, lower, 0.0)
-        self.scale = np.where(bounded, upper - lower, np.maximum(np.abs(x0), 1.0))
+        self.origin = np.where(is_bounded, lower, 0.0)
+        self.scale = np.where(is_bounded, upper - lower, np.maximum(np.abs(x0), 1.0))
         self.weight = 1.0 / max(1, problem.n_residuals)
         self.error: BaseException | None = None
         self._cache = (x0.tobytes(), beginning)

@@ -74,60 +74,60 @@ def trust_region(
     """
     parameters = problem.parameters
     unit, fixed = _units(parameters, x0, beginning), np.zeros(len(x0), dtype=bool) if fixed is None else fixed
-    x, now, radius, costs = x0, beginning, FIRST_RADIUS * np.sqrt(len(x0)), [beginning.cost]
+    x, current, radius, costs = x0, beginning, FIRST_RADIUS * np.sqrt(len(x0)), [beginning.cost]
     for iteration in range(max_iterations + 1):
-        at_bounds = fixed | find_active_bounds(problem, x, now)
-        if distance_to_optimum(now, problem.dof, at_bounds) < tolerance:
-            return Ending(x, now, "", iteration)
+        at_bounds = fixed | find_active_bounds(problem, x, current)
+        if distance_to_optimum(current, problem.dof, at_bounds) < tolerance:
+            return Ending(x, current, "", iteration)
         if iteration == max_iterations:
             break
-        is_far = len(costs) > CREEPING_ITERATIONS and is_far_from_noise(now.cost, problem.dof)
-        if is_far and costs[-1 - CREEPING_ITERATIONS] - now.cost < MIN_PROGRESS * now.cost:
-            return Ending(x, now, CREEPING, iteration)
-        gradient, hessian = unit * now.gradient, np.outer(unit, unit) * now.hessian
+        is_far = len(costs) > CREEPING_ITERATIONS and is_far_from_noise(current.cost, problem.dof)
+        if is_far and costs[-1 - CREEPING_ITERATIONS] - current.cost < MIN_PROGRESS * current.cost:
+            return Ending(x, current, CREEPING, iteration)
+        gradient, hessian = unit * current.gradient, np.outer(unit, unit) * current.hessian
         border = None if problem.border is None else np.outer(unit, unit) * problem.border(x)
         metric, step, predicted = np.eye(len(x)), np.zeros(len(x)), 0.0
         # Many variables fixed at their bounds at once may cost more than the step gains: a shorter step fixes fewer.
-        while not predicted > ROUNDING * now.cost and radius > MIN_RADIUS:
+        while not predicted > ROUNDING * current.cost and radius > MIN_RADIUS:
             if border is not None:  # beta weighs, unless rounding would swallow 1
                 weight = min((radius / SHARE_OF_BORDER) ** 2, MAX_CONDITION / max(float(np.trace(border)), 1e-300))
                 metric = np.eye(len(x)) + weight * border
-            step = _bounded_step(gradient, hessian, metric, _room(parameters, x, unit), at_bounds, radius)
+            step = _bounded_step(gradient, hessian, metric, _distance_to_bounds(parameters, x, unit), at_bounds, radius)
             predicted = -float(gradient @ step + 0.5 * step @ hessian @ step)
-            radius *= 1.0 if predicted > ROUNDING * now.cost else SHRINK[0]
-        if not predicted > ROUNDING * now.cost:
-            return Ending(x, now, "no further decrease", iteration)
-        x_new = _clipped(parameters, x, unit * step)
+            radius *= 1.0 if predicted > ROUNDING * current.cost else SHRINK[0]
+        if not predicted > ROUNDING * current.cost:
+            return Ending(x, current, "no further decrease", iteration)
+        x_new = _clip(parameters, x, unit * step)
         new = problem.evaluate(x_new)
-        gain_ratio = (now.cost - new.cost) / predicted if np.isfinite(new.cost) else -np.inf
+        gain_ratio = (current.cost - new.cost) / predicted if np.isfinite(new.cost) else -np.inf
         length = float(np.sqrt(step @ metric @ step))
         radius = _next_radius(radius, length, gain_ratio, predicted, float(gradient @ step))
         if gain_ratio > 1e-4:
-            x, now = x_new, new
-        costs.append(now.cost)
-    return Ending(x, now, "stopped", max_iterations)
+            x, current = x_new, new
+        costs.append(current.cost)
+    return Ending(x, current, "stopped", max_iterations)
 
 
-def _units(parameters: Parameters, x: FloatArray, now: Evaluation) -> FloatArray:
+def _units(parameters: Parameters, x: FloatArray, current: Evaluation) -> FloatArray:
     """Return changes (n_x,) of equal weight: a factor e, or a size of a linear parameter.
 
     The size is the largest of value, Newton step and standard deviation, and at most the width of the bounds.
     """
-    curvature = np.diag(now.hessian)
-    newton, deviation = quotient(np.abs(now.gradient), curvature), np.sqrt(quotient(2.0, curvature))
+    curvature = np.diag(current.hessian)
+    newton, deviation = quotient(np.abs(current.gradient), curvature), np.sqrt(quotient(2.0, curvature))
     size = np.maximum(np.abs(x), np.maximum(newton, deviation))
     size[size == 0] = 1.0
     return np.where(parameters.is_log, 1.0, np.minimum(size, -np.subtract(*parameters.x_bounds)))
 
 
-def _room(parameters: Parameters, x: FloatArray, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the smallest and the largest steps (n_x,) within the bounds, in units; see `_clipped`."""
+def _distance_to_bounds(parameters: Parameters, x: FloatArray, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the smallest and the largest steps (n_x,) within the bounds, in units; see `_clip`."""
     lower, upper = parameters.x_bounds
     with np.errstate(over="ignore"):
         return (lower - x) / unit, np.where(parameters.is_log, np.expm1(upper - x), (upper - x) / unit)
 
 
-def _clipped(parameters: Parameters, x: FloatArray, step: FloatArray) -> FloatArray:
+def _clip(parameters: Parameters, x: FloatArray, step: FloatArray) -> FloatArray:
     """Return x (n_x,) after a step: x + s, or x + ln(1 + s) for an increase of a logarithmic parameter."""
     up = parameters.is_log & (step > 0)
     return np.clip(x + np.where(up, np.log1p(np.where(up, step, 0.0)), step), *parameters.x_bounds)
@@ -137,7 +137,7 @@ def _bounded_step(
     gradient: FloatArray,
     hessian: FloatArray,
     metric: FloatArray,
-    room: tuple[FloatArray, FloatArray],
+    bounds: tuple[FloatArray, FloatArray],
     at_bounds: BoolArray,
     radius: float,
 ) -> FloatArray:
@@ -151,7 +151,7 @@ def _bounded_step(
         slope = gradient[free] + hessian[np.ix_(free, ~free)] @ step[~free]
         among = np.ix_(free, free)
         step[free] = _step_within(slope, hessian[among], metric[among], float(np.sqrt(squared_radius)))
-        within = np.clip(step, *room)
+        within = np.clip(step, *bounds)
         beyond = free & (step != within)
         if not beyond.any():
             break
@@ -237,11 +237,11 @@ def spread(parameters: Parameters, starts: int, factor: float, seed: int) -> Flo
     n, n_x = starts - 1, len(parameters.free)
     rng = np.random.default_rng(seed)
     cube = 2 * (np.array([rng.permutation(n) for _ in range(n_x)]).reshape(n_x, n).T + rng.random((n, n_x))) / n - 1
-    reach = [
+    radius = [
         math.log(factor) * (2 if p.unit in DAMPING_UNITS else 1) if p.log else 0.1 * (p.upper - p.lower)
         for p in parameters.free
     ]
-    step = cube * np.where(np.isfinite(reach), reach, 0.0)
+    step = cube * np.where(np.isfinite(radius), radius, 0.0)
     return np.vstack([parameters.x, np.clip(parameters.x + step, lower, upper)])
 
 
@@ -257,13 +257,13 @@ def multistart(
     """
     begin, names = partial(_begin, tuple(problems), method), [f"start-{i}" for i in range(len(starts))]
     ends = (execution or Execution()).resumed(begin, list(starts), names)
-    ranked = tuple(sorted(ends, key=lambda end: end.cost))
-    best = ranked[0].cost
+    optima = tuple(sorted(ends, key=lambda end: end.cost))
+    best = optima[0].cost
     if not np.isfinite(best):
         raise FitError("fit/no-start", f"all {len(ends)} starts failed; the first with: {ends[0].message}")
     # V rises by 1, or by what V is over its degrees of freedom, at one standard deviation from its minimum.
     hit = best + MAX_HIT_EXCESS * max(1.0, best / max(problems[-1].dof, 1))
-    return ranked, sum(end.cost <= hit for end in ranked)
+    return optima, sum(end.cost <= hit for end in optima)
 
 
 def _begin(problems: tuple[LeastSquares, ...], method: SolverName, x_start: FloatArray) -> LocalOptimum:

@@ -34,7 +34,7 @@ from elastid.base.statistics import mean_of_neighbours
 from elastid.frf.estimators import kronecker
 from elastid.frf.local.least_squares import LocalFit
 from elastid.frf.quality import coherences_of_powers, quality_of
-from elastid.response import Covariance, Levels, Quality
+from elastid.response import Covariance, LineAmplitudes, Quality
 
 # Thresholds of a fit; false-alarm rates: not measured.
 MAX_CONDITION = 1e9  # of the regressors of a line
@@ -97,20 +97,20 @@ def fitted_response(fit: LocalFit, experiments: Experiments, usable: BoolArray) 
     inverse = np.linalg.inv(B_u) if closed else B_u
     G = B[:, :n_y] @ inverse
     N = np.concatenate([np.broadcast_to(np.eye(n_y), (F, n_y, n_y)), -G], axis=2)
-    left = np.swapaxes(inverse, 1, 2) @ fit.input_factor[usable] @ inverse.conj()
+    input_covariance = np.swapaxes(inverse, 1, 2) @ fit.input_factor[usable] @ inverse.conj()
     residual_map = N if closed else N[:, :, :n_y]
     M = residual_map[:, None] @ fit.M[usable] @ inverse[:, None]
     poles = (M, fit.A_cov[usable])
     C_total = residual_map @ (fit.scatter[usable] / fit.dof) @ residual_map.mT.conj()
-    total = _covariance(left, C_total, fit.dof, poles)
+    total = _covariance(input_covariance, C_total, fit.dof, poles)
     if experiments.C_Z is None:
-        return FittedResponse(G, None, total, B_u, left, C_total)
+        return FittedResponse(G, None, total, B_u, input_covariance, C_total)
     C_Z = experiments.C_Z[usable]
     C_noise = N @ C_Z @ N.mT.conj()
     # The part of cov(A) that noise explains, by its share in the total.
     ratio = np.einsum("fyy->f", C_noise).real / np.maximum(np.einsum("fyy->f", C_total).real, 1e-300)
-    noise = _covariance(left, C_noise, dof, (M, fit.A_cov[usable] * ratio[:, None, None]))
-    return FittedResponse(G, noise, total, B_u, left, C_total, C_Z, C_noise)
+    noise = _covariance(input_covariance, C_noise, dof, (M, fit.A_cov[usable] * ratio[:, None, None]))
+    return FittedResponse(G, noise, total, B_u, input_covariance, C_total, C_Z, C_noise)
 
 
 def _covariance(
@@ -149,10 +149,10 @@ def with_model_error(
     G, total = fitted.G, fitted.total
     error = np.zeros(G.shape)
     for fit, has_more in richer:
-        compared = usable & has_more & separates_inputs(fit, experiments)
-        if not compared.any():
+        is_compared = usable & has_more & separates_inputs(fit, experiments)
+        if not is_compared.any():
             continue
-        on, refit = compared[usable], fitted_response(fit, experiments, compared)
+        on, refit = is_compared[usable], fitted_response(fit, experiments, is_compared)
         difference, variance = np.zeros(G.shape, dtype=np.complex128), np.zeros(G.shape)
         difference[on], variance[on] = G[on] - refit.G, refit.total.variance
         is_informative = variance <= MAX_VARIANCE_RATIO * total.variance
@@ -183,8 +183,8 @@ def local_quality(freq_hz: FloatArray, fitted: FittedResponse, periods: FloatArr
         output_noise, noise = np.split(power(fitted.C_Z), [n_y], axis=1)
     *coherence, signal = _coherences(fitted, S_uu, C_V)
     noise_of_mean = output_noise * np.mean(1 / periods)
-    excited = Levels(freq_hz, np.sqrt(signal + noise_of_mean), np.sqrt(noise_of_mean))
-    return quality_of(G, S_uu, (coherence[0], coherence[1]), (noise, output_noise), excited)
+    amplitudes = LineAmplitudes(freq_hz, np.sqrt(signal + noise_of_mean), np.sqrt(noise_of_mean))
+    return quality_of(G, S_uu, (coherence[0], coherence[1]), (noise, output_noise), amplitudes)
 
 
 def _coherences(

@@ -175,7 +175,7 @@ def fit_ladder(Z: ComplexArray, R: ComplexArray, window: Windows, ladder: Sequen
     for i, fit in enumerate(fits[1:], 1):
         clear = np.max(fit.dof * np.log(power / _power(fit)), axis=1) > LOG_GAIN
         power, selected = np.where(clear[:, None], _power(fit), power), np.where(clear, i, selected)
-        best = _select_fits(clear, _grown(fit, poles, dof), _grown(best, poles, dof))
+        best = _select_fits(clear, _add_poles(fit, poles, dof), _add_poles(best, poles, dof))
     return LadderFit(best, fits, selected, window, ladder[-1])
 
 
@@ -203,13 +203,13 @@ def _power(fit: LocalFit) -> FloatArray:
     return np.asarray(np.maximum(np.einsum("fzz->fz", fit.scatter).real, 1e-300) / fit.dof)
 
 
-def _grown(fit: LocalFit, poles: int, dof: float) -> LocalFit:
+def _add_poles(fit: LocalFit, poles: int, dof: float) -> LocalFit:
     """Return fit with room for more poles, and a residual as if it had fewer degrees of freedom."""
-    more = poles - fit.M.shape[1]
+    n_more = poles - fit.M.shape[1]
     return replace(
         fit,
-        M=np.pad(fit.M, ((0, 0), (0, more), (0, 0), (0, 0))),
-        A_cov=np.pad(fit.A_cov, ((0, 0), (0, more), (0, more))),
+        M=np.pad(fit.M, ((0, 0), (0, n_more), (0, 0), (0, 0))),
+        A_cov=np.pad(fit.A_cov, ((0, 0), (0, n_more), (0, n_more))),
         scatter=fit.scatter * (dof / fit.dof),
         dof=dof,
     )
@@ -242,17 +242,17 @@ def fit_block(Z: ComplexArray, R: ComplexArray, window: Windows, terms: WindowTe
     # Rows are (experiment, bin) pairs.
     rows = np.moveaxis(Z[:, window.index], 0, 1).reshape(f, E * n_w, n_z)
     powers = np.tile(window.offset, (1, E))[:, None] ** np.arange(1, terms.poles + 1)[:, None]
-    return _local_fit(_iterated(Phi / size, rows, powers), size, terms, E, terms.degrees_of_freedom(n_w, E, n_z))
+    return _local_fit(_iterate(Phi / size, rows, powers), size, terms, E, terms.degrees_of_freedom(n_w, E, n_z))
 
 
-def _iterated(Phi: ComplexArray, Z: ComplexArray, powers: FloatArray) -> _Solution:
+def _iterate(Phi: ComplexArray, Z: ComplexArray, powers: FloatArray) -> _Solution:
     """Solve for A with rows weighted by 1 / |A| of the iteration before, then for B and T; powers (f, d, rows)."""
     X = powers[..., None] * Z[:, None]
     iterations = 4 if powers.shape[1] else 0  # further ones change the denominator by less than the noise does
     a = np.zeros(powers.shape[:2], dtype=np.complex128)
-    V, least = Z, 1e-9 * _rms(Z)
+    V, tolerance = Z, 1e-9 * _rms(Z)
     for iteration in range(iterations + 1):
-        scale = np.maximum(_rms(V), least)
+        scale = np.maximum(_rms(V), tolerance)
         A = np.abs(1 + np.einsum("fp,fpr->fr", a, powers))
         # A pole that moves onto a bin would otherwise take all weight from the others.
         w = 1 / np.maximum(A, (0.1 if iteration < iterations else 1e-12) * A.max(axis=1, keepdims=True))

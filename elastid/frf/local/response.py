@@ -38,9 +38,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import MIN_LARGE_VALUES, BoolArray, ComplexArray, FloatArray, IntArray, quotient
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, quotient
 from elastid.base.errors import DataError, Note, notes_of
 from elastid.base.fourier import real_dft
+from elastid.base.large_arrays import MIN_LARGE_VALUES
 from elastid.base.matrices import power
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.checks import REPEAT_DIFFERENCE
@@ -116,12 +117,12 @@ def local_response(
     Raises DataError where a sample or period is missing, the lines are too few or the experiments do not separate the
     inputs.
     """
-    records, cut = _cut_to_one_length(records)
+    records, cut_records = _cut_to_one_length(records)
     logs = undivided_logs(records)
     first = logs[0]
     all_lines = analysed_lines([RecordSpectra(log) for log in logs], spec, planned_lines)
-    dropped = 0 if spec.transient_periods == "auto" else spec.transient_periods
-    spectra = [steady_spectra(log, all_lines, spec.quantity, dropped) for log in logs]
+    n_discarded = 0 if spec.transient_periods == "auto" else spec.transient_periods
+    spectra = [steady_spectra(log, all_lines, spec.quantity, n_discarded) for log in logs]
     _refuse_dead_inputs(first, spectra)
     closed = all(spectrum.R is not None for spectrum in spectra)
     spectra = merge_repeats(spectra, closed)
@@ -142,7 +143,7 @@ def local_response(
     lines, span = all_lines[signals.response_lines], fits.window.span
     freq_hz, span_hz = (line_frequencies(x[usable], first.rate_hz, first.period_samples) for x in (lines, span))
     quality = local_quality(freq_hz, fitted, experiments.periods, S_rr[usable])
-    notes = [*cut, *notes_of(logs)]
+    notes = [*cut_records, *notes_of(logs)]
     if not usable.all():
         notes.append(discarded_lines_note(lines[~usable], first, "inputs move in proportion"))
     if len(spectra) < len(logs):
@@ -182,12 +183,12 @@ def _cut_to_one_length(records: Sequence[Record]) -> tuple[Sequence[Record], tup
             "estimator.method h1",
             place,
         )
-    cut = [
+    cut_records = [
         replace(record, u=record.u[:n], y=record.y[:n], r=None if record.r is None else record.r[:n], period_samples=n)
         for record in records
     ]
     text = f"records of {seconds} are cut to the shortest length, since a local method compares them line by line"
-    return cut, (Note("frf/window", text, place),)
+    return cut_records, (Note("frf/window", text, place),)
 
 
 def spectra_at(signals: FloatArray, samples: slice, bins: IntArray) -> ComplexArray:
@@ -199,16 +200,16 @@ def spectra_at(signals: FloatArray, samples: slice, bins: IntArray) -> ComplexAr
     return np.asarray(np.concatenate(every, axis=1) * (2 / n))
 
 
-def steady_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: int = 0) -> SteadySpectra:
-    """Return the spectra of a record at lines (F,) of its period without the transient; skip `dropped` periods."""
-    P = record.n_periods - dropped
-    samples = slice(dropped * record.period_samples, record.n_periods * record.period_samples)
+def steady_spectra(record: Record, lines: IntArray, quantity: Motion, n_discarded: int = 0) -> SteadySpectra:
+    """Return the spectra of a record at lines (F,) of its period without the transient; skip `n_discarded` periods."""
+    P = record.n_periods - n_discarded
+    samples = slice(n_discarded * record.period_samples, record.n_periods * record.period_samples)
     n = samples.stop - samples.start
     n_y, bins = len(record.outputs), lines * P
     # The bins between lines, 0 and the highest left out: no multiples of P; even ones of one period of odd lines.
-    reach = transient_half_width(n_y, n_y + len(record.inputs))
-    if (2 * reach + 1) * len(bins) < n // 2:
-        inner = np.unique(np.clip(bins[:, None] + np.arange(-reach, reach + 1), 1, n // 2 - 1))
+    half_width = transient_half_width(n_y, n_y + len(record.inputs))
+    if (2 * half_width + 1) * len(bins) < n // 2:
+        inner = np.unique(np.clip(bins[:, None] + np.arange(-half_width, half_width + 1), 1, n // 2 - 1))
     else:
         inner = np.arange(1, n // 2)
     transient_bins = inner[inner % 2 == 0] if record.half_wave and P == 1 else inner[inner % P != 0]
@@ -344,7 +345,7 @@ def merge_repeats(spectra: Sequence[SteadySpectra], closed: bool) -> list[Steady
         if not twins:
             groups.append(twins)
         twins.append(spectrum)
-    return [group[0] if len(group) == 1 else _merged(group, closed) for group in groups]
+    return [group[0] if len(group) == 1 else _merge(group, closed) for group in groups]
 
 
 def driver_of(spectra: SteadySpectra, closed: bool) -> ComplexArray:
@@ -361,7 +362,7 @@ def _gain(R: ComplexArray, R_other: ComplexArray) -> float | None:
     return c if np.sum(np.abs(R_other - c * R) ** 2) < REPEAT_DIFFERENCE**2 * power_other else None
 
 
-def _merged(group: Sequence[SteadySpectra], closed: bool) -> SteadySpectra:
+def _merge(group: Sequence[SteadySpectra], closed: bool) -> SteadySpectra:
     gains = [_gain(driver_of(group[0], closed), driver_of(spectrum, closed)) or 1.0 for spectrum in group]
     pairs = [(spectrum.n_periods * c, spectrum) for c, spectrum in zip(gains, group, strict=True)]
     total = sum(weight * c for (weight, _), c in zip(pairs, gains, strict=True))

@@ -49,7 +49,7 @@ def closed(
     gains = [[channel_name("gain", role, motor) for motor in names] for role in GAINS]
     numbers = np.array([[model.number(theta, n) if n in model.channel_numbers else 1.0 for n in row] for row in gains])
     feedback, feedforward = (np.einsum("gm,gfm->fm", numbers, C) for C in (loop.feedback, loop.feedforward))
-    plain, plain_images = (of_outputs[..., :, None] * part for part in (plain, plain_images))
+    plain, plain_images = (of_outputs[..., :, None] * factor for factor in (plain, plain_images))
     Y, P = H * (plain + plain_images), H * (motors + motor_images)
     S = np.linalg.inv(np.eye(len(names)) + feedback[:, :, None] * P)
     columns = [names.index(motor) for motor in model.driven]

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from elastid.base.workers import Kept
+from elastid.base.workers import KeptOnce
 from elastid.linear.response.kernel import Kernel
 
 AnyComplex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]
@@ -58,9 +58,9 @@ class Sensitivity:
         columns = np.empty((len(self.s), len(self.outputs), len(scale)), np.result_type(precision, np.complex64))
         right = self.right.astype(columns.dtype)
         left = right if self.is_alike else self.left.astype(columns.dtype)
-        scaled = left[:, :, :n_1] * (self.gain[:, None] * (self.sign * scale[:n_1])).astype(columns.dtype)[:, None]
-        scaled, other = scaled.take(self.outputs, axis=1), right[:, :, :n_1].take(self.inputs, axis=1)
-        np.multiply(scaled, other, out=columns[:, :, :n_1])
+        of_outputs = left[:, :, :n_1] * (self.gain[:, None] * (self.sign * scale[:n_1])).astype(columns.dtype)[:, None]
+        of_outputs, of_inputs = of_outputs.take(self.outputs, axis=1), right[:, :, :n_1].take(self.inputs, axis=1)
+        np.multiply(of_outputs, of_inputs, out=columns[:, :, :n_1])
         if n_12 > n_1:
             left = left[:, :, n_1:] * self.gain.astype(columns.dtype)[:, None, None]
             columns[:, :, n_1:n_12] = self._matrix_columns(left, right[:, :, n_1:], scale[n_1:n_12])
@@ -77,8 +77,8 @@ class Sensitivity:
         if S[1].any():
             products -= S[1] @ (lines * (self.omega**2).astype(real)[:, None, None])
         full = left @ products.view(right.dtype).reshape(F, r, n_2 * n_u)
-        place = ((self.outputs[:, None] * n_2 + np.arange(n_2)) * n_u + self.inputs[:, None]).ravel()
-        return np.asarray(full.reshape(F, -1).take(place, axis=1).reshape(F, len(self.outputs), n_2))
+        index = ((self.outputs[:, None] * n_2 + np.arange(n_2)) * n_u + self.inputs[:, None]).ravel()
+        return np.asarray(full.reshape(F, -1).take(index, axis=1).reshape(F, len(self.outputs), n_2))
 
     def pull(self, weight: ComplexArray) -> ComplexArray:
         """Sum (j omega)^p weight U_b (3, n_b), p = 0, 1, 2, columns U, over lines and elements; weight (F, n_e).
@@ -91,8 +91,8 @@ class Sensitivity:
         rows, n_1, r = spread @ self.right, len(self.sign), self.S.shape[2]
         flat = (self.left[:, :, :n_1] * rows[:, :, :n_1]).reshape(len(rows), rows.shape[1] * n_1)
         single = (powers @ flat).reshape(3, rows.shape[1], n_1).sum(axis=1) * self.sign
-        many = (powers[:, :, None, None] * rows[:, :, n_1:]).reshape(3, rows.shape[0] * rows.shape[1], r)
-        between = self.left[:, :, n_1:].reshape(many.shape[1:]).T @ many
+        weighted_rows = (powers[:, :, None, None] * rows[:, :, n_1:]).reshape(3, rows.shape[0] * rows.shape[1], r)
+        between = self.left[:, :, n_1:].reshape(weighted_rows.shape[1:]).T @ weighted_rows
         direct = powers @ (weight[:, None, :] @ self.whole)[:, 0]
         return np.concatenate([single, self.pulled_by(between), direct], axis=1)
 
@@ -139,7 +139,7 @@ class Pieces:
 
 
 @dataclass(frozen=True, eq=False)
-class Columns(Kept):
+class Columns(KeptOnce):
     """A kernel's response and derivatives, element by element and base by base."""
 
     kernel: Kernel
@@ -212,9 +212,9 @@ class Columns(Kept):
         direct = (*self.kernel.factors, *self.kernel.output_parameters)
         base_of = np.zeros(len(E), np.int64)
         base_of[bases] = np.arange(len(bases))
-        places = np.concatenate([place, [parameters.index(name) for name in direct]]).astype(np.int64)
-        sigma_of = np.zeros((len(places), len(parameters)))
-        sigma_of[np.arange(len(places)), places] = np.concatenate([sigma, np.ones(len(direct))])
+        indices = np.concatenate([place, [parameters.index(name) for name in direct]]).astype(np.int64)
+        sigma_of = np.zeros((len(indices), len(parameters)))
+        sigma_of[np.arange(len(indices)), indices] = np.concatenate([sigma, np.ones(len(direct))])
         return Pieces(
             sign[single],
             y[single].T / np.sqrt(np.abs(sigma[single])),
@@ -235,29 +235,29 @@ class Columns(Kept):
         """Yield the sensitivities at theta (n_theta,), one block of lines at a time."""
         rows, columns = self.elements
         (directions, S), kernel = self._directions, self.kernel
-        places = rows * len(kernel.model.inputs) + columns
+        locations = rows * len(kernel.model.inputs) + columns
         for band in kernel.products(theta, directions):
             # The loops leave the lines of an element side by side.
-            s, G = band.s, band.G.transpose(1, 2, 0).reshape(-1, len(band.s)).take(places, axis=0).T
+            s, G = band.s, band.G.transpose(1, 2, 0).reshape(-1, len(band.s)).take(locations, axis=0).T
             left, right = kernel.sides(theta, band)
             factors = [slope[:, rows, columns] for slope in kernel.factor_slopes(theta, band)]
             direct = [*factors, *band.output_slopes[:, :, rows, columns]]
-            unfactored = -np.stack(direct, axis=2) if direct else np.zeros((*G.shape, 0), complex)
+            direct_terms = -np.stack(direct, axis=2) if direct else np.zeros((*G.shape, 0), complex)
             omega = s.imag / self.omega_0
             bases = left, right, self.pieces.sign, S
-            yield Sensitivity(band.block, s, omega, band.gain, G, *bases, unfactored, rows, columns)
+            yield Sensitivity(band.block, s, omega, band.gain, G, *bases, direct_terms, rows, columns)
 
     def evaluate(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """Return G (F, n_y, n_u) and its derivatives (P, F, n_y, n_u) by the P parameters at theta (n_theta,)."""
         pieces = self.pieces
         G = np.empty((self.kernel.freq_hz.size, *self.entries.shape), complex)
-        dG, places = np.empty((len(self.kernel.parameters), *G.shape), complex), np.argmax(pieces.sigma != 0, axis=1)
+        dG, indices = np.empty((len(self.kernel.parameters), *G.shape), complex), np.argmax(pieces.sigma != 0, axis=1)
         for band in self.at(theta):
             U = band.columns(np.ones(pieces.base.max(initial=-1) + 1), np.float64)
             of_elements = np.zeros((len(dG), *band.G.shape), complex)
-            for t, place in enumerate(places):
-                of_elements[place] -= (
-                    pieces.sigma[t, place] * band.s[:, None] ** pieces.power[t] * U[:, :, pieces.base[t]]
+            for t, index in enumerate(indices):
+                of_elements[index] -= (
+                    pieces.sigma[t, index] * band.s[:, None] ** pieces.power[t] * U[:, :, pieces.base[t]]
                 )
             G[band.block], dG[:, band.block] = band.G.take(self.entries, axis=1), of_elements.take(self.entries, axis=2)
         return G, dG
@@ -272,7 +272,7 @@ def _first_alike(E: FloatArray) -> tuple[FloatArray, IntArray]:
     sign = np.sign(cosine[rows, earlier])
     is_alike = np.abs(unit[rows] - sign[:, None] * unit[earlier]).max(axis=1, initial=0.0) < EQUAL_TOLERANCE
     # np.nonzero lists the earliest row first; in reverse order the earliest is assigned last.
-    rows, earlier, sign = (part[is_alike][::-1] for part in (rows, earlier, sign))
+    rows, earlier, sign = (values[is_alike][::-1] for values in (rows, earlier, sign))
     first[rows] = earlier
     size[rows] *= sign
     return size, first

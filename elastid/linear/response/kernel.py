@@ -27,7 +27,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.kernels import call, is_compiled
-from elastid.base.workers import Kept
+from elastid.base.workers import KeptOnce
 from elastid.linear.linear_model import TORQUE_LAG, LinearModel
 from elastid.linear.response.closed_loop import GAINS, ClosedLoop, closed, open_loops
 from elastid.linear.response.transfer import factor, folded_images, zoh_aliases
@@ -71,7 +71,7 @@ class Sides:
 
 
 @frozen_value(eq=False)
-class Kernel(Kept):
+class Kernel(KeptOnce):
     """G of one LinearModel on the lines freq_hz (F,), and the factors for its derivatives with respect to `parameters`
     (P names).
 
@@ -126,8 +126,8 @@ class Kernel(Kept):
         """Return d ln G / d theta_p (n_y, n_u) or (F, n_y, n_u) of a number of a channel, or of all of a role."""
         kind = next(kind for kind in CHANNEL_NUMBERS if name.startswith(kind))
         rows, columns = (
-            np.array([name in (channel_name(kind, role), channel_name(kind, role, place)) for place in places])
-            for role, places in (("y", self.model.outputs), (self.model.input_role, self.model.driven))
+            np.array([name in (channel_name(kind, role), channel_name(kind, role, location)) for location in locations])
+            for role, locations in (("y", self.model.outputs), (self.model.input_role, self.model.driven))
         )
         is_in = rows[:, None] * 1.0 + (columns if self.model.controller is not None else -1.0 * columns)
         if kind == "gain":
@@ -138,9 +138,9 @@ class Kernel(Kept):
     def output_columns(self) -> IntArray:
         """Right side in `Products.YX` of each output, which belongs to its direction, tilt included."""
         sides = self._sides
-        places = sides.columns.copy()
-        places[sides.tilted] = sides.tilts + len(sides.tilts)
-        return places
+        columns = sides.columns.copy()
+        columns[sides.tilted] = sides.tilts + len(sides.tilts)
+        return columns
 
     @cached_property
     def output_parameters(self) -> tuple[str, ...]:
@@ -155,16 +155,16 @@ class Kernel(Kept):
         (C, T), tilted = model.readout(theta), self._sides.tilted
         right = np.column_stack([*model.acting(theta).T, *C[self._sides.extra], *T[tilted]])
         n_d, n_y, n_u = Y.shape[1], len(C), model.B.shape[1]
-        controlled = () if model.controller is None else (model.B,)
-        sides, n_t = np.hstack([Y, C.T, T[tilted].T, *self._slope_rows, *controlled]), n_y + len(tilted)
+        control_inputs = () if model.controller is None else (model.B,)
+        sides, n_t = np.hstack([Y, C.T, T[tilted].T, *self._slope_rows, *control_inputs]), n_y + len(tilted)
         for start in range(0, self.freq_hz.size, BLOCK):
             block = slice(start, start + BLOCK)
             omega = 2 * np.pi * self.freq_hz[block]
             s = (1j * omega).astype(complex)
             products = self._elimination.products if self.takes_compiled else solved_products
-            solved = products(M, D, K, omega, right, sides)
+            solution = products(M, D, K, omega, right, sides)
             gain = factor(model, theta, s)
-            by_inputs, YX = solved[:, :n_u, n_d:], solved[:, :, :n_d]
+            by_inputs, YX = solution[:, :n_u, n_d:], solution[:, :, :n_d]
             G = gain[:, None, None] * by_inputs[:, :, :n_y]
             if tilted.size:
                 over = 1 / s[:, None, None] ** 2
@@ -174,12 +174,12 @@ class Kernel(Kept):
             if self.output_parameters:
                 rows = by_inputs[:, :, n_t : n_t + 2 * n_y * len(output_slopes)]
                 dC, dT = rows.reshape(len(s), n_u, -1, 2, n_y).transpose(3, 2, 0, 4, 1)
-                by_B = self._slope_columns(solved[:, :, n_d + n_t + rows.shape[2] :], s)
+                by_B = self._slope_columns(solution[:, :, n_d + n_t + rows.shape[2] :], s)
                 output_slopes = gain[:, None, None] * (dC + dT / s[:, None, None] ** 2 + by_B)
             G, loop = G.swapaxes(1, 2), None
             if self._open_loops is not None:
                 motors = factor(self._open_loops[1], theta, s)[:, None, None] * by_inputs[:, :, -n_u:].swapaxes(1, 2)
-                images = (part[block] for part in self._images)
+                images = (image[block] for image in self._images)
                 loop = closed(model, theta, self.freq_hz[block], G, motors, *images)
                 output_slopes = model.channel_factors(theta, s)[0][..., None] * output_slopes @ loop.A
                 G = loop.T + self._folded[block]
@@ -224,7 +224,7 @@ class Kernel(Kept):
     def _slope_rows(self) -> tuple[FloatArray, ...]:
         """dC^T and dT^T (n, n_y) of each of `output_parameters`, then dB (n, n_u) of those that move a force."""
         zero, slopes = np.zeros(self.model.C.shape), [self.model.slopes[name] for name in self.output_parameters]
-        rows = [(zero if part is None else part).T for slope in slopes for part in (slope.C, slope.T)]
+        rows = [(zero if matrix is None else matrix).T for slope in slopes for matrix in (slope.C, slope.T)]
         return (*rows, *(slope.B for slope in slopes if slope.B is not None))
 
     def _slope_columns(self, products: ComplexArray, s: ComplexArray) -> ComplexArray:
@@ -242,7 +242,7 @@ class Kernel(Kept):
     def _elimination(self) -> "Elimination":
         """Elimination of Z X = B at any theta, by the pattern of Z's entries that are not zero for every theta."""
         model = self.model
-        slopes = [part for s in model.slopes.values() for part in (s.M, s.D, s.K) if part is not None]
+        slopes = [matrix for s in model.slopes.values() for matrix in (s.M, s.D, s.K) if matrix is not None]
         return Elimination.of(np.any(np.array([model.M, model.D, model.K, *slopes]) != 0, axis=0))
 
     @cached_property
@@ -288,12 +288,12 @@ class Elimination:
 
         Raises LinAlgError where Z is singular.
         """
-        later, many, places = self._later
+        later, n_columns, indices = self._later
         products = np.empty((Y.shape[1], B.shape[1], len(omega)), complex)
         smallest, sizes = np.empty(len(omega)), (len(omega), *B.shape, Y.shape[1])
         B_ordered, Y_ordered = B.take(self.order, axis=0), Y.take(self.order, axis=0)
-        matrices = (matrix.take(places) for matrix in (M, D, K))
-        call("eliminate", *sizes, *matrices, B_ordered, omega, later, many, Y_ordered, products, smallest)
+        matrices = (matrix.take(indices) for matrix in (M, D, K))
+        call("eliminate", *sizes, *matrices, B_ordered, omega, later, n_columns, Y_ordered, products, smallest)
         weak = np.flatnonzero(~(smallest > LEAST_PIVOT**2))  # not above: NaN too
         if len(weak):
             products[:, :, weak] = solved_products(M, D, K, omega[weak], B, Y).T
@@ -320,8 +320,8 @@ def _elimination(coupled: bytes, n: int) -> Elimination:
         pattern[k] = acts[k] & remaining
         acts |= np.outer(pattern[k], pattern[k]) & ~np.eye(n, dtype=bool)
         order.append(k)
-    places = np.array(order, np.int64)
-    return Elimination(places, pattern[np.ix_(places, places)])
+    indices = np.array(order, np.int64)
+    return Elimination(indices, pattern[np.ix_(indices, indices)])
 
 
 def solved_products(

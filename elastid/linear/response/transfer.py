@@ -67,8 +67,8 @@ def zoh_aliases(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> C
         lowest = 1.0 - min(float(freq_hz.max(initial=0.0)) / rate, 0.5)
         G = frequency_response(plant, np.where(is_delay, 0.0, theta), lowest * rate / np.sqrt(NODES))
         even, odd = _image_sums(freq_hz.tobytes(), rate, lowest, float(theta[is_delay].sum()))
-        folded = np.tensordot(even, G.real, 1) + 1j * np.tensordot(odd, G.imag, 1)
-        images += np.outer(model.hold.sampled, rates == rate) * gain * folded
+        aliases = np.tensordot(even, G.real, 1) + 1j * np.tensordot(odd, G.imag, 1)
+        images += np.outer(model.hold.sampled, rates == rate) * gain * aliases
     return of_outputs[..., :, None] * images * of_inputs[..., None, :]
 
 
@@ -127,9 +127,9 @@ def folded_images(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) ->
     images = np.zeros((len(freq_hz), len(model.outputs), len(model.inputs)), complex)
     if model.controller is None or not model.controller.log_hz or model.hold is None:
         return images
-    shifted = model.controller.images_hz(freq_hz)
-    finite = np.isfinite(shifted)
-    f, lines, order = shifted[finite], np.nonzero(finite)[0], MOTION_ORDER[model.quantity]
+    images_hz = model.controller.images_hz(freq_hz)
+    finite = np.isfinite(images_hz)
+    f, lines, order = images_hz[finite], np.nonzero(finite)[0], MOTION_ORDER[model.quantity]
     T = closed_loop(model, theta, np.abs(f)).T
     T = np.where(f[:, None, None] < 0, T.conj(), T)
     np.add.at(images, lines, T * ((freq_hz[lines] / f) ** order)[:, None, None])
@@ -164,8 +164,8 @@ def checked_frequencies(freq_hz: ArrayLike) -> FloatArray:
 def to_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> Response:
     """Return the response as a value like a measured one; arguments as `frequency_response`."""
     G, lines = frequency_response(model, theta, freq_hz), np.atleast_1d(freq_hz)
-    places = model.inputs, model.outputs, model.quantity, model.configuration
+    locations = model.inputs, model.outputs, model.quantity, model.configuration
     return Response(
-        lines, G, *places, sliding=model.sliding, hold=model.hold, motors=model.motors, loop=model.loop,
+        lines, G, *locations, sliding=model.sliding, hold=model.hold, motors=model.motors, loop=model.loop,
         controller=model.controller,
     )  # fmt: skip

@@ -44,8 +44,8 @@ def fill_empty(lines: Sequence[str], delimiter: str | None) -> Sequence[str]:
     """Write nan into the empty cells of lines."""
     if delimiter is None:
         return lines
-    other = f"[^{re.escape(delimiter)}]"
-    empty = re.compile(f"(?<!{other}) *(?!{other})")
+    cell = f"[^{re.escape(delimiter)}]"
+    empty = re.compile(f"(?<!{cell}) *(?!{cell})")
     return [empty.sub("nan", line) if line.strip() else line for line in lines]
 
 

@@ -38,7 +38,7 @@ def packing(path: Path) -> Any:
     return next((module for mark, module in _COMPRESSED.items() if head.startswith(mark)), None)
 
 
-def decoded(raw: bytes) -> str:
+def decode_text(raw: bytes) -> str:
     """Decode a text; bytes that its code lacks become a replacement character."""
     return raw.decode(encoding_of(raw), errors="replace").removeprefix("\ufeff")
 
@@ -70,7 +70,7 @@ _MARKS = {getattr(codecs, f"BOM_UTF{n}_{end}"): f"utf-{n}" for n in ("32", "16")
 
 def wide_encoding(raw: bytes) -> str:
     """Return UTF-16 or 32 by the byte order mark, UTF-16 of Latin letters also by its zeros; else an empty text."""
-    marked = next((name for mark, name in _MARKS.items() if raw.startswith(mark)), "")
+    by_mark = next((name for mark, name in _MARKS.items() if raw.startswith(mark)), "")
     zeros = [len(side) > 20 and side.count(0) > 0.9 * len(side) for side in (raw[1:200:2], raw[:200:2])]
-    unmarked = "utf-16-le" if zeros[0] else "utf-16-be" if zeros[1] else ""
-    return marked or (unmarked if sum(zeros) == 1 else "")
+    by_zeros = "utf-16-le" if zeros[0] else "utf-16-be" if zeros[1] else ""
+    return by_mark or (by_zeros if sum(zeros) == 1 else "")

@@ -120,8 +120,8 @@ class ArrayLog:
 
         def timed(name: str, array: StoredArray) -> StoredArray:
             alike = [t for t, n in lengths.items() if array.is_signal and n == array.shape[0] and name not in lengths]
-            beside = [t for t in alike if re.split(r"[/.][^/.]*$", t)[0] == re.split(r"[/.][^/.]*$", name)[0]]
-            times = beside if len(beside) == 1 else alike
+            same_group = [t for t in alike if re.split(r"[/.][^/.]*$", t)[0] == re.split(r"[/.][^/.]*$", name)[0]]
+            times = same_group if len(same_group) == 1 else alike
             return replace(array, time=times[0]) if len(times) == 1 and not array.time else array
 
         return replace(self, arrays={n: timed(n, a) for n, a in self.arrays.items()}) if len(lengths) > 1 else self
@@ -135,8 +135,8 @@ class ArrayLog:
 
         Raises DataError for a channel that is missing, not numeric, of another length, or without the stated column.
         """
-        stored: dict[str, FloatArray] = {}  # an array that holds several channels is read once
-        signals = [self._signal(channel, span, stored) for channel in channels]
+        cache: dict[str, FloatArray] = {}  # an array that holds several channels is read once
+        signals = [self._signal(channel, span, cache) for channel in channels]
         lengths = [len(signal) for signal in signals]
         if len(set(lengths)) > 1:
             table = ", ".join(f"{c.name_in_file} {n}" for c, n in zip(channels, lengths, strict=True))
@@ -161,15 +161,15 @@ class ArrayLog:
             raise self._refusal(f"channel {name} is {kind}; there are {', '.join(shapes) or 'none'}")
         return name, self.arrays[name]
 
-    def _signal(self, channel: ChannelSpec, span: slice, stored: dict[str, FloatArray]) -> FloatArray:
+    def _signal(self, channel: ChannelSpec, span: slice, cache: dict[str, FloatArray]) -> FloatArray:
         name, array = self.array_of(channel)
         if not channel.channel and len(self.shapes()) > 1:
             channel = replace(channel, channel=name, column=None)
         is_range = span != slice(None) and array.rows is not None and array.has_pieces
-        if name not in stored:
+        if name not in cache:
             values = array.rows(span) if is_range and array.rows is not None else np.squeeze(np.asarray(array))
-            stored[name] = np.asarray(values, dtype=np.float64)
-        values = stored[name]
+            cache[name] = np.asarray(values, dtype=np.float64)
+        values = cache[name]
         if is_range:
             # A piece may hold fewer samples than signals.
             return self._column(channel, name, values.reshape(len(values), -1))
@@ -199,11 +199,11 @@ class ArrayLog:
 def missing_channel(path: Path, channel: ChannelSpec, shapes: Mapping[str, tuple[int, ...]]) -> str:
     """Return the message about a channel that is not in a file, with those that are."""
     names = [f"{name} ({' x '.join(str(n) for n in shape)})" for name, shape in shapes.items()]
-    more = f" and {len(names) - 40} more" if len(names) > 40 else ""
+    rest_text = f" and {len(names) - 40} more" if len(names) > 40 else ""
     close = difflib.get_close_matches(channel.channel, shapes, n=1)
     hint = f"did you mean {close[0]}? " if close else ""
     problem = f"there is no channel '{channel.channel}'" if channel.channel else "give the name of a channel"
-    return f"{path}: {problem}; {hint}There are {', '.join(names[:40]) or 'no signals in it'}{more}"
+    return f"{path}: {problem}; {hint}There are {', '.join(names[:40]) or 'no signals in it'}{rest_text}"
 
 
 def seconds(stamps: NDArray[Any], first: Any) -> FloatArray:

@@ -75,12 +75,12 @@ def guarded(reader: Opener) -> Opener:
 
 def _ask(file: _File, name: str = "", span: slice | None = None) -> Any:
     """Ask for the signals of a file, or for values of one; raise the reader's error, ValueError if it died."""
-    where = os.pathsep.join(place or os.getcwd() for place in sys.path)
+    search_path = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
     with _one_request:
         try:
-            reply = _exchange(_reader(where), (file, name, span))
+            reply = _exchange(_reader(search_path), (file, name, span))
         except BaseException as error:  # after Ctrl-C, say, the lost reply would be taken for that to the next request
-            code = _end(_readers.pop((os.getpid(), where)))
+            code = _end(_readers.pop((os.getpid(), search_path)))
             if isinstance(error, EOFError):
                 raise ValueError(f"the reading process ended with exit code {code}") from None
             raise
@@ -102,12 +102,12 @@ def _exchange(reader: subprocess.Popen[bytes], request: tuple[_File, str, slice 
         raise EOFError from error
 
 
-def _reader(where: str) -> subprocess.Popen[bytes]:
-    key = os.getpid(), where
+def _reader(search_path: str) -> subprocess.Popen[bytes]:
+    key = os.getpid(), search_path
     if key not in _readers:
         # -P: nothing is imported from the folder that the user happens to be in.
         command = [sys.executable, "-P", "-c", f"from {__name__} import serve; serve()"]
-        pipe, env = subprocess.PIPE, os.environ | {"PYTHONPATH": where}
+        pipe, env = subprocess.PIPE, os.environ | {"PYTHONPATH": search_path}
         if not _readers and not limits_memory():
             _log.warning("this system does not limit the memory of a process: read only files that you trust")
         # Words of the libraries go nowhere.

@@ -29,11 +29,11 @@ _JOINT_FIELDS = {"position": "rad", "velocity": "rad/s", "effort": "N*m"}
 @contextmanager
 def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     """Open all numeric topics; the messages of a topic are read once, when its first signal is used."""
-    reading = installed("rosbags.highlevel", "ros", path)
+    reader = installed("rosbags.highlevel", "ros", path)
     types = installed("rosbags.typesys", "ros", path)
     # Bags of older releases do not hold the definitions of their messages.
     typestore = types.get_typestore(types.Stores.ROS2_HUMBLE)
-    with reading.AnyReader([path], default_typestore=typestore) as bag:
+    with reader.AnyReader([path], default_typestore=typestore) as bag:
         topics = [_Topic(bag, name, each.connections, each.msgtype or "") for name, each in bag.topics.items()]
         begin_ns = min((topic.begin_ns for topic in topics if topic.first), default=0)
         yield ArrayLog(path, dict(signal for topic in topics for signal in topic.arrays(begin_ns)))
@@ -65,22 +65,22 @@ class _Topic:
         columns, time = _numbers(self.first[0][1]), f"{self.name}.time"
         n = sum(connection.msgcount for connection in self.connections)
         if columns:
-            yield time, _stored((n,), partial(self._times, begin_ns), "s")
+            yield time, _stored_array((n,), partial(self._times, begin_ns), "s")
         for field, values in columns.items():
-            yield f"{self.name}.{field}", _stored((n, *values.shape), partial(self._column, field), "", time)
+            yield f"{self.name}.{field}", _stored_array((n, *values.shape), partial(self._column, field), "", time)
 
     def _joint_arrays(self, begin_ns: int) -> Iterator[tuple[str, StoredArray]]:
         times, columns = self._times(begin_ns), self._columns[1]
-        shared, time = all(len(numbers) == len(times) for numbers, _ in columns.values()), f"{self.name}.time"
-        if shared:
-            yield time, _stored((len(times),), lambda: times, "s")
+        is_common, time = all(len(numbers) == len(times) for numbers, _ in columns.values()), f"{self.name}.time"
+        if is_common:
+            yield time, _stored_array((len(times),), lambda: times, "s")
         for column, (numbers, values) in columns.items():
             field, _, joint = column.partition(".")
-            if not shared:
+            if not is_common:
                 time = f"{self.name}.time.{joint}"
-                yield time, _stored((len(numbers),), partial(times.__getitem__, numbers), "s")
+                yield time, _stored_array((len(numbers),), partial(times.__getitem__, numbers), "s")
             unit = _JOINT_FIELDS[field]
-            yield f"{self.name}.{column}", _stored((len(values),), partial(np.array, values), unit, time)
+            yield f"{self.name}.{column}", _stored_array((len(values),), partial(np.array, values), unit, time)
 
     @cached_property
     def _columns(self) -> tuple[list[int], _Columns]:
@@ -108,10 +108,10 @@ class _Topic:
         return np.stack(values)
 
     def _messages(self) -> Iterator[tuple[int, Any]]:
-        for connection, received, raw in self.bag.messages(self.connections):
+        for connection, time_ns, raw in self.bag.messages(self.connections):
             message = self.bag.deserialize(raw, connection.msgtype)
             stamp = getattr(getattr(message, "header", None), "stamp", None)
-            yield (0 if stamp is None else stamp.sec * 10**9 + stamp.nanosec) or received, message
+            yield (0 if stamp is None else stamp.sec * 10**9 + stamp.nanosec) or time_ns, message
 
 
 def _of_joints(message: Any) -> dict[str, NDArray[Any]]:
@@ -138,5 +138,7 @@ def _numbers(message: Any, prefix: str = "") -> dict[str, NDArray[Any]]:
     return columns
 
 
-def _stored(shape: tuple[int, ...], read: Callable[[], NDArray[Any]], units: str = "", time: str = "") -> StoredArray:
+def _stored_array(
+    shape: tuple[int, ...], read: Callable[[], NDArray[Any]], units: str = "", time: str = ""
+) -> StoredArray:
     return StoredArray(shape, np.dtype(np.float64), read, units, time=time)

@@ -23,7 +23,7 @@ from elastid.logs.files.cells import (
     plain_numbers,
     split_line,
 )
-from elastid.logs.files.encodings import decoded, encoding_of, packing, raw_bytes, wide_encoding
+from elastid.logs.files.encodings import decode_text, encoding_of, packing, raw_bytes, wide_encoding
 from elastid.logs.files.lines import LARGE_BYTES, FileLines
 from elastid.logs.files.log import ArrayLog, Log, StoredArray, missing_channel
 from elastid.logs.files.text_format import HEAD_BYTES, otherwise_written
@@ -59,14 +59,14 @@ class TextLog(Log):
         if len(times) < 2 or not any(is_empty(n - 1, i) for i in times):
             return self
         lengths = [bisect_left(range(n), True, key=partial(is_empty, column=i)) for i in range(self.n_columns)]
-        whole = {name: (m, i) for i, (name, m) in enumerate(zip(self.headings, lengths, strict=True))}
+        column_of = {name: (m, i) for i, (name, m) in enumerate(zip(self.headings, lengths, strict=True))}
         units = self.units or ("",) * self.n_columns
 
         def read(m: int, i: int) -> FloatArray:
             return replace(self, number_lines=_first_lines(self.number_lines, self.first + m)).columns([i])[:, 0]
 
         dtype = np.dtype(np.float64)
-        arrays = {name: StoredArray((m,), dtype, partial(read, m, i), units[i]) for name, (m, i) in whole.items()}
+        arrays = {name: StoredArray((m,), dtype, partial(read, m, i), units[i]) for name, (m, i) in column_of.items()}
         return ArrayLog(self.path, arrays)
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
@@ -106,18 +106,18 @@ class TextLog(Log):
             data = self._read(selection, self.first, end, span.stop if (span.stop or 0) > 0 else None)[span]
         return data[:, [selection.index(column) for column in columns]]
 
-    def _read(self, selection: Sequence[int], first: int, end: int, most: int | None = None) -> FloatArray:
+    def _read(self, selection: Sequence[int], first: int, end: int, max_rows: int | None = None) -> FloatArray:
         """Return columns (n_samples, len(selection)) of some lines, at most so many samples."""
         lines = self.number_lines[first:end]
         if not lines:
             return np.zeros((0, len(selection)))
-        data, error = self._numbers(selection, lines, most)
+        data, error = self._numbers(selection, lines, max_rows)
         if data is not None:
             return data
-        filled = fill_empty(lines, delimiter_of(self.format))
-        data, wrong = self._with_missing_cells(selection, filled[:most])
+        cells = fill_empty(lines, delimiter_of(self.format))
+        data, wrong = self._with_missing_cells(selection, cells[:max_rows])
         if wrong > max(1.0, MAX_WRONG_FRACTION * len(data)) or 2 * wrong >= len(data):
-            raise DataError("records/text", self._complaint(selection, filled, first) or f"{self.path}: {error}")
+            raise DataError("records/text", self._complaint(selection, cells, first) or f"{self.path}: {error}")
         return data
 
     def _numbers(
@@ -172,22 +172,22 @@ class TextLog(Log):
 
     def _column(self, channel: ChannelSpec) -> int:
         column = channel.column
-        numbered = None if self.headings else re.fullmatch(r"column ([1-9]\d{0,5})", channel.channel)
-        if numbered and column in (None, int(numbered[1])):
-            column = int(numbered[1])
-        elif channel.channel and (self.headings or column is None or numbered):
-            headed = [i for i, heading in enumerate(self.headings, start=1) if heading == channel.channel]
-            if not headed:
+        number_match = None if self.headings else re.fullmatch(r"column ([1-9]\d{0,5})", channel.channel)
+        if number_match and column in (None, int(number_match[1])):
+            column = int(number_match[1])
+        elif channel.channel and (self.headings or column is None or number_match):
+            column_of = [i for i, heading in enumerate(self.headings, start=1) if heading == channel.channel]
+            if not column_of:
                 start = f"; the data are assumed to start in row {self.first + 1} (set text.header_lines otherwise)"
                 message = missing_channel(self.path, channel, self.shapes())
                 raise DataError("records/channels", message + start + otherwise_written(self.path, self.format))
-            if column not in (headed if len(headed) > 1 else (None, *headed)):
-                places = ", ".join(map(str, headed))
-                text = f"several columns have the heading '{channel.channel}', {places}. Give column, too"
+            if column not in (column_of if len(column_of) > 1 else (None, *column_of)):
+                numbers = ", ".join(map(str, column_of))
+                text = f"several columns have the heading '{channel.channel}', {numbers}. Give column, too"
                 if column is not None:
-                    text = f"the heading '{channel.channel}' is not in column {column} but in column {places}"
+                    text = f"the heading '{channel.channel}' is not in column {column} but in column {numbers}"
                 raise DataError("records/channels", text, self.path)
-            return (column or headed[0]) - 1
+            return (column or column_of[0]) - 1
         column = column or 1
         if column > self.n_columns:
             text = f"column {column} does not exist; the file has {self.n_columns}, counted from 1. Correct column"
@@ -249,6 +249,6 @@ def _lines(path: Path, text: TextFormatSpec) -> tuple[Sequence[str], Sequence[st
     if is_large and b"\n" in raw and not wide_encoding(raw) and packing(path) is None:
         encoding = encoding_of(raw[: raw.rindex(b"\n")])
         return FileLines.of(path, encoding, str), FileLines.of(path, encoding, partial(plain_numbers, text=text))
-    content = decoded(raw_bytes(path) if is_large else raw)
+    content = decode_text(raw_bytes(path) if is_large else raw)
     lines, plain = content.splitlines(), plain_numbers(content, text)
     return lines, lines if plain is content else plain.splitlines()

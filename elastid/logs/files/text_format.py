@@ -1,11 +1,12 @@
 """The format of a text log, delimiter and decimal, guessed by the numbers that its last lines have with it."""
 
+from itertools import starmap
 from pathlib import Path
 from typing import Literal
 
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.files.cells import is_number, plain_numbers, split_line
-from elastid.logs.files.encodings import decoded, raw_bytes
+from elastid.logs.files.encodings import decode_text, raw_bytes
 
 # The usual delimiters and decimals of numbers in columns, the most usual first.
 _DECIMALS: tuple[Literal[".", ","], ...] = (".", ",")
@@ -21,7 +22,7 @@ def guess_format(path: Path) -> TextFormatSpec:
 
 def _best_format(path: Path) -> tuple[int, TextFormatSpec]:
     raw = raw_bytes(path, HEAD_BYTES)
-    lines = decoded(raw).splitlines()
+    lines = decode_text(raw).splitlines()
     lines = lines[-21:-1] if len(raw) == HEAD_BYTES else lines[-20:]  # the last of 64 KiB may be cut
 
     def numeric_score(text: TextFormatSpec) -> int:
@@ -29,8 +30,8 @@ def _best_format(path: Path) -> tuple[int, TextFormatSpec]:
         fields = [field for line in plain for field in split_line(line, text) if field]
         return sum(1 if is_number(field) else -1 for field in fields)
 
-    scored = [(numeric_score(text), text) for text in (TextFormatSpec(*spec) for spec in _FORMATS)]
-    return max(scored, key=lambda pair: pair[0])
+    scores = [(numeric_score(text), text) for text in starmap(TextFormatSpec, _FORMATS)]
+    return max(scores, key=lambda pair: pair[0])
 
 
 def otherwise_written(path: Path, text: TextFormatSpec) -> str:
@@ -38,9 +39,9 @@ def otherwise_written(path: Path, text: TextFormatSpec) -> str:
     surplus, seems = _best_format(path)
     if surplus <= 0 or (seems.delimiter, seems.decimal) == (text.delimiter, text.decimal):
         return ""
-    return f"{WRITTEN_OTHERWISE}{described_format(seems)}"
+    return f"{WRITTEN_OTHERWISE}{describe_format(seems)}"
 
 
-def described_format(text: TextFormatSpec) -> str:
+def describe_format(text: TextFormatSpec) -> str:
     """Return a format as a study states it."""
     return f"text: {{delimiter: '{text.delimiter}', decimal: '{text.decimal}'}}"

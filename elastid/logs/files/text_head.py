@@ -20,10 +20,10 @@ def find_data_start(numbers: Sequence[str], first: int, text: TextFormatSpec) ->
     """
     rows = [split_line(line, text) for line in numbers[first : first + HEAD_LINES]]
     starts = [i for i, fields in enumerate(rows) if any(map(is_number, fields))]
-    words = [i for i in starts if not is_number(rows[i][0])]
-    numbers_first = [i for i in starts if rows[i][0] and i not in words]
-    if _LEAST_PROPERTIES <= len(words) < len(starts) / 2:
-        starts = [i for i in starts if i > words[-1]]
+    heads = [i for i in starts if not is_number(rows[i][0])]
+    numbers_first = [i for i in starts if rows[i][0] and i not in heads]
+    if _LEAST_PROPERTIES <= len(heads) < len(starts) / 2:
+        starts = [i for i in starts if i > heads[-1]]
     elif 2 * len(numbers_first) > len(starts) and all(rows[i][0] for i in starts if i < numbers_first[0]):
         starts = [i for i in starts if i >= numbers_first[0]]
     while not starts and first + len(rows) < len(numbers):
@@ -35,12 +35,12 @@ def find_data_start(numbers: Sequence[str], first: int, text: TextFormatSpec) ->
 
 def find_headings(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> tuple[str, ...]:
     """Return the first line without numbers after header_lines; else the last header line; else the last comment."""
-    after = head[text.header_lines :]
-    plain = [split_line(_MARK.sub("", line), text) for line in [*after, *reversed(head[: text.header_lines])]]
+    below = head[text.header_lines :]
+    plain = [split_line(_MARK.sub("", line), text) for line in [*below, *reversed(head[: text.header_lines])]]
     comments = [line.lstrip(f" {text.comment}") for line in reversed(head) if text.comment and text.comment in line]
-    whole = [split_line(line, replace(text, comment="")) for line in comments]  # a number sign within a heading
-    rows = plain + [split_line(line, text) for line in comments] + whole
-    last = next((fields for fields in reversed(plain[: len(after)]) if fields), [])
+    comment_rows = [split_line(line, replace(text, comment="")) for line in comments]  # a number sign within a heading
+    rows = plain + [split_line(line, text) for line in comments] + comment_rows
+    last = next((fields for fields in reversed(plain[: len(below)]) if fields), [])
     # A last column of remarks has a heading, and no numbers.
     rows = [*([last[:n_columns]] if len(last) == n_columns + 1 else []), *rows]
     rows = [fields for fields in rows if len(fields) == n_columns]

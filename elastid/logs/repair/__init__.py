@@ -24,9 +24,9 @@ class Findings:
     repairs: Counter[str] = field(default_factory=Counter)
     discarded_periods: list[int] = field(default_factory=list)
 
-    def at(self, place: str) -> tuple[Note, ...]:
+    def at(self, location: str) -> tuple[Note, ...]:
         """Return the notes with their place."""
-        return tuple(replace(note, place=place) for note in self.notes)
+        return tuple(replace(note, place=location) for note in self.notes)
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def blocks(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
     return X * float(sign) ** np.arange(len(X))[:, None]
 
 
-def bridged(x: FloatArray) -> FloatArray:
+def interpolate_linearly(x: FloatArray) -> FloatArray:
     """Interpolate missing samples of a signal (n,) linearly; 0 without any sample."""
     finite = np.flatnonzero(np.isfinite(x))
     return np.interp(np.arange(len(x)), finite, x[finite]) if finite.size else np.zeros(len(x))

@@ -117,11 +117,11 @@ def clock_drift(drivers: FloatArray, N: int) -> ClockDrift:
     shifts = np.arange(-(limit := 8 * int(MAX_CLOCK_ERROR * N + 2)), limit + 1)
     excess = refine_shift(C, N, float(shifts[np.argmax(np.fft.irfft(C, 8 * N)[shifts % (8 * N)])]) / 8)
     excess = refine_shift(C_far, N, far * excess) / far
-    before, after = (1 - correlation(C_far, N, e) / power_far for e in (0.0, far * excess))
-    return ClockDrift(excess, before, after)
+    error_before, error_after = (1 - correlation(C_far, N, e) / power_far for e in (0.0, far * excess))
+    return ClockDrift(excess, error_before, error_after)
 
 
-def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> FloatArray:
+def resample_drift(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> FloatArray:
     """Resample finite signals (n, c) to the generator's clock if it differs; DataError for fewer than two periods."""
     P = len(signals) // N
     if P < 2:

@@ -54,8 +54,8 @@ def interpolations(x: FloatArray, L: int, sign: int) -> Iterator[tuple[slice, In
 
 
 def _interpolation(x: FloatArray, start: int, end: int, L: int, sign: int, max_step: float) -> Interpolation | None:
-    reach = _TRIALS + max(width for _, width in _POLYNOMIALS)
-    rows = np.arange(max(0, start - reach), min(len(x), end + reach))
+    half_width = _TRIALS + max(width for _, width in _POLYNOMIALS)
+    rows = np.arange(max(0, start - half_width), min(len(x), end + half_width))
     gap = slice(start - int(rows[0]), end - int(rows[0]))
     best = None
     for reference, (degree, width) in product(_references(x, rows, gap, L, sign), _POLYNOMIALS):
@@ -63,8 +63,8 @@ def _interpolation(x: FloatArray, start: int, end: int, L: int, sign: int, max_s
         if candidate is None or (best is not None and candidate.error >= best.error):
             continue
         values = reference[gap] + candidate.values
-        spliced = np.concatenate([x[rows[: gap.start]][-1:], values, x[rows[gap.stop :]][:1]])
-        if not np.any(np.abs(np.diff(spliced)) > _MAX_STEP * max_step):
+        with_ends = np.concatenate([x[rows[: gap.start]][-1:], values, x[rows[gap.stop :]][:1]])
+        if not np.any(np.abs(np.diff(with_ends)) > _MAX_STEP * max_step):
             best = Interpolation(values, candidate.error)
     return best
 
@@ -98,8 +98,8 @@ def _bridge(e: FloatArray, gap: slice, degree: int, width: int) -> Interpolation
     is_usable = (at >= 0) & (at < len(e))
     is_usable[is_usable] = np.isfinite(e[at[is_usable]])
     offsets = offsets[is_usable]
-    before, after = int(np.sum(offsets < 0)), int(np.sum(offsets >= g))
-    if min(before, after) < (degree + 1) // 2 or before + after <= degree:
+    n_before, n_after = int(np.sum(offsets < 0)), int(np.sum(offsets >= g))
+    if min(n_before, n_after) < (degree + 1) // 2 or n_before + n_after <= degree:
         return None
     g_trial = min(g, _TRIAL_GAP)
     trial_offsets = np.where(offsets < 0, offsets, offsets - g + g_trial)

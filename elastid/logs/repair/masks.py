@@ -68,33 +68,33 @@ def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
         if not usual.size:
             continue
         q = step(x)
-        least = max(LEAP * float(np.quantile(usual, 0.99)), MIN_STEPS * q)
-        beside = _leaps_of_zeros(x, q, max(float(np.median(usual)), 1e-300), least)
+        min_leap = max(LEAP * float(np.quantile(usual, 0.99)), MIN_STEPS * q)
+        beside = _leaps_of_zeros(x, q, max(float(np.median(usual)), 1e-300), min_leap)
         constant = [(a, b + 1) for a, b in runs(changes == 0, MIN_RUN - 1).tolist() if a > 0 and b < len(changes)]
         speed = np.nansum(np.delete(moves, c, axis=1), axis=0) / max(len(moves), 1) / MIN_RUN
         if sum(b - a for a, b in constant) > MAX_MISSING_FRACTION * len(x):  # piecewise constant torque
             constant, beside = [], {(a, b): leap for (a, b), leap in beside.items() if b - a < MIN_RUN}
-        gaps = [(a, b) for (a, b), leap in beside.items() if leap > least and (b - a < MIN_RUN or leap < np.inf)]
+        gaps = [(a, b) for (a, b), leap in beside.items() if leap > min_leap and (b - a < MIN_RUN or leap < np.inf)]
         for a, b in constant:
             travel = np.ptp(np.delete(signals[a + 2 : b - 2], c, axis=1), axis=0)
-            if max(changes[b - 1], beside.get((a, b), 0)) > least and np.any(travel > MIN_RANGE * (b - a) * speed):
+            if max(changes[b - 1], beside.get((a, b), 0)) > min_leap and np.any(travel > MIN_RANGE * (b - a) * speed):
                 gaps.append((a + (x[a] != 0), b))
         gaps += runs(far_outside(x)).tolist()
         _mask_constant(result, c, gaps, "channels", log)
     return result
 
 
-def _leaps_of_zeros(x: FloatArray, q: float, usual: float, least: float) -> dict[tuple[int, int], float]:
+def _leaps_of_zeros(x: FloatArray, q: float, usual: float, min_leap: float) -> dict[tuple[int, int], float]:
     """Return the smaller leap at the ends of each run (start, end) of zeros of a signal (n,); infinite for dropouts.
 
-    q: step of the converter.  usual: median step of the signal.  least: smallest leap.
+    q: step of the converter.  usual: median step of the signal.  min_leap: smallest leap.
     """
     zeros, size = [(a, b) for a, b in runs(x == 0).tolist()], np.abs(x[np.isfinite(x) & (x != 0)])
     leaps = {(a, b): min(abs(x[a - 1]), abs(x[b])) for a, b in zeros if a > 0 and b < len(x)}
     by_chance = np.sum(size <= usual) * q / (2 * usual)
     min_size = max(MIN_RANGE * float(np.median(size)), MIN_STEPS * q)  # largest sample next to a zero crossing
     if len(leaps) >= MIN_PLACES * (1 + by_chance) and np.nanmedian([*leaps.values(), 0.0]) > min_size:
-        return dict.fromkeys(zeros, np.inf) | {run: leap for run, leap in leaps.items() if leap > least}
+        return dict.fromkeys(zeros, np.inf) | {run: leap for run, leap in leaps.items() if leap > min_leap}
     return leaps
 
 
@@ -137,14 +137,14 @@ def _scatter(windows: FloatArray) -> FloatArray:
 def without_standstill(signals: FloatArray, L: int, log: Log) -> FloatArray:
     """Mask (NaN) samples of signals (n, c) where a channel hangs, or drops to 0, and other repetitions do not."""
     result = np.copy(signals)
-    hold = np.diff(signals, axis=0) == 0
-    alike = hold.all(axis=1)
+    is_constant = np.diff(signals, axis=0) == 0
+    alike = is_constant.all(axis=1)
     for c, x in enumerate(signals.T):
         gaps = [(a, b) for a, b in runs(np.asarray(x == 0)) if a > 0 and b < len(x)]
-        least = LEAP * float(np.nanquantile(np.abs(np.diff(x)), 0.99)) if gaps else 0.0
-        gaps = [(a, b) for a, b in gaps if min(abs(x[a - 1]), abs(x[b])) > least]  # of many zeros few are leapt to
-        gaps = [(a, b) for a, b in gaps if min((np.abs(o).min() for o in _elsewhere(x, a, b, L)), default=0) > least]
-        stops = runs(hold[:, c] & ~alike, MIN_RUN - 1).tolist()
+        min_leap = LEAP * float(np.nanquantile(np.abs(np.diff(x)), 0.99)) if gaps else 0.0
+        gaps = [(a, b) for a, b in gaps if min(abs(x[a - 1]), abs(x[b])) > min_leap]  # of many zeros few are leapt to
+        gaps = [(a, b) for a, b in gaps if min((np.abs(o).min() for o in _elsewhere(x, a, b, L)), default=0) > min_leap]
+        stops = runs(is_constant[:, c] & ~alike, MIN_RUN - 1).tolist()
         moving = max(MIN_RANGE * float(np.nanstd(x)), MIN_STEPS * step(x)) if stops else 0.0
         # The first value may be a measured one.
         gaps += [(a + 1, b + 1) for a, b in stops if min(map(np.ptp, _elsewhere(x, a, b + 1, L)), default=0) > moving]
@@ -204,8 +204,8 @@ def step(x: FloatArray) -> float:
 
 def _exact_step(gaps: FloatArray, q: float) -> float:
     """Return the step near q of which almost all rising gaps (n,) are whole multiples; 0 without one."""
-    for most in (10, 100, 1000):  # text logs round each value: the sum of many steps is more exact
-        near = gaps[: np.searchsorted(gaps, most * q)]
+    for n_steps in (10, 100, 1000):  # text logs round each value: the sum of many steps is more exact
+        near = gaps[: np.searchsorted(gaps, n_steps * q)]
         counts = np.round(near / q)
         q = float(near.sum() / counts.sum())
         if np.mean(np.abs(near / q - counts) < STEP_TOLERANCE) < 0.5:
@@ -255,7 +255,7 @@ def _at_limit(x: FloatArray) -> BoolArray:
     return np.asarray(at_limit & is_limit)
 
 
-def _visits(x: FloatArray, clipped: BoolArray) -> int:
+def _visits(x: FloatArray, is_clipped: BoolArray) -> int:
     span = np.ptp(x)
     is_away = (np.max(x) - x > MIN_DEPARTURE * span) & (x - np.min(x) > MIN_DEPARTURE * span)
-    return int(np.sum(np.diff((clipped.astype(int) - is_away)[clipped | is_away]) == 2))
+    return int(np.sum(np.diff((is_clipped.astype(int) - is_away)[is_clipped | is_away]) == 2))

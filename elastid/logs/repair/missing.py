@@ -14,8 +14,8 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.statistics import runs
-from elastid.logs.repair import MAX_WRONG_FRACTION, Log, bridged
-from elastid.logs.repair.clock_drift import resampled
+from elastid.logs.repair import MAX_WRONG_FRACTION, Log, interpolate_linearly
+from elastid.logs.repair.clock_drift import resample_drift
 from elastid.logs.repair.interpolation import MAX_BRIDGED, interpolations, period_noise
 from elastid.logs.repair.masks import (
     CHECK_CELLS,
@@ -37,7 +37,7 @@ REPLACED = "interpolated from other periods and adjacent samples"
 INTERPOLATED = "missing samples interpolated"
 
 
-def filled(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
+def fill_gaps(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
     """Interpolate the missing samples (NaN) of the whole repetitions of signals (n, c).
 
     A repetition that lacks more than a tenth of a channel, or whose gap no interpolation predicts to within its noise,
@@ -106,7 +106,7 @@ def bridge_short_gaps(signals: FloatArray, log: Log, straight: Mapping[int, int]
         x = signals[:, c]
         for at, gap in interpolations(x, len(x), 1):
             if at.start > 1 and at.stop < len(x) - 1 and (gap or at.stop - at.start <= (straight or {}).get(c, 0)):
-                result[at, c] = gap.values if gap else bridged(x)[at]
+                result[at, c] = gap.values if gap else interpolate_linearly(x)[at]
         bridged_rows = np.isfinite(result[:, c]) & ~np.isfinite(x)
         if bridged_rows.any():
             count, text = _missing_samples(~bridged_rows, log, c)
@@ -149,15 +149,15 @@ def repair(
     """
     N, drivers = grid_samples(period, half_wave), np.array(roles["r"] or roles["u"])
     L, sign = (N // 2, -1) if half_wave else (N, 1)
-    whole = without_stops(_with_integer_period(signals, period, N, L, log), roles["u"], L, log)
-    masked = without_standstill(whole, L, log)
-    stack = _with_flags(masked)
-    clock = resampled(stack, stack[:, drivers], N, log)
-    on_clock = masked if clock is stack else _with_missing(clock, signals.shape[1])
+    complete = without_stops(_with_integer_period(signals, period, N, L, log), roles["u"], L, log)
+    with_gaps = without_standstill(complete, L, log)
+    stack = _with_flags(with_gaps)
+    clock = resample_drift(stack, stack[:, drivers], N, log)
+    on_clock = with_gaps if clock is stack else _with_missing(clock, signals.shape[1])
     check(on_clock[:, drivers])
     repeating = replace(log, names=log.names[: sum(map(len, roles.values()))])
-    full = filled(without_spikes(on_clock, L, sign, repeating), L, sign, log)
-    as_logged = full if clock is stack else _bridge(whole)
+    full = fill_gaps(without_spikes(on_clock, L, sign, repeating), L, sign, log)
+    as_logged = full if clock is stack else _bridge(complete)
     report_clipping(as_logged, L, repeating)
     report_steps(as_logged, L, sign, repeating)
     return full
@@ -200,4 +200,4 @@ def _with_missing(stack: FloatArray, c: int) -> FloatArray:
 
 
 def _bridge(signals: FloatArray) -> FloatArray:
-    return np.stack([bridged(x) for x in signals.T], axis=1)
+    return np.stack([interpolate_linearly(x) for x in signals.T], axis=1)

@@ -25,7 +25,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.statistics import runs
-from elastid.logs.repair import Log, blocks, bridged, flat
+from elastid.logs.repair import Log, blocks, flat, interpolate_linearly
 from elastid.logs.repair.interpolation import MAX_BRIDGED, QUIET_FRACTION, QUIET_STD, interpolations, period_noise
 from elastid.logs.repair.masks import MASKED, MAX_FRACTION, MIN_OVER_USUAL, step
 
@@ -63,8 +63,8 @@ def without_spikes(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArr
     channels = signals[: P * L, : len(log.names)].T
     spikes = [_spikes_of_periods(x, L, sign) for x in channels]
     pairs = zip(channels, spikes, strict=True) if P == MIN_PERIODS else ()
-    outvoted = [int(np.sum(_roughness(bridged(x))[at] <= 1)) for x, at in pairs]
-    return _mask(signals, spikes, "the other periods", log, outvoted)
+    n_votes = [int(np.sum(_roughness(interpolate_linearly(x))[at] <= 1)) for x, at in pairs]
+    return _mask(signals, spikes, "the other periods", log, n_votes)
 
 
 def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()) -> FloatArray:
@@ -75,9 +75,9 @@ def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()
     everywhere = np.ones(len(signals), dtype=np.bool_)
     at = []
     for x, is_motion in zip(signals.T, are_motions or [False] * signals.shape[1], strict=True):
-        least = MIN_OVER_USUAL * float(np.quantile(np.abs(np.diff(x)), 0.99)) if is_motion else 0.0
+        min_jump = MIN_OVER_USUAL * float(np.quantile(np.abs(np.diff(x)), 0.99)) if is_motion else 0.0
         # Without a period, a step that swings is no spike: all neighbours are quieter.
-        at.append(np.flatnonzero(_spikes(x, x, everywhere, len(x), least, MAX_BRIDGED, step(x), quantile=1.0)))
+        at.append(np.flatnonzero(_spikes(x, x, everywhere, len(x), min_jump, MAX_BRIDGED, step(x), quantile=1.0)))
     return _mask(signals, at, "their neighbours", log)
 
 
@@ -87,9 +87,9 @@ def outliers_of(name: str, count: int, n: int) -> str:
 
 
 def _mask(
-    signals: FloatArray, spikes: Sequence[IntArray], reference: str, log: Log, outvoted: Sequence[int] = ()
+    signals: FloatArray, spikes: Sequence[IntArray], reference: str, log: Log, n_votes: Sequence[int] = ()
 ) -> FloatArray:
-    """Mask and report spikes. outvoted (c,): number of spikes that only two periods against one show."""
+    """Mask and report spikes. n_votes (c,): number of spikes that only two periods against one show."""
     result = np.copy(signals)
     for c, at in enumerate(spikes):
         if at.size == 0:
@@ -101,16 +101,16 @@ def _mask(
             continue
         result[at, c] = np.nan
         log.report(MASKED, at.size, f"{text} and are interpolated. The first is {log.time_of(at[0])}")
-        if any(outvoted[c : c + 1]):
-            text = f"{log.names[c]}: {outvoted[c]} spikes are no rougher than the signal, so that equal disturbances of"
+        if any(n_votes[c : c + 1]):
+            text = f"{log.names[c]}: {n_votes[c]} spikes are no rougher than the signal, so that equal disturbances of"
             text += " the two other periods have the same effect. Measure four periods or more"
-            log.report(OUTVOTED, outvoted[c], text)
+            log.report(OUTVOTED, n_votes[c], text)
     return result
 
 
 def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
     """Find samples (k,) of the lost messages and spikes of a signal (P L,), NaN where missing."""
-    judged, full, q = np.isfinite(x), _interpolate(x, L, sign), step(x)
+    has_value, full, q = np.isfinite(x), _interpolate(x, L, sign), step(x)
     is_lost, may_be_lost = _lost_messages(x, q)
     is_spike = np.zeros(len(x), dtype=np.bool_)
     if is_lost.any():
@@ -118,21 +118,21 @@ def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
         full, is_spike = _replace(full, is_lost, L, sign, to_nearest, are_lost=True)
     for _ in range(ROUNDS):
         # A sample that is off by no more than periods are from each other adds nothing to their scatter.
-        least = period_noise(full, L, sign)
+        noise = period_noise(full, L, sign)
         in_all, in_any = np.ones(len(x), dtype=np.bool_), np.zeros(len(x), dtype=np.bool_)
         for e in _differences(full, L, sign):
             if in_all.any() or may_be_lost.any():
-                new_spikes = _spikes(x, e, judged & ~is_spike, L, least, MAX_RUN, q)
+                new_spikes = _spikes(x, e, has_value & ~is_spike, L, noise, MAX_RUN, q)
                 in_all, in_any = in_all & new_spikes, in_any | new_spikes
         candidates = in_all | (may_be_lost & in_any)
         if not candidates.any():
             break
-        chosen = _roughest(full, candidates, judged & ~is_spike, L)
-        chosen[:L] &= _lone_distance(full[:L]) >= _transient_pulse(full, L, sign, q)
-        if not chosen.any():
+        is_rough = _roughest(full, candidates, has_value & ~is_spike, L)
+        is_rough[:L] &= _lone_distance(full[:L]) >= _transient_pulse(full, L, sign, q)
+        if not is_rough.any():
             break
-        full, is_new = _replace(full, chosen, L, sign, np.full(len(full), np.inf))
-        judged &= ~chosen
+        full, is_new = _replace(full, is_rough, L, sign, np.full(len(full), np.inf))
+        has_value &= ~is_rough
         is_spike |= is_new
     return np.flatnonzero(is_spike)
 
@@ -184,13 +184,13 @@ def _transient_pulse(x: FloatArray, L: int, sign: int, q: float) -> float:
     from scipy.ndimage import median_filter
 
     X = blocks(x, L, sign)
-    first, *others = np.quantile(np.abs(np.diff(X, axis=0)), TRANSIENT_FRACTION, axis=1)
-    if first <= MIN_OVER_USUAL * max(min(others), q):
+    first, *later = np.quantile(np.abs(np.diff(X, axis=0)), TRANSIENT_FRACTION, axis=1)
+    if first <= MIN_OVER_USUAL * max(min(later), q):
         return 0.0
     return JUMP_MARGIN * float(np.abs(np.diff(median_filter(X[1:], (1, 2 * MAX_RUN + 1)), axis=1)).min(axis=0).max())
 
 
-def _roughest(x: FloatArray, candidates: BoolArray, judged: BoolArray, L: int) -> BoolArray:
+def _roughest(x: FloatArray, candidates: BoolArray, is_tested: BoolArray, L: int) -> BoolArray:
     """Select the roughest candidate (P L,) at each phase of a signal, and all that are rough: of three, two spikes make
     the third one, and two unlike ones are not references of each other.
 
@@ -206,7 +206,7 @@ def _roughest(x: FloatArray, candidates: BoolArray, judged: BoolArray, L: int) -
     are_highest = rivals & (roughness == maximum_filter(roughness, (1, len(_CUBIC))))
     is_rough = candidates.reshape(-1, L) & (roughness > 1)
     is_chosen = np.where(rivals.any(axis=0), are_highest, (roughness == highest) | is_rough)
-    return np.asarray(is_chosen.ravel() & judged)
+    return np.asarray(is_chosen.ravel() & is_tested)
 
 
 def _roughness(x: FloatArray) -> FloatArray:
@@ -227,13 +227,13 @@ def _interpolate(x: FloatArray, L: int, sign: int) -> FloatArray:
     result = np.copy(x)
     for at, gap in interpolations(x, L, sign):
         result[at] = np.nan if gap is None else gap.values
-    return bridged(result)
+    return interpolate_linearly(result)
 
 
 def _spikes(
     x: FloatArray,
     e: FloatArray,
-    judged: BoolArray,
+    is_tested: BoolArray,
     L: int,
     smallest: float,
     max_run: int,
@@ -252,28 +252,28 @@ def _spikes(
     noise = np.quantile(d.reshape(-1, L), QUIET_FRACTION, axis=1) / QUIET_STD
     sigma = np.hypot(noise, q / np.sqrt(12)).repeat(L)
     rounding = 1e-7 * float(np.nanmax(x) - np.nanmin(x))  # by single precision or nine digits in a text
-    least = np.maximum(MIN_SIGMAS * sigma, max(rounding, smallest))
-    if not np.any(d > least):
+    threshold = np.maximum(MIN_SIGMAS * sigma, max(rounding, smallest))
+    if not np.any(d > threshold):
         return np.zeros(len(e), dtype=np.bool_)
     # A spike changes the running median next to it, but little if e is smooth.
     beside = maximum_filter(d, MEDIAN_WINDOW) / MIN_RATIO
-    short = [(a, b) for a, b in runs(d > np.maximum(least, beside)).tolist() if b - a <= max_run]
+    short = [(a, b) for a, b in runs(d > np.maximum(threshold, beside)).tolist() if b - a <= max_run]
     is_spike = np.zeros(len(e), dtype=np.bool_)
     straight, scale = np.copy(e), _scale(d)
     for first, end in short:
         straight[first:end] = np.nan
-    straight = bridged(straight)
+    straight = interpolate_linearly(straight)
     for first, end in short:
         # Near an end, a spike and a curvature are indistinguishable.
-        if not judged[first:end].any() or first <= n or end >= len(e) - n:
+        if not is_tested[first:end].any() or first <= n or end >= len(e) - n:
             continue
         sides = np.r_[max(0, first - 2 * n) : first - 1, end + 1 : min(len(e), end + 1 + 2 * n)]
         around = np.quantile(d[sides], quantile)
         distance, scatter = _from_parabola(e, straight, first, end, quantile)
         is_lone = d[first:end].max() > max(MIN_RATIO * around, scale)
-        if is_lone and distance > max(least[first], MIN_RATIO * scatter):
+        if is_lone and distance > max(threshold[first], MIN_RATIO * scatter):
             is_spike[first:end] = True
-    return is_spike & judged
+    return is_spike & is_tested
 
 
 def _lost_messages(x: FloatArray, q: float) -> tuple[BoolArray, BoolArray]:

@@ -2,8 +2,8 @@ r"""The period of a recorded excitation, stated or detected, by autocorrelation 
 
 .. math:: \rho(l) = \frac{\sum_t x(t)\, x(t + l)}{\sqrt{\sum_t x(t)^2 \sum_t x(t + l)^2}}
 
-A part of the signal that repeats, and noise in the rest, have the same rho after one, two and more periods; a slow
-motion that resembles itself after some lag does not.
+If a signal is periodic except for noise, rho is the same after one, two and more periods. A slow motion, which is
+similar to itself after some lag, has another rho after each of them.
 """
 
 from dataclasses import dataclass, replace
@@ -18,29 +18,28 @@ from elastid.logs.repair.clock_drift import MAX_CLOCK_ERROR, MAX_REMAINING_FRACT
 from elastid.logs.repair.masks import CHECK_CELLS, MAX_MISSING_FRACTION, MIN_OVER_USUAL
 from elastid.logs.repair.resampling import at_times
 
-# Limits of the tests for periods.
-# Least correlation of repetitions; MIN_DELAY_CORRELATION if several periods show that the remainder is noise.
+# Minimum correlation of repetitions; MIN_DELAY_CORRELATION if several periods show that the remainder is noise.
 MIN_CORRELATION = 0.95
-# Least number of periods for the test of the remainder, and the largest relative change of their correlations.
+# Minimum number of periods for the test of the remainder, and maximum relative change of their correlations.
 MIN_NOISY_PERIODS, MAX_CORRELATION_CHANGE = 4, 0.1
-# The change from one period to the next is noise if its autocorrelation at lags from 1/20 to 1/2 of a period is at most
-# MAX_REST_CORRELATION; the change of a motion is as slow as the motion.
+# The change between periods is noise if its autocorrelation at lags from 1/20 to 1/2 of a period is at most
+# MAX_REST_CORRELATION: an aperiodic motion changes as slowly as it moves, which correlates at these lags.
 MIN_REST_LAG, MAX_REST_CORRELATION = 0.05, 0.3
-# A period is as good as another if it leaves at most 1.2 times its unexplained power plus 1 % of the signal's power.
+# A period is as good as another one if its unexplained power is at most 1.2 times as large plus 1 % of the signal's.
 MAX_UNEXPLAINED_RATIO, UNEXPLAINED_MARGIN = 1.2, 0.01
-MIN_PERIODS = 1.9  # least number of periods in a log; the second may end early
-# Largest shift by lost samples, relative to the period and in samples; larger shifts have other causes.
-MAX_SHIFT, MAX_LOST = 0.02, 50
-MIN_FRACTION_OF_BEST = 0.8  # lowest peak, relative to the highest, that is refined
+MIN_PERIODS = 1.9  # in a log; the second may end early
+# Maximum shift by lost samples, relative to the period and in samples; larger shifts have other causes.
+MAX_SHIFT, MAX_SHIFT_SAMPLES = 0.02, 50
+MIN_FRACTION_OF_BEST = 0.8  # lower peaks, relative to the highest one, are not refined
 
 
 @dataclass(frozen=True)
 class Repetition:
-    """How well signals repeat after the stated lag, and the lag (in samples, not always whole) that repeats them best.
+    """Correlation of signals with themselves at the stated lag, and the lag with the largest correlation.
 
-    correlation: with themselves at the stated lag.  best_correlation: at best_samples; both count minus a half wave
-    as a repetition if the study states it.  best_samples is 0 without a repetition.  remainder_is_noise: several
-    repetitions agree that what does not repeat is noise.
+    best_samples: that lag, not always an integer; 0 if the signals do not repeat.  best_correlation: at this lag.  If
+    the study states a half wave, both are correlations with the negative signal.  remainder_is_noise: the part that
+    does not repeat is noise, by several repetitions.
     """
 
     correlation: float
@@ -50,9 +49,9 @@ class Repetition:
 
     @property
     def matches_stated_period(self) -> bool:
-        """True if the stated lag repeats the signals, as well as any other does."""
-        least = MIN_DELAY_CORRELATION if self.remainder_is_noise else MIN_CORRELATION
-        return self.correlation >= least and _is_as_good(self.correlation, self.best_correlation)
+        """True if signals repeat after the stated lag, and no other lag is better."""
+        min_correlation = MIN_DELAY_CORRELATION if self.remainder_is_noise else MIN_CORRELATION
+        return self.correlation >= min_correlation and _is_as_good(self.correlation, self.best_correlation)
 
     @property
     def rank(self) -> tuple[bool, float]:
@@ -64,18 +63,18 @@ _NONE = Repetition(0.0, 0.0, 0.0)
 
 
 def repetition(signals: FloatArray, lag: int, sign: int = 1) -> Repetition:
-    """Test if signals (n, c), NaN where missing, repeat after lag samples, with sign -1 as x(t + lag) = -x(t).
+    """Test if signals (n, c), NaN where missing, repeat after lag samples; sign -1: as x(t + lag) = -x(t).
 
-    The signal that repeats best stands for all: not every input is excited in every experiment.  One repetition is
-    compared with the next and, to detect a period that is off by a fraction of a sample, with many later ones.  Means
-    and ramps of each lag are removed first: a position that drifts still repeats.
+    The result is that of the signal that repeats best, since not every input is excited in every experiment.  One
+    repetition is compared with the next and, to detect a period that is off by a fraction of a sample, with many later
+    ones.  Means and ramps of each lag are removed first: a position that drifts still repeats.
     """
     results = [_repetition(x, lag, sign) for x in signals.T if _varies(x)]
     return max(results, key=lambda result: (result.matches_stated_period, result.best_correlation), default=_NONE)
 
 
 def find_period(signals: FloatArray) -> Repetition:
-    """Find the shortest lag after which a signal of (n, c) repeats, least drift; best_samples 0 without one."""
+    """Find the shortest lag after which a signal of (n, c) repeats, except for drift; best_samples 0 without one."""
     return max((_best(x) for x in signals.T if _varies(x)), key=lambda result: result.rank, default=_NONE)
 
 
@@ -84,8 +83,8 @@ def _varies(x: FloatArray) -> bool:
 
 
 def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repetition:
-    """Test one signal (n,); starts: its first repetition may hold the start from rest."""
-    # Repetitions at the end that are missing altogether show nothing.
+    """Test one signal (n,); starts: its first repetition may contain the start from rest."""
+    # Missing repetitions at the end do not count.
     finite = np.flatnonzero(np.isfinite(x))
     x = x[: max(int(finite.max(initial=-1)) + 1, 2 * lag)]
     n = len(x)
@@ -101,7 +100,7 @@ def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repe
         correlation = sign**repeats * float(rho[middle]) if middle < len(rho) else 0.0
         result = replace(result, correlation=correlation, best_correlation=float(near.max(initial=0.0)))
         if not result.matches_stated_period:
-            # Estimators leave the first repetition out where it differs.
+            # Estimators discard the first repetition if it differs.
             later = _repetition(x[lag:], lag, sign, starts=False) if starts and n >= 3 * lag else _NONE
             if later.matches_stated_period:
                 return later
@@ -112,16 +111,16 @@ def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repe
 
 def _best(x: FloatArray) -> Repetition:
     """Find the lag at which a signal (n,) repeats, with or without a drift."""
-    levelled = (x - np.nanmean(x), flat(x, len(x)).ravel())
-    best = max((_anywhere(signal) for signal in levelled), key=lambda result: result.rank)
+    candidates = (x - np.nanmean(x), flat(x, len(x)).ravel())
+    best = max((_anywhere(signal) for signal in candidates), key=lambda result: result.rank)
     return _anywhere(_detrend(x, round(best.best_samples))) if best.best_samples else best
 
 
 def _detrend(x: FloatArray, lag: int) -> FloatArray:
     """Remove the mean and the drift of a signal (n,); the drift is the mean change after `lag` samples."""
     change = x[lag:] - x[:-lag]
-    drift = float(np.nanmean(change)) / lag if np.isfinite(change).any() else 0.0
-    residual = x - drift * np.arange(len(x))
+    slope = float(np.nanmean(change)) / lag if np.isfinite(change).any() else 0.0
+    residual = x - slope * np.arange(len(x))
     return np.asarray(residual - np.nanmean(residual))
 
 
@@ -145,8 +144,8 @@ def _remainder_is_noise(rho: FloatArray, lag: float, sign: int = 1) -> bool:
         return False
     T = max(1, round(lag))
     later = np.arange(max(1, round(MIN_REST_LAG * T)), T // 2 + 1)
-    rest = 2 * rho[later] - sign * (rho[T + later] + rho[T - later])
-    return bool(np.all(np.abs(rest) <= MAX_REST_CORRELATION * 2 * max(1 - sign * rho[T], 1e-3)))
+    remainder = 2 * rho[later] - sign * (rho[T + later] + rho[T - later])
+    return bool(np.all(np.abs(remainder) <= MAX_REST_CORRELATION * 2 * max(1 - sign * rho[T], 1e-3)))
 
 
 def _anywhere(x: FloatArray) -> Repetition:
@@ -312,7 +311,7 @@ def _sample_shift(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] 
 
     Each eighth of a period is looked for one period later: after N samples, or by one other lag across the shift.
     """
-    L, reach = max(N // 8, 1), int(np.clip(MAX_SHIFT * N, 2, MAX_LOST))
+    L, max_shift = max(N // 8, 1), int(np.clip(MAX_SHIFT * N, 2, MAX_SHIFT_SAMPLES))
     x = excitation[:, [c for c in range(excitation.shape[1]) if _varies(excitation[:, c])]]
     if not np.isfinite(x).all():
         return None
@@ -320,17 +319,17 @@ def _sample_shift(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] 
     change = np.array([*folded(power, N).mean(axis=1), power[-N:].mean()])
     if len(x) >= 4 * N and change.max() < MIN_OVER_USUAL * np.median(change):
         return None
-    lags, starts = list[int](), range(0, len(x) - N - L - reach, L)
+    lags, starts = list[int](), range(0, len(x) - N - L - max_shift, L)
     for start in starts:
         window = x[start : start + L] - x[start : start + L].mean(axis=0)
-        others = np.stack([x[start + N + k : start + N + k + L] for k in range(-reach, reach + 1)])
-        others = sign * (others - others.mean(axis=1, keepdims=True))
-        inner = np.einsum("nc,knc->k", window, others)
-        rho = inner / np.maximum(np.linalg.norm(window) * np.linalg.norm(others, axis=(1, 2)), 1e-300)
-        is_nearer = 1 - rho.max() < MAX_REMAINING_FRACTION * (1 - rho[reach])
-        lag = int(np.argmax(rho)) - reach if is_nearer else 0
-        lags.append(lag if rho.max() > MIN_CORRELATION else reach + 1)
-    valid = [lag for lag in lags if lag <= reach]
+        shifted = np.stack([x[start + N + k : start + N + k + L] for k in range(-max_shift, max_shift + 1)])
+        shifted = sign * (shifted - shifted.mean(axis=1, keepdims=True))
+        inner = np.einsum("nc,knc->k", window, shifted)
+        rho = inner / np.maximum(np.linalg.norm(window) * np.linalg.norm(shifted, axis=(1, 2)), 1e-300)
+        is_nearer = 1 - rho.max() < MAX_REMAINING_FRACTION * (1 - rho[max_shift])
+        lag = int(np.argmax(rho)) - max_shift if is_nearer else 0
+        lags.append(lag if rho.max() > MIN_CORRELATION else max_shift + 1)
+    valid = [lag for lag in lags if lag <= max_shift]
     shifts, changes = set(valid) - {0}, np.count_nonzero(np.diff(valid))
     if not (len(shifts) == 1 and 0 < changes <= 2 and changes < len(valid) - 1 and len(lags) - len(valid) <= 3):
         return None
@@ -339,6 +338,6 @@ def _sample_shift(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] 
 
 
 def _span(samples: float, log: Log) -> str:
-    shown = round(samples, 2)
-    seconds = "" if log.rate_hz is None else f" ({shown / log.rate_hz:.6g} s)"
-    return f"{shown:.8g} samples{seconds}"
+    rounded = round(samples, 2)
+    seconds = "" if log.rate_hz is None else f" ({rounded / log.rate_hz:.6g} s)"
+    return f"{rounded:.8g} samples{seconds}"

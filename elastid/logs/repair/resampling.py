@@ -5,6 +5,8 @@ r"""Resampling of signals by a sinc in a Kaiser window of half width W samples.
 with b = 1, or the ratio of the rates where the new one is lower (Kaiser and Schafer, IEEE Trans. ASSP 28, 1980).
 """
 
+import math
+
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
@@ -21,37 +23,37 @@ def at_times(signals: FloatArray, times: FloatArray, period: float | None = None
 
     Without a period (None), the signals are point-symmetric to their first and last samples, which keeps the slope.
     """
-    reach = int(np.ceil(HALF_WIDTH / band))
-    before = reach + max(0, int(np.ceil(-times.min())))
-    padded = _extend(signals, period, before, reach + 1 + max(0, int(np.ceil(times.max())) - len(signals) + 1))
+    half_width = math.ceil(HALF_WIDTH / band)
+    n_before = half_width + max(0, math.ceil(-times.min()))
+    extended = _extend(signals, period, n_before, half_width + 1 + max(0, math.ceil(times.max()) - len(signals) + 1))
     result = np.empty((len(times), signals.shape[1]))
-    offsets = np.arange(-reach, reach + 1)
+    offsets = np.arange(-half_width, half_width + 1)
     for first in range(0, len(times), _TIMES_AT_ONCE):
         nearest, weights = kernel(times[first : first + _TIMES_AT_ONCE], band)
         result[first : first + _TIMES_AT_ONCE] = np.einsum(
-            "tk,tkc->tc", weights, padded[nearest[:, None] + before + offsets]
+            "tk,tkc->tc", weights, extended[nearest[:, None] + n_before + offsets]
         )
     return result
 
 
 def kernel(t: FloatArray, band: float = 1.0) -> tuple[IntArray, FloatArray]:
     """Compute the samples (m,) nearest to times t (m,), and the weights (m, 2 W / b + 1) of those around them."""
-    reach = int(np.ceil(HALF_WIDTH / band))
+    half_width = math.ceil(HALF_WIDTH / band)
     nearest = np.round(t).astype(np.int64)
-    apart = band * ((t - nearest)[:, None] - np.arange(-reach, reach + 1))
+    apart = band * ((t - nearest)[:, None] - np.arange(-half_width, half_width + 1))
     inside = np.clip(1 - (apart / HALF_WIDTH) ** 2, 0.0, None)
     weights = band * np.sinc(apart) * np.i0(_BETA * np.sqrt(inside)) / np.i0(_BETA) * (inside > 0)
     # A constant stays a constant.
     return nearest, weights / weights.sum(axis=1, keepdims=True)
 
 
-def _extend(x: FloatArray, period: float | None, before: int, after: int) -> FloatArray:
+def _extend(x: FloatArray, period: float | None, n_before: int, n_after: int) -> FloatArray:
     n = len(x)
     if period is None:
-        return np.pad(x, ((before, after), (0, 0)), "reflect", reflect_type="odd")
+        return np.pad(x, ((n_before, n_after), (0, 0)), "reflect", reflect_type="odd")
     # Each end and its continuation, taken one period further inside.
-    first = _values_at(x, np.arange(-before, 1.0) + period, period)
-    last = _values_at(x, np.arange(n - 1.0, n + after) - period, period)
+    first = _values_at(x, np.arange(-n_before, 1.0) + period, period)
+    last = _values_at(x, np.arange(n - 1.0, n + n_after) - period, period)
     return np.concatenate([first[:-1] + x[0] - first[-1], x, last[1:] + x[-1] - last[0]])
 
 

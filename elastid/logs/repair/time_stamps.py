@@ -134,8 +134,8 @@ def _period(t: FloatArray, step_s: float) -> float:
     period_s = step_s / float(ratio[np.argmax(alike - 0.2 * np.abs(ratio - 1))])
     for n in np.minimum(first * 2 ** np.arange(int(np.log2(len(t) / first)) + 2), len(t)).tolist():
         halves = t[: n // 2], t[n // 2 : n]
-        before, after = (np.exp(2j * np.pi / period_s * half).mean() for half in halves)
-        turns = float(np.angle(after * before.conj())) / (2 * np.pi)
+        phase_1, phase_2 = (np.exp(2j * np.pi / period_s * half).mean() for half in halves)
+        turns = float(np.angle(phase_2 * phase_1.conj())) / (2 * np.pi)
         period_s *= 1 + turns * period_s / float(halves[1].mean() - halves[0].mean())
     return period_s
 
@@ -144,8 +144,8 @@ def _rows(t: FloatArray, period_s: float) -> IntArray:
     """Number the samples of stamps (n,): a sample is lost where all later stamps are late by a period."""
     k = np.arange(len(t))
     phase = float(np.angle(np.exp(2j * np.pi / period_s * t).mean())) / (2 * np.pi)
-    lost = np.minimum.accumulate(np.round(t / period_s - phase - k)[::-1])[::-1]
-    return np.asarray(k + (lost - lost[0]), dtype=np.int64)
+    n_missing = np.minimum.accumulate(np.round(t / period_s - phase - k)[::-1])[::-1]
+    return np.asarray(k + (n_missing - n_missing[0]), dtype=np.int64)
 
 
 def _resolution(time_s: FloatArray) -> float:
@@ -196,8 +196,8 @@ def to_rate(
         raise log.error("records/clock", "its time does not increase. Name another channel as time, or omit time")
     begin, time_s = 0.0 if begin_s is None else begin_s - float(time_s[0]), time_s - time_s[0]
     if not 1 / MAX_RATE_RATIO < (len(time_s) - 1) / (time_s[-1] * rate_hz) < MAX_RATE_RATIO:
-        after = log.time_of(int(np.argmax(np.diff(time_s))))
-        text = f"its {len(time_s)} time stamps have {describe_steps(time_s)}, the longest after {after}; rate_hz is"
+        name = log.time_of(int(np.argmax(np.diff(time_s))))
+        text = f"its {len(time_s)} time stamps have {describe_steps(time_s)}, the longest after {name}; rate_hz is"
         advice = "Give the time in s, correct rate_hz, or exclude a jump by samples"
         raise log.error("records/clock", f"{text} {rate_hz:g}. {advice}")
     if (grid := even_grid(time_s)) is None:
@@ -205,11 +205,11 @@ def to_rate(
     rows, grid_hz = grid
     _check_band(grid_hz, rate_hz, time_s, log)
     first = 0.0 if begin_s is None else (begin - float(np.mean(time_s - rows / grid_hz))) * grid_hz
-    allowed = MAX_CLOCK_ERROR if begin_s is None else MAX_GRID_DEVIATION / len(rows)
+    tolerance = MAX_CLOCK_ERROR if begin_s is None else MAX_GRID_DEVIATION / len(rows)
     result = np.full((int(rows[-1]) + 1, signals.shape[1]), np.nan)
     result[rows] = signals
     _report_gaps(len(result) - len(signals), np.flatnonzero(np.diff(rows) > 1), log)
-    if abs(grid_hz / rate_hz - 1) <= allowed and abs(first - round(first)) <= MAX_GRID_DEVIATION:
+    if abs(grid_hz / rate_hz - 1) <= tolerance and abs(first - round(first)) <= MAX_GRID_DEVIATION:
         return result[round(first) :]
     _report_resampling(time_s, len(result), rate_hz, grid_hz, log)
     n = int((len(result) - 1 - first) * rate_hz / grid_hz + 1e-6) + 1
@@ -226,8 +226,8 @@ def rising(
     other clocks continue.  Raises DataError for missing stamps and for too many decreasing steps.
     """
     if not np.isfinite(time_s).all():
-        place = log.time_of(np.flatnonzero(~np.isfinite(time_s))[0])
-        raise log.error("records/clock", f"the time is missing at {place}. Exclude that part by samples")
+        name = log.time_of(np.flatnonzero(~np.isfinite(time_s))[0])
+        raise log.error("records/clock", f"the time is missing at {name}. Exclude that part by samples")
     twice = np.flatnonzero(np.diff(time_s) == 0) + 1
     if len(twice) > 0 and np.array_equal(signals[twice], signals[twice - 1], equal_nan=True):
         text = f"{len(twice)} rows repeat the time of the previous row, the first at {log.time_of(twice[0])}; discarded"
@@ -236,18 +236,18 @@ def rising(
     jumps = without_jumps(time_s)[1]
     if not len(jumps):
         return time_s, signals
-    place = log.time_of(jumps[0])
+    name = log.time_of(jumps[0])
     if len(jumps) > max(1.0, MAX_WRONG_FRACTION * len(time_s)):
-        text = f"the time runs backwards or jumps in {len(jumps)} of {len(time_s) - 1} steps, the first at {place}"
+        text = f"the time runs backwards or jumps in {len(jumps)} of {len(time_s) - 1} steps, the first at {name}"
         raise log.error("records/clock", f"{text}. Sort the rows by time, or exclude that part by samples")
     order = np.argsort(time_s, kind="stable")
     steps = np.diff(time_s[order])
     if steps.min() > np.median(steps) / 2 and np.sum(steps > MIN_GAP * np.median(steps)) < len(jumps):
-        text = f"{len(jumps)} rows were not in time order, the first at {place}; sorted"
+        text = f"{len(jumps)} rows were not in time order, the first at {name}; sorted"
         log.report("rows sorted by time", len(jumps), text)
         return time_s[order], signals[order]
     gap = "elastid assumes no lost message" if has_clocks else "treated as a gap"
-    log.report(SET_BACK, len(jumps), f"the time jumps at {place}, as if the clock was set; {gap}")
+    log.report(SET_BACK, len(jumps), f"the time jumps at {name}, as if the clock was set; {gap}")
     return without_jumps(time_s, 1 if has_clocks else MAX_BRIDGED + 2)[0], signals
 
 
@@ -258,8 +258,8 @@ def without_jumps(t: FloatArray, gap: int = 1) -> tuple[FloatArray, IntArray]:
     of a jump after the correction, in median steps.
     """
     rises = np.diff(t, prepend=t[:1])
-    others = rises[rises > 0].sum() - rises
-    is_jump = (rises < 0) | ((rises > MAX_RATE_RATIO * others) & (others > 0))
+    other_rises = rises[rises > 0].sum() - rises
+    is_jump = (rises < 0) | ((rises > MAX_RATE_RATIO * other_rises) & (other_rises > 0))
     steps = rises[(rises > 0) & ~is_jump]
     rises[is_jump] = gap * float(np.median(steps)) if steps.size else 0.0
     return t[:1] + np.cumsum(rises), np.flatnonzero(is_jump)

@@ -21,16 +21,8 @@ from elastid.logs.files.text import TextLog
 from elastid.logs.files.text_format import guess_format
 from elastid.logs.files.universal import is_universal_file, time_histories
 from elastid.logs.repair import MAX_WRONG_FRACTION
-from elastid.logs.responses.table import (
-    ResponseTable,
-    dataset_table,
-    struct_table,
-    structs_in,
-    table_error,
-    text_table,
-    uff_contents,
-    uff_table,
-)
+from elastid.logs.responses.table import ResponseTable, dataset_table, struct_table, structs_in, table_error, text_table
+from elastid.logs.responses.universal_files import uff_contents, uff_table
 from elastid.logs.units_and_sides import MAX_COMPUTABLE, link_side_factor, to_joints
 from elastid.record import MOTION_ORDER, Configuration, Motion, ZohTorque, zero_order_hold
 from elastid.response import Covariance, Response

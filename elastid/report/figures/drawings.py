@@ -99,8 +99,8 @@ def response_drawing(
     file: str, measured: Response, modelled: Response | None, std: FloatArray | None = None
 ) -> Drawing:
     """Return the drawing of magnitude and phase of a response and of a model, on its lines."""
-    compared = "" if modelled is None else ", measured and modelled"
-    caption = f"magnitude and phase of the frequency responses{compared}."
+    suffix = "" if modelled is None else ", measured and modelled"
+    caption = f"magnitude and phase of the frequency responses{suffix}."
     draw = partial(fit.bode, measured, modelled, std)
     return of_configuration(measured.configuration.name, file, caption, draw, False)
 
@@ -139,7 +139,7 @@ def of_configuration(
 # Begins the section of a figure of one joint.
 JOINT = "joint "
 # File-safe name and caption of a figure, and the function that draws it.
-Named: TypeAlias = tuple[str, str, Callable[[], Figure]]
+NamedFigure: TypeAlias = tuple[str, str, Callable[[], Figure]]
 
 
 def friction_study_drawings(
@@ -154,15 +154,15 @@ def friction_study_drawings(
         yield Drawing("left-out", "left-out", caption, partial(fit.octaves_figure, left_out.balances))
     for joint in result.joints:
         file = f"friction-{file_name(joint.joint)}"
-        followed = [tracked for tracked in filters if tracked.joint == joint.joint]
-        explained = [balance for balance in log_comparison.balances if balance.place == f"{JOINT}{joint.joint}"]
-        draws = [partial(fit.torque_balance_figure, balance) for balance in explained]
-        torques: list[Named] = [("torque", fit.TORQUE_CAPTION, draw) for draw in draws]
-        for name, caption, draw in (*_joint_figure(joint), *torques, *map(_filter_figure, followed)):
+        trackings = [tracked for tracked in filters if tracked.joint == joint.joint]
+        of_joint = [balance for balance in log_comparison.balances if balance.place == f"{JOINT}{joint.joint}"]
+        draws = [partial(fit.torque_balance_figure, balance) for balance in of_joint]
+        torques: list[NamedFigure] = [("torque", fit.TORQUE_CAPTION, draw) for draw in draws]
+        for name, caption, draw in (*_joint_figure(joint), *torques, *map(_filter_figure, trackings)):
             yield Drawing(f"{file}-{name}", f"{JOINT}{joint.joint}", f"Joint {joint.joint}: {caption}", draw)
 
 
-def _joint_figure(joint: JointFriction) -> Iterator[Named]:
+def _joint_figure(joint: JointFriction) -> Iterator[NamedFigure]:
     if joint.static is not None:
         caption = (
             "friction over speed: torques of the constant-velocity runs and the friction model, with 95 % intervals. "
@@ -176,7 +176,7 @@ def _joint_figure(joint: JointFriction) -> Iterator[Named]:
         yield "motion", caption, partial(friction_records.friction_motion, joint.motion)
 
 
-def _filter_figure(followed: TrackedFriction) -> Named:
+def _filter_figure(followed: TrackedFriction) -> NamedFigure:
     from elastid.report.figures import friction_records
 
     joint = followed.filtered

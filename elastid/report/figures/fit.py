@@ -69,8 +69,8 @@ def forest(rows: Sequence[ParameterRow]) -> Figure:
         Panel([*marks, *_values(ratios, at_bound)], f"ratio to the {to}", x_ends=(low, high)),
         Panel([*_values(percent, at_bound), *[off] * bool(beyond.any())], f"deviation from the {to} in %", x_ends=ends),
     ]
-    left, heights = 0.4 + 0.075 * max(len(row.name) for row in rows), [0.26 * len(rows) + 0.3]
-    figure = style.matrix("Parameters", [panels], heights, left=left, sharey=True)
+    left_margin, heights = 0.4 + 0.075 * max(len(row.name) for row in rows), [0.26 * len(rows) + 0.3]
+    figure = style.matrix("Parameters", [panels], heights, left=left_margin, sharey=True)
     ratio, deviation = figure.axes
     style.set_names(ratio.yaxis, [row.name for row in rows])
     ratio.set_ylim(len(rows) - 0.4, -0.6)
@@ -141,18 +141,18 @@ def hysteresis(gears: GearResult, robot: Robot | None) -> Figure:
         stiffness = sheet.number(f"k_{sheet.joint}")
         linear = sheet.torque / (math.inf if stiffness is None else stiffness.value)
         straight = Curve(sheet.torque, factor * linear, "k at zero torque", style.WEAK, looks={"ls": "--"})
-        label, words = f"torque of the gear in {torque}", f"joint {sheet.joint}"
-        above.append(Panel([*_loop(sheet, 0.0 * linear, factor), straight], label, f"torsion in {angle}", words))
-        below.append(Panel(_loop(sheet, linear, factor), label, f"less torque / k, {angle}", words))
+        label, title = f"torque of the gear in {torque}", f"joint {sheet.joint}"
+        above.append(Panel([*_loop(sheet, 0.0 * linear, factor), straight], label, f"torsion in {angle}", title))
+        below.append(Panel(_loop(sheet, linear, factor), label, f"less torque / k, {angle}", title))
     return style.matrix("Torsion of the gears over their torque", style.in_columns(above, below))
 
 
 def _loop(sheet: GearSheet, less: FloatArray, factor: float) -> list[Curve]:
     y, half = factor * (sheet.torsion - less), len(sheet.torque) // 2
     curves = []
-    for part in (slice(None, half), slice(half, None)):
-        rising = np.argsort(sheet.torque[part])
-        x, torsion, std = (x_all[part][rising] for x_all in (sheet.torque, y, factor * sheet.torsion_std))
+    for half_loop in (slice(None, half), slice(half, None)):
+        rising = np.argsort(sheet.torque[half_loop])
+        x, torsion, std = (x_all[half_loop][rising] for x_all in (sheet.torque, y, factor * sheet.torsion_std))
         band = style.about(torsion, std)
         curves.append(Curve(x, torsion, "torsion, to and fro", style.FITTED, band=band, band_label="95 % band"))
     return curves
@@ -213,10 +213,10 @@ def _modelled(model: Response, i: int, j: int, std: FloatArray | None) -> tuple[
     if std is not None:
         spread = 2 * std[:, i, j]
         band = in_db(np.maximum(size - spread, 1e-3 * size)), in_db(size + spread)
-    again = phase.copy()
-    again[:-1][np.abs(np.diff(phase)) > 180] = np.nan
+    next_phase = phase.copy()
+    next_phase[:-1][np.abs(np.diff(phase)) > 180] = np.nan
     magnitude = Curve(f, in_db(G), "model", style.FITTED, band=band, band_label="2 std of the model")
-    return [magnitude], [Curve(np.repeat(f, 2), np.stack([phase, again], axis=1).ravel(), "model", style.FITTED)]
+    return [magnitude], [Curve(np.repeat(f, 2), np.stack([phase, next_phase], axis=1).ravel(), "model", style.FITTED)]
 
 
 def quality_figure(response: Response, quality: Quality, title: str) -> Figure:
@@ -232,13 +232,13 @@ def quality_figure(response: Response, quality: Quality, title: str) -> Figure:
         for i, output in enumerate(response.outputs)
     ]
     absent = [
-        Curve(f, np.maximum(1 - part, 1e-16), color=style.SERIES[i % len(style.SERIES)])  # less is rounding
-        for i, part in enumerate(quality.multiple_coherence.T)
+        Curve(f, np.maximum(1 - coherence, 1e-16), color=style.SERIES[i % len(style.SERIES)])  # less is rounding
+        for i, coherence in enumerate(quality.multiple_coherence.T)
     ]
     panels.append(Panel(absent, label, title="1 − multiple coherence", frequency=f, scale="log"))
     for sigma, name in ((quality.singular_values, "G"), (quality.input_singular_values, "the inputs")):
-        words = f"singular values of {name}, dB; condition {np.median(sigma[:, 0] / sigma[:, -1]):.3g}"
-        panels.append(Panel([Curve(f, in_db(column)) for column in sigma.T], label, title=words, frequency=f))
+        caption = f"singular values of {name}, dB; condition {np.median(sigma[:, 0] / sigma[:, -1]):.3g}"
+        panels.append(Panel([Curve(f, in_db(column)) for column in sigma.T], label, title=caption, frequency=f))
     return style.matrix(title, style.in_columns(panels))
 
 
@@ -298,7 +298,7 @@ def torque_balance_figure(balance: TorqueBalance) -> Figure:
         whole.insert(0, (modelled - balance.torque_sum(FRICTION), style.WEAK, "model without friction"))
     whole.append((balance.residual, style.RESIDUAL, "measured − model"))
     total = [Curve(t, torque[part], text, ink) for torque, ink, text in whole]
-    parts = [
+    curves_ = [
         Curve(t, torque[part], name, COLORS[name]) for name, torque in zip(balance.parts, balance.torques, strict=True)
     ]
     curves = [
@@ -313,7 +313,7 @@ def torque_balance_figure(balance: TorqueBalance) -> Figure:
     unit, time = style.pretty_unit(balance.unit), "time in s" if balance.has_rate else "time in samples"
     below = Panel(curves, style.frequency_label(balance.has_rate), "%", scale="log")
     title = f"{balance.place}, {balance.log}: {100 * balance.unexplained_fraction:.2g} % of the mean square unexplained"
-    figure = style.matrix(title, [[Panel(total, y=unit)], [Panel(parts, time, unit)], [below]])
+    figure = style.matrix(title, [[Panel(total, y=unit)], [Panel(curves_, time, unit)], [below]])
     style.set_names(figure.axes[-1].xaxis, [f"{band.low_hz:.3g}–{band.high_hz:.3g}" for band in balance.bands])
     return figure
 

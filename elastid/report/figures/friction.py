@@ -67,8 +67,8 @@ class Condition:
     def text(self, law: StaticLaw) -> str:
         """Describe the conditions that the friction model depends on."""
         load, heat = f"a load of {self.load:.3g} {units(law.curve.slides)[1]}", f"{self.temperature:.3g} °C"
-        words = [text for kind, text in (("load", load), ("temperature", heat)) if depends_on(law, kind)]
-        return f"at {' and '.join(words)}" if words else ""
+        texts = [text for kind, text in (("load", load), ("temperature", heat)) if depends_on(law, kind)]
+        return f"at {' and '.join(texts)}" if texts else ""
 
 
 def friction_curve(law: StaticLaw) -> Figure:
@@ -108,9 +108,9 @@ def units(slides: bool) -> tuple[str, str]:
     return ("m/s", "N") if slides else ("rad/s", "N·m")
 
 
-def depends_on(law: StaticLaw, part: str) -> bool:
+def depends_on(law: StaticLaw, prefix: str) -> bool:
     """True where the law has numbers of `load`, `temperature` or `directions`."""
-    return any(name.startswith(part) for name in law.names)
+    return any(name.startswith(prefix) for name in law.names)
 
 
 def residuals(law: StaticLaw) -> FloatArray:
@@ -163,39 +163,39 @@ def friction_taken_out(friction: CompensatedFriction, robot: Robot | None = None
     return figure
 
 
-def curve_of(friction: CompensatedFriction, place: str) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
+def curve_of(friction: CompensatedFriction, location: str) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
     """Return x (n,), torque and std of a motor, and True if x is a distance from a reversal, link side, rad (m).
 
     Without a bristle, friction is a function of velocity, and x is that, in rad/s (m/s).
     """
-    shapes = [shape for shape, _ in friction.compensated_basis(place)]
+    shapes = [shape for shape, _ in friction.compensated_basis(location)]
     bend = max((shape.threshold for shape in shapes if shape.kind not in ("sign", "stribeck")), default=0.0)
     if bend > 0:
         distance = np.linspace(0.0, 4 * bend, POINTS_TAKEN_OUT)  # a stop operator slides after 2 thresholds
-        torque, std = friction.reversal(place, distance)
-        torque_0, of_level = friction.coulomb_friction(place)
+        torque, std = friction.reversal(location, distance)
+        torque_0, of_level = friction.coulomb_friction(location)
         x = np.concatenate([[-0.1 * distance[-1], 0.0], distance])
         return x, np.concatenate([[-torque_0, -torque_0], torque]), np.concatenate([[of_level, of_level], std]), True
     turning = max((shape.threshold for shape in shapes), default=0.0)
     # A sign that turns gradually has turned at 3 thresholds; one that turns at once is drawn to 1 mrad/s (mm/s).
     v = np.linspace(-1.0, 1.0, POINTS_TAKEN_OUT) * (5 * turning if turning > 0 else 1e-3)
-    return v, *friction.sliding(place, v), False
+    return v, *friction.sliding(location, v), False
 
 
 def _taken_out(friction: CompensatedFriction, i: int, modelled: float | None) -> Panel:
-    place, unit = friction.places[i], friction.place_units[i]
-    x, torque, std, is_distance = curve_of(friction, place)
+    location, unit = friction.places[i], friction.place_units[i]
+    x, torque, std, is_distance = curve_of(friction, location)
     band = style.about(torque, std)
     curves = [Curve(1e3 * x, torque, "friction", style.FITTED, band=band, band_label="95 % interval")]
     for coulomb in () if modelled is None else (modelled, -modelled):
         ends, looks = 1e3 * x[[0, -1]], {"ls": "--"}
         curves.append(Curve(ends, [coulomb, coulomb], "F_c of the robot model", style.TRUTH, looks=looks))
-    F_c, of_own = friction.coulomb_friction(place)
+    F_c, of_own = friction.coulomb_friction(location)
     length, quantity = ("mm", "force") if unit == "N" else ("mrad", "torque")
-    words = f"distance from a reversal in {length}" if is_distance else f"velocity in {length}/s"
+    label = f"distance from a reversal in {length}" if is_distance else f"velocity in {length}/s"
     unit = style.pretty_unit(unit)
-    title = f"{place}: F_c = {F_c:.4g} ± {QUANTILE_95 * of_own:.2g} {unit}"
-    return Panel(curves, words, f"{quantity} in {unit}", title)
+    title = f"{location}: F_c = {F_c:.4g} ± {QUANTILE_95 * of_own:.2g} {unit}"
+    return Panel(curves, label, f"{quantity} in {unit}", title)
 
 
 def _unexplained(friction: CompensatedFriction, i: int) -> Panel:

@@ -36,10 +36,10 @@ def friction_motion(friction: MotionFriction) -> Figure:
     """
     signals, slides = MotionSignals.of(friction.motion, friction.passband_hz), friction.motion.slides
     columns, (speed, unit) = columns_of(signals, friction.terms), units(slides)
-    parts = torque_components(friction.regression, columns)
+    components = torque_components(friction.regression, columns)
     torque, v = signals.filtered(friction.motion.torque), signals.filtered(signals.velocity)
     regressed, rigid = (
-        np.sum([parts[name] for name in names if name in parts], axis=0)
+        np.sum([components[name] for name in names if name in components], axis=0)
         for names in (TORQUE_COMPONENTS, TORQUE_COMPONENTS[:2])
     )
     time_s = np.arange(len(friction.motion.position))[signals.decimation] / friction.motion.rate_hz
@@ -88,26 +88,26 @@ def _over_velocity(motion: MotionFriction, velocity: FloatArray, friction: Float
         yield Curve(v, torque, "regression", style.FITTED, band=style.about(torque, std))
 
 
-def friction_filter(followed: TrackedFriction) -> Figure:
+def friction_filter(tracked: TrackedFriction) -> Figure:
     """Draw tracked numbers, NIS with its band, and the autocorrelation of the innovations."""
-    time, rows = followed.time_s, []
-    for i, name in enumerate(followed.names):
-        y, band = followed.values[:, i], (followed.low[:, i], followed.high[:, i])
+    time, rows = tracked.time_s, []
+    for i, name in enumerate(tracked.names):
+        y, band = tracked.values[:, i], (tracked.low[:, i], tracked.high[:, i])
         curves = [Curve(time, y, "followed", style.FITTED, band=band, band_label="95 % band")]
-        unobserved = np.where(followed.unknown[:, i], y, np.nan)
-        if np.isfinite(unobserved).any():
+        hidden_part = np.where(tracked.unknown[:, i], y, np.nan)
+        if np.isfinite(hidden_part).any():
             text = "fixed: not observable in this motion"
-            curves.append(Curve(time, unobserved, text, style.WEAK))
-        rows.append([Panel(curves, y=f"{NAMES[name]}\nin {_unit(name, followed.slides)}")])
+            curves.append(Curve(time, hidden_part, text, style.WEAK))
+        rows.append([Panel(curves, y=f"{NAMES[name]}\nin {_unit(name, tracked.slides)}")])
     low, high = (np.full_like(time, end) for end in NIS_BAND)
     text, label = "mean NIS since the point before", "mean NIS of an honest filter"
-    nis = Curve(time, followed.nis, text, style.TOTAL, band=(low, high), band_label=label)
+    nis = Curve(time, tracked.nis, text, style.TOTAL, band=(low, high), band_label=label)
     rows.append([Panel([nis], "time in s", "NIS", scale="log")])
-    rho = followed.consistency.autocorrelation[1:]
-    reach = QUANTILE_95 / np.sqrt(max(followed.consistency.n_eff, 1.0))
+    rho = tracked.consistency.autocorrelation[1:]
+    limit = QUANTILE_95 / np.sqrt(max(tracked.consistency.n_eff, 1.0))
     dots = Curve(np.arange(1, len(rho) + 1), rho, dots=True)
-    rows.append([Panel([dots], "lag in samples", "autocorrelation", marks=(-reach, reach))])
-    return style.matrix(f"joint {followed.joint}: friction followed, mean NIS {followed.consistency.nis:.2f}", rows)
+    rows.append([Panel([dots], "lag in samples", "autocorrelation", marks=(-limit, limit))])
+    return style.matrix(f"joint {tracked.joint}: friction followed, mean NIS {tracked.consistency.nis:.2f}", rows)
 
 
 def _unit(name: str, slides: bool) -> str:

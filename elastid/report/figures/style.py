@@ -284,7 +284,7 @@ def set_plain_ticks(axis: Axis, ticks: Sequence[float]) -> None:
     axis.set_minor_locator(NullLocator())
 
 
-def round_ticks(low: float, high: float, most: int) -> list[float]:
+def round_ticks(low: float, high: float, max_count: int) -> list[float]:
     """Round numbers on a logarithmic axis: 1-2-5 steps, decades where those are too many, even steps where too few.
 
     >>> round_ticks(2.1, 60.0, 6)
@@ -294,8 +294,8 @@ def round_ticks(low: float, high: float, most: int) -> list[float]:
     for digits in ((1, 2, 5), (1, 3), (1,)):
         ticks = [float(f"{digit}e{decade}") for decade in decades for digit in digits]
         ticks = [tick for tick in ticks if low / 1.05 <= tick <= high * 1.05]
-        if len(ticks) <= most:
+        if len(ticks) <= max_count:
             break
     if len(ticks) >= 3:
         return ticks
-    return [float(tick) for tick in MaxNLocator(min(most, 4)).tick_values(low, high) if low <= tick <= high]
+    return [float(tick) for tick in MaxNLocator(min(max_count, 4)).tick_values(low, high) if low <= tick <= high]

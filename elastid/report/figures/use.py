@@ -51,9 +51,9 @@ def workspace_figure(workspace: WorkspaceMap, quantity: str = "softest_complianc
     for axes, (a, b) in zip(sides, ((x, y), (np.hypot(x, y), z)), strict=True):
         dots = axes.scatter(a[order], b[order], c=value[order], s=9, cmap="viridis", norm=norm)
         axes.set_aspect("equal", adjustable="datalim")
-    bar = figure.colorbar(dots, ax=sides)
-    bar.set_label(f"{values.text} in {unit}", fontsize=style.SMALL)
-    bar.ax.tick_params(labelsize=style.SMALL)
+    colorbar = figure.colorbar(dots, ax=sides)
+    colorbar.set_label(f"{values.text} in {unit}", fontsize=style.SMALL)
+    colorbar.ax.tick_params(labelsize=style.SMALL)
     return figure
 
 
@@ -68,11 +68,11 @@ def move_figure(tuned: TunedMove) -> Figure:
         limit = limits[i] if np.isfinite(limits[i]) else np.abs(tuned.torque[:, i]).max()
         color = style.SERIES[i % len(style.SERIES)]
         torques.append(Curve(t, tuned.torque[:, i] / limit, f"motor {name}", color))
-    words = "torque over its limit" if np.isfinite(limits).all() else "torque over limit or largest"
+    label = "torque over its limit" if np.isfinite(limits).all() else "torque over limit or largest"
     span, title = (0.0, tuned.duration), f"{tuned.name}: a move of {tuned.duration:.4g} s"
     rows = [
         [Panel(errors, y=f"error of {tuned.frame} in mm", scale="log", span=span)],
-        [Panel(torques, "time in s", words, marks=(-1, 1), span=span)],
+        [Panel(torques, "time in s", label, marks=(-1, 1), span=span)],
     ]
     return style.matrix(title, rows, sharex=True)
 

@@ -114,11 +114,11 @@ def _response(
         "freq": [float(f"{f:.6g}") for f in freq],
         "at": np.searchsorted(freq, measured.freq_hz).tolist(),
         # (n, n_y, n_u) element by element.
-        "arrays": {name: packed(values.transpose(1, 2, 0)) for name, values in arrays.items() if values is not None},
+        "arrays": {name: pack(values.transpose(1, 2, 0)) for name, values in arrays.items() if values is not None},
     }
 
 
-def packed(values: FloatArray | ComplexArray) -> str:
+def pack(values: FloatArray | ComplexArray) -> str:
     """Pack values as base64 of little-endian float32, real before imaginary part."""
     single = "<c8" if np.iscomplexobj(values) else "<f4"
     return base64.b64encode(np.ascontiguousarray(values, single).tobytes()).decode("ascii")
@@ -142,12 +142,12 @@ def _mode_row(row: ModeRow, unit: str) -> Mapping[str, Any] | None:
     for mode, (freq, zeta) in enumerate(zip(row.frequency_hz, row.damping_ratio, strict=True)):
         title = f"{row.configuration}, mode {mode + 1}: {number(freq)} {unit}, " + f"{percent(zeta)} damping"
         motion = drawing.moved[:, :, mode]
-        shape = {"re": _whole(motion.real, step), "im": _whole(motion.imag, step)}
+        shape = {"re": _whole_numbers(motion.real, step), "im": _whole_numbers(motion.imag, step)}
         modes.append({"title": title, "energy": row.energy_text[mode], "views": drawing.views(mode), **shape})
-    sticks = {"points": _whole(drawing.points, step), "links": drawing.links, "joints": drawing.joints}
+    sticks = {"points": _whole_numbers(drawing.points, step), "links": drawing.links, "joints": drawing.joints}
     return {"step": step, **sticks, "down": drawing.up if drawing.hanging else -1, "modes": modes}
 
 
-def _whole(values: FloatArray, step: float) -> list[int]:
+def _whole_numbers(values: FloatArray, step: float) -> list[int]:
     """Pack (n, 3) in whole steps, point by point."""
     return np.round(values / step).astype(int).ravel().tolist()

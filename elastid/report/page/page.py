@@ -62,7 +62,7 @@ def joint_groups(robot: Robot) -> list[tuple[str, ...]]:
 
 def robot_sketch(robot: Robot, drawing: ModeDrawing, rows: Sequence[ParameterRow]) -> Markup:
     """Sketch the robot at rest; the title of each joint has its numbers and their intervals."""
-    points = _projected(drawing)
+    points = _project(drawing)
     by_name = {row.name: row for row in rows}
     parts = [
         f'<line x1="{points[a][0]:.1f}" y1="{points[a][1]:.1f}" x2="{points[b][0]:.1f}" y2="{points[b][1]:.1f}" '
@@ -75,12 +75,12 @@ def robot_sketch(robot: Robot, drawing: ModeDrawing, rows: Sequence[ParameterRow
     parts += [_joint(points[point], names, by_name) for point, names in joints]
     width, height = (float(np.ptp(points[:, axis])) + 2 * MARGIN for axis in (0, 1))
     box = f'viewBox="0 0 {width + 30:.0f} {height:.0f}" width="{width + 30:.0f}" height="{height:.0f}"'
-    words = "The robot; colours of the points: widths of the intervals of their joints"
+    title = "The robot; colours of the points: widths of the intervals of their joints"
     # Every text within is escaped.
-    return Markup(f'<svg class="robot" role="img" aria-label="{words}" {box}>{"".join(parts)}</svg>')
+    return Markup(f'<svg class="robot" role="img" aria-label="{title}" {box}>{"".join(parts)}</svg>')
 
 
-def _level(names: Sequence[str], rows: Iterable[ParameterRow]) -> int | None:
+def _widest_class(names: Sequence[str], rows: Iterable[ParameterRow]) -> int | None:
     """Index of WIDTH_WORDS of the widest interval of stiffness and damping at these joints; None without one."""
     terms = {f"{kind}_{name}" for name in names for kind in "kd"}
     return max((run_summary.width_class(row) for row in rows if row.name in terms), default=None)
@@ -88,7 +88,7 @@ def _level(names: Sequence[str], rows: Iterable[ParameterRow]) -> int | None:
 
 def _joint(point: FloatArray, names: Sequence[str], rows: Mapping[str, ParameterRow]) -> str:
     terms = [rows[f"{kind}_{name}"] for name in names for kind in ("k", "d", "fm") if f"{kind}_{name}" in rows]
-    place = _level(names, rows.values())
+    place = _widest_class(names, rows.values())
     widths = (
         ", ".join(f"{row.name} ±{percent(run_summary.half_width(row))}" for row in terms) or "nothing identified here"
     )
@@ -101,7 +101,7 @@ def _joint(point: FloatArray, names: Sequence[str], rows: Mapping[str, Parameter
     )
 
 
-def _projected(drawing: ModeDrawing) -> FloatArray:
+def _project(drawing: ModeDrawing) -> FloatArray:
     """Project points to pixels (n, 2), seen obliquely, up being up."""
     up = drawing.up
     right, depth = (up + 1) % 3, (up + 2) % 3
@@ -120,20 +120,20 @@ MARKS = ("low", "high", "start", "truth")
 def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapping[str, Any]:
     """Return values of the status bar and the three columns; with a sketch only if the robot has points to draw."""
     drawing = next((row.drawing for row in content.modes if row.drawing is not None), None)
-    sketched = content.robot if drawing is not None else None
+    robot = content.robot if drawing is not None else None
     classes: list[int | None] = [run_summary.width_class(row) for row in rows]
-    if sketched is not None:
-        classes = [_level(names, rows) for names in joint_groups(sketched)]
+    if robot is not None:
+        classes = [_widest_class(names, rows) for names in joint_groups(robot)]
     return {
         "sentence": run_summary.verdict_sentence(content.result, rows, content.agreements),
         "numbers_answer": run_summary.numbers_answer(content.result, rows, content.gears),
         "summary": run_summary.summary_line(content),
-        "sketch": robot_sketch(sketched, drawing, rows) if sketched is not None and drawing is not None else "",
+        "sketch": robot_sketch(robot, drawing, rows) if robot is not None and drawing is not None else "",
         "widest": None if run_summary.is_wrong(content.result) else run_summary.widest(rows),
         "half_width": run_summary.half_width,
         "width_class": run_summary.width_class,
-        "width_counts": [(words, i, classes.count(i)) for i, words in enumerate(run_summary.WIDTH_WORDS)],
-        "counted": "point" if sketched else "parameter",
+        "width_counts": [(label, i, classes.count(i)) for i, label in enumerate(run_summary.WIDTH_WORDS)],
+        "counted": "point" if robot else "parameter",
         "strip": run_summary.strip(content.validation.configurations),
         "residuals": run_summary.residual_sentence(content.result, content.agreements),
         "actions": run_summary.next_steps(content.result, rows),
@@ -166,12 +166,12 @@ def row_axis(rows: Sequence[ParameterRow]) -> Mapping[str, Mapping[str, float | 
     spread = [abs(_log_ratio(value, row.estimate)) for value, row in values]
     finite = [value for value in spread if math.isfinite(value)]
     # The axis reaches from 2 % to a factor of 100 to either side.
-    reach = float(np.clip(max(finite, default=0.0), math.log(1.02), math.log(100.0)))
+    limit = float(np.clip(max(finite, default=0.0), math.log(1.02), math.log(100.0)))
 
     def place(value: float | None, row: ParameterRow) -> float:
         if value is None:
             return math.nan
-        return round(60 * (1 + 0.94 * float(np.clip(_log_ratio(value, row.estimate) / reach, -1, 1))), 1)
+        return round(60 * (1 + 0.94 * float(np.clip(_log_ratio(value, row.estimate) / limit, -1, 1))), 1)
 
     axis = {
         row.name: {
@@ -179,7 +179,7 @@ def row_axis(rows: Sequence[ParameterRow]) -> Mapping[str, Mapping[str, float | 
         }
         for row in rows
     }
-    return axis | {"": {"reach": math.exp(reach)}}
+    return axis | {"": {"reach": math.exp(limit)}}
 
 
 def _log_ratio(value: float, estimate: float) -> float:
@@ -276,15 +276,15 @@ def _environment() -> Environment:
     environment.trim_blocks = environment.lstrip_blocks = True
     environment.filters |= {
         "number": number, "digits": digits, "percent": percent, "interval_of": interval_of, "grouped": grouped,
-        "friction_rows": friction_rows, "coded": _coded, "gear_table": gear_table, "gear_line": gear_line,
+        "friction_rows": friction_rows, "coded": _code_markup, "gear_table": gear_table, "gear_line": gear_line,
         "seen_words": seen_words,
     }  # fmt: skip
     return environment
 
 
-def _coded(sentence: str) -> Markup:
-    parts = [escape(part) for part in sentence.split("`")]
-    return Markup("").join(Markup("<code>{}</code>").format(part) if i % 2 else part for i, part in enumerate(parts))
+def _code_markup(sentence: str) -> Markup:
+    pieces = [escape(part) for part in sentence.split("`")]
+    return Markup("").join(Markup("<code>{}</code>").format(part) if i % 2 else part for i, part in enumerate(pieces))
 
 
 def rendered(figure: Figure) -> bytes:
@@ -296,9 +296,9 @@ def rendered(figure: Figure) -> bytes:
     width, height = (int(inches * DPI) for inches in figure.get_size_inches())
     image = Image.frombytes("RGBA", (width, height), buffer.getvalue())
     # 256 colors take less than half of the bytes, without a visible difference.
-    few = image.convert("RGB").quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    palette = image.convert("RGB").quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
     file = io.BytesIO()
-    few.save(file, "png", dpi=(DPI, DPI))  # the highest compression takes seven times as long and saves a tenth
+    palette.save(file, "png", dpi=(DPI, DPI))  # the highest compression takes seven times as long and saves a tenth
     return file.getvalue()
 
 

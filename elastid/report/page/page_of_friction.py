@@ -9,7 +9,7 @@ from elastid.report.friction_content import NUMBER_HEADINGS, FrictionContent, nu
 from elastid.report.page.page import EmbeddedFigure, render
 
 # Numbers that all passes of a joint share, as people call them.
-SHARED = {
+COMMON_NUMBERS = {
     "inertia": "inertia",
     "slope": "slope of friction within a pass",
     "gravity.cos": "gravity, part of cos q",
@@ -21,7 +21,7 @@ SHARED = {
 def html_of_friction(content: FrictionContent, figures: Collection[EmbeddedFigure]) -> str:
     """Render the page; every text from a study or a file is escaped."""
     result = content.result
-    rows = [(identified, number_cells(identified)) for identified in result.numbers]
+    rows = [(row, number_cells(row)) for row in result.numbers]
     return render(
         "friction.html.j2", content, figures, result=result, headings=NUMBER_HEADINGS, rows=rows,
         shared=shared_numbers, section=JOINT, refusals=refusals(result),
@@ -38,7 +38,7 @@ def shared_numbers(joint: JointFriction) -> tuple[tuple[str, str, str, str], ...
     for name, (value, std) in joint.constant_velocity.shared.items():
         kind = ".".join(name.split(".")[:2])  # of gravity.cos.full the load is full
         load = name[len(kind) + 1 :]
-        if kind in SHARED:
-            words = SHARED[kind] + (f" ({load})" if load else "")
-            rows.append((words, number(value), number(std, 2), units.get(name, torque)))
+        if kind in COMMON_NUMBERS:
+            text = COMMON_NUMBERS[kind] + (f" ({load})" if load else "")
+            rows.append((text, number(value), number(std, 2), units.get(name, torque)))
     return tuple(rows)

@@ -13,9 +13,9 @@ from elastid.base.escape import embedded_json
 from elastid.base.files import write_atomically
 from elastid.report.figures.style import own_style
 from elastid.report.figures.use import SHOWN
-from elastid.report.page.explorer import asset, packed
+from elastid.report.page.explorer import asset, pack
 from elastid.report.page.page import EmbeddedFigure, render, rendered
-from elastid.use.map import LISTED, WorkspaceMap
+from elastid.use.map import N_SOFTEST, WorkspaceMap
 
 
 def map_data(workspace: WorkspaceMap) -> str:
@@ -26,17 +26,17 @@ def map_data(workspace: WorkspaceMap) -> str:
     for quantity in m.quantities:
         unit, factor = SHOWN[quantity.unit]
         low, high = quantity.interval
-        columns = [packed(factor * part) for part in (quantity.value, low, high)]
+        columns = [pack(factor * values) for values in (quantity.value, low, high)]
         quantities.append({"name": quantity.name, "text": quantity.text, "unit": unit, "columns": columns})
     units = [(1.0, " m") if slides else (180 / np.pi, "°") for slides in m.sliding]
     angles = m.angles * [factor for factor, _ in units]
     content: dict[str, Any] = {
         "units": [unit for _, unit in units],
         "frame": m.frame, "joints": list(m.joints), "springs": list(m.springs), "is_path": m.is_path,
-        "count": len(m), "angles": packed(angles), "asked": (m.asked + 1).tolist(),
-        "places": [packed(part) for part in (x, y, np.hypot(x, y), z)], "share": packed(m.compliance_fraction),
-        "quantities": quantities, "softest": m.softest[:LISTED].tolist(),
-        "lines": packed(m.curve_hz), "curve": packed(1e6 * m.magnitude), "std": packed(1e6 * m.magnitude_std),
+        "count": len(m), "angles": pack(angles), "asked": (m.asked + 1).tolist(),
+        "places": [pack(values) for values in (x, y, np.hypot(x, y), z)], "share": pack(m.compliance_fraction),
+        "quantities": quantities, "softest": m.softest[:N_SOFTEST].tolist(),
+        "lines": pack(m.curve_hz), "curve": pack(1e6 * m.magnitude), "std": pack(1e6 * m.magnitude_std),
     }  # fmt: skip
     return embedded_json(content)
 

@@ -91,14 +91,14 @@ def check_unused(study: Study) -> Iterator[Problem]:
 
 
 def _changed_keys(value: Any, steps: Sequence[str], path: KeyPath = ()) -> Iterator[KeyPath]:
-    step, *rest = steps
+    step, *further = steps
     if value is None:
         return
     if step == "*":
         for i, entry in enumerate(value):
-            yield from _changed_keys(entry, rest, (*path, i))
-    elif rest:
-        yield from _changed_keys(getattr(value, step), rest, (*path, step))
+            yield from _changed_keys(entry, further, (*path, i))
+    elif further:
+        yield from _changed_keys(getattr(value, step), further, (*path, step))
     else:
         field = next(member for member in fields(value) if member.name == step)
         default = field.default if field.default_factory is MISSING else field.default_factory()

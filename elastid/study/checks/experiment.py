@@ -22,10 +22,10 @@ def check_count(study: Study) -> Iterator[Problem]:
     count, n_u, path = experiment.experiments, len(study.as_robot().driven), ("experiment", "experiments")
     if count is None or experiment.simulated is None:
         return
-    least = estimator.experiments_needed(n_u, experiment.realisations)
-    if not least <= count <= n_u:
+    min_count = estimator.experiments_needed(n_u, experiment.realisations)
+    if not min_count <= count <= n_u:
         text = f"{count} experiments in each of {experiment.realisations} realisations; estimator.method"
-        yield Problem(path, f"{text} {estimator.method} needs {least} to {n_u} for {n_u} motors")
+        yield Problem(path, f"{text} {estimator.method} needs {min_count} to {n_u} for {n_u} motors")
 
 
 def check_configurations(study: Study) -> Iterator[Problem]:

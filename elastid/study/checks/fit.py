@@ -6,7 +6,7 @@ from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.names import is_match, matching
 from elastid.fit.load_tests import LoadTest
 from elastid.fit.parameter_selection import choose
-from elastid.fit.problem.inertia_barrier import impossible_inertias, moved_inertias
+from elastid.fit.problem.inertia_barrier import free_inertias, impossible_inertias
 from elastid.fit.spec import FitSpec, misnamed
 from elastid.robot import TOOL
 from elastid.study.checks.names import check_names, check_units, list_configurations, list_inputs, list_outputs, unknown
@@ -22,8 +22,8 @@ def check_fit(study: Study) -> Iterator[Problem]:
     yield from _check_groups(study)
     names = {"configurations": list_configurations(study), "output": list_outputs(study), "input": list_inputs(study)}
     for i, factor in enumerate(study.fit.weights.factors):
-        for place, noun, name in misnamed(factor, names):
-            yield unknown(("fit", "weights", "factors", i, *place), noun, name, names[str(place[0])])
+        for key_path, noun, name in misnamed(factor, names):
+            yield unknown(("fit", "weights", "factors", i, *key_path), noun, name, names[str(key_path[0])])
     try:
         parameters = choose(study.fit, study.as_robot(), tuple(study.experiment.configurations))
     except StudyError:
@@ -35,8 +35,8 @@ def check_fit(study: Study) -> Iterator[Problem]:
                 message = f"no identified parameter is called {key}; {did_you_mean(key, free)}"
                 yield Problem(("fit", section, i), message)
     # The start of a body's inertias is one that a body can have.
-    for body in impossible_inertias(moved_inertias(parameters, study.as_robot()), parameters, parameters.x):
-        entries = {parameters.names[place] for place in body.places}
+    for body in impossible_inertias(free_inertias(parameters, study.as_robot()), parameters, parameters.x):
+        entries = {parameters.names[key_path] for key_path in body.indices}
         culprits = [key for key in study.fit.parameters if any(is_match(entry, key) for entry in entries)]
         yield Problem((*_PARAMETERS, *culprits[-1:]), body.refusal)
 
@@ -74,11 +74,11 @@ def _check_test(study: Study, test: LoadTest, path: KeyPath) -> Iterator[Problem
         if refusal := robot.count_refusal(len(test.angles)):
             yield Problem((*path, "angles"), refusal)
         yield from check_units((*path, "angles"), test.angles, robot)
-    places = [*(frame.name for frame in robot.frames), *(body.name for body in robot.bodies), TOOL]
+    locations = [*(frame.name for frame in robot.frames), *(body.name for body in robot.bodies), TOOL]
     for key in ("frame", "measured_at"):
         name = getattr(test, key)
-        if name and name not in places:
-            yield unknown((*path, key), "frame or body", name, dict.fromkeys(places))
+        if name and name not in locations:
+            yield unknown((*path, key), "frame or body", name, dict.fromkeys(locations))
     if test.deflection is None and study.experiment.simulated is None:
         text = "the load test has no deflection; only a simulated rig measures it. Give deflection"
         yield Problem((*path, "deflection"), text)

@@ -109,9 +109,9 @@ def check_files(
     for i, file in enumerate(files):
         yield from _check_file(study, file, (*path, "files", i), base)
     tools = filter(None, (study.tool, study.validation.tool))
-    tapped = {file.configuration for tool in tools for file in tool.responses.files}
+    with_tool = {file.configuration for tool in tools for file in tool.responses.files}
     for name in study.experiment.configurations if study.friction is None else ():
-        if name not in {file.configuration for file in files} | tapped:
+        if name not in {file.configuration for file in files} | with_tool:
             message = f"no file belongs to configuration {name}. List one in {'.'.join(map(str, path))}.files"
             yield Problem(("experiment", "configurations", name), message, at_key=True)
 
@@ -138,18 +138,18 @@ def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> I
         message = f"{len(tool.stiffness)} drives for {len(robot.driven)} driven joints of robot {robot.name}"
         yield Problem((*section, "stiffness"), message + ". Give one per joint")
     for i, channel in enumerate(tool.responses.channels):
-        place = (*path, "channels", i)
+        key_path = (*path, "channels", i)
         if channel.role == "u" and channel.at not in inputs:
-            yield unknown((*place, "at"), "input", channel.at, inputs)
+            yield unknown((*key_path, "at"), "input", channel.at, inputs)
         elif channel.role == "y":
             if refusal := refusal_of(robot.check_location, channel.at):
-                yield Problem((*place, "at"), refusal)
+                yield Problem((*key_path, "at"), refusal)
             if tool.motors == "locked" and channel.at.startswith("motor "):
-                yield Problem((*place, "at"), f"{channel.at} is locked and does not move. Omit it")
+                yield Problem((*key_path, "at"), f"{channel.at} is locked and does not move. Omit it")
         elif channel.quantity != ("force" if channel.at.startswith("force ") else "torque"):
             kind = channel.at.partition(" ")[0]
             message = f"the channel contains a {channel.quantity}, and a {kind} acts at {channel.at}"
-            yield Problem((*place, "quantity"), f"{message}. Set quantity: {kind}")
+            yield Problem((*key_path, "quantity"), f"{message}. Set quantity: {kind}")
 
 
 def check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath) -> Iterator[Problem]:
@@ -178,8 +178,8 @@ def check_logs(study: Study, base: Path) -> Iterator[Problem]:
         for problem in _check_log(study, recorded, i, base):
             problems.setdefault(problem.path, problem)
             counts[problem.path] += 1
-    least = min(2, len(selection))
-    yield from (p for p in problems.values() if not p.is_weak or counts[p.path] >= least)
+    min_count = min(2, len(selection))
+    yield from (p for p in problems.values() if not p.is_weak or counts[p.path] >= min_count)
     if problems or study.friction is not None:
         return
     # The logs of one experiment have a common signal or clock, which the stage measure needs.
@@ -192,9 +192,9 @@ def check_logs(study: Study, base: Path) -> Iterator[Problem]:
 def _check_log(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iterator[Problem]:
     file, path = recorded.files[i], (*_RECORDED, "files", i)
     for number, name in enumerate((file.path, *file.also), start=1):
-        place = (*path, "path") if number == 1 else (*path, "also", number - 2)
+        key_path = (*path, "path") if number == 1 else (*path, "also", number - 2)
         if not is_log(base / name):
-            yield Problem(place, f"no such file (looked for {base / name})")
+            yield Problem(key_path, f"no such file (looked for {base / name})")
             continue
         members = [k for k, channel in enumerate(recorded.channels) if channel.file == number]
         try:
@@ -204,7 +204,7 @@ def _check_log(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iter
                 if number == 1 and not absences:
                     yield from _check_content(study, recorded, file, path, log, base / name)
         except ElastidError as error:
-            yield Problem((*_RECORDED, "text") if WRITTEN_OTHERWISE in str(error) else place, str(error))
+            yield Problem((*_RECORDED, "text") if WRITTEN_OTHERWISE in str(error) else key_path, str(error))
 
 
 def _check_names(log: OpenLog, recorded: RecordedSpec, members: Sequence[int]) -> Iterator[Problem]:
@@ -229,10 +229,10 @@ def _check_content(
     channels = [recorded.channels[k] for k in members]
     first, end = file.samples or (0, None)
     period = recorded.period_of(file)
-    most = max(MAX_SAMPLES, int(4 * period) if isinstance(period, float) else 0)
-    span = slice(first, first + most if end is None else min(end, first + most))
+    max_samples = max(MAX_SAMPLES, int(4 * period) if isinstance(period, float) else 0)
+    span = slice(first, first + max_samples if end is None else min(end, first + max_samples))
     values = without_placeholders(log.values(channels, span))
-    if end is not None and len(values) < min(end - first, most):
+    if end is not None and len(values) < min(end - first, max_samples):
         text = f"the log ends after sample {first + len(values)}, counted from 0. Correct samples"
         yield Problem((*path, "samples"), text)
         return
@@ -283,8 +283,8 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
         rates = {unit: (hz[0] / s, hz[1] / s) for unit, s in time_units(stamps).items()}
         unit, _ = stamp_size(stamps, rate_hz)
         if recorded.time and rates[unit][0] < 0.7 * rate_hz:
-            others = [hz for other, pair in rates.items() if other != unit for hz in pair]
-            is_unit_certain = all(_differs(hz, rate_hz) for hz in others)
+            other_rates = [hz for other, pair in rates.items() if other != unit for hz in pair]
+            is_unit_certain = all(_differs(hz, rate_hz) for hz in other_rates)
             advice = "lower rate_hz to that" if is_unit_certain else "correct rate_hz, or give the time in s"
             yield Problem(where, f"{name} has a mean rate of {rates[unit][0]:.5g} Hz in {unit}. {advice}")
         elif not recorded.time and all(_differs(hz, rate_hz) for pair in rates.values() for hz in pair):

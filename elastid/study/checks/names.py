@@ -48,15 +48,15 @@ def list_configurations(study: Study) -> list[str]:
     if study.design is None:
         return names
     # A design that fits as many as it can into a robot_time may use 99 names.
-    numbered = (f"c{i + 1}" for i in range(study.design.count or 99))
-    return [*names, *study.design.candidates.given, *numbered]
+    placeholders = (f"c{i + 1}" for i in range(study.design.count or 99))
+    return [*names, *study.design.candidates.given, *placeholders]
 
 
 def _locations(study: Study, role: str) -> list[str]:
     """Return locations of the channels of a role, in all files."""
     recorded, configurations = study.experiment.recorded, list_configurations(study)
-    places = [] if recorded is None else [at for name in configurations for at in recorded.places_of(name, role)]
-    return list(dict.fromkeys(places)) or [c.at for c in study.experiment.channels if c.role == role]
+    locations = [] if recorded is None else [at for name in configurations for at in recorded.places_of(name, role)]
+    return list(dict.fromkeys(locations)) or [c.at for c in study.experiment.channels if c.role == role]
 
 
 def list_inputs(study: Study) -> list[str]:

@@ -66,7 +66,7 @@ def identify(task: Task) -> dict[str, Any] | None:
     postures = experiment["postures"]
     measured = responses(task)
     systems = {name: linear(plant, np.array(q)) for name, q in postures.items()}
-    names, is_held = list(start), experiment["route"] == "torque"
+    names, is_fixed = list(start), experiment["route"] == "torque"
 
     def modelled(system: tuple[Array, Array, Array], values: dict[str, float], delay: float) -> Array:
         M, D, K = (part.copy() for part in system)
@@ -75,22 +75,22 @@ def identify(task: Task) -> dict[str, Any] | None:
         n, m = len(M), len(plant.motors)
         A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
         B = np.vstack([np.zeros((n, m)), np.linalg.inv(M)[:, plant.motors]])
-        if is_held:
+        if is_fixed:
             A, B, *_ = cont2discrete((A, B, np.eye(2 * n), np.zeros((2 * n, m))), T)
-        p = z if is_held else np.log(z) / T
+        p = z if is_fixed else np.log(z) / T
         X = np.linalg.solve(p * np.eye(2 * n) - A, np.broadcast_to(B, (len(z), 2 * n, m)))
         late = np.exp(np.log(z) / T * delay)
         return np.asarray(X[:, plant.motors] * ratio[:, None] * late)
 
     def residuals(x: Array) -> Array:
-        values, delay = dict(zip(names, np.exp(x[:-1]), strict=True)), 0.0 if is_held else 1e-3 * x[-1]
+        values, delay = dict(zip(names, np.exp(x[:-1]), strict=True)), 0.0 if is_fixed else 1e-3 * x[-1]
         rows = [(modelled(systems[c], values, delay) - G) * np.sqrt(2 / V) for c, (G, V) in measured.items()]
         flat = np.concatenate([row.ravel() for row in rows])
-        return np.concatenate([flat.real, flat.imag, x[-1:] if is_held else []])
+        return np.concatenate([flat.real, flat.imag, x[-1:] if is_fixed else []])
 
     end = least_squares(residuals, [*np.log([start[name] for name in names]), 0.0])
-    level = max(1.0, 2 * end.cost / (len(end.fun) - len(end.x)))
-    std = np.sqrt(level * np.diag(np.linalg.pinv(end.jac.T @ end.jac)))
+    scale = max(1.0, 2 * end.cost / (len(end.fun) - len(end.x)))
+    std = np.sqrt(scale * np.diag(np.linalg.pinv(end.jac.T @ end.jac)))
     values = {name: (float(np.exp(v)), float(np.exp(v) * s)) for name, v, s in zip(names, end.x, std, strict=False)}
     return {"parameters": values}
 

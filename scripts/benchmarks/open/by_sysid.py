@@ -32,12 +32,12 @@ def replay(robot: Robot, losses: Array, experiment: dict[str, Any], posture: Arr
     t = np.arange(len(r))[:, None] / rate
     carrier = experiment["carrier_rad"] * np.sin(2 * np.pi * t / PERIOD_S + np.arange(len(posture)))
     target = posture + carrier if is_torque else r
-    hold, before, angles = equilibrium(plant, target[0], data), target[0], []
+    hold, last_target, angles = equilibrium(plant, target[0], data), target[0], []
     for n in range(len(r)):
         q = data.qpos[plant.motors].copy()
-        torque = hold + kp * (target[n] - q) - kd * (q - before) * rate + (r[n] if is_torque else 0.0)
+        torque = hold + kp * (target[n] - q) - kd * (q - last_target) * rate + (r[n] if is_torque else 0.0)
         angles.append(q)
-        data.qfrc_applied[plant.motors], before = torque, q
+        data.qfrc_applied[plant.motors], last_target = torque, q
         mujoco.mj_step(plant.model, data, round(1 / rate / STEP_S))
     return np.array(angles)
 

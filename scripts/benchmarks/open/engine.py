@@ -82,22 +82,22 @@ def physics(plant: Plant) -> Iterator[None]:
 
 def equilibrium(plant: Plant, posture: Array, data: Any) -> Array:
     """Set the state to the equilibrium with motors at the posture. Return the motor torques (n,), Nm."""
-    others = [i for i in range(plant.model.nv) if i not in plant.motors]
-    start = np.zeros(len(others))
+    passive = [i for i in range(plant.model.nv) if i not in plant.motors]
+    start = np.zeros(len(passive))
     if plant.robot.rod:
-        start[others.index(int(plant.model.joint("selbow").dofadr[0]))] = posture[1] - posture[0]
+        start[passive.index(int(plant.model.joint("selbow").dofadr[0]))] = posture[1] - posture[0]
 
     def balance(x: Array) -> Array:
-        data.qvel[:], data.qpos[plant.motors], data.qpos[others] = 0.0, posture, x
+        data.qvel[:], data.qpos[plant.motors], data.qpos[passive] = 0.0, posture, x
         mujoco.mj_forward(plant.model, data)
         return np.asarray(data.qfrc_bias - data.qfrc_passive)
 
     scale = 1 + np.abs(balance(start)).max()
-    end = root(lambda x: balance(x)[others] / scale, start, method="hybr", tol=1e-13)
-    rest = balance(end.x)
-    if np.abs(rest[others]).max() > 1e-6 * scale:
+    end = root(lambda x: balance(x)[passive] / scale, start, method="hybr", tol=1e-13)
+    torque = balance(end.x)
+    if np.abs(torque[passive]).max() > 1e-6 * scale:
         raise RuntimeError(f"{plant.robot.name}: no equilibrium at {posture}")
-    return rest[plant.motors].copy()
+    return torque[plant.motors].copy()
 
 
 def push(plant: Plant, data: Any, force: Array) -> None:
@@ -157,22 +157,22 @@ def simulate(
     def interpolated(tick: int) -> Array:
         """Interpolate linearly between the references of two cycles, with a delay of one cycle."""
         j, part = divmod(tick, cycle)
-        before, now = target((j - 1) * cycle), target(j * cycle)
-        return target(tick) if cycle == 1 else np.asarray(before + (now - before) * part / cycle)
+        last_target, next_target = target((j - 1) * cycle), target(j * cycle)
+        return target(tick) if cycle == 1 else np.asarray(last_target + (next_target - last_target) * part / cycle)
 
     late, lag = round(law.reference_delay * law.hz), round(law.torque_delay * law.hz)
     logs, torques = [], []
     with physics(plant):
-        hold, before = equilibrium(plant, target(0), data), target(0)
+        hold, last_target = equilibrium(plant, target(0), data), target(0)
         for tick in range(round((PERIODS + 1) * PERIOD_S * law.hz)):
             q = np.round(data.qpos[motors] / count) * count
-            u = hold + law.kp * (interpolated(tick - late) - q) - law.kd * (q - before) * law.hz
+            u = hold + law.kp * (interpolated(tick - late) - q) - law.kd * (q - last_target) * law.hz
             torques.append(u + wave(tick) if is_torque else u)
             if tick % cycle == 0:
                 twist, speed = data.qpos[plant.twists], data.qvel[plant.twists]
                 r = wave(tick) if is_torque else target(tick)
                 logs.append((r, torques[max(tick - lag, 0)], q, -k * twist - d * speed, data.qpos[motors] + twist))
-            before = q
+            last_target = q
             data.qfrc_applied[motors] = torques[-1] + 0.01 * torque * rng.standard_normal(len(u))
             mujoco.mj_step(plant.model, data, STEPS_HZ // law.hz)
     r, u, q, sensor, joint = np.array(logs).transpose(1, 0, 2)

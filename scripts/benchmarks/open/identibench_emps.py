@@ -2,7 +2,7 @@
 
     uv run --with identibench python scripts/benchmarks/open/identibench_emps.py
 
-`friction_study` estimates mass and friction of the carriage from the training log by a study of elastid. The model
+`friction_study` estimates mass and friction of the carriage from the training log as a study of elastid does. The model
 integrates them from 20 samples of the position, with the drive voltage of the test log as its only input: errors of the
 force add up over 25 s, since no measured position corrects them. `output_error` fits the same six numbers to the
 positions of the training log in free run, which is what the benchmark asks for. The last line is one JSON object: rms
@@ -12,35 +12,19 @@ Measured: friction study 14.0 mm (friction_study_mm), output error 7.8 mm (outpu
 """
 
 import json
-import tempfile
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
 
-import elastid
 from elastid.base.arrays import FloatArray
+from elastid.friction_study.inverse_dynamics_regression import regress_motion
+from elastid.friction_study.motion_signals import Motion
 
 RATE_HZ, N_PER_V = 1000, 35.15065188  # of the drive (Janot, Gautier and Brunot 2019)
-STUDY = """\
-name: emps
-robot:
-  name: carriage
-  gravity: [0, 0, 0]
-  bodies: [{name: carriage, joints: [{name: 1, motion: translation, axis: x, motor: {inertia: 95.11, ratio: 1}}]}]
-friction: {constant_velocity: detect}
-experiment:
-  recorded:
-    rate_hz: RATE
-    channels:
-      - {role: u, at: motor 1, channel: force, quantity: force, unit: N}
-      - {role: y, at: motor 1, channel: position, quantity: position, unit: m}
-    files: [{path: log.csv}]
-"""
-NUMBERS = ("J_m1", "Fc_m1", "f_m1", "dFc_m1", "df_m1", "o_m1")
+NUMBERS = ("inertia", "coulomb", "viscous", "directions.coulomb", "directions.viscous", "offset")
 UNITS = np.array([1.0, 1.0, 10.0, 0.3, 5.0, 0.3])  # steps of the search, kg, N, N s/m
 
 
@@ -61,14 +45,9 @@ def simulate(numbers: FloatArray, u: FloatArray, y_init: FloatArray) -> FloatArr
 
 
 def friction_study(u: FloatArray, y: FloatArray) -> FloatArray:
-    """Estimate the six parameters from voltage u (N,) and position y (N,) by a friction study of elastid."""
-    with tempfile.TemporaryDirectory() as folder:
-        study = Path(folder) / "study.yml"
-        study.write_text(STUDY.replace("RATE", str(RATE_HZ)), encoding="utf-8")
-        table = np.column_stack([N_PER_V * u, y])
-        np.savetxt(study.with_name("log.csv"), table, delimiter=",", header="force,position", comments="")
-        values = {number.name: number.value for number in elastid.run(study, Path(folder) / "run").result.numbers}
-    return np.array([values.get(name, 0.0) for name in NUMBERS])
+    """Estimate the six parameters from voltage u (N,) and position y (N,) by the regression of a friction study."""
+    regression = regress_motion(Motion("joint 1", RATE_HZ, y, N_PER_V * u, slides=True)).regression
+    return np.array([regression[name] if name in regression.names else 0.0 for name in NUMBERS])
 
 
 def output_error(u: FloatArray, y: FloatArray) -> FloatArray:

@@ -4,8 +4,10 @@ Angles, inertias, stiffnesses and torques of joints are link-side. A joint with 
 the motor's angle and the twist of its gear; a bearing has a twist alone; a passive joint has its angle alone.
 """
 
+import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import mujoco
@@ -99,12 +101,12 @@ class Robot:
 
 @dataclass(frozen=True)
 class Row:
-    """One robot of the benchmark: axes, size, locked-motor frequencies in Hz, Coulomb torque over the rms torque."""
+    """One robot of the benchmark: axes, locked-motor frequencies in Hz, size, Coulomb torque over the rms torque."""
 
     name: str
     axes: str
+    hz: list[float]
     size: float = 1.0
-    hz: tuple[float, ...] = (11.0, 17.0)
     friction: float = 0.1
     sheet: str = "exact"  # exact, sheet, or wrong: with the mass of the last body 25 % too high
     route: str = "torque"  # torque, position or command
@@ -113,47 +115,16 @@ class Row:
     effect: str = ""
 
 
-ROWS = (
-    Row("stiff_gears", "yy", hz=(16.0, 24.0)),
-    Row("soft_gears", "zy", 0.5, (5.0, 9.0), sheet="sheet", postures=3),
-    Row("three_axes", "zyy", 1.3, (9.0, 11.0, 17.0), sheet="sheet", postures=3, effect="bearing"),
-    Row("six_axes", "zyyxyx", 1.0, (9.0, 11.0, 15.0, 20.0, 22.0, 27.0), sheet="sheet"),
-    Row("linkage", "yy", 1.0, (10.0, 14.0), 0.03, postures=4, effect="linkage"),
-    Row("hysteresis", "yy", hz=(10.0, 15.0), effect="hysteresis", carrier=0.04),
-    Row("transmission_error", "yy", hz=(10.0, 15.0), effect="error", carrier=0.04),
-    Row("presliding", "yy", effect="presliding"),
-    Row("late_torque", "zyy", 1.0, (8.0, 10.0, 14.0), sheet="sheet", route="position", carrier=0.02),
-    Row("commands_alone", "yy", 0.5, (10.0, 15.0), 0.0, route="command"),
-    Row("torque_sensors", "yy", 0.5, (9.0, 14.0), 0.3, effect="sensors"),
-    Row("wrong_file", "zyy", 1.0, (9.0, 12.0, 17.0), sheet="wrong", postures=3),
-)
-# Name, offset from the body before, mass, centre of mass, inertia.
-ARM = {
-    "z": ("turret", (0.0, 0.0, 0.35), 55.0, (0.07, 0.01, 0.06), (1.4, 1.6, 1.7)),
-    "y": ("lower", (0.18, 0.0, 0.1), 36.0, (0.31, 0.02, 0.01), (0.35, 2.3, 2.3)),
-    "yy": ("fore", (0.7, 0.0, 0.0), 24.0, (0.32, 0.02, 0.02), (0.15, 1.1, 1.1)),
-    "upper": ("upper", (0.7, 0.0, 0.0), 21.0, (0.13, 0.02, 0.03), (0.22, 0.4, 0.4)),
-    "x": ("roll", (0.28, 0.0, 0.04), 8.5, (0.13, 0.01, 0.01), (0.035, 0.08, 0.08)),
-    "xy": ("pitch", (0.36, 0.0, 0.0), 4.6, (0.05, 0.01, 0.0), (0.014, 0.028, 0.028)),
-    "xyx": ("flange", (0.09, 0.0, 0.0), 6.5, (0.1, 0.05, 0.02), (0.04, 0.05, 0.06)),
-}
-CHAINS = {
-    "yy": ("y", "yy"),
-    "zy": ("z", "yy"),
-    "zyy": ("z", "y", "yy"),
-    "zyyxyx": ("z", "y", "upper", "x", "xy", "xyx"),
-}
-POSTURES = np.array(
-    [[0.0, 0.4, 0.5, 0.4, 0.7, 0.2], [0.5, -0.5, 1.2, -0.8, -0.8, 1.0], [-0.6, 0.9, -0.7, 1.1, 0.4, -0.9]]
-)
-LINKAGE_POSTURES = np.array([[0.0, 0.0], [0.5, -0.1], [-0.4, 0.4], [0.2, 0.8]])
+TABLES = tomllib.loads(Path(__file__).with_name("robots.toml").read_text(encoding="utf-8"))
+ROWS = tuple(Row(**row) for row in TABLES["robots"])
 ACCELERATION = 2.5  # rad/s^2, rms of the torque over the inertia
 
 
 def postures(row: Row) -> dict[str, list[float]]:
     """Return motor angles in rad by the name of the posture."""
-    angles = POSTURES[:, 0 if row.axes[0] == "z" else 1 :] if row.effect != "linkage" else LINKAGE_POSTURES
-    return {f"p{i + 1}": q[: len(row.axes)].tolist() for i, q in enumerate(angles[: row.postures])}
+    kind, first = ("linkage", 0) if row.effect == "linkage" else ("serial", int(row.axes[0] == "y"))
+    angles = TABLES["postures"][kind][: row.postures]
+    return {f"p{i + 1}": q[first : first + len(row.axes)] for i, q in enumerate(angles)}
 
 
 def draw(row: Row, seed: int) -> tuple[Robot, Robot, Array]:
@@ -166,8 +137,8 @@ def draw(row: Row, seed: int) -> tuple[Robot, Robot, Array]:
 
 def _serial(row: Row, rng: np.random.Generator) -> Robot:
     bodies, parent, s = [], "base", row.size
-    for index, (key, axis) in enumerate(zip(CHAINS[row.axes], row.axes, strict=True)):
-        name, xyz, mass, com, inertia = ARM[key]
+    for index, (name, axis) in enumerate(zip(TABLES["chains"][row.axes], row.axes, strict=True)):
+        xyz, mass, com, inertia = TABLES["bodies"][name]
         m, length, i = np.exp(0.1 * rng.standard_normal(3)) * [s**3, s, s**5]
         joints = [Joint(str(index + 1), axis, motor=Motor(float(rng.choice([80, 100, 121, 160])), 1, 0, 0))]
         if row.effect == "bearing" and index == 1:

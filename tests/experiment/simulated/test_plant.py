@@ -9,8 +9,8 @@ from scipy.linalg import eigh
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.plant import (
     DAMPING,
+    EXCITED_STATES,
     MASSES,
-    SHAKEN,
     STIFFNESSES,
     closed_loop_of,
     shake,
@@ -47,7 +47,7 @@ def test_shaken_masses_move_as_their_equations_say() -> None:
     D = M @ modes @ np.diag(2 * np.array(DAMPING) * np.sqrt(squares)) @ modes.T @ M
     lines = np.arange(6, 205)
     omega = 2 * np.pi * 0.5 * lines[:, None, None]
-    G = -(omega**2) * np.linalg.solve(K - omega**2 * M + 1j * omega * D, np.eye(3)[:, SHAKEN].astype(complex))
+    G = -(omega**2) * np.linalg.solve(K - omega**2 * M + 1j * omega * D, np.eye(3)[:, EXCITED_STATES].astype(complex))
     np.testing.assert_allclose(true_response(0.5 * lines), G, rtol=1e-9)
     logs = np.array([log.reshape(4, 512, 5).mean(axis=0) for log in shake(256.0, 512, 4, 3)])
     np.testing.assert_allclose(logs[:, :, :2].std(axis=1), 5.0, rtol=0.01)

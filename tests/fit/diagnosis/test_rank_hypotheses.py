@@ -54,7 +54,7 @@ def test_a_fault_is_named_first_with_its_size(fault: str) -> None:
         np.testing.assert_allclose(first.steps, np.broadcast_to(named.steps, len(first.steps)), atol=named.within)
     codes = {note.code for note in result.notes}
     assert "fit/likely-cause" in codes
-    assert not {"fit/inconsistent-responses", *(CONSEQUENCES if result.has_lone_cause else ())} & codes
+    assert not {"fit/inconsistent-responses", *(CONSEQUENCES if result.has_single_cause else ())} & codes
 
 
 def test_two_faults_are_named_one_after_the_other() -> None:
@@ -101,7 +101,7 @@ def test_freed_parameters_equal_least_squares_in_any_units(seed: int, decades: l
     first, second = (Candidate(name, "", np.array([i]), np.eye(1)) for i, name in enumerate("ab"))
     steps, drop = test.step(second)
     one, both = left(r, 0, 1, 2, 4), left(r, 0, 1, 2, 3, 4)
-    assert [drop, test.most(second)] == pytest.approx(2 * [r @ r - one @ one])
+    assert [drop, test.max_drop(second)] == pytest.approx(2 * [r @ r - one @ one])
     size = np.linalg.norm(J[:, [0, 1, 2, 4]], axis=0)
     every = size * np.linalg.lstsq(J[:, [0, 1, 2, 4]], -r, rcond=None)[0]
     np.testing.assert_allclose(size * [*test.effects(second, steps), *steps], every, atol=1e-6 * np.abs(every).max())

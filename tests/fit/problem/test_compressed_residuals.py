@@ -11,8 +11,8 @@ from plants.refusals import refused
 from plants.three_mass import FREQ, NO_FLOOR, parameters, plant, stacked, with_covariance
 from plants.two_mass import circular
 
-import elastid.base.arrays as base_arrays
 import elastid.fit.problem.frf_residuals as chunks
+from elastid.base import large_arrays
 from elastid.base.execution import HERE, Execution, persistent_workers
 from elastid.base.kernels import is_compiled
 from elastid.fit.frf_problem import Assembly
@@ -147,8 +147,8 @@ def test_loops_agree_with_numpy(is_diagonal, F, n_y, n_u, n_1, n_2, n_3, precisi
         found = Packed.of(R).sums(part, LineResiduals(q, G, of_e), scale, precision)
         expected = Full(R).sums(part, LineResiduals(q, G, of_e), scale, precision)
         assert found.cost == pytest.approx(expected.cost, rel=1e-13)
-        size = np.abs(expected.pulled).max(initial=1.0)
-        np.testing.assert_allclose(found.pulled, expected.pulled, rtol=0, atol=1e-13 * size)
+        size = np.abs(expected.pull).max(initial=1.0)
+        np.testing.assert_allclose(found.pull, expected.pull, rtol=0, atol=1e-13 * size)
         tolerance = 1e-12 if precision is np.float64 else 1e-5
         moments = expected.moments * upper
         np.testing.assert_allclose(found.moments * upper, moments, rtol=0, atol=tolerance * np.abs(moments).max())
@@ -167,8 +167,8 @@ def responses(tmp_path, monkeypatch):
         whole = replace(whole, configuration=Configuration(f"c{i}", [0.0]))
         every.append(whole.lines(np.arange(whole.n_lines) % 4 == 0))
     write_responses(tmp_path / "frf.h5", every)
-    monkeypatch.setattr(base_arrays, "MIN_PART_BYTES", 1000)
-    monkeypatch.setattr(base_arrays, "MIN_LARGE_FILE", 0)
+    monkeypatch.setattr(large_arrays, "MIN_MAPPED_BYTES", 1000)
+    monkeypatch.setattr(large_arrays, "MIN_LARGE_FILE", 0)
     monkeypatch.setattr(chunks, "MIN_LINES", 0)
     return read_responses(tmp_path / "frf.h5")
 
@@ -212,7 +212,7 @@ def test_weights_of_workers_equal_one_process(responses):
         for name in ("sigma", "scale", "factor"):
             assert getattr(one, name).tobytes() == getattr(other, name).tobytes()
         assert one.noise.smooth.matrix.tobytes() == other.noise.smooth.matrix.tobytes()
-        assert isinstance(other.noise.smooth.matrix, base_arrays.FileArray)
+        assert isinstance(other.noise.smooth.matrix, large_arrays.FileArray)
     bare = [replace(response, noise=None) for response in responses]
     with refused("fit/weights", place="configuration c0"):
         list(each_at_home(partial(weigh, spec=NO_FLOOR), bare, Execution(2)))

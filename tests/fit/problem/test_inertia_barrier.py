@@ -3,7 +3,7 @@
 import numpy as np
 
 from elastid.fit.parameter_selection import choose
-from elastid.fit.problem.inertia_barrier import BARRIER_WEIGHT, barrier, moved_inertias
+from elastid.fit.problem.inertia_barrier import BARRIER_WEIGHT, barrier, free_inertias
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 
@@ -14,7 +14,7 @@ def test_barrier_equals_closed_form_with_exact_slope() -> None:
     robot = Robot("one", (Body("load", joints=(joint,), mass=3.0, inertia=(0.4, 0.5, 0.6, 0.02, 0.03, -0.01)),))
     spec = FitSpec(parameters={"I_load_*": ParameterSpec()})
     parameters = choose(spec, robot, ["c1"])
-    inertias, x = moved_inertias(parameters, robot), parameters.x
+    inertias, x = free_inertias(parameters, robot), parameters.x
     (body,) = inertias
     value, gradient, _ = barrier(inertias, parameters, x)
     sigma = body.second_moment(parameters, x)

@@ -205,11 +205,11 @@ def wavy() -> LeastSquares:
 def test_converged_starts_count_those_at_best_cost():
     """Starts in the valley of w = 20 are hits, others end in optima of their own."""
     starts = np.log([[20.0], [21.0], [19.0], [45.0], [70.0]])
-    ranked, hits = multistart([wavy()], starts)
+    rank, hits = multistart([wavy()], starts)
     assert hits == 3
-    assert [end.cost for end in ranked] == sorted(end.cost for end in ranked)
-    assert math.exp(ranked[0].x[0]) == pytest.approx(20)
-    assert ranked[3].cost > 10
+    assert [end.cost for end in rank] == sorted(end.cost for end in rank)
+    assert math.exp(rank[0].x[0]) == pytest.approx(20)
+    assert rank[3].cost > 10
 
 
 def test_starts_that_lead_nowhere_are_survived_unless_all_do():
@@ -221,9 +221,9 @@ def test_starts_that_lead_nowhere_are_survived_unless_all_do():
         return here if x[0] < math.log(50) else replace(here, cost=math.inf)
 
     gappy = replace(ordinary, evaluate=evaluate)
-    ranked, hits = multistart([gappy], np.log([[60.0], [21.0]]))
+    rank, hits = multistart([gappy], np.log([[60.0], [21.0]]))
     assert hits == 1
-    assert math.isinf(ranked[-1].cost)
+    assert math.isinf(rank[-1].cost)
     with refused("fit/no-start"):
         multistart([gappy], np.log([[60.0]]))
 

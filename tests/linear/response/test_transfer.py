@@ -1,11 +1,9 @@
-"""The linear model of an elastic arm: symmetry, limits and slopes."""
+"""The linear model of an elastic arm and of two masses: modes, and images of held torques."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from plants.template_arm import arm, linear
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
@@ -13,38 +11,8 @@ from scipy.signal import cont2discrete
 from elastid.linear.linear_model import LinearModel, Slope
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
-from elastid.model.formulation import serial
 from elastid.parameters import DELAY
 from elastid.record import Configuration, ZohTorque
-
-angles = st.tuples(*[st.floats(-2, 2)] * 3)
-
-
-@pytest.mark.slow
-@given(configuration=angles)
-@settings(deadline=None, max_examples=10)
-def test_high_frequency_response_is_that_of_the_rotors(configuration):
-    """f -> infinity: G -> M_m^-1, the arm does not follow; a rigidly driven motor carries its links along."""
-    model = linear(arm(), configuration)
-    motors = [serial(arm()).index(f"motor {name}") for name in "13"]
-    G = frequency_response(model, model.theta_ref, np.array([1e5]))[0]
-    np.testing.assert_allclose(G[::2, ::2], np.diag(1 / np.diag(model.M)[motors]), rtol=1e-4, atol=1e-7)
-
-
-def test_low_frequency_response_equals_rigid_robot():
-    """Without gravity and dissipation to ground, f -> 0: G -> (M + M_m)^-1 of the rigid robot, with error f^2."""
-    robot = replace(arm(), gravity=(0.0, 0.0, 0.0))
-    names = robot.parameters()
-    robot = robot.with_parameters({name: 0.0 for name in names if name.startswith("f")})
-    model = linear(robot)
-    full = serial(robot)
-    T = np.zeros((full.n_q, 3))  # the rigid robot: joint and motor of an axis turn as one
-    for column, name in enumerate("123"):
-        T[[full.index(f"joint {name}"), full.index(f"motor {name}")], column] = 1
-    rigid = np.linalg.inv(T.T @ model.M @ T)
-    errors = [np.abs(frequency_response(model, model.theta_ref, np.array([f]))[0] - rigid).max() for f in (0.2, 0.1)]
-    assert errors[1] < 1e-3 * np.abs(rigid).max()
-    assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
 
 
 def test_modes_are_where_the_dynamic_stiffness_is_singular():

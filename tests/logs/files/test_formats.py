@@ -344,22 +344,6 @@ def gathered(path: Path, names: tuple[str, str]) -> np.ndarray:
     return gather_channels(recorded, recorded.files[0], path.parent, Structure.from_channels((u, y))).signals
 
 
-def test_waveforms_of_tdms_begin_at_the_latest_start(tmp_path: Path) -> None:
-    """Of two channels at 500 Hz the second begins 20 samples later, and both have 200."""
-    from nptdms import ChannelObject, TdmsWriter
-
-    x, start = np.arange(220.0), np.datetime64("2024-05-01T10:00:00.000000")
-    with TdmsWriter(tmp_path / "log.tdms") as writer:
-        channels = (("a", x[:200], start), ("b", x[20:], start + np.timedelta64(40, "ms")))
-        objects = [
-            ChannelObject("g", name, values, {"wf_start_time": begin, "wf_start_offset": 0.0, "wf_increment": 0.002})
-            for name, values, begin in channels
-        ]
-        writer.write_segment(objects)
-    signals = gathered(tmp_path / "log.tdms", ("g/a", "g/b"))
-    np.testing.assert_array_equal(signals, np.stack([x[20:200]] * 2, axis=1))
-
-
 @pytest.mark.parametrize("names", ["a/time a/u b/time b/y", "t_u u t_y y"])
 def test_signals_of_several_lengths_have_the_time_beside_them(names: str, tmp_path: Path) -> None:
     """In the group of the signal, or of its length in the file; the position starts 20 samples later."""
@@ -369,29 +353,6 @@ def test_signals_of_several_lengths_have_the_time_beside_them(names: str, tmp_pa
         file[t_y], file[y] = x[20:] / 500 if "/" in names else x[20:210] / 500, x[20 : 220 if "/" in names else 210]
     signals = gathered(tmp_path / "log.h5", (u, y))
     np.testing.assert_array_equal(signals, np.stack([x[20:200]] * 2, axis=1))
-
-
-def test_time_histories_of_a_universal_file_are_a_log(tmp_path: Path) -> None:
-    """Function type 1, with the rate and the units of the file; a file of responses is no log."""
-    import pyuff
-
-    rng, path = np.random.default_rng(0), tmp_path / "a.uff"
-    signals = {"1z": (rng.standard_normal(300), 13, "N"), "2z": (rng.standard_normal(300), 12, "m/s^2")}
-    for i, (x, kind, unit) in enumerate(signals.values()):
-        data_set = {
-            "type": 58, "func_type": 1, "rsp_node": 1 + i, "rsp_dir": 3, "ref_node": 0, "ref_dir": 0, "data": x,
-            "x": np.arange(300) / 512, "id1": "t", "rsp_ent_name": "NONE", "ref_ent_name": "NONE",
-            "abscissa_spacing": 1, "abscissa_inc": 1 / 512, "abscissa_spec_data_type": 17,
-            "ordinate_spec_data_type": kind, "orddenom_spec_data_type": 0, "ordinate_axis_units_lab": unit,
-        }  # fmt: skip
-        pyuff.UFF(str(path)).write_sets(data_set, "add" if i else "overwrite")
-    with opened_log(path, TextFormatSpec()) as log:
-        assert {name: (array.units, array.rate_hz) for name, array in log.arrays.items()} == {
-            "1z": ("N", 512.0),
-            "2z": ("m/s^2", 512.0),
-        }
-        values = log.values([ChannelSpec("y", "any", name, quantity="position") for name in signals], slice(None))
-    np.testing.assert_allclose(values, np.stack([x for x, _, _ in signals.values()], axis=1), rtol=1e-5, atol=1e-6)
 
 
 def test_a_system_without_memory_limits_is_stated_once(

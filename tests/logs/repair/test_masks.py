@@ -21,7 +21,7 @@ from elastid.logs.repair.masks import (
     without_dropouts,
     without_standstill,
 )
-from elastid.logs.repair.missing import FILLED, filled, repair
+from elastid.logs.repair.missing import FILLED, fill_gaps, repair
 from elastid.logs.repair.outliers import without_spikes
 from elastid.logs.repair.periodicity import repetition
 from elastid.logs.repair.resampling import RESAMPLED
@@ -72,7 +72,7 @@ def test_what_is_no_single_spike_is_left_with_a_word() -> None:
 def test_filled_outliers_give_one_note() -> None:
     log, pulses = replace(LOG, findings=Findings()), CLEAN + NOISE
     pulses[[777, 1888], 0] += 0.5
-    filled(without_spikes(pulses, N, 1, log), N, 1, log)
+    fill_gaps(without_spikes(pulses, N, 1, log), N, 1, log)
     assert (len(log.findings.notes), log.findings.repairs) == (1, {MASKED: 2, FILLED: 2})
 
 
@@ -153,7 +153,7 @@ def test_what_is_filled_never_touches_what_was_measured(gaps: list[tuple[int, in
     for start, length in gaps:
         signals[start : start + length, 0] = np.nan
     good = np.isfinite(signals)
-    repaired, findings = outcome(filled, signals, N, sign)
+    repaired, findings = outcome(fill_gaps, signals, N, sign)
     np.testing.assert_array_equal(repaired[good], signals[good])
     assert np.isfinite(repaired).all()
     assert findings.get(FILLED, 0) == np.sum(~good)
@@ -164,20 +164,20 @@ def test_incomplete_period_is_discarded_or_refused() -> None:
     signals = CLEAN.copy()
     signals[2 * N + 50 : 2 * N + 101] = np.nan
     log = replace(LOG, findings=Findings())
-    filled(signals, N, 1, log)
+    fill_gaps(signals, N, 1, log)
     assert log.findings.discarded_periods == [2]
     everywhere = CLEAN.copy()
     everywhere[np.arange(P * N) % N == 40, 1] = np.nan
-    np.testing.assert_allclose(filled(everywhere, N, 1, LOG), CLEAN, atol=0.05 * CLEAN[:, 1].std())
+    np.testing.assert_allclose(fill_gaps(everywhere, N, 1, LOG), CLEAN, atol=0.05 * CLEAN[:, 1].std())
     everywhere[np.abs(np.arange(P * N) % N - 41) < 2, 1] = np.nan
     with refused("records/missing-samples", holds=("log.csv: angle", "18 of 3000", "sample 40")):
-        filled(everywhere, N, 1, LOG)
+        fill_gaps(everywhere, N, 1, LOG)
     with refused("records/missing-samples", holds=("angle", "1500 of 3000")):
-        filled(np.where(np.arange(P * N)[:, None] < 1500, np.nan, CLEAN), N, 1, Log("log.csv", ("angle", "torque")))
+        fill_gaps(np.where(np.arange(P * N)[:, None] < 1500, np.nan, CLEAN), N, 1, Log("log.csv", ("angle", "torque")))
     two = CLEAN[: 2 * N].copy()
     two[100:200] = np.nan
     with refused("records/missing-samples", place="log.csv", holds="1 of 2"):
-        filled(two, N, 1, LOG)
+        fill_gaps(two, N, 1, LOG)
 
 
 ROLES = {"r": [], "u": [0], "y": [1]}

@@ -22,7 +22,7 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
 from elastid.logs.responses.reading import link_side_response, read_table
-from elastid.logs.responses.table import uff_geometry, uff_places, uff_table
+from elastid.logs.responses.universal_files import uff_geometry, uff_places, uff_table
 from elastid.record import Configuration, Motion
 from elastid.response import Response
 from elastid.store.measured import read_responses

@@ -29,7 +29,7 @@ from elastid.nonlinear.friction_basis import BasisFunction
 from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
 from elastid.report.content import parameter_rows
 from elastid.report.figures import fit, friction, friction_records, use
-from elastid.response import Levels, Quality
+from elastid.response import LineAmplitudes, Quality
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.use.map import map_workspace
 from elastid.validation.fleet import FleetValue
@@ -141,7 +141,7 @@ def quality() -> Drawn:
     f = response.freq_hz
     noise, stochastic, multiple, G, u = np.random.default_rng(0).uniform(0.1, 0.9, (5, len(f), 2))
     G, u = (np.sort(values)[:, ::-1] for values in (G, u))
-    excited, even, odd = (Levels(f, size * noise, noise) for size in (10.0, 2.0, 3.0))
+    excited, even, odd = (LineAmplitudes(f, size * noise, noise) for size in (10.0, 2.0, 3.0))
     of = Quality(np.ones((len(f), 2, 2)), multiple, G, u, noise, noise, excited, stochastic, even, odd)
     sizes = {"excited lines": 10, "noise": 1, "nonlinear, even": math.sqrt(3), "nonlinear, odd": math.sqrt(8)}
     panels = [
