@@ -20,6 +20,8 @@ from elastid.base.errors import Named, index_of
 from elastid.base.names import posture_of
 from elastid.base.section import Key, section
 
+DELAY = "delay"  # of the torques, the last entry of theta
+
 
 @section
 class Tie:
@@ -211,7 +213,8 @@ class Parameters:
 
     def dependent_names(self, configuration: str = "") -> tuple[str, ...]:
         """List the free and tied parameters of theta that x changes in a configuration, in the order of theta."""
-        moves = np.any(self._chain(configuration).dependence, axis=1)
+        chain = self._chain(configuration)
+        moves = np.any((chain.gain != 0) | (chain.by_gain != 0), axis=1)
         return tuple(name for name, is_moved in zip(self.names, moves, strict=True) if is_moved)
 
     @property
@@ -326,11 +329,6 @@ class _Chain:
     gain: FloatArray
     by_constant: FloatArray
     by_gain: FloatArray
-
-    @cached_property
-    def dependence(self) -> BoolArray:
-        """Flags (n_theta, n_x): theta_p depends on z_i."""
-        return np.asarray((self.gain != 0) | (self.by_gain != 0))
 
     def theta(self, z: FloatArray) -> FloatArray:
         """Return theta (n_theta,) of z (n_x,)."""

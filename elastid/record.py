@@ -52,6 +52,11 @@ class ZohTorque:
     sampled: tuple[bool, ...]
 
 
+def unit_delay(freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
+    """Return 1 / z (...) of samples at rate_hz on the unit circle at freq_hz (...)."""
+    return np.asarray(np.exp(-2j * np.pi * freq_hz / rate_hz))
+
+
 @frozen_value
 class JointLoop:
     """Feedback u = -(kp + kd s) (1 + ki / s) y of each motor; kp, kd, ki (n_u,), link side, SI.
@@ -68,9 +73,9 @@ class JointLoop:
         gains = zip(*((loop.kp, loop.kd, loop.ki) for loop in (self, *others)), strict=True)
         return JointLoop(*starmap(change, gains))
 
-    def response(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
-        """Return F (..., n_u), torque over angle of the sampled loop, at freq_hz (...)."""
-        step = 1 - np.exp(-2j * np.pi * np.asarray(freq_hz)[..., None] / rate_hz)
+    def response(self, delay: ComplexArray, rate_hz: float) -> ComplexArray:
+        """Return F (..., n_u), torque over angle of the sampled loop, at the frequencies of a `unit_delay` (...)."""
+        step = 1 - delay[..., None]
         return np.asarray((self.kp + self.kd * rate_hz * step) * (1 + self.ki / rate_hz * (1 - step) / step))
 
 

@@ -233,9 +233,9 @@ def predict(
     model explains, by axis and octave, and a simulation along the logs. Without --log the logs are from STUDY.
     """
     if source is not None:
-        from elastid.app import model_commands
+        from elastid.app import predict_commands
 
-        model_commands.predict(run_of(model, model_commands.on_logs(model, logs, options)), source)
+        predict_commands.predict(run_of(model, predict_commands.on_logs(model, logs, options)), source)
         return
     if not logs:
         raise click.UsageError("give the logs with --log, or the result of another run with --with")

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, TypeAlias
 from elastid.app.commanded_robot import command_delay, robot_of_friction, with_armatures
 from elastid.app.identified_robot import robot_of_fit, with_findings
 from elastid.app.run import Run
-from elastid.app.stages.fit import warn_of_distrust
+from elastid.app.stages.fit import gears_of, warn_of_distrust
 from elastid.app.target_table import tags, targets
 from elastid.base.codes import new_code
 from elastid.base.errors import StudyError, did_you_mean
@@ -25,7 +25,7 @@ from elastid.robot import Robot
 from elastid.simulation.controller import loop_of
 from elastid.store.friction_study import read_filter, read_friction_result
 from elastid.store.measured import read_friction, read_responses
-from elastid.store.results import read_fit, read_gears
+from elastid.store.results import read_fit
 from elastid.study import Study
 from elastid.targets.actuators import actuators_of, fit_intervals, friction_intervals, with_total_inertias
 from elastid.targets.numbers import interval_lines
@@ -231,12 +231,3 @@ def _gains(study: Study) -> tuple[tuple[float, float], ...]:
         return ()
     loop = loop_of(controller, len(study.as_robot().driven))
     return tuple(zip(loop.kp.tolist(), loop.kd.tolist(), strict=True))
-
-
-def gears_of(run: Run) -> GearResult | None:
-    """Read the gear effects if the study asks for them and they were estimated; else None."""
-    if "gears" not in run.stages:
-        return None
-    run.require_result("gears")
-    gears = read_gears(run.path("gears"))
-    return None if gears is None or gears.refused else gears

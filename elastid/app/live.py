@@ -41,8 +41,9 @@ from elastid.robot.tolerances import EXACT
 from elastid.store.artefacts import Stamp, read_stamp
 from elastid.store.files import remove_leftovers, write_text
 from elastid.store.measured import read_records, read_responses
-from elastid.store.plan import read_plan, write_plan, write_references, write_run, write_signals
+from elastid.store.plan import read_plan, write_plan
 from elastid.store.results import read_fit
+from elastid.store.trajectory import write_references, write_run, write_signals
 from elastid.study import Study, load
 from elastid.study.loading import study_data
 from elastid.study.robots import yaml_text

@@ -1,12 +1,6 @@
-"""Commands that use a fit, by one runner: read it, compute, write h5, csv, page and figure, and say the answer.
+"""Commands that use a fit, by one runner: read it, compute, write h5, csv, page and figure, and say the answer."""
 
-predict: the numbers that one study has identified, judged on the logs of another: prediction.json and a figure. Of a
-study of friction these are rigid body and friction; of a study of elasticity the fitted robot, whose responses, torques
-and motion are compared with those of the logs.
-"""
-
-import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -14,33 +8,26 @@ from typing import Any, TypeAlias
 
 from matplotlib.figure import Figure
 
-from elastid.app.export import gears_of
-from elastid.app.identified_robot import with_findings, with_identified_friction
-from elastid.app.run import Run, carry_out, logged_in
-from elastid.app.stages.fit import current_fit, warn_of_distrust
-from elastid.app.stages.validate import ValidationBasis, judge
-from elastid.app.summaries import predicted, validation_summary
+from elastid.app.identified_robot import with_findings
+from elastid.app.run import Run, logged_in
+from elastid.app.stages.fit import current_fit, gears_of, warn_of_distrust
 from elastid.base.display import Answer
-from elastid.base.errors import DataError, StudyError
+from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.base.files import clear_folder
 from elastid.experiment.simulated.plant import true_robot
 from elastid.fit import posture
-from elastid.fit.fitted_robot import FittedRobot, estimated_robot
+from elastid.fit.fitted_robot import estimated_robot
 from elastid.fit.result import Result
 from elastid.nonlinear.gear_result import with_gears
 from elastid.report.command_summaries import answer_of_loops, answer_of_map, answer_of_move
-from elastid.report.figures.fit import octaves_figure
 from elastid.report.figures.use import loops_figure, move_figure, workspace_figure
 from elastid.report.page.page_of_use import map_data, write_page_of_answer
 from elastid.robot import Robot
 from elastid.store.files import keep_checksums, write_rows, write_text
-from elastid.store.friction_study import read_friction_records, read_friction_result
-from elastid.store.measured import read_friction, read_responses
-from elastid.store.results import read_fit, read_gears, write_loops, write_map, write_map_table, write_tune
-from elastid.store.values import SCHEMA, write_json
+from elastid.store.measured import read_friction
+from elastid.store.results import write_loops, write_map, write_map_table, write_tune
 from elastid.study.robots import yaml_text
-from elastid.study.source import read_source
 from elastid.targets.fmu import write_move_fmu
 from elastid.targets.move import write_move
 from elastid.use.closed_loops import PostureFamily
@@ -50,9 +37,6 @@ from elastid.use.map import Cut, map_workspace
 from elastid.use.moves import read_move
 from elastid.use.postures import grid_postures, random_postures, read_path
 from elastid.use.tune import MoveRobots, TunedMove, tune_move
-from elastid.validation.friction_simulation import predict_logs
-from elastid.validation.log_comparison import LogComparison
-from elastid.validation.spec import ValidationSpec
 
 Vector: TypeAlias = tuple[float, float, float]
 
@@ -220,100 +204,3 @@ def loops_section(loops: Loops) -> str:
         "experiment.simulated.controller of a study whose excitation.rate_hz is that rate.",
     )
     return yaml_text({"controller": loops.controller}, head)
-
-
-# Keys of a file of a study that are of that file alone, and not of another log with the same channels.
-_OF_ONE_LOG = ("samples", "also", "speed", "temperature", "load")
-
-
-def on_logs(study: Path, logs: Sequence[Path], options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return command-line options by which a study reads these logs instead of its own, in another run folder.
-
-    A log has the other keys (configuration, realisation ...) of the file that it stands in for, the last of the first.
-    """
-    if not logs:
-        return dict(options)
-    data = read_source(study, str(study)).data
-    experiment = data.get("experiment") if isinstance(data, Mapping) else None
-    recorded = experiment.get("recorded") if isinstance(experiment, Mapping) else None
-    if not isinstance(recorded, Mapping) or not recorded:
-        text = "--log needs the section experiment.recorded, which is missing. Add it with channels and rate_hz"
-        raise StudyError("options/invalid", text, study)
-    files = recorded.get("files") or [{}]
-    entries = [
-        {key: value for key, value in files[min(i, len(files) - 1)].items() if key not in _OF_ONE_LOG}
-        | {"path": str(log.absolute())}
-        for i, log in enumerate(logs)
-    ]
-    overrides = [f"experiment.recorded.files={json.dumps(entries)}"]
-    if (data.get("validation") or {}).get("configurations") and "friction" in data:
-        overrides.append("validation.configurations=[]")
-    folder = options["folder"] or Path("runs") / f"{data.get('name', 'study')}_{logs[0].stem}"
-    return {**options, "overrides": (*options["overrides"], *overrides), "folder": folder}
-
-
-def predict(run: Run, source: Path) -> None:
-    """Judge the parameters of `source` on the logs of a study: prediction.json and prediction.png.
-
-    source: a friction.h5 or fit.h5, or the folder that holds it.  Stages that read the logs are run where they are out
-    of date.  StudyError for a study of the other kind, and where nothing can be predicted.
-    """
-    of_friction = run.study.friction is not None
-    path = _result_of(run, source, "friction.h5" if of_friction else "fit.h5")
-    with logged_in(run.folder, run.jobs, run.console):
-        for name in ("design", "measure", *(() if of_friction else ("estimate",))):
-            if name in run.stages and not run.is_current(name):
-                carry_out(run, name)
-        judgement, content, words = (_friction if of_friction else _elasticity)(run, path)
-        write_json(summary := run.folder / "prediction.json", content | {"with": str(path)})
-        if judgement.balances:
-            octaves_figure(judgement.balances).savefig(run.folder / "prediction.png")
-        keep_checksums(run.folder, [summary.name])
-        for sentence in (*words, str(summary)):
-            run.console.say(f"predict: {sentence}")
-
-
-def _result_of(run: Run, source: Path, name: str) -> Path:
-    path = source / name if source.is_dir() else source
-    if not path.is_file():
-        kind = "friction" if run.study.friction is not None else "elasticity"
-        text = f"{path.name} is missing. The study identifies {kind}: give the run folder of another study of {kind}"
-        raise StudyError("files/missing", text, f"--with {source}")
-    if path.resolve().parent == run.folder.resolve() and not run.is_current(name.removesuffix(".h5")):
-        text = "this is the run folder of STUDY, whose logs would be replaced. Give another folder with --run"
-        raise StudyError("options/invalid", text, f"--with {source}")
-    run.study.as_robot()
-    return path
-
-
-def _friction(run: Run, path: Path) -> tuple[LogComparison, dict[str, Any], Sequence[str]]:
-    result, measured = read_friction_result(path), read_friction_records(run.path("measure"))
-    recorded = run.study.experiment.recorded
-    controller = None if recorded is None else recorded.controller
-    identified = with_identified_friction(run.study.as_robot(), result)
-    prediction = predict_logs(identified, result.joints, measured, controller, Execution(run.jobs))
-    for joint, reason in prediction.missing.items():
-        run.console.warn(f"joint {joint}: no prediction, {reason}")
-    if not prediction.balances:
-        alone = ", which contain no torques. For position references: `elastid predict RUN --log LOG`"
-        why = " (see the warnings above)" if prediction.missing else alone
-        raise DataError("predict/mismatch", f"no joint can be predicted on these logs{why}", f"--with {path}")
-    return prediction, {"schema": SCHEMA, "study": run.study.name, **predicted(prediction)}, prediction.sentences
-
-
-def _elasticity(run: Run, path: Path) -> tuple[LogComparison, dict[str, Any], Sequence[str]]:
-    study, responses, result = run.study, read_responses(run.path("estimate")), read_fit(path)
-    robot = study.as_robot()
-    lacking = sorted(set(robot.parameters()) - set(result.parameters.names))
-    if lacking:
-        text = f"the fit of another robot has no {', '.join(lacking[:3])}. Use a fit of this robot"
-        raise DataError("predict/mismatch", text, f"--with {path}")
-    frf, gears_file = path.with_name("frf.h5"), path.with_name("gears.h5")
-    friction = read_friction(frf) if frf.is_file() else None
-    gears = read_gears(gears_file if gears_file.is_file() else None)
-    model = FittedRobot.of(result, robot, responses, study.model)
-    records = run.path("measure") if "measure" in run.stages else None
-    validated = ValidationBasis(replace(study, validation=ValidationSpec()), model, friction, gears)
-    judgement, log_comparison = judge(validated, responses.names, records, run.console, Execution(run.jobs))
-    content = validation_summary(study.name, judgement, log_comparison)
-    return log_comparison, content, [words for words in (judgement.verdict, *log_comparison.sentences) if words]

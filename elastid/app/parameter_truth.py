@@ -3,10 +3,9 @@
 from collections.abc import Collection
 
 from elastid.experiment.specs.simulated import SimulatedSpec
-from elastid.linear.linear_model import DELAY
 from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.gear_result import GearResult
-from elastid.parameters import Parameters
+from elastid.parameters import DELAY, Parameters
 from elastid.report.content import WITH_COULOMB
 from elastid.robot import Robot, channel_name
 

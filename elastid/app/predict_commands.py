@@ -1,6 +1,12 @@
-"""predict MODEL --log LOG: a model judged on logs by simulation from the commands alone: prediction.json and .png."""
+"""predict: prediction.json and prediction.png.
 
-from collections.abc import Iterator, Sequence
+MODEL --log LOG: a model judged on logs by simulation from the commands alone.  STUDY --with RUN: the parameters of one
+study judged on the logs of another: rigid body and friction of a friction study; for elasticity the fitted robot, whose
+responses, torques and motion are compared with those of the logs.
+"""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -10,28 +16,31 @@ import numpy as np
 
 from elastid.app.commanded_robot import command_delay, commanded_robot, rigid_numbers
 from elastid.app.console import Console
-from elastid.app.identified_robot import with_findings
-from elastid.app.run import logged_in
+from elastid.app.identified_robot import with_findings, with_identified_friction
+from elastid.app.run import Run, carry_out, logged_in
 from elastid.app.scaffold import read_mjcf_servos, read_urdf_model
+from elastid.app.stages.validate import ValidationBasis, judge
+from elastid.app.summaries import predicted, validation_summary
 from elastid.base.arrays import FloatArray
 from elastid.base.display import number
-from elastid.base.errors import MisfitError, StudyError
+from elastid.base.errors import DataError, MisfitError, StudyError
 from elastid.base.execution import Execution
 from elastid.experiment.specs.logs import RecordedSpec
-from elastid.fit.fitted_robot import estimated_robot
+from elastid.fit.fitted_robot import FittedRobot, estimated_robot
 from elastid.logs.command_log import CommandLog, read_command_log, read_study_log
 from elastid.record import JointLoop
-from elastid.report.figures.fit import command_errors_figure
+from elastid.report.figures.fit import command_errors_figure, octaves_figure
 from elastid.robot import Robot
 from elastid.simulation.controller import loop_of
 from elastid.simulation.spec import ControllerSpec
 from elastid.store.files import keep_checksums
-from elastid.store.friction_study import read_friction_result
-from elastid.store.measured import read_friction
+from elastid.store.friction_study import read_friction_records, read_friction_result
+from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears
 from elastid.store.values import SCHEMA, write_json
 from elastid.study import load_robot
 from elastid.study.robots import Servos
+from elastid.study.source import read_source
 from elastid.validation.command_replay import (
     MAX_REMOVED,
     PREDICTORS,
@@ -45,6 +54,9 @@ from elastid.validation.command_replay import (
     pooled_tests,
     replay,
 )
+from elastid.validation.friction_simulation import predict_logs
+from elastid.validation.log_comparison import LogComparison
+from elastid.validation.spec import ValidationSpec
 
 # Logs on which the numbers of the replay are tested; each test simulates them.
 MAX_TESTED = 3
@@ -264,3 +276,100 @@ def _log(row: Replay) -> dict[str, Any]:
 
 def _by_predictor(errors: Sequence[float]) -> dict[str, float]:
     return dict(zip(PREDICTORS, errors, strict=True))
+
+
+# Keys of a file of a study that are of that file alone, and not of another log with the same channels.
+_OF_ONE_LOG = ("samples", "also", "speed", "temperature", "load")
+
+
+def on_logs(study: Path, logs: Sequence[Path], options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return command-line options by which a study reads these logs instead of its own, in another run folder.
+
+    A log has the other keys (configuration, realisation ...) of the file that it stands in for, the last of the first.
+    """
+    if not logs:
+        return dict(options)
+    data = read_source(study, str(study)).data
+    experiment = data.get("experiment") if isinstance(data, Mapping) else None
+    recorded = experiment.get("recorded") if isinstance(experiment, Mapping) else None
+    if not isinstance(recorded, Mapping) or not recorded:
+        text = "--log needs the section experiment.recorded, which is missing. Add it with channels and rate_hz"
+        raise StudyError("options/invalid", text, study)
+    files = recorded.get("files") or [{}]
+    entries = [
+        {key: value for key, value in files[min(i, len(files) - 1)].items() if key not in _OF_ONE_LOG}
+        | {"path": str(log.absolute())}
+        for i, log in enumerate(logs)
+    ]
+    overrides = [f"experiment.recorded.files={json.dumps(entries)}"]
+    if (data.get("validation") or {}).get("configurations") and "friction" in data:
+        overrides.append("validation.configurations=[]")
+    folder = options["folder"] or Path("runs") / f"{data.get('name', 'study')}_{logs[0].stem}"
+    return {**options, "overrides": (*options["overrides"], *overrides), "folder": folder}
+
+
+def predict(run: Run, source: Path) -> None:
+    """Judge the parameters of `source` on the logs of a study: prediction.json and prediction.png.
+
+    source: a friction.h5 or fit.h5, or the folder that holds it.  Stages that read the logs are run where they are out
+    of date.  StudyError for a study of the other kind, and where nothing can be predicted.
+    """
+    of_friction = run.study.friction is not None
+    path = _result_of(run, source, "friction.h5" if of_friction else "fit.h5")
+    with logged_in(run.folder, run.jobs, run.console):
+        for name in ("design", "measure", *(() if of_friction else ("estimate",))):
+            if name in run.stages and not run.is_current(name):
+                carry_out(run, name)
+        judgement, content, words = (_of_friction if of_friction else _of_elasticity)(run, path)
+        write_json(summary := run.folder / "prediction.json", content | {"with": str(path)})
+        if judgement.balances:
+            octaves_figure(judgement.balances).savefig(run.folder / "prediction.png")
+        keep_checksums(run.folder, [summary.name])
+        for sentence in (*words, str(summary)):
+            run.console.say(f"predict: {sentence}")
+
+
+def _result_of(run: Run, source: Path, name: str) -> Path:
+    path = source / name if source.is_dir() else source
+    if not path.is_file():
+        kind = "friction" if run.study.friction is not None else "elasticity"
+        text = f"{path.name} is missing. The study identifies {kind}: give the run folder of another study of {kind}"
+        raise StudyError("files/missing", text, f"--with {source}")
+    if path.resolve().parent == run.folder.resolve() and not run.is_current(name.removesuffix(".h5")):
+        text = "this is the run folder of STUDY, whose logs would be replaced. Give another folder with --run"
+        raise StudyError("options/invalid", text, f"--with {source}")
+    run.study.as_robot()
+    return path
+
+
+def _of_friction(run: Run, path: Path) -> tuple[LogComparison, dict[str, Any], Sequence[str]]:
+    result, measured = read_friction_result(path), read_friction_records(run.path("measure"))
+    recorded = run.study.experiment.recorded
+    controller = None if recorded is None else recorded.controller
+    identified = with_identified_friction(run.study.as_robot(), result)
+    prediction = predict_logs(identified, result.joints, measured, controller, Execution(run.jobs))
+    for joint, reason in prediction.missing.items():
+        run.console.warn(f"joint {joint}: no prediction, {reason}")
+    if not prediction.balances:
+        alone = ", which contain no torques. For position references: `elastid predict RUN --log LOG`"
+        why = " (see the warnings above)" if prediction.missing else alone
+        raise DataError("predict/mismatch", f"no joint can be predicted on these logs{why}", f"--with {path}")
+    return prediction, {"schema": SCHEMA, "study": run.study.name, **predicted(prediction)}, prediction.sentences
+
+
+def _of_elasticity(run: Run, path: Path) -> tuple[LogComparison, dict[str, Any], Sequence[str]]:
+    study, responses, result = run.study, read_responses(run.path("estimate")), read_fit(path)
+    robot = study.as_robot()
+    lacking = sorted(set(robot.parameters()) - set(result.parameters.names))
+    if lacking:
+        text = f"the fit of another robot has no {', '.join(lacking[:3])}. Use a fit of this robot"
+        raise DataError("predict/mismatch", text, f"--with {path}")
+    frf, gears_file = path.with_name("frf.h5"), path.with_name("gears.h5")
+    friction = read_friction(frf) if frf.is_file() else None
+    gears = read_gears(gears_file if gears_file.is_file() else None)
+    model = FittedRobot.of(result, robot, responses, study.model)
+    records = run.path("measure") if "measure" in run.stages else None
+    validated = ValidationBasis(replace(study, validation=ValidationSpec()), model, friction, gears)
+    judgement, log_comparison = judge(validated, responses.names, records, run.console, Execution(run.jobs))
+    content = validation_summary(study.name, judgement, log_comparison)
+    return log_comparison, content, [words for words in (judgement.verdict, *log_comparison.sentences) if words]

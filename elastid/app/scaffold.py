@@ -33,7 +33,7 @@ from elastid.robot import Joint, Motor, Robot, Spring
 from elastid.robot.simplified import with_joints
 from elastid.robot.urdf import UrdfJoint, UrdfRobot, read_elements
 from elastid.store.files import text_file
-from elastid.study import SCHEMA_NAME, make_schema
+from elastid.study.reference import SCHEMA_NAME, make_schema
 from elastid.study.robots import Servos, load_robot, yaml_text
 
 # Guessed drives: gear ratio, and natural frequency (Hz) and damping ratio of the link with locked motor.

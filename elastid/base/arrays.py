@@ -84,12 +84,12 @@ def named(names: Iterable[str], values: FloatArray) -> dict[str, float]:
 def frozen(array: Any, dtype: Any = np.float64) -> NDArray[Any]:
     """Return a read-only copy of an array; the array itself if it is such a copy, a slice of one, or mapped."""
     if isinstance(array, LargeArray):
-        return cast(NDArray[Any], array)
+        return cast("NDArray[Any]", array)
     if isinstance(array, np.ndarray) and not array.flags.writeable and array.dtype == dtype:
         owner = array if array.base is None else array.base
         is_plain = type(array) is type(owner) is np.ndarray and owner.flags.owndata and not owner.flags.writeable
         if is_plain or isinstance(array, np.memmap):
-            return cast(NDArray[Any], array)
+            return cast("NDArray[Any]", array)
     copy = np.array(array, dtype=dtype)
     copy.flags.writeable = False
     return copy

@@ -8,7 +8,7 @@ from contextvars import ContextVar, copy_context
 from dataclasses import dataclass, field, fields
 from functools import cache, wraps
 from itertools import pairwise
-from typing import Any, TypeVar, dataclass_transform, get_args
+from typing import Any, TypeVar, dataclass_transform, get_args, get_origin
 
 from elastid.base.names import check_different
 
@@ -64,8 +64,13 @@ class Key:
         """Return the pydantic schema of the field; a nested section has a separate validator, built at first use."""
         from pydantic_core import core_schema  # value types stay free of pydantic
 
-        nested = core_schema.no_info_plain_validator_function(lambda value: validator(source).validate_python(value))
-        has_section = any(hasattr(argument, "__pydantic_config__") for argument in (source, *get_args(source)))
+        parts = (source, *get_args(source))
+        # A section that exists, or None where allowed, needs no validator, which takes time to build.
+        valid = () if get_origin(source) in (tuple, dict) else parts
+        nested = core_schema.no_info_plain_validator_function(
+            lambda value: value if type(value) in valid else validator(source).validate_python(value)
+        )
+        has_section = any(hasattr(part, "__pydantic_config__") for part in parts)
         schema = nested if has_section and _in_validator.get() else handler(source)
         return core_schema.no_info_after_validator_function(self.checked, schema)
 

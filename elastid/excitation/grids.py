@@ -14,6 +14,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray, frozen_value
 from elastid.base.errors import StudyError
 
+Orthogonal: TypeAlias = Literal["dft", "hadamard", "zippered"]
 Grid: TypeAlias = Literal["full", "odd", "odd-odd", "odd-random", "quasi-log", "odd-quasi-log", "lines"]
 
 # Lines from one line of a grid to the next; the first is 1 modulo this.

@@ -10,9 +10,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
-from elastid.excitation.grids import grid_lines
+from elastid.excitation.grids import Orthogonal, grid_lines
 from elastid.excitation.phases import (
-    Orthogonal,
     Signals,
     minimise_peaks,
     newman,
@@ -113,9 +112,7 @@ def experiments(
 
 def orthogonal_set(amplitude: FloatArray, rng: np.random.Generator) -> ComplexArray:
     """Return U (n_u experiments, F, n_u inputs) with random phases and the DFT matrix: the robust method's."""
-    F, n_u = amplitude.shape
-    inside, between = random_phases((2, F, n_u), rng)
-    return with_phases(orthogonal_basis("dft", F, n_u), amplitude, inside, between)
+    return experiments("random", "dft", np.arange(len(amplitude)), amplitude, rng, np.zeros((0, 0, 0), complex))
 
 
 def synthesise(lines: IntArray, U: ComplexArray, n_samples: int) -> FloatArray:

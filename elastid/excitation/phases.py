@@ -12,16 +12,13 @@ the nonlinear distortions where averaging removes them; Schroeder's and Newman's
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.fft import irfft, rfft
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import StudyError
-from elastid.excitation.grids import zippered_grid
-
-Orthogonal: TypeAlias = Literal["dft", "hadamard", "zippered"]
+from elastid.excitation.grids import Orthogonal, zippered_grid
 
 
 def random_phases(shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:

@@ -7,8 +7,7 @@ import numpy as np
 
 from elastid.base.section import Key, section
 from elastid.base.units import Frequency, JointTorque, Time
-from elastid.excitation.grids import Grid, Lines, grid_lines, user_lines, with_detection
-from elastid.excitation.phases import Orthogonal
+from elastid.excitation.grids import Grid, Lines, Orthogonal, grid_lines, user_lines, with_detection
 
 Phases: TypeAlias = Literal["random", "schroeder", "newman", "optimised", "linear-sweep", "log-sweep", "prbs"]
 Signal: TypeAlias = Literal["torque", "position", "velocity", "acceleration"]

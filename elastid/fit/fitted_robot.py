@@ -12,14 +12,14 @@ from elastid.fit.parameter_selection import group_labels, tolerances_of
 from elastid.fit.problem.frf_residuals import linear_model
 from elastid.fit.result import Result
 from elastid.linear.fitted_model import FittedModel
-from elastid.linear.linear_model import DELAY, LinearModel
+from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.motion_bias import estimate_motion_bias
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate
 from elastid.model.spec import ModelSpec
-from elastid.parameters import Parameter
+from elastid.parameters import DELAY, Parameter
 from elastid.response import Response
 from elastid.robot import BodyTolerances, Robot, Tolerances
 from elastid.robot.tolerances import Exact

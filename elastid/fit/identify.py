@@ -48,10 +48,10 @@ from elastid.fit.problem.weights import check_factors, weigh, with_model_error
 from elastid.fit.result import Result
 from elastid.fit.solve.solvers import FINE, NEAR, multistart, solve, spread
 from elastid.fit.spec import TYPICAL_MODEL_ERROR, FitSpec
-from elastid.linear.linear_model import DELAY, is_load
+from elastid.linear.linear_model import is_load
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
-from elastid.parameters import Parameters
+from elastid.parameters import DELAY, Parameters
 from elastid.record import REFERENCE
 from elastid.response import Response
 from elastid.robot import Robot, channel_name

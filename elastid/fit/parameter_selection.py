@@ -20,6 +20,7 @@ import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import starmap
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,12 +28,13 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.names import SEPARATOR, matching, posture_of
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec
-from elastid.linear.linear_model import DELAY
-from elastid.parameters import Parameter, Parameters, Prior, Tie
-from elastid.response import Response
+from elastid.parameters import DELAY, Parameter, Parameters, Prior, Tie
 from elastid.robot import BASE, CHANNEL_NUMBERS, MAX_DELAY_S, Robot, Rod, Spring, Tolerances, channel_name, unit_axis
 from elastid.robot.placement import Path
 from elastid.robot.tolerances import RATIO, kind_of
+
+if TYPE_CHECKING:
+    from elastid.response import Response
 
 # Behind the name of a configuration, of its responses by forces at the tool.
 AT_TOOL = " at the tool"
@@ -335,7 +337,7 @@ def local_ratio_std(robot: Robot | None, travel: Mapping[str, float]) -> FloatAr
     return np.array([RATIO / turns[motor] if ratios.get(motor, 1.0) != 1 else 0.0 for motor in travel])
 
 
-def ratio_within(response: Response, robot: Robot) -> Response:
+def ratio_within(response: "Response", robot: Robot) -> "Response":
     """Return the response with its gears' ratios as uncertain as robot.tolerances has them, or exact."""
     within = robot.tolerances.ratio_std / RATIO if isinstance(robot.tolerances, Tolerances) else 0.0
     return replace(response, ratio_std=within * response.ratio_std)

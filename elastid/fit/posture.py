@@ -12,13 +12,12 @@ from elastid.base.errors import StudyError, did_you_mean, index_of
 from elastid.base.section import section
 from elastid.linear.equilibrium import equilibrium, rigid_posture
 from elastid.linear.fitted_model import Axes, Estimated, FittedModel, ModelErrorFactor
-from elastid.linear.linear_model import DELAY
 from elastid.linear.linearise import Linearisation
 from elastid.linear.ports import Ports, acted_on, moved_by
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import frame_poses
 from elastid.model.spec import ModelSpec
-from elastid.parameters import Parameters
+from elastid.parameters import DELAY, Parameters
 from elastid.record import Configuration, JointLoop, Motion, Motors
 from elastid.robot import FRAME_AXES, TOOL, Frame, Payload, Robot
 from elastid.robot.robot import split_place, with_frames

@@ -29,9 +29,9 @@ from elastid.fit.problem.frf_residuals import ElasticFit, each_at_home
 from elastid.fit.result import Result
 from elastid.fit.result_rows import Presliding
 from elastid.fit.solve.solvers import DAMPING_UNITS, ROUGH, solve
-from elastid.linear.linear_model import DELAY, is_load
+from elastid.linear.linear_model import is_load
 from elastid.linear.presliding import AMPLITUDES, RelaxingSpring, element_names
-from elastid.parameters import Parameter, Parameters, Prior, Tie
+from elastid.parameters import DELAY, Parameter, Parameters, Prior, Tie
 from elastid.record import MOTION_ORDER
 from elastid.response import UNEXPLAINED, Response
 

@@ -11,13 +11,14 @@ from elastid.base.arrays import FloatArray
 from elastid.base.display import as_html, as_text
 from elastid.base.errors import StudyError, index_of
 from elastid.fit.verdict import Verdict
-from elastid.linear.fitted_model import Axes, FittedModel, ModelErrorFactor
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration, Motion, Motors
 from elastid.robot import Frame, Payload, Robot
 
 if TYPE_CHECKING:
-    from elastid.fit.posture import Family, Posture, PredictionPorts  # equations, which a page does without
+    # Equations, which a page does without.
+    from elastid.fit.posture import Family, Posture, PredictionPorts
+    from elastid.linear.fitted_model import Axes, FittedModel, ModelErrorFactor
 
 # Std of a model-error factor relative to the step that would explain the misfit. The coverage of the intervals is in
 # scripts/studies/prediction_anywhere.py.
@@ -59,7 +60,7 @@ class Result(Verdict):
 
     __repr__, _repr_html_ = as_text, as_html
 
-    def model(self, configuration: Configuration | str) -> FittedModel:
+    def model(self, configuration: Configuration | str) -> "FittedModel":
         """Return the fitted model of a measured configuration: response, modes, state space.
 
         Raises UnknownNameError with the names of all configurations, and ValueError for a result without models.
@@ -69,6 +70,8 @@ class Result(Verdict):
         names = [linear.configuration.name for linear in self.linear]
         name = configuration.name if isinstance(configuration, Configuration) else str(configuration)
         linear = self.linear[index_of(name, names, "fitted model of configuration")]
+        from elastid.linear.fitted_model import FittedModel
+
         return FittedModel.of(linear, self.parameters, self.x, self.covariance)
 
     def at(
@@ -80,10 +83,10 @@ class Result(Verdict):
         motors: Motors = "locked",
         payload: Payload | Literal[False] | None = None,
         frame: Frame | str | None = None,
-        axes: Axes = "own",
+        axes: "Axes" = "own",
         quantity: Motion | None = None,
         controller: Any = None,
-    ) -> FittedModel:
+    ) -> "FittedModel":
         """Return the fitted model in any posture, in equilibrium under gravity: responses, modes and stiffness.
 
         posture: angles of the driven joints (n_u,) in rad or m, a mapping from their names, or the name of a
@@ -156,8 +159,10 @@ class Result(Verdict):
         return self.covariance * self.inflation_factor**2 if is_unexplained else self.covariance
 
     @property
-    def model_error_factors(self) -> tuple[ModelErrorFactor, ...]:
+    def model_error_factors(self) -> "tuple[ModelErrorFactor, ...]":
         """Parameters whose errors would explain the model error, with stds of `RELATIVE_STD` times their steps."""
+        from elastid.linear.fitted_model import ModelErrorFactor
+
         if not self.exceeds_noise:
             return ()
         # A step explains the whole misfit. The 95 % interval of the factor covers 1.96 RELATIVE_STD = 1.18 steps.

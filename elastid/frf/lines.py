@@ -11,7 +11,7 @@ from elastid.base.statistics import mean_of_neighbours
 from elastid.excitation.grids import grid_lines
 from elastid.frf.experiment_blocks import FullSum, add_periods
 from elastid.frf.spec import EstimatorSpec
-from elastid.frf.spectra import PeriodSpectra, RecordSpectra
+from elastid.frf.spectra import PeriodSpectra, RecordSpectra, Role
 from elastid.record import REFERENCE, Record
 
 # Power of an excited line over the noise of the mean in a notch (6 dB), and over the lines around it (-14 dB).
@@ -151,12 +151,13 @@ def _mean_driver(spectra: RecordSpectra, lines: IntArray, discarded_periods: int
     References count by their accelerations, which are alike at all lines and small in a superimposed slow motion.
     """
     record = spectra.record
+    driver: Role = "u" if record.r is None or record.r_is_reference else "r"  # references contain the slow motion
     size = (lines / lines[0]) ** (2 if record.inputs[0].startswith(REFERENCE) else 0)
     sums = FullSum(np.outer(size, np.full(len(record.inputs), 2 / record.repeat_samples)).astype(np.complex128))
 
     def groups() -> Iterator[PeriodSpectra]:
         first = 0
-        for X in spectra.dft_at((spectra.driver_role,), lines):
+        for X in spectra.dft_at((driver,), lines):
             rows = np.arange(max(discarded_periods - first, 0), len(X))
             yield PeriodSpectra(record, first + np.arange(len(X)), X, sums.scale).only(rows)
             first += len(X)

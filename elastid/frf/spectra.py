@@ -70,11 +70,6 @@ class RecordSpectra:
     record: Record
 
     @property
-    def driver_role(self) -> Role:
-        """The exciting signal: r, or u if r is a reference, which contains the slow carrier."""
-        return "u" if self.record.r is None or self.record.r_is_reference else "r"
-
-    @property
     def is_large(self) -> bool:
         """True if the record is worked on in groups of periods."""
         return self.record.u.size + self.record.y.size >= MIN_LARGE_VALUES

@@ -111,6 +111,7 @@ def _balance(model: ElasticModel, theta: FloatArray, q: FloatArray, free: IntArr
     return _Balance(gravity + Phi.T @ lambda_, K, model.constraint(q, theta).full()[:, 0], Phi, lambda_)
 
 
+@lru_cache(maxsize=64)
 def free_coordinates(model: ElasticModel) -> IntArray:
     """Return the free coordinates (n_f,): all but the motors', which are held."""
     return np.setdiff1d(np.arange(model.n_q), [model.index(motor) for motor in model.inputs])

@@ -35,6 +35,7 @@ from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen, froz
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import StudyError, check_theta, index_of
 from elastid.base.escape import control_labels
+from elastid.parameters import DELAY
 from elastid.record import MOTION_ORDER, REFERENCE, Configuration, JointLoop, Motion, Motors, ReferenceLoop, ZohTorque
 from elastid.robot import CHANNEL_NUMBERS, Chain, channel_name, low_pass_response
 
@@ -107,9 +108,6 @@ def sensor_elements(chain: Chain) -> tuple[Element, ...]:
     """Return the elements between motion and log."""
     lag = () if chain.sensor_lag is None else (LagElement("sensor_lag", butterworth(chain.sensor_order)),)
     return lag if chain.differentiator is None else (*lag, DifferenceElement("differentiator"))
-
-
-DELAY = "delay"
 
 
 def is_load(location: str) -> bool:
@@ -247,23 +245,17 @@ class LinearModel:
 
     def readout(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return C and T (n_y, n) at theta (n_theta,) in SI."""
-        if not self.output_parameters:
-            return self.C, self.T
-        C, T = np.array(self.C), np.array(self.T)
-        for name in self.output_parameters:
-            index, slope = self.parameters.index(name), self.slopes[name]
-            change = theta[index] - self.theta_ref[index]
-            C += 0.0 if slope.C is None else change * slope.C
-            T += 0.0 if slope.T is None else change * slope.T
-        return C, T
+        return self._first_order("C", theta), self._first_order("T", theta)
 
     def acting(self, theta: FloatArray) -> FloatArray:
         """Return B (n, n_u) at theta (n_theta,) in SI."""
-        slopes = [(name, self.slopes[name].B) for name in self.output_parameters]
-        change = [
-            (self.number(theta, name) - self.number(self.theta_ref, name)) * dB for name, dB in slopes if dB is not None
-        ]
-        return self.B + sum(change, np.zeros_like(self.B)) if change else self.B
+        return self._first_order("B", theta)
+
+    def _first_order(self, letter: str, theta: FloatArray) -> FloatArray:
+        slopes = {name: getattr(self.slopes[name], letter) for name in self.output_parameters}
+        change = np.asarray(theta) - self.theta_ref
+        parts = (self.number(change, name) * slope for name, slope in slopes.items() if slope is not None)
+        return sum(parts, getattr(self, letter))  # type: ignore[no-any-return]
 
     def with_outputs(self, rows: Sequence[int]) -> "LinearModel":
         """Return the model with a selection of its outputs; rows: indices."""

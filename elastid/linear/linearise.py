@@ -35,13 +35,14 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError, check_theta
 from elastid.linear.equilibrium import OperatingPoint, equilibrium, free_coordinates
-from elastid.linear.linear_model import DELAY, LinearModel, Slope, elements, project
+from elastid.linear.linear_model import LinearModel, Slope, elements, project
 from elastid.linear.presliding import RelaxingSpring, element_names, with_relaxing_springs
 from elastid.model.elastic import ElasticModel
 from elastid.model.evaluation import evaluate_rows
 from elastid.model.formulation import EXACT, formulate
 from elastid.model.loop_closure import RANK_TOLERANCE, motions, null_space
 from elastid.model.spec import ModelSpec
+from elastid.parameters import DELAY
 from elastid.record import Configuration, Motion
 from elastid.robot import Robot
 

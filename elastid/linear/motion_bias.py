@@ -126,7 +126,7 @@ class _Expansion:
         n, n_q, s = self.n, self.n_q, 1j * np.asarray(omega)[..., None, None]
         of_x = J[:, :n] + 0 * s
         of_x[..., :n_q] += s * J[:, n : n + n_q] + s**2 * J[:, n + n_q :]
-        return np.asarray(of_x)
+        return of_x
 
     def X(self, omega: Any) -> ComplexArray:
         """Return L^-1 B (..., n, n_u)."""
@@ -289,7 +289,7 @@ def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Exp
 
     def jacobian(distances: FloatArray) -> FloatArray:
         theta = np.broadcast_to(numbers, (len(distances), len(numbers)))
-        return np.asarray(rows @ evaluate_rows(slope, z + distances @ columns.T, theta)[0] @ columns)
+        return rows @ evaluate_rows(slope, z + distances @ columns.T, theta)[0] @ columns
 
     # Central differences in rad or m; equations are quadratic in the rates and linear in the others.
     steps = np.diag(np.where(np.arange(2 * n_q + n) < n_q, 1e-5, 1.0))

@@ -19,7 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.linear.linear_model import DELAY, LinearModel, Slope
+from elastid.linear.linear_model import LinearModel, Slope
+from elastid.parameters import DELAY
 
 # Motion between two reversals over the presliding distance, between which no linear model without springs is right.
 AMPLITUDES = (0.2, 4.0)

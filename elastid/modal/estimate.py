@@ -160,8 +160,14 @@ def estimate_modes(
     """
     check_kind(response, Response, "response", "elastid.estimate(records) makes them")
     ModalSpec(band_hz, max_order, None if poles_hz is None else tuple(poles_hz), exponential_s)
-    if poles_hz is None:
-        _refuse_overload(response)
+    # Clipping is not linear, and false poles with narrow intervals would fit it.
+    if poles_hz is None and any(note.code == "frf/overload" for note in response.notes):
+        raise DataError(
+            "modal/lines",
+            "of overloaded hits false modes are not to be told from true "
+            "ones; leave these hits out or measure again, or name the frequencies that you trust as modal.poles_hz",
+            f"configuration {response.configuration.name}",
+        )
     response = usable_response(response, band_hz)
     orders, fit = _search(response, max_order, poles_hz)
     notes: tuple[Note, ...] = ()
@@ -230,17 +236,6 @@ def usable_response(response: Response, band_hz: tuple[float, float] | None) -> 
             f"configuration {response.configuration.name}",
         )
     return response.lines(mask)
-
-
-def _refuse_overload(response: Response) -> None:
-    """Refuse overloads: clipping is not linear, and false poles with narrow intervals would fit it."""
-    if any(note.code == "frf/overload" for note in response.notes):
-        raise DataError(
-            "modal/lines",
-            "of overloaded hits false modes are not to be told from true "
-            "ones; leave these hits out or measure again, or name the frequencies that you trust as modal.poles_hz",
-            f"configuration {response.configuration.name}",
-        )
 
 
 def _measurable_lines(response: Response) -> BoolArray:

@@ -11,7 +11,7 @@ Where driven joints alone are given, elastic joints that are not driven stand at
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal, TypeAlias
+from typing import Literal
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import StudyError
 from elastid.model.closed_posture import follow_angles
 from elastid.model.frame_tree import ON_BASE, Attachment, Tree, carriers, tree
+from elastid.model.spec import StickKind
 from elastid.robot import BASE, Robot
 
 
@@ -180,9 +181,6 @@ def place_end(R: list[FloatArray], p: list[FloatArray], frame: int, local: Float
     if frame < 0:
         return np.tile(local, (count, 1))
     return p[frame] + R[frame] @ local
-
-
-StickKind: TypeAlias = Literal["arm", "mass", "strut"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,10 @@ Variant: TypeAlias = Literal[
 ]
 
 
+# Links of a drawn robot: an arm, the way to a centre of mass where the arm ends, or a rod or strut.
+StickKind: TypeAlias = Literal["arm", "mass", "strut"]
+
+
 @section
 class ModelSpec:
     """Equations of motion of the robot."""

@@ -23,7 +23,7 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import StudyError
 from elastid.fit.problem.frf_residuals import kernel_of, linear_model
 from elastid.linear.equilibrium import equilibrium
-from elastid.linear.linear_model import DELAY, TORQUE_LAG, LinearModel
+from elastid.linear.linear_model import TORQUE_LAG, LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import factor, zoh_aliases
@@ -32,7 +32,7 @@ from elastid.model.drivetrain import input_matrix, spring_deflections
 from elastid.model.formulation import formulate
 from elastid.nonlinear.basis_functions import Place
 from elastid.nonlinear.spectra import PeriodLines
-from elastid.parameters import Parameters
+from elastid.parameters import DELAY, Parameters
 from elastid.record import MOTION_ORDER, Configuration
 from elastid.response import Response
 from elastid.robot import Robot

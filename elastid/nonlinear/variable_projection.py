@@ -61,17 +61,18 @@ def normal_equations(
     amplitude, dof_fractions = np.zeros((len(data), n_m)), np.ones(len(data))
     for i, spectra in enumerate(data):
         e_c, X_c, counts = spectra.net(compensation_torque(coefficients, spectra.Phi, motor_of, n_m))
-        excited, e_c, X_excited = spectra.excited[counts], e_c[counts], np.moveaxis(X_c[counts], 1, 0)
+        excited, e_c = spectra.excited[counts], e_c[counts]
         dof_fractions[i] = 1 - n_m / spectra.U.shape[2] * excited.mean() if excited.size else 1.0
         fold = _folds(spectra, len(excited), realisations)
         for motor in range(n_m):
             group = np.flatnonzero(motor_of == motor)
             acting = group[coefficients[group] != 0]
-            e, friction = e_c[:, motor], np.tensordot(coefficients[acting], X_excited[acting], axes=1)
+            e, friction = e_c[:, motor], np.tensordot(coefficients[acting], X_c[np.ix_(counts, acting)], axes=(0, 1))
             power = np.mean(np.abs(e - friction) ** 2, axis=1)
             amplitude[i, motor] = np.sqrt(np.median(power)) if power.size else 0.0
             w = np.sqrt(weights(power, excited))[:, None]
-            e, X = (w * e).ravel(), (w * X_excited[group]).reshape(len(group), e.size)
+            X = (w[:, None] * X_c[np.ix_(counts, group)]).swapaxes(0, 1).reshape(len(group), e.size)
+            e = (w * e).ravel()
             for m in range(M):
                 rows = np.flatnonzero(fold == m)
                 # Real and imaginary parts side by side: X X^T is Re X^* X^T with a quarter of the work.

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
-from elastid.model.kinematics import StickFigure, StickKind
+from elastid.model.spec import StickKind
 from elastid.robot import Body, Joint, Robot, unit_axis
 
 if TYPE_CHECKING:
     from elastid.modal.modes import Modes  # brings SciPy's linear algebra
     from elastid.modal.spec import GeometrySpec
+    from elastid.model.kinematics import StickFigure  # brings CasADi
 
 # Displacement of the point that moves furthest, in sizes of the robot.
 SWING = 0.15

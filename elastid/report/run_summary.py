@@ -27,8 +27,8 @@ from elastid.fit.status_terms import (
     REQUIRED,
     UNCERTAIN,
 )
-from elastid.linear.linear_model import DELAY
 from elastid.nonlinear.gear_result import NOT_EXPLAINED, NOT_OPENED, GearResult
+from elastid.parameters import DELAY
 from elastid.report.content import ParameterRow, ReportContent, ResponsesContent
 from elastid.validation.frf_error import FrfError, noise_p
 from elastid.validation.residual_tests import FALSE_ALARM

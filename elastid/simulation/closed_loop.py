@@ -248,16 +248,9 @@ class ClosedLoop:
 
 
 def closed_loop(
-    model: ElasticModel,
-    contacts: Contacts,
-    limits: FloatArray,
-    rate_hz: float,
-    substeps: int,
-    drives: Drives,
-    samples: int = 0,
-    has_theta: bool = False,
-    filters: Filters | None = None,
-) -> ClosedLoop:
+    model: ElasticModel, contacts: Contacts, limits: FloatArray, rate_hz: float, substeps: int, drives: Drives,
+    samples: int = 0, has_theta: bool = False, filters: Filters | None = None,
+) -> ClosedLoop:  # fmt: skip
     """Close the loop around a model with its friction and its drives.
 
     substeps: Runge-Kutta steps in a sample.  samples: about how many will be simulated by a compiled step, 0 by an
@@ -272,14 +265,9 @@ def closed_loop(
 
 
 def simulate(
-    loop: ClosedLoop,
-    gains: JointLoop,
-    commands: Commands,
-    q0: FloatArray,
-    curves: FloatArray | None = None,
-    v0: FloatArray | None = None,
-    theta: FloatArray | None = None,
-) -> Trajectory:
+    loop: ClosedLoop, gains: JointLoop, commands: Commands, q0: FloatArray, curves: FloatArray | None = None,
+    v0: FloatArray | None = None, theta: FloatArray | None = None,
+) -> Trajectory:  # fmt: skip
     """Run the loop from q0 (n_q,) over the n samples of the commands.
 
     v0 (n_q,): at the start, where friction has slid so for long; at rest by default.

@@ -31,7 +31,7 @@ from elastid.base.errors import StudyError
 from elastid.excitation.spec import Injected
 from elastid.model.closed_posture import follow_angles, rates
 from elastid.model.elastic import ElasticModel
-from elastid.record import JointLoop
+from elastid.record import JointLoop, unit_delay
 from elastid.simulation.reference_path import ReferencePath
 from elastid.simulation.spec import ControllerSpec, GainsSpec
 
@@ -81,9 +81,9 @@ def sampled_responses(
     with s' and I of the sampled loop (`JointLoop.response`), H of the filters, alpha the velocity feedforward.  x: the
     injected positions in rad, velocities in rad/s (C_ff = H k_d (1 + k_i I)), or torques in Nm (1), link side.
     """
-    filters = filters_of(joints, controller, rate_hz)
-    H = 1.0 if filters is None else filters.response(freq_hz, rate_hz)
-    C_fb = H * feedback_of(loop, inject).response(freq_hz, rate_hz)
+    filters, delay = filters_of(joints, controller, rate_hz), unit_delay(freq_hz, rate_hz)
+    H = 1.0 if filters is None else filters.response(delay)
+    C_fb = H * feedback_of(loop, inject).response(delay, rate_hz)
     if inject == "torque":
         return C_fb, np.ones_like(C_fb)
     if (spec := controller.reference) is None:
@@ -91,7 +91,7 @@ def sampled_responses(
         raise StudyError("experiment/simulated", text, "experiment.simulated.controller.reference")
     alpha, F_r = spec.velocity_feedforward, ReferencePath(spec, rate_hz).response(freq_hz)[:, None]
     forward = JointLoop(loop.kd, 0 * loop.kd, loop.ki) if inject == "velocity" else replace(loop, kd=alpha * loop.kd)
-    return C_fb, H * forward.response(freq_hz, rate_hz) * F_r
+    return C_fb, H * forward.response(delay, rate_hz) * F_r
 
 
 def rigid_motion(model: ElasticModel, q: FloatArray) -> FloatArray:
@@ -195,9 +195,8 @@ class Filters:
     sections: tuple[Sequence[FloatArray], ...]
     delay: int = 0
 
-    def response(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
-        """Compute H (..., n_u) at freq_hz (...)."""
-        z_inverse = np.exp(-2j * np.pi * np.asarray(freq_hz) / rate_hz)
+    def response(self, z_inverse: ComplexArray) -> ComplexArray:
+        """Compute H (..., n_u) at the frequencies of a `unit_delay` (...)."""
         H = np.repeat((z_inverse**self.delay)[..., None], len(self.sections), axis=-1)
         for j, chain in enumerate(self.sections):
             for b_0, b_1, b_2, a_0, a_1, a_2 in chain:

@@ -4,10 +4,9 @@ The only room that knows YAML and pydantic.
 """
 
 from elastid.study.loading import LoadedStudy, load, load_with_logs
-from elastid.study.reference import SCHEMA_NAME, make_schema
 from elastid.study.robots import load_robot
 from elastid.study.sections import Study
 
 load_study = load  # its public name, where it stands alone
 
-__all__ = ["SCHEMA_NAME", "LoadedStudy", "Study", "load", "load_robot", "load_study", "load_with_logs", "make_schema"]
+__all__ = ["LoadedStudy", "Study", "load", "load_robot", "load_study", "load_with_logs"]

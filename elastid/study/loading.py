@@ -14,7 +14,7 @@ from elastid.base.names import SEPARATOR, at_amplitude, is_match, matching
 from elastid.base.units import Quantity, to_si
 from elastid.fit.parameter_selection import choose, named_on_demand
 from elastid.fit.spec import ParameterSpec
-from elastid.linear.linear_model import DELAY
+from elastid.parameters import DELAY
 from elastid.robot import Robot, Tolerances
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.robot.tolerances import EXACT, OF_CURRENT, kind_of

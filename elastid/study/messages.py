@@ -15,7 +15,7 @@ from elastid.base.codes import new_code, renamed_key
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.escape import one_line, printable
 from elastid.base.section import validator
-from elastid.study.reference import describe, literal_choices, names_in, type_at
+from elastid.study.annotations import describe, literal_choices, names_in, type_at
 from elastid.study.source import KeyPath, Place, YamlSource, first_of
 
 PydanticError: TypeAlias = Mapping[str, Any]

@@ -7,8 +7,7 @@ from dataclasses import MISSING, dataclass, fields, is_dataclass
 from difflib import get_close_matches
 from functools import cache
 from textwrap import fill
-from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, get_args, get_origin
 
 from pydantic import TypeAdapter
 
@@ -16,21 +15,18 @@ from elastid.base.codes import codes, new_code, renamed_key
 from elastid.base.display import capital
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.section import Key
-from elastid.base.units import InUnit
 from elastid.robot import Robot
 from elastid.robot.denavit_hartenberg import DenavitHartenberg
 from elastid.robot.friction_numbers import TERMS
 from elastid.robot.measurement_chain import channel_meaning
 from elastid.robot.urdf import UrdfRobot
+from elastid.study.annotations import describe, hints_of, names_in, options_of
 from elastid.study.sections import FleetSpec, Study
-from elastid.study.source import KeyPath
 
 # The forms of a robot's file; a study names the file, or holds the robot itself.
 ROBOT_FORMS = (Robot, DenavitHartenberg, UrdfRobot)
 # The name under which `elastid new` writes the schema into the folder of a study, whose first line refers to it.
 SCHEMA_NAME = "study.schema.json"
-
-_SCALARS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
 
 
 @dataclass(frozen=True)
@@ -57,21 +53,16 @@ class StudyKey:
 
 def keys_of(section: type, path: str = "") -> Iterator[StudyKey]:
     """Yield the keys of one section.  path: before their names."""
-    hints = _hints(section)
+    hints = hints_of(section)
     for f in fields(section):
         key = next(mark for mark in hints[f.name].__metadata__ if isinstance(mark, Key))
         default = f.default if f.default_factory is MISSING else f.default_factory()
         yield StudyKey(path + f.name, section, f.name, hints[f.name], key.text, key.advice, default)
 
 
-@cache
-def _hints(section: type) -> dict[str, Any]:
-    return get_type_hints(section, include_extras=True)
-
-
 def keys_below(annotation: Any, path: str) -> Iterator[StudyKey]:
     """Yield every key of the sections that an annotation allows, and of those below them; path: before their names."""
-    for option in _options(annotation):
+    for option in options_of(annotation):
         arguments, origin = get_args(option), get_origin(option)
         if origin is tuple:
             yield from keys_below(arguments[0], f"{path[:-1]}[].")
@@ -98,74 +89,6 @@ def list_sections() -> Mapping[str, type]:
 def text_of(section: type) -> str:
     """Return the text of a section, in one line."""
     return " ".join((inspect.getdoc(section) or "").split())
-
-
-def type_at(root: Any, path: KeyPath) -> Any:
-    """Return the type of the value at a path below a section; Any where no section has such a key."""
-    for step in path:
-        root = _child(root, step)
-    return root
-
-
-def names_in(annotation: Any) -> list[str]:
-    """Return the keys of the sections that an annotation allows."""
-    sections = [option for option in _options(annotation) if is_dataclass(option) and isinstance(option, type)]
-    return [f.name for section in sections for f in fields(section)]
-
-
-def literal_choices(annotation: Any) -> list[str]:
-    """Return the fixed words that an annotation allows."""
-    return [str(w) for option in _options(annotation) if get_origin(option) is Literal for w in get_args(option)]
-
-
-def describe(annotation: Any) -> str:
-    """Return a type in words.
-
-    >>> describe(tuple[float, float] | None)
-    'a list of 2, each a number'
-    """
-    return ", or ".join(dict.fromkeys(_describe(option) for option in _options(annotation)))
-
-
-def _describe(option: Any, with_example: bool = True) -> str:
-    arguments, origin = get_args(option), get_origin(option)
-    if origin is Annotated:
-        units = next(mark.units for mark in arguments if isinstance(mark, InUnit))
-        return f"a number in {' or '.join(units)}" + (f" or a text such as '1 {units[0]}'" if with_example else "")
-    if origin is Literal:
-        return f"one of {', '.join(str(word) for word in arguments)}"
-    if origin is tuple:
-        count = "" if arguments[1:] == (...,) else f" of {len(arguments)}"
-        entries = dict.fromkeys(_describe(choice, with_example=False) for choice in _options(arguments[0]))
-        return f"a list{count}, each {' or '.join(entries)}"
-    if origin is dict:
-        return "a mapping of names"
-    if is_dataclass(option):
-        obligatory = [f.name for f in fields(option) if f.default is MISSING and f.default_factory is MISSING]
-        return f"a mapping with the keys {', '.join(obligatory)}" if obligatory else "a mapping ({} for the defaults)"
-    return _SCALARS[option]
-
-
-def _options(annotation: Any) -> list[Any]:
-    """Return the members of a union, None and texts of keys left out; one option where it is no union."""
-    if get_origin(annotation) is Annotated and not any(isinstance(m, InUnit) for m in annotation.__metadata__):
-        return _options(annotation.__origin__)
-    if get_origin(annotation) in (Union, UnionType):
-        return [option for option in get_args(annotation) if option is not NoneType]
-    return [annotation]
-
-
-def _child(annotation: Any, step: str | int) -> Any:
-    for option in _options(annotation):
-        arguments, origin = get_args(option), get_origin(option)
-        if is_dataclass(option) and isinstance(option, type):
-            if step in _hints(option):
-                return _hints(option)[str(step)]
-        elif origin is dict:
-            return arguments[1]
-        elif origin is tuple and isinstance(step, int) and arguments:
-            return arguments[0] if arguments[1:] == (...,) else arguments[min(step, len(arguments) - 1)]
-    return Any
 
 
 @cache
@@ -251,7 +174,7 @@ def overview() -> str:
 
 def _explanation(key: StudyKey) -> str:
     below = names_in(key.annotation)
-    entries = [get_args(o)[1 if get_origin(o) is dict else 0] for o in _options(key.annotation) if get_args(o)]
+    entries = [get_args(o)[1 if get_origin(o) is dict else 0] for o in options_of(key.annotation) if get_args(o)]
     entry_keys = [name for entry in entries for name in names_in(entry)]
     text, *rule = re.split(r" \(default: ([^)]+)\)", key.text, maxsplit=1)
     default = rule[0] if rule else _default(key.default)

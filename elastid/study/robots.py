@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import is_dataclass, replace
 from functools import partial
 from pathlib import Path
+from pkgutil import resolve_name
 from typing import Any, TypeAlias
 
 from ruamel.yaml import YAML
@@ -16,13 +17,13 @@ from ruamel.yaml.scalarstring import SingleQuotedScalarString
 from elastid.base.errors import StudyError
 from elastid.base.escape import comment_lines
 from elastid.robot import Robot
-from elastid.robot.denavit_hartenberg import DenavitHartenberg
-from elastid.robot.urdf import UrdfRobot
 from elastid.study.messages import Problem, make_error, validate
 from elastid.study.source import YamlSource, read_source
 
 # kp (N*m/rad) and kd (N*m*s/rad) of the position servos of joints by name, link side.
 Servos: TypeAlias = Mapping[str, tuple[float, float]]
+# Forms of a robot that are made into one, by a key that only they have.
+_FORMS = {"links": "elastid.robot.denavit_hartenberg:DenavitHartenberg", "urdf": "elastid.robot.urdf:UrdfRobot"}
 # Texts that readers of the older YAML 1.1 take for true and false.
 _YAML_1_1_WORDS = ("yes", "no", "on", "off", "y", "n")
 
@@ -53,18 +54,16 @@ def read_robot(path: Path) -> YamlSource:
 def with_robot(source: YamlSource, folder: Path) -> YamlSource:
     """Make a Robot of `links` or a `urdf` under `robot`, paths from folder on; StudyError, a line for each error."""
     data = source.data.get("robot")
-    if not isinstance(data, dict) or "bodies" in data:
+    forms = [] if not isinstance(data, dict) or "bodies" in data else [_FORMS[key] for key in _FORMS if key in data]
+    if not forms:
         return source
-    if "links" in data:
-        make = _validate(source, DenavitHartenberg).robot
-    elif "urdf" in data:
-        rigid = _validate(source, UrdfRobot)
-        file = folder / rigid.urdf
+    form = _validate(source, resolve_name(forms[0]))
+    make = form.robot
+    if "links" not in data:
+        file = folder / form.urdf
         lines = file.read_text("utf-8", "replace").splitlines() if os.path.isfile(file) else []
         source = replace(source, text=source.text + "".join(comment_lines(line) for line in lines))
-        make = partial(rigid.robot, folder)
-    else:
-        return source
+        make = partial(make, folder)
     try:
         return replace(source, data={**source.data, "robot": make()})
     except ValueError as error:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import field, replace
 from datetime import date
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import StudyError
@@ -20,9 +20,11 @@ from elastid.friction_study.spec import FilterSpec, FrictionSpec
 from elastid.modal.spec import ModalSpec
 from elastid.model.spec import ModelSpec
 from elastid.nonlinear.spec import GearsSpec
-from elastid.response import Response
 from elastid.robot import Joint, Robot
 from elastid.validation.spec import CompareSpec, ValidationSpec
+
+if TYPE_CHECKING:
+    from elastid.response import Response
 
 
 @section
@@ -139,7 +141,7 @@ class Study:
             return self.experiment.kind
         return "frf-responses" if self.experiment.responses is not None else "frf"
 
-    def fitted(self, responses: Iterable[Response]) -> tuple[Response, ...]:
+    def fitted(self, responses: "Iterable[Response]") -> "tuple[Response, ...]":
         """Return responses for the fit, without validation configurations."""
         return tuple(G for G in responses if G.configuration.name not in self.validation.configurations)
 

@@ -80,17 +80,13 @@ class Cascade:
             sections[axis].insert(-1, notch(row[0], row[1], row[2], rate_hz))
         return Filters(tuple(sections), self.delay)
 
-    def response(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
-        """Return F (..., n_u) at freq_hz (...)."""
-        return self.gains.response(freq_hz, rate_hz) * self.filters(rate_hz).response(freq_hz, rate_hz)
-
-    def log_slopes(self, freq_hz: FloatArray, rate_hz: float) -> ComplexArray:
+    def log_slopes(self, delay: ComplexArray, rate_hz: float) -> ComplexArray:
         r"""Return d ln F_i / dx (..., n_x), i the axis of each of x; axes answer independently.
 
         .. math:: L = \frac{1}{s^2 + \sqrt 2 s + 1}, \quad N = \frac{s^2 + d w s + 1}{s^2 + w s + 1}, \quad
                   s = \frac{1 - z^{-1}}{1 + z^{-1}} \Big/ \tan\frac{\omega}{2 f_s}
         """
-        backward = 1 - np.exp(-2j * np.pi * freq_hz[..., None] / rate_hz)
+        backward = 1 - delay[..., None]
         centre, width, depth = self.notches.T
 
         def scaled_s(of_filter_hz: FloatArray) -> tuple[ComplexArray, FloatArray]:
@@ -107,7 +103,7 @@ class Cascade:
         (low, low_rate), (s, rate) = scaled_s(self.low_pass_hz), scaled_s(centre)
         above, below = (w * s / (s**2 + w * s + 1) for w in (depth * width, width))
         of_centre = (slope(s, depth * width) - slope(s, width)) * rate
-        of_notches = np.stack([of_centre, above - below, above], axis=-1).reshape(*freq_hz.shape, -1)
+        of_notches = np.stack([of_centre, above - below, above], axis=-1).reshape(*delay.shape, -1)
         of_corner = -slope(low, math.sqrt(2)) * low_rate
         return np.concatenate([of_position, np.ones_like(of_position), of_corner, of_notches], axis=-1)
 

@@ -37,7 +37,7 @@ from elastid.linear.equilibrium import equilibrium
 from elastid.linear.fitted_model import Estimated, FittedModel
 from elastid.linear.linear_model import LinearModel, state_space, torque_elements
 from elastid.linear.modes import modes, shapes_of_all, strain_energy
-from elastid.record import Configuration, JointLoop
+from elastid.record import Configuration, JointLoop, unit_delay
 from elastid.simulation.controller import Filters, tune
 from elastid.use.draws import draw_robots
 from elastid.use.map import largest_gain
@@ -65,12 +65,22 @@ class Plants:
         A = np.pad(self.A, (none, more, more))
         return A, np.pad(self.B, (none, more, none)), np.pad(self.C, (none, none, more))
 
+    @cached_property
+    def eigensystem(self) -> tuple[ComplexArray, ComplexArray]:
+        """Poles (N, m) and eigenvectors (N, m, m) of A."""
+        return np.linalg.eig(self.A)
+
     def response(self, freq_hz: FloatArray) -> ComplexArray:
         """Return P (N, F, n_u, n_u), angle over torque, at freq_hz (N, F)."""
-        unit, responses = np.eye(self.A.shape[-1]), []
-        for A, B, C, lines_hz in zip(self.A, self.B, self.C, freq_hz, strict=True):  # all at once take gigabytes
-            z = np.exp(2j * np.pi * lines_hz / self.rate_hz)[:, None, None]
-            responses.append(C @ np.linalg.solve(z * unit - A, B.astype(complex)))
+        responses = []
+        # A sum over modes, unless eigenvectors are so nearly parallel that it loses half of the digits.
+        is_modal = np.linalg.cond(self.eigensystem[1]) * np.sqrt(np.finfo(float).eps) < 1
+        for i, z in enumerate(1 / unit_delay(freq_hz, self.rate_hz)[..., None, None]):  # all at once take gigabytes
+            A, B, C, poles, vectors = (part[i] for part in (self.A, self.B, self.C, *self.eigensystem))
+            if is_modal[i]:
+                responses.append((C @ vectors / (z - poles)) @ np.linalg.solve(vectors, B))
+            else:
+                responses.append(C @ np.linalg.solve(z * np.eye(len(A)) - A, B))
         return np.array(responses)
 
 
@@ -190,9 +200,8 @@ STABLE = 1 - 1e-9  # |z| of a pole, which rounding of an integrator at 1 stays o
 
 def grid(plants: Plants, lines: int, per_mode: int) -> FloatArray:
     """Return freq_hz (N, F): logarithmic up to half the rate, and denser about each mode of a plant."""
-    poles = np.linalg.eigvals(plants.A)
     with np.errstate(divide="ignore", invalid="ignore"):
-        s = np.log(poles.astype(complex)) * plants.rate_hz
+        s = np.log(plants.eigensystem[0].astype(complex)) * plants.rate_hz
     freq_hz, zeta = np.abs(s) / (2 * np.pi), -s.real / np.maximum(np.abs(s), 1e-300)
     top = 0.499 * plants.rate_hz
     counts = (s.imag > 1e-6 * np.abs(s)) & (zeta < 0.5) & (zeta > 0) & (freq_hz < top)
@@ -223,6 +232,11 @@ class Scene:
         freq_hz = grid(plants, lines, per_mode)
         return cls(plants, freq_hz, plants.response(freq_hz))
 
+    @cached_property
+    def delay(self) -> ComplexArray:
+        """1 / z (N, F)."""
+        return unit_delay(self.freq_hz, self.plants.rate_hz)
+
 
 @dataclass(frozen=True, eq=False)
 class Closed:
@@ -234,16 +248,21 @@ class Closed:
 
     def _controller(self, has_damping: bool) -> ComplexArray:
         """Return F or F_r (N, F, n_u)."""
-        freq_hz, rate_hz = self.scene.freq_hz, self.scene.plants.rate_hz
+        delay = self.scene.delay
         stack = self.gains.gain_derivatives(lambda gain: np.atleast_2d(gain)[:, None])
-        H = 1.0 if self.filters is None else self.filters.response(freq_hz, rate_hz)
-        return replace(stack, kd=has_damping * stack.kd).response(freq_hz, rate_hz) * H
+        H = 1.0 if self.filters is None else self.filters.response(delay)
+        return replace(stack, kd=has_damping * stack.kd).response(delay, self.scene.plants.rate_hz) * H
+
+    @cached_property
+    def F(self) -> ComplexArray:
+        """Controllers (N, F, n_u)."""
+        return self._controller(True)
 
     @cached_property
     def S(self) -> ComplexArray:
         """Sensitivity (N, F, n_u, n_u)."""
         P = self.scene.P
-        difference = np.eye(P.shape[-1]) + self._controller(True)[..., :, None] * P
+        difference = np.eye(P.shape[-1]) + self.F[..., :, None] * P
         return inverse(difference.reshape(-1, *P.shape[2:])).reshape(P.shape)
 
     @cached_property

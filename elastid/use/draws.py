@@ -8,7 +8,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
 from elastid.base.statistics import principal_axes
 from elastid.fit.result import Result
-from elastid.linear.linear_model import DELAY
+from elastid.parameters import DELAY
 from elastid.robot import Robot
 
 

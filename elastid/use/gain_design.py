@@ -15,7 +15,7 @@ safer: slow loops do not stabilise a posture that is unstable under gravity.
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from scipy.optimize import minimize
@@ -98,9 +98,7 @@ def _with_notch(scene: Scene, best: Cascade) -> Iterator[Cascade]:
 
 def tune_gains(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUNDS) -> Cascade | None:
     """Maximise position gains by rounds of sequential quadratic programming; None for a start that no slowing helps."""
-
-    def is_accepted(cascade: Cascade) -> bool:
-        return _keeps(scene, cascade, limit_db)
+    is_accepted = partial(_keeps, scene, limit_db=limit_db)
 
     @lru_cache(maxsize=2)
     def margin_at(x: bytes) -> tuple[FloatArray, FloatArray]:
@@ -132,8 +130,7 @@ def tune_gains(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROU
 
 def sensitivity_margin(scene: Scene, form: Cascade, limit_db: float) -> tuple[FloatArray, FloatArray]:
     """Return limit less M_S, dB (n,), of each part of the band of each plant, and slopes (n, n_x) to logarithms x."""
-    freq_hz, rate_hz, root = scene.freq_hz, scene.plants.rate_hz, np.sqrt(scene.plants.inertia)
-    closed = form.on(scene)
+    closed, root = form.on(scene), np.sqrt(scene.plants.inertia)
     S, sizes = closed.S, closed.size
     bands = np.array_split(np.arange(sizes.shape[1]), _BANDS)
     lines = np.array([band[size[band].argmax()] for size in sizes for band in bands])
@@ -144,8 +141,9 @@ def sensitivity_margin(scene: Scene, form: Cascade, limit_db: float) -> tuple[Fl
     left, sigma, right = np.linalg.svd(at / scale[:, :, None] * scale[:, None, :])
     left_factor = np.einsum("ki,kij->kj", left[:, :, 0].conj() / scale, at)
     right_factor = np.einsum("kij,kjl,kl->ki", scene.P[rows, lines], at, right[:, 0].conj() * scale)
-    through = left_factor * form.response(freq_hz[rows, lines], rate_hz) * right_factor
-    slopes = -(through[:, owners] * form.log_slopes(freq_hz[rows, lines], rate_hz)).real / sigma[:, :1]
+    through = left_factor * closed.F[rows, lines] * right_factor
+    log_slopes = form.log_slopes(scene.delay[rows, lines], scene.plants.rate_hz)
+    slopes = -(through[:, owners] * log_slopes).real / sigma[:, :1]
     if not closed.stable.all():  # a step too far counts as farther than any limit
         margin_db = margin_db - 60
     return margin_db, -20 / np.log(10) * slopes

@@ -19,10 +19,11 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import StudyError
 from elastid.fit.posture import Family
 from elastid.linear.equilibrium import CONVERGED_STEP, MAX_STEP, MIN_INERTIA, equilibrium, free_coordinates
-from elastid.linear.linear_model import DELAY, Slope
+from elastid.linear.linear_model import Slope
 from elastid.linear.ports import locked_motor_motions
 from elastid.model.evaluation import evaluate_rows
 from elastid.model.kinematics import frame_poses
+from elastid.parameters import DELAY
 from elastid.record import Configuration
 
 

@@ -29,11 +29,12 @@ from elastid.excitation.multisine import synthesise
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra, unit_scale
-from elastid.linear.linear_model import DELAY, LinearModel
+from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
+from elastid.parameters import DELAY
 from elastid.record import Motion, Record
 from elastid.robot.simplified import elastic_coordinates, with_stiff_joints
 from elastid.validation.log_comparison import DRY, ELASTICITY, FRICTION, RIGID_BODY, VISCOUS, BandBalance, TorqueBalance

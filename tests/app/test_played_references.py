@@ -20,7 +20,7 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.robot import Body, Joint, Motor, Robot
 from elastid.simulation.spec import ControllerSpec, GainsSpec, ReferencePathSpec
-from elastid.store.plan import write_references
+from elastid.store.trajectory import write_references
 
 PAGE = ROOT / "scripts" / "docs" / "pages" / "howto" / "connect.rst"
 RATIO, TORQUE_CONSTANT, INERTIA = 100.0, 0.5, 20.0 + 4.0

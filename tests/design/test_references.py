@@ -32,7 +32,8 @@ from elastid.robot import Limits, Robot
 from elastid.robot.simplified import without_dry_friction
 from elastid.simulation.reference_path import ReferencePath
 from elastid.simulation.spec import ControllerSpec, ReferencePathSpec
-from elastid.store.plan import read_peaks, write_references
+from elastid.store.plan import read_peaks
+from elastid.store.trajectory import write_references
 from elastid.study import load
 
 CYCLE = 0.004

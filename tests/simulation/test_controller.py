@@ -9,6 +9,7 @@ from plants.two_links import FREE, arm, loop, motor, quiet, rough
 from scipy import signal
 
 from elastid.model.formulation import serial
+from elastid.record import unit_delay
 from elastid.simulation.closed_loop import Commands, closed_loop, simulate
 from elastid.simulation.controller import (
     Filters,
@@ -69,11 +70,11 @@ def test_a_low_pass_is_that_of_scipy() -> None:
 def test_a_notch_leaves_its_depth_at_its_frequency() -> None:
     """And nothing at rest and at half the rate; its width is that between -3 dB points where its depth is 0."""
     filters = Filters(((notch(40.0, 0.5, 0.1, 500.0),),))
-    H = np.abs(filters.response(np.array([1e-6, 40.0, 250.0]), 500.0)[:, 0])
+    H = np.abs(filters.response(unit_delay(np.array([1e-6, 40.0, 250.0]), 500.0))[:, 0])
     np.testing.assert_allclose(H, [1, 0.1, 1], atol=1e-9)
     narrow = Filters(((notch(5.0, 0.1, 0.0, 5000.0),),))
     ends = 5.0 * (np.array([-0.05, 0.05]) + np.sqrt(1 + 0.05**2))
-    np.testing.assert_allclose(np.abs(narrow.response(ends, 5000.0)[:, 0]), np.sqrt(0.5), rtol=1e-4)
+    np.testing.assert_allclose(np.abs(narrow.response(unit_delay(ends, 5000.0))[:, 0]), np.sqrt(0.5), rtol=1e-4)
 
 
 def test_states_have_the_response() -> None:
@@ -82,7 +83,7 @@ def test_states_have_the_response() -> None:
     A, B, C, D = filters.matrices
     freq_hz = np.array([3.0, 17.0, 120.0])
     H = np.stack([C @ np.linalg.solve(z * np.eye(len(A)) - A, B) + D for z in np.exp(2j * np.pi * freq_hz / RATE_HZ)])
-    np.testing.assert_allclose(np.einsum("fii->fi", H), filters.response(freq_hz, RATE_HZ), rtol=1e-9)
+    np.testing.assert_allclose(np.einsum("fii->fi", H), filters.response(unit_delay(freq_hz, RATE_HZ)), rtol=1e-9)
     assert np.abs(H[:, 0, 1]).max() == 0
     alone = Filters(((), ()), 0).matrices
     assert [part.shape for part in alone] == [(0, 0), (0, 2), (2, 0), (2, 2)]

@@ -44,7 +44,7 @@ def test_records_keep_temperatures_windows_and_warm_ups(tmp_path: Path) -> None:
 
 def test_a_pass_is_a_table_for_a_controller(tmp_path: Path) -> None:
     """Time, position, velocity and acceleration, a line each sample."""
-    from elastid.store.plan import write_signals
+    from elastid.store.trajectory import write_signals
 
     ramp = np.arange(4.0)
     write_signals(tmp_path / "pass.csv", 10.0, position=ramp, velocity=ramp, acceleration=ramp)

@@ -17,7 +17,7 @@ from elastid.fit.problem.weights import weigh
 from elastid.record import Configuration, Record
 from elastid.response import Response
 from elastid.store.measured import read_configurations, read_records, read_responses, write_records, write_responses
-from elastid.store.plan import write_run
+from elastid.store.trajectory import write_run
 
 AWAY = Configuration("a/way", [1.0, 2.0])
 

@@ -14,7 +14,8 @@ from plants.refusals import refused
 
 from elastid.base.errors import StudyError
 from elastid.robot import Tolerances
-from elastid.study import load, make_schema
+from elastid.study import load
+from elastid.study.reference import make_schema
 
 
 def errors(study: Path, *overrides: str) -> list[str]:

@@ -12,8 +12,9 @@ from plants.refusals import refused
 from elastid.app import cli
 from elastid.app.explanation import explain_name
 from elastid.base.section import Key
-from elastid.study import load, make_schema
-from elastid.study.reference import describe, explain, keys_below, keys_of, list_keys, list_sections, names_in, overview
+from elastid.study import load
+from elastid.study.annotations import describe, names_in
+from elastid.study.reference import explain, keys_below, keys_of, list_keys, list_sections, make_schema, overview
 from elastid.study.sections import FleetSpec, MemberSpec, Study
 
 SECTIONS = {**list_sections(), "FleetSpec": FleetSpec, "MemberSpec": MemberSpec}

@@ -11,8 +11,9 @@ from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, SimulatedSpec
 from elastid.frf.spec import EstimatorSpec
-from elastid.linear.linear_model import DELAY, LinearModel
+from elastid.linear.linear_model import LinearModel
 from elastid.linear.response.transfer import frequency_response
+from elastid.parameters import DELAY
 from elastid.record import Configuration, Record
 from elastid.robot import Body, Friction, Joint, LuGre, Motor, Robot, Spring
 from elastid.validation.log_comparison import DRY, ELASTICITY, LINK, MOTION, RIGID_BODY, TORQUE, VISCOUS, LogSimulation

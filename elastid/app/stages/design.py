@@ -18,7 +18,8 @@ from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.store.artefacts import Stamp
-from elastid.store.plan import write_plan, write_references, write_run, write_torque
+from elastid.store.plan import write_plan
+from elastid.store.trajectory import write_references, write_run, write_torque
 from elastid.study import Study
 
 

@@ -249,3 +249,12 @@ def _answers(run: Run, result: Result, rows: Sequence[ParameterRow], gears: Gear
         overrides = "".join(f"--set {shlex.quote(override)} " for override in run.loaded.overrides)
         command = f"elastid run {run.loaded.path} --run {run.folder} {overrides}{command}"
     yield " ".join(filter(None, ("What next?", step.sentence, step.gain, command and f"`{command}`")))
+
+
+def gears_of(run: Run) -> GearResult | None:
+    """Read the gear effects if the study asks for them and they were estimated; else None."""
+    if "gears" not in run.stages:
+        return None
+    run.require_result("gears")
+    gears = read_gears(run.path("gears"))
+    return None if gears is None or gears.refused else gears

@@ -29,7 +29,7 @@ from elastid.report.friction_content import FrictionContent, part_words, refusal
 from elastid.report.page.page_of_friction import html_of_friction
 from elastid.store import friction_study as stored
 from elastid.store.artefacts import NO_STAMP, Stamp
-from elastid.store.plan import write_signals
+from elastid.store.trajectory import write_signals
 from elastid.study import Study
 from elastid.validation.friction_simulation import compare_friction_logs, predict_logs
 

@@ -17,10 +17,10 @@ from elastid.base.execution import Execution
 from elastid.fit.fitted_robot import FittedRobot, robots_by_group
 from elastid.fit.status_terms import REQUIRED
 from elastid.frf.spec import EstimatorSpec
-from elastid.linear.linear_model import DELAY
 from elastid.nonlinear.compensate_friction import compensated_records, shaft_couplings
 from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.gear_result import GearResult, with_gears
+from elastid.parameters import DELAY
 from elastid.response import Response
 from elastid.store.measured import read_configurations, read_friction, read_records, read_responses
 from elastid.store.results import read_fit, read_gears, read_modelled, write_validation

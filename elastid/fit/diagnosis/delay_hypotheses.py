@@ -32,7 +32,7 @@ from elastid.fit.diagnosis.refit import (
 from elastid.fit.parameter_selection import MAX_TIME
 from elastid.fit.problem.frf_residuals import ElasticFit
 from elastid.fit.result_rows import ModificationIndex
-from elastid.linear.linear_model import DELAY
+from elastid.parameters import DELAY
 from elastid.robot import channel_name, low_pass_response
 
 Factor: TypeAlias = Callable[[FloatArray, float], ComplexArray]

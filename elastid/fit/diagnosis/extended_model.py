@@ -24,12 +24,12 @@ from elastid.fit.diagnosis.refit import EvaluatedResponse
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.problem.frf_residuals import Part, at_measured_places, each_at_home, places_of
 from elastid.linear.equilibrium import equilibrium
-from elastid.linear.linear_model import DELAY, LinearModel, Slope
+from elastid.linear.linear_model import LinearModel, Slope
 from elastid.linear.linearise import Linearisation
 from elastid.linear.presliding import element_names
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
-from elastid.parameters import Parameters
+from elastid.parameters import DELAY, Parameters
 from elastid.robot import Body, Joint, Robot, Spring, channel_name
 
 

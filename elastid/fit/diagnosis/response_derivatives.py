@@ -17,7 +17,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable, named
 from elastid.fit.diagnosis.extended_model import ModelResponse
-from elastid.linear.linear_model import DELAY
+from elastid.parameters import DELAY
 from elastid.robot import Body, Robot, channel_name
 
 # Of the smallest torque that a gear carries to the largest, above which no stiffness is seen to rise with it.

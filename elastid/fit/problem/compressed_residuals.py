@@ -32,10 +32,9 @@ from elastid.base.large_arrays import move_beside, release
 from elastid.base.workers import KeptOnce
 from elastid.fit.problem.least_squares import ResidualKind
 from elastid.fit.problem.weights import Whitening
-from elastid.linear.response.derivatives import Columns, Sensitivity
+from elastid.linear.response.derivatives import AnyComplex, Columns, Sensitivity
 
 BATCH = 16
-Complex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]
 Precision: TypeAlias = type[np.floating[Any]]
 
 
@@ -119,7 +118,7 @@ class Packed:
         return BlockSums(float(cost[0]), pull, moments)
 
 
-def _times(R: npt.NDArray[np.inexact[Any]], U: Complex) -> Complex:
+def _times(R: npt.NDArray[np.inexact[Any]], U: AnyComplex) -> AnyComplex:
     if R.ndim == 2:
         return np.asarray((np.ascontiguousarray(U).view(R.dtype) * R[:, :, None]).view(U.dtype))
     return R @ U
@@ -256,8 +255,8 @@ class NormalEquations:
         """
         pieces, highest = self.columns.pieces, self.columns.omega_0**self.columns.pieces.power
         # Columns of a size near one, whatever the units of the parameters: single precision does not reach far.
-        scale = np.zeros(pieces.base.max(initial=-1) + 1)
-        np.maximum.at(scale, pieces.base, np.abs(pieces.sigma @ self.columns.size(theta)) * highest)
+        scale, size = np.zeros(pieces.base.max(initial=-1) + 1), np.abs(theta[self.columns.kernel.places])
+        np.maximum.at(scale, pieces.base, np.abs(pieces.sigma @ np.where(size == 0, 1.0, size)) * highest)
         scale[scale == 0] = 1.0
         V, pull, moments = 0.0, np.zeros((3, len(scale)), complex), np.zeros((5, len(scale), len(scale)))
         R = self.residuals.compressed.R

@@ -13,13 +13,13 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import chain
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.base.errors import DataError
-from elastid.base.execution import HERE, Execution
+from elastid.base.execution import HERE, Execution, Item, Value
 from elastid.base.workers import KeptOnce
 from elastid.fit.problem.compressed_residuals import CompressedResiduals, NormalEquations
 from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
@@ -42,8 +42,6 @@ if TYPE_CHECKING:
 CHUNK = 4
 # Lines of all configurations from which on an evaluation is worth the work of others.
 MIN_LINES = 5_000
-Item = TypeVar("Item")
-Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, eq=False)

@@ -144,11 +144,6 @@ class Columns(KeptOnce):
 
     kernel: Kernel
 
-    def size(self, theta: FloatArray) -> FloatArray:
-        """Return |theta| (P,) of the kernel's parameters, 1 where one is zero."""
-        size = np.abs(theta[self.kernel.places])
-        return np.where(size == 0, 1.0, size)
-
     @cached_property
     def is_symmetric(self) -> bool:
         """True if G = G^T: outputs in the directions of the inputs, no tilting accelerometer, exact channels."""
@@ -161,7 +156,7 @@ class Columns(KeptOnce):
         """Rows and columns (n_e,) of the elements of G that are computed."""
         n_y, n_u = self.kernel.model.C.shape[0], len(self.kernel.model.inputs)
         rows, columns = np.triu_indices(n_u) if self.is_symmetric else np.indices((n_y, n_u)).reshape(2, -1)
-        return np.asarray(rows, np.int64), np.asarray(columns, np.int64)
+        return rows, columns
 
     @cached_property
     def entries(self) -> IntArray:
@@ -187,24 +182,35 @@ class Columns(KeptOnce):
         place = index[np.concatenate([terms[letter][0] for letter in "KDM"])]
         power = np.repeat(np.arange(3), [len(terms[letter][0]) for letter in "KDM"])
         matrices = np.concatenate([terms[letter][1].reshape(-1, n, n) for letter in "KDM"])
-        order = np.lexsort((power, place))
-        order = order[(place[order] >= 0) & np.any(matrices[order] != 0, axis=(1, 2))]
-        place, power, matrices = place[order], power[order], matrices[order]
+        place, power, matrices = place[place >= 0], power[place >= 0], matrices[place >= 0]
+        row = {(parameters[p], k): i for i, (p, k) in enumerate(zip(place.tolist(), power.tolist(), strict=True))}
+        is_single = rank_one_parts(matrices)[0]
+        # A spring that also moves the robot under gravity has the matrix of its damper, and a rest of fewer directions.
+        shared = [
+            (i, row[partner])
+            for (name, k), i in row.items()
+            if name[0] == "k" and k == 0 and not is_single[i] and (partner := (f"d{name[1:]}", 1)) in row
+        ]
+        spring, damper = np.array(shared, np.int64).reshape(-1, 2).T
+        matrices[spring] -= matrices[damper]
+        matrices = np.concatenate([matrices, matrices[damper]])
+        place, power = np.append(place, place[spring]), np.append(power, power[spring])
         is_single, sign, y = rank_one_parts(matrices)
         E = np.stack([matrices, np.zeros_like(matrices)], axis=1)
         # Of a parameter that changes K and M by matrices of a higher rank both are one piece.
         stiff, heavy = (np.flatnonzero(~is_single & (power == order)) for order in (0, 2))
         _, with_mass, masses = np.intersect1d(place[stiff], place[heavy], return_indices=True)
-        E[stiff[with_mass], 1] = self.omega_0**2 * matrices[heavy[masses]]
-        others = np.delete(np.arange(len(place)), heavy[masses])
-        place, power, is_single, sign, y = place[others], power[others], is_single[others], sign[others], y[others]
-        sigma, first = _first_alike(E[others].reshape(len(others), 2 * n * n))
+        E[stiff[with_mass], 1], E[heavy[masses]] = self.omega_0**2 * matrices[heavy[masses]], 0.0
+        others = E.any(axis=(1, 2, 3))
+        E, place, power = E[others], place[others], power[others]
+        is_single, sign, y = is_single[others], sign[others], y[others]
+        sigma, first = _first_alike(E.reshape(len(E), 2 * n * n))
         # The first pieces of each base, those of rank one in front.
         bases = np.unique(first)
         bases = bases[np.argsort(~is_single[bases], kind="stable")]
         single = bases[is_single[bases]]
         direct = (*self.kernel.factors, *self.kernel.output_parameters)
-        base_of = np.zeros(len(others), np.int64)
+        base_of = np.zeros(len(E), np.int64)
         base_of[bases] = np.arange(len(bases))
         indices = np.concatenate([place, [parameters.index(name) for name in direct]]).astype(np.int64)
         sigma_of = np.zeros((len(indices), len(parameters)))
@@ -212,25 +218,25 @@ class Columns(KeptOnce):
         return Pieces(
             sign[single],
             y[single].T / np.sqrt(np.abs(sigma[single])),
-            (E[others[bases[len(single) :]]] / sigma[bases[len(single) :], None, None, None]).swapaxes(0, 1),
-            np.concatenate([base_of[first], len(bases) + np.arange(len(direct))]).astype(np.int64),
+            (E[bases[len(single) :]] / sigma[bases[len(single) :], None, None, None]).swapaxes(0, 1),
+            np.append(base_of[first], len(bases) + np.arange(len(direct))),
             np.concatenate([power, np.zeros(len(direct), np.int64)]),
             sigma_of,
         )
 
     @cached_property
     def _directions(self) -> tuple[FloatArray, FloatArray]:
-        """V (n, r) and S (2, n_2, r, r) of the bases of a higher rank, E = V S V^T."""
+        """[y, V] (n, n_1 + r) and S (2, n_2, r, r) of the bases of a higher rank, E = V S V^T."""
         E, n = self.pieces.E, self.kernel.model.n
         V = _span(E.reshape(-1, n, n))
-        return V, V.T @ E @ V
+        return np.hstack([self.pieces.y, V]), V.T @ E @ V
 
     def at(self, theta: FloatArray) -> Iterator[Sensitivity]:
         """Yield the sensitivities at theta (n_theta,), one block of lines at a time."""
         rows, columns = self.elements
-        (_, S), kernel = self._directions, self.kernel
+        (directions, S), kernel = self._directions, self.kernel
         locations = rows * len(kernel.model.inputs) + columns
-        for band in kernel.products(theta, self._base_directions):
+        for band in kernel.products(theta, directions):
             # The loops leave the lines of an element side by side.
             s, G = band.s, band.G.transpose(1, 2, 0).reshape(-1, len(band.s)).take(locations, axis=0).T
             left, right = kernel.sides(theta, band)
@@ -255,11 +261,6 @@ class Columns(KeptOnce):
                 )
             G[band.block], dG[:, band.block] = band.G.take(self.entries, axis=1), of_elements.take(self.entries, axis=2)
         return G, dG
-
-    @cached_property
-    def _base_directions(self) -> FloatArray:
-        """The directions of all bases (n, n_1 + r)."""
-        return np.hstack([self.pieces.y, self._directions[0]])
 
 
 def _first_alike(E: FloatArray) -> tuple[FloatArray, IntArray]:

@@ -28,9 +28,10 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.kernels import call, is_compiled
 from elastid.base.workers import KeptOnce
-from elastid.linear.linear_model import DELAY, TORQUE_LAG, LinearModel
+from elastid.linear.linear_model import TORQUE_LAG, LinearModel
 from elastid.linear.response.closed_loop import GAINS, ClosedLoop, close_loop, open_loops
 from elastid.linear.response.transfer import factor, fold_images, zoh_aliases
+from elastid.parameters import DELAY
 from elastid.robot import CHANNEL_NUMBERS, channel_name
 
 # Lines worked on at a time: their matrices stay in the cache; whole batches of the kernels in C.
@@ -260,16 +261,12 @@ class Kernel(KeptOnce):
             return np.array([matrix, *(0 * matrix if slope is None else slope for slope in slopes)])
 
         C, T, B = map(with_slopes, "CTB")
-        directions, extra, columns = list(B.transpose(2, 0, 1)), [], []
-        for row, direction in enumerate(C.transpose(1, 0, 2)):
-            indices = [i for i, side in enumerate(directions) if np.array_equal(side, direction)]
-            if not indices:
-                directions.append(direction)
-                extra.append(row)
-            columns.append(indices[0] if indices else len(directions) - 1)
+        sides, m = np.concatenate([B.transpose(2, 0, 1), C.transpose(1, 0, 2)]), B.shape[2]
+        first = (sides[m:, None] == sides).all(axis=(2, 3)).argmax(axis=1)
+        extra = np.flatnonzero(first == m + np.arange(len(first)))
+        columns = np.where(first < m, first, m + np.searchsorted(extra, first - m))
         tilted = np.flatnonzero(T.any(axis=(0, 2)))
-        tilts = len(directions) + np.arange(len(tilted))
-        return Sides(np.array(extra, np.int64), np.array(columns, np.int64), tilted, tilts)
+        return Sides(extra, columns, tilted, m + len(extra) + np.arange(len(tilted)))
 
 
 @dataclass(frozen=True)

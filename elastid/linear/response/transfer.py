@@ -25,8 +25,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen, laplace_variable
-from elastid.linear.linear_model import DELAY, TORQUE_LAG, LinearModel
+from elastid.linear.linear_model import TORQUE_LAG, LinearModel
 from elastid.linear.response.closed_loop import ClosedLoop, close_loop, open_loops
+from elastid.parameters import DELAY
 from elastid.record import MOTION_ORDER
 from elastid.response import Response
 
@@ -110,7 +111,7 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
     of_outputs, of_inputs = model.channel_factors(theta, s[:, 0, 0])
     G = factor(model, theta, s) * (C @ X + T @ X / s**2)
     G = of_outputs[..., :, None] * G * of_inputs[..., None, :]
-    return np.asarray(G + zoh_aliases(model, theta, freq_hz))
+    return G + zoh_aliases(model, theta, freq_hz)
 
 
 def closed_loop(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ClosedLoop:

@@ -11,7 +11,7 @@ from elastid.linear.linearise import Linearisation
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
-from elastid.record import Configuration, JointLoop, ReferenceLoop, ZohTorque
+from elastid.record import Configuration, JointLoop, ReferenceLoop, ZohTorque, unit_delay
 from elastid.response import Response
 from elastid.robot import Body, Chain, Joint, Motor, Placement, Robot, Spring
 
@@ -22,7 +22,8 @@ NUMBERS = ("delay_r", "low_pass_r", "gain_kp_motor_1", "gain_kd_motor_1", "gain_
 def measured(motors, kp, kd, inputs, outputs, forward=0.0, quantity="position"):
     """A response to references on FREQ_HZ, without its values."""
     loop = JointLoop(np.array(kp), np.array(kd), np.zeros(len(motors)))
-    shares = [part.response(FREQ_HZ, RATE) for part in (replace(loop, kd=0 * loop.kd), replace(loop, kp=0 * loop.kp))]
+    parts, delay = (replace(loop, kd=0 * loop.kd), replace(loop, kp=0 * loop.kp)), unit_delay(FREQ_HZ, RATE)
+    shares = [part.response(delay, RATE) for part in parts]
     feedforward = np.stack([shares[0], forward * shares[1]])
     controller = ReferenceLoop(motors, RATE, FREQ_HZ, np.stack(shares), feedforward)
     hold = ZohTorque((RATE,) * len(motors), tuple(place.startswith(("motor", "joint")) for place in outputs))

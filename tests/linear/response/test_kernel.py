@@ -10,10 +10,10 @@ from plants.template_arm import arm, linear
 from plants.two_mass import circular
 
 from elastid.base.kernels import is_compiled
-from elastid.linear.linear_model import DELAY
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Elimination, Kernel, solved_products
 from elastid.linear.response.transfer import frequency_response
+from elastid.parameters import DELAY
 from elastid.robot import Chain, Channel
 
 FREQ_HZ = np.geomspace(0.5, 90, 130)

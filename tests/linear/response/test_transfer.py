@@ -8,9 +8,10 @@ from plants.template_arm import arm, linear
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
 
-from elastid.linear.linear_model import DELAY, LinearModel, Slope
+from elastid.linear.linear_model import LinearModel, Slope
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
+from elastid.parameters import DELAY
 from elastid.record import Configuration, ZohTorque
 
 

@@ -11,7 +11,7 @@ from plants.arm import RATIO, closed_form, result
 from plants.fitted_models import DELAY as FITTED_DELAY_S
 from plants.fitted_models import fitted_model
 
-from elastid.linear.linear_model import DELAY
+from elastid.parameters import DELAY
 from elastid.record import Configuration
 from elastid.use.cascade import Cascade
 from elastid.use.closed_loops import Plants, PostureFamily, Scene, _sampled, bandwidths, closed_loop_poles, scaled
