@@ -37,7 +37,7 @@ MEANS_HZ, MEANS_IN_PERIOD = 40.0, 12.0
 SETTLE, SMOOTH_S = 15.0, 0.06
 # Perturbation of a parameter for its sensitivity, relative to its scale, and perturbation of the delay in s.
 PERTURBATION, DELAY_STEP_S = 1e-3, 2e-4
-START_ITERATIONS, MAX_ITERATIONS, TOLERANCE, LEAST_CURVATURE = 8, 30, 1e-5, 1e-12
+START_ITERATIONS, START_COARSENESS, MAX_ITERATIONS, TOLERANCE, LEAST_CURVATURE = 8, 4, 30, 1e-5, 1e-12
 DAMPINGS = np.append(0.0, 10.0 ** np.arange(-4, 4))
 # How joints stick: the free parameters.  Start values: stick time, s; creep; displacement of the bristles before
 # sliding over the travel; their damping time, s.
@@ -58,7 +58,8 @@ SIGNIFICANCE_LEVEL = 0.1  # of a larger scatter between logs than within logs
 class _Problem:
     """Output-error problem of all logs: S columns, one for each joint of each log, padded to the longest log.
 
-    window: samples per mean.  sticking: how each joint sticks.  steps: of the simulation in a sample.
+    window: samples per mean.  sticking: how each joint sticks.  coarseness: factor of the simulation steps, which are
+    `steps` in a sample.
     """
 
     logs: tuple[CommandedLog, ...]
@@ -66,6 +67,7 @@ class _Problem:
     commanded: CommandedJoints
     window: int
     sticking: tuple[tuple[str, ...], ...]
+    coarseness: int = 1
     steps: int = 0
 
     @classmethod
@@ -93,7 +95,7 @@ class _Problem:
 
     def resolved(self, numbers: FloatArray) -> "_Problem":
         """Return the problem with the steps that numbers (..., m, 10) need."""
-        return replace(self, steps=self.commanded.steps(numbers[..., self.index, :]))
+        return replace(self, steps=max(2, self.commanded.steps(numbers[..., self.index, :]) // self.coarseness))
 
     @property
     def step_s(self) -> float:
@@ -318,7 +320,7 @@ def _start(problem: _Problem) -> tuple[_Problem, FloatArray, float]:
     of COULOMB_FACTORS.
     """
     regressions = np.stack([_regress(problem, delay) for delay in START_DELAYS.tolist()])
-    problem = problem.resolved(regressions)
+    problem = replace(problem, coarseness=START_COARSENESS).resolved(regressions)
     best = _log_squares(problem, regressions, START_DELAYS).sum(axis=1).argmin()
     delays, ends = START_DELAYS[[best] * len(COULOMB_FACTORS)], []
     for names, values in START_STICKING:
@@ -332,7 +334,11 @@ def _start(problem: _Problem) -> tuple[_Problem, FloatArray, float]:
     candidates, delays = np.stack([numbers for numbers, _ in ends]), np.array([late for _, late in ends])
     costs = _log_squares(problem.resolved(candidates), candidates, delays)
     sticking = tuple(START_STICKING[k][0] for k in costs.argmin(axis=0))
-    return replace(problem, sticking=sticking), _best(candidates, costs), float(delays[costs.sum(axis=1).argmin()])
+    return (
+        replace(problem, sticking=sticking, coarseness=1),
+        _best(candidates, costs),
+        float(delays[costs.sum(axis=1).argmin()]),
+    )
 
 
 def _best(candidates: FloatArray, costs: FloatArray) -> FloatArray:
