@@ -3,13 +3,13 @@ r"""Inertia, friction and command delay of joints, estimated from commands, enco
 .. math:: \hat\theta = \arg\min_\theta \sum_i N_i \log \sum_k \bigl(q_{ik} - \hat q_{ik}(\theta_i, T_d)\bigr)^2
 
 q hat: positions simulated from the commands alone (`simulation.rigid_joints`), averaged over a few samples; theta_i:
-numbers of joint i; T_d: delay of all joints of a log. This is the output-error method (Ljung, System Identification,
+parameters of joint i; T_d: delay of all joints of a log. This is the output-error method (Ljung, System Identification,
 1999, section 10.2). A regression on the torque computed from gains and encoder is biased: k_p T_d appears in viscous
 friction.
 
-Errors of simulated positions are not white. The covariance is the long-run covariance of each log's scores on slow
-cosines (`least_squares.long_run`), over time or in the order of the angle, with which model errors repeat. If the
-influences d_k of m logs have a significantly larger covariance, it is used instead:
+Errors of simulated positions are not white. The covariance is therefore a long-run covariance of each log's scores on
+slow cosines (`least_squares.long_run`): over time, or over the angle if it is larger, because model errors repeat with
+the angle. If the influences d_k of m logs scatter significantly more, their covariance is used instead:
 
 .. math:: \Sigma = \frac{m}{m - 1} \sum_k d_k d_k^T
 """
@@ -27,39 +27,39 @@ from elastid.base.errors import DataError
 from elastid.base.statistics import small_sample_factors
 from elastid.friction_study.commanded import DELAY, CommandedJoint, CommandedLog
 from elastid.friction_study.least_squares import cosine_count, long_run, state_widening
-from elastid.simulation.rigid_joints import NUMBERS, CommandedJoints
+from elastid.simulation.rigid_joints import PARAMETERS, CommandedJoints
 
 # Trial delays, s; the search starts from the best.
 START_DELAYS = np.linspace(0.0, 0.04, 9)
-# Lowest rate of the averaged positions, and their number in a period at the upper end of the commands' band.
-MEANS_HZ, MEANS_IN_PERIOD = 40.0, 12.0
-# Time constants k_d / k_p until errors of the initial state have decayed; derivatives are smoothed over SMOOTH_S.
-SETTLE, SMOOTH_S = 15.0, 0.06
+# Minimum rate of the averaged positions, and minimum number in a period at the upper edge of the commands' band.
+MIN_MEANS_HZ, MEANS_PER_PERIOD = 40.0, 12.0
+# Errors of the initial state decay within so many time constants k_d / k_p. Derivatives are smoothed over SMOOTH_S.
+SETTLING_CONSTANTS, SMOOTH_S = 15.0, 0.06
 # Perturbation of a parameter for its sensitivity, relative to its scale, and perturbation of the delay in s.
 PERTURBATION, DELAY_STEP_S = 1e-3, 2e-4
-START_ITERATIONS, START_COARSENESS, MAX_ITERATIONS, TOLERANCE, LEAST_CURVATURE = 8, 4, 30, 1e-5, 1e-12
+START_ITERATIONS, START_COARSENESS, MAX_ITERATIONS, TOLERANCE, MIN_CURVATURE = 8, 4, 30, 1e-5, 1e-12
 DAMPINGS = np.append(0.0, 10.0 ** np.arange(-4, 4))
-# How joints stick: the free parameters.  Start values: stick time, s; creep; displacement of the bristles before
-# sliding over the travel; their damping time, s.
-EXACT, SOFT, BRISTLES = (), NUMBERS[6:8], NUMBERS[8:]
+# Free parameters of the three kinds of sticking.  Start values: stick time, s; creep; displacement of the bristles
+# before sliding over the position's std; their damping time, s.
+EXACT, SOFT, BRISTLES = (), PARAMETERS[6:8], PARAMETERS[8:]
 START_STICKING = (
     (SOFT, (0.01, 0.1, 0.0, 0.0)), (SOFT, (0.02, 0.6, 0.0, 0.0)), (BRISTLES, (0.0, 0.0, 0.001, 0.001)),
     (BRISTLES, (0.0, 0.0, 0.01, 0.001))
 )  # fmt: skip
-# Factors of the Coulomb friction of the regression, which is low for a joint that mostly sticks.
+# Factors of the start value of Coulomb friction. The regression underestimates it if a joint mostly sticks.
 COULOMB_FACTORS = np.array([1.0, 2.0, 4.0])
-# A joint sticks exactly unless its Coulomb friction and its parameters of sticking (stick times beyond one step of the
-# simulation) exceed STICKING_STDS standard deviations, and its creep is below its bound.
+# A joint has a sticking model if Coulomb friction and the parameters of sticking exceed STICKING_STDS standard
+# deviations, and creep is below MAX_CREEP. Stick times count beyond one step of the simulation.
 STICKING_STDS, MAX_CREEP = 5.0, 0.9
-SIGNIFICANCE_LEVEL = 0.1  # of a larger scatter between logs than within logs
+SIGNIFICANCE_LEVEL = 0.1  # F-test of the scatter between logs against the scatter within logs
 
 
 @dataclass(frozen=True)
 class _Problem:
     """Output-error problem of all logs: S columns, one for each joint of each log, padded to the longest log.
 
-    window: samples per mean.  sticking: how each joint sticks.  coarseness: factor of the simulation steps, which are
-    `steps` in a sample.
+    window: samples per mean.  sticking: parameters of sticking of each joint.  steps: simulation steps in a sample.
+    coarseness: factor by which these steps are longer than the dynamics require.
     """
 
     logs: tuple[CommandedLog, ...]
@@ -79,23 +79,24 @@ class _Problem:
             parts = [getattr(log, name) for log in logs]
             return np.hstack([np.vstack([x, np.repeat(x[-1:], n - len(x), axis=0)]) for x in parts])
 
-        kp, kd, velocity, carried, late = (
+        kp, kd, velocity, coupled, delay = (
             np.concatenate([getattr(log, name) for log in logs])
-            for name in ("kp", "kd", "velocity", "coupled_inertia", "late_inertia")
+            for name in ("kp", "kd", "velocity", "coupled_inertia", "delay_inertia")
         )
         position = np.concatenate([log.position[0] for log in logs])
         rate_hz = logs[0].rate_hz
         commanded = CommandedJoints(
-            rate_hz, side_by_side("command"), kp, kd, position, velocity, side_by_side("load"), carried + late,
+            rate_hz, side_by_side("command"), kp, kd, position, velocity, side_by_side("load"), coupled + delay,
             logs[0].is_zoh
         )  # fmt: skip
-        highest = max(_upper_end(log) for log in logs)
-        window = max(1, int(rate_hz / max(MEANS_HZ, MEANS_IN_PERIOD * highest)))
+        highest = max(_upper_band_edge(log) for log in logs)
+        window = max(1, int(rate_hz / max(MIN_MEANS_HZ, MEANS_PER_PERIOD * highest)))
         return cls(tuple(logs), joints, commanded, window, (EXACT,) * len(joints))
 
-    def resolved(self, numbers: FloatArray) -> "_Problem":
-        """Return the problem with the steps that numbers (..., m, 10) need."""
-        return replace(self, steps=max(2, self.commanded.steps(numbers[..., self.index, :]) // self.coarseness))
+    def with_steps(self, theta: FloatArray) -> "_Problem":
+        """Return the problem with the number of simulation steps that theta (..., m, 10) requires."""
+        steps = self.commanded.steps_per_sample(theta[..., self.index, :])
+        return replace(self, steps=max(2, steps // self.coarseness))
 
     @property
     def step_s(self) -> float:
@@ -112,22 +113,22 @@ class _Problem:
         """First column of each joint."""
         return [self.index.index(i) for i in range(len(self.joints))]
 
-    def simulate(self, numbers: FloatArray, delay_s: FloatArray) -> list[FloatArray]:
-        """Simulate averaged positions (n_k, K, m_k) of each log for K candidates: numbers (K, m, 10), delays (K,)."""
-        means = self.commanded.simulate(numbers[:, self.index], delay_s, self.steps, self.window)
-        ends = np.cumsum([len(log.joints) for log in self.logs])[:-1]
-        return [part[self._settled(log)] for log, part in zip(self.logs, np.split(means, ends, axis=2), strict=True)]
+    def simulate(self, theta: FloatArray, delay_s: FloatArray) -> list[FloatArray]:
+        """Simulate averaged positions (n_k, K, m_k) of each log for K candidates: theta (K, m, 10), delays (K,)."""
+        means = self.commanded.simulate(theta[:, self.index], delay_s, self.steps, self.window)
+        parts = np.split(means, np.cumsum([len(log.joints) for log in self.logs])[:-1], axis=2)
+        return [part[self._steady_means(log)] for log, part in zip(self.logs, parts, strict=True)]
 
     def errors(self, simulations: Sequence[FloatArray], candidate: int = 0) -> list[FloatArray]:
         """Return the measured minus the simulated means (n_k, m_k) of each log for one candidate."""
         return [q - sim[:, candidate] for q, sim in zip(self.measured, simulations, strict=True)]
 
-    def errors_of(self, numbers: FloatArray, delay_s: float) -> list[FloatArray]:
-        """Return the measured minus the simulated means (n_k, m_k) of each log for numbers (m, 10)."""
-        return self.errors(self.simulate(numbers[None], np.array([delay_s])))
+    def errors_of(self, theta: FloatArray, delay_s: float) -> list[FloatArray]:
+        """Return the measured minus the simulated means (n_k, m_k) of each log for theta (m, 10)."""
+        return self.errors(self.simulate(theta[None], np.array([delay_s])))
 
     @property
-    def travel(self) -> FloatArray:
+    def position_std(self) -> FloatArray:
         """Largest standard deviation of the position of each joint (m,) in a log."""
         stds = np.concatenate([log.position.std(axis=0) for log in self.logs])
         return np.array([max(stds[np.array(self.index) == i]) for i in range(len(self.joints))])
@@ -135,20 +136,20 @@ class _Problem:
     @cached_property
     def measured(self) -> list[FloatArray]:
         """Averaged measured positions (n_k, m_k) of each log."""
-        return [folded(log.position, self.window).mean(axis=1)[self._settled(log)] for log in self.logs]
+        return [folded(log.position, self.window).mean(axis=1)[self._steady_means(log)] for log in self.logs]
 
-    def _settled(self, log: CommandedLog) -> slice:
-        first = min(float(np.max(SETTLE * log.kd / log.kp)) * log.rate_hz, 0.2 * len(log.position))
+    def _steady_means(self, log: CommandedLog) -> slice:
+        first = min(float(np.max(SETTLING_CONSTANTS * log.kd / log.kp)) * log.rate_hz, 0.2 * len(log.position))
         return slice(int(first) // self.window, len(log.position) // self.window)
 
     @cached_property
     def is_free(self) -> BoolArray:
-        """Flags (m, 10) of free parameters: gravity if it depends on the angle; parameters of `sticking`."""
-        turns = {
-            joint: turn for log in self.logs for joint, turn in zip(log.joints, log.has_gravity.tolist(), strict=True)
+        """Flags (m, 10) of free parameters: the first four, gravity if it depends on the angle, and `sticking`."""
+        gravity = {
+            joint: flag for log in self.logs for joint, flag in zip(log.joints, log.has_gravity.tolist(), strict=True)
         }
         return np.array([
-            [True] * 4 + [turns[joint]] * 2 + [name in sticking for name in NUMBERS[6:]]
+            [True] * 4 + [gravity[joint]] * 2 + [name in sticking for name in PARAMETERS[6:]]
             for joint, sticking in zip(self.joints, self.sticking, strict=True)
         ])  # fmt: skip
 
@@ -157,12 +158,12 @@ def simulate_commanded(log: CommandedLog, joints: Mapping[str, CommandedJoint]) 
     """Simulate the positions (n, m) of the joints of a log from its commands and loads with estimated parameters."""
     problem = _Problem.of([log])
     values = [named(joints[name].names, joints[name].values) for name in log.joints]
-    numbers = np.array([[row.get(name, 0.0) for name in NUMBERS] for row in values])
-    steps = problem.commanded.steps(numbers)
-    return problem.commanded.simulate(numbers[None], np.array([values[0][DELAY]]), steps)[:, 0]
+    theta = np.array([[row.get(name, 0.0) for name in PARAMETERS] for row in values])
+    steps = problem.commanded.steps_per_sample(theta)
+    return problem.commanded.simulate(theta[None], np.array([values[0][DELAY]]), steps)[:, 0]
 
 
-def _upper_end(log: CommandedLog) -> float:
+def _upper_band_edge(log: CommandedLog) -> float:
     """Return the frequency, Hz, below which the rates of all commands have 95 % of their power."""
     power = np.sum(np.abs(np.fft.rfft(np.diff(log.command, axis=0), axis=0)) ** 2, axis=1)
     sums = np.cumsum(power) / max(float(power.sum()), 1e-300)
@@ -170,13 +171,13 @@ def _upper_end(log: CommandedLog) -> float:
 
 
 def fit_commanded(logs: Sequence[CommandedLog]) -> dict[str, CommandedJoint]:
-    """Estimate the parameters of each joint from logs at one rate; raise DataError if the simulation diverges."""
+    """Estimate the parameters of each joint from logs at one rate; raise DataError if all simulations diverge."""
     problem = _Problem.of(logs)
-    problem, numbers, delay_s = _start(problem)
+    problem, theta, delay_s = _initial_estimate(problem)
     while True:
-        numbers, delay_s = _search(problem, numbers, delay_s, MAX_ITERATIONS)
-        problem = problem.resolved(numbers)
-        fits = _fit(problem, numbers, delay_s)
+        theta, delay_s = _minimise(problem, theta, delay_s, MAX_ITERATIONS)
+        problem = problem.with_steps(theta)
+        fits = _estimates(problem, theta, delay_s)
         sticking = tuple(
             row if _is_significant(fits[joint], row, problem.step_s) else EXACT
             for joint, row in zip(problem.joints, problem.sticking, strict=True)
@@ -184,7 +185,7 @@ def fit_commanded(logs: Sequence[CommandedLog]) -> dict[str, CommandedJoint]:
         if sticking == problem.sticking:
             return fits
         problem = replace(problem, sticking=sticking)
-        numbers[~problem.is_free] = 0.0
+        theta[~problem.is_free] = 0.0
 
 
 def _is_significant(fit: CommandedJoint, sticking: Sequence[str], step_s: float) -> bool:
@@ -192,25 +193,25 @@ def _is_significant(fit: CommandedJoint, sticking: Sequence[str], step_s: float)
     if not sticking:
         return True
     excess = np.array([max(fit[name] - (step_s if name == "stick_time" else 0.0), 0.0) for name in sticking])
-    places = [fit.names.index(name) for name in sticking]
-    squared_stds = float(excess @ np.linalg.pinv(fit.covariance[np.ix_(places, places)]) @ excess)  # Wald's statistic
+    indices = [fit.names.index(name) for name in sticking]
+    squared_stds = float(excess @ np.linalg.pinv(fit.covariance[np.ix_(indices, indices)]) @ excess)  # Wald's statistic
     stds = min(fit["coulomb"] / max(fit.std("coulomb"), 1e-300), np.sqrt(squared_stds))
     return bool(stds > STICKING_STDS and excess[1] < MAX_CREEP)
 
 
-def _search(problem: _Problem, numbers: FloatArray, delay_s: float, iterations: int) -> tuple[FloatArray, float]:
-    """Minimise the cost by Levenberg-Marquardt steps, the best of DAMPINGS. Return numbers (m, 10) and the delay, s."""
+def _minimise(problem: _Problem, theta: FloatArray, delay_s: float, iterations: int) -> tuple[FloatArray, float]:
+    """Minimise the cost by Levenberg-Marquardt steps, the best of DAMPINGS. Return theta (m, 10) and the delay, s."""
     for _ in range(iterations):
-        problem = problem.resolved(numbers)
-        end = _linearise(problem, numbers, delay_s)
-        trials = [_next_numbers(problem, numbers, delay_s, step) for step in end.steps()]
-        candidates, delays = np.stack([trial for trial, _ in trials]), np.array([late for _, late in trials])
+        problem = problem.with_steps(theta)
+        linearisation = _linearise(problem, theta, delay_s)
+        trials = [_add_step(problem, theta, delay_s, step) for step in linearisation.steps()]
+        candidates, delays = np.stack([trial for trial, _ in trials]), np.array([delay for _, delay in trials])
         costs = _log_squares(problem, candidates, delays).sum(axis=1)
         best = int(costs.argmin())
-        if not end.cost - costs[best] > TOLERANCE * len(problem.joints):
+        if not linearisation.cost - costs[best] > TOLERANCE * len(problem.joints):
             break
-        numbers, delay_s = trials[best]
-    return numbers, delay_s
+        theta, delay_s = trials[best]
+    return theta, delay_s
 
 
 def _scales(problem: _Problem) -> FloatArray:
@@ -223,12 +224,10 @@ def _scales(problem: _Problem) -> FloatArray:
     return np.stack([inertia, viscous, torque / 4, torque / 4, torque, torque, *sticking], axis=1)
 
 
-def _next_numbers(
-    problem: _Problem, numbers: FloatArray, delay_s: float, step: FloatArray
-) -> tuple[FloatArray, float]:  # fmt: skip
-    trial = numbers.copy()
+def _add_step(problem: _Problem, theta: FloatArray, delay_s: float, step: FloatArray) -> tuple[FloatArray, float]:
+    trial = theta.copy()
     trial[problem.is_free] += step[:-1]
-    J = numbers[:, 0]  # at least a quarter of it; a negative inertia only grows
+    J = theta[:, 0]  # falls to a quarter at most; a negative inertia only grows
     trial[:, 0] = np.maximum(trial[:, 0], np.where(J > 0, J / 4, J))
     trial[:, [2, 8]] = np.maximum(trial[:, [2, 8]], 0.0)  # Coulomb friction, compliance
     trial[:, [6, 7, 9]] = np.clip(trial[:, [6, 7, 9]], 0.0, [0.5, MAX_CREEP, 0.5])  # stick time, creep, bristle time
@@ -246,25 +245,25 @@ def _log_squares(problem: _Problem, candidates: FloatArray, delays: FloatArray) 
 def _mean_squares(problem: _Problem, errors: Sequence[FloatArray]) -> FloatArray:
     squares, counts = np.zeros((2, len(problem.joints)))
     for log, error in zip(problem.logs, errors, strict=True):
-        places = [problem.joints.index(joint) for joint in log.joints]
+        indices = [problem.joints.index(joint) for joint in log.joints]
         with np.errstate(over="ignore"):  # a candidate may diverge
-            squares[places] += np.sum(error**2, axis=0)
-        counts[places] += len(error)
+            squares[indices] += np.sum(error**2, axis=0)
+        counts[indices] += len(error)
     return np.maximum(squares / counts, 1e-300)
 
 
 @dataclass(frozen=True)
 class _Linearisation:
-    """Linearised problem: normal matrix (n_x, n_x), cost, scores.
+    """Linearised problem: normal matrix (n_x, n_x), cost sum_i log(mean squared error of joint i), and scores.
 
-    scores: gradient of the weighted squares at each instant of each log (n_k, n_x).
+    scores: negative gradient of half the weighted squared error at each instant of each log (n_k, n_x).
     """
 
     normal: FloatArray
     cost: float
     scores: tuple[FloatArray, ...]
 
-    def _spectrum(self) -> tuple[FloatArray, FloatArray]:
+    def _eigensystem(self) -> tuple[FloatArray, FloatArray]:
         """Return eigenvalues of the normal matrix with a unit diagonal, and eigenvectors in the units of parameters."""
         size = np.sqrt(np.maximum(np.diag(self.normal), 1e-200))
         eigenvalues, vectors = np.linalg.eigh(self.normal / np.outer(size, size))
@@ -272,34 +271,34 @@ class _Linearisation:
 
     def steps(self) -> FloatArray:
         """Return the Levenberg-Marquardt step (n_x,) of each of DAMPINGS."""
-        eigenvalues, vectors = self._spectrum()
-        least = LEAST_CURVATURE * eigenvalues[-1]
+        eigenvalues, vectors = self._eigensystem()
+        least = MIN_CURVATURE * eigenvalues[-1]
         slope = vectors.T @ sum(score.sum(axis=0) for score in self.scores) * (eigenvalues > least)
         return np.array([vectors @ (slope / (np.maximum(eigenvalues, least) + damping)) for damping in DAMPINGS])
 
     def inverses(self) -> tuple[FloatArray, FloatArray]:
-        """Return the pseudo-inverse (n_x, n_x) of the normal matrix, and a large covariance of its null space.
+        """Return the pseudo-inverse (n_x, n_x) of the normal matrix, and a large covariance in its null space.
 
-        The null space has unidentifiable directions, such as F_c - o without reversals.
+        The null space contains unidentifiable combinations, for example F_c - o if the joint never reverses.
         """
-        eigenvalues, vectors = self._spectrum()
-        curvatures = np.maximum(eigenvalues, LEAST_CURVATURE * eigenvalues[-1])
+        eigenvalues, vectors = self._eigensystem()
+        curvatures = np.maximum(eigenvalues, MIN_CURVATURE * eigenvalues[-1])
         vectors = vectors / np.sqrt(curvatures)
-        hidden = vectors * (eigenvalues < curvatures)
-        return (vectors - hidden) @ vectors.T, hidden @ hidden.T
+        null_vectors = vectors * (eigenvalues < curvatures)
+        return (vectors - null_vectors) @ vectors.T, null_vectors @ null_vectors.T
 
 
-def _linearise(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Linearisation:
+def _linearise(problem: _Problem, theta: FloatArray, delay_s: float) -> _Linearisation:
     is_free, scales = problem.is_free, PERTURBATION * _scales(problem)
     free_columns = np.flatnonzero(is_free.any(axis=0))
-    candidates = np.stack([numbers, *(numbers + np.eye(len(NUMBERS))[free_columns, None] * scales), numbers])
+    candidates = np.stack([theta, *(theta + np.eye(len(PARAMETERS))[free_columns, None] * scales), theta])
     delays = np.full(len(candidates), delay_s)
     delays[-1] += DELAY_STEP_S
     simulated = problem.simulate(candidates, delays)
     errors = problem.errors(simulated)
     variance, n_x = _mean_squares(problem, errors), int(is_free.sum()) + 1
-    places = np.full(is_free.shape, -1)
-    places[is_free] = np.arange(n_x - 1)
+    indices = np.full(is_free.shape, -1)
+    indices[is_free] = np.arange(n_x - 1)
     normal, scores = np.zeros((n_x, n_x)), [np.zeros((len(error), n_x)) for error in errors]
     for log, sim, error, score in zip(problem.logs, simulated, errors, scores, strict=True):
         for column, joint in enumerate(log.joints):
@@ -307,38 +306,41 @@ def _linearise(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Linea
             free, std = np.flatnonzero(is_free[i]), np.sqrt(variance[i])
             sensitivity = change[:, np.searchsorted(free_columns, free)] / scales[i, free]
             X = np.hstack([sensitivity, change[:, -1:] / DELAY_STEP_S]) / std
-            joint_rows = np.append(places[i, free], n_x - 1)
+            joint_rows = np.append(indices[i, free], n_x - 1)
             normal[np.ix_(joint_rows, joint_rows)] += X.T @ X
             score[:, joint_rows] += X * (error[:, column] / std)[:, None]
     return _Linearisation(normal, float(np.sum(np.log(variance))), tuple(scores))
 
 
-def _start(problem: _Problem) -> tuple[_Problem, FloatArray, float]:
+def _initial_estimate(problem: _Problem) -> tuple[_Problem, FloatArray, float]:
     """Return the problem with the best kind of sticking of each joint, start values (m, 10) and their delay, s.
 
-    A regression at the best of START_DELAYS is followed by a short search from each row of START_STICKING with the best
+    A regression selects the best of START_DELAYS. A short search follows for each row of START_STICKING, from the best
     of COULOMB_FACTORS.
     """
     regressions = np.stack([_regress(problem, delay) for delay in START_DELAYS.tolist()])
-    problem = replace(problem, coarseness=START_COARSENESS).resolved(regressions)
+    problem = replace(problem, coarseness=START_COARSENESS).with_steps(regressions)
     best = _log_squares(problem, regressions, START_DELAYS).sum(axis=1).argmin()
-    delays, ends = START_DELAYS[[best] * len(COULOMB_FACTORS)], []
+    delays, optima = START_DELAYS[[best] * len(COULOMB_FACTORS)], []
     for names, values in START_STICKING:
-        starts = np.repeat(regressions[[best]], len(delays), axis=0)
-        starts[..., 2] *= COULOMB_FACTORS[:, None]
-        starts[..., 6:] = values
-        starts[..., 8] *= problem.travel / np.maximum(starts[..., 2], _scales(problem)[:, 2] / 100)
+        starts = _sticking_starts(problem, regressions[best], values)
         start = _best(starts, _log_squares(problem, starts, delays))
-        alike = replace(problem, sticking=(names,) * len(problem.joints))
-        ends.append(_search(alike, start, float(delays[0]), START_ITERATIONS))
-    candidates, delays = np.stack([numbers for numbers, _ in ends]), np.array([late for _, late in ends])
-    costs = _log_squares(problem.resolved(candidates), candidates, delays)
+        variant = replace(problem, sticking=(names,) * len(problem.joints))
+        optima.append(_minimise(variant, start, float(delays[0]), START_ITERATIONS))
+    candidates, delays = np.stack([theta for theta, _ in optima]), np.array([delay for _, delay in optima])
+    costs = _log_squares(problem.with_steps(candidates), candidates, delays)
     sticking = tuple(START_STICKING[k][0] for k in costs.argmin(axis=0))
-    return (
-        replace(problem, sticking=sticking, coarseness=1),
-        _best(candidates, costs),
-        float(delays[costs.sum(axis=1).argmin()]),
-    )
+    delay_s = float(delays[costs.sum(axis=1).argmin()])
+    return replace(problem, sticking=sticking, coarseness=1), _best(candidates, costs), delay_s
+
+
+def _sticking_starts(problem: _Problem, theta: FloatArray, values: tuple[float, ...]) -> FloatArray:
+    """Return theta (m, 10) with each of COULOMB_FACTORS (K, m, 10), and with start values of sticking."""
+    starts = np.repeat(theta[None], len(COULOMB_FACTORS), axis=0)
+    starts[..., 2] *= COULOMB_FACTORS[:, None]
+    starts[..., 6:] = values
+    starts[..., 8] *= problem.position_std / np.maximum(starts[..., 2], _scales(problem)[:, 2] / 100)
+    return starts
 
 
 def _best(candidates: FloatArray, costs: FloatArray) -> FloatArray:
@@ -363,56 +365,54 @@ def _regress(problem: _Problem, delay_s: float) -> FloatArray:
             gravity = [np.cos(q[:, i]), np.sin(q[:, i])] if log.has_gravity[i] else []
             columns = [a[:, i], v[:, i], np.sign(v[:, i]), np.ones(n), *gravity]
             used = slice(width, n - width)
-            load = log.load[:, i] + (log.coupled_inertia[i] + log.late_inertia[i]) * a[:, i]
+            load = log.load[:, i] + (log.coupled_inertia[i] + log.delay_inertia[i]) * a[:, i]
             rows.setdefault(joint, []).append((np.stack(columns, 1)[used], (torque - load)[used]))
-    numbers = np.zeros((len(problem.joints), len(NUMBERS)))
+    theta = np.zeros((len(problem.joints), len(PARAMETERS)))
     for i, joint in enumerate(problem.joints):
         X, y = (np.concatenate(parts) for parts in zip(*rows[joint], strict=True))
         beta = np.linalg.lstsq(X, y, rcond=1e-8)[0]
-        numbers[i, : len(beta)] = beta
-    carried = problem.commanded.coupled_inertia[problem.first_columns]
-    numbers[:, 0] = np.maximum(numbers[:, 0], scales[:, 0] / 20 - np.where(carried > 0, 0.5, 1.0) * carried)
-    numbers[:, 1:3] = np.maximum(numbers[:, 1:3], 0.0)
-    return numbers
+        theta[i, : len(beta)] = beta
+    coupled = problem.commanded.coupled_inertia[problem.first_columns]
+    theta[:, 0] = np.maximum(theta[:, 0], scales[:, 0] / 20 - np.where(coupled > 0, 0.5, 1.0) * coupled)
+    theta[:, 1:3] = np.maximum(theta[:, 1:3], 0.0)
+    return theta
 
 
-def _fit(problem: _Problem, numbers: FloatArray, delay_s: float) -> dict[str, CommandedJoint]:
-    end, is_free = _linearise(problem, numbers, delay_s), problem.is_free
-    rms = np.sqrt(_mean_squares(problem, problem.errors_of(numbers, delay_s)))
+def _estimates(problem: _Problem, theta: FloatArray, delay_s: float) -> dict[str, CommandedJoint]:
+    linearisation, is_free = _linearise(problem, theta, delay_s), problem.is_free
+    rms = np.sqrt(_mean_squares(problem, problem.errors_of(theta, delay_s)))
     if not np.all(np.isfinite(rms)):
         text = "simulation from the commands diverges for all start values. Check gains and units of the commands"
         raise DataError("friction/motion", text, problem.logs[0].name)
-    names = (*((problem.joints[i], NUMBERS[j]) for i, j in np.argwhere(is_free).tolist()), ("", DELAY))
-    values, covariance = np.append(numbers[is_free], delay_s), _covariance(end, problem, names)
+    names = (*((problem.joints[i], PARAMETERS[j]) for i, j in np.argwhere(is_free).tolist()), ("", DELAY))
+    values, covariance = np.append(theta[is_free], delay_s), _covariance(linearisation, problem, names)
     fits = dict[str, CommandedJoint]()
     for joint, error in zip(problem.joints, rms.tolist(), strict=True):
-        places = [i for i, (of, _) in enumerate(names) if of in (joint, "")]
-        block, terms = covariance[np.ix_(places, places)], tuple(names[i][1] for i in places)
-        fits[joint] = CommandedJoint(terms, values[places], block, joint, error, not fits)
+        indices = [i for i, (of, _) in enumerate(names) if of in (joint, "")]
+        block, terms = covariance[np.ix_(indices, indices)], tuple(names[i][1] for i in indices)
+        fits[joint] = CommandedJoint(terms, values[indices], block, joint, error, not fits)
     return fits
 
 
-def _covariance(end: _Linearisation, problem: _Problem, names: Sequence[tuple[str, str]]) -> FloatArray:
-    """Return the covariance (n_x, n_x): the largest over time, in the order of the angle, and between logs."""
-    inverse, unknown = end.inverses()
-    m, rate_hz = len(end.scores), problem.commanded.rate_hz / problem.window
-    counts = [cosine_count(len(score) / rate_hz, m) for score in end.scores]
-    meat = sum(long_run(score, count) for score, count in zip(end.scores, counts, strict=True))
+def _covariance(linearisation: _Linearisation, problem: _Problem, names: Sequence[tuple[str, str]]) -> FloatArray:
+    """Return the covariance (n_x, n_x) of the largest scatter: over time, over the angle or between logs."""
+    inverse, null_space = linearisation.inverses()
+    m, rate_hz = len(linearisation.scores), problem.commanded.rate_hz / problem.window
+    counts = [cosine_count(len(score) / rate_hz, m) for score in linearisation.scores]
+    meat = sum(long_run(score, count) for score, count in zip(linearisation.scores, counts, strict=True))
     dof = float(sum(counts))
     covariance = inverse @ meat @ inverse * small_sample_factors(dof) ** 2
-    variance, dofs, scores = np.diag(covariance).copy(), np.full(len(covariance), dof), np.vstack(end.scores)
-    wider = np.ones(len(covariance))
+    variance, dofs, scores = np.diag(covariance).copy(), np.full(len(covariance), dof), np.vstack(linearisation.scores)
+    factor = np.ones(len(covariance))
     for joint in problem.joints:
-        places = [i for i, (of, _) in enumerate(names) if of == joint]
-        angles = [
-            q[:, log.joints.index(joint)] if joint in log.joints else np.zeros(len(q))
-            for log, q in zip(problem.logs, problem.measured, strict=True)
-        ]
+        indices = [i for i, (of, _) in enumerate(names) if of == joint]
+        pairs = zip(problem.logs, problem.measured, strict=True)
+        angles = [q[:, log.joints.index(joint)] if joint in log.joints else np.zeros(len(q)) for log, q in pairs]
         state = np.concatenate(angles)[:, None]
-        wider[places] = state_widening(inverse, scores, state, variance, dofs)[places]
+        factor[indices] = state_widening(inverse, scores, state, variance, dofs)[indices]
     if m > 1:
-        d = np.array([score.sum(axis=0) for score in end.scores]) @ inverse
+        d = np.array([score.sum(axis=0) for score in linearisation.scores]) @ inverse
         ratio = m / (m - 1) * np.sum(d**2, axis=0) / np.maximum(variance, 1e-300)
-        exceeds = ratio > np.maximum(fdtri(m - 1, dof, 1 - SIGNIFICANCE_LEVEL), wider**2)
-        wider = np.where(exceeds, np.maximum(np.sqrt(ratio) * small_sample_factors(m - 1.0), wider), wider)
-    return covariance * np.outer(wider, wider) + unknown
+        exceeds = ratio > np.maximum(fdtri(m - 1, dof, 1 - SIGNIFICANCE_LEVEL), factor**2)
+        factor = np.where(exceeds, np.maximum(np.sqrt(ratio) * small_sample_factors(m - 1.0), factor), factor)
+    return covariance * np.outer(factor, factor) + null_space

@@ -389,7 +389,7 @@ def _numbers(
     if sliding.commanded is not None:
         joint = sliding.commanded
         learnt, names = f"commands, {joint.seconds:.3g} s", joint.names
-        names = ("armature", *names[1:]) if joint.carried else names
+        names = ("armature", *names[1:]) if joint.coupled_inertia else names
         yield from table(learnt, names if joint.is_first else names[:-1], replace(joint, names=names))
     if at_rest is not None:
         learnt, names = f"responses at rest, {at_rest.amplitudes} amplitudes", ("lugre.stiffness", "lugre.damping")

@@ -24,7 +24,7 @@ from elastid.base.errors import DataError, Note, notes_of
 from elastid.base.execution import Progress, silent
 from elastid.base.statistics import QUANTILE_95, identifiable_combinations
 from elastid.friction_record import FrictionRecord, FrictionRecords, Purpose
-from elastid.friction_study.commanded import DELAY, CommandedJoint, CommandedLog, acting_gains
+from elastid.friction_study.commanded import DELAY, CommandedJoint, CommandedLog, equivalent_gains
 from elastid.friction_study.commanded_fit import fit_commanded, simulate_commanded, smoothed_motion
 from elastid.friction_study.constant_velocity import estimate_friction_curve, passes_of
 from elastid.friction_study.inverse_dynamics_regression import (
@@ -94,7 +94,7 @@ def _commanded_friction(joint: Joint, fit: CommandedJoint, measured: FrictionRec
     )
 
 
-# The parameters of a combination, what separates them; the first row with all of its names in it counts.
+# Parameters, minimum number of them in a combination, and the motion that separates them. The first match counts.
 SEPARATING = (
     (("offset", "gravity.cos", "gravity.sin"), 2, "a larger range of the angle, or another posture"),
     (("coulomb", "viscous"), 2, "speeds in a wider range"),
@@ -103,7 +103,7 @@ SEPARATING = (
 
 
 def _combination_notes(joint: Joint, fit: CommandedJoint, measured: FrictionRecords) -> Iterator[Note]:
-    """Yield a note on each identified combination of numbers that are not, and the motion that separates them."""
+    """Yield a note for each combination of unidentifiable parameters; it names a motion that separates them."""
     kp, kd = measured.of(joint.name, "commands")[0].gains or (1.0, 1.0)
     # Below it the lag of friction is a delay, (f + k_d) / k_p.
     hz = kp / (2 * math.pi * (kd + max(0.0, fit["viscous"])))
@@ -129,25 +129,25 @@ def _combination_notes(joint: Joint, fit: CommandedJoint, measured: FrictionReco
 
 
 def _commanded_joints(robot: Robot, measured: FrictionRecords) -> dict[str, CommandedJoint]:
-    """Return numbers of each joint with commands and no torque, from all its logs; joints of a log share one delay."""
+    """Estimate each joint with commands and without torque from all its logs; joints of a log share one delay."""
     logs = motion_logs(measured, "commands")
     if not logs:
         return {}
     commanded_logs = [commanded_log(robot, log) for log in logs]
     inertia = {j: c for log in commanded_logs for j, c in zip(log.joints, log.coupled_inertia.tolist(), strict=True)}
     return {
-        joint: _with_motion(fit, measured.of(joint, "commands"), inertia[joint])
+        joint: _with_record_statistics(fit, measured.of(joint, "commands"), inertia[joint])
         for joint, fit in fit_commanded(commanded_logs).items()
     }
 
 
-def _with_motion(fit: CommandedJoint, records: Sequence[FrictionRecord], inertia: float) -> CommandedJoint:
-    """Return the numbers with the motion that identified them, and the inertia that the joint carries."""
+def _with_record_statistics(fit: CommandedJoint, records: Sequence[FrictionRecord], inertia: float) -> CommandedJoint:
+    """Add statistics of its records, and the inertia of the rigid body, to an estimate."""
     position = np.concatenate([record.position - record.position.mean() for record in records])
     speed = np.concatenate([np.abs(np.gradient(record.position, 1 / record.rate_hz)) for record in records])
-    (low, high), travel = np.quantile(speed, [0.05, 0.99]).tolist(), float(np.std(position))
-    seconds = sum(record.duration_s for record in records)
-    return replace(fit, travel=travel, speeds=(low, high), carried=inertia, logs=len(records), seconds=seconds)
+    (low, high), std = np.quantile(speed, [0.05, 0.99]).tolist(), float(np.std(position))
+    seconds, speeds = sum(record.duration_s for record in records), (low, high)
+    return replace(fit, position_std=std, speeds=speeds, coupled_inertia=inertia, logs=len(records), seconds=seconds)
 
 
 def commanded_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> CommandedLog:
@@ -162,21 +162,21 @@ def commanded_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> CommandedL
     position = np.stack([record.position for record in records], axis=1)
     load, inertia = rigid_loads(robot, records, position)
     kp, kd = np.array([record.gains for record in records]).T
-    kd, delay_s = acting_gains(kp, kd, *np.array([record.feedback_delays_s for record in records]).T)
+    kd, delay_inertia = equivalent_gains(kp, kd, *np.array([record.feedback_delays_s for record in records]).T)
     pairs = zip(records, inertia.tolist(), strict=True)
-    turns = [not c and turns_against_gravity(robot, joints[r.joint], r.configuration) for r, c in pairs]
+    has_gravity = [not c and turns_against_gravity(robot, joints[r.joint], r.configuration) for r, c in pairs]
     return CommandedLog(
         records[0].name, tuple(log), records[0].rate_hz, position,
         np.stack([record.command for record in records if record.command is not None], axis=1), kp, kd,
-        np.array([_first_velocity(record) for record in records]), np.array(turns), load, inertia, delay_s,
+        np.array([_first_velocity(record) for record in records]), np.array(has_gravity), load, inertia, delay_inertia,
         records[0].hold == "zero-order"
     )  # fmt: skip
 
 
 def rigid_loads(robot: Robot, records: Sequence[FrictionRecord], position: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return torque (n, m) of the robot model's rigid body along positions (n, m), without its mean inertia (m,).
+    """Return torque (n, m) of the rigid body along positions (n, m), without its mean inertia, and this inertia (m,).
 
-    Returns both, zeros if the robot model couples none of these joints: each has its own inertia and gravity then.
+    Both are zero if the robot model couples none of these joints; inertia and gravity of each are then estimated.
     """
     indices = [robot.driven_indices[robot.driven_names.index(record.joint)] for record in records]
     (n, m), rate_hz = position.shape, records[0].rate_hz

@@ -32,14 +32,14 @@ from elastid.base.arrays import FloatArray, frozen_value
 from elastid.model.evaluation import evaluated
 
 # Parameters of a joint, link side, in the order of the last axis of arrays: J, f, F_c, o, G, H, tau, c, s, T.
-NUMBERS = (
+PARAMETERS = (
     "inertia", "viscous", "coulomb", "offset", "gravity.cos", "gravity.sin", "stick_time", "creep",
     "bristle_compliance", "bristle_time"
 )  # fmt: skip
-# Largest phase of the control loop's natural frequency in a step, and the largest number of steps in a sample.
-STEP_RAD, MAX_STEPS, MAX_BRISTLES = 0.05, 64, 4.0
+# Limits: phase of the fastest mode in a step; steps in a sample; frequency of the bristles over the control loop's.
+STEP_RAD, MAX_STEPS, MAX_BRISTLE_RATIO = 0.05, 64, 4.0
 # Steps in one call of the compiled function. Building this function takes as long as some thousand steps.
-BLOCK = 500
+BLOCK_STEPS = 500
 
 
 @frozen_value
@@ -48,8 +48,8 @@ class CommandedJoints:
 
     command (n, S): k_p r + k_d r' + feed-forward torque, Nm.  kp, kd (S,): gains, Nm/rad and Nms/rad.
     position, velocity (S,): at the first sample.  load (n, S): torque of the rest of the robot against the motion.
-    coupled_inertia (S,): inertia in addition to J, kg m^2, whose torque `load` does not include.
-    is_zoh: true if the command is held from sample to sample, false if it is linear between samples.
+    coupled_inertia (S,): inertia in addition to J, kg m^2; `load` excludes its torque.
+    is_zoh: true if the command is constant between samples, false if it is linear between samples.
     """
 
     rate_hz: float
@@ -62,28 +62,28 @@ class CommandedJoints:
     coupled_inertia: FloatArray
     is_zoh: bool = True
 
-    def steps(self, numbers: FloatArray) -> int:
-        """Return the number of steps in a sample that resolves the loops of joints with parameters (..., S, 10)."""
-        J, s = np.maximum(numbers[..., 0] + self.coupled_inertia, 1e-9), numbers[..., 8]
+    def steps_per_sample(self, theta: FloatArray) -> int:
+        """Return the number of steps in a sample that resolves the joints' dynamics; theta (..., S, 10)."""
+        J, s = np.maximum(theta[..., 0] + self.coupled_inertia, 1e-9), theta[..., 8]
         loop = np.maximum(np.sqrt(self.kp / J), self.kd / (2 * J))
         bristles = np.where(s > 0, 1 / np.sqrt(np.maximum(s, 1e-12) * J), 0.0)  # rigid ones need no more steps
-        fastest = float(np.max(np.maximum(loop, np.minimum(bristles, MAX_BRISTLES * loop))))
+        fastest = float(np.max(np.maximum(loop, np.minimum(bristles, MAX_BRISTLE_RATIO * loop))))
         return min(max(2, math.ceil(fastest / self.rate_hz / STEP_RAD)), MAX_STEPS)
 
-    def simulate(self, numbers: FloatArray, delay_s: FloatArray, steps: int, window: int = 1) -> FloatArray:
+    def simulate(self, theta: FloatArray, delay_s: FloatArray, steps: int, window: int = 1) -> FloatArray:
         """Simulate the positions (n // window, K, S) of K candidates, rad or m, averaged over windows of samples.
 
-        numbers (K, S, 10): parameters in the order of NUMBERS.  delay_s (K,): T_d, s.  steps: in a sample; the same for
-        candidates that are compared, because their errors depend on it.  window: samples per mean.
+        theta (K, S, 10): parameters in the order of PARAMETERS.  delay_s (K,): T_d, s.  steps: in a sample. Compare
+        candidates at the same number, because the discretisation error depends on it.  window: samples in a mean.
         """
         (n, S), K = self.command.shape, len(delay_s)
-        numbers = np.broadcast_to(numbers, (K, S, len(NUMBERS)))
-        step, block = self._step(numbers, 1 / self.rate_hz / steps), max(1, BLOCK // steps)
+        theta = np.broadcast_to(theta, (K, S, len(PARAMETERS)))
+        step, block = self._step_function(theta, 1 / self.rate_hz / steps), max(1, BLOCK_STEPS // steps)
         simulate_block, sums = step.mapaccum(block * steps), np.zeros((n // window, K, S))
         state = np.broadcast_to(np.stack([self.position, self.velocity])[:, None], (2, K, S))
-        state = np.concatenate([state, self._start_friction(numbers)[None]])
+        state = np.concatenate([state, self._initial_friction(theta)[None]])
         for first in range(0, len(sums) * window, block):
-            torque = self._torque(first, first + block, steps, delay_s) - numbers[..., 3]
+            torque = self._torque(first, first + block, steps, delay_s) - theta[..., 3]
             (states,) = evaluated(simulate_block, (state, torque), [(len(torque), *state.shape)])
             samples = np.arange(first, min(first + block, len(sums) * window))
             at_samples = np.concatenate([state[None, 0], states[steps - 1 :: steps, 0]])[: len(samples)]
@@ -91,16 +91,16 @@ class CommandedJoints:
             state = states[-1]
         return sums / window
 
-    def _start_friction(self, numbers: FloatArray) -> FloatArray:
-        """Return the friction (K, S) that keeps each joint at its first velocity."""
-        _, f, F_c, o, G, H, *_ = np.moveaxis(numbers, -1, 0)
+    def _initial_friction(self, theta: FloatArray) -> FloatArray:
+        """Return the friction torque (K, S), within +-F_c, that keeps each joint at its first velocity."""
+        _, f, F_c, o, G, H, *_ = np.moveaxis(theta, -1, 0)
         gravity = o + G * np.cos(self.position) + H * np.sin(self.position) + self.load[0]
         torque = self.command[0] - gravity - self.kp * self.position - (f + self.kd) * self.velocity
         return np.asarray(np.clip(torque, -F_c, F_c))
 
-    def _step(self, numbers: FloatArray, h: float) -> ca.Function:
+    def _step_function(self, theta: FloatArray, h: float) -> ca.Function:
         """Build the function that advances q, q', w (3 K S,) by h seconds under a torque (K S,)."""
-        J, f, F_c, _, G, H, tau, creep, s, T = np.moveaxis(numbers, -1, 0)
+        J, f, F_c, _, G, H, tau, creep, s, T = np.moveaxis(theta, -1, 0)
         J = np.maximum(J + self.coupled_inertia, 0.0)  # delayed feedback reduces the inertia
         a = J + h / 2 * (f + self.kd) + h * h / 4 * self.kp
         rows = [(2 * J - a) / a, h / a, h / a * self.kp, h * F_c / a, 1 - creep, np.exp(-h / np.maximum(tau, 1e-300))]
@@ -111,7 +111,7 @@ class CommandedJoints:
         v_next = free - ca.fmax(ca.fmin(stick_fraction * (free - decay * v), threshold), -threshold)
         w_next = w
         if np.any(s > 0):
-            v_bristles, w_next = _bristles(free, w, h, *(ca.DM(row.ravel()) for row in (a, F_c, s, T)))
+            v_bristles, w_next = _step_bristles(free, w, h, *(ca.DM(row.ravel()) for row in (a, F_c, s, T)))
             v_next = ca.if_else(ca.DM(s.ravel() > 0), v_bristles, v_next)
         next_state = ca.vertcat(x + h / 2 * (v + v_next), v_next, w_next)
         return ca.Function("step", [ca.vertcat(x, v, w), torque], [next_state])
@@ -132,7 +132,7 @@ class CommandedJoints:
         return np.vstack([start, np.cumsum(c * T + quadratic_part, axis=0)]), quadratic_part
 
     def _integrate(self, time_s: FloatArray) -> FloatArray:
-        """Integrate the command (N, K, S) up to times (N, K); before its first sample, it equals this sample."""
+        """Integrate the command (N, K, S) up to times (N, K); before the first sample, the command is constant."""
         integral, quadratic_part = self._integral
         sample = time_s * self.rate_hz
         k = np.clip(np.floor(sample).astype(int), 0, len(quadratic_part) - 1)
@@ -142,11 +142,11 @@ class CommandedJoints:
         return np.asarray(integral[k] + fraction * linear + quadratic)
 
 
-def _bristles(
+def _step_bristles(
     free: ca.SX, w: ca.SX, h: float, a: ca.DM, F_c: ca.DM, s: ca.DM, T: ca.DM
 ) -> tuple[ca.SX, ca.SX]:  # fmt: skip
     """Return q' and w after a step of h seconds, where `free` is q' without friction."""
-    T -= h / 2 * s / (s + h * h / a)  # w at the end of the step leads its mean by h / 2; rigid bristles damp fully
+    T -= h / 2 * s / (s + h * h / a)  # w at the end leads its mean by h / 2; rigid bristles: full damping
     excess, direction = free - h / a * w, ca.sign(free - h / a * w)
     B = F_c * (s + h * (h + T) / a) - h * direction * (free + T / a * w)
     speed = (ca.sqrt(B * B + 4 * h * F_c * s * ca.fabs(excess)) - B) / (2 * h)

@@ -23,7 +23,7 @@ from plants.marks import slow
 from elastid.base.arrays import FloatArray
 from elastid.base.statistics import QUANTILE_95, identifiable_combinations
 from elastid.friction_record import FrictionRecord, FrictionRecords
-from elastid.friction_study.commanded import DELAY, CommandedJoint, acting_gains
+from elastid.friction_study.commanded import DELAY, CommandedJoint, equivalent_gains
 from elastid.friction_study.result import FrictionResult
 from elastid.friction_study.sliding_friction import rigid_loads, simulated_commands, turns_against_gravity
 from elastid.record import Configuration
@@ -87,7 +87,7 @@ def test_one_joint_is_recovered_at_every_delay(delay_s: float, tmp_path: Path) -
     truth, std = np.array([TRUE[name][0] for name in fit.names[:3]]), np.sqrt(np.diag(fit.covariance))[:3]
     assert np.all((std < 0.01 * truth) & (np.abs(fit.values[:3] - truth) < 3 * std))
     assert fit.speeds[1] == pytest.approx(np.abs(np.gradient(q[:, 0], 1 / RATE_HZ)).max(), rel=0.1)
-    assert (fit.seconds, fit.travel) == pytest.approx((600 / RATE_HZ, q.std()))
+    assert (fit.seconds, fit.position_std) == pytest.approx((600 / RATE_HZ, q.std()))
     moved = simulated_commands(robot_of(ONE_ROBOT, tmp_path), {"1": log(q, r, np.array(GAINS[:1]))[0]}, {"1": fit})
     assert np.std(moved - q) < 1.2e-4
     assert 1e-4 < fit.relative_error < 1e-3
@@ -131,7 +131,7 @@ def test_a_joint_that_never_reverses_shows_the_sum_of_friction_and_offset(tmp_pa
 def test_late_feedback_acts_as_less_damping_and_as_inertia():
     """Held for 2 tau, velocities tau_v late: to the second order in s."""
     kp, kd, tau, tau_v = np.array([400.0]), np.array([20.0]), np.array([2e-3]), np.array([1e-3])
-    damping, inertia = acting_gains(kp, kd, tau, tau_v)
+    damping, inertia = equivalent_gains(kp, kd, tau, tau_v)
     s = 1.0j
     held = (1 - np.exp(-2 * s * tau)) / (2 * s * tau)
     late = kp * held + kd * s * held * np.exp(-s * tau_v)

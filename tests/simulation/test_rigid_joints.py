@@ -23,7 +23,7 @@ def joints(reference: FloatArray, held: bool = True) -> CommandedJoints:
 def simulate(commanded: CommandedJoints, numbers: list[list[float]], delay_s: list[float]) -> FloatArray:
     """Simulate positions (n, K) of one joint for candidates, first parameters (K, up to 10) and delays (K,)."""
     rows = np.array([row + [0.0] * (10 - len(row)) for row in numbers])[:, None]
-    return commanded.simulate(rows, np.array(delay_s), commanded.steps(rows))[..., 0]
+    return commanded.simulate(rows, np.array(delay_s), commanded.steps_per_sample(rows))[..., 0]
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.0013, 0.0172])
@@ -101,7 +101,7 @@ def test_candidates_move_as_each_alone() -> None:
     commanded = joints(0.3 * np.sin(np.arange(300) / 15))
     rows = [[J, f, 0.1, 0, 0, 0, 0.01, 0.1, 0, 0], [J / 4, 2 * f, 0.2, 0, 0.3, 0, 0, 0, 0.01, 0.001]]
     numbers, delays = np.array(rows)[:, None], [0.0, 0.01]
-    steps = commanded.steps(numbers)
+    steps = commanded.steps_per_sample(numbers)
     together = commanded.simulate(numbers, np.array(delays), steps)
     for k in range(2):
         alone = commanded.simulate(numbers[k : k + 1], np.array(delays[k : k + 1]), steps)
