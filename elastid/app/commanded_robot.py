@@ -36,7 +36,7 @@ def with_armatures(robot: Robot, result: FrictionResult) -> Robot:
 
     def with_armature(joint: Joint) -> Joint:
         armature = values.get((joint.name, "armature"))
-        if joint.motor is None or armature is None:
+        if joint.motor is None or armature is None or armature <= 0:
             return joint
         return replace(joint, motor=replace(joint.motor, inertia=armature / joint.motor.ratio**2))
 

@@ -49,7 +49,7 @@ def equivalent_gains(
 
 
 MAX_RELATIVE_ERROR = 0.1  # rms of measured minus simulated positions over the std of the position
-MIN_VISCOUS_STDS = -2.0  # standard deviations: viscous friction below this value would supply power
+MIN_STDS = -2.0  # of viscous friction and inertia, which supply no power
 
 
 @frozen_value
@@ -79,21 +79,23 @@ class CommandedJoint(Estimate):
     @property
     def misfit(self) -> str:
         """Reason why positions or parameters contradict the model; empty without a contradiction."""
-        stds = self["viscous"] / max(self.std("viscous"), 1e-300)
-        if stds < MIN_VISCOUS_STDS:
+        if self.relative_error > MAX_RELATIVE_ERROR:
             return (
-                f"viscous friction is {self['viscous']:.3g}, {stds:.2g} std; the limit is {MIN_VISCOUS_STDS:g}. Check "
-                "rate_hz and velocity_gain"
+                f"positions simulated from the commands have an error of {self.relative_error:.0%} of their rms; "
+                f"the limit is {MAX_RELATIVE_ERROR:.0%}. Check gains, units and sign of the commands"
             )
-        if self.relative_error <= MAX_RELATIVE_ERROR:
-            return ""
-        return (
-            f"positions simulated from the commands have an error of {self.relative_error:.0%} of the rms position; "
-            f"the limit is {MAX_RELATIVE_ERROR:.0%}. Check gains, units and sign of the commands"
-        )
+        for name, meaning in (("viscous", "viscous friction"), ("inertia", "inertia")):
+            stds = self[name] / max(self.std(name), 1e-300)
+            if stds < MIN_STDS:
+                return (
+                    f"{meaning} is {self[name]:.3g}, {stds:.2g} std; the limit is {MIN_STDS:g}. Check rate_hz, "
+                    "the gains and the masses of the robot model"
+                )
+        return ""
 
     def to_friction(self) -> tuple[Friction, float]:
         """Return friction law and viscous friction, N*m*s/rad, for a robot model; ValueError if that is negative."""
-        if self["viscous"] < MIN_VISCOUS_STDS * self.std("viscous"):
+        if self["viscous"] < MIN_STDS * self.std("viscous"):
             raise ValueError(f"viscous friction is {self['viscous']:.3g}, below 0: velocity_gain is too large")
-        return friction_of(named(self.names, self.values), 20.0, MeasuredRange(self.speeds, None, None))
+        positive = {"coulomb": max(self["coulomb"], self.std("coulomb") / 1e3)}
+        return friction_of(named(self.names, self.values) | positive, 20.0, MeasuredRange(self.speeds, None, None))

@@ -156,11 +156,14 @@ class _Problem:
 
 def simulate_commanded(log: CommandedLog, joints: Mapping[str, CommandedJoint]) -> FloatArray:
     """Simulate the positions (n, m) of the joints of a log from its commands and loads with estimated parameters."""
-    problem = _Problem.of([log])
-    values = [named(joints[name].names, joints[name].values) for name in log.joints]
-    theta = np.array([[row.get(name, 0.0) for name in PARAMETERS] for row in values])
-    steps = problem.commanded.steps_per_sample(theta)
-    return problem.commanded.simulate(theta[None], np.array([values[0][DELAY]]), steps)[:, 0]
+    commanded, (theta, delay_s) = _Problem.of([log]).commanded, _parameters(joints, log.joints)
+    return commanded.simulate(theta[None], np.array([delay_s]), commanded.steps_per_sample(theta))[:, 0]
+
+
+def _parameters(fits: Mapping[str, CommandedJoint], joints: Sequence[str]) -> tuple[FloatArray, float]:
+    """Return the estimated parameters (m, 10) of joints, and the delay, s."""
+    values = [named(fits[joint].names, fits[joint].values) for joint in joints]
+    return np.array([[row.get(name, 0.0) for name in PARAMETERS] for row in values]), values[0][DELAY]
 
 
 def _upper_band_edge(log: CommandedLog) -> float:
@@ -170,10 +173,20 @@ def _upper_band_edge(log: CommandedLog) -> float:
     return float(np.searchsorted(sums, 0.95)) / len(log.command) * log.rate_hz
 
 
-def fit_commanded(logs: Sequence[CommandedLog]) -> dict[str, CommandedJoint]:
-    """Estimate the parameters of each joint from logs at one rate; raise DataError if all simulations diverge."""
+def fit_commanded(
+    logs: Sequence[CommandedLog], start: Mapping[str, CommandedJoint] | None = None
+) -> dict[str, CommandedJoint]:
+    """Estimate the parameters of each joint from logs at one rate; raise DataError if all simulations diverge.
+
+    start: estimates from which the search starts; None: it starts from a regression.
+    """
     problem = _Problem.of(logs)
-    problem, theta, delay_s = _initial_estimate(problem)
+    if start is None:
+        problem, theta, delay_s = _initial_estimate(problem)
+    else:
+        theta, delay_s = _parameters(start, problem.joints)
+        kinds = [tuple(name for name in PARAMETERS[6:] if name in start[joint].names) for joint in problem.joints]
+        problem = replace(problem, sticking=tuple(kinds))
     while True:
         theta, delay_s = _minimise(problem, theta, delay_s, MAX_ITERATIONS)
         problem = problem.with_steps(theta)
@@ -192,9 +205,11 @@ def _is_significant(fit: CommandedJoint, sticking: Sequence[str], step_s: float)
     """Return True if the Coulomb friction and the parameters of sticking are significant; step_s: simulation step."""
     if not sticking:
         return True
-    excess = np.array([max(fit[name] - (step_s if name == "stick_time" else 0.0), 0.0) for name in sticking])
-    indices = [fit.names.index(name) for name in sticking]
-    squared_stds = float(excess @ np.linalg.pinv(fit.covariance[np.ix_(indices, indices)]) @ excess)  # Wald's statistic
+    least = [step_s if name == "stick_time" else 0.0 for name in sticking]
+    excess = np.array([max(fit[name] - bound, 0.0) for name, bound in zip(sticking, least, strict=True)])
+    indices, free = np.array([fit.names.index(name) for name in sticking]), excess > 0
+    covariance = fit.covariance[np.ix_(indices[free], indices[free])]
+    squared_stds = float(excess[free] @ np.linalg.pinv(covariance) @ excess[free])  # Wald's statistic
     stds = min(fit["coulomb"] / max(fit.std("coulomb"), 1e-300), np.sqrt(squared_stds))
     return bool(stds > STICKING_STDS and excess[1] < MAX_CREEP)
 

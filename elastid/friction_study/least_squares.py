@@ -310,7 +310,7 @@ def state_widening(
     """Return factors (n_x,) of the std by the covariances over states (n, n_s), 1 where chance explains them."""
     is_used, widening, student = np.any(scores, axis=1), np.ones(len(bread)), small_sample_factors(_TERMS)
     limit = fdtri(_TERMS, dof, 1 - _STATE_CHANCE) * (student / small_sample_factors(dof)) ** 2
-    for state in states.T:
+    for state in states.T if is_used.any() else ():
         by_states = np.diag(bread @ long_run(scores[is_used][np.argsort(state[is_used])], _TERMS) @ bread) * student**2
         ratio = by_states / np.maximum(variance, 1e-300)
         widening = np.maximum(widening, np.sqrt(np.where(ratio > limit, ratio, 1.0)))

@@ -17,6 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, number
@@ -51,6 +52,7 @@ from elastid.robot.simplified import with_point_mass
 MAX_RELATIVE_STD = 0.1
 # Sweeps of the coupling of joints in a simulation, and the change of positions over their extent at which they end.
 MAX_SWEEPS, SWEEP_TOLERANCE = 20, 1e-4
+COUPLED_FITS = 4  # fits of coupled joints with the loads of the fit before
 # Purposes of records of a joint that does not slide.
 STILL = ("presliding_loops", "presliding_test")
 
@@ -134,10 +136,16 @@ def _commanded_joints(robot: Robot, measured: FrictionRecords) -> dict[str, Comm
     if not logs:
         return {}
     commanded_logs = [commanded_log(robot, log) for log in logs]
+    fits = fit_commanded(commanded_logs)
+    is_coupled = any(np.any(log.coupled_inertia) for log in commanded_logs)
+    for _ in range(COUPLED_FITS if is_coupled else 0):  # measured positions, smoothed, give biased loads
+        motions = [interpolated_motion(simulated_commands(robot, log, fits), log) for log in logs]
+        loads = [rigid_loads(robot, [*log.values()], motion)[0] for log, motion in zip(logs, motions, strict=True)]
+        fits = fit_commanded([replace(log, load=load) for log, load in zip(commanded_logs, loads, strict=True)], fits)
     inertia = {j: c for log in commanded_logs for j, c in zip(log.joints, log.coupled_inertia.tolist(), strict=True)}
     return {
         joint: _with_record_statistics(fit, measured.of(joint, "commands"), inertia[joint])
-        for joint, fit in fit_commanded(commanded_logs).items()
+        for joint, fit in fits.items()
     }
 
 
@@ -160,7 +168,7 @@ def commanded_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> CommandedL
         text = "commands without torques identify no robot with closed loops. Log a torque (role u)"
         raise DataError("friction/rigid-body", text, records[0].place)
     position = np.stack([record.position for record in records], axis=1)
-    load, inertia = rigid_loads(robot, records, position)
+    load, inertia = rigid_loads(robot, records, smoothed_motion(position, records[0].rate_hz)[0])
     kp, kd = np.array([record.gains for record in records]).T
     kd, delay_inertia = equivalent_gains(kp, kd, *np.array([record.feedback_delays_s for record in records]).T)
     pairs = zip(records, inertia.tolist(), strict=True)
@@ -173,14 +181,24 @@ def commanded_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> CommandedL
     )  # fmt: skip
 
 
-def rigid_loads(robot: Robot, records: Sequence[FrictionRecord], position: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return torque (n, m) of the rigid body along positions (n, m), without its mean inertia, and this inertia (m,).
+def interpolated_motion(position: FloatArray, log: Mapping[str, FrictionRecord]) -> list[FloatArray]:
+    """Return positions (n, m) without noise, velocities and accelerations by cubic splines."""
+    time_s = np.arange(len(position)) / next(iter(log.values())).rate_hz
+    spline = CubicSpline(time_s, position)
+    return [np.asarray(spline(time_s, order)) for order in range(3)]
 
-    Both are zero if the robot model couples none of these joints; inertia and gravity of each are then estimated.
+
+def rigid_loads(
+    robot: Robot, records: Sequence[FrictionRecord], motion: Sequence[FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Return torque (n, m) of the rigid body along a motion, without its mean inertia, and this inertia (m,).
+
+    motion: positions, velocities and accelerations (n, m).  Both results are zero if the robot model couples none of
+    these joints; inertia and gravity of each are then estimated.
     """
     indices = [robot.driven_indices[robot.driven_names.index(record.joint)] for record in records]
-    (n, m), rate_hz = position.shape, records[0].rate_hz
-    q, v, a = smoothed_motion(position, rate_hz)[0]
+    q, v, a = motion
+    n, m = q.shape
     states = np.zeros((3, len(robot.joints), n))
     states[0, list(robot.driven_indices)] = (robot.mixing @ records[0].angles(len(robot.driven)))[:, None]
     for signals, values in zip(states, (q, v, a), strict=True):
@@ -200,7 +218,7 @@ def rigid_loads(robot: Robot, records: Sequence[FrictionRecord], position: Float
     diagonal = np.mean(M[range(m), range(m)], axis=1)
     coupling = np.max(np.abs(M), axis=2) * ~np.eye(m, dtype=bool)
     if not np.any(coupling > 1e-9 * np.sqrt(np.outer(diagonal, diagonal))):
-        return np.zeros_like(position), np.zeros(m)
+        return np.zeros_like(q), np.zeros(m)
     return torque(*states).T - a * diagonal, diagonal
 
 
@@ -215,7 +233,7 @@ def simulated_commands(
     commanded, records = commanded_log(robot, log), list(log.values())
     positions = simulate_commanded(commanded, joints)
     for _ in range(MAX_SWEEPS if np.any(commanded.coupled_inertia) else 0):
-        last_positions, (load, inertia) = positions, rigid_loads(robot, records, positions)
+        last_positions, (load, inertia) = positions, rigid_loads(robot, records, interpolated_motion(positions, log))
         positions = simulate_commanded(replace(commanded, load=load, coupled_inertia=inertia), joints)
         if np.max(np.abs(positions - last_positions)) < SWEEP_TOLERANCE * float(np.ptp(positions)):
             break
