@@ -34,7 +34,7 @@ from elastid.robot import Joint, Robot
 
 @dataclass(frozen=True)
 class ChannelDoubt:
-    """A doubt about a channel, by its place in the study's list, None for the rate of all; key: that is at fault.
+    """A doubt about a channel.  channel: index in the study's list, None for the rate of all.  key: setting at fault.
 
     is_weak: from the torque of a joint while other joints moved; a second log must confirm it.
     """
