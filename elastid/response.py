@@ -41,7 +41,7 @@ UNEXPLAINED = "nonlinear/unexplained-distortion"  # code of a note on distortion
 class LineAmplitudes:
     """RMS amplitudes (K, n_y) of the outputs at freq_hz (K,), in `quantity`, and of the noise (K, n_y) in them.
 
-    amplitude is that of the mean over periods, in the mean square over all experiments; noise is part of it.
+    amplitude: root mean square over all experiments of the mean over periods; it includes the noise.
     """
 
     freq_hz: FloatArray = labelled("frequency")

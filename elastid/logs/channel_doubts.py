@@ -249,7 +249,7 @@ def _torque_relation(joint: JointSignals, i: int) -> TorqueRelation:
 
 
 def _gain_doubts(joint: JointSignals, a: int, b: int, gain: float, order: int) -> Iterator[ChannelDoubt]:
-    """Suspect unit or side of one of two motions, on the gear, or on the rate."""
+    """Yield `ChannelDoubt` of unit or side of two inconsistent motions, of the gear ratio, or of the rate."""
     text = f"{joint.named(b)} is {gain:.4g} times the value computed from {joint.named(a)}"
     factors = [(x**sense, i, keys) for i, sense in ((b, 1), (a, -1)) for x, keys in joint.factors(i)]
     candidates = [(i, keys) for x, i, keys in factors if abs(np.log(gain / x)) <= MAX_FACTOR]
