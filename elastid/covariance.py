@@ -9,13 +9,13 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.large_arrays import release
-from elastid.base.workers import KeptOnce
+from elastid.base.workers import WorkerConstant
 
 CovarianceForm: TypeAlias = Literal["diagonal", "kronecker", "full"]
 
 
 @frozen_value
-class Covariance(KeptOnce):
+class Covariance(WorkerConstant):
     """Covariance of vec G per line (column-major vec), in the form that the data support, with its degrees of freedom.
 
     full:       matrix (F, n_y n_u, n_y n_u) Hermitian

@@ -16,7 +16,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_valu
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import Note, check_kind, index_of, require_package
 from elastid.base.escape import control_labels
-from elastid.base.workers import KeptOnce
+from elastid.base.workers import WorkerConstant
 from elastid.covariance import Covariance as Covariance
 from elastid.covariance import scale_covariance
 from elastid.record import (
@@ -41,7 +41,7 @@ UNEXPLAINED = "nonlinear/unexplained-distortion"  # code of a note on distortion
 class LineAmplitudes:
     """RMS amplitudes (K, n_y) of the outputs at freq_hz (K,), in `quantity`, and of the noise (K, n_y) in them.
 
-    amplitude is that of the mean over periods, in the mean square over all experiments; noise is part of it.
+    amplitude: root mean square over all experiments of the mean over periods; it includes the noise.
     """
 
     freq_hz: FloatArray = labelled("frequency")
@@ -116,7 +116,7 @@ class MotorMotion:
 
 
 @frozen_value
-class Response(KeptOnce):
+class Response(WorkerConstant):
     """Measured frequency response G of one configuration, link side.
 
     Parameters

@@ -18,7 +18,7 @@ from elastid.base.execution import Execution
 from elastid.base.files import clear_folder, path_below
 from elastid.fit.parameter_selection import choose, named_geometry
 from elastid.fit.spec import FitSpec
-from elastid.model.formulation import elastic_joints_within, unreachable
+from elastid.model.formulation import elastic_joints_within, inert_parameters
 from elastid.response import Responses
 from elastid.robot.simplified import elastic_coordinates, with_stiff_joints, without_motor_coupling
 from elastid.store.files import keep_checksums
@@ -32,12 +32,12 @@ from elastid.validation.comparison import (
     Elastic,
     Refit,
     describe_search,
-    divide,
     fix,
     rank,
     refit,
     restrict,
     search,
+    split_folds,
 )
 from elastid.validation.spec import VariantSpec
 
@@ -87,7 +87,7 @@ def variants(loaded: LoadedStudy, studies: Sequence[LoadedStudy] = ()) -> Iterat
             raise StudyError("compare/variants", f"{spec.name}: {error}", "compare.variants") from None
     for peer in studies:
         name = peer.study.name if peer.study.name != study.name else str(peer.path)
-        yield ComparedVariant(name, peer.study.as_robot(), _weighed_as(study, peer.study), peer.study.model)
+        yield ComparedVariant(name, peer.study.as_robot(), _comparable_fit(study, peer.study), peer.study.model)
 
 
 def comparison_table(comparison: Comparison) -> list[list[str]]:
@@ -146,15 +146,15 @@ def variant(loaded: LoadedStudy, spec: VariantSpec) -> ComparedVariant:
     study = load(loaded.path, (*loaded.overrides, *spec.set)).study if spec.set else original
     robot = study.as_robot() if spec.motor_coupling else without_motor_coupling(study.as_robot())
     robot = with_stiff_joints(robot, spec.rigid)
-    fit = restrict(_weighed_as(original, study), robot, study.as_robot())
+    fit = restrict(_comparable_fit(original, study), robot, study.as_robot())
     if study.model != original.model:
-        fit = fix(fit, robot, unreachable(robot, study.model.variant))
+        fit = fix(fit, robot, inert_parameters(robot, study.model.variant))
     choose(fit, robot)
     # Independent coordinates are a choice for the study's own robot, and without influence on its response.
     return ComparedVariant(spec.name, robot, fit, replace(study.model, independent=()) if spec.rigid else study.model)
 
 
-def _weighed_as(study: Study, variant: Study) -> FitSpec:
+def _comparable_fit(study: Study, variant: Study) -> FitSpec:
     """Return the fit of another study with criterion, weights and band of this study, for comparable costs."""
     fit = study.seeded_fit
     return replace(variant.fit, criterion=fit.criterion, weights=fit.weights, band_hz=fit.band_hz, seed=fit.seed)
@@ -162,7 +162,7 @@ def _weighed_as(study: Study, variant: Study) -> FitSpec:
 
 def refit_all(run: Run, models: Sequence[ComparedVariant], responses: Responses) -> list[list[Refit]]:
     """Fit each model to all responses and without each fold; missing fits run in several processes."""
-    folds = ((), *divide(responses.names, run.study.compare.folds))
+    folds = ((), *split_folds(responses.names, run.study.compare.folds))
     tasks = [(variant, fold) for variant in models for fold in folds]
     checkpoint = Checkpoint(path_below(run.folder, PARTIAL), run.stamps["estimate"].code)
     # Of everything that a fit depends on except the code.
@@ -210,7 +210,7 @@ def search_elasticity(run: Run) -> None:
 
 def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
     """Return coordinates that can be elastic or rigid, label to name, and the labels that start elastic: the gears."""
-    robot, unknown = loaded.study.as_robot(), unreachable(loaded.study.as_robot(), loaded.study.model.variant)
+    robot, unknown = loaded.study.as_robot(), inert_parameters(loaded.study.as_robot(), loaded.study.model.variant)
     coordinates = [spring for spring in elastic_coordinates(robot) if f"k_{spring.name}" not in unknown]
     if not coordinates:
         text = f"nothing to search: robot {robot.name} has no elastic part"

@@ -29,7 +29,7 @@ from elastid.logs.files.formats import is_text, opened_log
 from elastid.logs.files.text_format import describe_format, guess_format
 from elastid.logs.files.universal import is_universal_file, time_histories
 from elastid.logs.headings import is_time
-from elastid.logs.log_signals import signals_of, wrong_cell
+from elastid.logs.log_signals import cell_error, signals_of
 from elastid.logs.repair.periodicity import find_period, repetition
 from elastid.robot import Robot
 from elastid.study.robots import Servos
@@ -71,7 +71,7 @@ def texts_from_logs(
     form = guess_format(first)
     with opened_log(first, form) as log:
         clock, signals, shapes = clock_of(log), signals_of(log, MAX_SAMPLES), log.shapes()
-        wrong = wrong_cell(log, [signal.name for signal, _ in signals], MAX_SAMPLES)
+        wrong = cell_error(log, [signal.name for signal, _ in signals], MAX_SAMPLES)
     if texts := texts_from_responses(logs, folder, robot):
         return texts
     signals = [(g, x) for g, x in signals if g.name != clock.name]

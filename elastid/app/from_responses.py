@@ -22,7 +22,7 @@ from elastid.logs.files.text import TextLog
 from elastid.logs.files.text_format import describe_format, guess_format
 from elastid.logs.headings import is_time
 from elastid.logs.responses.table import complex_array, responses_in, struct_table, structs_in
-from elastid.logs.responses.universal_files import uff_places
+from elastid.logs.responses.universal_files import uff_locations
 from elastid.robot import Robot
 
 _FREQUENCY = re.compile(r"(.*[./_ ])?(f|freq|frequenc(y|ies)|w|omega)([ _./(\[].*)?", re.IGNORECASE)
@@ -50,7 +50,7 @@ class _Table:
 
 def texts_from_universal(paths: Sequence[Path], folder: Path) -> dict[str, str]:
     """Draft the study of universal files; returns texts by file name."""
-    outputs, inputs = uff_places(paths[0])
+    outputs, inputs = uff_locations(paths[0])
     names = ["bench"] if len(paths) == 1 else [f"bench_{i}" for i in range(1, len(paths) + 1)]
     states = ", ".join(f"{name}: []" for name in names)
     lines = [

@@ -1,4 +1,4 @@
-"""Arrays too large for memory, or shared by processes: in a file that is mapped, or read in pieces of rows."""
+"""Arrays in files: mapped, to share them between processes, or read by rows, if they are too large for memory."""
 
 import mmap
 import os
@@ -13,9 +13,9 @@ from weakref import WeakValueDictionary, finalize
 import numpy as np
 from numpy.typing import NDArray
 
-MIN_LARGE_VALUES = 1 << 25  # arrays with more values stay in their file
+MIN_LARGE_VALUES = 1 << 25  # larger arrays are not read into memory
 PIECE_VALUES = 1 << 20  # values that are read from a file at once
-# Smaller arrays stay in their file as well, if both the array and its file have at least so many bytes.
+# A smaller array is mapped as well, if the array and its file have at least so many bytes.
 MIN_MAPPED_BYTES, MIN_LARGE_FILE = 1 << 15, 1 << 26
 
 
@@ -76,7 +76,7 @@ def mean_of_rows(array: NDArray[np.float64] | LargeArray, n: int) -> NDArray[np.
 
 
 class FileArray(np.memmap):
-    """A read-only array at an offset of a file; a file is mapped once for all of its arrays.
+    """A read-only array at an offset of a file. A file is mapped once for all of its arrays.
 
     Another process, on the same file system, receives path and offset instead of the values.
     """
@@ -112,12 +112,12 @@ class FileArray(np.memmap):
         return (move_to_file, (self.folder, values)) if hasattr(self, "folder") else values.__reduce__()
 
 
-# Bytes of a file that arrays share: each mapped file takes a descriptor, and there may be thousands of arrays.
+# Arrays share files of this size, in bytes: each file takes a descriptor, and there may be thousands of arrays.
 SHARED_FILE_BYTES = 1 << 28
 
 
 class _SharedFile:
-    """A temporary file of arrays without a name, deleted with its last array or with the process, however that ends."""
+    """A temporary file of arrays without a name; deleted with its last array or at the end of the process."""
 
     def __init__(self, folder: Path, size: int) -> None:
         self.file = tempfile.TemporaryFile(dir=folder, buffering=0)  # noqa: SIM115 (as long as its arrays)
@@ -126,7 +126,7 @@ class _SharedFile:
         self.pages, self.end = mmap.mmap(self.file.fileno(), size, access=mmap.ACCESS_READ), 0
 
     def add(self, values: NDArray[Any]) -> FileArray:
-        """Add a copy; OSError on a full disk, which a write to mapped pages would not survive."""
+        """Add a copy; OSError on a full disk. (A write to mapped pages would end the process instead.)"""
         data, n_written = values.reshape(-1).view(np.uint8).data, 0
         while n_written < len(data):
             n_written += os.pwrite(self.file.fileno(), data[n_written:], self.end + n_written)
@@ -135,18 +135,18 @@ class _SharedFile:
         return array
 
 
-# The last shared file of a process in a folder, as long as an array is in it.
+# The last shared file by process and folder, until its last array is deleted.
 _SHARED_FILES: WeakValueDictionary[tuple[int, Path], _SharedFile] = WeakValueDictionary()
 
 
 def move_beside(source: NDArray[Any] | None, values: NDArray[Any]) -> NDArray[Any]:
-    """Move values, read-only, into a temporary file next to the file of their source; a source in memory: no change."""
+    """Move values, read-only, into a temporary file next to the file of `source`; no change if it is in memory."""
     folder = getattr(source, "folder", None)
     return values if folder is None else move_to_file(folder, values)
 
 
 def move_to_file(folder: Path, values: NDArray[Any]) -> NDArray[Any]:
-    """Move values, read-only, into a temporary file of a folder; the values themselves if no file can be written there.
+    """Move values, read-only, into a temporary file of a folder; return `values` if no file can be written there.
 
     `release` releases their memory.
     """

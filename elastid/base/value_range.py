@@ -1,4 +1,4 @@
-"""An array in a few numbers: its first value, its range and the number of its missing values."""
+"""Summary of an array: first value, range and number of missing values."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ def value_range(blocks: Iterable[NDArray[Any]]) -> ValueRange:
 
 
 def format_values(values: NDArray[Any]) -> str:
-    """Format an array in one row: all values if they are few, else their range.
+    """Format an array in one row: up to 40 values, otherwise their range.
 
     >>> format_values(np.array([0, 1, 2]))
     '0, 1, 2'

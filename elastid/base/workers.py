@@ -4,7 +4,7 @@ They start from nothing where the system has no copies. Some stay for the next w
 built and the values that they have (`execution.persistent_workers`). Workers of a Dask cluster are asked by the
 same messages (`base.execution`).
 
-Large frozen arrays, and instances of `KeptOnce`, which both keep, go to another process once: both ends of a pipe
+Large frozen arrays, and instances of `WorkerConstant`, which both keep, go to another process once: both ends of a pipe
 know the values of the other one by names. A value that is deleted here is deleted there with the next work.
 """
 
@@ -31,8 +31,8 @@ import numpy as np
 from elastid.base.large_arrays import MIN_MAPPED_BYTES, FileArray, move_to_file
 
 
-class KeptOnce:
-    """Frozen dataclass that is sent once to another process, without values computed from its fields."""
+class WorkerConstant:
+    """Frozen dataclass that is sent to another process once, without its cached properties."""
 
 
 class LostError(Exception):
@@ -96,7 +96,7 @@ class _Pickler(pickle.Pickler):
     def reducer_override(self, value: Any) -> Any:
         """Name of a value that the other end has, with names of its parts if it stays there."""
         parts: tuple[Any, ...]
-        if isinstance(value, KeptOnce):
+        if isinstance(value, WorkerConstant):
             parts = (_construct, type(value), {f.name: getattr(value, f.name) for f in fields(value)})  # type: ignore[arg-type]
         elif not isinstance(value, np.ndarray) or value.flags.writeable or value.nbytes < MIN_MAPPED_BYTES:
             return NotImplemented

@@ -18,7 +18,7 @@ from elastid.design.spec import DesignSpec, n_free_configurations, unit_time_s
 from elastid.experiment.plan.plan import DesignedConfiguration, Plan
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.simulated import CarrierSpec
-from elastid.fit.parameter_selection import local_ratio_std, ratio_within, with_tolerances
+from elastid.fit.parameter_selection import local_ratio_std, with_ratio_std, with_tolerances
 from elastid.fit.presliding import with_relaxing_springs
 from elastid.fit.result_rows import Presliding
 from elastid.friction.robot_friction import coulomb_torques, frictions
@@ -122,8 +122,8 @@ def _expected_responses(
         _, _, travel = prospect.reversals(configuration, problem.parameters.x)
         model = replace(prospect, parameters=parameters, presliding=tuple(springs))
         expected = model.expected(configuration, parameters.x)
-        scatter = local_ratio_std(robot, named(robot.motor_locations, travel))
-        responses.append(replace(expected, response=ratio_within(replace(expected.response, ratio_std=scatter), robot)))
+        std = local_ratio_std(robot, named(robot.motor_locations, travel))
+        responses.append(replace(expected, response=with_ratio_std(replace(expected.response, ratio_std=std), robot)))
     return responses
 
 

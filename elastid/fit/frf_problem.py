@@ -313,7 +313,7 @@ def relinearise(
             with_bias = current.with_modelled_bias(fit, end.x)
             next_c = next_factors(with_bias.unbiased(c).as_linearised(fit, current), with_bias.responses, end.x, c)
             history = [*history[-1:], (c, next_c)]
-            c = accelerate(*history) if i > 1 and len(history) == 2 else next_c
+            c = anderson_step(*history) if i > 1 and len(history) == 2 else next_c
             current, fit = with_bias, with_bias.unbiased(c).as_linearised(fit, current)
         tolerance = NEAR_ENOUGH if is_far_from_noise(end.cost, fit.problem.dof) else FINE
         precise = replace(fit.problem, evaluate=fit.evaluate)
@@ -337,7 +337,7 @@ def relinearise(
     return RelinearisedOptimum(end, fit, current.responses, current.weights, notes, c)
 
 
-def accelerate(first: tuple[FloatArray, FloatArray], second: tuple[FloatArray, FloatArray]) -> FloatArray:
+def anderson_step(first: tuple[FloatArray, FloatArray], second: tuple[FloatArray, FloatArray]) -> FloatArray:
     r"""Return the next c of an iteration c -> F(c) by Anderson's method of depth 1, from two pairs c, F(c).
 
     .. math:: c_{k+1} = F(c_k) - \gamma\, (F(c_k) - F(c_{k-1})), \quad

@@ -39,7 +39,7 @@ from elastid.fit.frf_problem import (
 )
 from elastid.fit.intervals import add_intervals
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
-from elastid.fit.parameter_selection import choose, ratio_within, tolerances_of, with_tolerances
+from elastid.fit.parameter_selection import choose, tolerances_of, with_ratio_std, with_tolerances
 from elastid.fit.presliding import are_identified, find_presliding, without_presliding
 from elastid.fit.problem.frf_residuals import ElasticFit, each_at_home, home_of
 from elastid.fit.problem.inertia_barrier import feasible_starts
@@ -156,7 +156,7 @@ def _search(
     check_kind(spec, FitSpec, "spec", "FitSpec() has the defaults, and a study has one as study.seeded_fit")
     check_kind(parameters, Parameters | None, "parameters", "elastid.choose(robot, 'k_*') makes them")
     check_responses(responses, robot)
-    responses = [ratio_within(response, robot) for response in responses]
+    responses = [with_ratio_std(response, robot) for response in responses]
     has_references = any(response.controller is not None for response in responses)
     names = [response.configuration.name for response in responses]
     parameters = parameters or choose(spec, robot, names, has_references)
@@ -319,7 +319,7 @@ def free_nuisance_parameters(
     best = None
     for begin in begins[:ATTEMPTS]:
         try:
-            end, dof = _settle_start(nuisance, begin)
+            end, dof = _refine_start(nuisance, begin)
         except (StudyError, FitError):  # no robot stands on the way
             continue
         best = end if best is None or end.cost < best.cost else best
@@ -328,7 +328,7 @@ def free_nuisance_parameters(
     return (assembly, starts) if best is None else (nuisance, (best, *ends[1:]))
 
 
-def _settle_start(assembly: Assembly, begin: LocalOptimum) -> tuple[LocalOptimum, int]:
+def _refine_start(assembly: Assembly, begin: LocalOptimum) -> tuple[LocalOptimum, int]:
     """Return the optimum near the end of a start, and its degrees of freedom.
 
     Products such as m c^2 change little within tolerances: a round for each linearisation, not one at every x.

@@ -337,7 +337,7 @@ def local_ratio_std(robot: Robot | None, travel: Mapping[str, float]) -> FloatAr
     return np.array([RATIO / turns[motor] if ratios.get(motor, 1.0) != 1 else 0.0 for motor in travel])
 
 
-def ratio_within(response: "Response", robot: Robot) -> "Response":
+def with_ratio_std(response: "Response", robot: Robot) -> "Response":
     """Return the response with its gears' ratios as uncertain as robot.tolerances has them, or exact."""
     within = robot.tolerances.ratio_std / RATIO if isinstance(robot.tolerances, Tolerances) else 0.0
     return replace(response, ratio_std=within * response.ratio_std)

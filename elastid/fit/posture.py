@@ -13,14 +13,14 @@ from elastid.base.section import section
 from elastid.linear.equilibrium import equilibrium, rigid_posture
 from elastid.linear.fitted_model import Axes, Estimated, FittedModel, ModelErrorFactor
 from elastid.linear.linearise import Linearisation
-from elastid.linear.ports import Ports, acted_on, moved_by
+from elastid.linear.ports import Ports, acted_on, port_motion
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import frame_poses
 from elastid.model.spec import ModelSpec
 from elastid.parameters import DELAY, Parameters
 from elastid.record import Configuration, JointLoop, Motion, Motors
 from elastid.robot import FRAME_AXES, TOOL, Frame, Payload, Robot
-from elastid.robot.robot import split_place, with_frames
+from elastid.robot.robot import split_location, with_frames
 from elastid.simulation.controller import gains_of
 from elastid.simulation.spec import ControllerSpec
 
@@ -146,7 +146,7 @@ class Family:
         def row(place: str) -> FloatArray:
             """Return the row (n,) of a location, as a sum of `places`."""
             weights = np.zeros(len(rows) + model.n_u)
-            kind, name, axis = split_place(place)
+            kind, name, axis = split_location(place)
             if kind in ("motor", "joint", "body") or self.request.axes == "own":
                 weights[rows[place]] = 1.0
                 return weights
@@ -156,7 +156,7 @@ class Family:
 
         torques = dict(zip(model.inputs, np.eye(model.n_u, len(rows) + model.n_u, len(rows)), strict=True))
         # A torque about an axis turns the frame about it.
-        act = np.array([torques[place] if place in torques else row(moved_by(place)) for place in self.inputs])
+        act = np.array([torques[place] if place in torques else row(port_motion(place)) for place in self.inputs])
         outputs = (*self.outputs, *(f"frame {self.frame} {axis}" for axis in FRAME_AXES))
         return Ports(self.inputs, outputs, act, np.array([row(place)[: len(rows)] for place in outputs]))
 
@@ -208,7 +208,7 @@ def default_frame(robot: Robot) -> str:
 
 
 def _frame_of(location: str) -> str:
-    kind, name, _ = split_place(location)
+    kind, name, _ = split_location(location)
     return name if kind in ("frame", "accelerometer", "force", "torque") else ""
 
 

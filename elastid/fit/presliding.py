@@ -120,7 +120,7 @@ class _State:
     @classmethod
     def of(cls, base: Assembly, x: FloatArray, signs: tuple[int, ...]) -> "_State":
         """Return the state without springs, from x (n_x,)."""
-        fit, fraction = _on_some_lines(base, x)
+        fit, fraction = _on_line_subset(base, x)
         end = solve(fit.problem, x, ROUGH, LIMITS.iterations)
         return cls(base, signs, {}, fit, end.x, end.cost, fraction)
 
@@ -182,7 +182,7 @@ class _State:
             hypothesis = {**self.springs, spring: (stiffness, a)}
             assembly = with_presliding(self.base, hypothesis)
             start = assembly.parameters.x_with(named(self.fit.parameters.free_names, self.x))
-            fit, _ = _on_some_lines(assembly, start)
+            fit, _ = _on_line_subset(assembly, start)
             try:
                 end = solve(fit.problem, start, ROUGH, 2 * LIMITS.iterations)
             except FitError:
@@ -209,7 +209,7 @@ def _with_all(state: _State, joints: Sequence[str]) -> _State:
     return state if first.cost - state.cost > LIMITS.drop * state.cost_ratio else first
 
 
-def _on_some_lines(assembly: Assembly, x: FloatArray) -> tuple[ElasticFit, float]:
+def _on_line_subset(assembly: Assembly, x: FloatArray) -> tuple[ElasticFit, float]:
     """Return the fit linearised at x (n_x,) on some lines, and their fraction of all residuals."""
     whole = assembly.at(x, assembly.spec.criterion)
     fit = replace(whole, parts=tuple(each_at_home(thinning(whole, RESIDUALS), whole.parts, assembly.home)), home=HERE)

@@ -61,11 +61,11 @@ class Optimum:
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance of x (n, n), for residuals of variance 1, or as much larger as they scatter."""
+        """Covariance of x (n, n) for residuals of variance 1; larger by their reduced chi-square if this exceeds 1."""
         return inverse_normal(self.J) * max(1.0, self.cost / max(1, self.dof))
 
-    def scattered_covariance(self, correlation: FloatArray, min_variance: FloatArray) -> FloatArray:
-        r"""Return covariance of x (n, n), residuals correlated with c (m,), of variance v (m,) at least.
+    def robust_covariance(self, correlation: FloatArray, min_variance: FloatArray) -> FloatArray:
+        r"""Return the robust covariance (n, n) of x for a variance factor c (m,) and a minimum variance v (m,).
 
         .. math:: A^{-1} J^T \mathrm{diag}\left(\max\left(\frac{c\, r^2}{(1 - h)^2}, v\right)\right) J A^{-1},
                   \quad A = J^T J, \quad h = \mathrm{diag}(J A^{-1} J^T)

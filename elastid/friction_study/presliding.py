@@ -263,7 +263,7 @@ class _Model:
         expansion = [np.tile(G.expansion / G.variance, 2) for G in self.responses]
         correlation = [np.full(2 * len(G.G), G.correlated_lines) for G in self.responses]
         min_variance = np.concatenate([*expansion, np.ones(n_file)])
-        return fit.scattered_covariance(np.concatenate([*correlation, np.zeros(n_file)]), min_variance)
+        return fit.robust_covariance(np.concatenate([*correlation, np.zeros(n_file)]), min_variance)
 
     def residual(self, x: FloatArray) -> FloatArray:
         """Return residuals (m,) of the responses and of the file's numbers of an elastic joint, of variance 1."""

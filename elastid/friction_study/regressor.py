@@ -145,12 +145,12 @@ def add_curve_uncertainty(signals: Sequence[MotionSignals], terms: MotionTerms, 
 
 
 def change_of(fit: Regression, alternative: Regression) -> FloatArray:
-    """Return change of the numbers (n_x,) in the other regression."""
+    """Return the change of the coefficients (n_x,) from `fit` to `alternative`; 0 for names that it does not have."""
     return np.array([alternative[name] - fit[name] if name in alternative.names else 0.0 for name in fit.names])
 
 
 def noise_bias(signals: Sequence[MotionSignals], terms: MotionTerms, fit: Regression) -> FloatArray:
-    r"""Return change of the numbers (n_x,) by noise of the position in the columns of velocity and acceleration.
+    r"""Return the change of the coefficients (n_x,) by position noise in the columns of velocity and acceleration.
 
     .. math:: \Delta\beta = -(X^T X)^{-1} N \beta, \quad N = E[\tilde X^T \tilde X]
 

@@ -157,7 +157,7 @@ class _Problem:
 
 
 def warm_up_note(model: ThermalModel, warm_up: WarmUp, location: str) -> tuple[Note, ...]:
-    """Return a note where a warm-up ended before its slowest time constant was known."""
+    """Return a note if a warm-up is too short to identify its slowest time constant."""
     std, constant = float(model.log_std[1]), float(model.time_constants[0])  # of the slowest
     seconds = float(np.ptp(warm_up.log.time_s))
     if std < MAX_LOG_STD and constant < seconds:

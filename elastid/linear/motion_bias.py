@@ -37,7 +37,7 @@ from elastid.model.elastic import ElasticModel
 from elastid.model.evaluation import evaluate_rows
 from elastid.model.loop_closure import RANK_TOLERANCE
 from elastid.response import MotorMotion, Response
-from elastid.robot.robot import split_place
+from elastid.robot.robot import split_location
 
 # Lines of the motion, and lines of the response between which the change is interpolated, at most; few of a first look.
 MOST_LINES, _MIN_LINES = 48, 8
@@ -317,13 +317,13 @@ def _jacobian_of(model: ElasticModel, outputs: tuple[str, ...]) -> ca.Function:
 
 def is_point(location: str) -> bool:
     """Return True for a point of a frame that moves along an axis, `frame tool x` or `accelerometer tool x`."""
-    kind, _, axis = split_place(location)
+    kind, _, axis = split_location(location)
     return kind == "accelerometer" or (kind == "frame" and axis in ("x", "y", "z"))
 
 
 def _acceleration(model: ElasticModel, location: str, q: ca.SX, v: ca.SX, a: ca.SX, theta: ca.SX) -> ca.SX:
     """Return the acceleration of a point along its turning axis, v' + omega x v in the frame's axes; less gravity."""
-    kind, name, axis = split_place(location)
+    kind, name, axis = split_location(location)
     f, i = [frame.name for frame in model.robot.frames].index(name), "xyz".index(axis)
     J = model.frame_velocity(q, theta)[6 * f : 6 * f + 6, :]
     velocity, turning = J[:3, :] @ v, J[3:, :] @ v

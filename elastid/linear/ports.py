@@ -15,12 +15,12 @@ from elastid.base.arrays import FloatArray
 from elastid.linear.linear_model import LinearModel, Slope, is_load, project
 from elastid.model.loop_closure import null_space
 from elastid.record import JointLoop, Motors
-from elastid.robot.robot import split_place
+from elastid.robot.robot import split_location
 
 
-def moved_by(location: str) -> str:
-    """Return the motion on which a force or torque works."""
-    kind, name, axis = split_place(location)
+def port_motion(location: str) -> str:
+    """Return the location of the motion on which a force or torque does work."""
+    kind, name, axis = split_location(location)
     return {"force": f"frame {name} {axis}", "torque": f"frame {name} r{axis}"}.get(kind, location)
 
 
@@ -47,7 +47,7 @@ class Ports:
     @classmethod
     def at_frames(cls, model: LinearModel, inputs: tuple[str, ...]) -> "Ports":
         """Return forces on motions that are among the outputs of a model, which are read as they are."""
-        n, rows = len(model.outputs), [model.outputs.index(moved_by(load)) for load in inputs if is_load(load)]
+        n, rows = len(model.outputs), [model.outputs.index(port_motion(load)) for load in inputs if is_load(load)]
         return cls(inputs, model.outputs, np.eye(n, n + len(model.inputs))[rows], np.eye(n))
 
 

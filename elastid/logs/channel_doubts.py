@@ -34,7 +34,7 @@ from elastid.robot import Joint, Robot
 
 @dataclass(frozen=True)
 class ChannelDoubt:
-    """A doubt about a channel, by its place in the study's list, None for the rate of all; key: that is at fault.
+    """A doubt about a channel.  channel: index in the study's list, None for the rate of all.  key: setting at fault.
 
     is_weak: from the torque of a joint while other joints moved; a second log must confirm it.
     """
@@ -249,7 +249,7 @@ def _torque_relation(joint: JointSignals, i: int) -> TorqueRelation:
 
 
 def _gain_doubts(joint: JointSignals, a: int, b: int, gain: float, order: int) -> Iterator[ChannelDoubt]:
-    """Suspect unit or side of one of two motions, on the gear, or on the rate."""
+    """Yield `ChannelDoubt` of unit or side of two inconsistent motions, of the gear ratio, or of the rate."""
     text = f"{joint.named(b)} is {gain:.4g} times the value computed from {joint.named(a)}"
     factors = [(x**sense, i, keys) for i, sense in ((b, 1), (a, -1)) for x, keys in joint.factors(i)]
     candidates = [(i, keys) for x, i, keys in factors if abs(np.log(gain / x)) <= MAX_FACTOR]

@@ -74,7 +74,7 @@ def _with_counts(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
     return replace(guess, why=f"? whole numbers without a unit: {remedy}")
 
 
-def wrong_cell(log: Log, names: Sequence[str], max_samples: int) -> str:
+def cell_error(log: Log, names: Sequence[str], max_samples: int) -> str:
     """Return a message on the first cell of a text log that is no number; else an empty text.
 
     names: columns to read; all columns if the log has none of them.  max_samples: largest number of rows.
@@ -82,7 +82,7 @@ def wrong_cell(log: Log, names: Sequence[str], max_samples: int) -> str:
     if not isinstance(log, TextLog):
         return ""
     columns = [i for i, (name, _) in enumerate(log.named_columns()) if name in names]
-    return log.wrong_cell(columns or range(log.n_columns), slice(0, max_samples))
+    return log.cell_error(columns or range(log.n_columns), slice(0, max_samples))
 
 
 def _with_gravity(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[ChannelGuess, FloatArray]]:

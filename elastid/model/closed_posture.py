@@ -83,7 +83,7 @@ def assemble(robot: Robot, angles: FloatArray) -> FloatArray:
 def follow_angles(robot: Robot, angles: FloatArray, near: FloatArray | None = None) -> FloatArray:
     """Solve joints (Q, n_l) at the driven joints' angles (Q, n_u), along a path from the start; some may stay open.
 
-    near (n_u,): angles amid the others, through which all of them are reached, so that the way there is followed once.
+    near (n_u,): angles close to all of `angles`. The path from the start to `near` is then solved only once.
     """
     start = robot.opened(np.array([[joint.start for joint in robot.driven]]))
     if not robot.loops:

@@ -34,7 +34,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray, frozen_value, named
 from elastid.base.errors import StudyError
 from elastid.robot import FRAME_AXES, Robot
-from elastid.robot.robot import split_place
+from elastid.robot.robot import split_location
 
 
 @frozen_value(eq=False)
@@ -164,7 +164,7 @@ class ElasticModel:
         C, T, coordinates = [], [ca.DM(1, self.n_q)] * len(locations), ca.DM.eye(self.n_q)
         for i, location in enumerate(locations):
             self.robot.check_location(location)
-            kind, name, axis = split_place(location)
+            kind, name, axis = split_location(location)
             if kind in ("motor", "joint"):
                 C.append(coordinates[self.index(location), :])
                 continue

@@ -114,11 +114,10 @@ def elastic_joints_within(robot: Robot) -> tuple[int, ...]:
     return tuple(i for i in robot.joints_in_loops if joints[i].spring is not None and joints[i].motor is None)
 
 
-def unreachable(robot: Robot, variant: Variant) -> tuple[str, ...]:
-    """List the parameters without an effect of their own in a variant.
+def inert_parameters(robot: Robot, variant: Variant) -> tuple[str, ...]:
+    """List the parameters of rods, and of elastic joints in stiff loops, without a separate effect in a variant.
 
-    Those of rods and elastic joints inside stiff loops; where gear and rod are condensed into one constant, it is the
-    gear's.
+    If gear and rod are condensed into one stiffness, this stiffness is the parameter of the gear.
     """
     if variant == "lumped_rod":
         return tuple(f"I_{loop.name}" for loop in robot.loops if loop.rod is not None)

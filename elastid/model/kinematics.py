@@ -92,7 +92,7 @@ class Poses:
 
 def frame_poses(robot: Robot, q: FloatArray, frame: str) -> Poses:
     """Compute poses of a named frame or body at positions q (Q, n_l) of all joints; StudyError for an unknown name."""
-    _, seat, R, p = _seat(robot, q, frame)
+    _, seat, R, p = _attachment(robot, q, frame)
     rotation = R[seat.frame] if seat.frame >= 0 else np.broadcast_to(np.eye(3), (len(q), 3, 3))
     return Poses(place_end(R, p, seat.frame, seat.p, len(q)), rotation @ seat.R)
 
@@ -102,14 +102,14 @@ def frame_jacobians(robot: Robot, q: FloatArray, frame: str) -> FloatArray:
 
     Rows: velocity of the frame's origin, then angular velocity, both in the axes of the base.
     """
-    layout, seat, R, p = _seat(robot, q, frame)
+    layout, seat, R, p = _attachment(robot, q, frame)
     return point_jacobians(layout, R, p, seat.frame, place_end(R, p, seat.frame, seat.p, len(q)))
 
 
 _tree = lru_cache(maxsize=8)(tree)
 
 
-def _seat(robot: Robot, q: FloatArray, name: str) -> tuple[Tree, Attachment, list[FloatArray], list[FloatArray]]:
+def _attachment(robot: Robot, q: FloatArray, name: str) -> tuple[Tree, Attachment, list[FloatArray], list[FloatArray]]:
     layout = _tree(robot)
     seats = {body.name: seat for body, seat in zip(robot.all_bodies, layout.attachments, strict=True)}
     seats |= {frame.name: seat for frame, seat in zip(robot.frames, layout.named, strict=True)}

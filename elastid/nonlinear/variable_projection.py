@@ -342,10 +342,10 @@ def greedy(
     return members, best_cost
 
 
-def may_join(shape: BasisFunction, shapes: Sequence[BasisFunction]) -> bool:
-    """Return True if a motor may have a shape besides shapes: one Stribeck curve, and damping of stops or bristles.
+def is_admissible(shape: BasisFunction, shapes: Sequence[BasisFunction]) -> bool:
+    """Return True if a motor with `shapes` admits another shape: one Stribeck curve, and damping of stops or bristles.
 
-    None of these is alone, since they have no F_c.
+    These require a shape with Coulomb friction.
     """
     kinds = {s.kind for s in shapes}
     if shape.kind == "stribeck":
@@ -369,11 +369,11 @@ def select_motor_basis(
 
     def larger(members: list[int], firsts: list[list[int]]) -> list[list[int]]:
         member_shapes = [shapes[i] for i in members]
-        free_indices = [i for i in indices if i not in members and may_join(shapes[i], member_shapes)]
+        free_indices = [i for i in indices if i not in members and is_admissible(shapes[i], member_shapes)]
         return firsts if not members else [[*members, i] for i in free_indices]
 
     total, indices = power([]), candidates.tolist()
-    singles = [[i] for i in indices if may_join(shapes[i], ())]
+    singles = [[i] for i in indices if is_admissible(shapes[i], ())]
     elements = [[i, j] for i in indices for j in indices if shapes[i].element == shapes[j].element]
     pairs = [[i, j] for i, j in elements if shapes[j].is_damping and not shapes[i].is_damping]
     members, cost_of_members = greedy(partial(larger, firsts=singles), power, pays)

@@ -151,7 +151,7 @@ class Chain:
         channels = [channel for channel in self.channels if channel.role == role]
         return [tuple(channel for channel in channels if channel.at in ("", location)) for location in locations]
 
-    def check_places(self, motors: Collection[str], locations: Collection[str]) -> None:
+    def check_locations(self, motors: Collection[str], locations: Collection[str]) -> None:
         """Raise ValueError for a listed channel that does not exist, and for a common gain of a role."""
         for channel in self.channels:
             names = locations if channel.role == "y" else motors

@@ -91,7 +91,7 @@ def check_tolerances(robot: "Robot") -> None:
 FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
-def split_place(location: str) -> tuple[str, str, str]:
+def split_location(location: str) -> tuple[str, str, str]:
     """Return kind, name and axis of a place on a body or a frame, such as `frame tool rz`."""
     kind, _, axis_name = location.partition(" ")
     name, _, axis = axis_name.rpartition(" ")
@@ -177,7 +177,7 @@ class Robot:
             check_carrier(joint, self)
         check_gears(self.driven, self.gears)
         check_series(self.driven, self.gearboxes)
-        self.chain.check_places(self.motor_locations, self.locations)
+        self.chain.check_locations(self.motor_locations, self.locations)
         check_tolerances(self)
 
     __repr__, _repr_html_ = as_text, as_html

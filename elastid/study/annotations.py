@@ -18,7 +18,7 @@ def hints_of(section: type) -> dict[str, Any]:
 
 
 def type_at(root: Any, path: KeyPath) -> Any:
-    """Return the type of the value at a path below a section; Any where no section has such a key."""
+    """Return the type of the value at a path below a section; Any for an unknown key."""
     for step in path:
         root = _child(root, step)
     return root
@@ -31,7 +31,7 @@ def names_in(annotation: Any) -> list[str]:
 
 
 def literal_choices(annotation: Any) -> list[str]:
-    """Return the fixed words that an annotation allows."""
+    """Return the words of the Literal types in an annotation."""
     return [str(w) for option in options_of(annotation) if get_origin(option) is Literal for w in get_args(option)]
 
 
@@ -64,7 +64,7 @@ def _describe(option: Any, with_example: bool = True) -> str:
 
 
 def options_of(annotation: Any) -> list[Any]:
-    """Return the members of a union, None and texts of keys left out; one option where it is no union."""
+    """Return the members of a union without None and without texts of keys; one member for any other type."""
     if get_origin(annotation) is Annotated and not any(isinstance(m, InUnit) for m in annotation.__metadata__):
         return options_of(annotation.__origin__)
     if get_origin(annotation) in (Union, UnionType):

@@ -126,10 +126,10 @@ class Comparison:
     trials: tuple[Trial, ...] = ()
 
 
-def divide(names: Sequence[str], n_folds: int) -> tuple[tuple[str, ...], ...]:
-    """Return the configurations in so many parts, each in one of them; 0: one a part. None for a single configuration.
+def split_folds(names: Sequence[str], n_folds: int) -> tuple[tuple[str, ...], ...]:
+    """Split configurations into n_folds folds (0: one posture in each); empty for a single posture.
 
-    The amplitudes of a posture are in one fold: either would predict the other.
+    All amplitudes of a posture are in one fold, because each would predict the others.
     """
     postures = list(dict.fromkeys(map(posture_of, names)))
     n = min(n_folds or len(postures), len(postures))

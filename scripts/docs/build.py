@@ -37,7 +37,7 @@ class Page(HTMLParser):
 
 
 def sources(folder: Path) -> Path:
-    """Return the written pages, the generated ones, the pictures and the examples, side by side in a new folder."""
+    """Collect written pages, generated pages, pictures and examples in a new folder."""
     sys.path.insert(0, str(HERE))
     import generated
     import packages
@@ -69,7 +69,7 @@ def pages_of(html: Path) -> dict[Path, Page]:
 
 
 def dead_links(html: Path, pages: dict[Path, Page]) -> tuple[int, list[str]]:
-    """Return how many links lead from page to page or to an anchor, and those that lead nowhere."""
+    """Return the number of links between pages or to anchors, and the broken links."""
     count, dead = 0, []
     for path, page in pages.items():
         for link in page.links:
@@ -85,7 +85,7 @@ def dead_links(html: Path, pages: dict[Path, Page]) -> tuple[int, list[str]]:
 
 
 def build(html: Path, quick: bool) -> dict[str, int]:
-    """Build the pages in the folder `html`; RuntimeError for a warning or a link that leads nowhere."""
+    """Build the pages in the folder `html`; RuntimeError for a warning or a broken link."""
     from sphinx.cmd.build import build_main
 
     os.environ["ELASTID_DOCS_RUN"] = "0" if quick else "1"

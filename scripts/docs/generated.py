@@ -103,7 +103,7 @@ _FIELDS = "Value|Default|How to choose it|When to change it|Keys below it|Keys o
 
 
 def _explain(key: StudyKey) -> str:
-    """Return the paragraphs of `elastid explain`, behind the path: the text, and the others as a list of fields."""
+    """Return the paragraphs of `elastid explain` after the path: a text, and a list of fields."""
     paragraphs: list[str] = []
     for line in explain(key.path).splitlines()[1:]:
         starts = re.match(rf"  ({_FIELDS}): ", line)
@@ -157,7 +157,7 @@ def _structure(lines: list[str]) -> Iterator[str]:
 
 
 def _shorten(value: object) -> object:
-    """Return the same with the first of each list, and four digits."""
+    """Shorten lists to two entries, and numbers to four digits."""
     if isinstance(value, dict):
         return {name: _shorten(each) for name, each in value.items()}
     if isinstance(value, list):

@@ -116,7 +116,7 @@ def page(run: Path, path: Path) -> None:
 
 
 def first_screen_text(demo: Path) -> str:
-    """Return the text of the page's first screen, and the numbers that were found, line by line."""
+    """Return the text of the page's first screen, and the estimates, one in each row."""
     text = (demo / "report.html").read_text(encoding="utf-8")
     screen = text[text.index('<header class="top">') : text.index('id="q-next"')]
     screen = re.sub(r"<(svg|script|style|output)\b.*?</\1>", " ", screen, flags=re.DOTALL)

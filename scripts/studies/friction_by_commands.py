@@ -3,14 +3,14 @@
     python scripts/studies/friction_by_commands.py [--quick] [--losses 0.2 1 4] [--seed 0]
 
 One hinge: inertia 0.15 kg m^2, damping 5 Nms/rad, frictionloss in Nm, a servo of 1000 Nm/rad and 100 Nms/rad, steps of
-2 ms (implicitfast), commands held for 20 ms, 30 s at 500 Hz, encoder noise of 1e-5 rad (rms).  sines: six sines up to
-1.5 Hz; steps: of 0.05 to 0.15 rad every 1.2 s; rest: sines for 6 s, then no motion; forwards: 0.2 rad/s and a sine, so
-that the joint never reverses, and only the sum of Coulomb friction and offset is identifiable.
+2 ms (implicitfast), commands in steps of 20 ms, 30 s at 500 Hz, encoder noise of 1e-5 rad (rms).  sines: six sines up
+to 1.5 Hz; steps: of 0.05 to 0.15 rad every 1.2 s; rest: sines for 6 s, then no motion; forwards: 0.2 rad/s and a sine.
+In `forwards` the joint never reverses, and only the sum of Coulomb friction and offset is identifiable.
 
 Each row has estimates with standard deviations, and the rms of measured minus simulated positions, rad.  The
-assertions: Coulomb friction (forwards: its sum with the offset) within 1 % of the truth, and without steps within 3.5
-standard deviations. With steps its error of 0.1 to 0.5 % is up to 11 standard deviations.  The last line is one JSON
-object.
+assertions: the error of Coulomb friction (forwards: of its sum with the offset) is below 1 %, and without steps below
+3.5 standard deviations. With steps, the error is 0.1 to 0.5 %, which is up to 11 standard deviations.  The last line is
+one JSON object.
 """
 
 import json
@@ -33,7 +33,7 @@ MOTIONS = ("sines", "steps", "rest", "forwards")
 
 
 def commands(motion: str, rng: np.random.Generator) -> FloatArray:
-    """Return commanded positions (n,), rad, held for 20 ms."""
+    """Return commanded positions (n,), rad, constant for 20 ms each."""
     t = np.repeat(np.arange(0.0, SECONDS, 0.02), 10)
     if motion == "steps":
         return 0.15 * np.array([0, 1, -0.6, 0.4, -1, 0.2, 0.8, -0.3])[(t // 1.2).astype(int) % 8]

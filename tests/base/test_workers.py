@@ -18,7 +18,7 @@ import pytest
 
 from elastid.base import workers
 from elastid.base.execution import Execution, persistent_workers, surviving
-from elastid.base.workers import _NAMES, REST, End, KeptOnce, LostError, WorkerState
+from elastid.base.workers import _NAMES, REST, End, LostError, WorkerConstant, WorkerState
 
 LOADING = """
 import os, signal, sys
@@ -158,7 +158,7 @@ def test_workers_start_anew_where_there_is_no_process_to_copy(monkeypatch: pytes
 
 
 @dataclass(frozen=True, eq=False)
-class Data(KeptOnce):
+class Data(WorkerConstant):
     """An array that does not change, and the process that first worked something out of it."""
 
     values: np.ndarray

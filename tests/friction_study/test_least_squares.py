@@ -87,7 +87,7 @@ def test_chance_of_terms_is_uniform_where_they_are_not_there() -> None:
     assert 0.02 < np.mean(np.array(chances) < 0.05) < 0.08
 
 
-def test_the_scattered_covariance_needs_no_variances() -> None:
+def test_robust_covariance_needs_no_variances() -> None:
     """Weights wrong by factors up to three: the std of a slope is its spread over 300 draws to 5 %."""
     rng = np.random.default_rng(5)
     x, factor = np.linspace(-1.0, 1.0, 200), np.exp(np.linspace(-1.0, 1.0, 200))
@@ -97,7 +97,7 @@ def test_the_scattered_covariance_needs_no_variances() -> None:
         ends += minimise(lambda slope, y=y: (y - slope * x) / factor**2, [np.zeros(1)], method="lm")
     spread = np.std([end.x[0] for end in ends])
     none, correlated = np.zeros(200), np.ones(200)
-    stds = [np.sqrt(end.scattered_covariance(correlated, none)[0, 0]) for end in ends]
+    stds = [np.sqrt(end.robust_covariance(correlated, none)[0, 0]) for end in ends]
     assert np.sqrt(np.mean(np.square(stds))) == pytest.approx(spread, rel=0.05)
     assert np.sqrt(ends[0].covariance[0, 0]) != pytest.approx(spread, rel=0.2)
 
@@ -111,7 +111,7 @@ def test_covariances_of_an_optimum_are_the_formulas(size: float) -> None:
     np.testing.assert_allclose(optimum.covariance, A * max(1.0, r @ r / 9))
     variance = np.maximum(2 * (r / (1 - np.diag(J @ A @ J.T))) ** 2, 0.3)
     expected = A @ J.T @ np.diag(variance) @ J @ A
-    np.testing.assert_allclose(optimum.scattered_covariance(np.full(12, 2.0), np.full(12, 0.3)), expected)
+    np.testing.assert_allclose(optimum.robust_covariance(np.full(12, 2.0), np.full(12, 0.3)), expected)
     idle = inverse_normal(J * [1, 0, 1])
     np.testing.assert_allclose(idle[np.ix_([0, 2], [0, 2])], np.linalg.inv(J[:, [0, 2]].T @ J[:, [0, 2]]))
     assert idle[1, 1] == np.inf

@@ -11,7 +11,7 @@ from elastid.fit.parameter_selection import choose, with_tolerances
 from elastid.fit.problem.frf_residuals import kernel_of, linear_model
 from elastid.fit.spec import FitSpec
 from elastid.linear.linearise import Linearisation
-from elastid.linear.ports import locked_motor_motions, moved_by
+from elastid.linear.ports import locked_motor_motions, port_motion
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import EXACT
@@ -23,7 +23,7 @@ LINES = np.linspace(3, 60, 30)
 TOOL = (0.5, 0.1, 0.05)
 ANGLES = np.array([0.3, -0.7])
 FORCES = ("force tool x", "force tool y", "force tool z")
-MOTIONS = tuple(map(moved_by, FORCES))
+MOTIONS = tuple(map(port_motion, FORCES))
 
 
 def arm(tolerances: Tolerances | str = "exact") -> Robot:

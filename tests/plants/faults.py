@@ -133,7 +133,7 @@ def wrong_length(case: Case) -> Case:
     return replace(case, robot=replace(case.robot, bodies=(upper, longer)))
 
 
-def exchanged_postures(case: Case) -> Case:
+def posture_exchanges(case: Case) -> Case:
     """The responses of the second and third posture carry each other's name and angles."""
     first, second, third = case.responses
     swapped = replace(third, configuration=second.configuration), replace(second, configuration=third.configuration)
@@ -215,7 +215,7 @@ FAULTS = {
     ),
     "soft day": Named(soft_day, "spring_2@c3", 0.8, (math.log(SOFT),), 0.2 * abs(math.log(SOFT))),
     "exchanged postures": Named(
-        exchanged_postures, "responses of configurations c2 and c3 exchanged", 0.9, has_tolerances=True
+        posture_exchanges, "responses of configurations c2 and c3 exchanged", 0.9, has_tolerances=True
     ),
     "mirrored motor": Named(
         _times(lambda f: f**0 * [[1, -1], [-1, 1]]), "motor 2 counted in the other direction, torque and motion", 0.9,

@@ -23,13 +23,13 @@ from elastid.validation.comparison import (
     Comparison,
     Refit,
     describe_search,
-    divide,
     final_model,
     fix,
     rank,
     refit,
     restrict,
     search,
+    split_folds,
 )
 from elastid.validation.frf_error import Fold
 
@@ -38,7 +38,7 @@ from elastid.validation.frf_error import Fold
 def test_parts_leave_every_configuration_out_once(n: int, parts: int) -> None:
     """And never all of them: a single one never."""
     names = [f"c{i}" for i in range(n)]
-    found = divide(names, parts)
+    found = split_folds(names, parts)
     assert sorted(name for part in found for name in part) == (sorted(names) if n > 1 else [])
     assert all(0 < len(part) < n for part in found)
     assert len(found) == (min(parts or n, n) if n > 1 else 0)

@@ -156,11 +156,11 @@ def limit_notes(plant: Plant, run: str, u: FloatArray, motors: Iterable[int]) ->
         if fraction > 0:
             yield Note("experiment/limits", f"{text}; {_LOWER}", place)
         elif torque.max() > joint.limits.torque:
-            yield beyond(place, torque.max(), joint.limits.torque, unit)
+            yield limit_note(place, torque.max(), joint.limits.torque, unit)
 
 
-def beyond(location: str, peak: float, limit: float, unit: str) -> Note:
-    """Return a note on a motor that went beyond a limit which its drive does not keep."""
+def limit_note(location: str, peak: float, limit: float, unit: str) -> Note:
+    """Return a note on a motor that exceeded a limit which its drive does not enforce."""
     return Note("experiment/limits", f"reached {peak:.4g} {unit}; its limit is {limit:.4g} {unit}; {_LOWER}", location)
 
 

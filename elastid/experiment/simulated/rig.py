@@ -22,7 +22,7 @@ from elastid.experiment.simulated.hardware import (
     sense,
     sense_movement,
 )
-from elastid.experiment.simulated.plant import Plant, beyond, feed_forward_of, limit_notes, true_plant, true_robot
+from elastid.experiment.simulated.plant import Plant, feed_forward_of, limit_note, limit_notes, true_plant, true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.record import JointLoop, Motion, Record, motion_unit
@@ -205,4 +205,4 @@ def _too_fast(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: floa
         quantities: tuple[Motion, ...] = ("velocity", "acceleration")
         for peak, quantity in zip(peaks, quantities, strict=True):
             if peak > (limit := getattr(joint.limits, quantity)):
-                yield beyond(f"motor {joint.name}", peak, limit, motion_unit(quantity, joint.slides))
+                yield limit_note(f"motor {joint.name}", peak, limit, motion_unit(quantity, joint.slides))

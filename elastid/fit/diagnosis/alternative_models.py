@@ -20,7 +20,7 @@ from elastid.base.errors import ElastidError
 from elastid.fit.diagnosis.forgotten_load import MIN_MASS_FRACTION, find_load, steps_of
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, Scores, against
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.refit import UNCHANGED, on_some_lines, settle
+from elastid.fit.diagnosis.refit import UNCHANGED, on_line_subset, settle
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.result_rows import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve
@@ -66,7 +66,7 @@ def _judged(alternative: AlternativeModel, evidence: Evidence, scores: Scores) -
     is_of_interest = np.array([not p.is_nuisance for p in parameters.free])
     for start in (parameters.x, np.where(is_of_interest, evidence.optimum.end.x, parameters.x)):
         with suppress(ElastidError, np.linalg.LinAlgError):  # no robot stands there, or V has no slope
-            fit = on_some_lines(alternative.assembly.at(start, alternative.assembly.spec.criterion), LIMITS.residuals)
+            fit = on_line_subset(alternative.assembly.at(start, alternative.assembly.spec.criterion), LIMITS.residuals)
             V, end = settle(UNCHANGED, fit, start)
             V *= evidence.optimum.fit.n_residuals / max(fit.n_residuals, 1)
             cost, x = min((cost, x), (V, end), key=lambda point: point[0])
@@ -78,7 +78,7 @@ def _alternatives(evidence: Evidence) -> Iterator[AlternativeModel]:
     yield from _encoders(evidence)
     base = evidence.assembly
     robot, parameters = base.linearisation.model.robot, base.parameters
-    for name, family, other_robot, numbers in (*_motor_inertias(robot), *_mounted_otherwise(robot)):
+    for name, family, other_robot, numbers in (*_motor_inertias(robot), *_mounting_alternatives(robot)):
         yield AlternativeModel(name, family, _with_robot(base, other_robot, _about(parameters, numbers)))
 
 
@@ -144,7 +144,7 @@ def _motor_inertias(robot: Robot) -> Iterator[_Alternative]:
         yield cause, "side of the gear", robot.with_parameters(numbers), numbers
 
 
-def _mounted_otherwise(robot: Robot) -> Iterator[_Alternative]:
+def _mounting_alternatives(robot: Robot) -> Iterator[_Alternative]:
     size = float(np.linalg.norm(robot.gravity)) or 9.81
     directions = {f"gravity along {sign}{axis} of the base": size * float(f"{sign}1") * row
                   for axis, row in zip("xyz", np.eye(3), strict=True) for sign in "+-"}  # fmt: skip
@@ -225,7 +225,7 @@ def _carrying(
         assembly = _with_robot(study, robot, parameters)
         for _ in range(LIMITS.rounds):
             fit = assembly.at(x, study.spec.criterion)
-            _, near = settle(UNCHANGED, on_some_lines(fit), x)
+            _, near = settle(UNCHANGED, on_line_subset(fit), x)
             x = solve(fit.problem, near, ROUGH, LIMITS.iterations).x
         cost = assembly.at(x, study.spec.criterion).evaluate(x).cost
     except (ElastidError, np.linalg.LinAlgError):  # no equilibrium along the search, or V has no derivative

@@ -26,10 +26,10 @@ from elastid.fit.diagnosis.refit import (
     EvaluatedResponse,
     ResponseChange,
     evaluate,
-    on_some_lines,
+    frf_costs,
+    on_line_subset,
     predict,
     settle,
-    squares,
     start_distance,
 )
 from elastid.fit.problem.frf_residuals import ElasticFit, Part
@@ -39,11 +39,11 @@ from elastid.fit.result_rows import ModificationIndex
 def find_channel_error(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     """Append the best channel hypothesis to the indices, with the names of hypotheses indistinguishable from it."""
     optimum, result, assembly = evidence.optimum, evidence.result, evidence.assembly
-    fit, x = on_some_lines(optimum.fit), optimum.end.x
-    of_all, costs = optimum.fit.n_residuals / max(fit.n_residuals, 1), np.array(squares(evaluate(fit, x)))
+    fit, x = on_line_subset(optimum.fit), optimum.end.x
+    of_all, costs = optimum.fit.n_residuals / max(fit.n_residuals, 1), np.array(frf_costs(evaluate(fit, x)))
     starts = [(fit, x, ~result.at_bound)]
     with suppress(ElastidError):  # no equilibrium there
-        file = on_some_lines(assembly.at(assembly.parameters.x, assembly.spec.criterion))
+        file = on_line_subset(assembly.at(assembly.parameters.x, assembly.spec.criterion))
         # With wrong channels, the fit may have changed the nuisance parameters by many of their tolerances.
         starts.append((file, assembly.parameters.x, np.array([not p.is_nuisance for p in assembly.parameters.free])))
     predicted = [  # V of every hypothesis after one step from each start
@@ -97,7 +97,7 @@ def _channels(evaluated: Sequence[EvaluatedResponse]) -> tuple[tuple[str, ...], 
     return outputs, tuple(dict.fromkeys(name for model in models for name in model.inputs))
 
 
-def signs(evaluated: Sequence[EvaluatedResponse], _: FloatArray) -> Iterator[ResponseChange]:
+def sign_errors(evaluated: Sequence[EvaluatedResponse], _: FloatArray) -> Iterator[ResponseChange]:
     """Yield the hypotheses of a channel with the opposite sign."""
     outputs, inputs = _channels(evaluated)
     for location in outputs:
@@ -106,7 +106,7 @@ def signs(evaluated: Sequence[EvaluatedResponse], _: FloatArray) -> Iterator[Res
         yield ResponseChange(f"u at {location} with the other sign", "sign", partial(_times, {}, {location: -1.0}))
 
 
-def directions(evaluated: Sequence[EvaluatedResponse], _: FloatArray) -> Iterator[ResponseChange]:
+def direction_errors(evaluated: Sequence[EvaluatedResponse], _: FloatArray) -> Iterator[ResponseChange]:
     """Yield the hypotheses of a motor that counts torque and motion in the opposite direction."""
     outputs, inputs = _channels(evaluated)
     for location in (location for location in inputs if location in outputs):
@@ -122,7 +122,7 @@ def _times(
     return values * np.outer(rows, columns)
 
 
-def exchanged_channels(evaluated: Sequence[EvaluatedResponse], _: FloatArray) -> Iterator[ResponseChange]:
+def channel_exchanges(evaluated: Sequence[EvaluatedResponse], _: FloatArray) -> Iterator[ResponseChange]:
     """Yield the hypotheses of two exchanged channels."""
     (outputs, inputs), family = _channels(evaluated), "exchanged channels"
     for a, b in combinations(outputs, 2):
@@ -148,7 +148,7 @@ def _permute(
     return values[..., rows, :][..., columns]
 
 
-def exchanged_postures(evaluated: Sequence[EvaluatedResponse], costs: FloatArray) -> Iterator[ResponseChange]:
+def posture_exchanges(evaluated: Sequence[EvaluatedResponse], costs: FloatArray) -> Iterator[ResponseChange]:
     """Yield the hypotheses of two exchanged configurations with large residuals and with equal lines and channels."""
     kernels = [e.part.kernel for e in evaluated]
     for a, b in combinations(sorted(np.argsort(-costs)[: LIMITS.exchanged].tolist()), 2):
@@ -161,13 +161,13 @@ def exchanged_postures(evaluated: Sequence[EvaluatedResponse], costs: FloatArray
             yield ResponseChange(name, "exchanged postures", lambda _, values: values, order)
 
 
-def conjugates(_: Sequence[EvaluatedResponse], __: FloatArray) -> Iterator[ResponseChange]:
+def phase_errors(_: Sequence[EvaluatedResponse], __: FloatArray) -> Iterator[ResponseChange]:
     """Yield the hypotheses of phases for exp(-j omega t), with both signs because of odd powers of j omega."""
     yield ResponseChange("all phases negated", "phase", lambda _, values: values.conj())
     yield ResponseChange("all phases negated", "phase", lambda _, values: -values.conj())
 
 
-def quantities(_: Sequence[EvaluatedResponse], __: FloatArray) -> Iterator[ResponseChange]:
+def quantity_errors(_: Sequence[EvaluatedResponse], __: FloatArray) -> Iterator[ResponseChange]:
     """Yield the hypotheses of a confused position, velocity or acceleration."""
     for power in (1, 2, -1, -2):
         count, direction = "once" if abs(power) == 1 else "twice", "less" if power > 0 else "more"
@@ -181,16 +181,16 @@ def _differentiate(power: int, evaluated: EvaluatedResponse, values: ComplexArra
 
 # Family, changes of the model, error in words, simulated fault of the tests, advice.
 _CHANNEL_ROWS: tuple[tuple[str, Changes, str, str, str], ...] = (
-    ("sign", signs, "sign of a channel", "sign of torque 2", "check sign, scale and gear ratio of the channel"),
-    ("direction", directions, "sign convention of a motor (torque and position)", "mirrored motor",
+    ("sign", sign_errors, "sign of a channel", "sign of torque 2", "check sign, scale and gear ratio of the channel"),
+    ("direction", direction_errors, "sign convention of a motor (torque and position)", "mirrored motor",
      "check the axis of its joint, the sign of its ratio and the signs of its channels"),
-    ("exchanged channels", exchanged_channels, "channels exchanged", "channels y 1 and 2 exchanged",
+    ("exchanged channels", channel_exchanges, "channels exchanged", "channels y 1 and 2 exchanged",
      "check which channel is which"),
-    ("exchanged postures", exchanged_postures, "responses of two configurations exchanged", "exchanged postures",
+    ("exchanged postures", posture_exchanges, "responses of two configurations exchanged", "exchanged postures",
      "check which record is of which posture, and the angles of both"),
-    ("phase", conjugates, "sign of all phases", "negated",
+    ("phase", phase_errors, "sign of all phases", "negated",
      "take the complex conjugates of the responses: their convention is exp(-j omega t)"),
-    ("quantity", quantities, "position, velocity or acceleration confused", "velocities",
+    ("quantity", quantity_errors, "position, velocity or acceleration confused", "velocities",
      "check the quantity (position, velocity, acceleration) of the y channels"),
 )  # fmt: skip
 CHANNEL_HYPOTHESES = tuple(

@@ -23,11 +23,11 @@ from elastid.fit.diagnosis.refit import (
     EvaluatedResponse,
     ResponseChange,
     evaluate,
+    frf_costs,
     logarithmic,
-    on_some_lines,
+    on_line_subset,
     predict,
     settle,
-    squares,
 )
 from elastid.fit.parameter_selection import MAX_TIME
 from elastid.fit.problem.frf_residuals import ElasticFit
@@ -106,12 +106,12 @@ def common_delay(fit: ElasticFit, x: FloatArray) -> float:
     A global search: V is periodic in the delay at each line, and a solver finds the nearest minimum only.  Logarithmic
     criterion; steps of an eighth of the shortest period, up to half the inverse of the distance of two lines.
     """
-    subset = on_some_lines(fit, LIMITS.residuals)
+    subset = on_line_subset(fit, LIMITS.residuals)
     evaluated = evaluate(replace(subset, parts=tuple(map(logarithmic, subset.parts))), x)
     step = 0.125 / max(e.part.kernel.freq_hz[-1] for e in evaluated)
     far = min(MAX_TIME[1], *(0.5 / float(np.diff(e.part.kernel.freq_hz).max(initial=1.0)) for e in evaluated))
     delays = step * np.array(sorted(range(-int(far / step), int(far / step) + 1), key=abs))
-    costs = [sum(squares([replace(e, G=_delay(delay, T, "", "", e, e.G)) for e in evaluated])) for T in delays]
+    costs = [sum(frf_costs([replace(e, G=_delay(delay, T, "", "", e, e.G)) for e in evaluated])) for T in delays]
     return float(delays[np.argmin(costs)])
 
 
@@ -120,7 +120,7 @@ def find_delays(indices: list[ModificationIndex], evidence: Evidence, scores: Sc
     optimum, result, assembly = evidence.optimum, evidence.result, evidence.assembly
     if not optimum.fit.n_residuals:
         return indices
-    fit, x, free = on_some_lines(optimum.fit), optimum.end.x, ~result.at_bound
+    fit, x, free = on_line_subset(optimum.fit), optimum.end.x, ~result.at_bound
     evaluated, prior = evaluate(fit, x), fit.parameters.prior_slopes
     fraction = fit.n_residuals / optimum.fit.n_residuals
     cost, noise = min(predict(UNCHANGED, evaluated, prior, free)[0], scores.cost * fraction), scores.noise * fraction
@@ -140,7 +140,7 @@ def find_delays(indices: list[ModificationIndex], evidence: Evidence, scores: Sc
     points = {row.name: (evaluated, x, free) for row in delayed}
     with suppress(ElastidError):  # no equilibrium there
         start = assembly.parameters.x
-        file = on_some_lines(assembly.at(start, assembly.spec.criterion))
+        file = on_line_subset(assembly.at(start, assembly.spec.criterion))
         if common not in result.parameters.free_names and (T := common_delay(file, start)):
             start = settle(ResponseChange("", "time", partial(_delay, delay, T, "", "")), file, start)[1]
             points[common] = evaluate(file, start), start, True

@@ -18,7 +18,7 @@ from elastid.base.errors import FitError
 from elastid.fit.diagnosis.extended_model import ExtendedModel
 from elastid.fit.diagnosis.hypothesis import Evidence, Scores, against
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.refit import UNCHANGED, evaluate, on_some_lines, predict, spread_out, squares
+from elastid.fit.diagnosis.refit import UNCHANGED, evaluate, frf_costs, on_line_subset, predict, spread_out
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.problem.frf_residuals import ElasticFit, kernel_of, linear_model
 from elastid.fit.problem.inertia_barrier import free_inertias
@@ -61,9 +61,9 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
     models = _models(evidence, extended, assembly.responses[selection])
     springs = [joint.spring for joint in assembly.linearisation.model.robot.joints if joint.spring is not None]
     time_constants = [spring.damping / spring.stiffness for spring in springs if spring.damping > 0]
-    subset = on_some_lines(replace(optimum.fit, parts=optimum.fit.parts[selection]), LIMITS.residuals)
+    subset = on_line_subset(replace(optimum.fit, parts=optimum.fit.parts[selection]), LIMITS.residuals)
     ratio = float(np.median(time_constants)) if time_constants else 1e-3
-    V, estimates = sum(squares(evaluate(subset, x))), named(assembly.parameters.free_names, x)
+    V, estimates = sum(frf_costs(evaluate(subset, x))), named(assembly.parameters.free_names, x)
     for name in extended.rigid:
         trials = []
         for k in _stiffnesses(name, models, subset).tolist():

@@ -76,7 +76,7 @@ def spread_out(count: int) -> slice:
     return slice(None, None, max(1, math.ceil(count / CONFIGURATIONS)))
 
 
-def on_some_lines(fit: ElasticFit, residuals: int = 8_000) -> ElasticFit:
+def on_line_subset(fit: ElasticFit, residuals: int = 8_000) -> ElasticFit:
     """Return the fit on a subset of lines of each configuration, with about `residuals` real residuals in total.
 
     Without static load tests, which do not depend on the channels of the responses.
@@ -120,7 +120,7 @@ def start_distance(parameters: Parameters, x: FloatArray) -> float:
     return sum(2 * math.log1p(((x[i] - parameters.x[i]) / STEP_STD) ** 2) for i in stiffnesses)
 
 
-def squares(evaluated: Sequence[EvaluatedResponse]) -> list[float]:
+def frf_costs(evaluated: Sequence[EvaluatedResponse]) -> list[float]:
     """Return V of each configuration."""
     return [float(e.residual @ e.residual) for e in evaluated]
 

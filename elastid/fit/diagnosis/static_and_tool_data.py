@@ -104,11 +104,11 @@ def agreement(source: SecondSource, motor_fit: Result) -> tuple[Agreement, float
     has_factor = factor_error**2 > scale * chi_square_limit(1, FALSE_ALARM_RATE) * std**2
     disagrees = scale * dof * max_cost_ratio(dof) < T or has_factor
     ratio = (1 + factor_error, std) if np.isfinite(std) else (np.nan, std)
-    cause_cost = cause_cost if explains(source, T, cause_cost) else np.inf
+    cause_cost = cause_cost if explains_excess(source, T, cause_cost) else np.inf
     return Agreement(*ratio, T, dof, _UNKNOWN if disagrees else ""), cause_cost
 
 
-def explains(source: SecondSource, T: float, cause_cost: float) -> bool:
+def explains_excess(source: SecondSource, T: float, cause_cost: float) -> bool:
     """Return True if a cause that lowers T to `cause_cost` explains most of the excess of T over its expectation."""
     return T - cause_cost > LIMITS.majority_fraction * (T - source.n_residuals)
 
@@ -165,7 +165,7 @@ def tool_agreement(assembly: Assembly, motor_fit: Result) -> ToolAgreement:
         if cost_with_factor < costs[remedy] and abs(result.ratio - 1) < LIMITS.largest:
             cause = "check unit and calibration of hammer and sensor, and the torque constants of the motors: all "
             result = replace(result, cause=f"{cause}responses at the tool are {result.ratio:.4g} times as large")
-        elif is_misread := explains(source, result.chi_square, costs[remedy]):
+        elif is_misread := explains_excess(source, result.chi_square, costs[remedy]):
             result = replace(result, cause=remedy)
     comparison = tuple(
         _compare(G, part, fit, motor_fit.x) for G, part in zip(assembly.responses, fit.parts, strict=True)

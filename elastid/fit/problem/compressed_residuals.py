@@ -29,7 +29,7 @@ import numpy.typing as npt
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.kernels import call
 from elastid.base.large_arrays import move_beside, release
-from elastid.base.workers import KeptOnce
+from elastid.base.workers import WorkerConstant
 from elastid.fit.problem.least_squares import ResidualKind
 from elastid.fit.problem.weights import Whitening
 from elastid.linear.response.derivatives import AnyComplex, Columns, Sensitivity
@@ -125,7 +125,7 @@ def _times(R: npt.NDArray[np.inexact[Any]], U: AnyComplex) -> AnyComplex:
 
 
 @dataclass(frozen=True, eq=False)
-class CompressedResiduals(KeptOnce):
+class CompressedResiduals(WorkerConstant):
     """The residuals mixing (gain e) of one configuration; measured, gain, criterion and whitening as of `Part`.
 
     elements: rows and columns (n_e,) of the elements g.  entries (n_y, n_u): index of each entry in elements.

@@ -20,14 +20,14 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.base.errors import DataError
 from elastid.base.execution import HERE, Execution, Item, Value
-from elastid.base.workers import KeptOnce
+from elastid.base.workers import WorkerConstant
 from elastid.fit.problem.compressed_residuals import CompressedResiduals, NormalEquations
 from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares, ResidualKind, difference, error_gain
 from elastid.fit.problem.weights import Weights, Whitening
 from elastid.linear.linear_model import LinearModel, is_load
 from elastid.linear.linearise import Linearisation
-from elastid.linear.ports import Ports, acted_on, moved_by
+from elastid.linear.ports import Ports, acted_on, port_motion
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import zoh_aliases
@@ -45,7 +45,7 @@ MIN_LINES = 5_000
 
 
 @dataclass(frozen=True, eq=False)
-class Part(KeptOnce):
+class Part(WorkerConstant):
     """One configuration: measured G (F, n_y, n_u), the columns of its model, and the scale of its residuals.
 
     measured: without the aliases of ZOH torques, by the model where it was linearised.
@@ -137,7 +137,7 @@ def apply_mixing(mixing: ComplexArray | None, values: ComplexArray) -> ComplexAr
 
 
 @dataclass(frozen=True, eq=False)
-class Chunk(KeptOnce):
+class Chunk(WorkerConstant):
     """Some configurations over one set of parameters."""
 
     parameters: Parameters
@@ -312,13 +312,13 @@ def at_measured_places(model: LinearModel, response: Response | LinearModel) -> 
     """Return the model with inputs, outputs, hold and sampling of a response, or of its model."""
     if all(getattr(model, name) == getattr(response, name) for name in ("inputs", "outputs", "hold", "controller")):
         return model
-    loads = {moved_by(name) for name in response.inputs if is_load(name)}
+    loads = {port_motion(name) for name in response.inputs if is_load(name)}
     is_closed = response.controller is not None and model.controller is None
     references = tuple(f"{REFERENCE}{name[6:]}" for name in model.inputs) if is_closed else ()
     known_inputs = (
         *model.inputs,
         *references,
-        *(name for name in response.inputs if is_load(name) and moved_by(name) in model.outputs),
+        *(name for name in response.inputs if is_load(name) and port_motion(name) in model.outputs),
     )
     locations = (("input", response.inputs, known_inputs), ("output", response.outputs, model.outputs))
     for kind, names, options in locations:
@@ -346,7 +346,7 @@ def linear_model(
 
 def places_of(response: Response | LinearModel) -> tuple[str, ...]:
     """Return the outputs of a response, and the motions on which its forces at frames work."""
-    return tuple(dict.fromkeys((*response.outputs, *(moved_by(name) for name in response.inputs if is_load(name)))))
+    return tuple(dict.fromkeys((*response.outputs, *(port_motion(name) for name in response.inputs if is_load(name)))))
 
 
 def kernel_of(

@@ -41,7 +41,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_valu
 from elastid.base.large_arrays import move_beside
 from elastid.base.matrices import inverse
 from elastid.base.statistics import chi_square_limit
-from elastid.base.workers import KeptOnce
+from elastid.base.workers import WorkerConstant
 from elastid.record import MOTION_ORDER, Motion
 from elastid.response import Covariance, Response
 
@@ -138,7 +138,7 @@ def _powers(W: ComplexArray, w: FloatArray, shapes: NoiseShapes, g: ComplexArray
 
 
 @frozen_value
-class SmoothedNoise(KeptOnce):
+class SmoothedNoise(WorkerConstant):
     """Sample covariance and its smoothed value over neighbouring DFT lines, for unbiased weights 1 / v.
 
     Both covariances have the same form. Matrices of all elements are computed when needed and not stored.

@@ -12,7 +12,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen, fro
 from elastid.base.errors import DataError, Note, StudyError, did_you_mean
 from elastid.base.matrices import inverse
 from elastid.base.names import posture_of
-from elastid.base.workers import KeptOnce
+from elastid.base.workers import WorkerConstant
 from elastid.covariance import kronecker
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.spec import TYPICAL_MODEL_ERROR, FactorSpec, FitSpec, find_misnamed
@@ -20,7 +20,7 @@ from elastid.response import Covariance, Response
 
 
 @dataclass(frozen=True, eq=False)
-class Whitening(KeptOnce):
+class Whitening(WorkerConstant):
     """Whitening of errors relative to sigma (F, n_y, n_u), inf for excluded elements; factors only, to save memory.
 
     noise: C~.  floor: alpha, of |G| (F, n_y, n_u).
@@ -84,7 +84,7 @@ def _is_singular(noise: Covariance, sigma: FloatArray) -> bool:
 
 
 @frozen_value
-class Weights(KeptOnce):
+class Weights(WorkerConstant):
     """sigma (F, n_y, n_u): standard deviation E|dG|^2 ^ 1/2 with which each element counts, inf where it is left out.
 
     factor (F, n_y, n_u): of the study, times the inverse variance.  noise: of the response, None where it is unknown.
@@ -141,7 +141,7 @@ def weigh(response: Response, spec: FitSpec) -> Weights:
     texts = list[str]()
     if measured is None:
         texts.append(f"no variance is known; the model error of {floor:g} determines the weights")
-    mute = _no_more_than_noise(response, variance, is_used)
+    mute = _is_below_noise(response, variance, is_used)
     if mute.any():
         names = ", ".join(f"{response.outputs[i]} from {response.inputs[j]}" for i, j in np.argwhere(mute))
         texts.append(f"FRF elements without a significant response are not fitted: {names}")
@@ -208,10 +208,10 @@ def _within(freq_hz: FloatArray, band_hz: tuple[float, float]) -> BoolArray:
     return (freq_hz >= band_hz[0]) & (freq_hz <= band_hz[1])
 
 
-def _no_more_than_noise(response: Response, variance: FloatArray, is_used: BoolArray) -> BoolArray:
+def _is_below_noise(response: Response, variance: FloatArray, is_used: BoolArray) -> BoolArray:
     """Flag elements (n_y, n_u) with less signal than noise on their lines, mean |G|^2 / v < 2, or all zero.
 
-    A weak element with a few lines above its noise stays: the weights know how much each line is worth.
+    A weak element with a few lines above its noise is used: each line is weighted by its own variance.
     """
     power = np.abs(response.G) ** 2
     ratio = np.divide(power, variance, out=np.where(power > 0, np.inf, 0.0), where=variance > 0)

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from elastid.base.workers import KeptOnce
+from elastid.base.workers import WorkerConstant
 from elastid.linear.response.kernel import Kernel
 
 AnyComplex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]
@@ -139,7 +139,7 @@ class Pieces:
 
 
 @dataclass(frozen=True, eq=False)
-class Columns(KeptOnce):
+class Columns(WorkerConstant):
     """A kernel's response and derivatives, element by element and base by base."""
 
     kernel: Kernel

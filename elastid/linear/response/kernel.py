@@ -27,7 +27,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.kernels import call, is_compiled
-from elastid.base.workers import KeptOnce
+from elastid.base.workers import WorkerConstant
 from elastid.linear.linear_model import TORQUE_LAG, LinearModel
 from elastid.linear.response.closed_loop import GAINS, ClosedLoop, close_loop, open_loops
 from elastid.linear.response.transfer import factor, fold_images, zoh_aliases
@@ -71,7 +71,7 @@ class Sides:
 
 
 @frozen_value(eq=False)
-class Kernel(KeptOnce):
+class Kernel(WorkerConstant):
     """G of one LinearModel on the lines freq_hz (F,), and the factors for its derivatives with respect to `parameters`
     (P names).
 

@@ -148,7 +148,7 @@ class TextLog(Log):
         is_wrong = np.any([is_missing for _, is_missing in columns], axis=0)
         return np.stack([x for x, _ in columns], axis=1), int(is_wrong.sum()) + len(nonempty) - len(rows)
 
-    def wrong_cell(self, columns: Sequence[int], span: slice) -> str:
+    def cell_error(self, columns: Sequence[int], span: slice) -> str:
         """Return message on the first cell without a number in a range of rows; empty without such a cell."""
         rows = range(self.first, len(self.number_lines))[span]
         lines = self.number_lines[rows.start : rows.stop]

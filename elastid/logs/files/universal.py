@@ -66,7 +66,7 @@ def _readable(path: Path) -> Iterator[str]:
         yield str(copy)
 
 
-def place_of(data_set: dict[str, Any], side: str) -> str:
+def dof_name(data_set: dict[str, Any], side: str) -> str:
     """Return node and direction of a function, 3z or 3rz (about z), on its side: rsp (output) or ref (input)."""
     direction = abs(int(data_set[f"{side}_dir"]))
     name = _DIRECTIONS[direction] if direction < len(_DIRECTIONS) else f"?{direction}"
@@ -78,7 +78,7 @@ def time_histories(path: Path) -> dict[str, dict[str, Any]]:
     histories: dict[str, dict[str, Any]] = {}
     for data_set in sets_of(path, 58):
         if int(data_set["func_type"]) == 1:
-            name = place_of(data_set, "rsp")
+            name = dof_name(data_set, "rsp")
             histories[name if name not in histories else f"{name} {len(histories) + 1}"] = data_set
     return histories
 

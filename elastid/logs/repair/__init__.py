@@ -90,7 +90,7 @@ def interpolate_linearly(x: FloatArray) -> FloatArray:
     return np.interp(np.arange(len(x)), finite, x[finite]) if finite.size else np.zeros(len(x))
 
 
-def flatten(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
+def detrend_repetitions(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
     """Return the repetitions of a signal (n,) as rows (P, L) without their means and slopes.  sign: as for `blocks`."""
     return without_line(blocks(x, L, sign))
 

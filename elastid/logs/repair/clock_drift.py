@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, folded
-from elastid.logs.repair import Log, flatten
+from elastid.logs.repair import Log, detrend_repetitions
 from elastid.logs.repair.resampling import RESAMPLED, at_times
 
 # Correlation at the best delay at least; below, the signals are not the same.
@@ -105,7 +105,7 @@ class ClockDrift:
 
 def clock_drift(drivers: FloatArray, N: int) -> ClockDrift:
     """Estimate the excess of the period over N samples, from excitation signals (n, c)."""
-    X = np.stack([flatten(x, N) for x in drivers.T], axis=2)
+    X = np.stack([detrend_repetitions(x, N) for x in drivers.T], axis=2)
     size = np.sqrt(np.mean(X**2, axis=(0, 1)))
     Z = np.fft.rfft(X / np.where(size > 0, size, 1.0), axis=1)  # scale each signal to an rms of 1, or 0
     # The first period may hold a transient.
@@ -121,7 +121,7 @@ def clock_drift(drivers: FloatArray, N: int) -> ClockDrift:
     return ClockDrift(excess, error_before, error_after)
 
 
-def resample_drift(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> FloatArray:
+def resample_to_generator(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> FloatArray:
     """Resample finite signals (n, c) to the generator's clock if it differs; DataError for fewer than two periods."""
     P = len(signals) // N
     if P < 2:

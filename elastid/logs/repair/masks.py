@@ -18,7 +18,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, folded
 from elastid.base.statistics import runs
-from elastid.logs.repair import Log, flatten, without_line
+from elastid.logs.repair import Log, detrend_repetitions, without_line
 
 MASKED, STOPPED = "samples taken as missing", "stops"
 CHECK_CELLS = "Check the column for empty cells and error values such as #N/A, or measure again"
@@ -218,7 +218,7 @@ def _exact_step(gaps: FloatArray, q: float) -> float:
 def report_steps(signals: FloatArray, L: int, sign: int, log: Log) -> None:
     """Report each channel of signals (n, c) with a noise of steps that counts relative to its repeating part."""
     for c, name in enumerate(log.names):
-        q, mean = step(signals[:, c]), flatten(signals[:, c], L, sign).mean(axis=0)
+        q, mean = step(signals[:, c]), detrend_repetitions(signals[:, c], L, sign).mean(axis=0)
         size, noise = float(mean.std()), q / np.sqrt(12)
         if q == 0 or np.ptp(mean) < (MIN_VALUES - 1.5) * q or noise < MIN_REPORTED_FRACTION * size:
             continue
@@ -235,7 +235,7 @@ def report_clipping(signals: FloatArray, L: int, log: Log) -> None:
         for start, end in runs(_at_limit(x), MIN_EQUAL):
             is_clipped[start:end] = True
         fraction, n_clipped = float(is_clipped.mean()), int(is_clipped.sum())
-        if fraction < MIN_REPORTED_FRACTION or _visits(x, is_clipped) < MIN_PLACES * max(1, len(x) // L):
+        if fraction < MIN_REPORTED_FRACTION or _count_visits(x, is_clipped) < MIN_PLACES * max(1, len(x) // L):
             continue
         text = f"{name}: {n_clipped} of {len(x)} samples ({100 * fraction:.2g} %) are at its limits of "
         text += f"{np.min(x):.4g} and {np.max(x):.4g}"
@@ -255,7 +255,7 @@ def _at_limit(x: FloatArray) -> BoolArray:
     return np.asarray(at_limit & is_limit)
 
 
-def _visits(x: FloatArray, is_clipped: BoolArray) -> int:
+def _count_visits(x: FloatArray, is_clipped: BoolArray) -> int:
     span = np.ptp(x)
     is_away = (np.max(x) - x > MIN_DEPARTURE * span) & (x - np.min(x) > MIN_DEPARTURE * span)
     return int(np.sum(np.diff((is_clipped.astype(int) - is_away)[is_clipped | is_away]) == 2))

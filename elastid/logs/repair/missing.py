@@ -15,7 +15,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.statistics import runs
 from elastid.logs.repair import MAX_WRONG_FRACTION, Log, interpolate_linearly
-from elastid.logs.repair.clock_drift import resample_drift
+from elastid.logs.repair.clock_drift import resample_to_generator
 from elastid.logs.repair.interpolation import MAX_BRIDGED, interpolations, period_noise
 from elastid.logs.repair.masks import (
     CHECK_CELLS,
@@ -152,7 +152,7 @@ def repair(
     complete = without_stops(_with_integer_period(signals, period, N, L, log), roles["u"], L, log)
     with_gaps = without_standstill(complete, L, log)
     stack = _with_flags(with_gaps)
-    clock = resample_drift(stack, stack[:, drivers], N, log)
+    clock = resample_to_generator(stack, stack[:, drivers], N, log)
     on_clock = with_gaps if clock is stack else _with_missing(clock, signals.shape[1])
     check(on_clock[:, drivers])
     repeating = replace(log, names=log.names[: sum(map(len, roles.values()))])

@@ -25,7 +25,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.statistics import runs
-from elastid.logs.repair import Log, blocks, flatten, interpolate_linearly
+from elastid.logs.repair import Log, blocks, detrend_repetitions, interpolate_linearly
 from elastid.logs.repair.interpolation import MAX_BRIDGED, QUIET_FRACTION, QUIET_STD, interpolations, period_noise
 from elastid.logs.repair.masks import MASKED, MAX_FRACTION, MIN_OVER_USUAL, step
 
@@ -169,7 +169,7 @@ def _differences(x: FloatArray, L: int, sign: int) -> list[FloatArray]:
 
     A spike differs from each of them; a sample whose reference has a spike does not.
     """
-    X = flatten(x, L, sign)
+    X = detrend_repetitions(x, L, sign)
     references = [np.roll(X, -1, axis=0), np.roll(X, -2, axis=0)]
     if len(X) > MIN_PERIODS:
         references.append(np.broadcast_to(np.median(X, axis=0), X.shape))
@@ -191,10 +191,10 @@ def _transient_pulse(x: FloatArray, L: int, sign: int, q: float) -> float:
 
 
 def _roughest(x: FloatArray, candidates: BoolArray, is_tested: BoolArray, L: int) -> BoolArray:
-    """Select the roughest candidate (P L,) at each phase of a signal, and all that are rough: of three, two spikes make
-    the third one, and two unlike ones are not references of each other.
+    """Select the roughest candidate (P L,) at each phase of a signal, and all others that are rough.
 
-    Where other periods are rougher by far at its phase, these have the spikes.
+    Of three periods, two with spikes also flag the third. Two different spikes are not references of each other. If
+    other periods are far rougher at this phase, they contain the spikes.
     """
     from scipy.ndimage import maximum_filter
 

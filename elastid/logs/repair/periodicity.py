@@ -13,7 +13,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, folded
 from elastid.base.errors import DataError
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
-from elastid.logs.repair import Log, flatten
+from elastid.logs.repair import Log, detrend_repetitions
 from elastid.logs.repair.clock_drift import MAX_CLOCK_ERROR, MAX_REMAINING_FRACTION, MIN_DELAY_CORRELATION
 from elastid.logs.repair.masks import CHECK_CELLS, MAX_MISSING_FRACTION, MIN_OVER_USUAL
 from elastid.logs.repair.resampling import at_times
@@ -90,7 +90,7 @@ def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repe
     n = len(x)
     if n < MIN_PERIODS * lag or lag < 1 or finite.size == 0:
         return _NONE
-    residual = flatten(x, lag).ravel() if n >= 2 * lag else _detrend(x, lag)
+    residual = detrend_repetitions(x, lag).ravel() if n >= 2 * lag else _detrend(x, lag)
     rho = autocorrelation(residual)
     P = len(residual) // lag
     result = Repetition(0.0, float(lag), 0.0, _remainder_is_noise(rho, lag, sign))
@@ -111,7 +111,7 @@ def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repe
 
 def _best(x: FloatArray) -> Repetition:
     """Find the lag at which a signal (n,) repeats, with or without a drift."""
-    candidates = (x - np.nanmean(x), flatten(x, len(x)).ravel())
+    candidates = (x - np.nanmean(x), detrend_repetitions(x, len(x)).ravel())
     best = max((_anywhere(signal) for signal in candidates), key=lambda result: result.rank)
     return _anywhere(_detrend(x, round(best.best_samples))) if best.best_samples else best
 

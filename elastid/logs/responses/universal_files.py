@@ -19,7 +19,7 @@ from elastid.base.errors import Note
 from elastid.base.units import dimension_and_size
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.logs.files.universal import FUNCTIONS, UFF_QUANTITIES, is_universal_file, place_of, sets_of
+from elastid.logs.files.universal import FUNCTIONS, UFF_QUANTITIES, dof_name, is_universal_file, sets_of
 from elastid.logs.responses.table import ResponseTable, label, table_error
 from elastid.modal.spec import GeometrySpec
 
@@ -33,11 +33,11 @@ _UNITS = {
 def uff_table(path: Path, channels: tuple[ChannelSpec, ...]) -> ResponseTable:
     """Read all responses as one matrix; StudyError without pyuff or for other quantities, DataError for other lines."""
     sets = _responses(path)
-    outputs, inputs = (tuple(dict.fromkeys(place_of(data_set, side) for data_set in sets)) for side in ("rsp", "ref"))
+    outputs, inputs = (tuple(dict.fromkeys(dof_name(data_set, side) for data_set in sets)) for side in ("rsp", "ref"))
     freq = np.asarray(sets[0]["x"], dtype=np.float64)
     G = np.full((len(freq), len(outputs), len(inputs)), np.nan, dtype=np.complex128)
     for data_set in sets:
-        output, input_ = place_of(data_set, "rsp"), place_of(data_set, "ref")
+        output, input_ = dof_name(data_set, "rsp"), dof_name(data_set, "ref")
         if not np.array_equal(np.asarray(data_set["x"]), freq):
             pairs = f"the responses of {output} to {input_} and of {outputs[0]} to {inputs[0]}"
             raise table_error(path, f"{pairs} have different frequencies. Export all with the same lines")
@@ -51,17 +51,17 @@ def uff_table(path: Path, channels: tuple[ChannelSpec, ...]) -> ResponseTable:
 def uff_contents(path: Path) -> tuple[str, ...]:
     """Return one line for each response of a universal file."""
     return tuple(
-        f"response of {place_of(data_set, 'rsp')} ({_quantity(data_set) or 'unknown quantity'}) "
-        f"to {place_of(data_set, 'ref')}: {len(data_set['x'])} lines, {data_set['x'][0]:g} to {data_set['x'][-1]:g} Hz"
+        f"response of {dof_name(data_set, 'rsp')} ({_quantity(data_set) or 'unknown quantity'}) "
+        f"to {dof_name(data_set, 'ref')}: {len(data_set['x'])} lines, {data_set['x'][0]:g} to {data_set['x'][-1]:g} Hz"
         for data_set in _responses(path)
     )
 
 
-def uff_places(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
+def uff_locations(path: Path) -> tuple[dict[str, str], tuple[str, ...]]:
     """List outputs of a universal file with quantities (default: acceleration), and its inputs."""
     sets = _responses(path)
-    outputs = {place_of(data_set, "rsp"): _quantity(data_set) or "acceleration" for data_set in sets}
-    return outputs, tuple(dict.fromkeys(place_of(data_set, "ref") for data_set in sets))
+    outputs = {dof_name(data_set, "rsp"): _quantity(data_set) or "acceleration" for data_set in sets}
+    return outputs, tuple(dict.fromkeys(dof_name(data_set, "ref") for data_set in sets))
 
 
 def geometry_of_files(experiment: ExperimentSpec, folder: Path) -> GeometrySpec | None:

@@ -163,7 +163,7 @@ def friction_taken_out(friction: CompensatedFriction, robot: Robot | None = None
     return figure
 
 
-def curve_of(friction: CompensatedFriction, location: str) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
+def compensated_curve(friction: CompensatedFriction, location: str) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
     """Return x (n,), torque and std of a motor, and True if x is a distance from a reversal, link side, rad (m).
 
     Without a bristle, friction is a function of velocity, and x is that, in rad/s (m/s).
@@ -184,7 +184,7 @@ def curve_of(friction: CompensatedFriction, location: str) -> tuple[FloatArray, 
 
 def _taken_out(friction: CompensatedFriction, i: int, modelled: float | None) -> Panel:
     location, unit = friction.places[i], friction.place_units[i]
-    x, torque, std, is_distance = curve_of(friction, location)
+    x, torque, std, is_distance = compensated_curve(friction, location)
     band = style.about(torque, std)
     curves = [Curve(1e3 * x, torque, "friction", style.FITTED, band=band, band_label="95 % interval")]
     for coulomb in () if modelled is None else (modelled, -modelled):

@@ -13,7 +13,7 @@ from plants.waves import CLEAN, DRIFT, LOG, N, P, outcome, wave
 
 from elastid.base.arrays import FloatArray
 from elastid.logs.repair import Findings, Log
-from elastid.logs.repair.clock_drift import delay, resample_drift
+from elastid.logs.repair.clock_drift import delay, resample_to_generator
 from elastid.logs.repair.time_stamps import (
     GAPS,
     JITTER,
@@ -156,9 +156,9 @@ def test_times_that_hold_too_little_are_refused_with_what_to_state() -> None:
     t = np.cumsum(np.random.default_rng(4).choice([0.010, 0.012], 2000))
     with refused("records/clock", place="log.csv", holds=("37.5 Hz", "90 Hz", "rate_hz 200", "rate_hz: 83")):
         on_grid(t, t[:, None], 200.0, LOG)
-    resample_drift, findings = outcome(on_grid, t, t[:, None], 83.0)
+    resample_to_generator, findings = outcome(on_grid, t, t[:, None], 83.0)
     assert findings
-    assert len(resample_drift) == int((t[-1] - t[0]) * 83.0) + 1
+    assert len(resample_to_generator) == int((t[-1] - t[0]) * 83.0) + 1
     with refused("records/clock", place="log.csv", holds="sample 50"):
         on_grid(np.where(np.arange(2000) < 50, t, -t), t[:, None], 100.0, LOG)
     with refused("records/clock", place="log.csv", holds="sample 7"):
@@ -202,7 +202,7 @@ def test_a_clock_that_differs_is_taken_out(excess: float, drift: float) -> None:
     """A period of N + e samples: the signal is back to 2e-4 of its size, drift or not."""
     t = np.arange(int(np.ceil(P * (N + excess)))) * N / (N + excess)
     signals = wave(t) + drift * np.outer(t / (P * N), [0.0, 5e4])
-    repaired, findings = outcome(resample_drift, signals, signals[:, :1], N)
+    repaired, findings = outcome(resample_to_generator, signals, signals[:, :1], N)
     error = repaired - CLEAN - drift * DRIFT
     # Near its ends the log leans on what it is continued with.
     assert np.all(np.abs(error[50:-50]).max(axis=0) < 2e-4 * CLEAN.std(axis=0))

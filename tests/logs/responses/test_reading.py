@@ -22,7 +22,7 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
 from elastid.logs.responses.reading import link_side_response, read_table
-from elastid.logs.responses.universal_files import uff_geometry, uff_places, uff_table
+from elastid.logs.responses.universal_files import uff_geometry, uff_locations, uff_table
 from elastid.record import Configuration, Motion
 from elastid.response import Response
 from elastid.store.measured import read_responses
@@ -401,4 +401,4 @@ def test_geometry_is_that_of_nodes_and_trace_lines(tmp_path: Path) -> None:
 
 def test_places_are_those_of_the_responses(tmp_path: Path) -> None:
     """Node 2 along z answers node 1: the channels of a study that `new --from` writes."""
-    assert uff_places(written(tmp_path / "a.uff", 1)) == ({"2z": "acceleration"}, ("1z",))
+    assert uff_locations(written(tmp_path / "a.uff", 1)) == ({"2z": "acceleration"}, ("1z",))
