@@ -39,13 +39,10 @@ SETTLE, SMOOTH_S = 15.0, 0.06
 PERTURBATION, DELAY_STEP_S = 1e-3, 2e-4
 START_ITERATIONS, START_COARSENESS, MAX_ITERATIONS, TOLERANCE, LEAST_CURVATURE = 8, 4, 30, 1e-5, 1e-12
 DAMPINGS = np.append(0.0, 10.0 ** np.arange(-4, 4))
-# How joints stick: the free parameters.  Start values: stick time, s; creep; displacement of the bristles before
-# sliding over the travel; their damping time, s.
+# How joints stick: the free parameters.  Start values: stick time, s, and creep, or displacement of the bristles before
+# sliding over the travel and their damping time, s; the others are 0.
 EXACT, SOFT, BRISTLES = (), NUMBERS[6:8], NUMBERS[8:]
-START_STICKING = (
-    (SOFT, (0.01, 0.1, 0.0, 0.0)), (SOFT, (0.02, 0.6, 0.0, 0.0)), (BRISTLES, (0.0, 0.0, 0.001, 0.001)),
-    (BRISTLES, (0.0, 0.0, 0.01, 0.001))
-)  # fmt: skip
+START_STICKING = (SOFT, (0.01, 0.1)), (SOFT, (0.02, 0.6)), (BRISTLES, (0.001, 0.001)), (BRISTLES, (0.01, 0.001))
 # Factors of the Coulomb friction of the regression, which is low for a joint that mostly sticks.
 COULOMB_FACTORS = np.array([1.0, 2.0, 4.0])
 # A joint sticks exactly unless its Coulomb friction and its parameters of sticking (stick times beyond one step of the
@@ -76,8 +73,7 @@ class _Problem:
         n, joints = max(len(log.position) for log in logs), tuple(dict.fromkeys(j for log in logs for j in log.joints))
 
         def side_by_side(name: str) -> FloatArray:
-            parts = [getattr(log, name) for log in logs]
-            return np.hstack([np.vstack([x, np.repeat(x[-1:], n - len(x), axis=0)]) for x in parts])
+            return np.hstack([np.pad(x := getattr(log, name), ((0, n - len(x)), (0, 0)), "edge") for log in logs])
 
         kp, kd, velocity, carried, late = (
             np.concatenate([getattr(log, name) for log in logs])
@@ -121,10 +117,6 @@ class _Problem:
     def errors(self, simulations: Sequence[FloatArray], candidate: int = 0) -> list[FloatArray]:
         """Return the measured minus the simulated means (n_k, m_k) of each log for one candidate."""
         return [q - sim[:, candidate] for q, sim in zip(self.measured, simulations, strict=True)]
-
-    def errors_of(self, numbers: FloatArray, delay_s: float) -> list[FloatArray]:
-        """Return the measured minus the simulated means (n_k, m_k) of each log for numbers (m, 10)."""
-        return self.errors(self.simulate(numbers[None], np.array([delay_s])))
 
     @property
     def travel(self) -> FloatArray:
@@ -204,10 +196,9 @@ def _search(problem: _Problem, numbers: FloatArray, delay_s: float, iterations: 
         problem = problem.resolved(numbers)
         end = _linearise(problem, numbers, delay_s)
         trials = [_next_numbers(problem, numbers, delay_s, step) for step in end.steps()]
-        candidates, delays = np.stack([trial for trial, _ in trials]), np.array([late for _, late in trials])
-        costs = _log_squares(problem, candidates, delays).sum(axis=1)
+        costs = _log_squares(problem, *map(np.array, zip(*trials, strict=True))).sum(axis=1)
         best = int(costs.argmin())
-        if not end.cost - costs[best] > TOLERANCE * len(problem.joints):
+        if not np.log(end.variance).sum() - costs[best] > TOLERANCE * len(problem.joints):
             break
         numbers, delay_s = trials[best]
     return numbers, delay_s
@@ -244,24 +235,21 @@ def _log_squares(problem: _Problem, candidates: FloatArray, delays: FloatArray) 
 
 
 def _mean_squares(problem: _Problem, errors: Sequence[FloatArray]) -> FloatArray:
-    squares, counts = np.zeros((2, len(problem.joints)))
-    for log, error in zip(problem.logs, errors, strict=True):
-        places = [problem.joints.index(joint) for joint in log.joints]
-        with np.errstate(over="ignore"):  # a candidate may diverge
-            squares[places] += np.sum(error**2, axis=0)
-        counts[places] += len(error)
-    return np.maximum(squares / counts, 1e-300)
+    with np.errstate(over="ignore"):  # a candidate may diverge
+        squares = np.concatenate([np.sum(error**2, axis=0) for error in errors])
+    counts = np.concatenate([np.full(error.shape[1], len(error)) for error in errors])
+    return np.maximum(np.bincount(problem.index, squares) / np.bincount(problem.index, counts), 1e-300)
 
 
 @dataclass(frozen=True)
 class _Linearisation:
-    """Linearised problem: normal matrix (n_x, n_x), cost, scores.
+    """Linearised problem: normal matrix (n_x, n_x), mean squared error of each joint (m,), scores.
 
     scores: gradient of the weighted squares at each instant of each log (n_k, n_x).
     """
 
     normal: FloatArray
-    cost: float
+    variance: FloatArray
     scores: tuple[FloatArray, ...]
 
     def _spectrum(self) -> tuple[FloatArray, FloatArray]:
@@ -310,7 +298,7 @@ def _linearise(problem: _Problem, numbers: FloatArray, delay_s: float) -> _Linea
             joint_rows = np.append(places[i, free], n_x - 1)
             normal[np.ix_(joint_rows, joint_rows)] += X.T @ X
             score[:, joint_rows] += X * (error[:, column] / std)[:, None]
-    return _Linearisation(normal, float(np.sum(np.log(variance))), tuple(scores))
+    return _Linearisation(normal, variance, tuple(scores))
 
 
 def _start(problem: _Problem) -> tuple[_Problem, FloatArray, float]:
@@ -326,12 +314,12 @@ def _start(problem: _Problem) -> tuple[_Problem, FloatArray, float]:
     for names, values in START_STICKING:
         starts = np.repeat(regressions[[best]], len(delays), axis=0)
         starts[..., 2] *= COULOMB_FACTORS[:, None]
-        starts[..., 6:] = values
+        starts[..., [NUMBERS.index(name) for name in names]] = values
         starts[..., 8] *= problem.travel / np.maximum(starts[..., 2], _scales(problem)[:, 2] / 100)
         start = _best(starts, _log_squares(problem, starts, delays))
         alike = replace(problem, sticking=(names,) * len(problem.joints))
         ends.append(_search(alike, start, float(delays[0]), START_ITERATIONS))
-    candidates, delays = np.stack([numbers for numbers, _ in ends]), np.array([late for _, late in ends])
+    candidates, delays = map(np.array, zip(*ends, strict=True))
     costs = _log_squares(problem.resolved(candidates), candidates, delays)
     sticking = tuple(START_STICKING[k][0] for k in costs.argmin(axis=0))
     return (
@@ -378,14 +366,13 @@ def _regress(problem: _Problem, delay_s: float) -> FloatArray:
 
 def _fit(problem: _Problem, numbers: FloatArray, delay_s: float) -> dict[str, CommandedJoint]:
     end, is_free = _linearise(problem, numbers, delay_s), problem.is_free
-    rms = np.sqrt(_mean_squares(problem, problem.errors_of(numbers, delay_s)))
-    if not np.all(np.isfinite(rms)):
+    if not np.all(np.isfinite(end.variance)):
         text = "simulation from the commands diverges for all start values. Check gains and units of the commands"
         raise DataError("friction/motion", text, problem.logs[0].name)
     names = (*((problem.joints[i], NUMBERS[j]) for i, j in np.argwhere(is_free).tolist()), ("", DELAY))
     values, covariance = np.append(numbers[is_free], delay_s), _covariance(end, problem, names)
     fits = dict[str, CommandedJoint]()
-    for joint, error in zip(problem.joints, rms.tolist(), strict=True):
+    for joint, error in zip(problem.joints, np.sqrt(end.variance).tolist(), strict=True):
         places = [i for i, (of, _) in enumerate(names) if of in (joint, "")]
         block, terms = covariance[np.ix_(places, places)], tuple(names[i][1] for i in places)
         fits[joint] = CommandedJoint(terms, values[places], block, joint, error, not fits)
