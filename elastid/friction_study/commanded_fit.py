@@ -136,9 +136,7 @@ class _Problem:
     @cached_property
     def is_free(self) -> BoolArray:
         """Flags (m, 10) of free parameters: gravity if it depends on the angle; parameters of `sticking`."""
-        turns = {
-            joint: turn for log in self.logs for joint, turn in zip(log.joints, log.has_gravity.tolist(), strict=True)
-        }
+        turns = dict(pair for log in self.logs for pair in zip(log.joints, log.has_gravity.tolist(), strict=True))
         return np.array([
             [True] * 4 + [turns[joint]] * 2 + [name in sticking for name in NUMBERS[6:]]
             for joint, sticking in zip(self.joints, self.sticking, strict=True)
@@ -163,8 +161,7 @@ def _upper_end(log: CommandedLog) -> float:
 
 def fit_commanded(logs: Sequence[CommandedLog]) -> dict[str, CommandedJoint]:
     """Estimate the parameters of each joint from logs at one rate; raise DataError if the simulation diverges."""
-    problem = _Problem.of(logs)
-    problem, numbers, delay_s = _start(problem)
+    problem, numbers, delay_s = _start(_Problem.of(logs))
     while True:
         numbers, delay_s = _search(problem, numbers, delay_s, MAX_ITERATIONS)
         problem = problem.resolved(numbers)
@@ -322,11 +319,8 @@ def _start(problem: _Problem) -> tuple[_Problem, FloatArray, float]:
     candidates, delays = map(np.array, zip(*ends, strict=True))
     costs = _log_squares(problem.resolved(candidates), candidates, delays)
     sticking = tuple(START_STICKING[k][0] for k in costs.argmin(axis=0))
-    return (
-        replace(problem, sticking=sticking, coarseness=1),
-        _best(candidates, costs),
-        float(delays[costs.sum(axis=1).argmin()]),
-    )
+    problem = replace(problem, sticking=sticking, coarseness=1)
+    return problem, _best(candidates, costs), float(delays[costs.sum(axis=1).argmin()])
 
 
 def _best(candidates: FloatArray, costs: FloatArray) -> FloatArray:
