@@ -324,6 +324,11 @@ class Record:
         """Whole periods in the record; 1 where it has no period."""
         return self.n_samples // self.period_samples
 
+    def part(self, samples: slice, **changes: Any) -> "Record":
+        """Return the record of some of its samples, with changes of other fields."""
+        r = None if self.r is None else self.r[samples]
+        return replace(self, u=self.u[samples], y=self.y[samples], r=r, **changes)
+
     def hold_response(self, freq_hz: FloatArray) -> ComplexArray:
         r"""Compute H (F, n_u), with H_j(f) times the DFT of u_j the spectrum of the torque that acts: Y = G H U.
 

@@ -155,8 +155,7 @@ def without_transient(record: Record) -> Record:
     signals = np.concatenate([record.u, record.y], axis=1)
     if not any(map(_decays, (signals[:L] - signals[L : 2 * L]).T, signals.std(axis=0))):
         return record
-    r = None if record.r is None else record.r[L : 2 * L]
-    return replace(record, u=record.u[L : 2 * L], y=record.y[L : 2 * L], r=r, discarded_periods=())
+    return record.part(slice(L, 2 * L), discarded_periods=())
 
 
 def _decays(difference: FloatArray, size: float) -> bool:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray, quotient
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, quotient
 from elastid.base.errors import Note
 from elastid.base.matrices import added_products, inverse, power, singular_values, squared_magnitude
 from elastid.excitation.grids import line_frequencies
@@ -110,31 +110,28 @@ def discarded_lines_note(lines: IntArray, first: Record, why: str) -> Note:
 def output_notes(outputs: Sequence[str], quality: Quality) -> list[Note]:
     """Return a note on every output that barely moved."""
     excited = quality.excited
-    weak = excited.amplitude**2 <= MIN_SNR * excited.noise**2
-    return [
-        Note(
-            "frf/low-signal-to-noise",
-            f"output {name} is noise at most lines: less than 6 dB above its noise at {int(weak[:, i].sum())} of "
-            f"{len(weak)} lines. Check its channel, or raise the torque",
-        )
-        for i, name in enumerate(outputs)
-        if weak[:, i].mean() > WEAK_FRACTION
-    ]
+    text = (
+        "output {} is noise at most lines: less than 6 dB above its noise at {} of {} lines. Check its channel, or "
+        "raise the torque"
+    )
+    return _weak_notes(outputs, excited.amplitude**2 <= MIN_SNR * excited.noise**2, text)
 
 
 def input_notes(inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> list[Note]:
     """Return a note on every input that was barely excited, and one where the inputs moved nearly together."""
     weak = power(data.UU) / len(data.periods) < INPUT_SNR * (quality.input_noise * np.mean(1 / data.periods))
-    notes = [
-        Note(
-            "frf/low-signal-to-noise",
-            f"input {name} is barely excited: less than 20 dB above its noise at {int(weak[:, i].sum())} of "
-            f"{len(weak)} lines, so that its column of G is uncertain. Raise its torque",
-        )
-        for i, name in enumerate(inputs)
-        if weak[:, i].mean() > WEAK_FRACTION
-    ]
-    return notes + together_notes(quality, "take orthogonal experiments")
+    text = (
+        "input {} is barely excited: less than 20 dB above its noise at {} of {} lines, so that its column of G is "
+        "uncertain. Raise its torque"
+    )
+    return _weak_notes(inputs, weak, text) + together_notes(quality, "take orthogonal experiments")
+
+
+def _weak_notes(names: Sequence[str], weak: BoolArray, text: str) -> list[Note]:
+    """Return a note on each channel that is weak (F, n) at most lines; text takes its name and both line counts."""
+    counts, n = zip(names, weak.sum(axis=0).tolist(), strict=True), len(weak)
+    notes = [text.format(name, count, n) for name, count in counts if count > WEAK_FRACTION * n]
+    return [Note("frf/low-signal-to-noise", note) for note in notes]
 
 
 def together_notes(quality: Quality, advice: str) -> list[Note]:

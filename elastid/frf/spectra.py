@@ -35,9 +35,8 @@ def single_logs(record: Record) -> tuple[Record, ...]:
         return (record,)
     L = record.repeat_samples
     return tuple(
-        replace(
-            record, name=f"{record.name}, log {i}", u=record.u[a * L : b * L], y=record.y[a * L : b * L], starts=(),
-            r=None if record.r is None else record.r[a * L : b * L], notes=record.notes if i == 1 else (),
+        record.part(
+            slice(a * L, b * L), name=f"{record.name}, log {i}", starts=(), notes=record.notes if i == 1 else (),
             discarded_periods=tuple(p - a for p in record.discarded_periods if a <= p < b),
         )
         for i, (a, b) in enumerate(pairwise((0, *record.starts, record.n_repeats)), start=1)

@@ -39,13 +39,10 @@ SETTLING_CONSTANTS, SMOOTH_S = 15.0, 0.06
 PERTURBATION, DELAY_STEP_S = 1e-3, 2e-4
 START_ITERATIONS, START_COARSENESS, MAX_ITERATIONS, TOLERANCE, MIN_CURVATURE = 8, 4, 30, 1e-5, 1e-12
 DAMPINGS = np.append(0.0, 10.0 ** np.arange(-4, 4))
-# Free parameters of the three kinds of sticking.  Start values: stick time, s; creep; displacement of the bristles
-# before sliding over the position's std; their damping time, s.
+# Free parameters of the three kinds of sticking.  Start values: stick time, s, and creep, or displacement of the
+# bristles before sliding over the position's std and their damping time, s; the others are 0.
 EXACT, SOFT, BRISTLES = (), PARAMETERS[6:8], PARAMETERS[8:]
-START_STICKING = (
-    (SOFT, (0.01, 0.1, 0.0, 0.0)), (SOFT, (0.02, 0.6, 0.0, 0.0)), (BRISTLES, (0.0, 0.0, 0.001, 0.001)),
-    (BRISTLES, (0.0, 0.0, 0.01, 0.001))
-)  # fmt: skip
+START_STICKING = (SOFT, (0.01, 0.1)), (SOFT, (0.02, 0.6)), (BRISTLES, (0.001, 0.001)), (BRISTLES, (0.01, 0.001))
 # Factors of the start value of Coulomb friction. The regression underestimates it if a joint mostly sticks.
 COULOMB_FACTORS = np.array([1.0, 2.0, 4.0])
 # A joint has a sticking model if Coulomb friction and the parameters of sticking exceed STICKING_STDS standard
@@ -76,8 +73,7 @@ class _Problem:
         n, joints = max(len(log.position) for log in logs), tuple(dict.fromkeys(j for log in logs for j in log.joints))
 
         def side_by_side(name: str) -> FloatArray:
-            parts = [getattr(log, name) for log in logs]
-            return np.hstack([np.vstack([x, np.repeat(x[-1:], n - len(x), axis=0)]) for x in parts])
+            return np.hstack([np.pad(x := getattr(log, name), ((0, n - len(x)), (0, 0)), "edge") for log in logs])
 
         kp, kd, velocity, coupled, delay = (
             np.concatenate([getattr(log, name) for log in logs])
@@ -123,10 +119,6 @@ class _Problem:
         """Return the measured minus the simulated means (n_k, m_k) of each log for one candidate."""
         return [q - sim[:, candidate] for q, sim in zip(self.measured, simulations, strict=True)]
 
-    def errors_of(self, theta: FloatArray, delay_s: float) -> list[FloatArray]:
-        """Return the measured minus the simulated means (n_k, m_k) of each log for theta (m, 10)."""
-        return self.errors(self.simulate(theta[None], np.array([delay_s])))
-
     @property
     def position_std(self) -> FloatArray:
         """Largest standard deviation of the position of each joint (m,) in a log."""
@@ -142,12 +134,16 @@ class _Problem:
         first = min(float(np.max(SETTLING_CONSTANTS * log.kd / log.kp)) * log.rate_hz, 0.2 * len(log.position))
         return slice(int(first) // self.window, len(log.position) // self.window)
 
+    @property
+    def lower_bounds(self) -> FloatArray:
+        """Lower bounds (m, 10): 0 of friction and sticking, one step of a stick time (shorter ones have no effect)."""
+        bounds = np.where(np.isin(PARAMETERS, ("coulomb", *SOFT, *BRISTLES)), 0.0, -np.inf)
+        return np.asarray(bounds + self.step_s * (np.isin(PARAMETERS, SOFT[0]) & self.is_free))
+
     @cached_property
     def is_free(self) -> BoolArray:
         """Flags (m, 10) of free parameters: the first four, gravity if it depends on the angle, and `sticking`."""
-        gravity = {
-            joint: flag for log in self.logs for joint, flag in zip(log.joints, log.has_gravity.tolist(), strict=True)
-        }
+        gravity = dict(pair for log in self.logs for pair in zip(log.joints, log.has_gravity.tolist(), strict=True))
         return np.array([
             [True] * 4 + [gravity[joint]] * 2 + [name in sticking for name in PARAMETERS[6:]]
             for joint, sticking in zip(self.joints, self.sticking, strict=True)
@@ -219,11 +215,11 @@ def _minimise(problem: _Problem, theta: FloatArray, delay_s: float, iterations: 
     for _ in range(iterations):
         problem = problem.with_steps(theta)
         linearisation = _linearise(problem, theta, delay_s)
-        trials = [_add_step(problem, theta, delay_s, step) for step in linearisation.steps()]
-        candidates, delays = np.stack([trial for trial, _ in trials]), np.array([delay for _, delay in trials])
-        costs = _log_squares(problem, candidates, delays).sum(axis=1)
+        is_at_bound = np.append((theta <= problem.lower_bounds)[problem.is_free], False)
+        trials = [_add_step(problem, theta, delay_s, step) for step in linearisation.steps(is_at_bound)]
+        costs = _log_squares(problem, *map(np.array, zip(*trials, strict=True))).sum(axis=1)
         best = int(costs.argmin())
-        if not linearisation.cost - costs[best] > TOLERANCE * len(problem.joints):
+        if not np.log(linearisation.variance).sum() - costs[best] > TOLERANCE * len(problem.joints):
             break
         theta, delay_s = trials[best]
     return theta, delay_s
@@ -244,9 +240,8 @@ def _add_step(problem: _Problem, theta: FloatArray, delay_s: float, step: FloatA
     trial[problem.is_free] += step[:-1]
     J = theta[:, 0]  # falls to a quarter at most; a negative inertia only grows
     trial[:, 0] = np.maximum(trial[:, 0], np.where(J > 0, J / 4, J))
-    trial[:, [2, 8]] = np.maximum(trial[:, [2, 8]], 0.0)  # Coulomb friction, compliance
-    trial[:, [6, 7, 9]] = np.clip(trial[:, [6, 7, 9]], 0.0, [0.5, MAX_CREEP, 0.5])  # stick time, creep, bristle time
-    trial[:, 6] = np.maximum(trial[:, 6], problem.is_free[:, 6] * problem.step_s)  # shorter ones have no effect
+    trial[:, [6, 7, 9]] = np.minimum(trial[:, [6, 7, 9]], [0.5, MAX_CREEP, 0.5])  # stick time, creep, bristle time
+    trial = np.maximum(trial, problem.lower_bounds)
     return trial, delay_s + float(np.clip(step[-1], -0.02, 0.02))
 
 
@@ -258,49 +253,51 @@ def _log_squares(problem: _Problem, candidates: FloatArray, delays: FloatArray) 
 
 
 def _mean_squares(problem: _Problem, errors: Sequence[FloatArray]) -> FloatArray:
-    squares, counts = np.zeros((2, len(problem.joints)))
-    for log, error in zip(problem.logs, errors, strict=True):
-        indices = [problem.joints.index(joint) for joint in log.joints]
-        with np.errstate(over="ignore"):  # a candidate may diverge
-            squares[indices] += np.sum(error**2, axis=0)
-        counts[indices] += len(error)
-    return np.maximum(squares / counts, 1e-300)
+    with np.errstate(over="ignore"):  # a candidate may diverge
+        squares = np.concatenate([np.sum(error**2, axis=0) for error in errors])
+    counts = np.concatenate([np.full(error.shape[1], len(error)) for error in errors])
+    return np.maximum(np.bincount(problem.index, squares) / np.bincount(problem.index, counts), 1e-300)
 
 
 @dataclass(frozen=True)
 class _Linearisation:
-    """Linearised problem: normal matrix (n_x, n_x), cost sum_i log(mean squared error of joint i), and scores.
+    """Linearised problem: normal matrix (n_x, n_x), mean squared error of each joint (m,), scores.
 
     scores: negative gradient of half the weighted squared error at each instant of each log (n_k, n_x).
     """
 
     normal: FloatArray
-    cost: float
+    variance: FloatArray
     scores: tuple[FloatArray, ...]
 
-    def _eigensystem(self) -> tuple[FloatArray, FloatArray]:
-        """Return eigenvalues of the normal matrix with a unit diagonal, and eigenvectors in the units of parameters."""
-        size = np.sqrt(np.maximum(np.diag(self.normal), 1e-200))
-        eigenvalues, vectors = np.linalg.eigh(self.normal / np.outer(size, size))
-        return eigenvalues, vectors / size[:, None]
-
-    def steps(self) -> FloatArray:
-        """Return the Levenberg-Marquardt step (n_x,) of each of DAMPINGS."""
-        eigenvalues, vectors = self._eigensystem()
+    def steps(self, is_at_bound: BoolArray) -> FloatArray:
+        """Return the Levenberg-Marquardt step (n_x,) of each of DAMPINGS; parameters at their lower bound only grow."""
+        gradient = sum(score.sum(axis=0) for score in self.scores)
+        moves = ~is_at_bound | (gradient > 0)
+        eigenvalues, vectors = _eigensystem(self.normal[np.ix_(moves, moves)])
         least = MIN_CURVATURE * eigenvalues[-1]
-        slope = vectors.T @ sum(score.sum(axis=0) for score in self.scores) * (eigenvalues > least)
-        return np.array([vectors @ (slope / (np.maximum(eigenvalues, least) + damping)) for damping in DAMPINGS])
+        slope = vectors.T @ gradient[moves] * (eigenvalues > least)
+        steps = np.zeros((len(DAMPINGS), len(moves)))
+        steps[:, moves] = (slope / (np.maximum(eigenvalues, least) + DAMPINGS[:, None])) @ vectors.T
+        return steps
 
     def inverses(self) -> tuple[FloatArray, FloatArray]:
         """Return the pseudo-inverse (n_x, n_x) of the normal matrix, and a large covariance in its null space.
 
         The null space contains unidentifiable combinations, for example F_c - o if the joint never reverses.
         """
-        eigenvalues, vectors = self._eigensystem()
+        eigenvalues, vectors = _eigensystem(self.normal)
         curvatures = np.maximum(eigenvalues, MIN_CURVATURE * eigenvalues[-1])
         vectors = vectors / np.sqrt(curvatures)
         null_vectors = vectors * (eigenvalues < curvatures)
         return (vectors - null_vectors) @ vectors.T, null_vectors @ null_vectors.T
+
+
+def _eigensystem(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return eigenvalues of a normal matrix with a unit diagonal, and eigenvectors in the units of parameters."""
+    size = np.sqrt(np.maximum(np.diag(normal), 1e-200))
+    eigenvalues, vectors = np.linalg.eigh(normal / np.outer(size, size))
+    return eigenvalues, vectors / size[:, None]
 
 
 def _linearise(problem: _Problem, theta: FloatArray, delay_s: float) -> _Linearisation:
@@ -324,7 +321,7 @@ def _linearise(problem: _Problem, theta: FloatArray, delay_s: float) -> _Lineari
             joint_rows = np.append(indices[i, free], n_x - 1)
             normal[np.ix_(joint_rows, joint_rows)] += X.T @ X
             score[:, joint_rows] += X * (error[:, column] / std)[:, None]
-    return _Linearisation(normal, float(np.sum(np.log(variance))), tuple(scores))
+    return _Linearisation(normal, variance, tuple(scores))
 
 
 def _initial_estimate(problem: _Problem) -> tuple[_Problem, FloatArray, float]:
@@ -338,22 +335,24 @@ def _initial_estimate(problem: _Problem) -> tuple[_Problem, FloatArray, float]:
     best = _log_squares(problem, regressions, START_DELAYS).sum(axis=1).argmin()
     delays, optima = START_DELAYS[[best] * len(COULOMB_FACTORS)], []
     for names, values in START_STICKING:
-        starts = _sticking_starts(problem, regressions[best], values)
+        starts = _sticking_starts(problem, regressions[best], names, values)
         start = _best(starts, _log_squares(problem, starts, delays))
         variant = replace(problem, sticking=(names,) * len(problem.joints))
         optima.append(_minimise(variant, start, float(delays[0]), START_ITERATIONS))
-    candidates, delays = np.stack([theta for theta, _ in optima]), np.array([delay for _, delay in optima])
+    candidates, delays = map(np.array, zip(*optima, strict=True))
     costs = _log_squares(problem.with_steps(candidates), candidates, delays)
     sticking = tuple(START_STICKING[k][0] for k in costs.argmin(axis=0))
     delay_s = float(delays[costs.sum(axis=1).argmin()])
     return replace(problem, sticking=sticking, coarseness=1), _best(candidates, costs), delay_s
 
 
-def _sticking_starts(problem: _Problem, theta: FloatArray, values: tuple[float, ...]) -> FloatArray:
+def _sticking_starts(
+    problem: _Problem, theta: FloatArray, names: Sequence[str], values: Sequence[float]
+) -> FloatArray:  # fmt: skip
     """Return theta (m, 10) with each of COULOMB_FACTORS (K, m, 10), and with start values of sticking."""
     starts = np.repeat(theta[None], len(COULOMB_FACTORS), axis=0)
     starts[..., 2] *= COULOMB_FACTORS[:, None]
-    starts[..., 6:] = values
+    starts[..., [PARAMETERS.index(name) for name in names]] = values
     starts[..., 8] *= problem.position_std / np.maximum(starts[..., 2], _scales(problem)[:, 2] / 100)
     return starts
 
@@ -395,14 +394,13 @@ def _regress(problem: _Problem, delay_s: float) -> FloatArray:
 
 def _estimates(problem: _Problem, theta: FloatArray, delay_s: float) -> dict[str, CommandedJoint]:
     linearisation, is_free = _linearise(problem, theta, delay_s), problem.is_free
-    rms = np.sqrt(_mean_squares(problem, problem.errors_of(theta, delay_s)))
-    if not np.all(np.isfinite(rms)):
+    if not np.all(np.isfinite(linearisation.variance)):
         text = "simulation from the commands diverges for all start values. Check gains and units of the commands"
         raise DataError("friction/motion", text, problem.logs[0].name)
     names = (*((problem.joints[i], PARAMETERS[j]) for i, j in np.argwhere(is_free).tolist()), ("", DELAY))
     values, covariance = np.append(theta[is_free], delay_s), _covariance(linearisation, problem, names)
     fits = dict[str, CommandedJoint]()
-    for joint, error in zip(problem.joints, rms.tolist(), strict=True):
+    for joint, error in zip(problem.joints, np.sqrt(linearisation.variance).tolist(), strict=True):
         indices = [i for i, (of, _) in enumerate(names) if of in (joint, "")]
         block, terms = covariance[np.ix_(indices, indices)], tuple(names[i][1] for i in indices)
         fits[joint] = CommandedJoint(terms, values[indices], block, joint, error, not fits)

@@ -31,6 +31,7 @@ from scipy.special import fdtri, stdtr
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.statistics import f_test, small_sample_factors
+from elastid.friction_study.motion_signals import PIECE
 
 # Chance that a term is taken into a law that does not have it, or a scatter for larger than chance makes it.
 FALSE_ALARM = 0.01
@@ -40,7 +41,6 @@ _HIGHEST_HZ, _TERMS = 0.2, 8
 _STATE_CHANCE = 0.05
 # Least mean of such a variance over the truth: that of columns which change no faster than the cosines is all but zero.
 _LEAST_MEAN = 0.1
-_ROWS = 10_000  # of a matrix that are decomposed at once
 # Directions of R below this share of its largest are zero.
 RANK_TOLERANCE = 1e-6
 
@@ -331,8 +331,8 @@ def long_run(scores: FloatArray, terms: int) -> FloatArray:
 def _triangle(*blocks: FloatArray) -> FloatArray:
     """Return upper triangle (k, k) of the QR decomposition of blocks (n, .) next to each other, k columns in all."""
     triangle = np.zeros((0, sum(block.shape[1] for block in blocks)))
-    for i in range(0, len(blocks[0]), _ROWS):
-        rows = np.hstack([block[i : i + _ROWS] for block in blocks])
+    for i in range(0, len(blocks[0]), PIECE):
+        rows = np.hstack([block[i : i + PIECE] for block in blocks])
         triangle = np.asarray(np.linalg.qr(np.vstack([triangle, rows]), mode="r"))
     return triangle
 

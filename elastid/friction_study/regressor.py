@@ -136,8 +136,7 @@ def add_curve_uncertainty(signals: Sequence[MotionSignals], terms: MotionTerms, 
         others = [regress(signals, replace(fixed_terms, exponent=exponent)) for exponent in EXPONENTS]
         changes += [change_of(fit, trial) for trial in others if trial.sum_of_squares < limit * fit.sum_of_squares]
     else:
-        fastest = max(float(np.abs(signal.velocity).max()) for signal in signals)
-        velocity = _best_velocity(signals, fixed_terms, _VELOCITIES * fastest)
+        velocity = _best_velocity(signals, fixed_terms)
         unseen = regress(signals, replace(fixed_terms, stribeck_velocity=velocity), steps=0)
         if unseen["stiction"] > unseen["coulomb"] and unseen.sum_of_squares * limit < fit.sum_of_squares:
             changes.append(change_of(fit, unseen))
@@ -187,8 +186,7 @@ def _heat(signals: Sequence[MotionSignals], terms: MotionTerms) -> MotionTerms:
 
 def _stribeck_velocity(signals: Sequence[MotionSignals], terms: MotionTerms) -> float:
     """Return the best Stribeck velocity; 0 if it is insignificant by Wald's test or by the F test."""
-    fastest = max(float(np.abs(axis.velocity).max()) for axis in signals)
-    best = replace(terms, stribeck_velocity=_best_velocity(signals, terms, _VELOCITIES * fastest))
+    best = replace(terms, stribeck_velocity=_best_velocity(signals, terms))
     without, fit = regress(signals, terms), regress(signals, best, steps=0)
     drop = without.sum_of_squares - fit.sum_of_squares
     chance = f_test(drop, 2, fit.sum_of_squares, max(1.0, without.independent - len(fit.names)))
@@ -201,8 +199,9 @@ def _stribeck_velocity(signals: Sequence[MotionSignals], terms: MotionTerms) -> 
     return regress(signals, best)["stribeck_velocity"]
 
 
-def _best_velocity(signals: Sequence[MotionSignals], terms: MotionTerms, velocities: FloatArray) -> float:
+def _best_velocity(signals: Sequence[MotionSignals], terms: MotionTerms) -> float:
     """Return the Stribeck velocity (of m candidates) that best explains the residual of a regression without one."""
+    velocities = _VELOCITIES * max(float(np.abs(axis.velocity).max()) for axis in signals)
     logs = [axis_equations(log, terms) for log in signals]
     X, y = (np.concatenate([getattr(log, name)[:, 0] for log in logs]) for name in ("X", "y"))
     stribeck = [

@@ -7,7 +7,7 @@ Y is the regressor of the robot's geometry; pi are masses, first moments and ine
 The base parameters, with their columns, predict the torque of the rigid body along other logs.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -71,15 +71,20 @@ def _states(robot: Robot, log: MotionLog, samples: slice = slice(None)) -> Float
     return state
 
 
+def rigid_torque(robot: Robot) -> Callable[[FloatArray, FloatArray, FloatArray], FloatArray]:
+    """Return the torque (n_l, n) of the robot model's rigid body at positions, velocities, accelerations (n_l, n)."""
+    dynamics, theta = inverse_dynamics(robot), [value for value, _ in robot.parameters().values()]
+    return lambda q, v, a: np.asarray(dynamics(q, v, a, theta).full())
+
+
 def torques_in_file(robot: Robot, log: MotionLog) -> dict[str, FloatArray]:
     """Return the torque (n,) of rigid body and rotor by joint with the robot model's masses; DataError with loops."""
     if robot.loops:
         text = "it has loops, and the rigid body along a log is known of open chains; record one joint there and back"
         raise DataError("friction/rigid-body", text, f"robot {robot.name}")
-    names, dynamics = [joint.name for joint in robot.joints], inverse_dynamics(robot)
-    theta = np.array([[value] for value, _ in robot.parameters().values()])
+    names, torque = [joint.name for joint in robot.joints], rigid_torque(robot)
     states = (_states(robot, log, slice(i, i + PIECE)) for i in range(0, len(log.first.position), PIECE))
-    tau = np.hstack([dynamics(*state, np.tile(theta, state.shape[2])).full() for state in states])
+    tau = np.hstack([torque(*state) for state in states])
     rotors = {j.name: j.motor.inertia * j.motor.ratio**2 for j in robot.driven if j.motor is not None}
     return {joint: tau[names.index(joint)] + rotors[joint] * axis.acceleration for joint, axis in log.signals.items()}
 

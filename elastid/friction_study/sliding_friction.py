@@ -40,9 +40,8 @@ from elastid.friction_study.least_squares import FALSE_ALARM
 from elastid.friction_study.motion_signals import MAX_STEADY_CHANGE, Motion, MotionLog, MotionSignals, detect_passes
 from elastid.friction_study.regressor import full_rate_columns
 from elastid.friction_study.result import RIGID_TERMS, SlidingFriction, attempt, joint_spring
-from elastid.friction_study.rigid_body_columns import torques_in_file
+from elastid.friction_study.rigid_body_columns import rigid_torque, torques_in_file
 from elastid.friction_study.static_model_fit import MIN_SPEEDS, TEMPERATURE_STEP_K
-from elastid.model.rigid_body import inverse_dynamics
 from elastid.record import Configuration
 from elastid.robot import Joint, Robot
 from elastid.robot.friction_numbers import TERMS
@@ -203,23 +202,17 @@ def rigid_loads(
     states[0, list(robot.driven_indices)] = (robot.mixing @ records[0].angles(len(robot.driven)))[:, None]
     for signals, values in zip(states, (q, v, a), strict=True):
         signals[indices] = values.T
-    dynamics, theta = inverse_dynamics(robot), np.array([value for value, _ in robot.parameters().values()])
-
-    def torque(q: FloatArray, v: FloatArray, a: FloatArray) -> FloatArray:
-        return np.asarray(dynamics(q, v, a, np.tile(theta[:, None], q.shape[1])).full())[indices]
-
-    # Columns of the mass matrix at some instants.
-    sample, unit = states[0][:, :: max(1, n // 20)], np.zeros((len(robot.joints), 1))
-    zeros, columns = np.zeros_like(sample), []
-    for index in indices:
-        unit[:], unit[index] = 0.0, 1.0
-        columns.append(torque(sample, zeros, zeros + unit) - torque(sample, zeros, zeros))
-    M = np.array(columns)  # (m, m, k)
+    torque = rigid_torque(robot)
+    sample = states[0][:, :: max(1, n // 20)]
+    units = np.eye(len(robot.joints))[indices]
+    # Columns of the mass matrix at some instants, (m, m, k).
+    M = np.array([torque(sample, 0 * sample, 0 * sample + unit[:, None])[indices] for unit in units])
+    M -= torque(sample, 0 * sample, 0 * sample)[indices]
     diagonal = np.mean(M[range(m), range(m)], axis=1)
     coupling = np.max(np.abs(M), axis=2) * ~np.eye(m, dtype=bool)
     if not np.any(coupling > 1e-9 * np.sqrt(np.outer(diagonal, diagonal))):
         return np.zeros_like(q), np.zeros(m)
-    return torque(*states).T - a * diagonal, diagonal
+    return torque(*states)[indices].T - a * diagonal, diagonal
 
 
 def simulated_commands(
@@ -434,6 +427,5 @@ def turns_against_gravity(robot: Robot, joint: Joint, posture: Configuration | N
     if posture is not None:
         q[list(robot.driven_indices)] = (robot.mixing @ posture.angles)[:, None]
     q[index] += (0.0, 1.1, 2.3)  # of these angles no two have the same gravity, whatever its phase
-    theta = np.array([[value] * 3 for value, _ in robot.parameters().values()])
-    torques = np.asarray(inverse_dynamics(robot)(q, 0 * q, 0 * q, theta).full())[index]
+    torques = rigid_torque(robot)(q, 0 * q, 0 * q)[index]
     return bool(np.ptp(torques) > 1e-9 * max(1.0, float(np.abs(torques).max())))

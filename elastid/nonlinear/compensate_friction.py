@@ -183,8 +183,7 @@ def compensated_records(
 
 def compensate_friction(record: Record, friction: CompensatedFriction) -> Record:
     """Return the record over its whole periods with the net torque as u."""
-    n = whole_samples(record)
-    record = replace(record, u=record.u[:n], y=record.y[:n], r=None if record.r is None else record.r[:n])
+    record = record.part(slice(whole_samples(record)))
     u = record.u.copy()
     for location in friction.compensated_motors():
         basis, motion = friction.compensated_basis(location), friction.motion(record, location)

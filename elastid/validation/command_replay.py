@@ -187,9 +187,8 @@ def _zoh_means(signal: FloatArray, edges: FloatArray, period_s: float) -> FloatA
 
 # Values of each tested number, between which the best one is searched: factors, and seconds.
 _FACTORS = tuple((2.0 ** np.arange(-3, 4)).tolist())
-_DELAYS = tuple((0.02 * np.arange(-1, 9)).tolist())
 _GRIDS: dict[Literal["clock", "delay", "kp", "kd"], tuple[float, ...]] = {
-    "clock": _FACTORS, "delay": _DELAYS, "kp": _FACTORS, "kd": _FACTORS
+    "clock": _FACTORS, "delay": tuple((0.02 * np.arange(-1, 9)).tolist()), "kp": _FACTORS, "kd": _FACTORS
 }  # fmt: skip
 
 

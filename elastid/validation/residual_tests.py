@@ -18,7 +18,7 @@ from elastid.response import Response
 
 # Probability of a verdict against a true model.
 FALSE_ALARM = 0.005
-LAGS = (1, 2, 3)
+MAX_LAG = 3
 
 
 def whitening(noise: SmoothedNoise) -> ComplexArray:
@@ -82,17 +82,17 @@ def white_by_chance(z: ComplexArray) -> float:
     on each other, and elements are correlated, so that two moments would call white residuals coloured too often.
     """
     z = z[:, np.any(z != 0, axis=0)]
-    if len(z) <= max(LAGS) + 1 or not z.size:
+    if len(z) <= MAX_LAG + 1 or not z.size:
         return math.nan
     draws = int(np.clip(2_000_000 // z.size, 400, 2000))  # of random phases, by the values that fit into memory
     turns = np.exp(2j * np.pi * np.random.default_rng(0).random((draws, len(z))))
     statistic, drawn = 0.0, np.zeros(draws)
-    for lag in LAGS:
+    for lag in range(1, MAX_LAG + 1):
         product = z[:-lag].conj() * z[lag:]
         scale = np.maximum(np.sum(np.abs(product) ** 2, axis=0), 1e-300)
         statistic += float(np.sum(np.abs(product.sum(axis=0)) ** 2 / scale))
         drawn += np.sum(np.abs((turns[:, :-lag].conj() * turns[:, lag:]) @ product) ** 2 / scale, axis=1)
-    mean = float(len(LAGS) * z.shape[1])
+    mean = float(MAX_LAG * z.shape[1])
     variance, third = float(np.mean((drawn - mean) ** 2)), float(np.mean((drawn - mean) ** 3))
     # Sums of squares have at least the third moment of a gamma distribution from zero on.
     third = max(third, 2 * variance**2 / mean)

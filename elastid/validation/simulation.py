@@ -90,7 +90,7 @@ def simulate_record(
         return ()
     n = round(LONGEST_S * record.rate_hz)
     if not record.is_periodic and record.n_samples > n:
-        record = replace(record, u=record.u[:n], y=record.y[:n], r=None, period_samples=n)
+        record = record.part(slice(n), period_samples=n)
     tracking_hz = 0.2 * band_hz[0]
     empty = LogSimulation(record.name, "torque", tracking_hz, record.period_samples / record.rate_hz, record.rate_hz)
     signals_of = partial(_along_record, record, tracking_hz, band_hz, delay_s)

@@ -143,7 +143,7 @@ def test_link_loads_of_motors_equal_arm_equations(tmp_path):
     t = np.arange(600) / RATE_HZ
     waves = [(0.5, 3.0, 0.0), (0.4, 4.1, 0.7)]
     q, v, a = (np.stack([A * w**k * np.sin(w * t + p + k * np.pi / 2) for A, w, p in waves], axis=1) for k in range(3))
-    load, carried = rigid_loads(robot_of(TWO_ROBOT, tmp_path), log(q, q, np.array(GAINS)), q)
+    load, carried = rigid_loads(robot_of(TWO_ROBOT, tmp_path), log(q, q, np.array(GAINS)), (q, v, a))
     torque = load + (carried + TRUE["inertia"]) * a
     moved = [two_joints(*rows) for rows in zip(v.tolist(), q.tolist(), torque.tolist(), strict=True)]
     np.testing.assert_allclose(moved[10:-10], a[10:-10], atol=0.02 * np.abs(a).max())
@@ -151,7 +151,7 @@ def test_link_loads_of_motors_equal_arm_equations(tmp_path):
     mean = I1 + m1 * l1**2 + I2 + m2 * (a1**2 + l2**2 + 2 * a1 * l2 * np.cos(q[:, 1]).mean()), I2 + m2 * l2**2
     np.testing.assert_allclose(carried, mean, rtol=0.02)
     robot, one = robot_of(ONE_ROBOT, tmp_path), q[:, :1]
-    assert not any(part.any() for part in rigid_loads(robot, log(one, one, np.array(GAINS[:1])), one))
+    assert not any(part.any() for part in rigid_loads(robot, log(one, one, np.array(GAINS[:1])), (one, one, one)))
     turns = [turns_against_gravity(each, each.driven[0], None) for each in (robot, robot_of(TWO_ROBOT, tmp_path))]
     assert turns == [False, True]
 

@@ -19,6 +19,7 @@ from dataclasses import field
 from typing import TypeAlias
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from elastid.base.arrays import FloatArray, IntArray, frozen_value, labelled
 from elastid.base.errors import StudyError
@@ -87,12 +88,8 @@ def _ramps(plan: Plan) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compute s (n,) and its first two derivatives in 1/s, 1/s^2: hold, ramp, periods, ramp, hold."""
     ramp = plan.ramp_samples
     tau = np.arange(ramp) / max(ramp, 1)
-    rate = plan.rate_hz / max(ramp, 1)
-    rising = (
-        tau**3 * (10 - 15 * tau + 6 * tau**2),
-        30 * tau**2 * (1 - tau) ** 2 * rate,
-        60 * tau * (1 - tau) * (1 - 2 * tau) * rate**2,
-    )
+    rate, rise = plan.rate_hz / max(ramp, 1), Polynomial([0, 0, 0, 10, -15, 6])
+    rising = [rise.deriv(order)(tau) * rate**order for order in range(3)]
     still = np.zeros(plan.hold_samples)
     n = plan.run_samples - 2 * plan.first_sample
     # Downwards the first sample is that of s = 1, the last one before s = 0.

@@ -238,7 +238,7 @@ class SimulatedFrictionRig:
         heat = self.simulated.heat
         if heat is None or run.temperature is None or heat.thermometer_std is None:
             return None
-        error = np.random.default_rng(np.random.SeedSequence((self.seed, number, 1))).standard_normal()
+        error = np.random.default_rng((self.seed, number, 1)).standard_normal()
         return run.temperature + heat.thermometer_std * error
 
     def _warm_up(self, warm_up: PlannedWarmUp) -> WarmUpLog:
@@ -249,7 +249,7 @@ class SimulatedFrictionRig:
         end_s = max(warm_up.start_s + warm_up.time_s, *tests)
         samples = np.flatnonzero((time_s > warm_up.start_s - 1e-6) & (time_s < end_s + 1e-6))
         joint = self.robot.driven_names.index(warm_up.joint)
-        rng = np.random.default_rng(np.random.SeedSequence((self.seed, joint, 2)))
+        rng = np.random.default_rng((self.seed, joint, 2))
         std = np.nan if spec.thermometer_std is None else spec.thermometer_std
         signals = time_s[samples], power[samples[:-1]], T[samples] + std * rng.standard_normal(len(samples))
         return WarmUpLog(warm_up.joint, *signals, spec.thermometer_std or 0.0, spec.ambient, float(T[samples[0]]))

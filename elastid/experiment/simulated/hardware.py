@@ -32,7 +32,7 @@ from elastid.simulation.dynamics import Contacts
 _REACH = 10
 # Weights of p_k + p_-k - 2 p_0 of order 2 n, n = _REACH: 2 (-1)^(k + 1) n!^2 / (k^2 (n - k)! (n + k)!).
 _WEIGHTS = [
-    2 * (-1) ** (k + 1) * math.factorial(_REACH) ** 2 / (k**2 * math.factorial(_REACH - k) * math.factorial(_REACH + k))
+    -2 * (-1) ** k * math.comb(2 * _REACH, _REACH - k) / math.comb(2 * _REACH, _REACH) / k**2
     for k in range(1, _REACH + 1)
 ]
 _SECOND_DERIVATIVE = np.array([*_WEIGHTS[::-1], -2 * sum(_WEIGHTS), *_WEIGHTS])
@@ -124,7 +124,7 @@ def draw_noise(
     spec: NoiseSpec, n: int, rate_hz: float, n_u: int, outputs: Sequence[str], seed: tuple[int, ...]
 ) -> Noise:
     """Draw the noise of a run of n samples; white and colored parts come from the same seed, one after the other."""
-    random = np.random.default_rng(np.random.SeedSequence(seed))
+    random = np.random.default_rng(seed)
     signals = {
         "torque": spec.torque_std * random.standard_normal((n, n_u)),
         "reading": spec.angle_std * random.standard_normal((n, n_u)),

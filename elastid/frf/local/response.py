@@ -183,10 +183,7 @@ def _cut_to_one_length(records: Sequence[Record]) -> tuple[Sequence[Record], tup
             "estimator.method h1",
             place,
         )
-    cut_records = [
-        replace(record, u=record.u[:n], y=record.y[:n], r=None if record.r is None else record.r[:n], period_samples=n)
-        for record in records
-    ]
+    cut_records = [record.part(slice(n), period_samples=n) for record in records]
     text = f"records of {seconds} are cut to the shortest length, since a local method compares them line by line"
     return cut_records, (Note("frf/window", text, place),)
 

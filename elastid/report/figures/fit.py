@@ -36,6 +36,11 @@ from elastid.validation.log_comparison import (
 )
 from elastid.validation.residual_tests import above_2sigma
 
+if TYPE_CHECKING:
+    from elastid.modal.modes import Modes
+    from elastid.validation.command_replay import JointError  # brings the simulation
+    from elastid.validation.fleet import FleetValue  # brings SciPy's statistics
+
 
 def forest(rows: Sequence[ParameterRow]) -> Figure:
     """Draw start and estimate relative to a reference (left) and the deviation in percent (right).
@@ -158,11 +163,6 @@ def _loop(sheet: GearSheet, less: FloatArray, factor: float) -> list[Curve]:
     return curves
 
 
-if TYPE_CHECKING:
-    from elastid.modal.modes import Modes
-    from elastid.validation.command_replay import JointError  # brings the simulation
-
-
 def configuration_title(measured: Response, left_out: bool) -> str:
     """Return the name, angles of the driven joints, and whether it was fitted; for a structure only the name."""
     if not measured.configuration.angles.size:
@@ -273,11 +273,6 @@ def stabilisation_diagram(modes: Modes, title: str) -> Figure:
     return style.matrix(f"Stabilisation diagram, {title}", rows, sharex=True)
 
 
-if TYPE_CHECKING:
-    from elastid.validation.fleet import FleetValue  # brings SciPy's statistics
-
-# Samples of a torque that are drawn.
-MOST_SAMPLES = 3000
 COLORS = {
     INERTIA: style.TOTAL, RIGID_BODY: style.TOTAL, GRAVITY: style.MEASURED, VISCOUS: style.NOISE, DRY: style.START,
     ELASTICITY: style.TRUTH,
@@ -290,7 +285,7 @@ TORQUE_CAPTION = (
 
 def torque_balance_figure(balance: TorqueBalance) -> Figure:
     """Draw measured and modelled torque, its contributions, and the unexplained fraction by octave."""
-    part = slice(None, None, max(1, len(balance.measured) // MOST_SAMPLES))
+    part = style.thinned(len(balance.measured))
     t = (np.arange(len(balance.measured)) / balance.rate_hz)[part]
     modelled = balance.measured - balance.residual
     whole = [(balance.measured, style.MEASURED, "measured"), (modelled, style.FITTED, "model")]

@@ -17,8 +17,6 @@ from elastid.report.figures import style
 from elastid.report.figures.friction import POINTS, quantity, units
 from elastid.report.figures.style import Curve, Panel
 
-# Samples of a motion that are drawn.
-MOST_SAMPLES = 6000
 # Of numbers that are followed.
 NAMES = {
     "Fc": "Coulomb friction",
@@ -43,7 +41,7 @@ def friction_motion(friction: MotionFriction) -> Figure:
         for names in (TORQUE_COMPONENTS, TORQUE_COMPONENTS[:2])
     )
     time_s = np.arange(len(friction.motion.position))[signals.decimation] / friction.motion.rate_hz
-    part = slice(None, None, max(1, len(time_s) // MOST_SAMPLES))
+    part = style.thinned(len(time_s))
     over_time = [
         Curve(time_s[part], values[part], text, ink)
         for values, ink, text in (
@@ -76,8 +74,8 @@ def sliding(numbers: Regression, v: FloatArray) -> tuple[FloatArray, FloatArray]
 
 def _over_velocity(motion: MotionFriction, velocity: FloatArray, friction: FloatArray) -> Iterator[Curve]:
     """Yield curves over velocity (n,): measured friction (n,), the torque less rigid body torque, and regression."""
-    step = max(1, len(velocity) // MOST_SAMPLES)
-    yield Curve(velocity[::step], friction[::step], dots=True)
+    part = style.thinned(len(velocity))
+    yield Curve(velocity[part], friction[part], dots=True)
     ends = [float(friction.min()), float(friction.max())]
     for sign in (1.0, -1.0):
         for speed in distinct_speeds(p.velocity for p in motion.plateaus if sign * p.velocity > 0):

@@ -36,6 +36,8 @@ TINY, SMALL, NORMAL, LARGE = 5.5, 7.5, 8.5, 10.0
 WIDE = 9.5
 # Of measured values: points without lines and edges.
 DOTS: dict[str, Any] = {"ls": "none", "marker": "o", "mew": 0}
+# Samples of a log that are drawn.
+MOST_SAMPLES = 6000
 # A heat map of more cells has no numbers in them; above this part of its scale a cell is dark.
 MAX_NUMBERED_CELLS, MIN_DARK = 400, 0.6
 
@@ -95,6 +97,11 @@ def in_db(values: ComplexArray | FloatArray) -> FloatArray:
     """Return 20 log10 |values|; NaN for zero, so that it is not drawn."""
     magnitude = np.abs(values)
     return 20 * np.log10(np.where(magnitude > 0, magnitude, np.nan))
+
+
+def thinned(n: int) -> slice:
+    """Return the samples of a log of n that are drawn."""
+    return slice(None, None, max(1, n // MOST_SAMPLES))
 
 
 @dataclass(frozen=True)
