@@ -44,7 +44,7 @@ DAMPINGS = np.append(0.0, 10.0 ** np.arange(-4, 4))
 EXACT, SOFT, BRISTLES = (), PARAMETERS[6:8], PARAMETERS[8:]
 START_STICKING = (SOFT, (0.01, 0.1)), (SOFT, (0.02, 0.6)), (BRISTLES, (0.001, 0.001)), (BRISTLES, (0.01, 0.001))
 # Factors of the start value of Coulomb friction. The regression underestimates it if a joint mostly sticks.
-COULOMB_FACTORS = np.array([1.0, 2.0, 4.0])
+COULOMB_FACTORS = 2.0 ** np.arange(3)
 # A joint has a sticking model if Coulomb friction and the parameters of sticking exceed STICKING_STDS standard
 # deviations, and creep is below MAX_CREEP. Stick times count beyond one step of the simulation.
 STICKING_STDS, MAX_CREEP = 5.0, 0.9

@@ -51,7 +51,6 @@ from elastid.robot.simplified import with_point_mass
 MAX_RELATIVE_STD = 0.1
 # Sweeps of the coupling of joints in a simulation, and the change of positions over their extent at which they end.
 MAX_SWEEPS, SWEEP_TOLERANCE = 20, 1e-4
-COUPLED_FITS = 4  # fits of coupled joints with the loads of the fit before
 # Purposes of records of a joint that does not slide.
 STILL = ("presliding_loops", "presliding_test")
 
@@ -136,8 +135,7 @@ def _commanded_joints(robot: Robot, measured: FrictionRecords) -> dict[str, Comm
         return {}
     commanded_logs = [commanded_log(robot, log) for log in logs]
     fits = fit_commanded(commanded_logs)
-    is_coupled = any(np.any(log.coupled_inertia) for log in commanded_logs)
-    for _ in range(COUPLED_FITS if is_coupled else 0):  # measured positions, smoothed, give biased loads
+    if any(np.any(log.coupled_inertia) for log in commanded_logs):  # measured positions, smoothed, give biased loads
         motions = [interpolated_motion(simulated_commands(robot, log, fits), log) for log in logs]
         loads = [rigid_loads(robot, [*log.values()], motion)[0] for log, motion in zip(logs, motions, strict=True)]
         fits = fit_commanded([replace(log, load=load) for log, load in zip(commanded_logs, loads, strict=True)], fits)
