@@ -252,13 +252,19 @@ def _command_files(
             "friction: {} # inertia, friction and command delay from commands and positions, without torque",
             "experiment:",
         ]
-    lines += ["  recorded:", f"    rate_hz: {clock.rate_hz:.6g} # guessed: {clock.why}", *period, "    channels:"]
+    lines += ["  recorded:", f"    rate_hz: {clock.rate_hz:.6g} # guessed: {clock.why}", *_time_lines(clock), *period]
+    lines.append("    channels:")
     for name, (y, reference) in zip(names, pairs, strict=True):
         lines += [channel_line("y", f"motor {name}", y), channel_line("reference", f"motor {name}", reference)]
     lines += [f"    controller: {{position_gain: [{numbers[0]}], velocity_gain: [{numbers[1]}]}} # {why}", source.text]
     content = {"study.yml": joined([*lines, *files, *end])}
     inertias = [(y.slides, x) for (y, _), x in zip(pairs, kd**2 / kp / 4, strict=True)]
     return content if robot is not None else content | {"robot.yml": joined(_robot(inertias, "critical damping"))}
+
+
+def _time_lines(clock: Clock) -> list[str]:
+    """Return the line of a study that names the time channel of a log with gaps or uneven samples."""
+    return [] if clock.is_even else [f"    time: {quote(clock.name)} # samples are brought from it to rate_hz"]
 
 
 def _unused(
@@ -328,9 +334,7 @@ def _study(
     rate = "unknown" if clock.rate_hz is None else f"{clock.rate_hz:.6g}"
     yield f"    rate_hz: {rate} # guessed: {clock.why}"
     yield "    # hold: zero-order # of a torque or current that is the command of the drive and not measured"
-    if not clock.is_even:
-        yield f"    time: {quote(clock.name)} # samples are brought from it to rate_hz"
-    yield from period
+    yield from (*_time_lines(clock), *period)
     yield "    channels: # places are names of your choice; of a robot `side: motor` is for signals of the motor's side"
     if not names:
         motions = {joint.motion.place: joint.motion for joint in guess.joints}

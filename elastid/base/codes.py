@@ -33,7 +33,7 @@ def renamed_names() -> Mapping[str, str]:
 def new_code(old: str) -> str:
     """Answer an old name by `renamed to NEW`, any other by an empty text.
 
-    >>> renamed("friction.passes"), renamed("friction.law")
+    >>> new_code("friction.passes"), new_code("friction.law")
     ('renamed to constant_velocity', '')
     """
     return f"renamed to {renamed_names()[old]}" if old in renamed_names() else ""

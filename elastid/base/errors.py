@@ -188,7 +188,7 @@ def notes_of(values: Iterable[Any]) -> tuple[Note, ...]:
 def group_notes(notes: Iterable[Note]) -> tuple[NoteGroup, ...]:
     """Group equal notes, in the order of their first appearance.
 
-    >>> for group in grouped(Note("late-log", f"{t} samples late", f"log {i}") for i, t in enumerate((3, 4, 3, 5))):
+    >>> for group in group_notes(Note("late-log", f"{t} samples late", f"log {i}") for i, t in enumerate((3, 4, 3, 5))):
     ...     print(group)
     log 0 and 3 more: 3 samples late
     """

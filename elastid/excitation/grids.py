@@ -103,7 +103,7 @@ def line_count_refusal(n_lines: int, n_groups: int, noun: str) -> str:
 def zippered_grid(n_lines: int, n_u: int) -> IntArray:
     """Return the input (n_lines,) of each line, interleaved; StudyError for fewer lines than inputs.
 
-    >>> zippered(5, 2).tolist()
+    >>> zippered_grid(5, 2).tolist()
     [0, 1, 0, 1, 0]
     """
     if refusal := line_count_refusal(n_lines, n_u, "motors"):

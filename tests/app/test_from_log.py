@@ -313,6 +313,15 @@ def test_commands_and_gains_without_torques_become_a_study_of_friction(tmp_path:
         load(path)
 
 
+def test_commands_with_gaps_become_a_study_that_names_their_time(tmp_path: Path) -> None:
+    """Samples without their time would be too close after each gap, and inertia and delay wrong."""
+    t, command = commands()
+    logged = np.delete(np.arange(len(t)), [50, 51, 120])
+    arrays = {"time_s": t[logged], "position_rad": 0.9 * command[logged], "command_rad": command[logged]}
+    np.savez(tmp_path / "log.npz", **arrays, kp=np.array([20.0, 40.0]), kd=np.array([1.0, 4.0]))
+    assert new(tmp_path, tmp_path / "log.npz").experiment.as_recorded().time == "time_s"
+
+
 @pytest.mark.parametrize(("size", "unit"), [(1.0, "rad"), (180 / np.pi, "deg")])
 def test_commanded_positions_without_units_have_the_unit_of_their_range(size: float, unit: str, tmp_path: Path) -> None:
     """Text without gains: a study that is accepted, in degrees if a joint covers more than four turns in rad."""
