@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 
 from elastid.app.from_responses import texts_from_responses, texts_from_universal
-from elastid.app.joint_assignment import MIN_TURN, Positions, in_order_of, order_of_names, positions_of
+from elastid.app.joint_assignment import MIN_TURN, Positions, at_joint, in_order_of, order_of_names, positions_of
 from elastid.app.measurements import Run, Signals, headings_of, hit_place, hit_runs, in_two_files, runs_by_name
 from elastid.app.study_lines import channel_line, file_line, head_lines, joined, mapping, quote, relative_paths
 from elastid.base.arrays import FloatArray
@@ -219,6 +219,9 @@ def _command_files(
     names = robot.driven_names if robot is not None else [str(i + 1) for i in range(len(pairs))]
     order, by_order = order_of_names(names, [y for y, _ in pairs])
     pairs = [(replace(pairs[i][0], why=pairs[i][0].why + by_order), pairs[i][1]) for i in order]
+    if robot is not None:
+        joints = zip(robot.driven, pairs, strict=True)
+        pairs = [(at_joint(joint, y), at_joint(joint, reference)) for joint, (y, reference) in joints]
     if clock.rate_hz is None:
         problem = "the log has no time stamps, to which inertia and delay refer. Add a channel time in s, or rate_hz"
         raise DataError("records/clock", problem, logs[0])

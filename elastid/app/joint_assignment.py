@@ -33,8 +33,9 @@ def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess
     """
     names, joints = robot.driven_names, guess.joints
     order, why = order_of_names(names, [joint.torque for joint in joints])
-    in_order = [replace(joints[i], motion=replace(joints[i].motion, why=joints[i].motion.why + why)) for i in order]
-    at = tuple(map(_at, robot.driven, in_order))
+    motions = [replace(joints[i].motion, why=joints[i].motion.why + why) for i in order]
+    pairs = zip(robot.driven, order, motions, strict=True)
+    at = tuple(replace(joints[i], motion=at_joint(joint, motion)) for joint, i, motion in pairs)
     interpretations = [_interpret(robot, at, unit, on_motor) for on_motor in (False, True) for unit in ("", "deg")]
     is_in_limits = partial(_is_in_limits, positions)
     within_limits = [joints for joints in interpretations if all(map(is_in_limits, robot.driven, joints))]
@@ -75,14 +76,15 @@ def _labels(guesses: Sequence[ChannelGuess]) -> list[list[str]]:
     return [[*label, *of[n_common:]] for label, of in zip(texts, numbers, strict=True)]
 
 
-def _at(joint: Joint, guess: JointGuess) -> JointGuess:
-    """Return the guess at a joint of the robot, in units of a translation if the joint slides."""
-    unit = guess.motion.unit
+def at_joint(joint: Joint, motion: ChannelGuess) -> ChannelGuess:
+    """Return a motion channel at a joint of the robot, in a unit of length if the joint slides."""
+    unit, why = motion.unit, motion.why
     if joint.slides and dimension_and_size(unit)[0].startswith("rad"):
         unit = of_translation(dimension_and_size(unit)[0])
-    elif not joint.slides and "assumed" in guess.motion.why:
-        unit = QUANTITY_UNIT[guess.motion.quantity]
-    return replace(guess, motion=replace(guess.motion, unit=unit))
+        why = f"{why.removesuffix('; rad is assumed')}; {unit}, since the joint slides"
+    elif not joint.slides and "assumed" in why:
+        unit = QUANTITY_UNIT[motion.quantity]
+    return replace(motion, unit=unit, why=why)
 
 
 def _interpret(robot: Robot, joints: Sequence[JointGuess], unit: str, on_motor: bool) -> tuple[JointGuess, ...]:

@@ -363,16 +363,16 @@ def test_gains_of_wrong_count_or_zero_are_ignored(kp: list, tmp_path: Path) -> N
 
 
 def test_commanded_joints_of_a_robot_are_found_by_their_names(tmp_path: Path) -> None:
-    """Not by the order of the columns."""
-    robot = Robot(
-        "leg", tuple(Body(f"{n} link", joints=(Joint(n, motor=Motor(1.0)),), mass=1) for n in ("hip", "knee"))
-    )
+    """Not by the order of the columns; positions of a joint that slides are in m."""
+    joints = (Joint("hip", motor=Motor(1.0)), Joint("knee", motor=Motor(1.0), motion="translation"))
+    robot = Robot("leg", tuple(Body(f"{joint.name} link", joints=(joint,), mass=1) for joint in joints))
     (tmp_path / "robot.yml").write_text(yaml_text(robot))
     t, command = commands()
     log = save(tmp_path / "log.csv", "time,pos_knee,pos_hip,cmd_pos_knee,cmd_pos_hip", t, 0.9 * command, command)
     recorded = new(tmp_path, tmp_path / "robot.yml", log).experiment.as_recorded()
     places = {(c.at, c.channel.rpartition("_")[2]) for c in recorded.channels}
     assert places == {("motor hip", "hip"), ("motor knee", "knee")}
+    assert {(c.at, c.unit) for c in recorded.channels} == {("motor hip", "rad"), ("motor knee", "m")}
 
 
 @pytest.mark.parametrize(
