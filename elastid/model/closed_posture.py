@@ -108,7 +108,7 @@ def open_loops(robot: Robot, angles: FloatArray) -> float:
 
 
 def are_closed(robot: Robot, q: FloatArray) -> BoolArray:
-    """True (Q,) for joints q (Q, n_l) with closed loops away from singularities, as `assembled` accepts them."""
+    """True (Q,) for joints q (Q, n_l) with closed loops away from singularities, as `assemble` accepts them."""
     if not robot.loops:
         return np.ones(len(q), bool)
     linkage = mechanism(robot)

@@ -107,9 +107,9 @@ def check_table(summary: dict[str, Any]) -> None:
 def check_pictures(demo: Path) -> None:
     """No picture is older than what it shows: words as they stand there, numbers within 5 % or two last digits."""
     sys.path.append(str(ROOT / "scripts" / "docs"))
-    from pictures import shown
+    from pictures import first_screen_text
 
-    now, then = shown(demo), (ROOT / "scripts" / "docs" / "shown.txt").read_text(encoding="utf-8")
+    now, then = first_screen_text(demo), (ROOT / "scripts" / "docs" / "shown.txt").read_text(encoding="utf-8")
     number = re.compile(r"\d+\.?\d*(?:e[-+]\d+)?")
     assert number.sub("#", now) == number.sub("#", then), "make the pictures again: scripts/docs/pictures.py"
     for new, old in zip(numbers(now), numbers(then), strict=True):
