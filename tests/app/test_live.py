@@ -171,7 +171,7 @@ def test_payload_change_without_holding_torque_contradicts_earlier_logs(study: P
     session(study, folder, robot_time=16.0).work()
     finer = session(study, folder, "k_*: 0.05 %", robot_time=100.0)
     first = read_plan(finer.plan(1))
-    second = finer._planned([first], finer._fitted([first], None))
+    second = finer._next_plan([first], finer._fit([first], None))
     assert isinstance(second, Plan)
     own = replace(finer.problem.experiment, simulated=finer.run.study.experiment.simulated)
     heavier = finer.run.study.as_robot().with_parameters({"m_fore": 22.0})

@@ -182,19 +182,13 @@ class Columns(WorkerConstant):
         place = index[np.concatenate([terms[letter][0] for letter in "KDM"])]
         power = np.repeat(np.arange(3), [len(terms[letter][0]) for letter in "KDM"])
         matrices = np.concatenate([terms[letter][1].reshape(-1, n, n) for letter in "KDM"])
-        place, power, matrices = place[place >= 0], power[place >= 0], matrices[place >= 0]
-        row = {(parameters[p], k): i for i, (p, k) in enumerate(zip(place.tolist(), power.tolist(), strict=True))}
-        is_single = rank_one_parts(matrices)[0]
-        # A spring that also moves the robot under gravity has the matrix of its damper, and a rest of fewer directions.
-        shared = [
-            (i, row[partner])
-            for (name, k), i in row.items()
-            if name[0] == "k" and k == 0 and not is_single[i] and (partner := (f"d{name[1:]}", 1)) in row
-        ]
-        spring, damper = np.array(shared, np.int64).reshape(-1, 2).T
-        matrices[spring] -= matrices[damper]
-        matrices = np.concatenate([matrices, matrices[damper]])
-        place, power = np.append(place, place[spring]), np.append(power, power[spring])
+        matrices[place < 0] = 0.0
+        is_single, _, y = rank_one_parts(matrices)
+        # A spring that also moves the robot under gravity shares the base of its damper: the rest has fewer directions.
+        stiff = np.flatnonzero(~is_single & (power == 0))
+        part, parts, matrices[stiff] = _split(matrices[stiff], y[is_single])
+        place, power = (np.concatenate([values, values[stiff[part]]]) for values in (place, power))
+        matrices = np.concatenate([matrices, parts])
         is_single, sign, y = rank_one_parts(matrices)
         E = np.stack([matrices, np.zeros_like(matrices)], axis=1)
         # Of a parameter that changes K and M by matrices of a higher rank both are one piece.
@@ -276,6 +270,25 @@ def _first_alike(E: FloatArray) -> tuple[FloatArray, IntArray]:
     first[rows] = earlier
     size[rows] *= sign
     return size, first
+
+
+def _split(matrices: FloatArray, y: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Split multiples of y y^T, y (N_1, n), off symmetric matrices (N, n, n) of which a row is left zero.
+
+    Returns the matrix of each part (m,), the parts (m, n, n), and the rest (N, n, n).
+    """
+    pivot = np.argmin(np.where(y != 0, matrices.any(axis=2).sum(axis=0), np.inf), axis=1)
+    unit, rows = y / np.take_along_axis(y, pivot[:, None], axis=1), matrices[:, pivot]
+    factor = matrices[:, pivot, pivot]
+    errors = np.abs(rows - factor[:, :, None] * unit).max(axis=2, initial=0.0)
+    part, vector = np.nonzero(errors < EQUAL_TOLERANCE * np.abs(factor))
+    _, first = np.unique(part * y.shape[1] + pivot[vector], return_index=True)
+    part, vector = np.array([part, vector])[:, first]
+    at = pivot[vector]
+    parts = factor[part, vector, None, None] * unit[vector, :, None] * unit[vector, None]
+    np.subtract.at(matrices, part, parts)
+    matrices[part, at] = matrices[part, :, at] = 0.0
+    return part, parts, matrices
 
 
 def _span(matrices: FloatArray) -> FloatArray:
