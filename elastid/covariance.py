@@ -76,7 +76,7 @@ class Covariance(WorkerConstant):
 
     @property
     def in_file(self) -> ComplexArray | None:
-        """The part that says in which folder its file is, if it is in one (`base.large_arrays.move_beside`)."""
+        """Matrix in a file, if any: `base.large_arrays.move_beside` uses its folder."""
         return next((matrix for matrix in (self.matrix, self.right) if matrix is not None), None)
 
     def elements(self, rows: Sequence[int], columns: Sequence[int]) -> "Covariance":

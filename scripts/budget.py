@@ -26,7 +26,7 @@ Budget = Mapping[str, Mapping[str, int]]
 
 
 def measure_sizes(root: Path) -> dict[str, dict[str, int]]:
-    """Return all numbers of the house at `root`."""
+    """Measure all sizes of the repository at `root`."""
     sizes: dict[str, dict[str, int]] = {}
     for area in ROOMS:
         texts = [path.read_text(encoding="utf-8") for path in sorted((root / area).rglob("*.py"))]
@@ -46,7 +46,7 @@ def measure_sizes(root: Path) -> dict[str, dict[str, int]]:
 
 
 def lines(folder: Path, ends: tuple[str, ...]) -> int:
-    """Count the lines of files whose names end so; minimised libraries of others are left out."""
+    """Count the lines of files with these name endings, except minimised third-party libraries."""
     files = [path for path in folder.rglob("*") if path.name.endswith(ends) and ".min." not in path.name]
     return sum(len(path.read_text(encoding="utf-8").splitlines()) for path in files)
 
@@ -73,7 +73,7 @@ def numbers(node: ast.expr | None) -> int:
 
 
 def sentences(tree: ast.Module) -> Iterator[ast.AST]:
-    """Yield texts of five words and more that end as a sentence does, and those with holes for numbers."""
+    """Yield texts of at least five words that end like a sentence or contain placeholders."""
     nodes = [*ast.walk(tree)]
     apart = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
     apart |= {id(part) for node in nodes if isinstance(node, ast.JoinedStr) for part in node.values}
@@ -100,7 +100,7 @@ def public_names(text: str) -> int:
 
 
 def list_excesses(sizes: Budget, budget: Budget) -> list[str]:
-    """Return a line for each number above the budget: what, where, how much."""
+    """Return a line for each size above its limit: area, name, size and excess."""
     over = []
     for area, numbers in sizes.items():
         for name, number in numbers.items():
@@ -110,7 +110,7 @@ def list_excesses(sizes: Budget, budget: Budget) -> list[str]:
 
 
 def lowered_text(sizes: Budget, budget: Budget) -> str:
-    """Return the text of the file with each number that fell; a number that it does not have is taken as it stands."""
+    """Return the text of the budget file with lower limits where sizes fell, and with the sizes of new entries."""
     text = "# Sizes that may only fall: `python scripts/budget.py --lower` writes those that did.\n"
     for area, numbers in sizes.items():
         lower = {name: min(number, budget.get(area, {}).get(name, number)) for name, number in numbers.items()}
@@ -119,7 +119,7 @@ def lowered_text(sizes: Budget, budget: Budget) -> str:
 
 
 def main(arguments: list[str], root: Path = ROOT) -> int:
-    """Compare the numbers with the file, lowered before if asked for. Return the exit code."""
+    """Compare the numbers with the file; with --lower, lower the file first. Return the exit code."""
     path = root / "scripts" / "budget.toml"
     budget = tomllib.loads(path.read_text(encoding="utf-8"))
     sizes = measure_sizes(root)

@@ -58,7 +58,7 @@ def changes(tree: ast.Module) -> list[tuple[int, Callable[[], None]]]:
 
 
 def executable_nodes(node: ast.AST) -> Iterator[Any]:
-    """Yield a node and those below it, without messages, annotations and nested functions, which come by themselves."""
+    """Yield a node and those below it, without messages, annotations and nested functions."""
     if isinstance(node, ast.JoinedStr | ast.Raise | ast.FunctionDef | ast.ClassDef):
         return
     yield node
@@ -130,14 +130,14 @@ def mutants(room: str, count: int, seed: int) -> list[Mutant]:
 
 
 def statement(tree: ast.Module, line: int) -> range:
-    """Return lines of the innermost statement at a line, without those of its body."""
+    """Return the lines of the innermost statement at a line, without its body."""
     nodes = [node for node in ast.walk(tree) if isinstance(node, ast.stmt) and node.lineno <= line]
     inner: Any = max((node for node in nodes if (node.end_lineno or 0) >= line), key=lambda node: node.lineno)
     return range(inner.lineno, inner.body[0].lineno if hasattr(inner, "body") else inner.end_lineno + 1)
 
 
 def in_copy(work: Callable[..., Any], *arguments: Any) -> Any:
-    """Return the value of a function that runs in a copy of this process; None if the copy ends without one."""
+    """Return the value of a function that runs in a copy of this process; None if the copy ends without a value."""
     with TemporaryFile() as file:
         if (process := os.fork()) == 0:
             try:
@@ -177,8 +177,8 @@ def install(mutant: Mutant) -> None:
 class Judge:
     """Plugin of pytest: in copies of the process, each test of a room is recorded and each mutant meets its tests."""
 
-    def __init__(self, room: str, mutants_: list[Mutant]) -> None:
-        self.room, self.drawn = room, mutants_
+    def __init__(self, room: str, drawn: list[Mutant]) -> None:
+        self.room, self.drawn = room, drawn
         self.folder, self.lines = str(ROOT / "elastid" / room) + os.sep, set[tuple[str, int]]()
         self.failing, self.survive, self.seconds = ["collection"], list[bool | None](), dict[Any, float]()
 
@@ -220,7 +220,7 @@ class Judge:
         return time.monotonic() - begin, self.lines
 
     def survives(self, mutant: Mutant, tests: list[Any]) -> bool:
-        """Return True, unless the process ends before; of tests about as fast, those of a file share its fixtures."""
+        """Return True if all tests pass, the fast ones first; the process ends at the first failure."""
         threading.settrace(None)  # type: ignore[arg-type]
         install(mutant)
         tests.sort(key=lambda test: (round(math.log2(self.seconds[test])), str(test.path), self.seconds[test]))
@@ -236,7 +236,7 @@ class Judge:
 
 
 def limit_s(seconds: float) -> int:
-    """Return seconds after which tests with a mutant, which may loop for ever, fail; seconds: without one."""
+    """Return the time limit, s, of tests with a mutant, which may not end; seconds: duration without a mutant."""
     return LIMIT_S + round(10 * seconds)
 
 
@@ -288,8 +288,10 @@ def judge_room(room: str, count: int, seed: int) -> dict[str, object]:
             survive[index] = bool(in_copy(survives_import, mutant, room, limit))
         if survive[index]:
             print("survives:", mutant, flush=True)
-    said = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, check=True, capture_output=True, text=True)
-    counts = {"mutants": len(drawn), "killed": survive.count(False), "seed": seed, "commit": said.stdout.strip()}
+    revision = subprocess.run(
+        ["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, check=True, capture_output=True, text=True
+    )
+    counts = {"mutants": len(drawn), "killed": survive.count(False), "seed": seed, "commit": revision.stdout.strip()}
     return {"room": room, **counts, "seconds": round(time.monotonic() - begin)}
 
 

@@ -267,7 +267,7 @@ def _command_files(
 
 def _time_lines(clock: Clock) -> list[str]:
     """Return the line of a study that names the time channel of a log with gaps or uneven samples."""
-    return [] if clock.is_even else [f"    time: {quote(clock.name)} # samples are brought from it to rate_hz"]
+    return [] if clock.is_even else [f"    time: {quote(clock.name)} # time channel; samples are resampled to rate_hz"]
 
 
 def _unused(

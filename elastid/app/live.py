@@ -136,7 +136,7 @@ class Session:
                 if max(ratios.values()) <= 1:
                     planned_s = planned_time_s(self.run)
                     end = f"goal reached after {len(plans)} experiments and {time_s:.4g} s of robot time, "
-                    end += f"{100 * time_s / planned_s:.0f} % of the {planned_s:.4g} s of the plan of the study"
+                    end += f"{100 * time_s / planned_s:.0f} % of the {planned_s:.4g} s that the study's plan takes"
                     return plans, True, end
             plan = self._next_plan(plans, result)
             if isinstance(plan, str):

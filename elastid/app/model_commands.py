@@ -1,4 +1,4 @@
-"""Commands that use a fit, by one runner: read it, compute, write h5, csv, page and figure, and say the answer."""
+"""Commands that use a fit. One runner reads it, computes, writes h5, csv, page and figure, and prints the result."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

@@ -278,14 +278,14 @@ def _by_predictor(errors: Sequence[float]) -> dict[str, float]:
     return dict(zip(PREDICTORS, errors, strict=True))
 
 
-# Keys of a file of a study that are of that file alone, and not of another log with the same channels.
+# Keys of a log file that do not apply to other logs with the same channels.
 _OF_ONE_LOG = ("samples", "also", "speed", "temperature", "load")
 
 
 def on_logs(study: Path, logs: Sequence[Path], options: Mapping[str, Any]) -> dict[str, Any]:
     """Return command-line options by which a study reads these logs instead of its own, in another run folder.
 
-    A log has the other keys (configuration, realisation ...) of the file that it stands in for, the last of the first.
+    Log i has the other keys (configuration, realisation ...) of file i; further logs have the keys of the last file.
     """
     if not logs:
         return dict(options)
@@ -309,10 +309,10 @@ def on_logs(study: Path, logs: Sequence[Path], options: Mapping[str, Any]) -> di
 
 
 def predict(run: Run, source: Path) -> None:
-    """Judge the parameters of `source` on the logs of a study: prediction.json and prediction.png.
+    """Validate the parameters of `source` on the logs of a study: prediction.json and prediction.png.
 
-    source: a friction.h5 or fit.h5, or the folder that holds it.  Stages that read the logs are run where they are out
-    of date.  StudyError for a study of the other kind, and where nothing can be predicted.
+    source: a friction.h5 or fit.h5, or the folder that holds it.  Outdated stages that read the logs run
+    again.  StudyError for a study of the other kind, and where nothing can be predicted.
     """
     of_friction = run.study.friction is not None
     path = _result_of(run, source, "friction.h5" if of_friction else "fit.h5")

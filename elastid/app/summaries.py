@@ -261,8 +261,8 @@ def _log_comparison(log_comparison: LogComparison) -> Content:
     return {
         "torque": [
             section(balance, "place log")
-            | _common_numbers(balance, balance, fractions)
-            | {"bands": [_common_numbers(balance, band, of_band) for band in balance.bands]}
+            | _balance_fields(balance, balance, fractions)
+            | {"bands": [_balance_fields(balance, band, of_band) for band in balance.bands]}
             for balance in log_comparison.balances
         ],
         "simulation": [
@@ -272,8 +272,8 @@ def _log_comparison(log_comparison: LogComparison) -> Content:
     }
 
 
-def _common_numbers(balance: TorqueBalance, value: TorqueBalance | BandBalance, names: str) -> Content:
-    """Return fields of a balance or of a band of it, and the fraction of each contribution."""
+def _balance_fields(balance: TorqueBalance, value: TorqueBalance | BandBalance, names: str) -> Content:
+    """Return fields of a torque balance or one of its bands, and the fraction of each contribution."""
     return section(value, names) | {"fractions": dict(zip(balance.parts, value.fractions, strict=True))}
 
 

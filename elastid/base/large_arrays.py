@@ -117,7 +117,7 @@ SHARED_FILE_BYTES = 1 << 28
 
 
 class _SharedFile:
-    """A temporary file of arrays without a name; deleted with its last array or at the end of the process."""
+    """An unnamed temporary file of arrays; deleted with its last array or at the end of the process."""
 
     def __init__(self, folder: Path, size: int) -> None:
         self.file = tempfile.TemporaryFile(dir=folder, buffering=0)  # noqa: SIM115 (as long as its arrays)
@@ -140,7 +140,7 @@ _SHARED_FILES: WeakValueDictionary[tuple[int, Path], _SharedFile] = WeakValueDic
 
 
 def move_beside(source: NDArray[Any] | None, values: NDArray[Any]) -> NDArray[Any]:
-    """Move values, read-only, into a temporary file next to the file of `source`; no change if it is in memory."""
+    """Move values, read-only, into a temporary file beside the file of `source`; no change if `source` is in memory."""
     folder = getattr(source, "folder", None)
     return values if folder is None else move_to_file(folder, values)
 

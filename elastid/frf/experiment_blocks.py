@@ -70,14 +70,14 @@ class PackedSum:
         call("add_scatter", *z.shape, z.ctypes.data, mean.ctypes.data, *strides, self.S[batch.start // BATCH :])
 
     def power(self) -> FloatArray:
-        """Return power as of `FullSum.power`."""
+        """Return the power as `FullSum.power` does."""
         F, n = self.scale.shape
         i = np.arange(n)
         diagonal = self.S[:, i * n - i * (i - 1) // 2, 0].transpose(0, 2, 1).reshape(-1, n)[:F]
         return np.asarray(diagonal * np.abs(self.scale) ** 2)
 
     def collect(self) -> ComplexArray:
-        """Return sum as of `FullSum.collect`."""
+        """Return the sum as `FullSum.collect` does."""
         S = np.empty((*self.scale.shape, self.scale.shape[1]), np.complex128)
         call("collect", *self.scale.shape, self.S, self.scale, S)
         return S

@@ -13,7 +13,7 @@ class CommandedLog:
     """Commands and encoder positions (n, m) of the joints of one log, link side, SI.
 
     command: k_p r + k_d r' + feed-forward torque.  kp, kd (m,): gains of the equivalent continuous controller;
-    delay_inertia (m,), kg m^2: equal in effect to delayed feedback.  velocity (m,): at the first sample.
+    delay_inertia (m,), kg m^2: effect of delayed feedback (`equivalent_gains`).  velocity (m,): at the first sample.
     coupled_inertia (m,): inertia of the robot model's rigid body at each joint, 0 if the joints are not coupled.
     is_zoh: true if commands are constant between samples, false if they are linear between samples.  has_gravity (m,):
     true if gravity on the joint changes with its angle.  load (n, m): torque of the rest of the robot.
@@ -49,7 +49,7 @@ def equivalent_gains(
 
 
 MAX_RELATIVE_ERROR = 0.1  # rms of measured minus simulated positions over the std of the position
-MIN_STDS = -2.0  # of viscous friction and inertia, which supply no power
+MIN_STDS = -2.0  # smallest viscous friction or inertia over its std; below, a negative value is significant
 
 
 @frozen_value
@@ -81,7 +81,7 @@ class CommandedJoint(Estimate):
         """Reason why positions or parameters contradict the model; empty without a contradiction."""
         if self.relative_error > MAX_RELATIVE_ERROR:
             return (
-                f"positions simulated from the commands have an error of {self.relative_error:.0%} of their rms; "
+                f"positions simulated from the commands have an error of {self.relative_error:.0%} of their std; "
                 f"the limit is {MAX_RELATIVE_ERROR:.0%}. Check gains, units and sign of the commands"
             )
         for name, meaning in (("viscous", "viscous friction"), ("inertia", "inertia")):

@@ -2,14 +2,15 @@ r"""Inertia, friction and command delay of joints, estimated from commands, enco
 
 .. math:: \hat\theta = \arg\min_\theta \sum_i N_i \log \sum_k \bigl(q_{ik} - \hat q_{ik}(\theta_i, T_d)\bigr)^2
 
-q hat: positions simulated from the commands alone (`simulation.rigid_joints`), averaged over a few samples; theta_i:
-parameters of joint i; T_d: delay of all joints of a log. This is the output-error method (Ljung, System Identification,
-1999, section 10.2). A regression on the torque computed from gains and encoder is biased: k_p T_d appears in viscous
-friction.
+q hat: positions simulated from the commands alone (`simulation.rigid_joints`), averaged over a few samples; N_i and
+theta_i: number of averages and parameters of joint i; T_d: delay of all joints of a log. This is the output-error
+method (Ljung, System Identification, 1999, section 10.2). A regression on the torque computed from gains and encoder is
+biased: k_p T_d appears in viscous friction.
 
-Errors of simulated positions are not white. The covariance is therefore a long-run covariance of each log's scores on
-slow cosines (`least_squares.long_run`): over time, or over the angle if it is larger, because model errors repeat with
-the angle. If the influences d_k of m logs scatter significantly more, their covariance is used instead:
+Errors of simulated positions are not white. The covariance of the estimates therefore follows from the long-run
+covariance of each log's scores on slow cosines (`least_squares.long_run`): over time, or over the angle if it is
+larger, because model errors repeat with the angle. If the influences d_k of m logs scatter significantly more, the
+diagonal of Sigma replaces the variances; the correlations remain:
 
 .. math:: \Sigma = \frac{m}{m - 1} \sum_k d_k d_k^T
 """
@@ -33,18 +34,18 @@ from elastid.simulation.rigid_joints import PARAMETERS, CommandedJoints
 START_DELAYS = np.linspace(0.0, 0.04, 9)
 # Minimum rate of the averaged positions, and minimum number in a period at the upper edge of the commands' band.
 MIN_MEANS_HZ, MEANS_PER_PERIOD = 40.0, 12.0
-# Errors of the initial state decay within so many time constants k_d / k_p. Derivatives are smoothed over SMOOTH_S.
+# Time constants k_d / k_p until errors of the initial state are negligible; window of smoothed derivatives, s.
 SETTLING_CONSTANTS, SMOOTH_S = 15.0, 0.06
 # Perturbation of a parameter for its sensitivity, relative to its scale, and perturbation of the delay in s.
 PERTURBATION, DELAY_STEP_S = 1e-3, 2e-4
+# Iterations and step factor of the short searches; iterations of the search, least decrease of the mean cost, and least
+# eigenvalue of an identifiable direction, whose sum over all directions is their number.
 START_ITERATIONS, START_COARSENESS, MAX_ITERATIONS, TOLERANCE, MIN_CURVATURE = 8, 4, 30, 1e-5, 1e-12
 DAMPINGS = np.append(0.0, 10.0 ** np.arange(-4, 4))
-# Free parameters of the three kinds of sticking.  Start values: stick time, s, and creep, or displacement of the
-# bristles before sliding over the position's std and their damping time, s; the others are 0.
-EXACT, SOFT, BRISTLES = (), PARAMETERS[6:8], PARAMETERS[8:]
+# Free parameters of the three kinds of sticking.  Start values of SOFT: stick time, s, and creep; of BRISTLES: s F_c
+# over the std of the position, and damping time, s. All others are 0.
+EXACT_STICKING, SOFT, BRISTLES = (), PARAMETERS[6:8], PARAMETERS[8:]
 START_STICKING = (SOFT, (0.01, 0.1)), (SOFT, (0.02, 0.6)), (BRISTLES, (0.001, 0.001)), (BRISTLES, (0.01, 0.001))
-# Factors of the start value of Coulomb friction. The regression underestimates it if a joint mostly sticks.
-COULOMB_FACTORS = 2.0 ** np.arange(3)
 # A joint has a sticking model if Coulomb friction and the parameters of sticking exceed STICKING_STDS standard
 # deviations, and creep is below MAX_CREEP. Stick times count beyond one step of the simulation.
 STICKING_STDS, MAX_CREEP = 5.0, 0.9
@@ -87,7 +88,7 @@ class _Problem:
         )  # fmt: skip
         highest = max(_upper_band_edge(log) for log in logs)
         window = max(1, int(rate_hz / max(MIN_MEANS_HZ, MEANS_PER_PERIOD * highest)))
-        return cls(tuple(logs), joints, commanded, window, (EXACT,) * len(joints))
+        return cls(tuple(logs), joints, commanded, window, (EXACT_STICKING,) * len(joints))
 
     def with_steps(self, theta: FloatArray) -> "_Problem":
         """Return the problem with the number of simulation steps that theta (..., m, 10) requires."""
@@ -118,6 +119,11 @@ class _Problem:
     def errors(self, simulations: Sequence[FloatArray], candidate: int = 0) -> list[FloatArray]:
         """Return the measured minus the simulated means (n_k, m_k) of each log for one candidate."""
         return [q - sim[:, candidate] for q, sim in zip(self.measured, simulations, strict=True)]
+
+    @property
+    def counts(self) -> FloatArray:
+        """Number N_i of averaged positions of each joint (m,)."""
+        return np.bincount(self.index, [len(q) for q in self.measured for _ in q.T]).astype(np.float64)
 
     @property
     def position_std(self) -> FloatArray:
@@ -172,7 +178,7 @@ def _upper_band_edge(log: CommandedLog) -> float:
 def fit_commanded(
     logs: Sequence[CommandedLog], start: Mapping[str, CommandedJoint] | None = None
 ) -> dict[str, CommandedJoint]:
-    """Estimate the parameters of each joint from logs at one rate; raise DataError if all simulations diverge.
+    """Estimate the parameters of each joint from logs at one rate; raise DataError if the simulation diverges.
 
     start: estimates from which the search starts; None: it starts from a regression.
     """
@@ -188,7 +194,7 @@ def fit_commanded(
         problem = problem.with_steps(theta)
         fits = _estimates(problem, theta, delay_s)
         sticking = tuple(
-            row if _is_significant(fits[joint], row, problem.step_s) else EXACT
+            row if _is_significant(fits[joint], row, problem.step_s) else EXACT_STICKING
             for joint, row in zip(problem.joints, problem.sticking, strict=True)
         )
         if sticking == problem.sticking:
@@ -207,7 +213,7 @@ def _is_significant(fit: CommandedJoint, sticking: Sequence[str], step_s: float)
     covariance = fit.covariance[np.ix_(indices[free], indices[free])]
     squared_stds = float(excess[free] @ np.linalg.pinv(covariance) @ excess[free])  # Wald's statistic
     stds = min(fit["coulomb"] / max(fit.std("coulomb"), 1e-300), np.sqrt(squared_stds))
-    return bool(stds > STICKING_STDS and excess[1] < MAX_CREEP)
+    return bool(stds > STICKING_STDS and not (sticking == SOFT and fit["creep"] >= MAX_CREEP))
 
 
 def _minimise(problem: _Problem, theta: FloatArray, delay_s: float, iterations: int) -> tuple[FloatArray, float]:
@@ -217,9 +223,9 @@ def _minimise(problem: _Problem, theta: FloatArray, delay_s: float, iterations: 
         linearisation = _linearise(problem, theta, delay_s)
         is_at_bound = np.append((theta <= problem.lower_bounds)[problem.is_free], False)
         trials = [_add_step(problem, theta, delay_s, step) for step in linearisation.steps(is_at_bound)]
-        costs = _log_squares(problem, *map(np.array, zip(*trials, strict=True))).sum(axis=1)
+        costs = _costs(problem, *map(np.array, zip(*trials, strict=True))).sum(axis=1)
         best = int(costs.argmin())
-        if not np.log(linearisation.variance).sum() - costs[best] > TOLERANCE * len(problem.joints):
+        if not problem.counts @ np.log(linearisation.variance) - costs[best] > TOLERANCE * problem.counts.sum():
             break
         theta, delay_s = trials[best]
     return theta, delay_s
@@ -245,18 +251,17 @@ def _add_step(problem: _Problem, theta: FloatArray, delay_s: float, step: FloatA
     return trial, delay_s + float(np.clip(step[-1], -0.02, 0.02))
 
 
-def _log_squares(problem: _Problem, candidates: FloatArray, delays: FloatArray) -> FloatArray:
-    """Return the logarithm (K, m) of each joint's mean squared errors for candidates (K, m, 10) with delays (K,), s."""
+def _costs(problem: _Problem, candidates: FloatArray, delays: FloatArray) -> FloatArray:
+    """Return the cost (K, m) of each joint, N_i log(mean squared error), of theta (K, m, 10) with delays (K,), s."""
     simulated = problem.simulate(candidates, delays)
     squares = [_mean_squares(problem, problem.errors(simulated, k)) for k in range(len(delays))]
-    return np.log(np.nan_to_num(squares, nan=np.inf))
+    return np.asarray(problem.counts * np.log(np.nan_to_num(squares, nan=np.inf)))
 
 
 def _mean_squares(problem: _Problem, errors: Sequence[FloatArray]) -> FloatArray:
     with np.errstate(over="ignore"):  # a candidate may diverge
         squares = np.concatenate([np.sum(error**2, axis=0) for error in errors])
-    counts = np.concatenate([np.full(error.shape[1], len(error)) for error in errors])
-    return np.maximum(np.bincount(problem.index, squares) / np.bincount(problem.index, counts), 1e-300)
+    return np.maximum(np.bincount(problem.index, squares) / problem.counts, 1e-300)
 
 
 @dataclass(frozen=True)
@@ -273,12 +278,11 @@ class _Linearisation:
     def steps(self, is_at_bound: BoolArray) -> FloatArray:
         """Return the Levenberg-Marquardt step (n_x,) of each of DAMPINGS; parameters at their lower bound only grow."""
         gradient = sum(score.sum(axis=0) for score in self.scores)
-        moves = ~is_at_bound | (gradient > 0)
-        eigenvalues, vectors = _eigensystem(self.normal[np.ix_(moves, moves)])
-        least = MIN_CURVATURE * eigenvalues[-1]
-        slope = vectors.T @ gradient[moves] * (eigenvalues > least)
-        steps = np.zeros((len(DAMPINGS), len(moves)))
-        steps[:, moves] = (slope / (np.maximum(eigenvalues, least) + DAMPINGS[:, None])) @ vectors.T
+        is_free = ~is_at_bound | (gradient > 0)
+        eigenvalues, vectors = _eigensystem(self.normal[np.ix_(is_free, is_free)])
+        slope = vectors.T @ gradient[is_free] * (eigenvalues > MIN_CURVATURE)
+        steps = np.zeros((len(DAMPINGS), len(is_free)))
+        steps[:, is_free] = (slope / (np.maximum(eigenvalues, MIN_CURVATURE) + DAMPINGS[:, None])) @ vectors.T
         return steps
 
     def inverses(self) -> tuple[FloatArray, FloatArray]:
@@ -287,7 +291,7 @@ class _Linearisation:
         The null space contains unidentifiable combinations, for example F_c - o if the joint never reverses.
         """
         eigenvalues, vectors = _eigensystem(self.normal)
-        curvatures = np.maximum(eigenvalues, MIN_CURVATURE * eigenvalues[-1])
+        curvatures = np.maximum(eigenvalues, MIN_CURVATURE)
         vectors = vectors / np.sqrt(curvatures)
         null_vectors = vectors * (eigenvalues < curvatures)
         return (vectors - null_vectors) @ vectors.T, null_vectors @ null_vectors.T
@@ -309,6 +313,9 @@ def _linearise(problem: _Problem, theta: FloatArray, delay_s: float) -> _Lineari
     simulated = problem.simulate(candidates, delays)
     errors = problem.errors(simulated)
     variance, n_x = _mean_squares(problem, errors), int(is_free.sum()) + 1
+    if not np.all(np.isfinite(variance)):
+        text = "simulation from the commands diverges. Check gains and units of the commands"
+        raise DataError("friction/motion", text, problem.logs[0].name)
     indices = np.full(is_free.shape, -1)
     indices[is_free] = np.arange(n_x - 1)
     normal, scores = np.zeros((n_x, n_x)), [np.zeros((len(error), n_x)) for error in errors]
@@ -327,43 +334,27 @@ def _linearise(problem: _Problem, theta: FloatArray, delay_s: float) -> _Lineari
 def _initial_estimate(problem: _Problem) -> tuple[_Problem, FloatArray, float]:
     """Return the problem with the best kind of sticking of each joint, start values (m, 10) and their delay, s.
 
-    A regression selects the best of START_DELAYS. A short search follows for each row of START_STICKING, from the best
-    of COULOMB_FACTORS.
+    A regression selects the best of START_DELAYS. A short search follows for each row of START_STICKING.
     """
     regressions = np.stack([_regress(problem, delay) for delay in START_DELAYS.tolist()])
     problem = replace(problem, coarseness=START_COARSENESS).with_steps(regressions)
-    best = _log_squares(problem, regressions, START_DELAYS).sum(axis=1).argmin()
-    delays, optima = START_DELAYS[[best] * len(COULOMB_FACTORS)], []
+    best, optima = int(_costs(problem, regressions, START_DELAYS).sum(axis=1).argmin()), []
+    torque = np.maximum(regressions[best, :, 2], _scales(problem)[:, 2] / 100)
     for names, values in START_STICKING:
-        starts = _sticking_starts(problem, regressions[best], names, values)
-        start = _best(starts, _log_squares(problem, starts, delays))
-        variant = replace(problem, sticking=(names,) * len(problem.joints))
-        optima.append(_minimise(variant, start, float(delays[0]), START_ITERATIONS))
+        start, variant = regressions[best].copy(), replace(problem, sticking=(names,) * len(problem.joints))
+        start[:, [PARAMETERS.index(name) for name in names]] = values
+        start[:, 8] *= problem.position_std / torque
+        optima.append(_minimise(variant, start, float(START_DELAYS[best]), START_ITERATIONS))
     candidates, delays = map(np.array, zip(*optima, strict=True))
-    costs = _log_squares(problem.with_steps(candidates), candidates, delays)
-    sticking = tuple(START_STICKING[k][0] for k in costs.argmin(axis=0))
-    delay_s = float(delays[costs.sum(axis=1).argmin()])
-    return replace(problem, sticking=sticking, coarseness=1), _best(candidates, costs), delay_s
-
-
-def _sticking_starts(
-    problem: _Problem, theta: FloatArray, names: Sequence[str], values: Sequence[float]
-) -> FloatArray:  # fmt: skip
-    """Return theta (m, 10) with each of COULOMB_FACTORS (K, m, 10), and with start values of sticking."""
-    starts = np.repeat(theta[None], len(COULOMB_FACTORS), axis=0)
-    starts[..., 2] *= COULOMB_FACTORS[:, None]
-    starts[..., [PARAMETERS.index(name) for name in names]] = values
-    starts[..., 8] *= problem.position_std / np.maximum(starts[..., 2], _scales(problem)[:, 2] / 100)
-    return starts
-
-
-def _best(candidates: FloatArray, costs: FloatArray) -> FloatArray:
-    """Return the candidate (m, 10) with the least cost (K, m) of each joint."""
-    return np.asarray(candidates[costs.argmin(axis=0), np.arange(costs.shape[1])])
+    costs = _costs(problem.with_steps(candidates), candidates, delays)
+    choices = costs.argmin(axis=0)
+    sticking = tuple(START_STICKING[k][0] for k in choices)
+    theta, delay_s = candidates[choices, np.arange(len(choices))], float(delays[costs.sum(axis=1).argmin()])
+    return replace(problem, sticking=sticking, coarseness=1), theta, delay_s
 
 
 def smoothed_motion(position: FloatArray, rate_hz: float) -> tuple[list[FloatArray], int]:
-    """Return positions (n, m), velocities and accelerations, smoothed by cubics, and their window, an odd number."""
+    """Return positions (n, m), velocities and accelerations, smoothed by cubics; also the window, samples."""
     width = 2 * max(2, round(SMOOTH_S * rate_hz / 2)) + 1
     return [savgol_filter(position, width, 3, deriv=order, delta=1 / rate_hz, axis=0) for order in range(3)], width
 
@@ -373,9 +364,9 @@ def _regress(problem: _Problem, delay_s: float) -> FloatArray:
     scales, rows = _scales(problem), dict[str, list[tuple[FloatArray, FloatArray]]]()
     for log in problem.logs:
         n, (q, v, a), width = len(log.position), *smoothed_motion(log.position, log.rate_hz)
-        late = np.arange(n) - delay_s * log.rate_hz - 0.5  # mean delay of a zero-order hold
+        delayed = np.arange(n) - delay_s * log.rate_hz - 0.5  # mean delay of a zero-order hold
         for i, joint in enumerate(log.joints):
-            torque = np.interp(late, np.arange(n), log.command[:, i]) - log.kp[i] * q[:, i] - log.kd[i] * v[:, i]
+            torque = np.interp(delayed, np.arange(n), log.command[:, i]) - log.kp[i] * q[:, i] - log.kd[i] * v[:, i]
             gravity = [np.cos(q[:, i]), np.sin(q[:, i])] if log.has_gravity[i] else []
             columns = [a[:, i], v[:, i], np.sign(v[:, i]), np.ones(n), *gravity]
             used = slice(width, n - width)
@@ -394,9 +385,6 @@ def _regress(problem: _Problem, delay_s: float) -> FloatArray:
 
 def _estimates(problem: _Problem, theta: FloatArray, delay_s: float) -> dict[str, CommandedJoint]:
     linearisation, is_free = _linearise(problem, theta, delay_s), problem.is_free
-    if not np.all(np.isfinite(linearisation.variance)):
-        text = "simulation from the commands diverges for all start values. Check gains and units of the commands"
-        raise DataError("friction/motion", text, problem.logs[0].name)
     names = (*((problem.joints[i], PARAMETERS[j]) for i, j in np.argwhere(is_free).tolist()), ("", DELAY))
     values, covariance = np.append(theta[is_free], delay_s), _covariance(linearisation, problem, names)
     fits = dict[str, CommandedJoint]()
@@ -408,7 +396,7 @@ def _estimates(problem: _Problem, theta: FloatArray, delay_s: float) -> dict[str
 
 
 def _covariance(linearisation: _Linearisation, problem: _Problem, names: Sequence[tuple[str, str]]) -> FloatArray:
-    """Return the covariance (n_x, n_x) of the largest scatter: over time, over the angle or between logs."""
+    """Return the covariance (n_x, n_x) with the largest variances: over time, over the angle or between logs."""
     inverse, null_space = linearisation.inverses()
     m, rate_hz = len(linearisation.scores), problem.commanded.rate_hz / problem.window
     counts = [cosine_count(len(score) / rate_hz, m) for score in linearisation.scores]

@@ -94,12 +94,12 @@ class PassRegression:
             about[np.abs(about) < 1e-9 * mean] = 0.0  # rounding is all that a constant speed leaves
             columns = [s * np.ones_like(q), np.ones_like(q), run.acceleration, s * about, np.cos(q), np.sin(q)]
             pair, load = pairs.index(run.pair), 2 * loads.index(run.load_name) if loads else -2
-            columns_ = [pair, n_k + pair, *(2 * n_k + i for i in (0, 1, 2 + load, 3 + load))]
+            indices = [pair, n_k + pair, *(2 * n_k + i for i in (0, 1, 2 + load, 3 + load))]
             if not loads:
-                columns_, columns = columns_[:4], columns[:4]
+                indices, columns = indices[:4], columns[:4]
             torques.append(folded(run.torque, step).mean(axis=1))
             X = np.zeros((len(torques[-1]), 2 * n_k + 2 + 2 * len(loads)))
-            X[:, columns_] = folded(np.stack(columns, axis=1), step).mean(axis=1)
+            X[:, indices] = folded(np.stack(columns, axis=1), step).mean(axis=1)
             rows.append(X)
             waves.append(folded(turn_waves(q, s, turn, wave_numbers), step).mean(axis=1))
         gravity = [f"gravity.{wave}.{load}".rstrip(".") for load in loads for wave in ("cos", "sin")]
@@ -238,9 +238,9 @@ def estimate_friction_curve(passes: Sequence[Pass], has_gravity: bool, turn: flo
     has_gravity: True if its torque changes with the angle.  turn: of the joint for one of the motor, whose ripple is
     regressed too; 0 for none.  DataError where a pair has one direction only, or no pair slides.
     """
-    moving, notes = _sliding(passes)
-    pairs = {test.pair: [back for back in moving if back.pair == test.pair] for test in moving}
-    place = moving[0].place
+    sliding, notes = _sliding(passes)
+    pairs = {test.pair: [back for back in sliding if back.pair == test.pair] for test in sliding}
+    place = sliding[0].place
     for name, members in pairs.items():
         if len({test.direction for test in members}) < 2:
             text = (
@@ -248,7 +248,7 @@ def estimate_friction_curve(passes: Sequence[Pass], has_gravity: bool, turn: flo
                 "back; record both directions"
             )
             raise DataError("friction/constant-velocity", text, f"pass {name} of {place}")
-    design, n_k = PassRegression.of(moving, has_gravity, turn), len(pairs)
+    design, n_k = PassRegression.of(sliding, has_gravity, turn), len(pairs)
     values, covariance = design.solve()
     stds = np.sqrt(np.diag(covariance))
     states = [[(np.abs(test.velocity).mean(), test.load, test.temperature) for test in pair] for pair in pairs.values()]
@@ -267,7 +267,7 @@ def estimate_friction_curve(passes: Sequence[Pass], has_gravity: bool, turn: flo
     signs = (1.0, -1.0) if uneven.any() else (0.0,)
     speed, load, temperature = np.tile(conditions.T, len(signs))
     torque, std = np.concatenate([g + s * uneven for s in signs]), np.tile(stds[:n_k] * np.sqrt(len(signs)), len(signs))
-    directions, slides = np.repeat(signs, n_k), moving[0].slides
+    directions, slides = np.repeat(signs, n_k), sliding[0].slides
     return FrictionCurve(place, speed, directions, torque, std, load, temperature, slides, shared_numbers, tuple(notes))
 
 

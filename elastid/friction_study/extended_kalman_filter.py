@@ -132,7 +132,7 @@ class FilterNoise:
     """Standard deviations of the noise and drift of a filter, one side of the gear, SI.
 
     angle: of a sample of the motor's angle; encoder counts have count / sqrt(12).  torque: white, of a sample.
-    correlated_torque: of w.  drift: of the followed numbers, in a root second; of the logarithms relative.
+    correlated_torque: of w.  drift: of the tracked parameters per root second; relative for logarithmic ones.
     slip: of the bristle in z_s = F_c / sigma_0, for each z_s of slip, as a random walk: without this noise F_c is wrong
     after every stop.
     """
@@ -273,7 +273,7 @@ FIRST_SAMPLES = 5  # over which the velocity at the start of a motion is average
 class KalmanFilter:
     """Filter of a joint at a sampling rate.
 
-    samples: approximate number that it will filter in all; from many on it is compiled to machine code.
+    samples: approximate total number of samples; a large number is filtered by compiled code.
     """
 
     def __init__(self, joint: TrackedJoint, rate_hz: float, samples: int = 0) -> None:

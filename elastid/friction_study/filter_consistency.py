@@ -14,11 +14,11 @@ LAGS = 50  # of the autocorrelation
 # Thresholds of the consistency tests. 2 of 100 logs without faults have a note (scripts/studies/results.csv).
 NIS_BAND = (0.5, 1.15)  # mean NIS of a consistent filter; below 1 at zero velocity and without drift
 MAX_CORRELATION = 0.4  # of innovations from sample to sample; above, bands are 1.5 times too narrow
-MAX_STD_RATIO = 0.9  # of a number's std over that without the log: above, the log does not identify it
+MAX_STD_RATIO = 0.9  # std of a parameter with the log over its std without it; above, it is not identifiable
 LAGS_S: tuple[float, ...] = (0.3, 1.0, 3.0)  # over which changes of a tracked parameter are tested
 MAX_MOVEMENT = (0.2, 2.0)  # mean square over band, and over noise and drift: 1 of white errors
 DIVERGED_NIS = 10.0  # mean NIS; above it, or below its inverse, the filter has diverged
-MAX_DEPARTURE = 6.0  # of a followed number from its start, over the std of its prior and drift
+MAX_DEPARTURE = 6.0  # of a tracked parameter from its start value, in stds of its prior and drift
 
 
 @frozen_value
@@ -100,10 +100,14 @@ def is_not_observable(track: Track) -> BoolArray:
 def filter_notes(location: str, track: Track, assessment: Consistency) -> Iterator[Note]:
     """Yield notes on a filter: divergence, unobservable parameters, and reasons why its bands are too narrow."""
     names, P, divergence = track.joint.followed, track.covariance, assessment.divergence
-    is_constant = np.all(is_not_observable(track), axis=0).tolist()
+    is_unobservable = np.all(is_not_observable(track), axis=0).tolist()
     std = np.sqrt(np.diag(P))
     pairs = np.argwhere(np.triu(np.abs(P), 1) > MAX_STD_RATIO * np.outer(std, std)).tolist()
-    weak = [f"{name}, held where it began" for name, is_never in zip(names, is_constant, strict=True) if is_never]
+    weak = [
+        f"{name}, which keeps its initial value"
+        for name, is_weak in zip(names, is_unobservable, strict=True)
+        if is_weak
+    ]
     weak += [f"{names[i]} apart from {names[j]}" for i, j in pairs]
     if weak and not divergence:
         text = (

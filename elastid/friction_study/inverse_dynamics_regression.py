@@ -132,7 +132,7 @@ class MotionFriction:
         """Words on each second of the logs: in the regression or why not."""
         unused = [f"{value:.3g} s {name}" for name, value in self.seconds.items() if name != "used" and value > 0]
         total, used_s = sum(self.seconds.values()), self.seconds.get("used", 0.0)
-        return f"{used_s:.3g} of {total:.3g} s in the regression{'; not used_s: ' if unused else ''}{', '.join(unused)}"
+        return f"{used_s:.3g} of {total:.3g} s in the regression{'; not used: ' if unused else ''}{', '.join(unused)}"
 
     def to_friction(self) -> tuple[Friction, float]:
         """Return the law and its viscous friction as in a robot model, without presliding."""

@@ -105,9 +105,9 @@ def inverse_normal(J: FloatArray) -> FloatArray:
     return np.asarray(inverse / np.outer(size, size))
 
 
-def terms_p_value(larger_model: float, smaller_model: float, n_terms: int, dof: int) -> float:
-    """Return the p-value of the F test for n_terms terms: costs without (narrow) and with them (wide), residual dof."""
-    return f_test(larger_model - smaller_model, n_terms, max(smaller_model, dof), dof)
+def terms_p_value(cost_without: float, cost_with: float, n_terms: int, dof: int) -> float:
+    """Return the p-value of the F test for n_terms terms: costs without and with them, dof with them."""
+    return f_test(cost_without - cost_with, n_terms, max(cost_with, dof), dof)
 
 
 @dataclass(frozen=True)
@@ -277,9 +277,9 @@ def _variance_moments(
 ) -> tuple[FloatArray, FloatArray]:
     r"""Return E V over the true variance (n_x,), and dof 2 (E V)^2 / var V, of variances V by cosines for white errors.
 
-    error_influence (n, m, n_x): influence of each log's errors on the errors of the numbers.  bases: blocks of
+    error_influence (n, m, n_x): influence of each log's errors on the errors of the parameters.  bases: blocks of
     orthonormal columns (n, m, r) of all numbers, which the residuals lack, so that these are smaller than the errors,
-    above all where the columns change as slowly as the cosines do (Bell and McCaffrey, 2002).  For a log's cosines C of
+    most if the columns change as slowly as the cosines (Bell and McCaffrey, 2002).  For a log's cosines C of
     B terms,
 
     .. math:: V = \frac{2}{B} \mathrm{tr}\, C D (I - Q Q^T) D C^T, \quad D = \mathrm{diag}(w), \quad Q Q^T: explained

@@ -114,10 +114,12 @@ def _plateaus(record: FrictionRecord) -> tuple[Plateau, ...]:
     """Return plateaus in chronological order; for a log with a speed, the plateaus at this speed."""
     position, velocity, acceleration = smooth_motion(record, STEADY_HZ)
     candidates = [_way_plateau(position, *span, record.rate_hz) for span in _one_way_spans(position)]
-    fits = [plateau for plateau in candidates if plateau is not None]
+    way_plateaus = [plateau for plateau in candidates if plateau is not None]
     steady = find_plateaus(velocity, acceleration, record.rate_hz)
-    spans = [part for part in steady if not any(part.start < span.stop and span.start < part.stop for span in fits)]
-    plateaus = [*fits, *spans]
+    steady_plateaus = [
+        part for part in steady if not any(part.start < span.stop and span.start < part.stop for span in way_plateaus)
+    ]
+    plateaus = [*way_plateaus, *steady_plateaus]
     if record.speed is not None:
         max_difference = MAX_SPEED_DIFFERENCE * record.speed
         plateaus = [part for part in plateaus if abs(abs(part.velocity) - record.speed) <= max_difference]
@@ -147,9 +149,9 @@ def _one_way_spans(position: FloatArray) -> list[tuple[int, int]]:
 def _way_plateau(position: FloatArray, start: int, stop: int, rate_hz: float) -> Plateau | None:
     """Return the plateau of a way with at least half of its time at one speed, if its means over windows are equal."""
     q = position[start:stop]
-    is_moving = np.abs(q - q[0]) > MAX_STEADY_CHANGE * np.ptp(q)
+    has_left_start = np.abs(q - q[0]) > MAX_STEADY_CHANGE * np.ptp(q)
     ahead = np.abs(q - q[-1]) > MAX_STEADY_CHANGE * np.ptp(q)
-    first, last = int(np.argmax(is_moving)), len(q) - int(np.argmax(ahead[::-1]))
+    first, last = int(np.argmax(has_left_start)), len(q) - int(np.argmax(ahead[::-1]))
     w = (last - first) // WAY_WINDOWS
     if WAY_WINDOWS * w < 2 * SHORTEST_S * rate_hz:
         return None
@@ -165,9 +167,9 @@ def _way_plateau(position: FloatArray, start: int, stop: int, rate_hz: float) ->
     speed, offset = np.polyfit(t[inner], q[inner], 1)
     away = np.abs(q - speed * t - offset)
     on_line = away <= MAX_LINE_RATIO * away[inner].max()
-    start_run, end_run = on_line[: inner.start][::-1], on_line[inner.stop :]
-    begin = inner.start - int(np.argmin(np.append(start_run, False)))
-    return Plateau(start + begin, start + inner.stop + int(np.argmin(np.append(end_run, False))), float(speed))
+    flags_before, flags_after = on_line[: inner.start][::-1], on_line[inner.stop :]
+    begin = inner.start - int(np.argmin(np.append(flags_before, False)))
+    return Plateau(start + begin, start + inner.stop + int(np.argmin(np.append(flags_after, False))), float(speed))
 
 
 def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: bool) -> list[tuple[Plateau, Plateau]]:

@@ -194,7 +194,7 @@ RIGID_TERMS = {
         ("stick_time", "tau", "time constant of the velocity of a sticking joint without creep", "s", 0),
         ("creep", "c", "fraction of its torque that accelerates a sticking joint", "", 0),
         ("bristle_compliance", "s", "compliance before sliding", "rad/(N*m)", -2),
-        ("bristle_time", "T_s", "damping over stiffness before sliding", "s", 0),
+        ("bristle_time", "T_s", "damping time before sliding (damping over stiffness)", "s", 0),
     )
 }
 

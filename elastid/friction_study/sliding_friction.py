@@ -47,7 +47,7 @@ from elastid.robot import Joint, Robot
 from elastid.robot.friction_numbers import TERMS
 from elastid.robot.simplified import with_point_mass
 
-# Std of a number over it, from which on its combination with others is stated instead.
+# Largest relative std of a parameter that is stated alone; above, its combination is stated.
 MAX_RELATIVE_STD = 0.1
 # Sweeps of the coupling of joints in a simulation, and the change of positions over their extent at which they end.
 MAX_SWEEPS, SWEEP_TOLERANCE = 20, 1e-4
@@ -82,11 +82,11 @@ def _commanded_friction(joint: Joint, fit: CommandedJoint, measured: FrictionRec
     records = measured.of(joint.name, "commands")
     notes, text = notes_of(records), GAINS_EXACT
     if not records[0].feedback_delays_s[0]:
-        late = (records[0].gains or (0.0, 0.0))[0] / 2000
+        viscous = (records[0].gains or (0.0, 0.0))[0] / 2000
         unit = "N*s/m" if joint.slides else "N*m*s/rad"
         text += (
-            f". The controller is modelled as continuous. For a period of 1 ms, add {late:.2g} {unit} to the viscous "
-            "friction, or state controller.reference.cycle and controller.ticks"
+            f". The controller is modelled as continuous. For a period of 1 ms, add {viscous:.2g} {unit} to the "
+            "viscous friction, or state controller.reference.cycle and controller.ticks"
         )
     gains = Note("friction/gains", text, f"joint {joint.name}", severity="information")
     return SlidingFriction(
@@ -103,7 +103,7 @@ SEPARATING = (
 
 
 def _combination_notes(joint: Joint, fit: CommandedJoint, measured: FrictionRecords) -> Iterator[Note]:
-    """Yield a note for each combination of unidentifiable parameters; it names a motion that separates them."""
+    """Yield a note for each combination of unidentifiable parameters, with a motion that separates them."""
     kp, kd = measured.of(joint.name, "commands")[0].gains or (1.0, 1.0)
     # Below it the lag of friction is a delay, (f + k_d) / k_p.
     hz = kp / (2 * math.pi * (kd + max(0.0, fit["viscous"])))
@@ -135,7 +135,7 @@ def _commanded_joints(robot: Robot, measured: FrictionRecords) -> dict[str, Comm
         return {}
     commanded_logs = [commanded_log(robot, log) for log in logs]
     fits = fit_commanded(commanded_logs)
-    if any(np.any(log.coupled_inertia) for log in commanded_logs):  # measured positions, smoothed, give biased loads
+    if any(np.any(log.coupled_inertia) for log in commanded_logs):  # loads of smoothed measured positions are biased
         motions = [interpolated_motion(simulated_commands(robot, log, fits), log) for log in logs]
         loads = [rigid_loads(robot, [*log.values()], motion)[0] for log, motion in zip(logs, motions, strict=True)]
         fits = fit_commanded([replace(log, load=load) for log, load in zip(commanded_logs, loads, strict=True)], fits)
@@ -147,7 +147,7 @@ def _commanded_joints(robot: Robot, measured: FrictionRecords) -> dict[str, Comm
 
 
 def _with_record_statistics(fit: CommandedJoint, records: Sequence[FrictionRecord], inertia: float) -> CommandedJoint:
-    """Add statistics of its records, and the inertia of the rigid body, to an estimate."""
+    """Add to an estimate the statistics of its records and the inertia of the rigid body."""
     position = np.concatenate([record.position - record.position.mean() for record in records])
     speed = np.concatenate([np.abs(np.gradient(record.position, 1 / record.rate_hz)) for record in records])
     (low, high), std = np.quantile(speed, [0.05, 0.99]).tolist(), float(np.std(position))
@@ -179,7 +179,7 @@ def commanded_log(robot: Robot, log: Mapping[str, FrictionRecord]) -> CommandedL
 
 
 def interpolated_motion(position: FloatArray, log: Mapping[str, FrictionRecord]) -> list[FloatArray]:
-    """Return positions (n, m) without noise, velocities and accelerations by cubic splines."""
+    """Return noise-free positions (n, m), and their velocities and accelerations by cubic splines."""
     time_s = np.arange(len(position)) / next(iter(log.values())).rate_hz
     spline = CubicSpline(time_s, position)
     return [np.asarray(spline(time_s, order)) for order in range(3)]
@@ -424,6 +424,6 @@ def turns_against_gravity(robot: Robot, joint: Joint, posture: Configuration | N
     index, q = [link.name for link in robot.joints].index(joint.name), np.zeros((len(robot.joints), 3))
     if posture is not None:
         q[list(robot.driven_indices)] = (robot.mixing @ posture.angles)[:, None]
-    q[index] += (0.0, 1.1, 2.3)  # of these angles no two have the same gravity, whatever its phase
+    q[index] += (0.0, 1.1, 2.3)  # the gravity torque differs between these angles for any phase
     torques = rigid_torque(robot)(q, 0 * q, 0 * q)[index]
     return bool(np.ptp(torques) > 1e-9 * max(1.0, float(np.abs(torques).max())))

@@ -177,8 +177,8 @@ def _why_open(linkage: Mechanism, angles: FloatArray) -> str:
 def _check_locked(parts: Mechanism, q: FloatArray) -> None:
     """Refuse driven joints that no motion of the passive joints follows; StudyError."""
     _, Phi = parts.rows(q[None])
-    is_moving = np.abs(Phi[0] @ rates(parts.robot, q[None])[0]).max(axis=0) > 1e-6 * max(np.abs(Phi).max(), 1e-300)
-    if names := ", ".join(joint.name for joint, is_left in zip(parts.robot.driven, is_moving, strict=True) if is_left):
+    is_locked = np.abs(Phi[0] @ rates(parts.robot, q[None])[0]).max(axis=0) > 1e-6 * max(np.abs(Phi).max(), 1e-300)
+    if names := ", ".join(joint.name for joint, locks in zip(parts.robot.driven, is_locked, strict=True) if locks):
         raise StudyError(
             "robot/loops",
             "no motion of the passive joints follows, so that only springs could give; leave "

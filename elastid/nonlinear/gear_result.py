@@ -22,8 +22,8 @@ from elastid.robot import Friction, Gear, GearRipple, Hysteresis, Joint, Robot, 
 from elastid.robot.friction_numbers import with_laws
 from elastid.robot.simplified import with_joints, with_straight_springs, without_dry_friction
 
-# Of what the linear fit leaves of the motion, below which the effects of gears explain its misfit: 5 right models leave
-# at most 0.014 of it, 4 wrong ones at least 0.6 (scripts/studies/results.csv).
+# Largest residual relative to the linear fit's for gear effects that explain its misfit: 5 correct models have at most
+# 0.014, 4 wrong models at least 0.6 (scripts/studies/results.csv).
 MAX_UNEXPLAINED = 0.25
 NOT_EXPLAINED = "the effects found in its gears do not explain it"
 NOT_OPENED = "the effects of the gears were not estimated (see the line `gears`)"

@@ -18,7 +18,7 @@ CELLS = 4
 VELOCITY_NOISE = 0.04
 # Above which lines of the period are filtered as others are: below, friction moves the motor a little at all of them.
 _NOISY = VELOCITY_NOISE / 4
-_MAX_COHERENCE = 1 - 1 / NEIGHBOURS  # share of a line's power that is not noise, which noise alone never seems to have
+_MAX_COHERENCE = 1 - 1 / NEIGHBOURS  # largest coherence of a line by noise alone
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ from elastid.response import Response
 from elastid.robot import Robot
 from elastid.simulation.controller import feed_forward
 
-TORQUE_BAND = 2  # times the highest line of the motion, up to which the torques are kept
+TORQUE_BAND = 2  # highest line of the torques over the highest line of the motion
 
 
 @dataclass(frozen=True, eq=False)

@@ -343,9 +343,9 @@ def greedy(
 
 
 def is_admissible(shape: BasisFunction, shapes: Sequence[BasisFunction]) -> bool:
-    """Return True if a motor with `shapes` admits another shape: one Stribeck curve, and damping of stops or bristles.
+    """Return True if a motor with basis functions `shapes` admits a further one.
 
-    These require a shape with Coulomb friction.
+    One Stribeck curve beside any other function; damping only beside a stop or a bristle.
     """
     kinds = {s.kind for s in shapes}
     if shape.kind == "stribeck":
@@ -365,7 +365,7 @@ def select_motor_basis(
         return residual_power(equations, motor, np.array(members, dtype=np.int64))
 
     def pays(new_total: float, new_cost: float, _: list[int]) -> bool:
-        return new_cost < (1 - SLIGHT) * new_total  # not where no line shows any power
+        return new_cost < (1 - SLIGHT) * new_total  # False without residual power
 
     def larger(members: list[int], firsts: list[list[int]]) -> list[list[int]]:
         member_shapes = [shapes[i] for i in members]

@@ -18,8 +18,8 @@ GOOD = {
     "misfit": "No. Significant model error: do not use them.",
     "failed": "No parameter was identified.",
 }
-# Symbols of the numbers that the sentence of a joint has, each by direction where these differ.
-CODES_WITH_CAUSE = ("tau_f", "F_c", "F_s", "f")
+# Symbols in the sentence on a joint; by direction if the two directions differ.
+HEADLINE_SYMBOLS = ("tau_f", "F_c", "F_s", "f")
 # Largest relative half-width of a good number, and largest relative rms error of a good simulation.
 MOST_OFF = 0.1
 # Parts of a law without numbers, in words.
@@ -86,7 +86,7 @@ class FrictionContent:
         """Answer by the status, and by the least known of the numbers that a joint's sentence has."""
         if self.result.status in ("identified", "partly") and self._off:
             return f"Yes, but {self._off}."
-        rows = [row for row in self.result.numbers if row.symbol in CODES_WITH_CAUSE and row.value]
+        rows = [row for row in self.result.numbers if row.symbol in HEADLINE_SYMBOLS and row.value]
         widths = {row.name: (row.high - row.low) / 2 / abs(row.value) for row in rows}
         widest = max(widths, key=widths.__getitem__, default="")
         if self.result.status != "identified" or not widest or widths[widest] <= MOST_OFF:
@@ -150,7 +150,7 @@ def answer(joint: JointFriction) -> str:
     symbols = {estimate.symbol for estimate in joint.numbers}
     parts = [
         s
-        for symbol in CODES_WITH_CAUSE
+        for symbol in HEADLINE_SYMBOLS
         for s in ((f"{symbol}+", f"{symbol}-") if f"{symbol}+" in symbols else (symbol,))
     ]
     first = [estimate for symbol in parts for estimate in joint.numbers if estimate.symbol == symbol]

@@ -111,7 +111,7 @@ def is_wrong(result: Result) -> bool:
     return result.status in ("misfit", "model_error")
 
 
-MAX_UNEXPLAINED = 0.01  # of the position signal, which effects of the gears may leave unexplained
+MAX_UNEXPLAINED_MOTION = 0.01  # largest fraction of the position signal that the gear effects do not explain
 
 
 def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResult | None = None) -> str:
@@ -136,7 +136,7 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
         return f"With caution{with_verdicts and f': {with_verdicts}'}. The intervals include the {error}."
     if result.cause[0]:
         return f"With caution: {result.cause[0]}."
-    if gears is not None and not gears.refused and gears.after > MAX_UNEXPLAINED:
+    if gears is not None and not gears.refused and gears.after > MAX_UNEXPLAINED_MOTION:
         return f"With caution: gears and springs leave {percent(gears.after)} of the position signal unexplained."
     if poor:
         return f"{'No' if len(poor) == len(rows) else 'Not all of them'}: {with_verdicts}."

@@ -20,7 +20,7 @@ def log_signal(signals: FloatArray, rate_hz: float, channels: Sequence[Sequence[
 
 
 def before_channels(signals: FloatArray, rate_hz: float, channels: Sequence[Sequence[Channel]]) -> FloatArray:
-    """Return the true signals (n, c) of logged ones, the inverse of `logged`."""
+    """Return the true signals (n, c) of logged ones, the inverse of `log_signal`."""
     return _through(signals, rate_hz, channels, -1)
 
 

@@ -1,11 +1,12 @@
-r"""Rigid joints under sampled references through a continuous joint controller, many candidates at once.
+r"""Rigid joints with sampled references and a continuous joint controller, simulated for many parameter sets at once.
 
 .. math:: J \ddot q + f \dot q + F_c\, \mathrm{sgn}\, \dot q + g(q, t) = u(t - T_d) - k_p q - k_d \dot q, \quad
           g = o + G \cos q + H \sin q + m(t), \quad u_k = k_p r_k + k_d \dot r_k
 
 u: command, constant or linear between samples. Each step uses the mean of the delayed command over the step, so that
-delays of a fraction of a sample are exact. m: torque of the rest of the robot, linear between samples. A step of length
-h uses the trapezoidal rule for the linear terms and is implicit in sgn, so that a joint sticks exactly if tau = c = 0:
+delays of a fraction of a sample are exact. m: `load`, a cubic spline of its samples. A step of
+length h uses the trapezoidal rule for the linear terms and is implicit in sgn, so that a joint sticks exactly if
+tau = c = 0:
 
 .. math:: \dot q_+ = \dot q_0 - \mathrm{clip}\bigl((1 - c) (\dot q_0 - e^{-h / \tau} \dot q), \pm h F_c / a\bigr), \quad
           a\, \dot q_0 = b\, \dot q + h [\bar u - k_p q - g(q + h \dot q / 2)]
@@ -27,6 +28,7 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.model.evaluation import evaluated
@@ -66,7 +68,7 @@ class CommandedJoints:
         """Return the number of steps in a sample that resolves the joints' dynamics; theta (..., S, 10)."""
         J, s = np.maximum(theta[..., 0] + self.coupled_inertia, 1e-9), theta[..., 8]
         loop = np.maximum(np.sqrt(self.kp / J), self.kd / (2 * J))
-        bristles = np.where(s > 0, 1 / np.sqrt(np.maximum(s, 1e-12) * J), 0.0)  # rigid ones need no more steps
+        bristles = np.where(s > 0, 1 / np.sqrt(np.maximum(s, 1e-12) * J), 0.0)  # s = 0: no bristles
         fastest = float(np.max(np.maximum(loop, np.minimum(bristles, MAX_BRISTLE_RATIO * loop))))
         return min(max(2, math.ceil(fastest / self.rate_hz / STEP_RAD)), MAX_STEPS)
 
@@ -92,7 +94,7 @@ class CommandedJoints:
         return sums / window
 
     def _initial_friction(self, theta: FloatArray) -> FloatArray:
-        """Return the friction torque (K, S), within +-F_c, that keeps each joint at its first velocity."""
+        """Return the friction torque (K, S), within +-F_c, that balances all other torques at the first sample."""
         _, f, F_c, o, G, H, *_ = np.moveaxis(theta, -1, 0)
         gravity = o + G * np.cos(self.position) + H * np.sin(self.position) + self.load[0]
         torque = self.command[0] - gravity - self.kp * self.position - (f + self.kd) * self.velocity
@@ -120,9 +122,13 @@ class CommandedJoints:
         """Return the mean delayed command minus the load (N, K, S) in each step from sample `first` to `last`."""
         instants = np.arange(first * steps, last * steps + 1) / steps
         integral = self._integrate(instants[:, None] / self.rate_hz - delay_s)
-        middle, samples = (instants[:-1] + instants[1:]) / 2, np.arange(len(self.load))
-        load = np.stack([np.interp(middle, samples, column) for column in self.load.T], axis=1)
+        load = self._load(np.minimum((instants[:-1] + instants[1:]) / 2, len(self.load) - 1))
         return np.asarray(np.diff(integral, axis=0) * steps * self.rate_hz - load[:, None])
+
+    @cached_property
+    def _load(self) -> CubicSpline:
+        """Load (S,) as a function of the sample number; between samples, linear values would be too small."""
+        return CubicSpline(np.arange(len(self.load)), self.load)
 
     @cached_property
     def _integral(self) -> tuple[FloatArray, FloatArray]:
@@ -146,7 +152,7 @@ def _step_bristles(
     free: ca.SX, w: ca.SX, h: float, a: ca.DM, F_c: ca.DM, s: ca.DM, T: ca.DM
 ) -> tuple[ca.SX, ca.SX]:  # fmt: skip
     """Return q' and w after a step of h seconds, where `free` is q' without friction."""
-    T -= h / 2 * s / (s + h * h / a)  # w at the end leads its mean by h / 2; rigid bristles: full damping
+    T -= h / 2 * s / (s + h * h / a)  # w at the end of a step leads its mean by h / 2; no correction for s -> 0
     excess, direction = free - h / a * w, ca.sign(free - h / a * w)
     B = F_c * (s + h * (h + T) / a) - h * direction * (free + T / a * w)
     speed = (ca.sqrt(B * B + 4 * h * F_c * s * ca.fabs(excess)) - B) / (2 * h)

@@ -36,9 +36,9 @@ def write_run(
     path: Path, reference: Reference, inputs: Sequence[str], sliding: Sequence[str] = (),
     injected: FloatArray | None = None,
 ) -> None:  # fmt: skip
-    """Write a whole run as CSV, the movement of each input; the periods begin at time 0.
+    """Write the reference trajectory of a whole run as CSV; the first period begins at time 0.
 
-    sliding: inputs that translate.  injected (n, n_u): torque on top; without it the scale of that of the periods.
+    sliding: inputs that translate.  injected (n, n_u): injected torque; None: write the scale of its period.
     """
     signals = [(name, unit, getattr(reference, name)) for name, unit in _MOTION]
     signals += [] if injected is None else [("injected torque", "N*m", injected)]
@@ -53,19 +53,19 @@ def write_run(
 
 
 def write_torque(path: Path, plan: Plan, experiment: Experiment) -> None:
-    """Write one period of the torques to inject as CSV, repeated from time 0 of the movement, and backwards."""
+    """Write one period of the injected torques as CSV; it begins at time 0 and repeats in both directions."""
     columns = [f"{location} ({'N' if location in plan.sliding else 'N*m'}, link side)" for location in plan.inputs]
     _write_csv(path, ["time_s", *columns], plan.torque(experiment), plan.rate_hz)
 
 
 def write_references(path: Path, plan: Plan, experiment: Experiment, simulated: SimulatedSpec, robot: Robot) -> None:
-    """Write all references of a run, one a cycle, in the unit and on the side of the section `controller.reference`.
+    """Write all references of a run, one row per cycle, in the unit and on the side of `controller.reference`.
 
     The periods begin at time 0.  Positions also as a JointTrajectory, whose points have velocities (central
     differences) for the interpolation `spline`.
     """
     spec = simulated.controller.reference
-    assert spec is not None  # references have a path
+    assert spec is not None  # only a plan with references is written here
     rows, counts = references(plan, simulated.carrier, experiment), simulated.noise.encoder_counts
     rate_hz, first = plan.rate_hz / plan.cycle_samples, plan.first_sample // plan.cycle_samples
     side = "motor" if spec.unit == "increments" else spec.side

@@ -64,7 +64,7 @@ def _describe(option: Any, with_example: bool = True) -> str:
 
 
 def options_of(annotation: Any) -> list[Any]:
-    """Return the members of a union without None and without texts of keys; one member for any other type."""
+    """Return the members of a union without None and `Key` metadata; one member for any other type."""
     if get_origin(annotation) is Annotated and not any(isinstance(m, InUnit) for m in annotation.__metadata__):
         return options_of(annotation.__origin__)
     if get_origin(annotation) in (Union, UnionType):

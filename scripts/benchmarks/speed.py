@@ -136,7 +136,7 @@ class Checkout:
 
 
 def prepare(folder: Path, revisions: Mapping[str, str], needs_results: bool) -> dict[str, Checkout]:
-    """Make checkouts, with finished runs if needed; all with the studies of the oldest commit if each accepts these."""
+    """Make checkouts, with finished runs if needed; with the oldest commit's studies if all commits accept them."""
     sides = {role: Checkout(folder / role, commit) for role, commit in revisions.items()}
     oldest = [*sides.values()][-1]
     for template in TEMPLATES:
@@ -163,13 +163,13 @@ def log_ratios(sides: Mapping[str, Checkout], name: str, pairs: int) -> dict[str
 
 
 def samples(sides: Mapping[str, Checkout], name: str, first: Sequence[float]) -> Iterator[Sequence[float]]:
-    """Yield the log ratios that are there, then those of a repeat with more pairs."""
+    """Yield the log ratios `first`, then the log ratios of a repetition with more pairs."""
     yield first
     yield from log_ratios(sides, name, PAIRS[1]).values()
 
 
 def slower(sides: Mapping[str, Checkout], name: str) -> list[str]:
-    """Return workload and roles to which the head is slower, after a run of each that counts for nothing."""
+    """Return workload and roles to which the head is slower, after one warm-up run of each."""
     able = {role: side for role, side in sides.items() if side.work(name) or role == "head"}
     results = []
     for role, first in log_ratios(able, name, PAIRS[0]).items():

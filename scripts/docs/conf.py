@@ -60,7 +60,7 @@ sphinx_gallery_conf = {
 
 
 def _as_text(_app: Any, _what: str, _name: str, _of: Any, _options: Any, lines: list[str]) -> None:
-    """Convert docstrings, text with equations, to reStructuredText; those with sections stay unchanged."""
+    """Convert a docstring to reStructuredText in place; a docstring with underlined sections stays unchanged."""
     if "--------" not in lines:
         lines[:] = ["", *to_rst("\n".join(lines)).splitlines()]
 

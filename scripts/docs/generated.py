@@ -168,7 +168,7 @@ def _shorten(value: object) -> object:
 
 
 def equations() -> str:
-    """Return every equation of the code: module, what it is, and the equation itself."""
+    """Return the page of all equations in docstrings: module, description and equation."""
     parts = [title("Equations"), "This page collects the equations of the docstrings, package by package.\n"]
     rooms = sorted((path for path in PACKAGE.rglob("*.py")), key=lambda path: path.relative_to(PACKAGE).parts)
     for room, paths in groupby(rooms, lambda path: path.relative_to(PACKAGE).parts[0].removesuffix(".py")):

@@ -136,23 +136,23 @@ def _chromium() -> str:
 
 
 def smaller(path: Path) -> int:
-    """Return the picture with 64 colors at most, in bytes; RuntimeError where it is still too large for a README."""
+    """Return the picture with 64 colors at most, in bytes; RuntimeError if it is too large for a README."""
     Image.open(path).convert("RGB").quantize(64, method=Image.Quantize.MEDIANCUT).save(path, optimize=True)
     if (size := path.stat().st_size) > MOST_BYTES:
         raise RuntimeError(f"{path} has {size} bytes, more than {MOST_BYTES}; draw it smaller")
     return size
 
 
-def draw_pictures(demo: Path, of_friction: Path, bench: Path) -> Iterator[tuple[str, int]]:
+def draw_pictures(demo: Path, friction_run: Path, bench: Path) -> Iterator[tuple[str, int]]:
     """Yield every picture with its size in bytes."""
     draw = {
         "frf.png": lambda path: responses(demo, path),
-        "friction.png": lambda path: friction(of_friction, path),
+        "friction.png": lambda path: friction(friction_run, path),
         "axes.png": axes,
         "map.png": lambda path: workspace(demo, path),
         "tune.png": lambda path: move(demo, path),
         "report.png": lambda path: page(demo, path),
-        "compensation.png": lambda path: page(of_friction, path),
+        "compensation.png": lambda path: page(friction_run, path),
         "bench.png": lambda path: page(bench, path),
     }
     for name, drawn in draw.items():

@@ -1,4 +1,4 @@
-"""Is Coulomb friction right when MuJoCo simulates it as a soft constraint, from commands and positions alone?
+"""Test of Coulomb friction from commands and positions alone, if MuJoCo simulates it as a soft constraint.
 
     python scripts/studies/friction_by_commands.py [--quick] [--losses 0.2 1 4] [--seed 0]
 

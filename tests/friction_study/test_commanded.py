@@ -19,7 +19,9 @@ from plants.commanded_joints import (
 )
 from plants.friction_study import friction_study
 from plants.marks import slow
+from scipy.signal import cont2discrete, dlsim
 
+from elastid.app.commanded_robot import commanded_robot
 from elastid.base.arrays import FloatArray
 from elastid.base.statistics import QUANTILE_95, identifiable_combinations
 from elastid.friction_record import FrictionRecord, FrictionRecords
@@ -110,7 +112,7 @@ def test_friction_as_a_soft_constraint_is_recovered(in_steps: bool, tmp_path: Pa
 
 @pytest.mark.parametrize("damping_s", [0.0, slow(0.01)])
 def test_bristles_are_recovered(damping_s: float, tmp_path: Path) -> None:
-    """A joint that moves by 1 % of its travel before it slides; a model that sticks exactly has J 50 % high."""
+    """With a model that sticks exactly, J is 36 % and f 109 % too high without damping of the bristles."""
     r, compliance = references(1200, 1, 0.35, 2.0), 0.01
     q = positions_with_bristles(r, compliance, damping_s) + np.random.default_rng(3).normal(0, 1e-5, r.shape)
     fit = commanded(found(robot_of(ONE_ROBOT, tmp_path), log(q, r, np.array(GAINS[:1]))))["1"]
@@ -187,6 +189,28 @@ def test_armatures_of_coupled_joints_are_recovered(delay_s: float, tmp_path: Pat
     assert np.all(np.std(moved - q, axis=0) < 0.01 * np.std(q, axis=0))
 
 
+def test_commands_in_degrees_are_a_misfit(tmp_path: Path) -> None:
+    """The simulated joint sticks in all samples, so that its positions show none of the parameters."""
+    r = references(600, 1, 0.35, 4.0)
+    result = found(
+        robot_of(ONE_ROBOT, tmp_path), log(positions(one_joint, r, 0.005), np.degrees(r), np.array(GAINS[:1]))
+    )
+    assert result.status == "misfit"
+
+
+def test_friction_of_a_joint_without_friction_is_zero(tmp_path: Path) -> None:
+    """Coulomb friction at its bound 0 is no reason against a friction model; positions of a linear system by SciPy."""
+    (kp, kd), J, f, r = GAINS[0], TRUE["inertia"][0], TRUE["viscous"][0], references(600, 1, 0.35, 4.0)
+    A, B, C = np.array([[0, 1], [-kp / J, -(f + kd) / J]]), np.array([[0], [kp / J]]), np.array([[1, 0]])
+    loop = cont2discrete((A, B, C, np.zeros((1, 1))), 1 / RATE_HZ)
+    q = dlsim(loop, r)[1] + np.random.default_rng(3).normal(0, 1e-5, r.shape)
+    result = found(robot_of(ONE_ROBOT, tmp_path), log(q, r, np.array(GAINS[:1])))
+    fit = commanded(result)["1"]
+    assert result.status == "identified"
+    assert fit["coulomb"] < 3 * fit.std("coulomb") + 1e-6
+    assert (fit["inertia"], fit["viscous"]) == pytest.approx((J, f), rel=0.02)
+
+
 @pytest.mark.slow
 def test_wrong_gains_are_refused_or_named(tmp_path: Path) -> None:
     """A velocity gain that is 20 % too large leaves viscous friction below 0; every result names its gains."""
@@ -205,8 +229,12 @@ def test_wrong_position_gains_contradict_the_masses_of_the_robot_model(tmp_path:
     """A single joint cannot tell them; gravity and inertia of known masses do."""
     r = references(2000, 2, 0.4, 2.0)
     q = positions(two_joints, r, 0.005)
-    result = found(robot_of(TWO_ROBOT, tmp_path), log(q, r, np.array(GAINS) * [0.8, 1.0]))
+    robot = robot_of(TWO_ROBOT, tmp_path)
+    result = found(robot, log(q, r, np.array(GAINS) * [0.6, 1.0]))
     assert result.status != "identified"
+    assert min(fit["inertia"] for fit in commanded(result).values()) < 0
+    motors = [joint.motor for joint in commanded_robot(robot, result).driven]  # a robot model has no negative armature
+    assert all(motor is not None and motor.inertia > 0 for motor in motors)
 
 
 @pytest.mark.slow

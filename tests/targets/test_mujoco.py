@@ -65,7 +65,7 @@ def test_mujoco_has_the_response(model: FittedRobot, tmp_path: Path, key: int, a
     """M from the engine, K and D by differences of its forces along the motions that its constraints leave.
 
     About keyframes, which are equilibria. Within 1e-9 without loops; with them within 1e-6 but for 1 g and 1e-4 kg m^2
-    at the end of a rod, which the engine's time steps need (`LEAST_MASS`).
+    at the end of a rod, which the engine's time steps need.
     """
     import mujoco
 

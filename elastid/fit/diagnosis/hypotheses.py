@@ -68,14 +68,14 @@ def angle(index: ModificationIndex) -> str:
 def angles(index: ModificationIndex) -> str:
     """Return the offsets of an axis that differ between configurations, the largest first."""
     by_size = sorted(zip(index.steps.tolist(), index.members, strict=True), key=lambda pair: -abs(pair[0]))
-    location = ", ".join(
+    offsets = ", ".join(
         f"{math.degrees(step):+.2g} deg in {member.partition('@')[2]}" for step, member in by_size[: LIMITS.named]
     )
-    return f"angles of axis {axis(index)} wrong by {location}"
+    return f"angles of axis {axis(index)} wrong by {offsets}"
 
 
 def compliance(index: ModificationIndex) -> str:
-    """Return the stiffness of a gear, a base or a body that the file has as rigid."""
+    """Return the stiffness of a gear, base or body that is rigid in the robot model."""
     kind, _, location = index.name.partition("_")
     k = 1 / index.changed[0] if index.changed[0] > 0 else math.inf
     if kind == "gear":

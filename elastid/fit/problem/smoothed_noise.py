@@ -46,7 +46,7 @@ from elastid.record import MOTION_ORDER, Motion
 from elastid.response import Covariance, Response
 
 MOTIONS = 3  # number of output noise spectra: white position, velocity and acceleration
-MIN_VARIANCE_SHARE = 1e-9  # regularisation, relative to the mean variance of an output: exact data have no noise
+MIN_VARIANCE_FRACTION = 1e-9  # regularisation, relative to the mean variance of an output: exact data have no noise
 
 
 @dataclass(frozen=True)
@@ -104,11 +104,11 @@ def _levels(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], Com
     F, n_y, n_u = shapes.G.shape
     variance = np.einsum("faa->a", S).real / F
     if not np.all(variance > 0):
-        diagonal = np.diag(variance + MIN_VARIANCE_SHARE * max(float(variance.max()), 1e-200))
+        diagonal = np.diag(variance + MIN_VARIANCE_FRACTION * max(float(variance.max()), 1e-200))
         return lambda at: np.broadcast_to(diagonal, (len(at.G), n_y, n_y)).astype(np.complex128)
     scale = np.sqrt(variance)
     S, g = np.asarray(S / np.outer(scale, scale), np.complex128), shapes.G / scale[:, None]
-    floor = MIN_VARIANCE_SHARE * np.eye(n_y)
+    floor = MIN_VARIANCE_FRACTION * np.eye(n_y)
     a = 1 / np.maximum(shapes.output.mean(axis=1), 1e-300) / (2 * len(shapes.output))
     b = quotient(F * n_y / (2 * n_u * len(shapes.torque)), np.einsum("qf,fij->qj", shapes.torque, np.abs(g) ** 2))
     for _ in range(30):

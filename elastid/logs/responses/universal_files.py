@@ -76,9 +76,9 @@ def geometry_of_files(experiment: ExperimentSpec, folder: Path) -> GeometrySpec 
 
 
 def uff_geometry(path: Path, channels: Sequence[ChannelSpec], locations: Sequence[str] = ()) -> GeometrySpec | None:
-    """Read nodes (data sets 15, 2411) in m and trace lines (82) of a universal file; None without nodes of places.
+    """Read nodes (data sets 15, 2411) in m and trace lines (82) of a universal file; None without nodes at locations.
 
-    channels: of the study, at nodes with a direction.  locations: further ones, by their names.
+    channels: of the study, at nodes with a direction.  locations: names of further locations.
     """
     metre = _length_and_force(path)[0]
     points = {
@@ -106,7 +106,7 @@ def _length_and_force(path: Path) -> tuple[float, float]:
         return 1.0, 1.0
     from scipy import constants
 
-    if (code := int(units[0]["units_code"])) not in _UNITS:  # the set has the factors, by which numbers are divided
+    if (code := int(units[0]["units_code"])) not in _UNITS:  # other codes: divide by the factors of the data set
         return 1 / float(units[0]["length"]), 1 / float(units[0]["force"])
     sizes = vars(constants) | {"m": 1.0, "N": 1.0, "poundal": constants.pound * constants.foot}
     length, force = (float(sizes[name]) for name in _UNITS[code].split())
@@ -116,7 +116,7 @@ def _length_and_force(path: Path) -> tuple[float, float]:
 def _in_si(
     path: Path, outputs: Sequence[str], inputs: Sequence[str], channels: Sequence[ChannelSpec]
 ) -> tuple[FloatArray, tuple[Note, ...]]:
-    """Return factors (n_y, n_u) by the units of a file (data set 164), 1 where a channel states one; and a note."""
+    """Return factors (n_y, n_u) by the units of a file (data set 164), 1 for a channel with a unit; and a note."""
     metre, newton = _length_and_force(path)
     with_unit = {label(c) for c in channels if dimension_and_size(c.unit)[1] != 1}
     turns = re.compile(r"\d+r[xyz]")

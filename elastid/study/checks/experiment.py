@@ -46,7 +46,7 @@ def check_configurations(study: Study) -> Iterator[Problem]:
         ]
         yield from (Problem((*path, i), refusal) for i, refusal in enumerate(refusals) if refusal)
         if robot.loops and not any(refusals):
-            from elastid.model.closed_posture import assemble  # brings CasADi, which robots without loops do without
+            from elastid.model.closed_posture import assemble  # imports CasADi, needed only for loops
 
             if refusal := refusal_of(assemble, robot, np.array(angles, dtype=float)):
                 yield Problem(path, refusal)
