@@ -18,6 +18,7 @@ diagonal of Sigma replaces the variances; the correlations remain:
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import accumulate
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -42,13 +43,20 @@ PERTURBATION, DELAY_STEP_S = 1e-3, 2e-4
 # eigenvalue of an identifiable direction, whose sum over all directions is their number.
 START_ITERATIONS, START_COARSENESS, MAX_ITERATIONS, TOLERANCE, MIN_CURVATURE = 8, 4, 30, 1e-5, 1e-12
 DAMPINGS = np.append(0.0, 10.0 ** np.arange(-4, 4))
-# Free parameters of the three kinds of sticking.  Start values of SOFT: stick time, s, and creep; of BRISTLES: s F_c
-# over the std of the position, and damping time, s. All others are 0.
-EXACT_STICKING, SOFT, BRISTLES = (), PARAMETERS[6:8], PARAMETERS[8:]
-START_STICKING = (SOFT, (0.01, 0.1)), (SOFT, (0.02, 0.6)), (BRISTLES, (0.001, 0.001)), (BRISTLES, (0.01, 0.001))
-# A joint has a sticking model if Coulomb friction and the parameters of sticking exceed STICKING_STDS standard
-# deviations, and creep is below MAX_CREEP. Stick times count beyond one step of the simulation.
+# Effects near zero velocity and their parameters.  Start values of SOFT: stick time, s, and creep; of BRISTLES: s F_c
+# over the rms speed, s, and damping time, s; of STRIBECK: F_s / F_c - 1, and nu_s over the rms speed.
+# Each row is a sequence of effects to be tried.
+EFFECTS = SOFT, BRISTLES, STRIBECK = PARAMETERS[6:8], PARAMETERS[8:10], PARAMETERS[10:]
+START_EFFECTS = (
+    ((SOFT, (0.01, 0.1)),),
+    ((SOFT, (0.02, 0.6)),),
+    ((STRIBECK, (0.3, 0.1)), (BRISTLES, (2e-4, 0.001))),
+    ((BRISTLES, (2e-3, 0.001)), (STRIBECK, (0.3, 0.1))),
+)
+# A joint has an effect if Coulomb friction and the parameters of the effect exceed STICKING_STDS standard deviations,
+# and creep is below MAX_CREEP. Stick times count beyond one step of the simulation, and stiction beyond F_c.
 STICKING_STDS, MAX_CREEP = 5.0, 0.9
+UPPER_BOUNDS = {"creep": MAX_CREEP, "stick_time": 0.5, "bristle_time": 0.5}
 SIGNIFICANCE_LEVEL = 0.1  # F-test of the scatter between logs against the scatter within logs
 
 
@@ -56,7 +64,7 @@ SIGNIFICANCE_LEVEL = 0.1  # F-test of the scatter between logs against the scatt
 class _Problem:
     """Output-error problem of all logs: S columns, one for each joint of each log, padded to the longest log.
 
-    window: samples per mean.  sticking: parameters of sticking of each joint.  steps: simulation steps in a sample.
+    window: samples per mean.  effects: parameters of the effects of each joint.  steps: simulation steps in a sample.
     coarseness: factor by which these steps are longer than the dynamics require.
     """
 
@@ -64,7 +72,7 @@ class _Problem:
     joints: tuple[str, ...]
     commanded: CommandedJoints
     window: int
-    sticking: tuple[tuple[str, ...], ...]
+    effects: tuple[tuple[str, ...], ...]
     coarseness: int = 1
     steps: int = 0
 
@@ -88,10 +96,10 @@ class _Problem:
         )  # fmt: skip
         highest = max(_upper_band_edge(log) for log in logs)
         window = max(1, int(rate_hz / max(MIN_MEANS_HZ, MEANS_PER_PERIOD * highest)))
-        return cls(tuple(logs), joints, commanded, window, (EXACT_STICKING,) * len(joints))
+        return cls(tuple(logs), joints, commanded, window, ((),) * len(joints))
 
     def with_steps(self, theta: FloatArray) -> "_Problem":
-        """Return the problem with the number of simulation steps that theta (..., m, 10) requires."""
+        """Return the problem with the number of simulation steps that theta (..., m, 12) requires."""
         steps = self.commanded.steps_per_sample(theta[..., self.index, :])
         return replace(self, steps=max(2, steps // self.coarseness))
 
@@ -111,7 +119,7 @@ class _Problem:
         return [self.index.index(i) for i in range(len(self.joints))]
 
     def simulate(self, theta: FloatArray, delay_s: FloatArray) -> list[FloatArray]:
-        """Simulate averaged positions (n_k, K, m_k) of each log for K candidates: theta (K, m, 10), delays (K,)."""
+        """Simulate averaged positions (n_k, K, m_k) of each log for K candidates: theta (K, m, 12), delays (K,)."""
         means = self.commanded.simulate(theta[:, self.index], delay_s, self.steps, self.window)
         parts = np.split(means, np.cumsum([len(log.joints) for log in self.logs])[:-1], axis=2)
         return [part[self._steady_means(log)] for log, part in zip(self.logs, parts, strict=True)]
@@ -126,10 +134,10 @@ class _Problem:
         return np.bincount(self.index, [len(q) for q in self.measured for _ in q.T]).astype(np.float64)
 
     @property
-    def position_std(self) -> FloatArray:
-        """Largest standard deviation of the position of each joint (m,) in a log."""
-        stds = np.concatenate([log.position.std(axis=0) for log in self.logs])
-        return np.array([max(stds[np.array(self.index) == i]) for i in range(len(self.joints))])
+    def speed(self) -> FloatArray:
+        """Root mean square of the velocity of each joint (m,)."""
+        squares = np.concatenate([np.sum(np.diff(q, axis=0) ** 2, axis=0) for q in self.measured])
+        return np.sqrt(np.bincount(self.index, squares) / self.counts) * self.commanded.rate_hz / self.window
 
     @cached_property
     def measured(self) -> list[FloatArray]:
@@ -142,17 +150,26 @@ class _Problem:
 
     @property
     def lower_bounds(self) -> FloatArray:
-        """Lower bounds (m, 10): 0 of friction and sticking, one step of a stick time (shorter ones have no effect)."""
-        bounds = np.where(np.isin(PARAMETERS, ("coulomb", *SOFT, *BRISTLES)), 0.0, -np.inf)
+        """Lower bounds (m, 12): 0 of friction and sticking, one step of a stick time (shorter ones have no effect)."""
+        bounds = np.where(np.isin(PARAMETERS, ("coulomb", *PARAMETERS[6:])), 0.0, -np.inf)
         return np.asarray(bounds + self.step_s * (np.isin(PARAMETERS, SOFT[0]) & self.is_free))
 
     @cached_property
+    def upper_bounds(self) -> FloatArray:
+        """Upper bounds (m, 12): UPPER_BOUNDS, and the largest torque of friction, beyond which a joint never slides."""
+        torque, bounds = np.zeros(len(self.joints)), [UPPER_BOUNDS.get(name, np.inf) for name in PARAMETERS]
+        peaks = [np.abs(log.command - log.kp * log.position).max(axis=0) for log in self.logs]
+        np.maximum.at(torque, self.index, np.concatenate(peaks))
+        is_torque = np.isin(PARAMETERS, ("coulomb", "excess_stiction"))
+        return np.where(is_torque, torque[:, None], np.array(bounds))
+
+    @cached_property
     def is_free(self) -> BoolArray:
-        """Flags (m, 10) of free parameters: the first four, gravity if it depends on the angle, and `sticking`."""
+        """Flags (m, 12) of free parameters: the first four, gravity if it depends on the angle, and `effects`."""
         gravity = dict(pair for log in self.logs for pair in zip(log.joints, log.has_gravity.tolist(), strict=True))
         return np.array([
-            [True] * 4 + [gravity[joint]] * 2 + [name in sticking for name in PARAMETERS[6:]]
-            for joint, sticking in zip(self.joints, self.sticking, strict=True)
+            [True] * 4 + [gravity[joint]] * 2 + [name in effects for name in PARAMETERS[6:]]
+            for joint, effects in zip(self.joints, self.effects, strict=True)
         ])  # fmt: skip
 
 
@@ -163,9 +180,11 @@ def simulate_commanded(log: CommandedLog, joints: Mapping[str, CommandedJoint]) 
 
 
 def _parameters(fits: Mapping[str, CommandedJoint], joints: Sequence[str]) -> tuple[FloatArray, float]:
-    """Return the estimated parameters (m, 10) of joints, and the delay, s."""
+    """Return the estimated parameters (m, 12) of joints, and the delay, s."""
     values = [named(fits[joint].names, fits[joint].values) for joint in joints]
-    return np.array([[row.get(name, 0.0) for name in PARAMETERS] for row in values]), values[0][DELAY]
+    excess = [{"excess_stiction": row.get("stiction", row["coulomb"]) - row["coulomb"]} for row in values]
+    rows = [row | last for row, last in zip(values, excess, strict=True)]
+    return np.array([[row.get(name, 0.0) for name in PARAMETERS] for row in rows]), values[0][DELAY]
 
 
 def _upper_band_edge(log: CommandedLog) -> float:
@@ -187,37 +206,44 @@ def fit_commanded(
         problem, theta, delay_s = _initial_estimate(problem)
     else:
         theta, delay_s = _parameters(start, problem.joints)
-        kinds = [tuple(name for name in PARAMETERS[6:] if name in start[joint].names) for joint in problem.joints]
-        problem = replace(problem, sticking=tuple(kinds))
+        kinds = [sum((row for row in EFFECTS if {*row} & {*start[joint].names}), ()) for joint in problem.joints]
+        problem = replace(problem, effects=tuple(kinds))
     while True:
         theta, delay_s = _minimise(problem, theta, delay_s, MAX_ITERATIONS)
         problem = problem.with_steps(theta)
         fits = _estimates(problem, theta, delay_s)
-        sticking = tuple(
-            row if _is_significant(fits[joint], row, problem.step_s) else EXACT_STICKING
-            for joint, row in zip(problem.joints, problem.sticking, strict=True)
+        effects = tuple(
+            _without_insignificant_effect(fits[joint], names, problem.step_s)
+            for joint, names in zip(problem.joints, problem.effects, strict=True)
         )
-        if sticking == problem.sticking:
+        if effects == problem.effects:
             return fits
-        problem = replace(problem, sticking=sticking)
+        problem = replace(problem, effects=effects)
         theta[~problem.is_free] = 0.0
 
 
-def _is_significant(fit: CommandedJoint, sticking: Sequence[str], step_s: float) -> bool:
-    """Return True if the Coulomb friction and the parameters of sticking are significant; step_s: simulation step."""
-    if not sticking:
-        return True
-    least = [step_s if name == "stick_time" else 0.0 for name in sticking]
-    excess = np.array([max(fit[name] - bound, 0.0) for name, bound in zip(sticking, least, strict=True)])
-    indices, free = np.array([fit.names.index(name) for name in sticking]), excess > 0
+def _without_insignificant_effect(fit: CommandedJoint, names: tuple[str, ...], step_s: float) -> tuple[str, ...]:
+    """Return the parameters of all effects but the last insignificant one; step_s: simulation step."""
+    effects = [effect for effect in EFFECTS if set(effect) <= set(names)]
+    last = next((effect for effect in effects[::-1] if not _is_significant(fit, effect, step_s)), ())
+    return tuple(name for name in names if name not in last)
+
+
+def _is_significant(fit: CommandedJoint, effect: tuple[str, ...], step_s: float) -> bool:
+    if effect == STRIBECK:
+        excess_stiction, std = fit.combination({"stiction": 1.0, "coulomb": -1.0})
+        return excess_stiction > STICKING_STDS * std
+    least = [step_s if name == "stick_time" else 0.0 for name in effect]
+    excess = np.array([max(fit[name] - bound, 0.0) for name, bound in zip(effect, least, strict=True)])
+    indices, free = np.array([fit.names.index(name) for name in effect]), excess > 0
     covariance = fit.covariance[np.ix_(indices[free], indices[free])]
     squared_stds = float(excess[free] @ np.linalg.pinv(covariance) @ excess[free])  # Wald's statistic
     stds = min(fit["coulomb"] / max(fit.std("coulomb"), 1e-300), np.sqrt(squared_stds))
-    return bool(stds > STICKING_STDS and not (sticking == SOFT and fit["creep"] >= MAX_CREEP))
+    return bool(stds > STICKING_STDS and not (effect == SOFT and fit["creep"] >= MAX_CREEP))
 
 
 def _minimise(problem: _Problem, theta: FloatArray, delay_s: float, iterations: int) -> tuple[FloatArray, float]:
-    """Minimise the cost by Levenberg-Marquardt steps, the best of DAMPINGS. Return theta (m, 10) and the delay, s."""
+    """Minimise the cost by Levenberg-Marquardt steps, the best of DAMPINGS. Return theta (m, 12) and the delay, s."""
     for _ in range(iterations):
         problem = problem.with_steps(theta)
         linearisation = _linearise(problem, theta, delay_s)
@@ -232,27 +258,26 @@ def _minimise(problem: _Problem, theta: FloatArray, delay_s: float, iterations: 
 
 
 def _scales(problem: _Problem) -> FloatArray:
-    """Return typical sizes (m, 10) of the parameters, computed from gains and commands."""
+    """Return typical sizes (m, 12) of the parameters, computed from gains and commands."""
     commanded, columns = problem.commanded, problem.first_columns
     kp, kd, command = commanded.kp[columns], commanded.kd[columns], commanded.command[:, columns]
     torque, one = np.maximum(command.std(axis=0), 1e-3 * kp), np.ones(len(columns))
     inertia, viscous = np.maximum(kd**2 / kp, 1e-9) / 4, np.maximum(kd, 1e-9) / 4
-    sticking = (0.01 * one, 0.1 * one, 0.1 / kp, 0.01 * one)
+    sticking = (0.01 * one, 0.1 * one, 0.1 / kp, 0.01 * one, torque / 4, 0.1 * problem.speed)
     return np.stack([inertia, viscous, torque / 4, torque / 4, torque, torque, *sticking], axis=1)
 
 
 def _add_step(problem: _Problem, theta: FloatArray, delay_s: float, step: FloatArray) -> tuple[FloatArray, float]:
-    trial = theta.copy()
+    trial, columns = theta.copy(), np.isin(PARAMETERS, ("inertia", "stribeck_velocity"))
     trial[problem.is_free] += step[:-1]
-    J = theta[:, 0]  # falls to a quarter at most; a negative inertia only grows
-    trial[:, 0] = np.maximum(trial[:, 0], np.where(J > 0, J / 4, J))
-    trial[:, [6, 7, 9]] = np.minimum(trial[:, [6, 7, 9]], [0.5, MAX_CREEP, 0.5])  # stick time, creep, bristle time
-    trial = np.maximum(trial, problem.lower_bounds)
+    value = theta[:, columns]  # falls to a quarter at most; a negative inertia only grows
+    trial[:, columns] = np.maximum(trial[:, columns], np.where(value > 0, value / 4, value))
+    trial = np.clip(trial, problem.lower_bounds, problem.upper_bounds)
     return trial, delay_s + float(np.clip(step[-1], -0.02, 0.02))
 
 
 def _costs(problem: _Problem, candidates: FloatArray, delays: FloatArray) -> FloatArray:
-    """Return the cost (K, m) of each joint, N_i log(mean squared error), of theta (K, m, 10) with delays (K,), s."""
+    """Return the cost (K, m) of each joint, N_i log(mean squared error), of theta (K, m, 12) with delays (K,), s."""
     simulated = problem.simulate(candidates, delays)
     squares = [_mean_squares(problem, problem.errors(simulated, k)) for k in range(len(delays))]
     return np.asarray(problem.counts * np.log(np.nan_to_num(squares, nan=np.inf)))
@@ -332,25 +357,37 @@ def _linearise(problem: _Problem, theta: FloatArray, delay_s: float) -> _Lineari
 
 
 def _initial_estimate(problem: _Problem) -> tuple[_Problem, FloatArray, float]:
-    """Return the problem with the best kind of sticking of each joint, start values (m, 10) and their delay, s.
+    """Return the problem with the best effects of each joint, start values (m, 12) and their delay, s.
 
-    A regression selects the best of START_DELAYS. A short search follows for each row of START_STICKING.
+    A regression selects the best of START_DELAYS. A short search follows for each effect of START_EFFECTS.  An effect
+    must reduce the cost by more than chance.
     """
     regressions = np.stack([_regress(problem, delay) for delay in START_DELAYS.tolist()])
     problem = replace(problem, coarseness=START_COARSENESS).with_steps(regressions)
-    best, optima = int(_costs(problem, regressions, START_DELAYS).sum(axis=1).argmin()), []
-    torque = np.maximum(regressions[best, :, 2], _scales(problem)[:, 2] / 100)
-    for names, values in START_STICKING:
-        start, variant = regressions[best].copy(), replace(problem, sticking=(names,) * len(problem.joints))
-        start[:, [PARAMETERS.index(name) for name in names]] = values
-        start[:, 8] *= problem.position_std / torque
-        optima.append(_minimise(variant, start, float(START_DELAYS[best]), START_ITERATIONS))
-    candidates, delays = map(np.array, zip(*optima, strict=True))
-    costs = _costs(problem.with_steps(candidates), candidates, delays)
+    best = int(_costs(problem, regressions, START_DELAYS).sum(axis=1).argmin())
+    start = problem, regressions[best], float(START_DELAYS[best])
+    optima = [optimum for effects in START_EFFECTS for optimum in accumulate(effects, _add_effect, initial=start)]
+    variants, candidates, delays = zip(*optima, strict=True)
+    costs = _costs(problem.with_steps(np.array(candidates)), np.array(candidates), np.array(delays))
+    costs += STICKING_STDS**2 * np.array([len(variant.effects[0]) for variant in variants])[:, None]
     choices = costs.argmin(axis=0)
-    sticking = tuple(START_STICKING[k][0] for k in choices)
-    theta, delay_s = candidates[choices, np.arange(len(choices))], float(delays[costs.sum(axis=1).argmin()])
-    return replace(problem, sticking=sticking, coarseness=1), theta, delay_s
+    effects = tuple(variants[k].effects[i] for i, k in enumerate(choices))
+    theta = np.array([candidates[k][i] for i, k in enumerate(choices)])
+    return replace(problem, effects=effects, coarseness=1), theta, delays[costs.sum(axis=1).argmin()]
+
+
+def _add_effect(
+    optimum: tuple[_Problem, FloatArray, float], effect: tuple[tuple[str, ...], tuple[float, ...]]
+) -> tuple[_Problem, FloatArray, float]:
+    """Search the optimum with one effect more, which starts from typical values."""
+    problem, theta, delay_s = optimum
+    (names, values), start, speed = effect, theta.copy(), problem.speed
+    torque = np.maximum(theta[:, 2], _scales(problem)[:, 2] / 100)
+    units = {"bristle_compliance": speed / torque, "excess_stiction": torque, "stribeck_velocity": speed}
+    for name, value in zip(names, values, strict=True):
+        start[:, PARAMETERS.index(name)] = value * units.get(name, 1.0)
+    problem = replace(problem, effects=tuple(effects + names for effects in problem.effects))
+    return problem, *_minimise(problem, start, delay_s, START_ITERATIONS)
 
 
 def smoothed_motion(position: FloatArray, rate_hz: float) -> tuple[list[FloatArray], int]:
@@ -360,7 +397,7 @@ def smoothed_motion(position: FloatArray, rate_hz: float) -> tuple[list[FloatArr
 
 
 def _regress(problem: _Problem, delay_s: float) -> FloatArray:
-    """Return start values (m, 10) by regression on the controller's torque, with commands delayed by delay_s."""
+    """Return start values (m, 12) by regression on the controller's torque, with commands delayed by delay_s."""
     scales, rows = _scales(problem), dict[str, list[tuple[FloatArray, FloatArray]]]()
     for log in problem.logs:
         n, (q, v, a), width = len(log.position), *smoothed_motion(log.position, log.rate_hz)
@@ -390,8 +427,12 @@ def _estimates(problem: _Problem, theta: FloatArray, delay_s: float) -> dict[str
     fits = dict[str, CommandedJoint]()
     for joint, error in zip(problem.joints, np.sqrt(linearisation.variance).tolist(), strict=True):
         indices = [i for i, (of, _) in enumerate(names) if of in (joint, "")]
-        block, terms = covariance[np.ix_(indices, indices)], tuple(names[i][1] for i in indices)
-        fits[joint] = CommandedJoint(terms, values[indices], block, joint, error, not fits)
+        terms, T = [names[i][1] for i in indices], np.eye(len(indices))
+        if "excess_stiction" in terms:
+            k = terms.index("excess_stiction")
+            terms[k], T[k, terms.index("coulomb")] = "stiction", 1.0
+        block = T @ covariance[np.ix_(indices, indices)] @ T.T
+        fits[joint] = CommandedJoint(tuple(terms), T @ values[indices], block, joint, error, not fits)
     return fits
 
 

@@ -4,9 +4,8 @@ r"""Rigid joints with sampled references and a continuous joint controller, simu
           g = o + G \cos q + H \sin q + m(t), \quad u_k = k_p r_k + k_d \dot r_k
 
 u: command, constant or linear between samples. Each step uses the mean of the delayed command over the step, so that
-delays of a fraction of a sample are exact. m: `load`, a cubic spline of its samples. A step of
-length h uses the trapezoidal rule for the linear terms and is implicit in sgn, so that a joint sticks exactly if
-tau = c = 0:
+delays of a fraction of a sample are exact. m: `load`, a cubic spline of its samples. A step of length h uses the
+trapezoidal rule for the linear terms and is implicit in sgn, so that a joint sticks exactly if tau = c = 0:
 
 .. math:: \dot q_+ = \dot q_0 - \mathrm{clip}\bigl((1 - c) (\dot q_0 - e^{-h / \tau} \dot q), \pm h F_c / a\bigr), \quad
           a\, \dot q_0 = b\, \dot q + h [\bar u - k_p q - g(q + h \dot q / 2)]
@@ -15,10 +14,15 @@ with a = J + h (f + k_d) / 2 + h^2 k_p / 4 and b = 2 J - a (Acary and Brogliato,
 Dynamical Systems, 2008, chapter 10). If friction is a soft constraint, as in MuJoCo, the velocity of a sticking joint
 decays with the time constant tau / (1 - c), and a fraction c (creep) of its torque still accelerates it.
 
-Before a real joint slides, it moves by bristles of compliance s and damping time T (LuGre model without a Stribeck
-curve: Canudas de Wit et al., IEEE Trans. Automatic Control 40, 1995). w: torque of the springs of the bristles.
+Below the Stribeck velocity nu_s, friction grows to the stiction F_s. F_c above is then F_c(q'), with q' at the start
+of the step:
 
-.. math:: s\, \dot w = \dot q - |\dot q|\, w / F_c, \quad F = w + T \dot w
+.. math:: F_c(\dot q) = F_c + (F_s - F_c)\, e^{-(\dot q / \nu_s)^2}
+
+Before a real joint slides, it moves by bristles of compliance s and damping time T (LuGre model: Canudas de Wit et al.,
+IEEE Trans. Automatic Control 40, 1995). w: torque of the springs of the bristles.
+
+.. math:: s\, \dot w = \dot q - |\dot q|\, w / F_c(\dot q), \quad F = w + T \dot w
 
 With implicit Euler for w, the velocity at the end of the step is a root of a quadratic; s = 0 sticks exactly.
 """
@@ -33,10 +37,11 @@ from scipy.interpolate import CubicSpline
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.model.evaluation import evaluated
 
-# Parameters of a joint, link side, in the order of the last axis of arrays: J, f, F_c, o, G, H, tau, c, s, T.
+# Parameters of a joint, link side, in the order of the last axis of arrays: J, f, F_c, o, G, H, tau, c, s, T,
+# F_s - F_c, nu_s.
 PARAMETERS = (
     "inertia", "viscous", "coulomb", "offset", "gravity.cos", "gravity.sin", "stick_time", "creep",
-    "bristle_compliance", "bristle_time"
+    "bristle_compliance", "bristle_time", "excess_stiction", "stribeck_velocity"
 )  # fmt: skip
 # Limits: phase of the fastest mode in a step; steps in a sample; frequency of the bristles over the control loop's.
 STEP_RAD, MAX_STEPS, MAX_BRISTLE_RATIO = 0.05, 64, 4.0
@@ -65,7 +70,7 @@ class CommandedJoints:
     is_zoh: bool = True
 
     def steps_per_sample(self, theta: FloatArray) -> int:
-        """Return the number of steps in a sample that resolves the joints' dynamics; theta (..., S, 10)."""
+        """Return the number of steps in a sample that resolves the joints' dynamics; theta (..., S, 12)."""
         J, s = np.maximum(theta[..., 0] + self.coupled_inertia, 1e-9), theta[..., 8]
         loop = np.maximum(np.sqrt(self.kp / J), self.kd / (2 * J))
         bristles = np.where(s > 0, 1 / np.sqrt(np.maximum(s, 1e-12) * J), 0.0)  # s = 0: no bristles
@@ -75,7 +80,7 @@ class CommandedJoints:
     def simulate(self, theta: FloatArray, delay_s: FloatArray, steps: int, window: int = 1) -> FloatArray:
         """Simulate the positions (n // window, K, S) of K candidates, rad or m, averaged over windows of samples.
 
-        theta (K, S, 10): parameters in the order of PARAMETERS.  delay_s (K,): T_d, s.  steps: in a sample. Compare
+        theta (K, S, 12): parameters in the order of PARAMETERS.  delay_s (K,): T_d, s.  steps: in a sample. Compare
         candidates at the same number, because the discretisation error depends on it.  window: samples in a mean.
         """
         (n, S), K = self.command.shape, len(delay_s)
@@ -94,26 +99,28 @@ class CommandedJoints:
         return sums / window
 
     def _initial_friction(self, theta: FloatArray) -> FloatArray:
-        """Return the friction torque (K, S), within +-F_c, that balances all other torques at the first sample."""
-        _, f, F_c, o, G, H, *_ = np.moveaxis(theta, -1, 0)
+        """Return the friction torque (K, S), at most the stiction, that balances all others at the first sample."""
+        _, f, F_c, o, G, H, *_, excess, _ = np.moveaxis(theta, -1, 0)
         gravity = o + G * np.cos(self.position) + H * np.sin(self.position) + self.load[0]
         torque = self.command[0] - gravity - self.kp * self.position - (f + self.kd) * self.velocity
-        return np.asarray(np.clip(torque, -F_c, F_c))
+        return np.asarray(np.clip(torque, -F_c - excess, F_c + excess))
 
     def _step_function(self, theta: FloatArray, h: float) -> ca.Function:
         """Build the function that advances q, q', w (3 K S,) by h seconds under a torque (K S,)."""
-        J, f, F_c, _, G, H, tau, creep, s, T = np.moveaxis(theta, -1, 0)
+        J, f, F_c, _, G, H, tau, creep, s, T, excess, nu_s = np.moveaxis(theta, -1, 0)
         J = np.maximum(J + self.coupled_inertia, 0.0)  # delayed feedback reduces the inertia
         a = J + h / 2 * (f + self.kd) + h * h / 4 * self.kp
-        rows = [(2 * J - a) / a, h / a, h / a * self.kp, h * F_c / a, 1 - creep, np.exp(-h / np.maximum(tau, 1e-300))]
-        b, gain, spring, threshold, stick_fraction, decay, G, H = (ca.DM(row.ravel()) for row in (*rows, G, H))
+        rows = [(2 * J - a) / a, h / a, h / a * self.kp, 1 - creep, np.exp(-h / np.maximum(tau, 1e-300)), G, H]
+        b, gain, spring, stick_fraction, decay, G, H = (ca.DM(row.ravel()) for row in rows)
         x, v, w, torque = (ca.SX.sym(name, a.size) for name in ("x", "v", "w", "torque"))
-        middle = x + h / 2 * v
+        middle, friction = x + h / 2 * v, ca.SX(ca.DM(F_c.ravel()))
+        if np.any(excess > 0):
+            friction += ca.DM(excess.ravel()) * ca.exp(-((v / ca.DM(np.maximum(nu_s, 1e-12).ravel())) ** 2))
         free = b * v + gain * (torque - G * ca.cos(middle) - H * ca.sin(middle)) - spring * x
-        v_next = free - ca.fmax(ca.fmin(stick_fraction * (free - decay * v), threshold), -threshold)
+        v_next = free - ca.fmax(ca.fmin(stick_fraction * (free - decay * v), gain * friction), -gain * friction)
         w_next = w
         if np.any(s > 0):
-            v_bristles, w_next = _step_bristles(free, w, h, *(ca.DM(row.ravel()) for row in (a, F_c, s, T)))
+            v_bristles, w_next = _step_bristles(free, w, h, friction, *(ca.DM(row.ravel()) for row in (a, s, T)))
             v_next = ca.if_else(ca.DM(s.ravel() > 0), v_bristles, v_next)
         next_state = ca.vertcat(x + h / 2 * (v + v_next), v_next, w_next)
         return ca.Function("step", [ca.vertcat(x, v, w), torque], [next_state])
@@ -149,7 +156,7 @@ class CommandedJoints:
 
 
 def _step_bristles(
-    free: ca.SX, w: ca.SX, h: float, a: ca.DM, F_c: ca.DM, s: ca.DM, T: ca.DM
+    free: ca.SX, w: ca.SX, h: float, F_c: ca.SX, a: ca.DM, s: ca.DM, T: ca.DM
 ) -> tuple[ca.SX, ca.SX]:  # fmt: skip
     """Return q' and w after a step of h seconds, where `free` is q' without friction."""
     T -= h / 2 * s / (s + h * h / a)  # w at the end of a step leads its mean by h / 2; no correction for s -> 0

@@ -119,6 +119,21 @@ def test_bristles_are_recovered(damping_s: float, tmp_path: Path) -> None:
     assert_recovered(fit, 0, 0.0)
     assert fit["bristle_compliance"] == pytest.approx(compliance, rel=0.02)
     assert fit["bristle_time"] == pytest.approx(damping_s, abs=1e-3)
+    assert "stiction" not in fit.names
+
+
+def test_stiction_is_recovered_from_commands(tmp_path: Path) -> None:
+    """Point to point, with rests."""
+    t = np.arange(1200) / RATE_HZ
+    s = np.clip(t % 1 / 0.6, 0, 1)
+    corners = 0.3 * np.array([0, 1, -0.6, 0.4, -1, 0.2, 0])
+    r = (corners[t.astype(int)] + np.diff(corners)[t.astype(int)] * s**2 * (3 - 2 * s))[:, None]
+    q = positions_with_bristles(r, 1e-3, 0.003, 0.3, 0.05) + np.random.default_rng(3).normal(0, 1e-5, r.shape)
+    fit = commanded(found(robot_of(ONE_ROBOT, tmp_path), log(q, r, np.array(GAINS[:1]))))["1"]
+    assert_recovered(fit, 0, 0.0)
+    assert (fit["stiction"], fit["stribeck_velocity"]) == pytest.approx((0.3, 0.05), rel=0.05)
+    law, _ = fit.to_friction()
+    assert (law.stiction, law.stribeck_velocity) == (fit["stiction"], fit["stribeck_velocity"])
 
 
 def test_a_joint_that_never_reverses_shows_the_sum_of_friction_and_offset(tmp_path: Path) -> None:

@@ -125,14 +125,16 @@ def positions(
     return result
 
 
-def positions_with_bristles(reference: FloatArray, compliance: float, damping_s: float, steps: int = 100) -> FloatArray:
-    """Simulate positions (n, 1) of one joint with LuGre friction without a Stribeck curve, by explicit Euler steps."""
+def positions_with_bristles(
+    reference: FloatArray, compliance: float, damping_s: float, F_s: float = 0.2, nu_s: float = 1.0, steps: int = 100
+) -> FloatArray:
+    """Simulate positions (n, 1) of one joint with LuGre friction and stiction F_s, by explicit Euler steps."""
     (kp, kd), J, f, F_c = GAINS[0], *(TRUE[name][0] for name in ("inertia", "viscous", "coulomb"))
     q = v = w = 0.0
     h, result = 1 / RATE_HZ / steps, np.empty_like(reference)
     for k, r in enumerate(reference[:, 0].tolist()):
         result[k] = q
         for _ in range(steps):
-            change = (v - abs(v) * w / F_c) / compliance
+            change = (v - abs(v) * w / (F_c + (F_s - F_c) * math.exp(-((v / nu_s) ** 2)))) / compliance
             q, v, w = q + h * v, v + h / J * (kp * (r - q) - (kd + f) * v - w - damping_s * change), w + h * change
     return result

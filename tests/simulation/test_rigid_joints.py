@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from elastid.base.arrays import FloatArray
-from elastid.simulation.rigid_joints import CommandedJoints
+from elastid.simulation.rigid_joints import PARAMETERS, CommandedJoints
 
 J, f, kp, kd = 0.02, 0.1, 20.0, 1.0
 
@@ -21,8 +21,8 @@ def joints(reference: FloatArray, held: bool = True) -> CommandedJoints:
 
 
 def simulate(commanded: CommandedJoints, numbers: list[list[float]], delay_s: list[float]) -> FloatArray:
-    """Simulate positions (n, K) of one joint for candidates, first parameters (K, up to 10) and delays (K,)."""
-    rows = np.array([row + [0.0] * (10 - len(row)) for row in numbers])[:, None]
+    """Simulate positions (n, K) of one joint for candidates, first parameters (K, up to 12) and delays (K,)."""
+    rows = np.array([row + [0.0] * (len(PARAMETERS) - len(row)) for row in numbers])[:, None]
     return commanded.simulate(rows, np.array(delay_s), commanded.steps_per_sample(rows))[..., 0]
 
 
@@ -73,19 +73,19 @@ def test_a_joint_that_sticks_softly_creeps_at_a_constant_velocity() -> None:
     assert velocity == pytest.approx([c * T / J * tau / (1 - c), 0.0], rel=0.1)
 
 
-@pytest.mark.parametrize("T", [0.0, 0.01])
-def test_bristles_agree_with_integration_by_scipy(T: float) -> None:
-    """The LuGre model with compliance s and damping time T before sliding."""
-    F_c, s, t = 0.2, 0.02, np.arange(400) / 200
+@pytest.mark.parametrize(("T", "F_s"), [(0.0, 0.2), (0.01, 0.2), (0.01, 0.3)])
+def test_bristles_agree_with_integration_by_scipy(T: float, F_s: float) -> None:
+    """The LuGre model with compliance s and damping time T before sliding, and stiction F_s."""
+    F_c, s, nu_s, t = 0.2, 0.02, 0.05, np.arange(400) / 200
     reference = 0.05 * np.sin(2 * np.pi * t)
 
     def rate(time: float, x: FloatArray) -> list[float]:
-        change = (x[1] - abs(x[1]) * x[2] / F_c) / s
+        change = (x[1] - abs(x[1]) * x[2] / (F_c + (F_s - F_c) * math.exp(-((x[1] / nu_s) ** 2)))) / s
         torque = kp * (reference[min(int(time * 200 + 1e-9), 399)] - x[0]) - (kd + f) * x[1]
         return [x[1], (torque - x[2] - T * change) / J, change]
 
     exact = solve_ivp(rate, (0, t[-1]), [0.0] * 3, t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.001).y[0]
-    moved = simulate(joints(reference), [[J, f, F_c, 0, 0, 0, 0, 0, s, T]], [0.0])[:, 0]
+    moved = simulate(joints(reference), [[J, f, F_c, 0, 0, 0, 0, 0, s, T, F_s - F_c, nu_s]], [0.0])[:, 0]
     assert np.max(np.abs(moved - exact)) < 0.01 * np.max(np.abs(exact))
 
 
@@ -99,7 +99,7 @@ def test_stiff_bristles_stick_exactly() -> None:
 def test_candidates_move_as_each_alone() -> None:
     """Together and alone they are the same to rounding; means over windows are means of samples."""
     commanded = joints(0.3 * np.sin(np.arange(300) / 15))
-    rows = [[J, f, 0.1, 0, 0, 0, 0.01, 0.1, 0, 0], [J / 4, 2 * f, 0.2, 0, 0.3, 0, 0, 0, 0.01, 0.001]]
+    rows = [[J, f, 0.1, 0, 0, 0, 0.01, 0.1, 0, 0, 0, 0], [J / 4, 2 * f, 0.2, 0, 0.3, 0, 0, 0, 0.01, 0.001, 0.1, 0.2]]
     numbers, delays = np.array(rows)[:, None], [0.0, 0.01]
     steps = commanded.steps_per_sample(numbers)
     together = commanded.simulate(numbers, np.array(delays), steps)
