@@ -29,51 +29,49 @@ def robot_file(task: Task, is_sensed: bool) -> dict[str, Any]:
          "mass": b.mass, "center_of_mass": b.com, "inertia": b.inertia}
         for b in task.sheet.bodies
     ]  # fmt: skip
-    file = {"name": task.robot["name"], "bodies": bodies}
-    if rod := task.robot["rod"]:
-        ends = [{"body": name, "point": point} for name, point in zip(rod["bodies"], rod["points"], strict=True)]
-        inertia = rod["mass"] * (rod["length"] / 2) ** 2  # the mass is in both ends
-        numbers = {"length": rod["length"], "mass": rod["mass"], "center": 0.5, "inertia": inertia}
-        file["loops"] = [{"name": "rod", "ends": ends, "rod": numbers | {"stiffness": rod["k"], "damping": rod["d"]}}]
-    return file if task.robot["tolerances"] else file | {"tolerances": "exact"}
+    file = {"name": task.sheet.name, "bodies": bodies} | ({} if task.tolerances else {"tolerances": "exact"})
+    if rod := task.sheet.rod:
+        ends = [{"body": name, "point": point} for name, point in zip(rod.bodies, rod.points, strict=True)]
+        inertia = rod.mass * (rod.length / 2) ** 2  # the mass is in both ends
+        numbers = {"length": rod.length, "mass": rod.mass, "center": 0.5, "inertia": inertia}
+        file["loops"] = [{"name": "rod", "ends": ends, "rod": numbers | {"stiffness": rod.k, "damping": rod.d}}]
+    return file
 
 
 def channels(task: Task, is_sensed: bool) -> Iterator[dict[str, Any]]:
     """Yield the channels: torque sensors and link angles if the robot has sensors, else motor torques and angles."""
     reference = "r" if task.experiment["route"] == "torque" else "reference"
     roles = {"sensor": "u", "q": "y", "joint": "y"} if is_sensed else {"r": reference, "u": "u", "q": "y"}
-    for name in [name for name in roles if name in task.experiment["channels"]]:
-        channel = task.experiment["channels"][name]
-        for i, motor in enumerate(task.sheet.motors, 1):
-            row = {
-                "role": roles[name],
-                "at": f"{'joint' if name == 'joint' else 'motor'} {i}",
-                "channel": f"{name}_{i}",
-            }
+    for name, role in roles.items():
+        channel, place = task.experiment["channels"].get(name), "joint" if name == "joint" else "motor"
+        for i, j in enumerate(task.sheet.gears, 1) if channel else ():
+            row = {"role": role, "at": f"{place} {i}", "channel": f"{name}_{i}"}
             row["quantity"] = "torque" if channel["unit"] == "N*m" else "position"
-            link = {"side": "link"} | ({"scale": 1 / motor.ratio} if name == "q" else {})
-            yield row | (link if is_sensed else {"side": channel["side"]})
+            row["side"] = "link" if is_sensed else channel["side"]
+            yield row | ({"scale": 1 / j.motor.ratio} if is_sensed and name == "q" else {})
 
 
 def study(task: Task, is_sensed: bool) -> dict[str, Any]:
     """Return the study: free springs, viscous friction, and the delay of the references or of the torque log."""
     experiment, route = task.experiment, task.experiment["route"]
-    keys = {"configuration": "posture", "realisation": "realisation", "experiment": "experiment"}
-    files = [
-        {"path": f"logs/{log['file']}"} | {key: log[name] for key, name in keys.items()} for log in experiment["files"]
-    ]
-    record: dict[str, Any] = {"rate_hz": experiment["rate_hz"], "period": experiment["period_s"], "files": files}
-    record["channels"] = [*channels(task, is_sensed)]
-    free: dict[str, Any] = {"k_*": {}, "d_*": {}} | ({} if is_sensed else {"fm_*": {}})
-    if route == "torque" and not is_sensed:
-        record["hold"] = "zero-order"
-    elif route != "torque":
+    record: dict[str, Any] = {
+        "rate_hz": experiment["rate_hz"],
+        "period": experiment["period_s"],
+        "channels": [*channels(task, is_sensed)],
+        "files": [
+            {"path": f"logs/{name}", "configuration": posture, "realisation": m, "experiment": i}
+            for name, posture, m, i in map(dict.values, experiment["files"])
+        ],
+    }
+    delay = {"command": ["delay_r"], "position": ["delay_u"]}.get(route, [])
+    free = ["k_*", "d_*", *([] if is_sensed else ["fm_*"]), *delay]
+    if route != "torque":
         kp, kd = (experiment["controller"][key] for key in ("position_gain", "velocity_gain"))
         record["controller"] = {"position_gain": [p / d for p, d in zip(kp, kd, strict=True)], "velocity_gain": kd}
-        if route == "position":
-            record["controller"]["reference"] = {"cycle": 1 / experiment["rate_hz"]}
-        free["delay_r" if route == "command" else "delay_u"] = {}
-    file = {"name": task.robot["name"], "robot": "robot.yml", "fit": {"parameters": free}}
+        record["controller"] |= {"reference": {"cycle": 1 / experiment["rate_hz"]}} if route == "position" else {}
+    elif not is_sensed:
+        record["hold"] = "zero-order"
+    file = {"name": task.sheet.name, "robot": "robot.yml", "fit": {"parameters": {name: {} for name in free}}}
     file["experiment"] = {"configurations": experiment["postures"], "recorded": record}
     # A slow motion over several motor turns separates transmission errors and hysteresis.
     return file | {"gears": {}} if route == "torque" and experiment["carrier_rad"] else file

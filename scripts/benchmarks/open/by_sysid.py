@@ -3,73 +3,49 @@
     uv run --group oracles --with "mujoco[sysid]" python scripts/benchmarks/open/by_sysid.py FOLDER --robots stiff_gears
 
 Free are springs, dampers, viscous and dry friction; the data sheet is assumed exact. One period of each log counts,
-after the period that settles. A first fit gives the weight of each channel. It takes ten minutes and more a robot.
+after the period that settles. A first fit gives the weight of each channel. It takes some minutes a robot.
 """
 
 import logging
-from dataclasses import replace
 from typing import Any
 
-import mujoco
 import numpy as np
-from engine import PERIOD_S, Array, build, equilibrium
+from engine import PERIOD_S, Array, Controller, Plant, closed_loop
 from entry import Task, enter
 from mujoco import sysid
-from robots import Joint, Robot
 
 STEP_S = 5e-4
 
 
-def replay(robot: Robot, losses: Array, experiment: dict[str, Any], posture: Array, r: Array) -> Array:
-    """Simulate motor angles (samples, n), link side, for references r (samples, n)."""
-    plant = build(robot)
-    plant.model.opt.timestep = STEP_S
-    plant.model.dof_frictionloss[plant.motors] = losses
-    plant.model.dof_solref[plant.motors] = [0.002, 1.0]
-    data, law, rate = mujoco.MjData(plant.model), experiment["controller"], experiment["rate_hz"]
-    kp, kd = (np.array(law[key]) for key in ("position_gain", "velocity_gain"))
-    is_torque = experiment["route"] == "torque"
-    t = np.arange(len(r))[:, None] / rate
-    carrier = experiment["carrier_rad"] * np.sin(2 * np.pi * t / PERIOD_S + np.arange(len(posture)))
-    target = posture + carrier if is_torque else r
-    hold, last_target, angles = equilibrium(plant, target[0], data), target[0], []
-    for n in range(len(r)):
-        q = data.qpos[plant.motors].copy()
-        torque = hold + kp * (target[n] - q) - kd * (q - last_target) * rate + (r[n] if is_torque else 0.0)
-        angles.append(q)
-        data.qfrc_applied[plant.motors], last_target = torque, q
-        mujoco.mj_step(plant.model, data, round(1 / rate / STEP_S))
-    return np.array(angles)
-
-
 def identify(task: Task) -> dict[str, Any] | None:
     """Fit factors of the data sheet's guesses to the angles of all logs."""
-    experiment, sheet, N = task.experiment, task.sheet, task.period
+    experiment, sheet = task.experiment, task.sheet
     if experiment["route"] == "position" or sheet.rod:
         return None
     logging.disable(logging.CRITICAL)
-    guesses, ratio = sheet.truth(), np.array([m.ratio for m in sheet.motors])
-    driven = [j.name for j in sheet.joints if j.motor]
-    names = [*guesses, *(f"f_{name}" for name in driven), *(f"F_{name}" for name in driven)]
-    size = 0.05 * np.array(experiment["torque_rms"])  # of dry friction, at first
-    weight = np.full(len(ratio), 1e5)
-    logs = [
-        (np.array(experiment["postures"][file["posture"]]), r[: 2 * N], q[: 2 * N] / ratio)
-        for file, (r, q) in task.logs("rq")
-    ]
-    parameters = sysid.ParameterDict()
-    for name in names:
+    ratio = np.array([j.motor.ratio for j in sheet.gears])
+    start = sheet.parameters | {f"f_{j.name}": j.motor.f for j in sheet.gears}
+    start |= {f"F_{j.name}": 0.05 * torque for j, torque in zip(sheet.gears, experiment["torque_rms"], strict=True)}
+    gains = (np.array(experiment["controller"][key]) for key in ("position_gain", "velocity_gain"))
+    law, is_torque = Controller(*gains, experiment["rate_hz"]), experiment["route"] == "torque"
+    N = round(PERIOD_S * law.hz)
+    t = np.arange(2 * N)[:, None] / law.hz
+    carrier = experiment["carrier_rad"] * np.sin(2 * np.pi * t / PERIOD_S + np.arange(len(ratio)))
+    logs, zero = [], np.zeros_like(carrier)
+    for file, (r, q) in task.logs("rq"):
+        target = experiment["postures"][file["posture"]] + carrier
+        logs.append((q[N : 2 * N] / ratio, (target, r[: 2 * N]) if is_torque else (r[: 2 * N], zero)))
+    parameters, weight = sysid.ParameterDict(), np.full(len(ratio), 1e5)
+    for name in start:
         parameters.add(sysid.Parameter(name, 1.0, 0.01 if name[0] == "F" else 0.05, 20.0))
 
     def deviation(x: Array) -> Array:
-        factors = dict(zip(names, x, strict=True))
-
-        def joint(j: Joint) -> Joint:
-            k, d, f = (factors.get(f"{c}_{j.name}", 1.0) for c in "kdf")
-            return replace(j, k=j.k * k, d=j.d * d, motor=j.motor and replace(j.motor, f=j.motor.f * f))
-
-        losses, robot = size * [factors[f"F_{name}"] for name in driven], sheet.with_joints(joint)
-        return np.concatenate([(q - replay(robot, losses, experiment, p, r))[N:] * weight for p, r, q in logs]).ravel()
+        values = dict(zip(start, [*start.values()] * x, strict=True))
+        plant = Plant(sheet.with_parameters(values))
+        plant.model.opt.timestep, plant.model.dof_solref[plant.motors] = STEP_S, [0.002, 1.0]
+        plant.model.dof_frictionloss[plant.motors] = [values[f"F_{j.name}"] for j in sheet.gears]
+        angles = [closed_loop(plant, law, *references, zero, 2.0**-60)[2][N:, plant.motors] for _, references in logs]
+        return np.concatenate([(q - angle) * weight for (q, _), angle in zip(logs, angles, strict=True)]).ravel()
 
     def residuals(x: Array, _: Any) -> tuple[list[Array], None, None]:
         columns = [deviation(row) for row in np.atleast_2d(x.T)]
@@ -80,9 +56,8 @@ def identify(task: Task) -> dict[str, Any] | None:
         last = deviation(parameters.as_vector())
         weight = weight / last.reshape(-1, len(ratio)).std(axis=0)
     _, reach = sysid.calculate_intervals([last], np.asarray(end.jac))
-    x = parameters.as_vector()
-    values = {name: (guesses[name] * x[i], guesses[name] * reach[i] / 1.96) for i, name in enumerate(guesses)}
-    return {"parameters": values}
+    ends = zip(start.items(), parameters.as_vector(), reach, strict=True)
+    return {"parameters": {name: (value * x, value * interval / 1.96) for (name, value), x, interval in ends}}
 
 
 if __name__ == "__main__":

@@ -1,6 +1,5 @@
 """The robots in MuJoCo: friction of motors and gears, transmission errors, sampled controllers, encoders and logs."""
 
-import functools
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,31 +8,22 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from robots import ACCELERATION, Array, Robot, Row, mjcf
+from robots import ACCELERATION, STEPS_HZ, Array, Robot, Row, mjcf
 from scipy.optimize import root
 
 PERIOD_S, PERIODS, COUNTS = 2.0, 3, 2**17  # of a period; logged behind one that settles; of the encoder, per turn
 RATES_HZ = {"torque": 500, "position": 250, "command": 500}  # of the logs
-STEPS_HZ = 4000  # of the engine, and of the drives that follow position references
 LINES = np.arange(5, 121, 2)  # odd multiples of 0.5 Hz, up to 60 Hz
+SLIP = 2e-4  # rad/s, above which the friction of a motor without presliding is that of sliding
 
 
-@dataclass(frozen=True, eq=False)
 class Plant:
     """A robot in the engine; indices of motors and of the twists of their gears among the coordinates."""
 
-    robot: Robot
-    model: Any
-    motors: Array
-    twists: Array
-
-
-def build(robot: Robot) -> Plant:
-    """Compile a robot."""
-    model = mujoco.MjModel.from_xml_string(mjcf(robot, 1 / STEPS_HZ))
-    names = [j.name for j in robot.joints if j.motor]
-    motors, twists = (np.array([model.joint(f"{kind}{name}").dofadr[0] for name in names]) for kind in "ms")
-    return Plant(robot, model, motors, twists)
+    def __init__(self, robot: Robot) -> None:
+        self.robot, self.model = robot, mujoco.MjModel.from_xml_string(mjcf(robot))
+        dofs = ([self.model.joint(f"{kind}{j.name}").dofadr[0] for j in robot.gears] for kind in "ms")
+        self.motors, self.twists = map(np.array, dofs)
 
 
 @contextmanager
@@ -44,13 +34,10 @@ def physics(plant: Plant) -> Iterator[None]:
     torque is F tanh(v / v_s). Hysteresis of a gear is the same law of its twist. With a transmission error e(theta) the
     gear twists by s - e: V = k (s - e)^2 / 2 pulls both sides.
     """
-    gears = [j for j in plant.robot.joints if j.motor]
-    F, z, damping = (np.array([getattr(j.motor, name) for j in gears]) for name in ("F", "z", "damping"))
-    rubs = np.where(z > 0, 0.0, F)
-    v_s = 2e-4 * np.maximum(1.0, rubs.max(initial=0.0) > 0)
-    bristles = [(int(plant.motors[i]), F[i], z[i], damping[i]) for i in np.flatnonzero(z)]
-    bristles += [(int(t), j.hysteresis, j.knee, 0.0) for t, j in zip(plant.twists, gears, strict=True) if j.hysteresis]
-    errors = [(int(m), int(t), j) for m, t, j in zip(plant.motors, plant.twists, gears, strict=True) if j.error]
+    gears = plant.robot.gears
+    sliding = np.array([0.0 if j.motor.z else j.motor.F for j in gears])
+    bristles = [(plant.model.joint(name).dofadr[0], *numbers) for name, *numbers in plant.robot.bristles]
+    errors = [gear for gear in zip(plant.motors, plant.twists, gears, strict=True) if gear[2].error]
 
     def rate(_: Any, data: Any, index: int) -> float:
         dof, _, z_s, _ = bristles[index]
@@ -59,7 +46,7 @@ def physics(plant: Plant) -> Iterator[None]:
 
     def passive(model: Any, data: Any) -> None:
         force, v, q = data.qfrc_passive, data.qvel, data.qpos
-        force[plant.motors] -= rubs * np.tanh(v[plant.motors] / v_s)
+        force[plant.motors] -= sliding * np.tanh(v[plant.motors] / SLIP)
         for index, (dof, torque, z_s, loss) in enumerate(bristles):
             force[dof] -= torque * data.act[index] / z_s + (loss * rate(model, data, index) if loss else 0.0)
         for motor, twist, j in errors:
@@ -67,11 +54,10 @@ def physics(plant: Plant) -> Iterator[None]:
             angle = turns * q[motor] + j.phase
             e, slope = j.error * math.sin(angle), j.error * turns * math.cos(angle)
             speed = slope * v[motor]
-            torque = j.k * (q[twist] - e) + j.d * (v[twist] - speed)
+            force[motor] += (j.k * (q[twist] - e) + j.d * (v[twist] - speed)) * slope
             force[twist] += j.k * e + j.d * speed
-            force[motor] += torque * slope
 
-    mujoco.set_mjcb_passive(passive)
+    mujoco.set_mjcb_passive(passive if sliding.any() or bristles or errors else None)
     mujoco.set_mjcb_act_dyn(rate if bristles else None)
     try:
         yield
@@ -82,10 +68,10 @@ def physics(plant: Plant) -> Iterator[None]:
 
 def equilibrium(plant: Plant, posture: Array, data: Any) -> Array:
     """Set the state to the equilibrium with motors at the posture. Return the motor torques (n,), Nm."""
-    passive = [i for i in range(plant.model.nv) if i not in plant.motors]
+    passive = np.setdiff1d(np.arange(plant.model.nv), plant.motors)
     start = np.zeros(len(passive))
     if plant.robot.rod:
-        start[passive.index(int(plant.model.joint("selbow").dofadr[0]))] = posture[1] - posture[0]
+        start[passive == plant.model.joint("selbow").dofadr[0]] = posture[1] - posture[0]
 
     def balance(x: Array) -> Array:
         data.qvel[:], data.qpos[plant.motors], data.qpos[passive] = 0.0, posture, x
@@ -93,19 +79,10 @@ def equilibrium(plant: Plant, posture: Array, data: Any) -> Array:
         return np.asarray(data.qfrc_bias - data.qfrc_passive)
 
     scale = 1 + np.abs(balance(start)).max()
-    end = root(lambda x: balance(x)[passive] / scale, start, method="hybr", tol=1e-13)
-    torque = balance(end.x)
+    torque = balance(root(lambda x: balance(x)[passive] / scale, start, method="hybr", tol=1e-13).x)
     if np.abs(torque[passive]).max() > 1e-6 * scale:
         raise RuntimeError(f"{plant.robot.name}: no equilibrium at {posture}")
-    return torque[plant.motors].copy()
-
-
-def push(plant: Plant, data: Any, force: Array) -> None:
-    """Apply a force (3,) at the tool."""
-    site = data.site("tool")
-    body = plant.model.site("tool").bodyid[0]
-    data.qfrc_applied[:] = 0.0
-    mujoco.mj_applyFT(plant.model, data, force, np.zeros(3), site.xpos, body, data.qfrc_applied)
+    return torque[plant.motors]
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +107,25 @@ def controller(row: Row, torque: Array, rng: np.random.Generator) -> Controller:
     return Controller(kd * 15, kd, STEPS_HZ, torque_delay=float(rng.integers(2, 24)) / STEPS_HZ)
 
 
+def closed_loop(
+    plant: Plant, law: Controller, target: Array, feedforward: Array, disturbance: Array, count: Array
+) -> tuple[Array, ...]:
+    """Simulate the control cycles from rest: q_r, r and a disturbance torque (cycles, n), encoder counts (n,) in rad.
+
+    Return u (cycles, n), encoder positions q (cycles, n), coordinates and speeds of the engine (cycles, n_v).
+    """
+    data, q_last, cycles = mujoco.MjData(plant.model), target[0], []
+    with physics(plant):
+        hold = equilibrium(plant, target[0], data)
+        for q_r, r, torque in zip(target, feedforward, disturbance, strict=True):
+            q = np.round(data.qpos[plant.motors] / count) * count
+            u = hold + law.kp * (q_r - q) - law.kd * (q - q_last) * law.hz + r
+            cycles.append((u, q, data.qpos.copy(), data.qvel.copy()))
+            data.qfrc_applied[plant.motors], q_last = u + torque, q
+            mujoco.mj_step(plant.model, data, round(1 / law.hz / plant.model.opt.timestep))
+    return tuple(map(np.array, zip(*cycles, strict=True)))
+
+
 def simulate(
     row: Row, plant: Plant, law: Controller, posture: Array, phases: Array, torque: Array, rng: np.random.Generator
 ) -> dict[str, Array]:
@@ -138,43 +134,22 @@ def simulate(
     The amplitudes are torques, or references that would cause these torques in a rigid robot. The experiment starts at
     rest, and the signals include the settling period.
     """
-    data, motors, is_torque = mujoco.MjData(plant.model), plant.motors, row.route == "torque"
-    ratio, k, d = np.array([(j.motor.ratio, j.k, j.d) for j in plant.robot.joints if j.motor]).T
-    count, offset = 2 * np.pi / COUNTS / ratio, np.arange(len(posture))
-    cycle, slow = law.hz // RATES_HZ[row.route], 2 * np.pi / PERIOD_S
+    is_torque, cycle, slow = row.route == "torque", law.hz // RATES_HZ[row.route], 2 * np.pi / PERIOD_S
+    ratio, k, d = np.array([(j.motor.ratio, j.k, j.d) for j in plant.robot.gears]).T
+    ticks = np.arange(round((PERIODS + 1) * PERIOD_S * law.hz))
     amplitudes = phases * torque * np.sqrt(2 / len(LINES)) / (1.0 if is_torque else law.kp)
-
-    @functools.cache
-    def wave(tick: int) -> Array:
-        return np.asarray((np.exp(1j * slow * LINES * (max(tick, 0) / law.hz)) @ amplitudes).real)
-
-    @functools.cache
-    def target(tick: int) -> Array:
-        """Return the reference position: posture plus slow motion, plus the multisine unless it is a torque."""
-        carrier = row.carrier * np.sin(slow * max(tick, 0) / law.hz + offset)
-        return posture + carrier + (0 if is_torque else wave(tick))
-
-    def interpolated(tick: int) -> Array:
-        """Interpolate linearly between the references of two cycles, with a delay of one cycle."""
-        j, part = divmod(tick, cycle)
-        last_target, next_target = target((j - 1) * cycle), target(j * cycle)
-        return target(tick) if cycle == 1 else np.asarray(last_target + (next_target - last_target) * part / cycle)
-
-    late, lag = round(law.reference_delay * law.hz), round(law.torque_delay * law.hz)
-    logs, torques = [], []
-    with physics(plant):
-        hold, last_target = equilibrium(plant, target(0), data), target(0)
-        for tick in range(round((PERIODS + 1) * PERIOD_S * law.hz)):
-            q = np.round(data.qpos[motors] / count) * count
-            u = hold + law.kp * (interpolated(tick - late) - q) - law.kd * (q - last_target) * law.hz
-            torques.append(u + wave(tick) if is_torque else u)
-            if tick % cycle == 0:
-                twist, speed = data.qpos[plant.twists], data.qvel[plant.twists]
-                r = wave(tick) if is_torque else target(tick)
-                logs.append((r, torques[max(tick - lag, 0)], q, -k * twist - d * speed, data.qpos[motors] + twist))
-            last_target = q
-            data.qfrc_applied[motors] = torques[-1] + 0.01 * torque * rng.standard_normal(len(u))
-            mujoco.mj_step(plant.model, data, STEPS_HZ // law.hz)
-    r, u, q, sensor, joint = np.array(logs).transpose(1, 0, 2)
+    wave = np.array([(np.exp(1j * slow * LINES * (tick / law.hz)) @ amplitudes).real for tick in ticks])
+    target = posture + row.carrier * np.sin(slow * ticks[:, None] / law.hz + np.arange(len(posture)))
+    r, feedforward = (wave, wave) if is_torque else (target + wave, np.zeros_like(wave))
+    reference = target if is_torque else r[np.maximum(ticks - round(law.reference_delay * law.hz), 0)]
+    if cycle > 1:  # linear between the references of two cycles, with a delay of one cycle
+        begin, part = ticks - ticks % cycle, (ticks % cycle)[:, None]
+        last = r[np.maximum(begin - cycle, 0)]
+        reference = last + (r[begin] - last) * part / cycle
+    disturbance = 0.01 * torque * rng.standard_normal(wave.shape)
+    u, q, x, v = closed_loop(plant, law, reference, feedforward, disturbance, 2 * np.pi / COUNTS / ratio)
+    u, twist = u[np.maximum(ticks - round(law.torque_delay * law.hz), 0)], x[:, plant.twists]
+    signals = r, u, q, -k * twist - d * v[:, plant.twists], x[:, plant.motors] + twist
+    r, u, q, sensor, joint = (signal[::cycle] for signal in signals)
     noise = 0.005 * torque * rng.standard_normal((2, *u.shape))
     return {"r": r, "u": u + noise[0], "q": q * ratio, "sensor": sensor + noise[1], "joint": np.round(joint, 7)}

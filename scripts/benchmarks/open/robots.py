@@ -5,17 +5,21 @@ the motor's angle and the twist of its gear; a bearing has a twist alone; a pass
 """
 
 import tomllib
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import mujoco
 import numpy as np
+from pydantic.dataclasses import dataclass  # converts the nested objects of a JSON file
 
 Array: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
+Numbers: TypeAlias = tuple[float, ...]
 # One standard deviation of a data sheet: relative, and in m.
 TOLERANCES = {"mass": 0.03, "inertia": 0.10, "motor_inertia": 0.05, "center_of_mass": 0.010}
+ACCELERATION = 2.5  # rad/s^2, rms of the torque over the inertia
+STEPS_HZ = 4000  # of the engine, and of the drives that follow position references
 
 
 @dataclass(frozen=True)
@@ -23,9 +27,9 @@ class Motor:
     """Rotor and friction: J in kg*m^2, f in N*m*s/rad, F in N*m."""
 
     ratio: float
-    J: float
-    f: float
-    F: float
+    J: float = 1.0
+    f: float = 0.0
+    F: float = 0.0
     z: float = 0.0  # presliding distance in rad
     damping: float = 0.0  # of presliding, in N*m*s/rad
 
@@ -52,11 +56,11 @@ class Body:
 
     name: str
     parent: str
-    xyz: tuple[float, ...]
+    xyz: Numbers
     joints: tuple[Joint, ...]
     mass: float
-    com: tuple[float, ...]
-    inertia: tuple[float, ...]
+    com: Numbers
+    inertia: Numbers
 
 
 @dataclass(frozen=True)
@@ -64,7 +68,7 @@ class Rod:
     """Elastic rod between points of two bodies: m, kg, N/m, N*s/m. Its mass acts in halves at both ends."""
 
     bodies: tuple[str, str]
-    points: tuple[tuple[float, ...], tuple[float, ...]]
+    points: tuple[Numbers, Numbers]
     length: float
     mass: float
     k: float
@@ -85,18 +89,35 @@ class Robot:
         return [joint for body in self.bodies for joint in body.joints]
 
     @property
-    def motors(self) -> list[Motor]:
-        """All motors, from the base on."""
-        return [joint.motor for joint in self.joints if joint.motor]
+    def gears(self) -> list[Joint]:
+        """Joints with motors, from the base on."""
+        return [joint for joint in self.joints if joint.motor]
+
+    @property
+    def bristles(self) -> list[tuple[str, float, float, float]]:
+        """Presliding of motors and hysteresis of gears: coordinate, F in N*m, z_s in rad, damping in N*m*s/rad."""
+        presliding = [(f"m{j.name}", j.motor.F, j.motor.z, j.motor.damping) for j in self.gears if j.motor.z]
+        return presliding + [(f"s{j.name}", j.hysteresis, j.knee, 0.0) for j in self.gears if j.hysteresis]
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """The scored parameters: k and d of each gear and bearing, and k of the rod."""
+        springs = {f"{letter}_{j.name}": getattr(j, letter) for letter in "kd" for j in self.joints if j.k}
+        return springs | ({"k_rod": self.rod.k} if self.rod else {})
+
+    def with_parameters(self, values: Mapping[str, float]) -> "Robot":
+        """Return the robot with other values of scored parameters and of `f_<motor>`, viscous frictions."""
+
+        def joint(j: Joint) -> Joint:
+            k, d = (values.get(f"{letter}_{j.name}", getattr(j, letter)) for letter in "kd")
+            return replace(j, k=k, d=d, motor=j.motor and replace(j.motor, f=values.get(f"f_{j.name}", j.motor.f)))
+
+        rod = self.rod and replace(self.rod, k=values.get("k_rod", self.rod.k))
+        return replace(self.with_joints(joint), rod=rod)
 
     def with_joints(self, change: Callable[[Joint], Joint]) -> "Robot":
         """Return the robot with changed joints."""
-        return replace(self, bodies=tuple(replace(b, joints=tuple(map(change, b.joints))) for b in self.bodies))
-
-    def truth(self) -> dict[str, float]:
-        """Return the true values of the scored parameters."""
-        springs = {f"{letter}_{j.name}": getattr(j, letter) for letter in "kd" for j in self.joints if j.k}
-        return springs | ({"k_rod": self.rod.k} if self.rod else {})
+        return replace(self, bodies=[replace(b, joints=[*map(change, b.joints)]) for b in self.bodies])
 
 
 @dataclass(frozen=True)
@@ -105,7 +126,7 @@ class Row:
 
     name: str
     axes: str
-    hz: list[float]
+    hz: Numbers
     size: float = 1.0
     friction: float = 0.1
     sheet: str = "exact"  # exact, sheet, or wrong: with the mass of the last body 25 % too high
@@ -117,7 +138,6 @@ class Row:
 
 TABLES = tomllib.loads(Path(__file__).with_name("robots.toml").read_text(encoding="utf-8"))
 ROWS = tuple(Row(**row) for row in TABLES["robots"])
-ACCELERATION = 2.5  # rad/s^2, rms of the torque over the inertia
 
 
 def postures(row: Row) -> dict[str, list[float]]:
@@ -140,26 +160,22 @@ def _serial(row: Row, rng: np.random.Generator) -> Robot:
     for index, (name, axis) in enumerate(zip(TABLES["chains"][row.axes], row.axes, strict=True)):
         xyz, mass, com, inertia = TABLES["bodies"][name]
         m, length, i = np.exp(0.1 * rng.standard_normal(3)) * [s**3, s, s**5]
-        joints = [Joint(str(index + 1), axis, motor=Motor(float(rng.choice([80, 100, 121, 160])), 1, 0, 0))]
-        if row.effect == "bearing" and index == 1:
-            joints.append(Joint("2x", "x"))
-        place = tuple(np.round(np.multiply(xyz, length), 4).tolist()) if bodies else (0.0, 0.0, s * 0.3)
-        own = tuple(np.multiply(com, length).tolist()), tuple(np.multiply(inertia, i).tolist())
-        bodies.append(Body(name, parent, place, tuple(joints), float(mass * m), *own))
+        joints = [Joint(str(index + 1), axis, motor=Motor(rng.choice([80, 100, 121, 160])))]
+        joints += [Joint("2x", "x")] * (row.effect == "bearing" and index == 1)
+        place = np.round(np.multiply(xyz, length), 4).tolist() if bodies else (0.0, 0.0, s * 0.3)
+        com, inertia = (np.multiply(*each).tolist() for each in ((com, length), (inertia, i)))
+        bodies.append(Body(name, parent, place, joints, mass * m, com, inertia))
         parent = name
-    return Robot(row.name, tuple(bodies))
+    return Robot(row.name, bodies)
 
 
 def _linkage(row: Row, rng: np.random.Generator) -> Robot:
-    """Draw a lower arm, a crank with the same axis, and a fore arm that a rod connects to the crank."""
-    (a, b, c), (n_1, n_2) = np.exp(0.1 * rng.standard_normal(3)), rng.choice([80.0, 100.0, 121.0], 2)
-    joints = Joint("1", "y", motor=Motor(n_1, 1, 0, 0)), Joint("2", "y", motor=Motor(n_2, 1, 0, 0)), Joint("elbow", "y")
-    lower = Body("lower", "base", (0.0, 0.0, 0.0), joints[:1], 30.0 * a, (0.05, 0.05, 0.35), (1.6, 1.6, 0.2))
-    crank = Body("crank", "base", (0.0, 0.0, 0.0), joints[1:2], 18.0 * b, (-0.3, -0.05, 0.02), (0.2, 0.6, 0.6))
-    fore = Body("fore", "lower", (0.0, 0.0, 0.8), joints[2:], 40.0 * c, (0.33, 0.1, 0.1), (0.8, 4.0, 4.0))
-    ends = (-0.3, 0.0, 0.0), (-0.3, 0.0, 0.0)
-    rod = Rod(("crank", "fore"), ends, 0.8, 6.0, float(8e6 * np.exp(0.2 * rng.standard_normal())), 3000.0)
-    return Robot(row.name, (lower, crank, fore), rod)
+    masses, ratios = np.exp(0.1 * rng.standard_normal(3)), rng.choice([80.0, 100.0, 121.0], 2)
+    joints = [*(Joint(str(i), "y", motor=Motor(ratio)) for i, ratio in enumerate(ratios, 1)), Joint("elbow", "y")]
+    rows = zip(TABLES["linkage"], joints, masses, strict=True)
+    bodies = [Body(**body | {"joints": [joint], "mass": body["mass"] * factor}) for body, joint, factor in rows]
+    rod = Rod(**TABLES["rod"])
+    return Robot(row.name, bodies, replace(rod, k=rod.k * np.exp(0.2 * rng.standard_normal())))
 
 
 def _elastic(row: Row, robot: Robot, rng: np.random.Generator) -> tuple[Robot, Array]:
@@ -172,54 +188,43 @@ def _elastic(row: Row, robot: Robot, rng: np.random.Generator) -> tuple[Robot, A
         load = inertia[joint.name]
         omega = 2 * np.pi * (next(hz) if joint.motor else 24.0) * rng.uniform(0.85, 1.15)
         k, zeta = load * omega**2, rng.uniform(0.02, 0.05)
-        joint = replace(joint, k=k, d=2 * zeta * k / omega)
-        if not joint.motor:
-            return joint
+        gear, motor = {"k": k, "d": 2 * zeta * k / omega}, joint.motor
+        if not motor:
+            return replace(joint, **gear)
         J = load * rng.uniform(0.3, 1.0)
         rms = ACCELERATION * (load + J)
         torque.append(rms)
-        motor = replace(joint.motor, J=J, f=J * rng.uniform(1.0, 3.0), F=row.friction * rms * rng.uniform(0.7, 1.3))
-        return _with_effect(row, replace(joint, motor=motor), rms, rng)
+        motor = replace(motor, J=J, f=J * rng.uniform(1.0, 3.0), F=row.friction * rms * rng.uniform(0.7, 1.3))
+        if row.effect == "hysteresis":
+            gear |= {"hysteresis": 0.05 * rms * rng.uniform(0.7, 1.3), "knee": rms / k * rng.uniform(0.1, 0.3)}
+        elif row.effect == "error":
+            gear |= {"error": rng.uniform(2e-5, 5e-5), "order": rng.integers(1, 3), "phase": rng.uniform(0, 6.28)}
+        elif row.effect == "presliding":
+            z = 1e-3 * rng.uniform(0.4, 2.0)
+            motor = replace(motor, z=z, damping=rng.uniform(0.1, 0.6) * 2 * np.sqrt(motor.F / z * J))  # of critical
+        return replace(joint, motor=motor, **gear)
 
     return robot.with_joints(elastic), np.array(torque)
 
 
-def _with_effect(row: Row, joint: Joint, rms: float, rng: np.random.Generator) -> Joint:
-    motor = joint.motor
-    if row.effect == "hysteresis":
-        return replace(joint, hysteresis=0.05 * rms * rng.uniform(0.7, 1.3), knee=rms / joint.k * rng.uniform(0.1, 0.3))
-    if row.effect == "error":
-        return replace(joint, error=rng.uniform(2e-5, 5e-5), order=int(rng.integers(1, 3)), phase=rng.uniform(0, 6.28))
-    if row.effect == "presliding" and motor:
-        z = 1e-3 * rng.uniform(0.4, 2.0)
-        damping = rng.uniform(0.1, 0.6) * 2 * np.sqrt(motor.F / z * motor.J)  # of critical
-        return replace(joint, motor=replace(motor, z=z, damping=damping))
-    return joint
-
-
 def _sheet(row: Row, robot: Robot, rng: np.random.Generator) -> Robot:
     """Draw the data-sheet model for entrants: springs with random factors, viscous friction only, no gear effects."""
-    size = 0.0 if row.sheet == "exact" else 1.0
-
-    def off(name: str) -> float:
-        return float(1 + size * TOLERANCES[name] * rng.standard_normal())
+    std = {name: value * (row.sheet != "exact") for name, value in TOLERANCES.items()}
 
     def joint(j: Joint) -> Joint:
-        guess = np.exp(rng.uniform(0.25, 0.6, 2) * rng.choice([-1, 1], 2))
-        motor = j.motor and Motor(j.motor.ratio, j.motor.J * off("motor_inertia"), j.motor.f * guess[1], 0.0)
-        return Joint(j.name, j.axis, j.k * guess[0], j.d * guess[1], motor)
+        k, d = np.exp(rng.uniform(0.25, 0.6, 2) * rng.choice([-1, 1], 2))
+        motor = j.motor and Motor(j.motor.ratio, j.motor.J * rng.normal(1, std["motor_inertia"]), j.motor.f * d)
+        return Joint(j.name, j.axis, j.k * k, j.d * d, motor)
 
     def body(b: Body) -> Body:
-        com = tuple(float(x + size * TOLERANCES["center_of_mass"] * row.size * rng.standard_normal()) for x in b.com)
-        factor = off("inertia")
-        inertia = tuple(factor * x for x in b.inertia)
-        return replace(b, joints=tuple(map(joint, b.joints)), mass=b.mass * off("mass"), com=com, inertia=inertia)
+        com = rng.normal(b.com, std["center_of_mass"] * row.size).tolist()
+        inertia = (rng.normal(1, std["inertia"]) * np.array(b.inertia)).tolist()
+        joints, mass = [*map(joint, b.joints)], b.mass * rng.normal(1, std["mass"])
+        mass *= 1.25 if row.sheet == "wrong" and b is robot.bodies[-1] else 1.0
+        return replace(b, joints=joints, mass=mass, com=com, inertia=inertia)
 
-    bodies = [body(b) for b in robot.bodies]
-    if row.sheet == "wrong":
-        bodies[-1] = replace(bodies[-1], mass=1.25 * bodies[-1].mass)
     rod = robot.rod and replace(robot.rod, k=robot.rod.k * 1.3)
-    return Robot(robot.name, tuple(bodies), rod)
+    return Robot(robot.name, [*map(body, robot.bodies)], rod)
 
 
 def tag(kind: str, *inside: str, **attributes: Any) -> str:
@@ -231,39 +236,37 @@ def tag(kind: str, *inside: str, **attributes: Any) -> str:
     return f"<{kind} {' '.join(words)}>{''.join(inside)}</{kind}>\n"
 
 
-def mjcf(robot: Robot, step: float = 1 / 4000) -> str:
+def mjcf(robot: Robot) -> str:
     """Write the robot for MuJoCo: joints `m...` are motors, `s...` twists; the rod is a tendon."""
-    ends = dict(zip(robot.rod.bodies, robot.rod.points, strict=True)) if robot.rod else {}
-    axes = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
-
-    def joint(j: Joint) -> str:
-        axis, m = axes[j.axis], j.motor
-        motor = tag("joint", name=f"m{j.name}", axis=axis, armature=m.J, damping=m.f) if m else ""
-        return motor + tag("joint", name=f"s{j.name}", axis=axis, stiffness=j.k, damping=j.d)
+    rod, axes = robot.rod, dict(zip("xyz", np.eye(3), strict=True))
+    ends = dict(zip(rod.bodies, rod.points, strict=True)) if rod else {}
 
     def body(b: Body) -> str:
-        inside = [joint(j) for j in b.joints] + [tag("inertial", pos=b.com, mass=b.mass, diaginertia=b.inertia)]
-        if robot.rod and b.name in ends:
-            point = tag("inertial", pos=(0, 0, 0), mass=robot.rod.mass / 2, diaginertia=(1e-9, 1e-9, 1e-9))
+        inside = []
+        for j in b.joints:
+            if m := j.motor:
+                inside.append(tag("joint", name=f"m{j.name}", axis=axes[j.axis], armature=m.J, damping=m.f))
+            inside.append(tag("joint", name=f"s{j.name}", axis=axes[j.axis], stiffness=j.k, damping=j.d))
+        inside.append(tag("inertial", pos=b.com, mass=b.mass, diaginertia=b.inertia))
+        if b.name in ends:
+            point = tag("inertial", pos=(0, 0, 0), mass=rod.mass / 2, diaginertia=(1e-9, 1e-9, 1e-9))
             inside += [tag("site", name=b.name, pos=ends[b.name]), tag("body", point, pos=ends[b.name])]
         inside += [body(child) for child in robot.bodies if child.parent == b.name]
         if b is robot.bodies[-1]:
             inside.append(tag("site", name="tool", pos=2 * np.array(b.com)))
         return tag("body", *inside, name=b.name, pos=b.xyz)
 
-    rod, tendon, state = robot.rod, "", {"dyntype": "user", "actdim": 1, "gainprm": 0, "biastype": "none"}
+    tendon, state = "", {"dyntype": "user", "actdim": 1, "gainprm": 0, "biastype": "none"}
     if rod:
         sites = [tag("site", site=name) for name in rod.bodies]
         tendon = tag("tendon", tag("spatial", *sites, stiffness=rod.k, damping=rod.d, springlength=rod.length))
-    rubbing = [f"m{j.name}" for j in robot.joints if j.motor and j.motor.z]
-    rubbing += [f"s{j.name}" for j in robot.joints if j.hysteresis]  # bristles of motors, then gears, as in the engine
     return tag(
         "mujoco",
         tag("compiler", angle="radian", inertiafromgeom="false", balanceinertia="true"),
-        tag("option", tag("flag", contact="disable"), gravity=(0, 0, -9.81), timestep=step, integrator="RK4"),
+        tag("option", tag("flag", contact="disable"), gravity=(0, 0, -9.81), timestep=1 / STEPS_HZ, integrator="RK4"),
         tag("worldbody", *(body(b) for b in robot.bodies if b.parent == "base")),
         tendon,
-        tag("actuator", *(tag("general", joint=name, **state) for name in rubbing)),
+        tag("actuator", *(tag("general", joint=name, **state) for name, *_ in robot.bristles)),
         model=robot.name,
     )
 
@@ -271,20 +274,12 @@ def mjcf(robot: Robot, step: float = 1 / 4000) -> str:
 def composite_inertia(robot: Robot, posture: list[float]) -> dict[str, float]:
     """Compute the inertia of all that is behind each joint, motors excluded, in a posture."""
     model = mujoco.MjModel.from_xml_string(mjcf(robot))
-    data = mujoco.MjData(model)
-    for joint, angle in zip([j for j in robot.joints if j.motor], posture, strict=True):
+    data, M = mujoco.MjData(model), np.empty((model.nv, model.nv))
+    for joint, angle in zip(robot.gears, posture, strict=True):
         data.joint(f"m{joint.name}").qpos = angle
     if robot.rod:
         data.joint("selbow").qpos = posture[1] - posture[0]
     mujoco.mj_forward(model, data)
-    M = mass_matrix(model, data)
-    loads = {j.name: float(M[(i := model.joint(f"s{j.name}").dofadr[0]), i]) for j in robot.joints}
+    mujoco.mj_fullM(model, data, M)
+    loads = {j.name: M[(i := model.joint(f"s{j.name}").dofadr[0]), i] for j in robot.joints}
     return {**loads, "2": loads["2"] + loads["elbow"]} if robot.rod else loads
-
-
-def mass_matrix(model: Any, data: Any) -> Array:
-    """Return M (n, n) in the current state; the arguments of `mj_fullM` change with MuJoCo 4."""
-    M = np.empty((model.nv, model.nv))
-    for column, unit in zip(M, np.eye(model.nv), strict=True):
-        mujoco.mj_mulM(model, data, column, unit)
-    return M.T
