@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from plants.friction_logs import SPEEDS, sliding_torque, trapezoids, write_log
-from plants.lab_logs import N, measured, save_csv, study_of
+from plants.lab_logs import N, Signals, measured, save_csv, study_of
 from plants.two_axes import ROBOT, STUDY
 from plants.two_axes import measured as measured_responses
 
@@ -42,7 +42,7 @@ def two_axes(folder: Path) -> str:
     return str(folder / "study.yml")
 
 
-def log(folder: Path, samples: int, lines: np.ndarray, **given: object) -> dict[str, np.ndarray]:
+def log(folder: Path, samples: int, lines: np.ndarray, **given: object) -> Signals:
     """A log of two axes that is written, too."""
     U = orthogonal_set(np.ones((len(lines), 4)), np.random.default_rng(3))[0]
     signals = np.tile(synthesise(lines, U, N), (-(-samples // N), 1))[:samples]

@@ -3,24 +3,14 @@
 from dataclasses import replace
 
 import pytest
-from plants.taken_friction import taken_friction
+from plants.taken_friction import ROBOT, ROUGH, taken_friction
 
 from elastid.app.identified_robot import with_findings
 from elastid.app.parameter_truth import NOT_SIGNIFICANT, SLOPE, contents, truth
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.parameters import Parameter, Parameters
 from elastid.report.content import WITH_COULOMB
-from elastid.robot import Body, Joint, Motor, Robot, Spring
 
-ROUGH, SMOOTH = Motor(1e-3, 50, 1e-3, coulomb=0.1), Motor(1e-3, 50, 1e-3)
-ROBOT = Robot(
-    "an elastic axis and two rigid ones",
-    (
-        Body("a", joints=(Joint("1", "z", Spring(1e4, 10.0), ROUGH, 1.0),), inertia=1.0),
-        Body("b", "a", joints=(Joint("2", "y", None, ROUGH, 1.0),), inertia=1.0),
-        Body("c", "b", joints=(Joint("3", "y", None, SMOOTH, 1.0),), inertia=1.0),
-    ),
-)
 NAMES = ("k_1", "fm_1", "fm_1@warm", "f_1", "fm_2", "f_2", "fm_3")
 PARAMETERS = Parameters(tuple(Parameter(name, 1e-3) for name in NAMES))
 

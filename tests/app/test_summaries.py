@@ -6,21 +6,11 @@ from typing import Any
 
 import pytest
 from plants.artefacts import some_fit
-from plants.taken_friction import LEVELS, STDS, THRESHOLD, taken_friction
+from plants.taken_friction import LEVELS, ROBOT, STDS, THRESHOLD, taken_friction
 
 from elastid.app.summaries import summary
 from elastid.base.statistics import QUANTILE_95
 from elastid.nonlinear.compensated_friction import CompensatedFriction
-from elastid.robot import Body, Joint, Motor, Robot, Spring
-
-MOTOR = Motor(1e-3, 50, 1e-3, coulomb=0.1)
-ROBOT = Robot(
-    "an elastic axis and a rigid one",
-    (
-        Body("a", joints=(Joint("1", "z", Spring(1e4, 10.0), MOTOR, 1.0),), inertia=1.0),
-        Body("b", "a", joints=(Joint("2", "y", None, MOTOR, 1.0),), inertia=1.0),
-    ),
-)
 
 
 def summary_of(friction: CompensatedFriction | None) -> Any:

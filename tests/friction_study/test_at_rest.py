@@ -198,14 +198,6 @@ def test_one_bristle_is_one_element(elements):
     assert found.threshold[0] == pytest.approx(4e-3, rel=0.01)
 
 
-def test_the_robot_file_has_the_same_shares_and_stiffness() -> None:
-    slip = TRUTH_PRESLIDING.to_maxwell_slip()
-    assert sum(slip.shares) == pytest.approx(1.0)
-    assert sum(slip.stiffness) == pytest.approx(float(STIFFNESS.sum()))
-    levels = np.array(slip.shares) * 1.6 / np.array(slip.stiffness)
-    np.testing.assert_allclose(levels, TRUTH_PRESLIDING.threshold)
-
-
 def test_loops_of_a_few_counts_are_refused() -> None:
     with refused("friction/presliding-loops", place="loops of joint 1") as caught:
         fit_presliding(replace(log(0), resolution=5e-3), None)

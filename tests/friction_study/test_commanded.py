@@ -1,6 +1,7 @@
 """Inertia, friction and delay from commands alone: known numbers are recovered, and the rest is named."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -61,6 +62,13 @@ def found(robot: Robot, *logs: tuple[FrictionRecord, ...]) -> FrictionResult:
     return friction_study(robot, measured)
 
 
+def alone(
+    q: FloatArray, r: FloatArray, folder: Path, factors: float | list[float] = 1.0, **keys: Any
+) -> FrictionResult:
+    """The result of one joint under its gains times factors."""
+    return found(robot_of(ONE_ROBOT, folder), log(q, r, np.array(GAINS[:1]) * factors, **keys))
+
+
 def commanded(result: FrictionResult) -> dict[str, CommandedJoint]:
     """Fits of all joints."""
     return {joint.joint: joint.commanded for joint in result.joints if joint.commanded is not None}
@@ -80,7 +88,7 @@ def test_one_joint_is_recovered_at_every_delay(delay_s: float, tmp_path: Path) -
     """A regression on k_p (r - q) - k_d q' is off by +55 % in J and +171 % in f at 10 ms."""
     r = references(600, 1, 0.35, 4.0)
     q = positions(one_joint, r, delay_s, steps=10) + np.random.default_rng(3).normal(0, 1e-4, r.shape)
-    result = found(robot_of(ONE_ROBOT, tmp_path), log(q, r, np.array(GAINS[:1])))
+    result = alone(q, r, tmp_path)
     assert result.status == "identified"
     assert_recovered(commanded(result)["1"], 0, delay_s)
     assert {number.name for number in result.numbers} == {"J_m1", "f_m1", "Fc_m1", "o_m1", "T_d_m1"}
@@ -101,7 +109,7 @@ def test_friction_as_a_soft_constraint_is_recovered(in_steps: bool, tmp_path: Pa
     r = references(1200, 1, 0.35, 4.0)
     r = 0.2 * np.array([0, 1, -0.6, 0.4, -1]).repeat(240)[:, None] if in_steps else r
     q = positions(one_joint, r, 0.005, steps=10, soft=(0.02, 0.1)) + np.random.default_rng(3).normal(0, 1e-5, r.shape)
-    result = found(robot_of(ONE_ROBOT, tmp_path), log(q, r, np.array(GAINS[:1])))
+    result = alone(q, r, tmp_path)
     fit = commanded(result)["1"]
     assert result.status == "identified"
     assert_recovered(fit, 0, 0.005)
@@ -115,7 +123,7 @@ def test_bristles_are_recovered(damping_s: float, tmp_path: Path) -> None:
     """With a model that sticks exactly, J is 36 % and f 109 % too high without damping of the bristles."""
     r, compliance = references(1200, 1, 0.35, 2.0), 0.01
     q = positions_with_bristles(r, compliance, damping_s) + np.random.default_rng(3).normal(0, 1e-5, r.shape)
-    fit = commanded(found(robot_of(ONE_ROBOT, tmp_path), log(q, r, np.array(GAINS[:1]))))["1"]
+    fit = commanded(alone(q, r, tmp_path))["1"]
     assert_recovered(fit, 0, 0.0)
     assert fit["bristle_compliance"] == pytest.approx(compliance, rel=0.02)
     assert fit["bristle_time"] == pytest.approx(damping_s, abs=1e-3)
@@ -140,7 +148,7 @@ def test_a_joint_that_never_reverses_shows_the_sum_of_friction_and_offset(tmp_pa
     """Neither is identifiable alone: the solution of least norm gives F_c / 2 to each, with too small intervals."""
     r = references(600, 1, 0.02, 2.0) + np.arange(600)[:, None] / RATE_HZ
     q = positions(one_joint, r, 0.005, steps=10) + np.random.default_rng(3).normal(0, 1e-5, r.shape)
-    fit = commanded(found(robot_of(ONE_ROBOT, tmp_path), log(q, r, np.array(GAINS[:1]))))["1"]
+    fit = commanded(alone(q, r, tmp_path))["1"]
     assert min(fit.std("coulomb"), fit.std("offset")) > TRUE["coulomb"][0]
     assert fit["coulomb"] + fit["offset"] == pytest.approx(TRUE["coulomb"][0], rel=0.02)
 
@@ -181,7 +189,7 @@ def test_a_sampled_controller_takes_its_hold_from_the_friction(differentiates: b
     q = positions(one_joint, r, 0.005, tick=5, differentiates=differentiates)
     q += np.random.default_rng(3).normal(0, 1e-4, r.shape)
     for late_s in ((5e-4, 5e-4 * differentiates), (0.0, 0.0))[: 2 - differentiates]:
-        fit = commanded(found(robot_of(ONE_ROBOT, tmp_path), log(q, r, np.array(GAINS[:1]), late_s=late_s)))["1"]
+        fit = commanded(alone(q, r, tmp_path, late_s=late_s))["1"]
         if late_s[0]:
             assert_recovered(fit, 0, 0.005)
         else:
@@ -207,10 +215,7 @@ def test_armatures_of_coupled_joints_are_recovered(delay_s: float, tmp_path: Pat
 def test_commands_in_degrees_are_a_misfit(tmp_path: Path) -> None:
     """The simulated joint sticks in all samples, so that its positions show none of the parameters."""
     r = references(600, 1, 0.35, 4.0)
-    result = found(
-        robot_of(ONE_ROBOT, tmp_path), log(positions(one_joint, r, 0.005), np.degrees(r), np.array(GAINS[:1]))
-    )
-    assert result.status == "misfit"
+    assert alone(positions(one_joint, r, 0.005), np.degrees(r), tmp_path).status == "misfit"
 
 
 def test_friction_of_a_joint_without_friction_is_zero(tmp_path: Path) -> None:
@@ -219,7 +224,7 @@ def test_friction_of_a_joint_without_friction_is_zero(tmp_path: Path) -> None:
     A, B, C = np.array([[0, 1], [-kp / J, -(f + kd) / J]]), np.array([[0], [kp / J]]), np.array([[1, 0]])
     loop = cont2discrete((A, B, C, np.zeros((1, 1))), 1 / RATE_HZ)
     q = dlsim(loop, r)[1] + np.random.default_rng(3).normal(0, 1e-5, r.shape)
-    result = found(robot_of(ONE_ROBOT, tmp_path), log(q, r, np.array(GAINS[:1])))
+    result = alone(q, r, tmp_path)
     fit = commanded(result)["1"]
     assert result.status == "identified"
     assert fit["coulomb"] < 3 * fit.std("coulomb") + 1e-6
@@ -231,11 +236,10 @@ def test_wrong_gains_are_refused_or_named(tmp_path: Path) -> None:
     """A velocity gain that is 20 % too large leaves viscous friction below 0; every result names its gains."""
     r = references(2000, 1, 0.35, 4.0)
     q = positions(one_joint, r, 0.005)
-    robot = robot_of(ONE_ROBOT, tmp_path)
-    result = found(robot, log(q, r, np.array(GAINS[:1]) * [1.0, 1.2]))
+    result = alone(q, r, tmp_path, [1.0, 1.2])
     assert result.status == "failed"
     assert "friction/law" in {note.code for joint in result.joints for note in joint.notes}
-    right = found(robot, log(q, r, np.array(GAINS[:1])))
+    right = alone(q, r, tmp_path)
     assert "friction/gains" in {note.code for joint in right.joints for note in joint.notes}
 
 
@@ -257,7 +261,7 @@ def test_a_slow_chirp_gives_the_sum_of_delay_and_friction(tmp_path: Path) -> Non
     """T_d + f / k_p is known, T_d and f are not: below k_p / (f + k_d) friction is a delay."""
     r = references(3000, 1, 0.35, 0.6)
     q = positions(one_joint, r, 0.010) + np.random.default_rng(3).normal(0, 1e-3, r.shape)
-    result = found(robot_of(ONE_ROBOT, tmp_path), log(q, r, np.array(GAINS[:1])))
+    result = alone(q, r, tmp_path)
     fit, last = commanded(result)["1"], [-1, 1]
     (known,) = identifiable_combinations(fit.values[last], fit.covariance[np.ix_(last, last)])
     assert known.weights[1] == pytest.approx(1 / GAINS[0][0], rel=0.1)

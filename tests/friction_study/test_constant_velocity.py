@@ -98,22 +98,21 @@ def test_slopes_of_two_directions_are_no_offset() -> None:
 @pytest.mark.parametrize(
     ("wrong", "code"),
     [
-        (lambda all_: [one for one in all_ if one.direction > 0], "friction/constant-velocity"),
+        ([one for one in passes(0, SPEEDS[:3]) if one.direction > 0], "friction/constant-velocity"),
         (
-            lambda all_: [replace(one, velocity=one.velocity * np.cos(np.arange(len(one.velocity)))) for one in all_],
+            [
+                replace(one, velocity=one.velocity * np.cos(np.arange(len(one.velocity))))
+                for one in passes(0, SPEEDS[:3])
+            ],
             "friction/constant-velocity-runs",
         ),
+        (passes(0, SPEEDS[-2:], noise=30.0), "friction/constant-velocity"),
     ],
 )
-def test_passes_that_tell_nothing_are_refused(wrong, code: str) -> None:
+def test_passes_that_tell_nothing_are_refused(wrong: list[Pass], code: str) -> None:
+    """One direction, velocities that vary, noise of five times the friction."""
     with refused(code):
-        estimate_friction_curve(wrong(passes(0, SPEEDS[:3])), True)
-
-
-def test_a_level_below_gravity_and_noise_does_not_count() -> None:
-    """Noise of five times the friction, 10 s a pass."""
-    with refused("friction/constant-velocity"):
-        estimate_friction_curve(passes(0, SPEEDS[-2:], noise=30.0), True)
+        estimate_friction_curve(wrong, True)
 
 
 # Growth of Coulomb friction with the load, Nm per Nm.

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.lab_logs import Signals
 from plants.refusals import refused
 
 from elastid.experiment.specs.channels import ChannelSpec
@@ -16,7 +17,7 @@ ROBOT = Robot("leg", tuple(Body(f"{name} link", joints=(Joint(name, motor=Motor(
 
 
 @pytest.fixture
-def signals() -> dict[str, np.ndarray]:
+def signals() -> Signals:
     """Commands, commanded velocities and positions of two joints, the second at rest; 400 Hz."""
     t = np.arange(800) / 400
     command = np.stack([0.3 * np.sin(2 * np.pi * t), np.full(800, 0.2)], axis=1)
@@ -24,7 +25,7 @@ def signals() -> dict[str, np.ndarray]:
             "position": 0.9 * command + 0.01}  # fmt: skip
 
 
-def test_matrices_of_an_archive_are_read_with_gains(signals: dict[str, np.ndarray], tmp_path: Path) -> None:
+def test_matrices_of_an_archive_are_read_with_gains(signals: Signals, tmp_path: Path) -> None:
     """By column in the order of the joints; one kd for all; a joint that rests is read, too."""
     path = tmp_path / "log.npz"
     np.savez(path, **signals, velocity=signals["command_velocity"], kp=[20.0, 40.0], kd=1.0)
@@ -36,7 +37,7 @@ def test_matrices_of_an_archive_are_read_with_gains(signals: dict[str, np.ndarra
     assert (log.kp.tolist(), log.kd.tolist()) == ([20.0, 40.0], [1.0, 1.0])
 
 
-def test_columns_of_a_text_are_assigned_by_joint_names(signals: dict[str, np.ndarray], tmp_path: Path) -> None:
+def test_columns_of_a_text_are_assigned_by_joint_names(signals: Signals, tmp_path: Path) -> None:
     """In any order, in degrees where the heading says so; the rate of the option counts."""
     path = tmp_path / "log.csv"
     columns = [np.rad2deg(signals[name][:, i]) for name in ("command", "position") for i in (1, 0)]
@@ -50,7 +51,7 @@ def test_columns_of_a_text_are_assigned_by_joint_names(signals: dict[str, np.nda
     assert not log.velocity.any()
 
 
-def test_log_without_commands_or_time_is_refused(signals: dict[str, np.ndarray], tmp_path: Path) -> None:
+def test_log_without_commands_or_time_is_refused(signals: Signals, tmp_path: Path) -> None:
     path = tmp_path / "log.npz"
     np.savez(path, position=signals["position"])
     with refused("records/channels"):
@@ -60,9 +61,7 @@ def test_log_without_commands_or_time_is_refused(signals: dict[str, np.ndarray],
         read_command_log(path, JOINTS)
 
 
-def test_channels_of_a_study_have_units_and_its_controller_gains(
-    signals: dict[str, np.ndarray], tmp_path: Path
-) -> None:
+def test_channels_of_a_study_have_units_and_its_controller_gains(signals: Signals, tmp_path: Path) -> None:
     """Degrees, sign and scale; kp is K_p K_v; commanded velocities are those that the controller feeds forward."""
     path = tmp_path / "log.npz"
     np.savez(path, a=np.rad2deg(signals["command"]), b=-signals["position"])

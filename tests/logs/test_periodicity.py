@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis.extra.numpy import arrays
-from plants.lab_logs import CHANNELS, ROBOT, N, measured, multisines, record_of, save_csv, study_of
+from plants.lab_logs import CHANNELS, ROBOT, N, Signals, measured, multisines, record_of, save_csv, study_of
 from plants.measured import KUKA
 from plants.measured import measured as record_file
 from plants.notes import said
@@ -27,9 +27,7 @@ from elastid.robot import Body, Joint, Motor, Robot, Spring
 
 
 @pytest.mark.parametrize(("lost", "place"), [(2, 500), (3, 450), (-3, 310)])
-def test_samples_that_are_lost_in_three_periods_are_said(
-    lost: int, place: int, tmp_path: Path, log: dict[str, np.ndarray]
-) -> None:
+def test_samples_that_are_lost_in_three_periods_are_said(lost: int, place: int, tmp_path: Path, log: Signals) -> None:
     """Without time stamps, early and late; not said of a log that lost none and has another period than is stated."""
     rows = np.delete(np.arange(600), np.arange(place, place + lost)) if lost > 0 else np.r_[:place, place + lost : 600]
     save_csv(tmp_path / "log.csv", {name: x[rows] for name, x in log.items()})

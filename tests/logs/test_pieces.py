@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from plants.lab_logs import N, measured, study_of, with_names
+from plants.lab_logs import N, Signals, measured, study_of, with_names
 from plants.refusals import refused
 
 from elastid.base import large_arrays
@@ -36,7 +36,7 @@ def large(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rig, "MIN_VALUES", 8000)
 
 
-def _write(base: Path, log: dict[str, np.ndarray], extra: int = 0) -> ExperimentSpec:
+def _write(base: Path, log: Signals, extra: int = 0) -> ExperimentSpec:
     """Currents as columns of one matrix, motions of their own, in single precision; noise in all of them."""
     rng = np.random.default_rng(3)
     long = {name: np.resize(x[-2 * N :], PERIODS * N + extra) for name, x in log.items()}
@@ -72,9 +72,7 @@ def test_pieces_are_whole_periods_and_cover_the_log(large: None, n: int, is_peri
     assert not is_periodic or np.all(sizes % N == 0)
 
 
-def test_a_log_in_pieces_is_the_same_record(
-    tmp_path: Path, log: dict[str, np.ndarray], request: pytest.FixtureRequest
-) -> None:
+def test_a_log_in_pieces_is_the_same_record(tmp_path: Path, log: Signals, request: pytest.FixtureRequest) -> None:
     """Sample by sample, with the note on the end that is no period; read from the file again it stays there."""
     spec = _write(tmp_path, log, extra=7)
     whole = measured(tmp_path, spec)
@@ -91,7 +89,7 @@ def test_a_log_in_pieces_is_the_same_record(
         assert {file[f"records/{read.name}/{role}"].dtype for role in ("u", "y")} == {np.dtype(np.float32)}
 
 
-def test_each_piece_is_repaired(tmp_path: Path, log: dict[str, np.ndarray], large: None) -> None:
+def test_each_piece_is_repaired(tmp_path: Path, log: Signals, large: None) -> None:
     """A spike and a missing sample are filled from their own piece, and nothing else changes."""
     spec = _write(tmp_path, log)
     clean = measured(tmp_path, spec)
@@ -106,7 +104,7 @@ def test_each_piece_is_repaired(tmp_path: Path, log: dict[str, np.ndarray], larg
 
 @pytest.mark.parametrize("turns", [False, True])
 def test_pieces_of_log_give_same_record(
-    turns: bool, tmp_path: Path, log: dict[str, np.ndarray], request: pytest.FixtureRequest
+    turns: bool, tmp_path: Path, log: Signals, request: pytest.FixtureRequest
 ) -> None:
     """To its last sample, with a missing one; as a whole where an angle starts again after a turn."""
     spec = _write(tmp_path, log, extra=7)
@@ -125,7 +123,7 @@ def test_pieces_of_log_give_same_record(
 
 
 def test_a_large_record_has_the_same_response(
-    tmp_path: Path, log: dict[str, np.ndarray], request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, log: Signals, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Lines are found, bad periods are left out by a few lines, and spectra are added up in groups of periods."""
     record = measured(tmp_path, _write(tmp_path, log))
@@ -147,7 +145,7 @@ def test_a_large_record_has_the_same_response(
     np.testing.assert_allclose(found.noise.variance, expected.noise.variance, rtol=1e-6)
 
 
-def test_pieces_out_of_step_are_refused_like_whole_log(tmp_path: Path, log: dict[str, np.ndarray], large: None) -> None:
+def test_pieces_out_of_step_are_refused_like_whole_log(tmp_path: Path, log: Signals, large: None) -> None:
     """Samples lost between two pieces are found where the whole log is looked at."""
     spec = _write(tmp_path, log)
     with h5py.File(tmp_path / "log.h5", "r+") as file:

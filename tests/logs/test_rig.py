@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants import friction_logs
 from plants.friction_logs import logs, sliding_torque, trapezoids
-from plants.lab_logs import CHANNELS, RATE, ROBOT, N, U, Y, measured, record_of, save_csv, study_of, write_csv
+from plants.lab_logs import CHANNELS, RATE, ROBOT, N, Signals, U, Y, measured, record_of, save_csv, study_of, write_csv
 from plants.notes import noted
 from plants.refusals import refused
 
@@ -45,13 +45,13 @@ def test_an_encoder_that_starts_again_after_a_turn_is_unwrapped(bits: int, speed
     np.testing.assert_allclose(left, jumping * unit / at_rest, rtol=1e-12)
 
 
-def test_constant_input_is_taken_as_not_excited(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
+def test_constant_input_is_taken_as_not_excited(tmp_path: Path, log: Signals) -> None:
     """One motor at a time is a lawful experiment; the estimator judges all of them together."""
     (note,) = record_of(tmp_path, log | {"i2": np.full(800, 0.5)}).notes
     assert noted(note) == ("records/input-not-excited", "record home-r0-e0", [2, 2, 0.5])
 
 
-def test_incomplete_last_period_is_discarded_with_note(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
+def test_incomplete_last_period_is_discarded_with_note(tmp_path: Path, log: Signals) -> None:
     """780 samples are 3 periods of 200 and 180 more; also when a window of the file is asked for."""
     save_csv(tmp_path / "log.csv", {k: v[:780] for k, v in log.items()})
     record = measured(tmp_path, study_of("log.csv"))
@@ -74,20 +74,20 @@ def test_incomplete_last_period_is_discarded_with_note(tmp_path: Path, log: dict
     ],
 )
 def test_one_row_dead_sensor_and_empty_torque_are_refused(
-    channel: str, change: Callable[..., Any], code: str, holds: str, tmp_path: Path, log: dict[str, np.ndarray]
+    channel: str, change: Callable[..., Any], code: str, holds: str, tmp_path: Path, log: Signals
 ) -> None:
     """A torque that is mostly missing is not said to be without a period."""
     with refused(f"records/{code}", place="log.csv", holds=holds):
         record_of(tmp_path, {name: change(x) if channel in ("", name) else x for name, x in log.items()})
 
 
-def test_a_motor_side_without_a_gear_is_refused(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
+def test_a_motor_side_without_a_gear_is_refused(tmp_path: Path, log: Signals) -> None:
     write_csv(tmp_path, log)
     with refused("study/recorded", holds=("side: motor", "body arm z")):
         measured(tmp_path, study_of("log.csv", channels=(U, replace(Y, at="body arm z"))))
 
 
-def test_logs_of_two_amplitudes_are_configurations_of_one_posture(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
+def test_logs_of_two_amplitudes_are_configurations_of_one_posture(tmp_path: Path, log: Signals) -> None:
     """The level of a file makes a response of its own, at the same angles."""
     write_csv(tmp_path, log)
     rig = RecordedRig(
@@ -112,7 +112,7 @@ FIRST, SECOND, *MOTIONS = CHANNELS
     ],
 )
 def test_hold_of_channel_outranks_hold_of_section(
-    tmp_path: Path, log: dict[str, np.ndarray], section: Any, first: Any, second: Any, held: tuple[float, ...]
+    tmp_path: Path, log: Signals, section: Any, first: Any, second: Any, held: tuple[float, ...]
 ) -> None:
     """Y = G H U with H = 1 for a measured current, and the half sample and sinc of the rate for a command."""
     save_csv(tmp_path / "log.csv", log)
@@ -163,7 +163,7 @@ def test_feedback_that_turns_the_phase_mirrors_nothing(step: int, sign: int) -> 
     ],
 )
 def test_a_signal_that_was_logged_twice_is_named(
-    second: Callable[..., np.ndarray], places: list[str], tmp_path: Path, log: dict[str, np.ndarray]
+    second: Callable[..., np.ndarray], places: list[str], tmp_path: Path, log: Signals
 ) -> None:
     notes = record_of(tmp_path, log | {"i2": second(log["i1"], log["i2"])}).notes
     named = [note.place for note in notes if note.code == "records/same-signal" and {"i1", "i2"} < {*note.text.split()}]
@@ -210,7 +210,7 @@ def test_a_reference_without_a_controller_is_a_note(tmp_path: Path) -> None:
     assert record.rate_hz == friction_logs.RATE
 
 
-def test_stated_delay_and_low_pass_of_a_torque_are_corrected(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
+def test_stated_delay_and_low_pass_of_a_torque_are_corrected(tmp_path: Path, log: Signals) -> None:
     """A current that is three samples late has the spectrum of the current itself; role r has no such keys."""
     late = {"i2": np.roll(log["i2"], 3)}
     save_csv(tmp_path / "log.csv", log)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from elastid.logs.rig import RecordedRig
 from elastid.record import Record
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 
+Signals: TypeAlias = dict[str, np.ndarray]  # samples by channel
 N, P, RATE, RATIO = 200, 4, 100.0, -50.0
 ROBOT = Robot(
     "two axes",
@@ -37,7 +38,7 @@ CHANNELS = (
 )
 
 
-def multisines(lines: np.ndarray, T: float, n: int) -> dict[str, np.ndarray]:
+def multisines(lines: np.ndarray, T: float, n: int) -> Signals:
     """Four orthogonal multisines (n,) with a period of T samples, by channel."""
     U = orthogonal_set(np.ones((len(lines), 4)), np.random.default_rng(0))[0]
     x = (np.exp(2j * np.pi * np.outer(np.arange(n) / T, lines)) @ U).real
@@ -74,7 +75,7 @@ def with_names(names: Mapping[str, str], **same: Any) -> tuple[ChannelSpec, ...]
     return tuple(replace(c, channel=names[c.channel], **same) for c in CHANNELS)
 
 
-def write_csv(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+def write_csv(base: Path, log: Signals) -> ExperimentSpec:
     save_csv(base / "log.csv", {"t": np.arange(len(log["i1"])) / RATE} | log)
     return study_of("log.csv")
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from plants.lab_logs import RATE
+from plants.lab_logs import RATE, Signals
 
-LogArrays = dict[str, np.ndarray]
+LogArrays = Signals
 
 
 # The joint of each of the log's signals, in the messages of JointState: effort in Nm, position in rad.
@@ -52,7 +52,7 @@ def write_bag(path: Path, log: LogArrays, storage: str = "SQLITE3", publishers: 
     return path
 
 
-def write_topics(path: Path, topics: dict[str, tuple[np.ndarray, dict[str, np.ndarray]]]) -> Path:
+def write_topics(path: Path, topics: dict[str, tuple[np.ndarray, Signals]]) -> Path:
     """Topics with stamps in s and fields (position, effort) of the joint `axis`."""
     from rosbags.rosbag2 import Writer
     from rosbags.typesys import Stores, get_typestore

@@ -12,7 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from plants.lab_logs import CHANNELS, RATE, RATIO, N, P, measured, save_csv, study_of, with_names, write_csv
+from plants.lab_logs import CHANNELS, RATE, RATIO, N, P, Signals, measured, save_csv, study_of, with_names, write_csv
 from plants.notes import said
 from plants.refusals import refused
 from plants.ros_bag import LogArrays, write_bag
@@ -28,7 +28,7 @@ from elastid.logs.files.formats import Format, contents, opened_log, read_channe
 from elastid.logs.files.log import ArrayLog, StoredArray
 
 
-def write_matlab(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+def write_matlab(base: Path, log: Signals) -> ExperimentSpec:
     struct = {"cur": np.stack([log["i1"], log["i2"]]), "phi": log["phi"], "note": "run 7"}
     runs = np.array([(log["w2"],), (2 * log["w2"],)], dtype=[("w", object)])
     cells = np.array([np.ones(50), "text"], dtype=object)
@@ -37,7 +37,7 @@ def write_matlab(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
     return study_of("log.mat", (replace(channels[0], column=2), replace(channels[1], column=1), *channels[2:]))
 
 
-def write_matlab_73(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+def write_matlab_73(base: Path, log: Signals) -> ExperimentSpec:
     with h5py.File(base / "new.mat", "w", userblock_size=512) as file:
         file["rec/cur"] = np.stack([log["i1"], log["i2"]])  # a 800 x 2 matrix, as MATLAB writes it
         file["rec/phi"] = log["phi"][None]
@@ -49,7 +49,7 @@ def write_matlab_73(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
     return study_of("new.mat", (replace(channels[0], column=2), replace(channels[1], column=1), *channels[2:]))
 
 
-def test_contents_lists_every_signal_of_a_file(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
+def test_contents_lists_every_signal_of_a_file(tmp_path: Path, log: Signals) -> None:
     """Names and shapes as a channel would be written in a study; no texts, scalars or references."""
     text = TextFormatSpec()
     write_matlab(tmp_path, log)
@@ -89,7 +89,7 @@ def test_files_that_are_no_logs_are_refused(tmp_path: Path) -> None:
 TEXT = TextFormatSpec()
 
 
-def write_hdf5(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+def write_hdf5(base: Path, log: Signals) -> ExperimentSpec:
     table = np.zeros(len(log["i1"]), dtype=[("i1", "f8"), ("i2", "f8")])
     table["i1"], table["i2"] = log["i1"], log["i2"]
     with h5py.File(base / "log.h5", "w") as file:
@@ -99,26 +99,26 @@ def write_hdf5(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
     )
 
 
-def _write_csv_with_a_delimiter_at_every_end(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+def _write_csv_with_a_delimiter_at_every_end(base: Path, log: Signals) -> ExperimentSpec:
     save_csv(base / "log.csv", log)
     lines = (base / "log.csv").read_text().splitlines()
     (base / "log.csv").write_text("\r\n".join([lines[0], "", *(f"{line}," for line in lines[1:])]))
     return study_of("log.csv")
 
 
-def _write_german_csv(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+def _write_german_csv(base: Path, log: Signals) -> ExperimentSpec:
     save_csv(base / "log.txt", log, ";", comma=True, head="Messung 7\n3 Achsen\n")
     return study_of("log.txt", text=TextFormatSpec(";", ",", header_lines=3))
 
 
-def _write_commented_table(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+def _write_commented_table(base: Path, log: Signals) -> ExperimentSpec:
     np.savetxt(base / "log.dat", np.stack(list(log.values()), axis=1), fmt="%.17g", header="a b c d")
     columns = {"i1": 1, "i2": 2, "phi": 3, "w2": 4}
     channels = tuple(replace(c, channel="", column=columns[c.channel]) for c in CHANNELS)
     return study_of("log.dat", channels, text=TextFormatSpec("whitespace"))
 
 
-def _write_tab_table_with_units(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+def _write_tab_table_with_units(base: Path, log: Signals) -> ExperimentSpec:
     stamped = ["\t".join(["12:30:01", *(f"{v:.17g}" for v in row), "ok"]) for row in zip(*log.values(), strict=True)]
     (base / "log.tsv").write_text("\n".join(["time\ti1\ti2\tphi\tw2\tstate", "\tmA\tmA\tdeg\trad/s\t", *stamped]))
     return study_of("log.tsv", text=TextFormatSpec("tab"))
@@ -197,7 +197,7 @@ BAGS = [write_bag_folder, write_mcap_file]
 
 @pytest.mark.parametrize("write", [*WRITERS, *BAGS])
 def test_formats_give_same_record_in_si_link_side(
-    write: Callable[[Path, dict[str, np.ndarray]], ExperimentSpec], tmp_path: Path, log: dict[str, np.ndarray]
+    write: Callable[[Path, Signals], ExperimentSpec], tmp_path: Path, log: Signals
 ) -> None:
     """Current * constant * ratio, motor angle / ratio (which is negative), signs, scales, units, order of channels."""
     record = measured(tmp_path, write(tmp_path, log))
@@ -326,7 +326,7 @@ def test_dates_are_seconds_and_missing_values_are_missing(tmp_path: Path) -> Non
     ],
 )
 def test_missing_matlab_channel_is_named_with_existing_ones(
-    name: str, column: int | None, message: str, tmp_path: Path, log: dict[str, np.ndarray]
+    name: str, column: int | None, message: str, tmp_path: Path, log: Signals
 ) -> None:
     """Missing, a matrix without a column, a wrong column, a text, a scalar, another length, no name at all."""
     write_matlab(tmp_path, log)

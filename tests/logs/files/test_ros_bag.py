@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.lab_logs import RATE
+from plants.lab_logs import RATE, Signals
 from plants.refusals import refused
 from plants.ros_bag import JOINTS, LogArrays, write_bag, write_topics
 
@@ -92,7 +92,7 @@ def gathered(
     state: tuple[np.ndarray, np.ndarray] = (T_Q, _angle(T_Q)),
     rate_hz: float = 500.0,
     samples: tuple[int, int] | None = None,
-) -> dict[str, np.ndarray]:
+) -> Signals:
     """Torque and position by role at rate_hz, of topics with stamps and values; positions are logged at 500 Hz."""
     u = ChannelSpec("u", "motor 1", "drive.effort.axis", None, "torque", "N*m")
     y = ChannelSpec("y", "motor 1", "state.position.axis", None, "position", "rad", rate_hz=500.0)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.lab_logs import measured, save_csv, study_of
+from plants.lab_logs import Signals, measured, save_csv, study_of
 from plants.refusals import refused
 
 from elastid.experiment.specs.channels import ChannelSpec
@@ -48,7 +48,7 @@ def test_columns_without_headings_are_named_as_inspect_names_them(tmp_path: Path
         read_channels(path, [ChannelSpec("u", "motor 1", "column 10", 3)], text)
 
 
-def test_text_in_number_column_is_refused_with_row(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
+def test_text_in_number_column_is_refused_with_row(tmp_path: Path, log: Signals) -> None:
     """Line 102 of the file is sample 100 after one line of headings; a short line is recognised.
 
     A few such cells are missing samples; more than one in a hundred rows are refused.

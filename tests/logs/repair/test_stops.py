@@ -4,20 +4,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.lab_logs import N, multisines, record_of
+from plants.lab_logs import N, Signals, multisines, record_of
 from plants.notes import noted, said
 from plants.waves import outcome
 
 from elastid.logs.repair.masks import without_stops
 
 
-def _log(periods: int) -> dict[str, np.ndarray]:
+def _log(periods: int) -> Signals:
     rng = np.random.default_rng(1)
     signals = multisines(np.arange(2, 60), N, periods * N)
     return {name: x + 1e-3 * x.std() * rng.normal(size=len(x)) for name, x in signals.items()}
 
 
-def _stopped(log: dict[str, np.ndarray], first: int, last: int) -> dict[str, np.ndarray]:
+def _stopped(log: Signals, first: int, last: int) -> Signals:
     """The drives are off: no current but noise, and no motion."""
     noise = 1e-3 * np.random.default_rng(2).normal(size=last - first)
     rest = {"i1": noise, "i2": noise, "phi": np.full(last - first, log["phi"][first]), "w2": noise}
