@@ -13,7 +13,7 @@ from plants.runs import summary_of
 from elastid.app import cli, model_commands
 from elastid.base.errors import FitError
 from elastid.store.plan import read_plan
-from elastid.store.results import read_fit, read_map
+from elastid.store.results import read_fit
 from elastid.study import load_robot
 
 
@@ -50,14 +50,6 @@ def test_loops_are_designed_for_rate_and_delay_of_the_controller(folder: Path, m
         assert command("loops", folder, folder / "run", *words) == 1
         _, _, family, delay, *_ = design.call_args.args
         assert (family.rate_hz, delay) == expected
-
-
-def test_map_frequencies_equal_load_on_spring(folder: Path) -> None:
-    """In all postures, the motor held."""
-    assert command("map", folder, folder / "run", "--random", "3") == 0
-    mapped, stiffness = read_map(folder / "run" / "map.h5"), read_fit(folder / "run" / "fit.h5").values["k_1"]
-    expected = np.sqrt(stiffness / 1e-3) / (2 * np.pi)
-    np.testing.assert_allclose(mapped["frequency_1"].value, np.full(3, expected), rtol=1e-3)
 
 
 def test_draws_scatter_about_the_fit(folder: Path) -> None:
