@@ -119,10 +119,7 @@ def floors(records: Sequence[Record]) -> dict[str, Callable[[], None]]:
         for x in arrays:
             rfft(x, axis=axis, workers=1)
 
-    return {
-        "floor, records": lambda: transform(blocks, 2),
-        "floor, as recorded": lambda: transform(recorded, 1),
-    }
+    return {"floor, records": lambda: transform(blocks, 2), "floor, as recorded": lambda: transform(recorded, 1)}
 
 
 def case(name: str, lines: IntArray, size: tuple[int, int, int, int], repeats: int, peers: bool) -> dict[str, float]:

@@ -25,10 +25,7 @@ from elastid.targets.target import VALUES
 PACKAGE = Path(elastid.__file__).parent
 BENCHMARK = Path(__file__).parents[1] / "benchmarks" / "open"
 # Artefacts of a run that the page of files shows, in the order of the stages.
-HDF5 = {
-    "tiny": ("plan.h5",),
-    "recorded": ("records.h5", "frf.h5", "fit.h5", "validation.h5"),
-}
+HDF5 = {"tiny": ("plan.h5",), "recorded": ("records.h5", "frf.h5", "fit.h5", "validation.h5")}
 
 
 # The headings of a page are names, which style.css sets in the letters of code.
@@ -52,11 +49,7 @@ def commands() -> str:
     for name in cli.list_commands(root):
         command = cli.commands[name]
         usage = click.Context(command, info_name=name, parent=root)
-        parts += [
-            f".. _command-{name}:\n",
-            title(f"elastid {name}", "-"),
-            to_rst(inspect.cleandoc(command.help or "")),
-        ]
+        parts += [f".. _command-{name}:\n", title(f"elastid {name}", "-"), to_rst(inspect.cleandoc(command.help or ""))]
         parts.append(block(command.get_usage(usage).removeprefix("Usage: "), "bash"))
         records = [option.get_help_record(usage) for option in command.params]
         parts += [f"``{name}``\n   {escape(text)}\n" for name, text in filter(None, records) if text]

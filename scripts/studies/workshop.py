@@ -36,11 +36,7 @@ def causes(plant: Plant) -> Iterator[tuple[tuple[str, ...], Injection]]:
     i, order = plant.robot.driven[axis].name, [*range(n - 2), n - 1, n - 2]
 
     def row(
-        names: tuple[str, ...],
-        name: str,
-        right: tuple[str, ...],
-        fault: Fault,
-        *arguments: object,
+        names: tuple[str, ...], name: str, right: tuple[str, ...], fault: Fault, *arguments: object
     ) -> tuple[tuple[str, ...], Injection]:
         return names, Injection(name, plant.name, right, fault, arguments)
 

@@ -1,8 +1,7 @@
 """The robots in MuJoCo: friction of motors and gears, transmission errors, sampled controllers, encoders and logs."""
 
 import math
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,9 +25,8 @@ class Plant:
         self.motors, self.twists = map(np.array, dofs)
 
 
-@contextmanager
-def physics(plant: Plant) -> Iterator[None]:
-    """Add motor friction, presliding, hysteresis of gears and transmission errors to MuJoCo.
+def physics(plant: Plant) -> tuple[Callable[..., Any] | None, ...]:
+    """Return callbacks for MuJoCo: motor friction, presliding, hysteresis of gears and transmission errors.
 
     A bristle has z' = v - |v| z / z_s and the torque F z / z_s + damping z'; without a presliding distance the
     torque is F tanh(v / v_s). Hysteresis of a gear is the same law of its twist. With a transmission error e(theta) the
@@ -57,13 +55,7 @@ def physics(plant: Plant) -> Iterator[None]:
             force[motor] += (j.k * (q[twist] - e) + j.d * (v[twist] - speed)) * slope
             force[twist] += j.k * e + j.d * speed
 
-    mujoco.set_mjcb_passive(passive if sliding.any() or bristles or errors else None)
-    mujoco.set_mjcb_act_dyn(rate if bristles else None)
-    try:
-        yield
-    finally:
-        mujoco.set_mjcb_passive(None)
-        mujoco.set_mjcb_act_dyn(None)
+    return passive if sliding.any() or bristles or errors else None, rate if bristles else None
 
 
 def equilibrium(plant: Plant, posture: Array, data: Any) -> Array:
@@ -114,8 +106,10 @@ def closed_loop(
 
     Return u (cycles, n), encoder positions q (cycles, n), coordinates and speeds of the engine (cycles, n_v).
     """
-    data, q_last, cycles = mujoco.MjData(plant.model), target[0], []
-    with physics(plant):
+    data, q_last, cycles, (passive, rate) = mujoco.MjData(plant.model), target[0], [], physics(plant)
+    mujoco.set_mjcb_passive(passive)
+    mujoco.set_mjcb_act_dyn(rate)
+    try:
         hold = equilibrium(plant, target[0], data)
         for q_r, r, torque in zip(target, feedforward, disturbance, strict=True):
             q = np.round(data.qpos[plant.motors] / count) * count
@@ -123,6 +117,9 @@ def closed_loop(
             cycles.append((u, q, data.qpos.copy(), data.qvel.copy()))
             data.qfrc_applied[plant.motors], q_last = u + torque, q
             mujoco.mj_step(plant.model, data, round(1 / law.hz / plant.model.opt.timestep))
+    finally:
+        mujoco.set_mjcb_passive(None)
+        mujoco.set_mjcb_act_dyn(None)
     return tuple(map(np.array, zip(*cycles, strict=True)))
 
 

@@ -229,10 +229,8 @@ def _sheet(row: Row, robot: Robot, rng: np.random.Generator) -> Robot:
 
 def tag(kind: str, *inside: str, **attributes: Any) -> str:
     """Write an element of a MuJoCo file."""
-    words = []
-    for name, value in attributes.items():
-        text = value if isinstance(value, str) else " ".join(f"{x:.17g}" for x in np.atleast_1d(value))
-        words.append(f"{name}={text!r}")
+    values = [[x] if isinstance(x, str) else [f"{e:.17g}" for e in np.atleast_1d(x)] for x in attributes.values()]
+    words = [f"{name}={' '.join(texts)!r}" for name, texts in zip(attributes, values, strict=True)]
     return f"<{kind} {' '.join(words)}>{''.join(inside)}</{kind}>\n"
 
 
@@ -275,10 +273,9 @@ def composite_inertia(robot: Robot, posture: list[float]) -> dict[str, float]:
     """Compute the inertia of all that is behind each joint, motors excluded, in a posture."""
     model = mujoco.MjModel.from_xml_string(mjcf(robot))
     data, M = mujoco.MjData(model), np.empty((model.nv, model.nv))
-    for joint, angle in zip(robot.gears, posture, strict=True):
-        data.joint(f"m{joint.name}").qpos = angle
-    if robot.rod:
-        data.joint("selbow").qpos = posture[1] - posture[0]
+    elbow = [("selbow", posture[1] - posture[0])] if robot.rod else []
+    for name, angle in [*zip((f"m{j.name}" for j in robot.gears), posture, strict=True), *elbow]:
+        data.joint(name).qpos = angle
     mujoco.mj_forward(model, data)
     mujoco.mj_fullM(model, data, M)
     loads = {j.name: M[(i := model.joint(f"s{j.name}").dofadr[0]), i] for j in robot.joints}

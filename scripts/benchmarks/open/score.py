@@ -70,13 +70,6 @@ def score(truth: Mapping[str, Any], estimates: Mapping[str, Any], seed: int) -> 
     }
 
 
-def start_values(folder: Path, seed: int) -> dict[str, Any]:
-    """Return the entry `start`: the start values of the data sheet."""
-    sheets = {task.folder.name: task.sheet.parameters for task in tasks(folder, seed)}
-    robots = {robot: {"parameters": {name: (k, 0.0) for name, k in sheet.items()}} for robot, sheet in sheets.items()}
-    return {"entry": "start", "seed": seed, "robots": robots}
-
-
 def main() -> None:
     """Print a row for each robot and one JSON object."""
     parser = argparse.ArgumentParser()
@@ -84,8 +77,12 @@ def main() -> None:
     parser.add_argument("--save", type=Path)
     folder, save = vars(parser.parse_args()).values()
     results = [json.loads(path.read_text()) for path in sorted((folder / "results").glob("*.json"))]
+    for seed in sorted({result["seed"] for result in results}):
+        sheets = {task.folder.name: task.sheet.parameters.items() for task in tasks(folder, seed)}
+        starts = {robot: {"parameters": {name: (k, 0.0) for name, k in sheet}} for robot, sheet in sheets.items()}
+        results.append({"entry": "start", "seed": seed, "robots": starts})
     rows = []
-    for result in [*results, *(start_values(folder, seed) for seed in sorted({r["seed"] for r in results}))]:
+    for result in results:
         for name, estimates in result["robots"].items():
             truth = json.loads((folder / "truth" / f"seed-{result['seed']}" / f"{name}.json").read_text())
             numbers = score(truth, estimates, result["seed"])
