@@ -146,8 +146,7 @@ class Assembly:
         """
         models = (_model(self.linearisation, self.parameters, x, response) for response in self.responses)
         try:
-            parts = [part.linearised(model, self.parameters) for part, model in zip(first.parts, models, strict=True)]
-            return replace(first, parts=tuple(parts)).rough(x)
+            return replace(first, parts=tuple(map(Part.linearised, first.parts, models))).rough(x)
         except StudyError:
             return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
 

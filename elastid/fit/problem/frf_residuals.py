@@ -109,10 +109,9 @@ class Part(WorkerConstant):
         residuals = self.normal.residuals.without_whitening
         return replace(self, whitening=residuals.whitening, compressed=residuals)
 
-    def linearised(self, model: LinearModel, parameters: Parameters) -> "Part":
+    def linearised(self, model: LinearModel) -> "Part":
         """Return the part with the same data and weights, and the columns of another linear model."""
-        kernel = kernel_of(model, parameters, self.kernel.freq_hz, model.theta_ref)
-        return replace(self, columns=Columns(kernel))
+        return replace(self, columns=Columns(replace(self.kernel, model=model, images_at=model.theta_ref)))
 
     def residual(self, G: ComplexArray, mixing: ComplexArray | None) -> ComplexArray:
         """Return r (F, n_y, n_u) at a response G of the model; real and imaginary parts have unit variance each.
@@ -349,19 +348,13 @@ def places_of(response: Response | LinearModel) -> tuple[str, ...]:
     return tuple(dict.fromkeys((*response.outputs, *(port_motion(name) for name in response.inputs if is_load(name)))))
 
 
-def kernel_of(
-    model: LinearModel, parameters: Parameters, freq_hz: FloatArray, theta: FloatArray | None = None
-) -> Kernel:
-    """Return the response of a model on some lines, with derivatives with respect to its parameters in x.
-
-    Without slopes to anything else: a fraction to carry to other processes.  theta: by default of the start.
-    """
+def kernel_of(model: LinearModel, parameters: Parameters, freq_hz: FloatArray) -> Kernel:
+    """Return the response of a model at the start on some lines, with derivatives by its parameters in x alone."""
     if model.parameters != parameters.names:
         raise ValueError(f"the model has parameters {model.parameters}, the set {parameters.names}")
-    dependent, linearised_at = parameters.dependent_names(model.configuration.name), model.theta_ref
-    if theta is None:
-        theta = parameters.expand(parameters.x, model.configuration.name)
-        (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
-        model = replace(model, theta_ref=theta, M=M, D=D, K=K, B=model.acting(theta), C=C, T=T)
-    slopes = {name: model.slopes[name] for name in dependent if name in model.slopes}
-    return Kernel(replace(model, slopes=slopes), freq_hz, dependent, linearised_at)
+    name = model.configuration.name
+    dependent, theta = parameters.dependent_names(name), parameters.expand(parameters.x, name)
+    (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
+    slopes = {p: model.slopes[p] for p in dependent if p in model.slopes}
+    at_start = replace(model, theta_ref=theta, M=M, D=D, K=K, B=model.acting(theta), C=C, T=T, slopes=slopes)
+    return Kernel(at_start, freq_hz, dependent, model.theta_ref)

@@ -14,7 +14,7 @@ from plants.fitted_models import fitted_model
 from elastid.parameters import DELAY
 from elastid.record import Configuration
 from elastid.use.cascade import Cascade
-from elastid.use.closed_loops import Plants, PostureFamily, Scene, _sampled, bandwidths, closed_loop_poles, scaled
+from elastid.use.closed_loops import Plants, PostureFamily, Scene, _sampled, bandwidths, closed_loop_matrices, scaled
 from elastid.use.draws import draw_robots
 from elastid.use.gain_design import design
 from elastid.use.loops import assess
@@ -51,7 +51,7 @@ def test_poles_and_sensitivity_are_those_of_python_control() -> None:
     freq_hz = np.geomspace(0.3, 190, 40)
     both = np.tile(freq_hz, (2, 1))
     S = CASCADE.on(Scene(own, both, own.response(both))).S
-    poles = closed_loop_poles(own, CASCADE.gains, CASCADE.filters(RATE_HZ))
+    poles = np.linalg.eigvals(closed_loop_matrices(own, CASCADE.gains, CASCADE.filters(RATE_HZ)))
     for i in range(2):
         plant = control.ss(own.A[i], own.B[i], own.C[i], np.zeros((2, 2)), 1 / RATE_HZ)
         closed = control.feedback(control.ss([], [], [], np.eye(2), 1 / RATE_HZ), controller(CASCADE) * plant)
