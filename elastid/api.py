@@ -24,7 +24,7 @@ from elastid.fit import identify as fitting
 from elastid.fit import parameter_selection
 from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec
-from elastid.frf.checks import refuse_mismatch
+from elastid.frf.checks import check_consistency
 from elastid.frf.spec import EstimatorSpec
 from elastid.logs.rig import RecordedRig
 from elastid.model.spec import ModelSpec
@@ -251,7 +251,7 @@ def estimate(records: Iterable[Record], robot: Robot | None = None, **estimator:
     for record in records:
         groups.setdefault(record.configuration.name, []).append(record)
     if not groups:
-        refuse_mismatch([])
+        check_consistency([])
     E = shaft_couplings(robot)
     shafts = [[to_shafts(record, E) for record in group] for group in groups.values()]
     friction = None if spec.friction == "none" else identify_motor_friction(shafts, spec)

@@ -16,7 +16,7 @@ from elastid.base.errors import Note, StudyError
 from elastid.base.statistics import correlation_of
 from elastid.base.units import of_translation
 from elastid.excitation.grids import line_count_refusal
-from elastid.fit.combinations import correlated_combinations, covariance_by_noise
+from elastid.fit.combinations import conditional_covariance, correlated_combinations
 from elastid.fit.problem.least_squares import as_real
 from elastid.parameters import Parameters
 
@@ -117,7 +117,7 @@ def forecast(expected: "Sequence[ExpectedResponse]", x: FloatArray, is_compensat
     nominal = np.array([parameters.as_dict(x)[p.name] for p in free])
     configurations = tuple(e.response.configuration.name for e in expected)
     notes = tuple(_undetermined(_blind(np.asarray(R), parameters, x), names))
-    by_noise = covariance_by_noise(covariance, n)
+    by_noise = conditional_covariance(covariance, n)
     a, p = uncertainty.averaging_fraction[:n], uncertainty.persistent_fraction[:n]
     fractions = np.nan_to_num([a, p, np.maximum(1 - a - p, 0.0)])
     values = names, units, nominal, log, covariance[:n, :n], configurations, freq_hz, fraction

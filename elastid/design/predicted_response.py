@@ -145,7 +145,7 @@ class Prospect:
         sensitivity, U = self._torques(configuration, motion)
         error = _diagonal(self._error(U, G, motion)) / M
         ((_, J),) = expected_fit([response]).blocks(x)
-        is_used = response.weights.used
+        is_used = response.weights.is_used
         if not np.all(error > 0):
             raise StudyError(
                 "excitation/power",
@@ -154,7 +154,7 @@ class Prospect:
                 "excitation.flat",
             )
         spread = np.abs(np.linalg.inv(sensitivity)) ** 2
-        fixed = (response.weights.floor**2 + self.distortion**2 / M) * np.abs(G) ** 2
+        fixed = (response.weights.model_error**2 + self.distortion**2 / M) * np.abs(G) ** 2
         return PowerSource(J * np.where(is_used, response.weights.sigma, 0.0), error, spread, fixed, is_used)
 
     def _local(self, configuration: Configuration, x: FloatArray) -> tuple[LinearModel, ComplexArray, ComplexArray]:

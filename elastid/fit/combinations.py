@@ -14,11 +14,10 @@ from elastid.robot import Robot, channel_name
 
 MAX_CORRELATION = 0.99  # correlation above which two parameters are indistinguishable
 COMBINATION = "fit/combination"
-# Least relative std of a parameter whose combination with others is reported.
-_WIDE = 0.25
+MIN_RELATIVE_STD = 0.25  # of a parameter whose combination with others is reported
 
 
-def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:
+def conditional_covariance(C: FloatArray, n: int) -> FloatArray:
     """Return C_xx - C_xn C_nn^-1 C_nx (n, n), the conditional covariance of the first n variables given the others."""
     cross = C[:n, n:]
     if not np.isfinite(C).all():  # unidentifiable parameters
@@ -27,7 +26,7 @@ def covariance_by_noise(C: FloatArray, n: int) -> FloatArray:
 
 
 def correlated_combinations(names: Sequence[str], covariance: FloatArray) -> Iterator[Note]:
-    """Yield a note for each indistinguishable pair.  covariance: by noise; model errors correlate all parameters."""
+    """Yield a note for each indistinguishable pair.  covariance: by noise alone, since model errors correlate all."""
     correlation = np.triu(np.nan_to_num(correlation_of(covariance)), 1)
     for i, j in np.argwhere(np.abs(correlation) > MAX_CORRELATION):
         text = f"{names[i]} and {names[j]} are indistinguishable (correlation {correlation[i, j]:.4f}). Fix one of them"
@@ -42,7 +41,7 @@ def combination_notes(result: Result) -> Iterator[Note]:
     for combination in identifiable_combinations(x, correlation * np.outer(scale, scale)):
         members = [names[i] for i in combination.members]
         relative = [std[name] / max(abs(values[name]), 1e-300) for name in members]
-        if max(relative) < _WIDE:
+        if max(relative) < MIN_RELATIVE_STD:
             continue
         terms = (
             f"{'-' if w < 0 else '+'} {abs(w):.2g} {name}"

@@ -40,7 +40,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_valu
 from elastid.base.execution import Execution
 from elastid.base.statistics import exceeds_cost_limit, small_sample_factors
 from elastid.fit.gear_ratios import RatioScatter, scatter_of_ratios
-from elastid.fit.problem.frf_residuals import ElasticFit, chunked, each_at_home
+from elastid.fit.problem.frf_residuals import ElasticFit, chunked, map_chunks
 from elastid.fit.problem.systematic_errors import find_factors
 from elastid.fit.problem.weights import Weights
 from elastid.fit.robust_covariance import (
@@ -64,8 +64,8 @@ def information(
 
     .. math:: s_{ci} = \frac{[A^{-1} A_c A^{-1}]_{ii}}{[A^{-1}]_{ii}}, \qquad A = \sum_c A_c
 
-    power: [A^-1 A_k A^-1]_ii (F, n_x) of the lines freq_hz (F,) of each.  load_power (n_x,): the same of load tests,
-    whose fraction is the rest.
+    power: for each configuration, contributions [A^-1 A_k A^-1]_ii (F, n_x) of its lines freq_hz (F,) to the variances.
+    load_power (n_x,): contribution of load tests, whose fraction is the remainder.
     """
     sums = [np.sum(lines, axis=0) for lines in power]
     total = np.sum(sums, axis=0)
@@ -81,9 +81,8 @@ def information(
 def noise_dof(power: Sequence[FloatArray], dof: Sequence[float], load_power: FloatArray) -> FloatArray:
     """Return the real degrees of freedom (n_x,) of each variance by the measured noise (Satterthwaite 1946).
 
-    Lines scatter independently, and the elements of a line count as one: with p_k the contribution of line k and nu
-    its complex degrees of freedom 2 (sum p_k)^2 / sum (p_k^2 / nu). The noise of load tests is exact.
-    power, load_power: as in `information`.  dof: nu of each configuration.
+    2 (sum p_k)^2 / sum (p_k^2 / nu), with the contribution p_k of each independent line; load tests have exact noise.
+    power, load_power: as in `information`.  dof: complex degrees of freedom nu of each configuration.
     """
     total, spread = load_power, np.zeros(len(load_power))
     for lines, nu in zip(power, dof, strict=True):
@@ -93,18 +92,19 @@ def noise_dof(power: Sequence[FloatArray], dof: Sequence[float], load_power: Flo
 
 @frozen_value
 class Uncertainty:
-    """covariance (n_x, n_x) of x, inf where unreached; singular_values of J with columns scaled to unit length.
+    """Covariance (n_x, n_x) of the estimate x, with the numbers that explain its size.
 
-    unidentifiable (n_x,): parameters in a direction without information.  expected_cost: V by the noise alone;
-    cost_dof: 2 / cost_dof is the relative variance of V over it, both having scatter; NaN where no noise was measured.
-    costs (Q,): V of each configuration; power: of each, what its lines contribute to the variances (F, n_x).
-    information_fraction (Q, n_x): of each configuration; information_band_hz (n_x, 2): the middle half of it.
-    disagreement: T of the blocks, 1 for a correct model (`robust_covariance`).  shift (n_x,): std by the blocks over
-    std by measured noise, gear ratios and declared model error alone.
-    averaging_fraction (n_x,): of the variance: averages out over repeated measurements, 1 without tolerances and
-    model error.
-    persistent_fraction (n_x,): of the variance, by errors of the robot model that no data reduce, else 0.  ratios: of
-    the gears.
+    covariance: infinite variances for unidentifiable parameters.  singular_values: of J with columns of unit length.
+    unidentifiable (n_x,): True for parameters in a direction without information.
+    expected_cost: V by the noise alone.  cost_dof: 2 / cost_dof is the relative variance of V / expected_cost; NaN if
+    no noise was measured.  costs (Q,): V of each configuration.  power: for each configuration, the contributions
+    (F, n_x) of its lines to the variances.
+    information_fraction (Q, n_x): fraction of the information by configuration.  information_band_hz (n_x, 2):
+    frequency band of the middle half of the information.
+    disagreement: T of the blocks, 1 for a correct model (`robust_covariance`).  shift (n_x,): std by the blocks,
+    relative to the std by measured noise, gear ratios and declared model error.
+    averaging_fraction, persistent_fraction (n_x,): fractions of the variance that average out over repeated
+    measurements, and that no amount of data reduces.  ratios: scatter of the gear ratios.
     """
 
     covariance: FloatArray
@@ -123,8 +123,8 @@ class Uncertainty:
     ratios: RatioScatter
 
 
-# Times the data of a measurement that counts as one without end: noise a hundredth.
-ENDLESS = 1e4
+# Factor of the amount of data that counts as unlimited: it reduces the std by noise to a hundredth.
+UNLIMITED_DATA = 1e4
 
 
 def estimate_uncertainty(
@@ -137,41 +137,42 @@ def estimate_uncertainty(
     torques.  Load tests have the covariance that their file states.
     """
     sums = sum_up(fit, responses, weights, x, execution or Execution())
-    line_sums, half, unreached = sums.parts, sums.half, sums.unidentifiable
+    line_sums, H, unidentifiable = sums.line_sums, sums.H, sums.unidentifiable
     noise, expected_cost, cost_dof = noise_covariance(sums)
     cost = expected_cost if is_forecast else sums.cost
     is_excess = exceeds_cost_limit(cost, expected_cost, cost_dof)
-    together = max((response.correlated_lines for response in responses), default=1.0)
-    # With a model error, which ratios did not explain, the std of each gear is at least the tolerance of the file.
-    has_model_error = float(any(weight.floor > 0 for weight in weights))
+    correlated_lines = max((response.correlated_lines for response in responses), default=1.0)
+    # With a model error that the ratios do not explain, the std of each ratio is at least its tolerance.
+    has_model_error = float(any(weight.model_error > 0 for weight in weights))
     V = math.nan if is_forecast else cost
-    ratios = scatter_of_ratios(line_sums, half, V, expected_cost, together, is_excess, has_model_error)
+    ratios = scatter_of_ratios(line_sums, H, V, expected_cost, correlated_lines, is_excess, has_model_error)
     nuisance = [i for i, parameter in enumerate(fit.parameters.free) if parameter.is_nuisance]
     by_prior, persistent = prior_variance(sums, nuisance)
     averaging = np.maximum(np.diag(noise) - by_prior, 0.0)
-    power = tuple(part.power for part in line_sums)
-    dof = noise_dof(power, [part.noise_dof for part in line_sums], sums.load_power)
+    power = tuple(sums_q.power for sums_q in line_sums)
+    dof = noise_dof(power, [sums_q.noise_dof for sums_q in line_sums], sums.load_power)
     dof = dof / np.maximum(quotient(averaging, np.diag(noise), 1.0), 1e-6) ** 2
-    blocks = block_variance([part.blocks for part in line_sums], half)
+    blocks = block_variance([sums_q.blocks for sums_q in line_sums], H)
     contributions = Contributions(
         noise=noise, widening=small_sample_factors(dof), residuals=sandwich_variance(sums),
-        blocks=np.maximum(blocks, jackknife_variance(line_sums, half)) if is_excess else np.zeros(len(x)),
+        blocks=np.maximum(blocks, jackknife_variance(line_sums, H)) if is_excess else np.zeros(len(x)),
         model_error=model_error_covariance(sums, cost, expected_cost, cost_dof), ratios=ratios.covariance,
         friction=friction_variance(fit.parameters, responses, is_compensated),
     )  # fmt: skip
-    covariance = contributions.covariance(half)
+    covariance = contributions.covariance(H)
+    unbiased_variance = contributions.random + np.diag(contributions.model_error)
     random_fraction = contributions.random_fraction(covariance, is_excess) / contributions.random
-    covariance[unreached] = covariance[:, unreached] = np.nan
-    covariance[unreached, unreached] = np.inf
-    fraction, band_hz = information(power, [part.freq_hz for part in line_sums], sums.load_power)
+    covariance[unidentifiable] = covariance[:, unidentifiable] = np.nan
+    covariance[unidentifiable, unidentifiable] = np.inf
+    fraction, band_hz = information(power, [sums_q.freq_hz for sums_q in line_sums], sums.load_power)
     return Uncertainty(
-        covariance=covariance, singular_values=sums.singular_values, unidentifiable=unreached,
+        covariance=covariance, singular_values=sums.singular_values, unidentifiable=unidentifiable,
         expected_cost=expected_cost, cost_dof=cost_dof, information_fraction=fraction, information_band_hz=band_hz,
-        disagreement=disagreement([part.disagreement for part in line_sums], len(half)),
-        shift=np.where(unreached, 0.0, np.sqrt(blocks / (contributions.random + np.diag(contributions.model_error)))),
+        disagreement=disagreement([sums_q.disagreement for sums_q in line_sums], len(H)),
+        shift=np.where(unidentifiable, 0.0, np.sqrt(blocks / unbiased_variance)),
         averaging_fraction=averaging * random_fraction,
         persistent_fraction=(np.minimum(persistent, by_prior) + np.diag(contributions.ratios)) * random_fraction,
-        costs=np.array([part.cost for part in line_sums]), power=power, ratios=ratios,
+        costs=np.array([sums_q.cost for sums_q in line_sums]), power=power, ratios=ratios,
     )  # fmt: skip
 
 
@@ -191,13 +192,13 @@ class Contributions:
     ratios: FloatArray
     friction: FloatArray
 
-    def covariance(self, half: FloatArray) -> FloatArray:
+    def covariance(self, H: FloatArray) -> FloatArray:
         """Combine: the largest of noise, residuals and blocks, plus model error, ratios and friction.
 
-        Correlations are those of the noise, or of A^-1 = half^T half if a parameter has no noise.
+        Correlations are those of the noise, or of A^-1 = H^T H if a parameter has no noise.
         """
         noise = self.noise * np.outer(self.widening, self.widening)
-        C = noise if np.all(np.diag(noise) > 0) else half.T @ half
+        C = noise if np.all(np.diag(noise) > 0) else H.T @ H
         std = np.sqrt(np.maximum.reduce([np.diag(noise), self.residuals, self.blocks]))
         scale = quotient(std, np.sqrt(np.diag(C)))
         return C * np.outer(scale, scale) + self.model_error + self.ratios + np.diag(self.friction)
@@ -221,14 +222,14 @@ class Contributions:
 class Sums:
     """Sums of all configurations in the variables z of `sum_lines`, x = H^T z, and the rows beside the responses.
 
-    half (n, n_x): H without the columns of shared factors.  prior_J (n_p, n), static_J (m, n): rows of the priors 1 / s
-    (0 without one) and of load tests, whose residuals are static_r (m,).  model_error_pulls: sums of
-    `LineSums.model_error_pull`.  n_residuals: real ones of responses and load tests; dof: without the parameters, with
-    the priors.
+    H (n, n_x): without the columns of shared factors.  prior_J (n_p, n): rows 1 / s of the priors, 0 without one.
+    static_J (m, n), static_r (m,): rows and residuals of load tests.  model_error_pulls: sums of
+    `LineSums.model_error_pull`.  n_residuals: real residuals of responses and load tests.  dof: n_residuals plus priors
+    minus parameters.
     """
 
-    parts: tuple[LineSums, ...]
-    half: FloatArray
+    line_sums: tuple[LineSums, ...]
+    H: FloatArray
     singular_values: FloatArray
     unidentifiable: BoolArray
     prior_J: FloatArray
@@ -241,12 +242,12 @@ class Sums:
     @property
     def cost(self) -> float:
         """V of responses and load tests."""
-        return float(np.array([part.cost for part in self.parts]).sum() + self.static_r @ self.static_r)
+        return float(np.array([sums_q.cost for sums_q in self.line_sums]).sum() + self.static_r @ self.static_r)
 
     @property
     def load_power(self) -> FloatArray:
         """Contribution (n_x,) of load tests to the variances, as `LineSums.power`."""
-        return np.asarray(np.sum((self.static_J @ self.half) ** 2, axis=0))
+        return np.asarray(np.sum((self.static_J @ self.H) ** 2, axis=0))
 
 
 def sum_up(
@@ -254,20 +255,20 @@ def sum_up(
 ) -> Sums:
     """Return the sums at x (n_x,), the optimum of `fit`."""
     factors, n_x = find_factors(responses), len(x)
-    bare = replace(fit, parts=(), loads=None)  # to other processes each chunk goes by itself
+    bare = replace(fit, frfs=(), loads=None)  # without configurations: other processes receive them chunk by chunk
     static_r, static_J = fit.static(x)
     static_J = np.pad(static_J, ((0, 0), (0, len(factors))))  # no factor of the responses moves load tests
     prior_J = np.diag(np.concatenate([fit.parameters.prior_slopes, np.ones(len(factors))]))
-    configurations = list(zip(fit.parts, responses, weights, strict=True))
+    configurations = list(zip(fit.frfs, responses, weights, strict=True))
     R = np.vstack([prior_J, static_J])
     for block in home.at_home(partial(triangle, bare, x, factors), chunked(configurations)):  # R of the stacked J = Q R
         R = np.asarray(np.linalg.qr(np.vstack([R, block]), mode="r"))
-    half, singular_values, unidentifiable = inverse_information(R)
+    H, singular_values, unidentifiable = inverse_information(R)
     line_sums, pulls = list[LineSums](), dict[tuple[str, str, int], ComplexArray]()
-    for sums in each_at_home(partial(sum_lines, bare, x, factors, half), configurations, home):
+    for sums in map_chunks(partial(sum_lines, bare, x, factors, H), configurations, home):
         pulls |= {key: pulls.get(key, 0.0) + pull for key, pull in sums.model_error_pull.items()}
         line_sums.append(replace(sums, model_error_pull={}))
-    arrays = half[:, :n_x], singular_values, unidentifiable[:n_x], prior_J @ half.T, static_J @ half.T, static_r
+    arrays = H[:, :n_x], singular_values, unidentifiable[:n_x], prior_J @ H.T, static_J @ H.T, static_r
     return Sums(tuple(line_sums), *arrays, pulls, fit.n_residuals, fit.problem.dof)
 
 
@@ -276,30 +277,32 @@ def noise_covariance(sums: Sums) -> tuple[FloatArray, float, float]:
 
     Configurations without measured noise have the noise of their residuals.
     """
-    line_sums = sums.parts
+    line_sums = sums.line_sums
     meat = sums.prior_J.T @ sums.prior_J + sums.static_J.T @ sums.static_J
     power = float(np.count_nonzero(np.any(sums.prior_J, axis=1)) + len(sums.static_J))
-    variance, spread = sum(part.cost for part in line_sums) / max(sums.dof, 1), 2 * power
-    for part in line_sums:
-        if part.noise is None:
-            meat, power = meat + variance * part.rows.T @ part.rows, power + variance * part.n_residuals
-            spread += 2 * variance**2 * part.n_residuals
+    variance, spread = sum(sums_q.cost for sums_q in line_sums) / max(sums.dof, 1), 2 * power
+    for sums_q in line_sums:
+        if sums_q.noise is None:
+            meat, power = meat + variance * sums_q.rows.T @ sums_q.rows, power + variance * sums_q.n_residuals
+            spread += 2 * variance**2 * sums_q.n_residuals
         else:
-            meat, power = meat + part.noise, power + part.noise_power
-            spread += part.noise_spread
-    has_noise = any(part.noise is not None for part in line_sums)
+            meat, power = meat + sums_q.noise, power + sums_q.noise_power
+            spread += sums_q.noise_spread
+    has_noise = any(sums_q.noise is not None for sums_q in line_sums)
     cost_dof = 2 * power**2 / max(spread, 1e-300) if has_noise else math.nan
-    return sums.half.T @ meat @ sums.half, power - float(np.trace(meat)), cost_dof
+    return sums.H.T @ meat @ sums.H, power - float(np.trace(meat)), cost_dof
 
 
 def sandwich_variance(sums: Sums) -> FloatArray:
     """Return the sandwich variances (n_x,) of x by the residuals, pulls added over configurations at each frequency."""
-    parts = sums.parts
-    freq_hz, index = np.unique(np.concatenate([part.freq_hz for part in parts]), return_inverse=True)
-    pulls = np.zeros((len(freq_hz), len(sums.half)))
-    np.add.at(pulls, index, np.concatenate([part.pull for part in parts], axis=1).T)
-    changes = np.vstack([pulls, sums.static_J * sums.static_r[:, None]]) @ sums.half
-    length = correlation_length([part.autocovariance for part in parts], sum(part.n_residuals for part in parts))
+    line_sums = sums.line_sums
+    freq_hz, index = np.unique(np.concatenate([sums_q.freq_hz for sums_q in line_sums]), return_inverse=True)
+    pulls = np.zeros((len(freq_hz), len(sums.H)))
+    np.add.at(pulls, index, np.concatenate([sums_q.pull for sums_q in line_sums], axis=1).T)
+    changes = np.vstack([pulls, sums.static_J * sums.static_r[:, None]]) @ sums.H
+    length = correlation_length(
+        [sums_q.autocovariance for sums_q in line_sums], sum(sums_q.n_residuals for sums_q in line_sums)
+    )
     return np.asarray(length * sums.n_residuals / max(sums.dof, 1) * np.sum(changes**2, axis=0))
 
 
@@ -318,8 +321,8 @@ def model_error_covariance(sums: Sums, cost: float, expected_cost: float, cost_d
 
     s: the fraction of its power for which V leaves room above the noise and two standard deviations of V.
     """
-    shifts = np.stack([*sums.model_error_pulls.values()]) @ sums.half
-    power = sum(part.model_error_power for part in sums.parts)
+    shifts = np.stack([*sums.model_error_pulls.values()]) @ sums.H
+    power = sum(sums_q.model_error_power for sums_q in sums.line_sums)
     dof = sums.dof if math.isnan(cost_dof) else cost_dof
     margin = cost - expected_cost + 2 * expected_cost * math.sqrt(2 / max(dof, 1.0))
     s = min(max(margin / power, 0.0), 1.0) if power else 0.0
@@ -327,17 +330,17 @@ def model_error_covariance(sums: Sums, cost: float, expected_cost: float, cost_d
 
 
 def prior_variance(sums: Sums, nuisance: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-    r"""Return variances (n_x,) of x by the tolerances of nuisance parameters, now and with s = ENDLESS times the data.
+    r"""Return variances (n_x,) of x by the tolerances of nuisance parameters, with the present and with unlimited data.
 
     .. math:: C_\infty = (s A_{data} + P)^{-1} = H^T (s (I - Q) + Q)^{-1} H, \qquad Q = H P H^T, \quad A^{-1} = H^T H
 
-    nuisance: columns of parameters with tolerances; P: their priors. Tolerances scatter from one robot model to the
-    next, not between repeated measurements.
+    s = UNLIMITED_DATA.  nuisance: columns of parameters with tolerances; P: their priors. Tolerances scatter from one
+    robot model to the next, not between repeated measurements.
     """
     J = sums.prior_J[list(nuisance)]  # in the variables of H, so that Q = J^T J
     q, V = np.linalg.eigh(J.T @ J)
-    persistent = np.sum((V.T @ sums.half) ** 2 / (ENDLESS * np.maximum(1 - q, 0.0) + q)[:, None], axis=0)
-    return np.sum((J @ sums.half) ** 2, axis=0), np.asarray(persistent)
+    persistent = np.sum((V.T @ sums.H) ** 2 / (UNLIMITED_DATA * np.maximum(1 - q, 0.0) + q)[:, None], axis=0)
+    return np.sum((J @ sums.H) ** 2, axis=0), np.asarray(persistent)
 
 
 # Relative std of a stiffness, a damping and a viscous friction by the compensation of friction or of gear effects.
@@ -345,7 +348,7 @@ def prior_variance(sums: Sums, nuisance: Sequence[int]) -> tuple[FloatArray, Flo
 # (scripts/studies/results.csv).
 STIFFNESS_ERROR, FRICTION_ERROR = 2e-4, 1e-2
 DAMPING_ERROR = 10 * STIFFNESS_ERROR
-# Error by unexplained distortion with relaxing springs of motors, over that without.
+# Ratio of the errors by unexplained distortion with and without relaxing springs of motors.
 RELAXATION_ERROR = 0.1
 
 
@@ -368,9 +371,9 @@ def unexplained_error(parameters: Parameters, responses: Sequence[Response]) -> 
     .. math:: \frac{\delta k}{k} = \sqrt{\frac{2 / \pi}{1 - 2 / \pi}}\;
               \mathrm{median} \frac{\sqrt{M\, (C_{total} - C_{noise})}}{|G|}
 
-    A nonlinearity also has a linear part, which all realisations share and no scatter shows. For the sign of a normal
-    velocity, with all lines excited, it is that many times the distortion of one of M realisations. The error of d and
-    of friction parameters is twice as large.
+    A nonlinearity also changes the best linear approximation, equally in all M realisations and without scatter. The
+    factor is the ratio of this change to the distortion of one realisation, for the sign of a Gaussian velocity with
+    all lines excited. The error of d and of friction parameters is twice as large.
     """
     relative = [0.0]
     for G in responses:
@@ -392,5 +395,5 @@ def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArra
     length[length == 0] = 1.0
     _, singular_values, Vt = np.linalg.svd(R / length)
     is_reached = singular_values > 1e-8 * max(singular_values[0], 1e-300)
-    half = (Vt[is_reached] / singular_values[is_reached, None]) / length
-    return half, singular_values, np.any(np.abs(Vt[~is_reached]) > 1e-3, axis=0)
+    H = (Vt[is_reached] / singular_values[is_reached, None]) / length
+    return H, singular_values, np.any(np.abs(Vt[~is_reached]) > 1e-3, axis=0)

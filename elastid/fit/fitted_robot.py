@@ -29,9 +29,9 @@ from elastid.robot.tolerances import Exact
 class FittedRobot:
     """The equations of a fitted robot, and measured response and fitted model of each configuration, in one order.
 
-    models: inputs and outputs in the order of the response, functions of every parameter of the fit, geometry included.
-    modelled: `responses`, where they are known.  name: of an export.  presliding (F, n_y, n_u): change of each response
-    by the presliding friction of its motors; empty without any.
+    models: functions of all fitted parameters, geometry included; inputs and outputs in the order of the response.
+    modelled: `responses`, if already computed.  name: of an export.  presliding (F, n_y, n_u): change of each response
+    by the presliding friction of its motors; empty without friction.
     """
 
     result: Result
@@ -115,7 +115,7 @@ def models_by_group(
 ) -> dict[str, FittedRobot]:
     """Return a model for each group of configurations with its own parameters, by label; one, "", without groups.
 
-    The robot of each has the fitted numbers, geometry included, which is no parameter of its equations any more.
+    The robot of each group has the fitted values; fitted geometry is fixed in its equations.
     Arguments and errors as `FittedRobot.of`.
     """
     models = {}
@@ -141,7 +141,7 @@ def robots_by_group(
 
 
 def estimated_robot(result: Result, robot: Robot | None = None, configuration: str = "") -> Robot:
-    """Return the robot with the fitted numbers of a configuration, or with those that all share.
+    """Return the robot with the fitted values of a configuration, by default with the values common to all.
 
     robot: by default the one that was fitted.
     """
@@ -158,7 +158,7 @@ def _theta(result: Result, model: ElasticModel, configuration: str) -> FloatArra
 def remaining_tolerances(result: Result, robot: Robot) -> Tolerances | Exact | None:
     """Return the posterior tolerances of the robot after a fit, by body.
 
-    The widest coordinate counts for all of a body.  As they are where the file is exact.
+    The largest posterior std of a kind counts for the whole body. Unchanged if the robot model has no tolerances.
     """
     if not isinstance(robot.tolerances, Tolerances) or not result.has_tolerances:
         return robot.tolerances

@@ -1,12 +1,12 @@
-r"""FRF problem: responses, weights and model of a fit, to be linearised at any x; frequency bands, robust weights.
+r"""FRF problem: responses, weights and model of a fit, linearised at any x, and its relinearised optimum.
 
-Where a linearisation holds near its point only, the search linearises at every x:
+If a linearisation is valid only near its point, the search linearises at every x:
 
 .. math:: x \to \theta \to q_0(\theta) \to M, D, K\,(q_0, \theta) \to G, \qquad dG / dx \text{ along the whole chain}
 
-The tangent stiffness of a nonlinear spring changes by factors between a start and the truth; a model that is affine
-about the nominal parameters would lead all starts into one valley. The same holds for masses identified together with
-their places: M contains m c^2.
+The tangent stiffness of a nonlinear spring changes by factors between a start and the true value. A model that is
+affine about the nominal parameters would lead all starts to the same local minimum. The same applies to masses that are
+identified together with their centres, because M contains m c^2.
 """
 
 import math
@@ -20,7 +20,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, Note, StudyError, notes_of
 from elastid.base.execution import HERE, Execution
-from elastid.fit.problem.frf_residuals import ElasticFit, Part, each_at_home, linear_model, part_of, part_with
+from elastid.fit.problem.frf_residuals import ElasticFit, FrfResiduals, linear_model, map_chunks
 from elastid.fit.problem.inertia_barrier import free_inertias
 from elastid.fit.problem.least_squares import (
     Evaluation,
@@ -31,7 +31,13 @@ from elastid.fit.problem.least_squares import (
     distance,
     is_far_from_noise,
 )
-from elastid.fit.problem.systematic_errors import errors_of, find_factors, next_factors, shares_of, with_modelled_bias
+from elastid.fit.problem.systematic_errors import (
+    contrasts_of,
+    find_factors,
+    next_factors,
+    unit_bias,
+    with_modelled_bias,
+)
 from elastid.fit.problem.weights import Weights, weigh, with_model_error
 from elastid.fit.solve.solvers import FINE, solve
 from elastid.fit.spec import TYPICAL_MODEL_ERROR, FitSpec
@@ -50,26 +56,22 @@ from elastid.robot import Robot
 if TYPE_CHECKING:
     from elastid.fit.problem.static_loads import PlacedTest, StaticLoads  # of studies with load tests
 
-# Standard deviations of real and imaginary part beyond which an element is an outlier: all but 5 % of good data count
-# with their square.
-OUTLIER_STDS = 2.0
+OUTLIER_STDS = 2.0  # of real and imaginary part, above which an element is an outlier: 5 % of data without outliers
 RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))  # of two components of unit variance
-# Far from any noise a round after which V has fallen by less than this share is the last, and the stationary point is
-# near enough at this distance, in standard deviations by the residuals.
+# Far above the noise, rounds end if V falls by less than this fraction, and a solve ends at this distance to the
+# stationary point, in standard deviations by the residuals.
 MIN_PROGRESS, NEAR_ENOUGH = 1e-3, 5e-3
-# Variance by noise and distortion over that by noise alone, from which on a response holds distortion.
-DISTORTED = 4.0
-IMAGE_ERROR = 0.05  # of |G|, of images of a sampled reference that are known to the gains of the controller, 10 to 30 %
-# Of the way back from where the robot does not stand to the start.
-HALVINGS = 8
+DISTORTED = 4.0  # ratio of total to noise variance, above which a response contains significant distortion
+IMAGE_ERROR = 0.05  # of |G|, by images of a sampled reference, with controller gains known to 10 to 30 %
+HALVINGS = 8  # of the step from the start to parameters without an equilibrium
 
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """Shared by all linearisations: the measured responses with their weights, and the differentiated model.
+    """Measured responses with their weights, and the differentiated model, shared by all linearisations.
 
-    model: how its equations were formulated.  loads: static load tests that are fitted, too.  home: who evaluates its
-    chunks, this process where it is linearised again at every step.
+    model: formulation of the equations.  loads: static load tests of the fit.  home: execution of the chunks; this
+    process if the model is linearised again at every step.
     """
 
     responses: tuple[Response, ...]
@@ -87,7 +89,7 @@ class Assembly:
         model: ModelSpec = EXACT, loads: "Sequence[PlacedTest]" = (), weights: Sequence[Weights] | None = None,
         home: Execution = HERE, presliding: tuple[RelaxingSpring, ...] = (),
     ) -> "Assembly":  # fmt: skip
-        """Weigh the responses, unless their weights are known, and build the model, under the static loads, too."""
+        """Build the model, and compute the weights of the responses unless they are given."""
         weights = tuple(weights or (weigh(response, spec) for response in responses))
         linearisation = Linearisation.of_robot(robot, model, parameters.names, presliding)
         static = None
@@ -101,17 +103,17 @@ class Assembly:
         following = replace(Linearisation.of(linearisation.model, follows=True), presliding=presliding)
         return replace(assembly, linearisation=following)
 
-    def only(self, of_tool: bool) -> "Assembly":
+    def select_responses(self, of_tool: bool) -> "Assembly":
         """Return the assembly with the tool responses or the motor responses alone, and without load tests."""
         pairs = zip(self.responses, self.weights, strict=True)
         selection = [(G, weights) for G, weights in pairs if any(map(is_load, G.inputs)) == of_tool]
         responses, weights = zip(*selection, strict=True) if selection else ((), ())
         return replace(self, responses=responses, weights=weights, loads=None)
 
-    def with_model_error(self, floor: float | None) -> "Assembly":
+    def with_model_error(self, model_error: float | None) -> "Assembly":
         """Return the assembly with the weights of a relative model error."""
-        spec = with_model_error(self.spec, floor)
-        weights = each_at_home(partial(weigh, spec=spec), self.responses, self.home)
+        spec = with_model_error(self.spec, model_error)
+        weights = map_chunks(partial(weigh, spec=spec), self.responses, self.home)
         return replace(self, spec=spec, weights=tuple(weights))
 
     @property
@@ -120,15 +122,16 @@ class Assembly:
 
     def at(self, x: FloatArray, criterion: ResidualKind) -> ElasticFit:
         """Return the fit with every configuration linearised at x (n_x,)."""
-        part = partial(_part, self.linearisation, self.parameters, x, criterion)
+        residuals = partial(_frf_residuals, self.linearisation, self.parameters, x, criterion)
         pairs = list(zip(self.responses, self.weights, strict=True))
         inertias = free_inertias(self.parameters, self.linearisation.model.robot)
-        return ElasticFit(self.parameters, tuple(each_at_home(part, pairs, self.home)), inertias, self.loads, self.home)
+        frfs = tuple(map_chunks(residuals, pairs, self.home))
+        return ElasticFit(self.parameters, frfs, inertias, self.loads, self.home)
 
-    def as_linearised(self, fit: ElasticFit, of: "Assembly") -> ElasticFit:
-        """Return the fit with every configuration linearised as in the fit of another assembly."""
-        groups = list(zip(self.responses, of.responses, self.weights, fit.parts, strict=True))
-        return replace(fit, parts=tuple(each_at_home(_reweigh_part, groups, self.home)))
+    def as_linearised(self, fit: ElasticFit, other: "Assembly") -> ElasticFit:
+        """Return the fit with the linear models of `fit`, a fit of another assembly of the same configurations."""
+        groups = list(zip(self.responses, other.responses, self.weights, fit.frfs, strict=True))
+        return replace(fit, frfs=tuple(map_chunks(_reweighted_frf, groups, self.home)))
 
     @cached_property
     def is_local(self) -> bool:
@@ -140,20 +143,20 @@ class Assembly:
         return replace(fit.problem, evaluate=partial(self._relinearised, fit)) if self.is_local else fit.problem
 
     def _relinearised(self, first: ElasticFit, x: FloatArray) -> Evaluation:
-        """Return V, its gradient and 2 J^T J, linearised at x; V is infinite if the robot has no equilibrium.
+        """Return V, its gradient and 2 J^T J, linearised at x, with the weights of the first fit.
 
-        Which elements count, and how much, stays as it is in the first fit.
+        V is infinite if the robot has no equilibrium.
         """
         models = (_model(self.linearisation, self.parameters, x, response) for response in self.responses)
         try:
-            return replace(first, parts=tuple(map(Part.linearised, first.parts, models))).rough(x)
+            return replace(first, frfs=tuple(map(FrfResiduals.linearised, first.frfs, models))).rough(x)
         except StudyError:
             return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
 
-    def at_rest(self, x: FloatArray) -> "Assembly":
+    def without_motion_bias(self, x: FloatArray) -> "Assembly":
         """Return the assembly without the motion-induced bias of the responses at x (n_x,)."""
-        relinearise_one = partial(_at_rest, self.linearisation, self.parameters, x)
-        return replace(self, responses=tuple(each_at_home(relinearise_one, self.responses, self.home)))
+        relinearise_one = partial(_without_motion_bias, self.linearisation, self.parameters, x)
+        return replace(self, responses=tuple(map_chunks(relinearise_one, self.responses, self.home)))
 
     def spring_notes(self, x: FloatArray) -> tuple[Note, ...]:
         """Return notes on springs that no single stiffness describes at the equilibrium of x (n_x,)."""
@@ -177,8 +180,8 @@ class Assembly:
         return replace(self, weights=tuple(weights))
 
     def with_modelled_bias(self, fit: ElasticFit, x: FloatArray) -> "Assembly":
-        """Return the assembly with measured systematic errors as the model of a fit has them at x (n_x,)."""
-        modelled = (part.kernel.response(part.theta(fit.parameters, x)) for part in fit.parts)
+        """Return the assembly with systematic errors evaluated with the modelled instead of the measured responses."""
+        modelled = (frf.kernel.response(frf.theta(fit.parameters, x)) for frf in fit.frfs)
         return replace(self, responses=tuple(map(with_modelled_bias, self.responses, modelled)))
 
     def unbiased(self, c: FloatArray) -> "Assembly":
@@ -187,7 +190,7 @@ class Assembly:
             return self
         factors = find_factors(self.responses)
         corrected = (
-            replace(G, G=G.G - np.tensordot(c @ shares_of(G, factors), errors_of(G), axes=1)) for G in self.responses
+            replace(G, G=G.G - np.tensordot(c @ contrasts_of(G, factors), unit_bias(G), axes=1)) for G in self.responses
         )
         return replace(self, responses=tuple(corrected))
 
@@ -197,20 +200,22 @@ def _model(linearisation: Linearisation, parameters: Parameters, x: FloatArray, 
     return linear_model(linearisation, response, parameters.expand(x, name), parameters.dependent_names(name))
 
 
-def _part(
+def _frf_residuals(
     linearisation: Linearisation, parameters: Parameters, x: FloatArray, criterion: ResidualKind,
     pair: tuple[Response, Weights],
-) -> Part:  # fmt: skip
-    return part_of(pair[0], _model(linearisation, parameters, x, pair[0]), pair[1], parameters, criterion)
+) -> FrfResiduals:  # fmt: skip
+    return FrfResiduals.of(pair[0], _model(linearisation, parameters, x, pair[0]), pair[1], parameters, criterion)
 
 
-def _reweigh_part(group: tuple[Response, Response, Weights, Part]) -> Part:
-    """Return the part of a response with the model, and the aliases of ZOH torques, of another response's part."""
-    response, reference, weights, part = group
-    return part_with(part.columns, reference.G - part.measured, response, weights, part.criterion)
+def _reweighted_frf(group: tuple[Response, Response, Weights, FrfResiduals]) -> FrfResiduals:
+    """Return the residuals of a response, with model and aliases of ZOH torques of a reference response."""
+    response, reference, weights, frf = group
+    return FrfResiduals.weighted(frf.columns, reference.G - frf.measured, response, weights, frf.criterion)
 
 
-def _at_rest(linearisation: Linearisation, parameters: Parameters, x: FloatArray, response: Response) -> Response:
+def _without_motion_bias(
+    linearisation: Linearisation, parameters: Parameters, x: FloatArray, response: Response
+) -> Response:
     if response.motion is None:
         return response
     theta, n = parameters.expand(x, response.configuration.name), len(linearisation.model.parameters)
@@ -221,10 +226,10 @@ def _at_rest(linearisation: Linearisation, parameters: Parameters, x: FloatArray
 
 @dataclass(frozen=True, eq=False)
 class RelinearisedOptimum:
-    """The end of a fit, with the linearised fit and the weights there; a note where x still moved.
+    """Optimum of a fit, with the fit linearised there; notes if the linearisation did not converge.
 
-    fit: of the responses without the estimated systematic errors; factors (n_b,): of these errors.  responses: of the
-    posture at rest, with the systematic errors of the model at the end.
+    fit: to the responses without the estimated systematic errors.  factors (n_b,): of these errors.  responses: without
+    motion-induced bias; their systematic errors are evaluated with the model at the optimum.
     """
 
     end: LocalOptimum
@@ -235,8 +240,8 @@ class RelinearisedOptimum:
     factors: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
-class NoRestError(FitError):
-    """Best start that ended at parameters without an equilibrium, as with misinterpreted responses."""
+class NoEquilibriumError(FitError):
+    """The best start ended at parameters without an equilibrium, for example because of misinterpreted channels."""
 
     def __init__(self, error: StudyError) -> None:
         super().__init__(
@@ -261,17 +266,17 @@ def is_distorted_by_friction(response: Response) -> bool:
 
 
 def model_error_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -> float:
-    """Return the smallest model error with which V at an optimum is within its degrees of freedom; at most typical.
+    """Return the smallest model error for which V at an optimum is within its degrees of freedom.
 
-    Where images of a sampled reference were subtracted, at most their usual error.
+    At most `TYPICAL_MODEL_ERROR`, or `IMAGE_ERROR` if images of a sampled reference were subtracted.
     """
     x, dof, criterion = optimum.end.x, optimum.fit.problem.dof, assembly.spec.criterion
     notes = {(note.code, note.severity) for note in notes_of(assembly.responses)}
     max_error = IMAGE_ERROR if (STEP_IMAGES, "information") in notes else TYPICAL_MODEL_ERROR
     corrected = replace(assembly, responses=optimum.responses).unbiased(optimum.factors).with_model_error(max_error)
 
-    def exceeds(floor: float) -> bool:  # as where a covariance is singular with so small a floor: V is infinite
-        return corrected.with_model_error(floor).at(x, criterion).evaluate(x).cost > dof
+    def exceeds(model_error: float) -> bool:  # also if a covariance is singular with this model error: V is infinite
+        return corrected.with_model_error(model_error).at(x, criterion).evaluate(x).cost > dof
 
     low, high = max_error / 100, max_error
     if exceeds(high):
@@ -285,26 +290,25 @@ def model_error_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -
 def relinearise(
     assembly: Assembly, start: LocalOptimum, criterion: ResidualKind, near: RelinearisedOptimum | None = None
 ) -> RelinearisedOptimum:
-    """Linearise at the result, with its systematic errors and robust loss, and solve again until x stays.
+    """Linearise at the optimum, with its systematic errors and robust loss, and solve again until x converges.
 
-    near: an optimum of the same responses, whose motion-induced bias and factors are the start.
-
-    Until it moves by less than 10 FINE, for 10 rounds at most, 30 with a robust loss: each gains a decimal or two, and
-    of a quiet rig whose file is off the first moves by 1e5.
+    near: optimum of the same responses, whose motion-induced bias and factors are the start.
+    Rounds end when x changes by less than 10 FINE standard deviations, at most 10 rounds, 30 with a robust loss. Each
+    round gains one or two decimals; with low noise and a wrong robot model the first one changes x by 1e5.
     """
     is_square = assembly.spec.weights.loss == "square"
     rounds = 10 if is_square else 30
-    end, c, at_rest = start, np.zeros(len(find_factors(assembly.responses))), assembly
+    end, c, without_bias = start, np.zeros(len(find_factors(assembly.responses))), assembly
     if near is not None:
         pairs = zip(assembly.responses, near.responses, strict=True)
-        c, at_rest = near.factors, replace(assembly, responses=tuple(replace(G, G=other.G) for G, other in pairs))
+        c, without_bias = near.factors, replace(assembly, responses=tuple(replace(G, G=other.G) for G, other in pairs))
     change, is_settled, history = math.inf, False, list[tuple[FloatArray, FloatArray]]()
     for i in range(rounds):
         try:
-            # std: most effects of a motion do not move the optimum so far
+            # The bias is computed again only if x changed by 3 standard deviations; most change it by less.
             if (i == 1 and near is None) or (i == 1 + (near is None) and change > 3):
-                at_rest, history = assembly.at_rest(end.x), []
-            current = at_rest.reweighted(end.x)
+                without_bias, history = assembly.without_motion_bias(end.x), []
+            current = without_bias.reweighted(end.x)
             fit = current.at(end.x, criterion)
         except StudyError as error:
             return _nearest_equilibrium(assembly, end, criterion, error)
@@ -318,9 +322,9 @@ def relinearise(
         precise = replace(fit.problem, evaluate=fit.evaluate)
         previous, end = end, solve(precise, end.x, tolerance, method=assembly.spec.solver)
         change = distance(end.x - previous.x, fit.evaluate(end.x), fit.problem.dof)
-        rests = is_square and i > 0 and previous.cost - end.cost < MIN_PROGRESS * end.cost
-        is_whole = i > 0 or near is not None or all(response.motion is None for response in assembly.responses)
-        is_settled = is_whole and (change < 10 * FINE or (rests and is_far_from_noise(end.cost, fit.problem.dof)))
+        has_stalled = is_square and i > 0 and previous.cost - end.cost < MIN_PROGRESS * end.cost
+        has_bias = i > 0 or near is not None or all(response.motion is None for response in assembly.responses)
+        is_settled = has_bias and (change < 10 * FINE or (has_stalled and is_far_from_noise(end.cost, fit.problem.dof)))
         if is_settled:
             break
     if not is_settled or is_far_from_noise(end.cost, fit.problem.dof):
@@ -351,12 +355,12 @@ def anderson_step(first: tuple[FloatArray, FloatArray], second: tuple[FloatArray
 def _nearest_equilibrium(
     assembly: Assembly, end: LocalOptimum, criterion: ResidualKind, error: StudyError
 ) -> RelinearisedOptimum:
-    """Halve the step to the start until the robot has an equilibrium; returns an optimum that is not converged.
+    """Halve the step from the start until the robot has an equilibrium; returns an optimum that is not converged.
 
-    The diagnosis finds from there why the springs became so soft, for example by wrong postures. For a robot model with
-    tolerances NoRestError is raised, and the fit is repeated with fixed numbers.
+    From there the diagnosis finds the cause, for example wrong postures that make the springs too soft. For a robot
+    model with tolerances NoEquilibriumError is raised, and the fit is repeated with fixed values.
     """
-    error_of_last, start, x = NoRestError(error), assembly.parameters.x, end.x
+    error_of_last, start, x = NoEquilibriumError(error), assembly.parameters.x, end.x
     if any(p.is_nuisance for p in assembly.parameters):
         raise error_of_last
     for _ in range(HALVINGS):
@@ -373,11 +377,11 @@ def _nearest_equilibrium(
 def robust_factors(fit: ElasticFit, weights: Sequence[Weights], x: FloatArray) -> tuple[FloatArray, ...]:
     """Return weights (F, n_y, n_u) of the robust loss in each configuration at x (n_x,), 1 for a discarded element."""
     distances = []
-    for part, weight in zip(fit.parts, weights, strict=True):
-        e = difference(part.criterion, part.measured, part.kernel.response(part.theta(fit.parameters, x)))
-        is_used = part.gain > 0
-        gain = np.divide(part.gain, np.sqrt(weight.factor), out=np.zeros_like(part.gain), where=is_used)
+    for frf, weight in zip(fit.frfs, weights, strict=True):
+        e = difference(frf.criterion, frf.measured, frf.kernel.response(frf.theta(fit.parameters, x)))
+        is_used = frf.gain > 0
+        gain = np.divide(frf.gain, np.sqrt(weight.factor), out=np.zeros_like(frf.gain), where=is_used)
         distances.append(np.where(is_used, gain * np.abs(np.where(is_used, e, 0.0)), 0.0))
-    moduli = np.concatenate([z[part.gain > 0] for z, part in zip(distances, fit.parts, strict=True)])
+    moduli = np.concatenate([z[frf.gain > 0] for z, frf in zip(distances, fit.frfs, strict=True)])
     limit = OUTLIER_STDS * max(1.0, float(np.median(moduli)) / RAYLEIGH_MEDIAN)
     return tuple(np.minimum(1.0, limit / np.maximum(z, 1e-300)) for z in distances)

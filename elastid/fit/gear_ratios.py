@@ -27,20 +27,22 @@ from elastid.fit.robust_covariance import LineSums
 
 # rad; angles that transmission errors do not tell apart.
 SAME_ANGLE = 1e-3
-# Standard deviations of ratios over the tolerance of the file, and mean and std of their logarithm beforehand, for rigs
-# with transmission errors of 0 to 2 % of the ratio in 2, 3 and 5 postures (scripts/studies/results.csv).
+# Grid of the std of a ratio over its tolerance, and prior mean and std of its logarithm, for rigs with transmission
+# errors of 0 to 2 % of the ratio in 2, 3 and 5 configurations (scripts/studies/results.csv).
 RATIO_STD = np.exp(np.linspace(np.log(0.03), np.log(8.0), 21))
 RATIO_PRIOR = np.log(8.0), 2.0
-ALIKE = 0.7  # std of the logarithm among the gears of a robot
-# Ratios are the cause of an excess up to this std over the tolerance (2 % of the ratio by default) and from this part.
+LOG_STD_OF_GEARS = 0.7  # std of the logarithm among the gears of a robot
+# Ratios explain an excess if their std is at most this multiple of the tolerance (2 % of the ratio by default), and
+# if they explain at least this fraction.
 LARGEST_STD, MIN_EXPLAINED_FRACTION = 6.7, 0.8
 
 
 @frozen_value
 class RatioScatter:
-    """Covariance (n_x, n_x) of x by the ratios; std of each gear over its tolerance, by input, 1 of one angle.
+    """Covariance (n_x, n_x) of x by the scatter of the gear ratios.
 
-    explains: True if V exceeds the noise, and ratios at the mean of their posterior explain most of that.
+    std: of each ratio over its tolerance, by input; 1 for a gear at a single angle.  explains: True if V exceeds the
+    noise and the posterior mean of the ratios explains most of the excess.
     """
 
     covariance: FloatArray
@@ -49,33 +51,33 @@ class RatioScatter:
 
 
 def scatter_of_ratios(
-    parts: Sequence[LineSums], half: FloatArray, cost: float, expected_cost: float, together: float, is_excess: bool,
-    least: float = 0.0
+    line_sums: Sequence[LineSums], H: FloatArray, cost: float, expected_cost: float, correlated_lines: float,
+    is_excess: bool, min_std: float = 0.0,
 ) -> RatioScatter:  # fmt: skip
-    """Find the variance of the ratios; half (n, n_x): H, x = H^T z.
+    """Estimate the variance of the ratios.  H (n, n_x): x = H^T z.
 
-    cost, expected_cost: V, NaN for a forecast, and V by the noise.  together: lines whose errors are correlated.  c is
-    the part of V over `expected_cost` that the ratios do not explain, in three rounds.  is_excess: V exceeds the noise.
-    least: lower bound of the std of each gear over its tolerance.
+    cost: V, NaN for a forecast.  expected_cost: V by the noise.  correlated_lines: number of lines with one common
+    error. is_excess: V exceeds the noise.  min_std: lower bound of the std of each ratio over its tolerance. In three
+    rounds, c is V / expected_cost without the decrease of V that the ratios explain.
     """
-    joints = [joint for part in parts for joint in part.ratios.joints]
+    joints = [joint for sums_q in line_sums for joint in sums_q.ratios.joints]
     if not joints:
-        return RatioScatter(np.zeros((half.shape[1], half.shape[1])), {}, False)
-    pull = np.reshape([row for part in parts for row in part.ratios.pull], (-1, len(half)))
-    power = block_diag(*(part.ratios.power for part in parts)) - pull @ pull.T
-    slopes = np.concatenate([part.ratios.slopes for part in parts])
+        return RatioScatter(np.zeros((H.shape[1], H.shape[1])), {}, False)
+    pull = np.reshape([row for sums_q in line_sums for row in sums_q.ratios.pull], (-1, len(H)))
+    power = block_diag(*(sums_q.ratios.power for sums_q in line_sums)) - pull @ pull.T
+    slopes = np.concatenate([sums_q.ratios.slopes for sums_q in line_sums])
     groups = _same_angles(joints)
     to_groups = np.array([[label == group for group in dict.fromkeys(groups)] for label in groups], float)
     names = [name for name, _ in dict.fromkeys(groups)]
-    shifts = to_groups.T @ pull @ half
+    shifts = to_groups.T @ pull @ H
     N, h, drop = to_groups.T @ power @ to_groups, to_groups.T @ slopes, 0.0
     for _ in range(3):
-        variance = together * max((cost - drop) / max(expected_cost, 1e-300), 1.0)
+        variance = correlated_lines * max((cost - drop) / max(expected_cost, 1e-300), 1.0)
         s = ratio_std(N, h, names, variance)
         e = s * np.linalg.solve((s * N.T).T * s + (1.0 if math.isnan(variance) else variance) * np.eye(len(s)), s * h)
         drop = float(2 * h @ e - e @ N @ e)
     explains = is_excess and s.max() <= LARGEST_STD and drop > MIN_EXPLAINED_FRACTION * (cost - expected_cost)
-    s = np.ones(len(s)) if is_excess and not explains else np.maximum(s, least)
+    s = np.ones(len(s)) if is_excess and not explains else np.maximum(s, min_std)
     return RatioScatter((s[:, None] * shifts).T @ (s[:, None] * shifts), named(names, s), explains)
 
 
@@ -92,26 +94,26 @@ def _same_angles(joints: Sequence[tuple[str, float]]) -> list[tuple[str, int]]:
 def ratio_std(N: FloatArray, h: FloatArray, names: list[str], variance: float) -> FloatArray:
     """Return the std s (n,) of each ratio over its tolerance; names (n,): the gear of each.
 
-    The root of the mean s_j^2 over its posterior, with the other gears at theirs, in three rounds; 1 of a gear at one
-    angle, which shows no scatter. In forecasts h h^T is c N.
+    s is the root of the posterior mean of s_j^2, computed gear by gear in three rounds; 1 for a gear at a single angle,
+    which shows no scatter. In forecasts h h^T is c N.
     """
     c, s, likelihood = 1.0 if math.isnan(variance) else variance, np.ones(len(names)), dict[str, FloatArray]()
     prior = np.exp(-0.5 * ((np.log(RATIO_STD) - RATIO_PRIOR[0]) / RATIO_PRIOR[1]) ** 2)
-    among = np.exp(-0.5 * (np.log(np.divide.outer(RATIO_STD, RATIO_STD)) / ALIKE) ** 2)
+    among = np.exp(-0.5 * (np.log(np.divide.outer(RATIO_STD, RATIO_STD)) / LOG_STD_OF_GEARS) ** 2)
     among /= among.sum(axis=0)
     for name in [name for name in dict.fromkeys(names) if names.count(name) > 1] * 3:
-        is_own = np.array(names) == name
-        power, V = np.linalg.eigh(N[np.ix_(is_own, is_own)])
-        is_seen = power > 1e-9 * max(power[-1], 1e-300)
-        V, power = V[:, is_seen], power[is_seen]
-        across = V.T @ N[np.ix_(is_own, ~is_own)] * s[~is_own]
+        is_gear = np.array(names) == name
+        power, V = np.linalg.eigh(N[np.ix_(is_gear, is_gear)])
+        is_significant = power > 1e-9 * max(power[-1], 1e-300)
+        V, power = V[:, is_significant], power[is_significant]
+        across = V.T @ N[np.ix_(is_gear, ~is_gear)] * s[~is_gear]
         covariance_of_others = across @ across.T + c * np.diag(power)
-        square = c * np.diag(power) if math.isnan(variance) else np.outer(V.T @ h[is_own], V.T @ h[is_own])
+        square = c * np.diag(power) if math.isnan(variance) else np.outer(V.T @ h[is_gear], V.T @ h[is_gear])
         C = covariance_of_others + RATIO_STD[:, None, None] ** 2 * np.diag(power**2)
         quadratic = np.trace(np.linalg.solve(C, np.broadcast_to(square, C.shape)), axis1=1, axis2=2)
         log_w = -0.5 * (np.linalg.slogdet(C)[1] + quadratic)
         likelihood[name] = np.exp(log_w - log_w.max())
         of_others = np.prod([among.T @ w for other, w in likelihood.items() if other != name], axis=0)
         w = likelihood[name] * (among @ (prior * of_others))
-        s[is_own] = np.sqrt(w @ RATIO_STD**2 / w.sum())
+        s[is_gear] = np.sqrt(w @ RATIO_STD**2 / w.sum())
     return s

@@ -2,11 +2,11 @@ r"""identify: measured responses and a robot -> elastic parameters with their un
 
     choose -> weigh -> linearise -> search (log, then the criterion, from many starts) -> relinearise -> uncertainty
 
-Where the study gives no floor, the search has the usual one and the estimate none, unless residuals exceed the noise:
-then it has the one under which they do not.
+If the study declares no model error, the search uses the typical one. The estimate uses none, or, if the residuals
+exceed the noise, the smallest one with which they do not.
 
-The operating point moves with the stiffnesses under gravity, so the model is linearised again at the result and solved
-again until nothing moves. Where springs are nonlinear the search itself linearises at every step.
+The operating point under gravity depends on the stiffnesses. The model is therefore linearised again at the optimum and
+solved again until x converges. With nonlinear springs the search linearises at every step.
 """
 
 from collections import Counter
@@ -27,10 +27,10 @@ from elastid.fit.diagnosis.hypotheses import WITHOUT_OTHER_ROBOTS, all_hypothese
 from elastid.fit.diagnosis.hypothesis import Evidence, Hypothesis
 from elastid.fit.diagnosis.priors import contradicted_priors, contradicted_tolerances
 from elastid.fit.diagnosis.rank_hypotheses import RESIDUALS, diagnose, rank_causes
-from elastid.fit.diagnosis.refit import thinning
+from elastid.fit.diagnosis.refit import line_subset
 from elastid.fit.frf_problem import (
     Assembly,
-    NoRestError,
+    NoEquilibriumError,
     RelinearisedOptimum,
     is_distorted_by_friction,
     is_friction_compensated,
@@ -41,12 +41,12 @@ from elastid.fit.intervals import add_intervals
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
 from elastid.fit.parameter_selection import choose, tolerances_of, with_ratio_std, with_tolerances
 from elastid.fit.presliding import are_identified, find_presliding, without_presliding
-from elastid.fit.problem.frf_residuals import ElasticFit, each_at_home, home_of
+from elastid.fit.problem.frf_residuals import ElasticFit, chunk_execution, map_chunks
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.problem.least_squares import LocalOptimum
 from elastid.fit.problem.weights import check_factors, weigh, with_model_error
 from elastid.fit.result import Result
-from elastid.fit.solve.solvers import FINE, NEAR, multistart, solve, spread
+from elastid.fit.solve.solvers import FINE, NEAR, latin_hypercube, multistart, solve
 from elastid.fit.spec import TYPICAL_MODEL_ERROR, FitSpec
 from elastid.linear.linear_model import is_load
 from elastid.model.formulation import EXACT
@@ -71,27 +71,25 @@ def identify(
     parameters: Parameters | None = None,
     loads: "Sequence[PlacedTest]" = (),
 ) -> Result:
-    """Return the parameters of `robot` that explain the responses of all configurations, and the static load tests.
+    """Estimate the parameters of `robot` from the responses of all configurations and static load tests.
 
-    model: the formulation of the equations.  execution: of the starts, profiles and repetitions of the bootstrap; the
-    result does not depend on it.  hypotheses: the causes of residuals that the diagnosis considers; by default all,
-    with those of other packages (entry points elastid.causes).
-    parameters: those of `choose` if None, else these in place of spec.parameters.  loads: load tests in their postures
-    (`placed_tests`), whose deflections count as residuals, too.
-    Raises StudyError for parameters or places that do not exist; DataError where no data are left; FitError for
-    a parameter without effect, where every start fails, or where the best robot finds no rest
-    between its end and its start.
+    model: formulation of the equations.  execution: of starts, profiles and bootstrap repetitions; the result does not
+    depend on it.  hypotheses: causes of residuals for the diagnosis; by default all, including those of other packages
+    (entry points elastid.causes).  parameters: replace spec.parameters; by default `choose`.  loads: load tests in
+    their configurations (`placed_tests`), whose deflections are further residuals. Raises StudyError for unknown
+    parameters or locations.  DataError if no data remain.  FitError for a parameter without effect, if every start
+    fails, or if no equilibrium exists at the optimum and on the way back to the start.
     """
-    return identified(responses, robot, spec, model, execution, hypotheses, parameters, loads)[0]
+    return identify_with_motion_bias(responses, robot, spec, model, execution, hypotheses, parameters, loads)[0]
 
 
 @persistent_workers()
-def identified(
+def identify_with_motion_bias(
     responses: Sequence[Response], robot: Robot, spec: FitSpec, model: ModelSpec = EXACT,
     execution: Execution | None = None, hypotheses: tuple[Hypothesis, ...] | None = None,
     parameters: Parameters | None = None, loads: "Sequence[PlacedTest]" = (),
 ) -> tuple[Result, dict[str, ComplexArray]]:  # fmt: skip
-    """Return the result of `identify`, and by configuration the motion-induced bias (F, n_y, n_u) of its response."""
+    """Return the result of `identify`, and the motion-induced bias (F, n_y, n_u) of each response by configuration."""
     execution = execution or Execution()
     hypotheses = all_hypotheses() if hypotheses is None else hypotheses
     assembly, ends = _search(responses, robot, spec, model, execution, parameters, loads)
@@ -102,8 +100,8 @@ def identified(
             evidence = rank_causes(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
             evidence, previous = _with_springs(evidence, spec, ends, hypotheses), evidence.result
             assembly, optimum, result = evidence.assembly, evidence.optimum, evidence.result
-        except StudyError as error:  # the robot finds no rest on the way
-            raise NoRestError(error) from None
+        except StudyError as error:  # no equilibrium along the search
+            raise NoEquilibriumError(error) from None
         if robot.tolerances is None or not (result.has_tolerances and evidence.result.status == "model_error"):
             notes = *notes_of(assembly.weights), *optimum.notes, *assembly.spring_notes(optimum.end.x)
             result = add_intervals(diagnose(evidence, notes), optimum, spec, execution)
@@ -114,18 +112,20 @@ def identified(
             effects = {G.configuration.name: G.G - rested.G for G, rested in pairs if rested.G is not G.G}
             return result, effects
     except FitError as error:
-        if not isinstance(error, NoRestError) or robot.tolerances is None:
+        if not isinstance(error, NoEquilibriumError) or robot.tolerances is None:
             if not loads:
                 raise
-            fit_parameters(responses, robot, spec, model=model)  # raises its own where load tests are not to blame
+            fit_parameters(responses, robot, spec, model=model)  # raises if the responses are the cause
             text = f"{error}; the responses alone can be fitted: check units, signs and directions of the load tests"
             raise FitError("fit/loads", text) from None
-    # A gross fault biases the nuisance parameters, too, and its cause is less certain then.
-    return identified(responses, replace(robot, tolerances=None), spec, model, execution, hypotheses, parameters, loads)
+    # A gross fault also biases the nuisance parameters, which hides its cause: fit again with exact values.
+    return identify_with_motion_bias(
+        responses, replace(robot, tolerances=None), spec, model, execution, hypotheses, parameters, loads
+    )
 
 
 def _with_springs(evidence: Evidence, spec: FitSpec, ends: "_Ends", hypotheses: tuple[Hypothesis, ...]) -> Evidence:
-    """Add relaxing springs of motors to the fit if V shows any and the extended fit ends at an optimum."""
+    """Add relaxing springs of motors to the fit if they are significant and the extended fit converges."""
     (starts, n_converged), quiet = ends, evidence.execution
     try:
         if (extension := find_presliding(evidence)) is None:
@@ -136,15 +136,15 @@ def _with_springs(evidence: Evidence, spec: FitSpec, ends: "_Ends", hypotheses: 
         if not are_identified(result, assembly.linearisation.presliding):
             return evidence
         trial = rank_causes(result, assembly, optimum, uncertainty, quiet, hypotheses)
-    except (StudyError, FitError, np.linalg.LinAlgError):  # the robot finds no rest on the way
+    except (StudyError, FitError, np.linalg.LinAlgError):  # no equilibrium along the search
         return evidence
-    # A spring that drives another parameter to its bound takes the place of it.
+    # A relaxing spring that drives another parameter to its bound replaces this parameter and is rejected.
     is_new_bound = trial.result.status == "at_bound" != evidence.result.status
     return trial if trial.result.status in ("converged", "at_bound", "misfit") and not is_new_bound else evidence
 
 
 def fit_parameters(responses: Sequence[Response], robot: Robot, spec: FitSpec, *, model: ModelSpec = EXACT) -> Result:
-    """Fit without the intervals and causes that take longer than the fit, for the comparison of many fits."""
+    """Estimate the parameters without profiles, bootstrap and hypotheses of other robots, to compare fits."""
     bare = replace(spec, profile=(), bootstrap=0)
     return identify(responses, robot, bare, model=model, hypotheses=WITHOUT_OTHER_ROBOTS)
 
@@ -163,8 +163,8 @@ def _search(
     check_factors(responses, spec)
     # With weights from noise alone, DFT lines at resonances would lead the search to local minima.
     search_spec = with_model_error(spec, TYPICAL_MODEL_ERROR) if spec.weights.model_error is None else spec
-    home = home_of(responses, execution)
-    weights = tuple(each_at_home(partial(weigh, spec=search_spec), responses, home))
+    home = chunk_execution(responses, execution)
+    weights = tuple(map_chunks(partial(weigh, spec=search_spec), responses, home))
     assembly = Assembly.of(responses, robot, search_spec, parameters, model, loads, weights, home)
     fit = assembly.at(parameters.x, spec.criterion)
     if fit.n_residuals == 0:
@@ -187,7 +187,7 @@ def _from_common_delay(assembly: Assembly, fit: ElasticFit, spec: FitSpec) -> tu
     if not unknown or not (T := common_delay(fit, fit.parameters.x)):
         return assembly, fit
     of_torques = [name for name in unknown if name.startswith(channel_name(DELAY, "u"))]
-    # Torques logged T late: motions seem T early.
+    # A late torque signal looks like an early motion.
     delays = dict.fromkeys(of_torques, -T) or dict.fromkeys(unknown, T)
     of_all = (replace(p, value=float(np.clip(delays.get(p.name, p.value), p.lower, p.upper))) for p in fit.parameters)
     assembly = replace(assembly, parameters=Parameters(tuple(of_all)))
@@ -195,11 +195,10 @@ def _from_common_delay(assembly: Assembly, fit: ElasticFit, spec: FitSpec) -> tu
 
 
 def check_responses(responses: Sequence[Response], robot: Robot) -> None:
-    """Refuse responses that cannot be of this robot, or not in one fit.
+    """Raise DataError for responses that do not belong to this robot or cannot be fitted together.
 
-    Raises DataError for none at all, a configuration given twice or under two names, angles for another number of
-    joints, places that the robot does not have, and quantities or sampling rates that differ.  TypeError for a single
-    response, or for a robot that is none.
+    These are: no response, one configuration twice or under two names, a wrong number of angles, unknown locations, and
+    known together with unknown sampling rates.  Raises TypeError for arguments of another type.
     """
     check_kind(responses, Sequence, "responses", "give a sequence of Response, such as [response]")
     for response in responses:
@@ -261,7 +260,7 @@ def _check_robot(response: Response, robot: Robot) -> None:
 
 
 def check_effects(fit: ElasticFit, robot: Robot) -> None:
-    """Raise FitError if free parameters have no effect on the responses; it names them."""
+    """Raise FitError that lists free parameters without effect on the responses."""
     parameters = fit.parameters
     information = np.diag(replace(fit, inertias=()).evaluate(parameters.x).hessian) / 2 - parameters.prior_slopes**2
     # A plausible change of x: a factor e, or the range of the bounds of a linear parameter.
@@ -280,31 +279,31 @@ def check_effects(fit: ElasticFit, robot: Robot) -> None:
 
 
 def _from_all_starts(assembly: Assembly, fit: ElasticFit, spec: FitSpec, execution: Execution) -> "_Ends":
-    """Search from all starts; returns the ends, best first, and how many reached the best. fit: at the first start."""
+    """Search from all starts. Return the optima, best first, and how many reached the best. fit: at the first start."""
     parameters, problems = fit.parameters, [assembly.search_problem(fit)]
     if spec.criterion == "complex":
         log = assembly.at(parameters.x, "log")
-        if not assembly.is_local:  # far from the end a third of the residuals of a score test lead to the same valley
-            log = replace(log, parts=tuple(each_at_home(thinning(log, RESIDUALS // 3), log.parts, assembly.home)))
+        if not assembly.is_local:  # fewer residuals lead to the same minimum
+            log = replace(log, frfs=tuple(map_chunks(line_subset(log, RESIDUALS // 3), log.frfs, assembly.home)))
         problems.insert(0, assembly.search_problem(log))
-    candidates = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
+    candidates = latin_hypercube(parameters, spec.starts, spec.start_factor, spec.seed or 0)
     starts = feasible_starts(candidates, fit.inertias, parameters)
     return multistart(problems, starts, spec.solver, fit.evaluated_by(execution))
 
 
-# V over its degrees of freedom, above which the released fit is solved from a further start; starts that are tried.
+# V over its degrees of freedom, above which the fit with free nuisance parameters starts again; number of its starts.
 COST_RATIO, ATTEMPTS = 1.5, 4
 
 
 def free_nuisance_parameters(
     assembly: Assembly, starts: tuple[LocalOptimum, ...], robot: Robot, loads: "Sequence[PlacedTest]"
 ) -> tuple[Assembly, tuple[LocalOptimum, ...]]:
-    """Free the nuisance parameters within their tolerances; return the assembly and the starts, the best first.
+    """Free the nuisance parameters within their tolerances. Return the assembly and the optima, best first.
 
-    It is solved from the end of the best start. While V stays above COST_RATIO of its degrees of freedom, the
-    study's own start and the ends of the next best follow, since a file that is off may lead the search astray; the
-    rest end where they did, with the file's numbers. Where data as of another robot (channels exchanged) lead it to
-    numbers without an equilibrium, all stay fixed: the diagnosis names the cause.
+    The first start is the best optimum with nominal values. As long as V exceeds COST_RATIO times its degrees of
+    freedom, the start of the study and the next best optima follow, because a wrong robot model can mislead the search.
+    If no start leads to a robot with an equilibrium (for example with exchanged channels), the nominal values stay
+    fixed, and the diagnosis names the cause.
     """
     parameters = with_tolerances(assembly.parameters, robot, assembly.spec)
 
@@ -320,7 +319,7 @@ def free_nuisance_parameters(
     for begin in begins[:ATTEMPTS]:
         try:
             end, dof = _refine_start(nuisance, begin)
-        except (StudyError, FitError):  # no robot stands on the way
+        except (StudyError, FitError):  # no equilibrium along the search
             continue
         best = end if best is None or end.cost < best.cost else best
         if best.cost <= COST_RATIO * dof:
@@ -329,9 +328,9 @@ def free_nuisance_parameters(
 
 
 def _refine_start(assembly: Assembly, begin: LocalOptimum) -> tuple[LocalOptimum, int]:
-    """Return the optimum near the end of a start, and its degrees of freedom.
+    """Return the optimum near a start, and its degrees of freedom.
 
-    Products such as m c^2 change little within tolerances: a round for each linearisation, not one at every x.
+    Two linearisations suffice, because products such as m c^2 change little within tolerances.
     """
     end = begin
     for tolerance in (NEAR, FINE):
@@ -340,7 +339,7 @@ def _refine_start(assembly: Assembly, begin: LocalOptimum) -> tuple[LocalOptimum
     return replace(end, x_start=begin.x_start, iterations=begin.iterations + end.iterations), fit.problem.dof
 
 
-_Ends: TypeAlias = tuple[tuple[LocalOptimum, ...], int]  # best first, and how many reached the best
+_Ends: TypeAlias = tuple[tuple[LocalOptimum, ...], int]  # optima, best first, and how many reached the best
 _Estimate: TypeAlias = tuple[Assembly, RelinearisedOptimum, Uncertainty, Result]
 
 
@@ -349,8 +348,8 @@ def _with_model_error(
 ) -> _Estimate:
     """Estimate with the model error of the study, by default estimated from the residuals; near: see `relinearise`.
 
-    Residuals do not show the error that dry friction makes where it was left in the responses: it is much alike at all
-    lines, and springs and dampers take it up. There the floor is the usual one.
+    The residuals do not show the error of uncompensated dry friction: it is similar at all lines, and springs and
+    dampers absorb it. The model error is then the typical one.
     """
     if spec.weights.model_error is not None:
         return assembly, *_estimate(assembly, ends, execution, near)
@@ -359,19 +358,19 @@ def _with_model_error(
     is_distorted = any(map(is_distorted_by_friction, assembly.responses))
     if estimate[0].end.converged and not estimate[2].exceeds_noise and not is_distorted:
         return bare, *estimate
-    with_floor = assembly.with_model_error(
+    with_error = assembly.with_model_error(
         TYPICAL_MODEL_ERROR if is_distorted else model_error_of_residuals(bare, estimate[0])
     )
-    del bare, estimate  # its weights are most of the memory of a fit
-    return with_floor, *_estimate(with_floor, ends, execution, near)
+    del bare, estimate  # weights are most of the memory of a fit
+    return with_error, *_estimate(with_error, ends, execution, near)
 
 
 def _with_agreements(estimate: _Estimate, assembly: Assembly, spec: FitSpec, ends: _Ends) -> _Estimate:
-    """Compare load tests and responses at the tool with the responses of the motors, and add this to the estimate.
+    """Compare load tests and responses at the tool with the motors' responses; add the comparisons to the result.
 
-    Contradicting data do not enter the estimate; its covariance includes the step to the estimate by all data.
+    Contradicting data are excluded, and the covariance includes the difference to the estimate from all data.
     """
-    alone, at_tool = assembly.only(of_tool=False), assembly.only(of_tool=True)
+    alone, at_tool = assembly.select_responses(of_tool=False), assembly.select_responses(of_tool=True)
     if (assembly.loads is None and not at_tool.responses) or not alone.responses:
         return estimate
     from elastid.fit.diagnosis.static_and_tool_data import static_agreement, tool_agreement
@@ -391,8 +390,7 @@ def _with_agreements(estimate: _Estimate, assembly: Assembly, spec: FitSpec, end
 
     of_motors = refit(alone)
     if of_motors[3].exceeds_noise or any(map(_disagree, compare(of_motors[3]))):
-        # A reading in a wrong unit pulls both into a valley that the responses alone would never end in, where the
-        # robot may find no rest under its loads.
+        # A deflection in a wrong unit leads the fit of all data to a minimum that the responses alone do not have.
         of_motors = min(of_motors, refit(alone, is_global=True), key=lambda fit: (fit[3].model_error, fit[3].cost))
     static, tool = compare(of_motors[3])
     if not (_disagree(static) or _disagree(tool)):
@@ -401,8 +399,8 @@ def _with_agreements(estimate: _Estimate, assembly: Assembly, spec: FitSpec, end
         consistent = refit(replace(assembly, loads=None))
     else:
         consistent = of_motors if _disagree(static) or static is None else refit(replace(alone, loads=assembly.loads))
-    pulls = _disagree(static) or (tool is not None and tool.disagrees and not tool.is_misread)
-    step = (estimate[3].x - consistent[3].x) * pulls
+    covers_difference = _disagree(static) or (tool is not None and tool.disagrees and not tool.is_misread)
+    step = (estimate[3].x - consistent[3].x) * covers_difference
     covariance = consistent[3].covariance + np.outer(step, step)
     return *consistent[:3], replace(consistent[3], static=static, tool=tool, covariance=covariance)
 
@@ -421,18 +419,18 @@ def _estimate(
     arguments = fit, optimum.responses, optimum.weights, end.x
     uncertainty = estimate_uncertainty(*arguments, execution, is_compensated=is_compensated)
     dof = fit.problem.dof
-    # Without any noise (a simulation) V is compared with the weights.
+    # For a simulation without noise the expected V follows from the weights.
     expected_cost = uncertainty.expected_cost if uncertainty.expected_cost > 1e-12 * dof else dof
     result = Result(
         parameters=fit.parameters.with_means(end.x), x=end.x, covariance=uncertainty.covariance,
         cost=end.cost + float(optimum.factors @ optimum.factors), dof=dof, cost_expected=float(expected_cost),
         cost_dof=uncertainty.cost_dof, status="converged", message="", starts=starts, n_converged_starts=n_converged,
         at_bound=at_bound(fit.parameters, end.x), singular_values=uncertainty.singular_values,
-        criterion=fit.parts[0].criterion, configurations=tuple(part.configuration for part in fit.parts),
+        criterion=fit.frfs[0].criterion, configurations=tuple(frf.configuration for frf in fit.frfs),
         information_fraction=uncertainty.information_fraction, information_band_hz=uncertainty.information_band_hz,
-        linear=tuple(part.kernel.model for part in fit.parts if part.kernel.model.is_delayed),
+        linear=tuple(frf.kernel.model for frf in fit.frfs if frf.kernel.model.is_delayed),
         averaging_fraction=uncertainty.averaging_fraction, persistent_fraction=uncertainty.persistent_fraction,
         robot=assembly.linearisation.model.robot, equations=assembly.model,
-        model_error=max(weights.floor for weights in assembly.weights),
+        model_error=max(weights.model_error for weights in assembly.weights),
     )  # fmt: skip
     return optimum, uncertainty, result

@@ -5,19 +5,19 @@ The profile likelihood is V against one parameter, minimised over all others:
 .. math:: V_p(x_i) = \min_{x_j, j \ne i} V(x), \qquad
           \{x_i : V_p(x_i) - V(\hat x) \le 1.96^2 c_i\}, \quad c_i = \mathrm{var}\, x_i / (A^{-1})_{ii}
 
-An interval of 95 % that need not be symmetric in x, and is one-sided where the data only bound a parameter. c_i scales
-to the stated variance, which holds correlated elements, model error and the floor as well as the curvature of V.
-(Raue et al., Bioinformatics 25, 2009, 1923.)
+The 95 % interval need not be symmetric in x; it is one-sided if the data only bound a parameter. c_i scales the
+curvature of V to the estimated variance, which includes correlated elements and the model error. (Raue et al.,
+Bioinformatics 25, 2009, 1923.)
 
-sqrt(V_p - V) is nearly linear in x_i: Brent's method takes a few points to each end, and each point, begun from the one
-before along the direction in which the others follow at the optimum, a few evaluations.
+sqrt(V_p - V) is nearly linear in x_i, so Brent's method needs few points for each end. Each point starts from the
+previous one, along the direction in which the other parameters follow at the optimum.
 
-The bootstrap repeats the fit on data that are drawn again about its optimum:
+The bootstrap repeats the fit with data that are drawn about its optimum:
 
 .. math:: \hat G^{(b)} = G(\hat\theta) + e^{(b)}
 
-e is drawn from the measured covariance, or where none is known from the weights (Efron and Tibshirani, An Introduction
-to the Bootstrap, 1993, 6.5). Numbers of the robot's file are drawn within their tolerances, too.
+e is drawn from the measured covariance, or, if it is unknown, from the weights (Efron and Tibshirani, An Introduction
+to the Bootstrap, 1993, 6.5). The prior means of nuisance parameters are drawn within their tolerances.
 """
 
 import math
@@ -33,7 +33,7 @@ from elastid.base.execution import Execution
 from elastid.base.names import is_match, matching
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.frf_problem import RelinearisedOptimum
-from elastid.fit.problem.frf_residuals import ElasticFit, Part
+from elastid.fit.problem.frf_residuals import ElasticFit, FrfResiduals
 from elastid.fit.problem.least_squares import LeastSquares, LocalOptimum
 from elastid.fit.problem.weights import Weights, vec
 from elastid.fit.result import Result
@@ -46,13 +46,13 @@ def bootstrap(
     fit: ElasticFit, weights: Sequence[Weights], x: FloatArray, repetitions: int, seed: int = 0,
     execution: Execution | None = None,
 ) -> FloatArray:  # fmt: skip
-    """Return estimates (repetitions, n_x) from data drawn about the optimum x (n_x,); NaN rows where a fit failed.
+    """Return estimates (repetitions, n_x) from data drawn about the optimum x (n_x,); NaN rows for failed fits.
 
-    Each repetition has its own random numbers, so that the result does not depend on the execution.
+    Each repetition has its own random numbers; the result does not depend on the execution.
     """
     draws = np.random.SeedSequence(seed).spawn(repetitions)
-    pairs = zip(fit.parts, weights, strict=True)
-    sources = tuple(_source(part, weight, part.theta(fit.parameters, x)) for part, weight in pairs)
+    pairs = zip(fit.frfs, weights, strict=True)
+    sources = tuple(_source(frf, weight, frf.theta(fit.parameters, x)) for frf, weight in pairs)
     static = None if fit.loads is None else fit.loads.predicted(fit.parameters, x)[0]
     names = [f"bootstrap-{i}" for i in range(repetitions)]
     ends = (execution or Execution()).resumed(partial(_repeat, fit, sources, static, x), draws, names)
@@ -65,18 +65,18 @@ def _repeat(
 ) -> LocalOptimum:  # fmt: skip
     rng = np.random.default_rng(draw)
     samples = (source.draw(rng) for source in sources)
-    parts = tuple(replace(part, measured=G) for part, G in zip(fit.parts, samples, strict=True))
+    frfs = tuple(replace(frf, measured=G) for frf, G in zip(fit.frfs, samples, strict=True))
     pairs = zip(fit.parameters.free, x, strict=True)
-    draws = {p.name: _off_file(p, float(xi), rng) for p, xi in pairs if p.is_nuisance}
+    draws = {p.name: _redraw_prior_mean(p, float(xi), rng) for p, xi in pairs if p.is_nuisance}
     parameters = Parameters(tuple(draws.get(p.name, p) for p in fit.parameters)) if draws else fit.parameters
     loads = fit.loads if fit.loads is None or static is None else fit.loads.drawn(static, rng)
     try:
-        return solve(replace(fit, parts=parts, parameters=parameters, loads=loads).problem, x, FINE)
+        return solve(replace(fit, frfs=frfs, parameters=parameters, loads=loads).problem, x, FINE)
     except FitError as error:
         return LocalOptimum(x, x, math.inf, 0, False, str(error))
 
 
-def _off_file(parameter: Parameter, x: float, rng: np.random.Generator) -> Parameter:
+def _redraw_prior_mean(parameter: Parameter, x: float, rng: np.random.Generator) -> Parameter:
     """Draw another prior mean of a number of the robot model about the optimum x, with its tolerance as std."""
     if parameter.prior is None:
         return parameter
@@ -86,24 +86,24 @@ def _off_file(parameter: Parameter, x: float, rng: np.random.Generator) -> Param
 
 @dataclass(frozen=True)
 class _Source:
-    """The distribution of a measured response: the model's G (F, n_y, n_u), and errors root z, row by row, of white z.
+    """Distribution of a measured response, G + root z with white z (F, m), elements row by row.
 
-    root (F, m, m).  used: elements that the fit sees.
+    G (F, n_y, n_u): of the model.  root (F, m, m).  is_used: fitted elements.
     """
 
     G: ComplexArray
     root: ComplexArray
-    used: BoolArray
+    is_used: BoolArray
 
     def draw(self, rng: np.random.Generator) -> ComplexArray:
         """Return a measured response drawn at random."""
         F, m = self.root.shape[:2]
         z = (rng.standard_normal((F, m)) + 1j * rng.standard_normal((F, m))) / np.sqrt(2)
-        return np.where(self.used, self.G + (self.root @ z[:, :, None])[:, :, 0].reshape(self.G.shape), self.G)
+        return np.where(self.is_used, self.G + (self.root @ z[:, :, None])[:, :, 0].reshape(self.G.shape), self.G)
 
 
-def _source(part: Part, weights: Weights, theta: FloatArray) -> _Source:
-    G, is_used = part.kernel.response(theta), part.gain > 0
+def _source(frf: FrfResiduals, weights: Weights, theta: FloatArray) -> _Source:
+    G, is_used = frf.kernel.response(theta), frf.gain > 0
     C = weights.noise_covariance()
     F, n_y, n_u = G.shape
     if C is None:
@@ -116,15 +116,15 @@ def _source(part: Part, weights: Weights, theta: FloatArray) -> _Source:
     return _Source(G, root.astype(complex), is_used)
 
 
-MAX_GROWTH = 3.0  # of the distance from the optimum, from one point to the next
+MAX_GROWTH = 3.0  # ratio of the distances of successive points from the optimum
 
 
 def profile_likelihood(
     problem: LeastSquares, x: FloatArray, variance: FloatArray, names: Sequence[str], execution: Execution | None = None
 ) -> FloatArray:
-    """Return the ends (n_x, 2) in x of the intervals about the optimum x (n_x,); NaN for the other parameters.
+    """Return the ends (n_x, 2) in x of the profile intervals of `names`; NaN for other parameters.
 
-    variance (n_x,): as the fit states it.
+    x (n_x,): optimum.  variance (n_x,): estimated variances of x.
     """
     best = problem.evaluate(x)
     A_inverse = np.asarray(np.linalg.pinv(best.hessian / 2, hermitian=True))
@@ -148,7 +148,7 @@ def _profile(
 def _end(
     problem: LeastSquares, x: FloatArray, least: float, tangent: FloatArray, threshold: float, index: int, radius: float
 ) -> float:
-    """Return the end where sqrt(V_p - V) crosses `threshold`, searched from x + reach; infinite if a bound is first."""
+    """Return the end where sqrt(V_p - V) crosses `threshold`, searched from x + radius; infinite beyond a bound."""
     from scipy.optimize import brentq  # slow to load, and seldom needed
 
     bounds, last = problem.parameters.x_bounds, x
@@ -163,7 +163,7 @@ def _end(
         begin = np.clip(last + (x[index] + distance - last[index]) * tangent, *bounds)
         begin[index] = x[index] + distance
         beginning = problem.evaluate(begin)
-        if not math.isfinite(beginning.cost):  # no model there
+        if not math.isfinite(beginning.cost):  # no equilibrium there
             return threshold
         end = trust_region(problem, begin, beginning, ROUGH, 60, np.arange(len(x)) == index)
         last = end.x
@@ -178,13 +178,13 @@ def _end(
     return float(x[index]) + float(brentq(excess, 0.0, far, xtol=1e-3 * abs(far)))
 
 
-# Of ln p, beyond which an end of the symmetric interval errs by a tenth of it where the response is linear in p:
-# 1 - t e^t / (e^t - 1), t = 1.96 std.  At most so many are profiled, each with ten to twenty evaluations.
+# Std of ln p above which an end of the symmetric interval errs by a tenth, for a response that is linear in p:
+# 1 - t e^t / (e^t - 1), t = 1.96 std.  Largest number of profiles, each of ten to twenty evaluations.
 ROUGH_STD, MAX_PROFILES = 0.1, 6
 
 
 def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, execution: Execution) -> Result:
-    """Return the result with the profiles and the bootstrap of the study."""
+    """Return the result with profile and bootstrap intervals as the study requests them."""
     x, notes = optimum.end.x, list(result.notes)
     problem, variance = optimum.fit.problem, np.diag(result.covariance)
     if spec.profile == "auto":
@@ -216,7 +216,7 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
 
 
 def choose_profiles(parameters: Parameters, variance: FloatArray) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return positive parameters for which a symmetric interval errs: those to profile, and those beyond the limit."""
+    """Return positive parameters with an inaccurate symmetric interval: up to MAX_PROFILES, and the rest."""
     std = np.sqrt(variance)
     rough = [i for i, p in enumerate(parameters.of_interest) if p.log and ROUGH_STD < std[i] < math.inf]
     worst = sorted(rough, key=lambda i: -float(std[i]))

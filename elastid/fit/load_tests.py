@@ -1,6 +1,6 @@
 """The `loads` section of a study: static load tests, deflections of frames under stated loads with the motors locked.
 
-StaticAgreement, ToolAgreement: load tests and responses at the tool next to what motor responses alone predict.
+StaticAgreement, ToolAgreement: load tests and responses at the tool compared with the fit of the motors' responses.
 """
 
 import math
@@ -67,7 +67,7 @@ class LoadTest:
 
     @property
     def n_readings(self) -> int:
-        """1 of a dial gauge, 3 of a tracker."""
+        """Number of readings: 1 for a dial gauge, 3 for a tracker."""
         return 3 if self.along is None else 1
 
     @property
@@ -82,7 +82,7 @@ class LoadTest:
 
     @property
     def measured(self) -> FloatArray:
-        """The readings (n,) in m; ValueError where they are still to be measured."""
+        """The readings (n,) in m; ValueError without a measurement."""
         if self.deflection is None:
             raise ValueError("a load test without a deflection: only a simulated rig can measure it")
         return np.atleast_1d(np.asarray(self.deflection, dtype=float))
@@ -110,9 +110,9 @@ class LoadsSpec:
 
 @dataclass(frozen=True)
 class LoadReading:
-    """One reading of a load test, and the deflection that the responses alone predict.
+    """Reading of a load test, and its prediction by the fit of the responses alone.
 
-    direction (3,): in the axes of the base.  std: of the reading.  by_responses_std: of that prediction.
+    direction (3,): in the axes of the base.  std: of the reading.  by_responses, by_responses_std: prediction, its std.
     """
 
     configuration: str
@@ -126,7 +126,7 @@ class LoadReading:
 
 @dataclass(frozen=True)
 class ToolComparison:
-    """Responses by forces at the tool in one configuration, over those that the motors' responses alone predict.
+    """Responses to forces at the tool in one configuration, relative to the prediction by the motors' responses.
 
     motors: locked, free or controlled during the measurement.
     """
@@ -154,7 +154,7 @@ class Agreement:
 
     @property
     def disagrees(self) -> bool:
-        """True if both show different robots by more than chance."""
+        """True if the difference between data set and prediction is significant."""
         return bool(self.cause)
 
     def _compared(self, count: int, noun: str) -> str:
@@ -180,7 +180,7 @@ class StaticAgreement(Agreement):
 class ToolAgreement(Agreement):
     """Responses at the tool compared with the fit of the motors' responses alone.
 
-    is_misread: the cause is another reading of force and motion (sign, axis, quantity, motors), which pulls no spring.
+    is_misread: the cause is a wrong interpretation of force and motion (sign, quantity, motors), not a stiffness.
     """
 
     responses: tuple[ToolComparison, ...] = labelled(rows=True, default=())

@@ -5,14 +5,14 @@ Stiffness, damping, friction, inertia, mass and a rod's length are logarithmic; 
 geometry, products of inertia, a spring's quadratic terms, a compensator's length and the delay are linear. Numbers that
 a study does not name keep the value of the robot model.
 
-Groups of configurations may have parameters of their own: each robot of a type, a temperature, each configuration.
+Groups of configurations (of one robot, of one temperature, single configurations) can have separate parameters:
 fm_1@warm replaces fm_1 in the configurations of the group warm.
 
-Numbers with tolerances are nuisance parameters: unknowns with a prior, beside the parameters of interest.
+Numbers with tolerances are nuisance parameters nu with a prior, in addition to the parameters of interest x.
 
 .. math:: V(x, \nu) = V(x; \nu) + \sum_j \Big( \frac{\nu_j - \nu_j^{file}}{\tau_j} \Big)^2
 
-The starts are searched with the numbers of the robot model fixed; the best of them is then released.
+The search starts with the nominal values fixed; the fit from its best optimum has free nuisance parameters.
 """
 
 import math
@@ -36,17 +36,15 @@ from elastid.robot.tolerances import RATIO, kind_of
 if TYPE_CHECKING:
     from elastid.response import Response
 
-# Behind the name of a configuration, of its responses by forces at the tool.
-AT_TOOL = " at the tool"
+AT_TOOL = " at the tool"  # suffix of a configuration's name for responses to forces at the tool
 
 
-def groups_of(
+def configuration_groups(
     name: str, spec: ParameterSpec, robots: Mapping[str, Sequence[str]], configurations: Sequence[str]
 ) -> dict[str, tuple[str, ...]]:
-    """Map each group with a fitted configuration to its configurations.
+    """Return the configurations of each group that has a fitted configuration, by group.
 
-    A group includes configurations that are not fitted: its parameters predict them.
-    StudyError for `per: robot` without robots.
+    Groups can include configurations that are not fitted, for predictions. StudyError for `per: robot` without robots.
     """
     per = spec.per
     at_tool = [name for name in configurations if name.endswith(AT_TOOL)]
@@ -67,36 +65,35 @@ def groups_of(
 
 
 def group_labels(parameters: Parameters, configurations: Iterable[str]) -> dict[str, tuple[str, ...]]:
-    """Return the groups with parameters of their own, each with its configurations among the given ones.
+    """Return the configurations of each group with the same separate parameters, by label.
 
-    Where parameters are grouped in several ways, by the names of the groups side by side: A-warm. Configurations that
-    no group names are `others`; one group of all, called "", where no parameter has groups.
+    Labels join the groups of different parameters: A-warm. Configurations without a group are `others`. If no parameter
+    has groups, all configurations have the label "".
     """
     groups: dict[str, list[str]] = {}
     for configuration in configurations:
         local = parameters.configuration_of_stand_in(configuration)
-        mine = dict.fromkeys(p.name.partition(SEPARATOR)[2] for p in parameters if local in p.only)
-        groups.setdefault("-".join(mine), []).append(configuration)
+        labels = dict.fromkeys(p.name.partition(SEPARATOR)[2] for p in parameters if local in p.only)
+        groups.setdefault("-".join(labels), []).append(configuration)
     if list(groups) == [""]:
         return {"": tuple(groups[""])}
     return {label or "others": tuple(members) for label, members in groups.items()}
 
 
-MOST_STD = 10.0  # of the logarithm of a parameter; a prior as wide as that says nothing
-BOUND_FACTOR = 100.0  # of the start, to the default bounds of a logarithmic parameter
+MAX_PRIOR_STD = 10.0  # of the logarithm of a parameter, above which a prior has no effect
+BOUND_FACTOR = 100.0  # ratio of the default bounds of a logarithmic parameter to its start
 
 
 def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = (), has_references: bool = False) -> Parameters:
-    """Return all numbers of the robot and the torque delay, those that the study names free, tied or fixed elsewhere.
+    """Select all numbers of the robot and the torque delay, free, tied or fixed as spec.parameters states.
 
-    A key of spec.parameters is a name or a pattern (`k_*`); a name wins over patterns, a later pattern over an earlier.
-    Coordinates and lengths of the geometry, and numbers of channels, are among the parameters as far as the study names
-    them (`named_on_demand`).
-    Without keys: every stiffness, and every damping and motor friction that is not zero.  configurations: those that
-    are fitted, for parameters of their own; without any, such a parameter is one for all.  has_references: the delay
-    of the references is free unless the study states it.
-    Raises StudyError for unknown names, a zero start of a logarithmic parameter, bounds that exclude the start, groups
-    of configurations that overlap, and where nothing is free.
+    A key of spec.parameters is a name or a pattern (`k_*`). Names have priority over patterns, later patterns over
+    earlier ones. Geometry and numbers of channels are parameters only if the study names them (`named_on_demand`).
+    Without keys, every stiffness, and every damping and motor friction that is not zero, is free.
+    configurations: fitted ones, for separate values of groups; without any, one value for all.  has_references: the
+    delay of the references is free unless the study states it.
+    Raises StudyError for unknown names, a zero start of a logarithmic parameter, bounds that exclude the start,
+    overlapping groups of configurations, and if no parameter is free.
     """
     try:
         parameters = _choose(spec, robot, configurations, has_references)
@@ -111,14 +108,14 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = (), has_
 def _choose(spec: FitSpec, robot: Robot, configurations: Sequence[str], has_references: bool) -> Parameters:
     """Choose parameters for `choose`; raise ValueError for an impossible set."""
     configurations = tuple(dict.fromkeys(map(posture_of, configurations)))
-    late = {channel_name(DELAY, "r"): ParameterSpec()} if has_references else {}
-    table = robot.parameters(named_on_demand(late | spec.parameters, robot)) | {DELAY: (0.0, "s")}
-    rules = _match(spec.parameters, table, robot.on_demand) if spec.parameters else _default(robot)
-    rules = late | rules
-    grouped = {name: groups_of(name, rule, spec.robots, configurations) for name, rule in rules.items()}
+    delay_rule = {channel_name(DELAY, "r"): ParameterSpec()} if has_references else {}
+    table = robot.parameters(named_on_demand(delay_rule | spec.parameters, robot)) | {DELAY: (0.0, "s")}
+    rules = _match(spec.parameters, table, robot.on_demand) if spec.parameters else _default_rules(robot)
+    rules = delay_rule | rules
+    grouped = {name: configuration_groups(name, rule, spec.robots, configurations) for name, rule in rules.items()}
     linear, motors = _linear_names(robot), {j.name: j.motor for j in robot.driven if j.motor is not None}
-    # Of motor friction of which the file has none, that which stops the rotor within 1 s.
-    coasting = {f"fm_{name}": motor.inertia for name, motor in motors.items() if motor.viscous == 0}
+    # Start value of motor friction that is zero in the robot model: it stops the rotor within 1 s.
+    coasting_friction = {f"fm_{name}": motor.inertia for name, motor in motors.items() if motor.viscous == 0}
     selection: list[Parameter] = []
     ratios = list(starmap(_ratio, spec.ratios.items()))
     for name, (value, unit) in table.items():
@@ -127,8 +124,8 @@ def _choose(spec: FitSpec, robot: Robot, configurations: Sequence[str], has_refe
             selection.append(Parameter(name, value, unit, log=log, free=False))
             continue
         rule = rules[name]
-        if name in coasting and rule.start is None and not rule.fixed:
-            rule = replace(rule, start=coasting[name])
+        if name in coasting_friction and rule.start is None and not rule.fixed:
+            rule = replace(rule, start=coasting_friction[name])
         parameter = _parameter(name, value, unit, rule, log)
         everywhere = bool(groups) and {c for only in groups.values() for c in only} >= set(configurations)
         selection.append(replace(parameter, free=False, prior=None) if everywhere else parameter)
@@ -137,9 +134,9 @@ def _choose(spec: FitSpec, robot: Robot, configurations: Sequence[str], has_refe
 
 
 def named_geometry(rules: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
-    """Return the names of robot.geometry in fit.parameters, as a key or as the target of a tie.
+    """Return the names of robot.geometry that are keys or targets of ties in fit.parameters.
 
-    A pattern has to begin with a letter (pc1_*, p_arm_*): `*` and `*_1` do not stand for geometry.
+    A pattern for geometry begins with a letter (pc1_*, p_arm_*); `*` and `*_1` do not select geometry.
     """
     keys = [key for key in rules if key[:1].isalpha()]
     keys += [rule.tie.to for rule in rules.values() if rule.tie is not None and rule.tie.to in robot.geometry]
@@ -165,12 +162,12 @@ def _match(
         if not names:
             near = did_you_mean(key, table, on_demand)
             raise StudyError("fit/parameters", f"the robot has no parameter {key}; {near}", "fit.parameters")
-        rules_of |= {name: _starred(key, name, rule, table) for name in names}
+        rules_of |= {name: _expand_tie_pattern(key, name, rule, table) for name in names}
     return rules_of | {key: rule for key, rule in rules.items() if key in table}
 
 
-def _starred(key: str, name: str, rule: ParameterSpec, table: Collection[str]) -> ParameterSpec:
-    """Return the key for one name of a pattern; the * of its tie is the match of the key's *."""
+def _expand_tie_pattern(key: str, name: str, rule: ParameterSpec, table: Collection[str]) -> ParameterSpec:
+    """Return the rule for one name of a pattern: the * of its tie is replaced by the match of the key's *."""
     if rule.tie is None or "*" not in rule.tie.to or rule.tie.to in table:
         return rule
     if key.count("*") != 1:
@@ -187,7 +184,7 @@ def _ratio(name: str, ratio: RatioSpec) -> Parameter:
     return Parameter(name, start, "1", lower, upper, log=True, prior=_prior(ratio.prior, start), ratio=True)
 
 
-def _default(robot: Robot) -> dict[str, ParameterSpec]:
+def _default_rules(robot: Robot) -> dict[str, ParameterSpec]:
     """Select every stiffness, and every nonzero damping of a spring or rod and friction of a motor."""
     springs: list[tuple[str, str, Spring | Rod | None]] = [("", joint.name, joint.spring) for joint in robot.joints]
     springs += [("m", joint.name, joint.motor.spring) for joint in robot.joints if joint.motor is not None]
@@ -215,7 +212,7 @@ def _parameter(name: str, value: float, unit: str, rule: ParameterSpec, log: boo
     key = f"fit.parameters.{name}"
     if rule.tie is not None:
         return Parameter(name, value, unit, log=log, tie=rule.tie)
-    if isinstance(rule.start, str):  # a study's text has become a number when it was read
+    if isinstance(rule.start, str):  # texts of a study are converted to numbers when it is read
         raise StudyError("fit/parameters", f"start is '{rule.start}'; give a number in {unit}", key)
     start = value if rule.start is None else rule.start
     if rule.fixed:
@@ -223,7 +220,7 @@ def _parameter(name: str, value: float, unit: str, rule: ParameterSpec, log: boo
     prior = _prior(rule.prior, value)
     if prior is not None and log and not prior.mean > 0:
         raise StudyError("fit/parameters", f"the mean {prior.mean:g} {unit} must be positive", f"{key}.prior")
-    if prior is not None and log and prior.std > MOST_STD:
+    if prior is not None and log and prior.std > MAX_PRIOR_STD:
         raise StudyError(
             "fit/parameters",
             f"the std of a positive parameter is relative, so {prior.std:g} is {100 * prior.std:.4g} %. For "
@@ -241,20 +238,20 @@ def _bounds(name: str, start: float, rule: ParameterSpec, log: bool) -> tuple[fl
     if rule.bounds is not None:
         return float(rule.bounds[0]), float(rule.bounds[1])
     if log:
-        # Friction may end higher: Coulomb friction looks viscous to a multisine, the more the slower it slides.
+        # Coulomb friction looks viscous to a multisine, the more the lower the velocity.
         return start / BOUND_FACTOR, start * (1e4 if name.startswith(("f_", "fm_")) else BOUND_FACTOR)
     return MAX_TIME if name.startswith((DELAY, "low_pass_")) else (-math.inf, math.inf)
 
 
 MAX_TIME = (-MAX_DELAY_S, MAX_DELAY_S)  # of a delay or a low pass of a channel
-MAX_FACTOR = 3.0  # of a positive number within its tolerance: a bound against absurd steps
+MAX_FACTOR = 3.0  # ratio of the bounds of a positive nuisance parameter to its nominal value, against extreme steps
 
 
 def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Parameters:
-    """Free the fixed numbers of the robot within robot.tolerances; unchanged where all are exact.
+    """Free the fixed numbers of the robot within robot.tolerances; unchanged without tolerances.
 
-    Parameters that spec.parameters frees, ties or fixes do not change.  Coordinates of zero stay fixed, except centres
-    of mass: an offset of an axis acts in second order.
+    Parameters that spec.parameters frees, ties or fixes do not change.  Coordinates that are zero stay fixed, except
+    centres of mass and angles, because an offset of an axis has a second-order effect.
     """
     prefixes = ("gain_u_",) if channel_name(DELAY, "r") in parameters.names else ("gain_kp_", "gain_kd_")
     tolerances = {prior.name: prior for prior in tolerances_of(robot) if not prior.name.startswith(prefixes)}
@@ -269,15 +266,17 @@ def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Para
         if prior is None or name in of_study or (number.value == 0 and prior.kind not in ("center_of_mass", "angle")):
             numbers += [number] * (name in by_name)
         elif prior.factor:
-            factors[prior.factor] = replace(_within(Parameter(prior.factor, 1.0, log=True), prior.std), ratio=True)
+            factors[prior.factor] = replace(
+                _free_within_tolerance(Parameter(prior.factor, 1.0, log=True), prior.std), ratio=True
+            )
             numbers.append(replace(number, tie=Tie(prior.factor, number.value)))
         else:
-            numbers.append(_within(number, prior.std))
+            numbers.append(_free_within_tolerance(number, prior.std))
     of_file = {number.name for number in numbers}
     return Parameters((*numbers, *(p for p in parameters if p.name not in of_file), *factors.values()))
 
 
-def _within(fixed: Parameter, std: float) -> Parameter:
+def _free_within_tolerance(fixed: Parameter, std: float) -> Parameter:
     """Free a fixed number within its tolerance, which is relative for a positive number."""
     if not fixed.log:
         return replace(fixed, free=True, prior=Prior(fixed.value, std), is_nuisance=True)
@@ -288,7 +287,7 @@ def _within(fixed: Parameter, std: float) -> Parameter:
 
 @dataclass(frozen=True)
 class Tolerance:
-    """Tolerance of a number: body, loop or payload that owns it, kind, std; factor of an inertia's entries."""
+    """Tolerance of a number: owner (body, loop or payload), kind, std, and common factor of an inertia's entries."""
 
     name: str
     owner: str
@@ -306,7 +305,11 @@ def tolerances_of(robot: Robot) -> Iterator[Tolerance]:
         owner = getattr(robot, str(path[0]))[path[1]].name if isinstance(path[1], int) else str(path[0])
         factor = f"I_{owner}" if path[-2] == "inertia" else ""
         is_without_mass = kind_of(path) == "center_of_mass" and values[f"m_{owner}"][0] == 0
-        if (std := robot.tolerances.std(path, owner)) > 0 and not is_without_mass and not _turns_all(robot, path):
+        if (
+            (std := robot.tolerances.std(path, owner)) > 0
+            and not is_without_mass
+            and not _rotates_about_gravity(robot, path)
+        ):
             yield Tolerance(name, owner, kind_of(path), std, factor)
     of_constants = robot.tolerances.torque_constant
     if isinstance(of_constants, float) and of_constants > 0:
@@ -316,7 +319,7 @@ def tolerances_of(robot: Robot) -> Iterator[Tolerance]:
             yield Tolerance(name, "", "torque_constant", of_constants, factor)
 
 
-def _turns_all(robot: Robot, path: Path) -> bool:
+def _rotates_about_gravity(robot: Robot, path: Path) -> bool:
     """Return True for an angle offset that rotates the whole robot about gravity and is therefore not detectable."""
     if path[-1] != "zero" or robot.loops or robot.compensators:
         return False
@@ -328,8 +331,8 @@ def _turns_all(robot: Robot, path: Path) -> bool:
 def local_ratio_std(robot: Robot | None, travel: Mapping[str, float]) -> FloatArray:
     """Return relative std (n_u,) of each gear ratio over a fraction of a revolution, caused by transmission error.
 
-    An error of transmission of 20 arcsec once in a turn of the motor is a slope of 1 % at a ratio of 100; over n turns
-    the mean slope is 1/n of it.  travel: of each motor, rad, link side.  0 of motors whose numbers are at the link.
+    A transmission error of 20 arcsec once per motor revolution is a slope of 1 % at a ratio of 100; over n revolutions
+    the mean slope is 1/n of it.  travel: of each motor, rad, link side.  Ratios of 1 (link-side values) have std 0.
     """
     joints = () if robot is None else robot.driven
     ratios = {f"motor {joint.name}": abs(joint.motor.ratio) for joint in joints if joint.motor is not None}
@@ -338,6 +341,6 @@ def local_ratio_std(robot: Robot | None, travel: Mapping[str, float]) -> FloatAr
 
 
 def with_ratio_std(response: "Response", robot: Robot) -> "Response":
-    """Return the response with its gears' ratios as uncertain as robot.tolerances has them, or exact."""
+    """Return the response with the std of its gear ratios from robot.tolerances; 0 for an exact robot model."""
     within = robot.tolerances.ratio_std / RATIO if isinstance(robot.tolerances, Tolerances) else 0.0
     return replace(response, ratio_std=within * response.ratio_std)

@@ -31,7 +31,7 @@ Posture: TypeAlias = str | Configuration | Sequence[float] | Mapping[str, float]
 class PredictionPorts:
     """Ports, motors and payload of a prediction (`Result.at`).
 
-    payload: None for that of the fitted robot, False for none, or another one.
+    payload: None for the payload of the fitted robot, False for no payload, or another payload.
     """
 
     inputs: tuple[str, ...] = ()
@@ -53,9 +53,9 @@ class PredictionPorts:
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """A fitted robot with its ports, in any posture: equations built once.
+    """A fitted robot with its ports in any posture; its equations are built once.
 
-    robot: with the requested frames and payload.  places: outputs of the linear models.
+    robot: with the requested frames and payload.  places: outputs of the linear models, from which `outputs` follow.
     """
 
     linearisation: Linearisation
@@ -107,7 +107,7 @@ class Family:
 
     @property
     def quantity(self) -> Motion:
-        """Quantity of all outputs: accelerations with an accelerometer among them, else positions unless asked."""
+        """Quantity of all outputs: acceleration with an accelerometer, else as requested, by default position."""
         if not _accelerometers(self.outputs):
             return self.request.quantity or "position"
         if self.request.quantity not in (None, "acceleration"):
@@ -155,7 +155,7 @@ class Family:
             return weights
 
         torques = dict(zip(model.inputs, np.eye(model.n_u, len(rows) + model.n_u, len(rows)), strict=True))
-        # A torque about an axis turns the frame about it.
+        # The row of a force or torque is the row of the motion on which it does work.
         act = np.array([torques[place] if place in torques else row(port_motion(place)) for place in self.inputs])
         outputs = (*self.outputs, *(f"frame {self.frame} {axis}" for axis in FRAME_AXES))
         return Ports(self.inputs, outputs, act, np.array([row(place)[: len(rows)] for place in outputs]))
@@ -174,7 +174,7 @@ class Family:
             q = rigid_posture(self.model, configuration, self.theta)
             controller = gains_of(self.model, q, controller)
         n_u = self.model.n_u
-        return JointLoop.gain_derivatives(controller, lambda part: np.broadcast_to(np.asarray(part, float), n_u))
+        return JointLoop.gain_derivatives(controller, lambda gain: np.broadcast_to(np.asarray(gain, float), n_u))
 
 
 def as_configuration(posture: Posture, robot: Robot, configurations: Sequence[Configuration]) -> Configuration:
@@ -188,10 +188,10 @@ def as_configuration(posture: Posture, robot: Robot, configurations: Sequence[Co
         for name in posture:
             if str(name) not in names:
                 raise StudyError("fit/posture", f"no driven joint {name}; {did_you_mean(str(name), names)}", "posture")
-        if lacking := [name for name in names if name not in posture]:
+        if missing := [name for name in names if name not in posture]:
             raise StudyError(
                 "fit/posture",
-                f"no angle of joint {', '.join(lacking)}; give one for each of {', '.join(names)}",
+                f"no angle of joint {', '.join(missing)}; give one for each of {', '.join(names)}",
                 "posture",
             )
         posture = [float(posture[name]) for name in names]

@@ -22,10 +22,10 @@ from elastid.base.execution import HERE
 from elastid.base.statistics import chi_square_limit
 from elastid.fit.diagnosis.hypothesis import Evidence
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.rank_hypotheses import temper
-from elastid.fit.diagnosis.refit import EvaluatedResponse, evaluate, thinning
+from elastid.fit.diagnosis.rank_hypotheses import drop_variance
+from elastid.fit.diagnosis.refit import EvaluatedResponse, evaluate, line_subset
 from elastid.fit.frf_problem import Assembly, is_distorted_by_friction, is_friction_compensated
-from elastid.fit.problem.frf_residuals import ElasticFit, each_at_home
+from elastid.fit.problem.frf_residuals import ElasticFit, map_chunks
 from elastid.fit.result import Result
 from elastid.fit.result_rows import Presliding
 from elastid.fit.solve.solvers import DAMPING_UNITS, ROUGH, solve
@@ -51,10 +51,10 @@ Springs: TypeAlias = Mapping[RelaxingSpring, tuple[float, float]]  # s, N m/rad,
 
 
 def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
-    """Find presliding springs of motors with friction compensation, or of all motors if V or distortion exceeds noise.
+    """Find relaxing springs at motors: all motors if V or the distortion exceeds the noise, else compensated ones.
 
-    Returns the assembly with springs and its start x (n_x,). Returns None without springs, for references, forces at
-    the tool and load tests, if the noise is unknown, and if another cause has better odds.
+    Returns the assembly with springs and its start x (n_x,). Returns None if no spring is significant or another cause
+    has better odds, for references, forces at the tool and load tests, and without measured noise.
     """
     assembly, result, dof = evidence.assembly, evidence.result, max(evidence.result.cost_dof, 1.0)
     is_large = result.cost > result.cost_expected * chi_square_limit(dof, MAX_P_VALUE) / dof
@@ -63,7 +63,7 @@ def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
     is_explained = evidence.best.explained_fraction > LIMITS.complete_fraction and evidence.is_unexplained
     if assembly.loads is not None or not joints or not result.noise_is_known or is_explained:
         return None
-    # Within the noise a negative spring is an error of the compensation, which the intervals include.
+    # If V is within the noise, a negative spring is an error of the compensation, which the intervals include.
     first = _State.of(assembly, evidence.optimum.end.x, (1, -1) if is_large else (1,))
     last = _with_all(first, joints)
     if not last.springs or _is_rejected(evidence, first, last):
@@ -99,7 +99,7 @@ def _is_rejected(evidence: Evidence, first: "_State", last: "_State") -> bool:
     if scores is None or cause is None:
         return False
     occam = 2 * len(last.springs) * math.log(last.fit.n_residuals)
-    return (drop / last.fraction - cause.drop) * scores.lines / temper(scores) < occam - cause.occam
+    return (drop / last.fraction - cause.drop) * scores.residual_fraction / drop_variance(scores) < occam - cause.occam
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,9 +137,9 @@ class _State:
         return float(np.sum((np.linalg.qr(C.T)[0].T @ r) ** 2))
 
     def starts(self, joint: str) -> list[tuple[RelaxingSpring, float, float]]:
-        """Return a spring with s and a for each starting rate that a linear step in s favours.
+        """Return start values (spring, s, a) at the rates with the largest drops of V by a linear step in s.
 
-        All signs at two rates where the motion is not measured.
+        If the motion of the motor is not measured, all signs at two rates.
         """
         typical, (low, middle) = _torque_per_angle(self.base.responses, f"motor {joint}"), FIRST_FRACTIONS
         if joint not in self._rows[0]:
@@ -163,7 +163,7 @@ class _State:
 
     @cached_property
     def _rows(self) -> tuple[dict[str, FloatArray], FloatArray]:
-        """dr/ds (n_a, N) at the starting rates by joint, without its projection on dr/dx, and r (N,), with priors."""
+        """dr/ds (n_a, N) at the start rates by joint, orthogonal to dr/dx, and r (N,), both with rows of the priors."""
         rows, columns, residuals, rates = [], [], [], _rates(self.base.responses)
         for evaluated in evaluate(self.fit, self.x):
             rows.append(-evaluated.whitened(evaluated.free))
@@ -177,7 +177,7 @@ class _State:
         return {joint: C - (C @ Q) @ Q.T for joint, C in spring_rows.items()}, np.concatenate([*residuals, distance])
 
     def trials(self, joint: str) -> "Iterator[_State]":
-        """Return the states with a spring of another motor, from all starts."""
+        """Yield the fits with a spring at another motor, from all starts; without those whose rate ends at a bound."""
         for spring, stiffness, a in self.starts(joint):
             hypothesis = {**self.springs, spring: (stiffness, a)}
             assembly = with_presliding(self.base, hypothesis)
@@ -195,7 +195,7 @@ class _State:
 
 
 def _with_all(state: _State, joints: Sequence[str]) -> _State:
-    """Add springs motor by motor, by the largest predicted drop, if V falls by more than chance."""
+    """Add springs motor by motor, in order of predicted drop, if the drop of V is significant."""
     by_chance, remaining = chi_square_limit(2, LIMITS.false_alarm_rate), list(joints)
     first = state
     while remaining:
@@ -206,19 +206,19 @@ def _with_all(state: _State, joints: Sequence[str]) -> _State:
         best = min(state.trials(joint), key=lambda trial: trial.cost, default=state)
         state = best if state.cost - best.cost > by_chance * best.cost_ratio else state
     # Residuals of compensated friction are not Gaussian.
-    return state if first.cost - state.cost > LIMITS.drop * state.cost_ratio else first
+    return state if first.cost - state.cost > LIMITS.min_drop * state.cost_ratio else first
 
 
 def _on_line_subset(assembly: Assembly, x: FloatArray) -> tuple[ElasticFit, float]:
     """Return the fit linearised at x (n_x,) on some lines, and their fraction of all residuals."""
     whole = assembly.at(x, assembly.spec.criterion)
-    fit = replace(whole, parts=tuple(each_at_home(thinning(whole, RESIDUALS), whole.parts, assembly.home)), home=HERE)
+    fit = replace(whole, frfs=tuple(map_chunks(line_subset(whole, RESIDUALS), whole.frfs, assembly.home)), home=HERE)
     return fit, fit.n_residuals / max(whole.n_residuals, 1)
 
 
 def _columns(evaluated: EvaluatedResponse, rates: FloatArray) -> Iterator[tuple[str, FloatArray]]:
     """Yield joint and dr/d(stiffness) (n_a, N) for each motor with a measured motion."""
-    kernel, G = evaluated.part.kernel, evaluated.G
+    kernel, G = evaluated.frf.kernel, evaluated.G
     model, s = kernel.model, laplace_variable(kernel.freq_hz[:, None, None])
     for j, motor in enumerate(model.inputs):
         if motor in model.outputs:
@@ -280,18 +280,18 @@ def with_relaxing_springs(parameters: Parameters, springs: Springs, band: tuple[
 
 
 def are_identified(result: Result, springs: Sequence[RelaxingSpring]) -> bool:
-    """Return True if the stiffness of at least one spring has a standard deviation below MOST_STD.
+    """Return True if the stiffness of at least one spring has a standard deviation below MAX_STD.
 
-    The rate of a spring that hardly relaxes, or of a pure damper, is not identifiable.
+    Not the rate: without relaxation, or for a pure damper, the rate is not identifiable.
     """
     std = named(result.parameters.free_names, result.std_of_x)
     return any(std[s.names[0]] < MAX_STD for s in springs)
 
 
 def without_presliding(result: Result, assembly: Assembly, previous: Result) -> Result:
-    """Return the result with springs in `presliding` and as notes, and no longer among its parameters.
+    """Return the result with the springs in `presliding` and in notes instead of among its parameters.
 
-    The covariance of the others includes them.  previous: the result without springs.
+    The covariance of the other parameters includes their uncertainty.  previous: result of the fit without springs.
     """
     springs = assembly.linearisation.presliding
     if not springs:
@@ -305,8 +305,8 @@ def without_presliding(result: Result, assembly: Assembly, previous: Result) -> 
     presliding = tuple(_presliding(result, spring, assembly) for spring in springs)
     parameters = Parameters(tuple(p for p in result.parameters if p.name not in names))
     robot = replace(assembly.linearisation, presliding=())
-    parts = (
-        replace(assembly, parameters=parameters, linearisation=robot).at(rows(result.x), assembly.spec.criterion).parts
+    frfs = (
+        replace(assembly, parameters=parameters, linearisation=robot).at(rows(result.x), assembly.spec.criterion).frfs
     )
     of_x = ("x", "at_bound", "profile95", "bootstrap95", "information_band_hz", "averaging_fraction")
     fields: dict[str, Any] = {name: rows(getattr(result, name)) for name in (*of_x, "persistent_fraction")}
@@ -318,7 +318,7 @@ def without_presliding(result: Result, assembly: Assembly, previous: Result) -> 
         information_fraction=result.information_fraction[:, is_kept],
         starts=tuple(replace(start, x=rows(start.x), x_start=rows(start.x_start)) for start in result.starts),
         indices=tuple(replace(index, effects=rows(index.effects)) for index in result.indices),
-        linear=tuple(part.kernel.model for part in parts),
+        linear=tuple(frf.kernel.model for frf in frfs),
         presliding=presliding,
     )
     has_effect = _has_effect(previous, without)
@@ -355,9 +355,9 @@ def _between_reversals(response: Response, location: str) -> Iterator[float]:
 
 
 def presliding_note(spring: Presliding, exceeds_noise: bool, has_effect: bool) -> Note:
-    """Return the note on a spring: a warning if V exceeds the noise without springs, or if they move k or d.
+    """Return a note on a spring: a warning if V exceeds the noise without springs, or if the springs change k or d.
 
-    A negative spring within the noise is an error of the friction compensation; F_c can still be correct.
+    No warning for a negative spring within the noise: an error of the friction compensation; F_c can still be correct.
     """
     k, a = f"{spring.stiffness:.3g} +- {spring.stiffness_std:.2g}", f"{spring.rate:.3g} +- {spring.rate_std:.2g}"
     text = (

@@ -16,7 +16,7 @@ from elastid.record import Configuration, Motion, Motors
 from elastid.robot import Frame, Payload, Robot
 
 if TYPE_CHECKING:
-    # Equations, which a page does without.
+    # Modules with equations, which a page does not need.
     from elastid.fit.posture import Family, Posture, PredictionPorts
     from elastid.linear.fitted_model import Axes, FittedModel, ModelErrorFactor
 

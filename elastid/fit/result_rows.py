@@ -16,10 +16,10 @@ NO_NUMBERS, NO_TABLE, NO_PAIRS = (partial(np.zeros, shape) for shape in (0, (0, 
 
 @frozen_value
 class RigidPart:
-    """A base, about one axis, that the model takes as rigid.
+    """Rotation of the base about one axis, which the model assumes to be rigid.
 
-    stiffness: typical of such a part.  changes (n,): of the variables of interest for this stiffness.
-    detection_limit: the stiffness from which on no variable leaves its 95 % interval.
+    stiffness: typical value.  changes (n,): of the parameters of interest, in x, for this stiffness.
+    detection_limit: stiffness above which every parameter stays within its 95 % interval.
     """
 
     name: str
@@ -28,7 +28,7 @@ class RigidPart:
     detection_limit: float = labelled("stiffness from which on no interval is left", "N*m/rad")
 
     def most_moved(self, names: Sequence[str]) -> dict[str, float]:
-        """Return the two stiffnesses among `names` (n,) that it moves most, and their relative changes."""
+        """Return the relative changes of the two stiffnesses among `names` (n,) that change most, by name."""
         changes = zip(names, np.expm1(self.changes).tolist(), strict=True)
         stiff = [pair for pair in changes if pair[0].startswith("k") and pair[1]]
         return dict(sorted(stiff, key=lambda pair: -abs(pair[1]))[:2])
@@ -36,10 +36,10 @@ class RigidPart:
 
 @frozen_value
 class Presliding:
-    """Presliding friction of a motor, estimated with the parameters of the fit: a spring that relaxes.
+    """Presliding friction of a motor, estimated as a relaxing spring together with the parameters.
 
-    stiffness: negative of bristles with much damping, and of friction that was compensated too much.  amplitude: motion
-    between two reversals over the presliding distance, about; NaN where no motion is known.
+    stiffness: negative for bristles with high damping, and for overcompensated friction.  amplitude: approximate motion
+    between two reversals over the presliding distance; NaN for unknown motion.
     """
 
     place: str
@@ -60,13 +60,13 @@ class Presliding:
 class ModificationIndex:
     """Fixed numbers of a fit, freed together for one Gauss-Newton step with its parameters.
 
-    name, group: m_arm and `mass`; gain_u_* of a factor that all of them share; payload_arm of mass, centre and inertia.
-    members, values, units: the numbers and their fixed values, SI.  log: whether the step of each is of ln p.
-    steps (n_m,): their changes, limited to plausible values.  std: of the first by the measured noise.
-    drop: of V.  explained_fraction: of the excess of V.  effects (n_x,): implied change of each free parameter, in x.
-    alike: names of others that the data cannot distinguish from it.  place: 0 where it is freed alone; 1, 2, ... in the
-    sequence in which each is freed after those before it, with the further share that it explains.
-    odds: 2 ln of the odds against the likeliest cause.  occam: the part of the odds by freedom and prior of its size.
+    name, group: m_arm and `mass`; gain_u_* for a common factor; payload_arm for mass, centre and inertia of a body.
+    members, values, units: the numbers and their fixed values, SI.  log: True for a step of ln p.
+    steps (n_m,): changes, limited to plausible values.  std: of the first step, by the measured noise.
+    drop: of V.  explained_fraction: of the excess of V.  effects (n_x,): implied changes of the free parameters, in x.
+    alike: names of indistinguishable causes.  place: 0 if freed alone; 1, 2, ... in the sequence of causes, where each
+    is freed in addition to the previous ones and explains a further fraction. odds: 2 ln of the odds relative to the
+    likeliest cause.  occam: contribution of Occam's factor and prior to the odds.
     """
 
     name: str
@@ -87,7 +87,7 @@ class ModificationIndex:
 
     @property
     def changed(self) -> tuple[float, ...]:
-        """Their values after the step, SI."""
+        """Values of the numbers after the step, SI."""
         return tuple(
             value * math.exp(step) if log else value + step
             for value, step, log in zip(self.values.tolist(), self.steps.tolist(), self.log, strict=True)
@@ -99,7 +99,7 @@ class ModificationIndex:
         if not stiff:
             return "", 0.0
         i_max = max(stiff, key=lambda i: abs(float(self.effects[i])))
-        # A larger change of ln k is of a fit that ended far from any robot.
+        # Limit the change of ln k of a fit that diverged.
         return free_names[i_max], math.expm1(min(float(self.effects[i_max]), 50.0))
 
 

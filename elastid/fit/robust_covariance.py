@@ -7,8 +7,8 @@ not independent; blocks longer than the correlation length are.
 .. math:: x_{(i)} - x = (A - A_i)^{-1} g_i, \qquad
           \mathrm{var}\, x = t^2 \frac{Q - 1}{Q} \sum_i (x_{(i)} - \bar x)^2, \qquad A_i = J_i^T J_i,\; g_i = J_i^T r_i
 
-with configuration i left out, and with g_b the pull of the lines of a block, S_b its covariance under the measured
-noise, n the sum of the ranks of S_b:
+where x_(i) is the estimate without configuration i. With g_b the pull of the lines of a block, S_b its covariance under
+the measured noise, and n the sum of the ranks of S_b:
 
 .. math:: \mathrm{var}\, x_i = t^2 \frac{B}{B - 1} \sum_b (A^{-1} g_b)_i^2, \qquad
           T = \frac{1}{n - n_x} \sum_b g_b^T S_b^{+} g_b
@@ -29,18 +29,18 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.statistics import small_sample_factors
-from elastid.fit.problem.frf_residuals import ElasticFit, Part
+from elastid.fit.problem.frf_residuals import ElasticFit, FrfResiduals
 from elastid.fit.problem.least_squares import as_real
-from elastid.fit.problem.systematic_errors import Factor, ratio_errors, with_factors
+from elastid.fit.problem.systematic_errors import Factor, block_with_factors, ratio_errors
 from elastid.fit.problem.weights import Weights, vec
 from elastid.response import Response
 
 
 @dataclass(frozen=True)
 class RatioSums:
-    """Whitened errors V of one configuration by the ratio of each gear j, one standard deviation each.
+    """Products of the whitened errors V of one configuration, each by one standard deviation of a gear ratio.
 
-    joints (n_j,): input and angle of each.  pull (n_j, n_x): V^T J.  power (n_j, n_j): V^T V.  slopes (n_j,): V^T r.
+    joints (n_j,): input and angle.  pull (n_j, n_x): V^T J.  power (n_j, n_j): V^T V.  slopes (n_j,): V^T r.
     """
 
     joints: tuple[tuple[str, float], ...]
@@ -51,18 +51,18 @@ class RatioSums:
 
 @dataclass(frozen=True)
 class LineSums:
-    """Sums of one configuration, n_x variables and F lines; small, since there may be a thousand of them.
+    """Sums of one configuration with F lines over n_x variables z (`sum_lines`), without large arrays.
 
-    rows (n, n_x): rows with the J^T J of its part.  power (F, n_p): contribution of each line to the
+    rows (n, n_x): rows with the J^T J of its frf.  power (F, n_p): contribution of each line to the
     variances of x (n_p,): [A^-1 A_k A^-1]_ii, A_k = J_k^T J_k.  autocovariance (F,): Re sum r_k^* r_{k+l} of
-    its whitened residuals, by lag.  n_residuals: real ones that are not zero.  pull (n_x, F): J_k^T r_k of each line.
+    its whitened residuals, by lag.  n_residuals: nonzero real residuals.  pull (n_x, F): J_k^T r_k of each line.
     blocks (B, n_x): the pulls summed over bands.  noise (n_x, n_x): the covariance of their sum under the measured
     noise, None where none was.  disagreement: of the bands, and its rank (`sum_blocks`).  noise_power: E|r|^2 under it,
     noise_spread: the variance of sum |r|^2 over noise_power, both having scatter, times noise_power^2; both NaN where
     no noise was measured.  noise_dof: complex degrees of freedom behind the noise of a line, inf where it is known
-    exactly or not at all.  model_error_power: sum |r|^2 if every element were off by the floor.  model_error_pull:
-    (output, input, octave) -> J^H r (n_x,) if all lines of the octave were off by the floor times the same complex
-    factor.  ratios: the errors by the ratios of its gears.
+    exactly or not at all.  model_error_power: sum |r|^2 for an error of alpha |G| in every element.  model_error_pull:
+    (output, input, octave) -> J^H r (n_x,) for an error alpha |G| with the same complex factor at all lines of the
+    octave. ratios: errors by the gear ratios.
     """
 
     freq_hz: FloatArray
@@ -83,59 +83,59 @@ class LineSums:
 
     @property
     def cost(self) -> float:
-        """sum |r|^2, this configuration's share of V."""
+        """sum |r|^2, the contribution of this configuration to V."""
         return float(self.autocovariance[0])
 
 
 def triangle(
-    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], chunk: Sequence[tuple[Part, Response, Weights]]
+    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], chunk: Sequence[tuple[FrfResiduals, Response, Weights]]
 ) -> FloatArray:
-    """Return R (n_x, n_x) of J = Q R of some configurations; arguments as `sum_lines`."""
-    blocks = (with_factors(fit, x, factors, part, response, part.mixing)[1:] for part, response, _ in chunk)
+    """Return R (n_x, n_x) of the stacked J = Q R of a chunk of configurations; arguments as `sum_lines`."""
+    blocks = (block_with_factors(fit, x, factors, frf, response, frf.mixing)[1:] for frf, response, _ in chunk)
     return np.asarray(np.linalg.qr(np.vstack([np.linalg.qr(_rows(J), mode="r") @ T.T for J, T in blocks]), mode="r"))
 
 
 def sum_lines(
-    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], half: FloatArray,
-    configuration: tuple[Part, Response, Weights],
+    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], H: FloatArray,
+    configuration: tuple[FrfResiduals, Response, Weights],
 ) -> LineSums:  # fmt: skip
     """Return the sums of one configuration at x (n_p,); fit: whose parameters count.
 
-    factors: of systematic errors, which are further columns of J.  half (n_x, n_p): H with A^-1 = H^T H.  The variables
-    of the sums are z, with x = H^T z, in which A = 1. Variances can differ by 1e8 and more, for example of a scale that
-    only the prior determines and of ratios; sums in x would lose the small ones.
+    factors: of systematic errors, which are further columns of J.  H (n_x, n_p): H with A^-1 = H^T H.  The variables
+    of the sums are z, with x = H^T z, in which A = 1: sums in x would lose small variances, which differ by factors of
+    1e8, for example between a common scale that only the prior determines and ratios.
     """
-    part, response, weights = configuration
-    mixing = part.mixing
-    r, J, chain = with_factors(fit, x, factors, part, response, mixing)
-    # Of z those combinations U^T z that move the residuals of this configuration.
-    U, product = np.linalg.qr(half @ chain)
+    frf, response, weights = configuration
+    mixing = frf.mixing
+    r, J, chain = block_with_factors(fit, x, factors, frf, response, mixing)
+    # Only the combinations U^T z change the residuals of this configuration.
+    U, product = np.linalg.qr(H @ chain)
     J = np.tensordot(product, J, axes=1)
-    T, flat = _whitening(part, mixing), vec(J)
-    errors = T * vec(weights.floor * response.G)[:, None, :]
-    # A sum over lines whose errors are correlated has so many times the variance.
-    together, S, power, spread, dof = response.correlated_lines, None, math.nan, math.nan, math.inf
+    T, flat = _whitening(frf, mixing), vec(J)
+    errors = T * vec(weights.model_error * response.G)[:, None, :]
+    # Errors common to n neighbouring lines multiply the variance of a sum over lines by n.
+    correlated_lines, S, power, spread, dof = response.correlated_lines, None, math.nan, math.nan, math.inf
     noise = weights.noise_covariance()
     if noise is not None and weights.noise is not None:
         S = T @ noise @ T.mT.conj()
         power = float(np.einsum("faa->", S).real)
-        # (1 + repeats) sum_k tr(S_k^2), S = T C~ T^H: of circular errors, and of the covariance measured with them.
+        # (1 + repeats) sum_k tr(S_k^2), S = T C~ T^H: variance by circular errors and by their sample covariance.
         is_exact = weights.noise.smooth is weights.noise.measured
         smooth = S if is_exact else T @ weights.noise.smooth.full() @ T.mT.conj()
         dof = weights.noise.measured.dof
-        together_in_power = max(together, weights.noise.measured.averaging_lines)
-        spread = together_in_power * ((1 + weights.noise.repeats) * float(np.sum(np.abs(smooth) ** 2)))
-        S *= together
+        lines_in_power = max(correlated_lines, weights.noise.measured.averaging_lines)
+        spread = lines_in_power * ((1 + weights.noise.repeats) * float(np.sum(np.abs(smooth) ** 2)))
+        S *= correlated_lines
     rows = _rows(J)
-    power_of_lines = ((rows @ (U.T @ half[:, : len(x)])) ** 2).reshape(len(r), -1, len(x)).sum(axis=1)
+    power_of_lines = ((rows @ (U.T @ H[:, : len(x)])) ** 2).reshape(len(r), -1, len(x)).sum(axis=1)
     residual, n_residuals = r.reshape(len(r), -1), 2 * int(np.count_nonzero(r))
     pull = np.einsum("pfab,fab->pf", J.conj(), r).real
     lags = autocovariance(residual)
     blocks, scatter, statistic = sum_blocks(pull, flat, S, correlation_length([lags], n_residuals))
-    model_error_pull = {key: U @ sums for key, sums in _coherent(response, flat, errors).items()}
-    of_ratios = ratio_errors(part, response, part.theta(fit.parameters, x), mixing)
+    model_error_pull = {key: U @ sums for key, sums in _coherent_gradients(response, flat, errors).items()}
+    of_ratios = ratio_errors(frf, response, frf.theta(fit.parameters, x), mixing)
     error_sums = float(np.sum(np.abs(errors) ** 2)), model_error_pull, _sum_ratios(of_ratios, response, r, J, U)
-    # In z the information of a part is at most 1: squaring it loses no precision.
+    # In z the information of a configuration is at most 1: squaring it loses no precision.
     values, vectors = np.linalg.eigh(rows.T @ rows)
     by_line = response.freq_hz, np.sqrt(np.maximum(values, 0.0))[:, None] * (U @ vectors).T, power_of_lines
     of_z = U @ pull, blocks @ U.T, None if scatter is None else U @ scatter @ U.T
@@ -182,17 +182,19 @@ def correlation_length(autocovariances: Sequence[FloatArray], n_residuals: int) 
     return tau
 
 
-def _whitening(part: Part, mixing: ComplexArray | None) -> ComplexArray:
+def _whitening(frf: FrfResiduals, mixing: ComplexArray | None) -> ComplexArray:
     """Return T (F, m, m), vec column-major: from errors of Ghat to whitened residuals."""
-    t = vec(part.error_gain)
+    t = vec(frf.error_gain)
     if mixing is None:
         return np.asarray(t[:, :, None] * np.eye(t.shape[1]))
-    n_y, n_u = part.measured.shape[1:]
+    n_y, n_u = frf.measured.shape[1:]
     column_by_column = np.arange(n_y * n_u).reshape(n_y, n_u).T.ravel()
     return np.asarray(mixing[:, column_by_column[:, None], column_by_column] * t[:, None, :])
 
 
-def _coherent(response: Response, J: ComplexArray, errors: ComplexArray) -> dict[tuple[str, str, int], ComplexArray]:
+def _coherent_gradients(
+    response: Response, J: ComplexArray, errors: ComplexArray
+) -> dict[tuple[str, str, int], ComplexArray]:
     """Return gradients J^H e (n,) of whitened errors e (F, m, m) for each element, summed over lines by octave.
 
     J (n, F, m): derivatives; vec column-major.
@@ -247,15 +249,15 @@ def sum_blocks(
     return pulls, scatter, (total, rank)
 
 
-def jackknife_variance(line_sums: Sequence[LineSums], half: FloatArray) -> FloatArray:
+def jackknife_variance(line_sums: Sequence[LineSums], H: FloatArray) -> FloatArray:
     """Return variances (n_p,) of x = H^T z, zero for fewer than three configurations.
 
-    half (n_x, n_p): H, with which J^T J of all, priors included, is 1 in the variables z of the sums.
+    H (n_x, n_p): H, with which J^T J of all, priors included, is 1 in the variables z of the sums.
     """
     Q = len(line_sums)
     if Q < 3:
-        return np.zeros(half.shape[1])
-    changes = np.array([_change_without(sums) for sums in line_sums]) @ half
+        return np.zeros(H.shape[1])
+    changes = np.array([_change_without(sums) for sums in line_sums]) @ H
     t = small_sample_factors(Q - 1)
     return np.asarray(t**2 * (Q - 1) / Q * np.sum((changes - changes.mean(axis=0)) ** 2, axis=0))
 
@@ -263,18 +265,18 @@ def jackknife_variance(line_sums: Sequence[LineSums], half: FloatArray) -> Float
 def _change_without(sums: LineSums) -> FloatArray:
     """Return the change of z (n_x,) without a configuration, in directions that the others determine."""
     values, vectors = np.linalg.eigh(np.eye(len(sums.pull)) - sums.rows.T @ sums.rows)
-    is_reached = values > 1e-10  # the others are identified by this configuration alone
+    is_reached = values > 1e-10  # other directions are determined by this configuration alone
     return np.asarray(
         vectors[:, is_reached] @ ((vectors[:, is_reached].T @ sums.pull.sum(axis=1)) / values[is_reached])
     )
 
 
-def block_variance(blocks: Sequence[FloatArray], half: FloatArray) -> FloatArray:
+def block_variance(blocks: Sequence[FloatArray], H: FloatArray) -> FloatArray:
     """Return variances (n_p,) of x = H^T z by the scatter of the pulls of all blocks; zero for fewer than two."""
-    changes = np.concatenate(blocks) @ half
+    changes = np.concatenate(blocks) @ H
     n = int(np.count_nonzero(np.any(changes != 0, axis=1)))
     if n < 2:
-        return np.zeros(half.shape[1])
+        return np.zeros(H.shape[1])
     return np.asarray(small_sample_factors(n - 1) ** 2 * n / (n - 1) * np.sum(changes**2, axis=0))
 
 

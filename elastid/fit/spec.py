@@ -30,7 +30,7 @@ class FactorSpec:
     # fmt: on
 
 
-def find_misnamed(
+def find_unknown_names(
     spec: FactorSpec, names: Mapping[str, Collection[str]]
 ) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
     """Yield key path, noun and name of each unknown name in a factor.  names: existing names by key.

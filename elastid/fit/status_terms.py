@@ -4,13 +4,13 @@ from typing import Literal, TypeAlias
 
 from elastid.response import UNEXPLAINED
 
-# misfit: the model explains most of the response, but is wrong by more than the intervals of its noise.
-# model_error: an optimum was found, but the model there explains less than half of the response that was measured.
+# misfit: the model explains most of the response, but its error exceeds the intervals by noise.
+# model_error: the model at the optimum explains less than half of the measured response.
 Status: TypeAlias = Literal[
     "converged", "noise_unknown", "at_bound", "misfit", "not_converged", "ill_conditioned", "model_error"
 ]
 
-# Limit of the residuals over noise and declared model error; of those over the noise, a larger model error is large.
+# Limit of the ratio of residuals to noise and declared model error, and of residuals to noise.
 LARGE = 1.5
 
 # The meaning for the parameters; after the full stop the next action.
@@ -31,7 +31,7 @@ MEANING: dict[Status, str] = {
 # Meaning of a misfit whose residuals are consistent with the noise.
 CONTRADICTED = "the data contradict a value of the robot model. Correct or estimate the value, and fit again"
 
-# Code of the note on errors of fixed numbers that no residual shows.
+# Code of the note on undetectable errors of fixed values.
 FIXED_VALUES = "fit/fixed-values"
 
 # Codes of notes on causes of model errors: two sentences each, the cause and its remedy.
@@ -40,7 +40,7 @@ CAUSES = (
     "fit/prior-contradicted", "fit/tolerances",
 )  # fmt: skip
 
-# Codes of notes on a fit and its responses that effects of gears answer.
+# Codes of notes whose cause gear effects can be.
 CODES_WITH_CAUSE = ("fit/likely-cause", "fit/profile", UNEXPLAINED)
 
 NO_CAUSE = "no tested cause explains the residuals above the noise"
@@ -56,7 +56,7 @@ OTHER_AMPLITUDE = (
     "to |G| change, the cause is nonlinear; otherwise it is linear, for example a missing elastic joint"
 )
 
-# Verdicts on a parameter; one on a biased parameter begins so, and its reason follows.
+# Verdicts on a parameter; BIASED is followed by the reason.
 GOOD, BY_PRIOR, AT_BOUND, BIASED = "good", "dominated by the prior", "at its bound", "biased"
 
 UNCERTAIN = "weakly identifiable: std above 50 %"

@@ -8,13 +8,13 @@ number of correlated lines.  At each line with input power, relative to |G|,
           \beta^2 = \max\left(0, \left\langle \min\left(1, \frac{|\Delta|^2}{|G|^2}\right)
           - \min\left(1, \frac{\sigma^2 + \sigma_l^2}{|G|^2}\right) \right\rangle\right)
 
-and the mean of the roots of epsilon, squared, is the error of the candidate: in their mean square lines beyond the
-excited band would outweigh all others, while their geometric mean would forgive a lost antiresonance.
+and the error of the candidate is (mean sqrt(epsilon))^2. A mean square would be dominated by lines beyond the excited
+band; a geometric mean would neglect a lost antiresonance.
 
-beta is for segments alone: sigma^2, their noise, lacks the bias by leakage, a start from rest and noise in a loop.
-Delta is the difference to the local rational method, whose model holds the start from rest, and whose variance
-sigma_l^2 holds the error of its model.  Noise that both share makes Delta smaller, so that noise alone is no bias; <>
-is a mean over neighbouring lines.  A mean over periods has a transient in its scatter.
+beta applies to segments only: their noise variance sigma^2 lacks the bias by leakage, initial transients and feedback
+of noise. Delta: difference to the local rational method, which models the transient and whose variance sigma_l^2
+includes the model error. Common noise makes Delta smaller, so that noise alone is no bias. <>: mean over neighbouring
+lines. The scatter of a mean over periods includes a transient.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,25 +37,25 @@ from elastid.response import Response
 class AutomaticLimits:
     """Limits of the choice.
 
-    With them the automatic choice has at most 1.5 times the error of the best method on ten kinds of record, at 10 to
-    50 dB (`scripts/studies/results.csv`).
+    With them the error of the automatic choice is at most 1.5 times the error of the best method, for ten kinds of
+    records with 10 to 50 dB (`scripts/studies/results.csv`).
     """
 
-    lines: int = 128  # of the preview of a local method, for its time
-    min_power_fraction: float = 1e-4  # of the strongest line's input power, below which a line does not count
-    margin: float = 1.5  # by which a local method must be better than a mean of periods, or where it takes long
-    long_lines: int = 50_000  # take a local method about half a minute for one input
-    long_values: int = 200_000  # of G: beyond, a local method is no candidate for so many lines
-    periods: int = 6  # of a log, below which their scatter may not show a transient
-    elements: int = 9  # of G, beyond which a local method is not tried on its scatter alone
-    scatter: float = 0.03  # stated error of a mean, below which a transient in it does no harm
+    lines: int = 128  # largest number of lines in the preview of a local method
+    min_power_fraction: float = 1e-4  # input power of a line relative to the strongest line, below which it is ignored
+    margin: float = 1.5  # least ratio of the errors for a local method that competes with a mean or takes long
+    long_lines: int = 50_000  # number of lines for which a local method takes half a minute per input
+    long_values: int = 200_000  # number of values of G above which no local method is tried for `long_lines`
+    periods: int = 6  # number of periods below which their scatter may not show a transient
+    elements: int = 9  # number of elements of G above which a large scatter alone does not suggest a transient
+    scatter: float = 0.03  # relative error of a mean below which a transient is negligible
 
 
 LIMITS = AutomaticLimits()
 
 
 def method_choice(method: Method, reason: str) -> tuple[Method, tuple[Note, ...]]:
-    """Return a method and the note on it."""
+    """Return a method, and a note with the reason."""
     text = f"the FRF is estimated by the method {method}, because {reason}"
     return method, (Note("frf/method", text, severity="information"),)
 
@@ -65,8 +65,8 @@ def choose_by_error(
 ) -> tuple[Method, tuple[Note, ...]]:
     """Return `method`, or local_rational if its stated error times `margin` is smaller, and a note with both errors.
 
-    preview: G of local_rational at some of its lines.  If one method rejects the records, the other one is chosen;
-    raises the DataError of `method` if both do.
+    candidate: response by `method`.  preview: response by local_rational on a subset of lines.  If one method rejects
+    the records, the other method is chosen; raises the DataError of `method` if both do.
     """
     try:
         local = preview()
@@ -91,9 +91,9 @@ def choose_by_error(
 
 
 def relative_errors(response: Response, local: Response, has_bias: bool) -> tuple[float, float, float]:
-    """Return relative errors of a response and of local_rational at some of its lines, and their resolution, Hz.
+    """Return the relative errors of `response` and `local` (local_rational on a subset of lines), and B in Hz.
 
-    has_bias: True for segments; the scatter of periods shows a transient, and a local method has it in its model.
+    has_bias: True for segments, whose noise variance lacks the bias.
     """
     b, b_l = (float(np.median(np.diff(G.freq_hz))) * G.correlated_lines for G in (response, local))
     inside = (local.freq_hz >= response.freq_hz[0]) & (local.freq_hz <= response.freq_hz[-1])
@@ -102,7 +102,7 @@ def relative_errors(response: Response, local: Response, has_bias: bool) -> tupl
     G, variance_l = interpolate(local.freq_hz, response.freq_hz, response.G), _variance(local)
     line_variance = response.noise.variance if has_bias and response.noise is not None else _variance(response)
     variance = interpolate(local.freq_hz, response.freq_hz, line_variance)
-    # |G|^2 of both, each by its weight.
+    # |G|^2: mean of both responses with inverse-variance weights.
     weight, weight_l = (1 / np.maximum(x, 1e-300) for x in (variance, variance_l))
     power = (np.abs(G) ** 2 * weight + np.abs(local.G) ** 2 * weight_l) / (weight + weight_l)
 
@@ -119,10 +119,10 @@ def _mean_root(squares: FloatArray) -> float:
     return float(np.mean(np.minimum(1.0, squares) ** 0.25) ** 2)
 
 
-def may_hold_transient(records: Sequence[Record], response: Response) -> bool:
-    """Return True for logs that start with a detected transient, or have too few periods to detect it and scatter.
+def may_have_transient(records: Sequence[Record], response: Response) -> bool:
+    """Return True if a transient was detected, or if few periods with large scatter may contain one.
 
-    False for large logs: a local method needs the whole log in memory, and much time if G has many elements.
+    False for large logs, because a local method needs the whole log in memory.
     """
     if any(RecordSpectra(record).is_large for record in records):
         return False
@@ -140,9 +140,9 @@ def _has_power(response: Response) -> BoolArray:
 
 
 def within_excitation(response: Response) -> Response:
-    """Return the response of motors without the lines above those that were excited.
+    """Return a response to motors without the lines above the excited band.
 
-    There a motor moves by noise that its controller feeds back, and G = Y / U is that of the controller: -1 / C.
+    There a motor follows the noise that its controller C feeds back, and G = Y / U is -1 / C.
     """
     lines = np.arange(response.n_lines)
     last = int(lines[_has_power(response)][-1])

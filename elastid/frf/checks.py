@@ -1,13 +1,13 @@
-r"""Checks of records around an estimate: they fit together, inputs are separate, and hits of a hammer are whole.
+r"""Checks of the records of an estimate: consistency, independent inputs, scatter, and hits of a hammer.
 
-The weakest combination of inputs, each relative to its noise S = diag(sigma_u), must stand out by `MIN_SNR`:
+The weakest combination of inputs, relative to their noise S = diag(sigma_u), must exceed `MIN_SNR`:
 
 .. math:: \lambda_{min}(S^{-1} U U^H S^{-1}) / E > 4
 
-Dividing by it biases G by a part exp(-power / noise): 2 % where it stands out least.
+Dividing by it biases G by a fraction exp(-power / noise), 2 % at this limit.
 
-A channel without a period is a hammer's where its force is far from 0 in a few samples only.  Pulses are runs of
-samples beyond a tenth of the largest one; two within 0.15 s are one hit that bounced.
+The input of a record without a period is the force of a hammer if it differs from its median in few samples only.
+Pulses are runs of samples above a tenth of the largest deviation; two pulses within 0.15 s are a double hit.
 """
 
 import math
@@ -27,22 +27,21 @@ from elastid.record import Record
 from elastid.response import Response
 
 # Thresholds of the checks.
-CLOCK_DIFFERENCE = 1e-4  # of logs, relative, up to which their lines are the same ones
-MIN_POWER_RATIO = 1e-12  # of the weakest to the strongest combination of inputs, below which rounding decides
-# Power of a record's errors over that of the others, at the median line; 2.0 at most in 44 clean sets.
-MAX_ERROR_RATIO = 4.0
-MAX_SCATTER = 0.3  # of the mean over realisations, relative to |G| at the median of elements and lines
-MIN_TIMES_NOISE = 10.0  # of that scatter over the noise of the periods, below which it may be noise or friction
-REPEAT_DIFFERENCE = 0.2  # of the inputs of two records, relative, below which they are repeats of each other
-PHASE_LINES = 64  # evenly taken, that show phases as well as all
-PULSE_START = 0.1  # of the largest sample, where a pulse begins
-PULSE_FRACTION = 0.02  # of samples of a hammer's force in pulses, at most
-PULSE_SAMPLES = 20_000  # evenly taken, of which twice as many in pulses are another force's
-BOUNCE_S = 0.15  # between two pulses of one hit, at most
-CLIPPED_RUN = 3  # samples at exactly the limit of a channel
+CLOCK_DIFFERENCE = 1e-4  # relative difference of sampling rates, up to which logs have the same lines
+MIN_POWER_RATIO = 1e-12  # of the weakest to the strongest combination of inputs, by rounding errors
+MAX_ERROR_RATIO = 4.0  # error power of a record relative to the others, median over lines; 2.0 in 44 clean sets
+MAX_SCATTER = 0.3  # std of the mean over realisations relative to |G|, median over elements and lines
+MIN_TIMES_NOISE = 10.0  # ratio of this std to the noise of the periods, below which noise or friction can cause it
+REPEAT_DIFFERENCE = 0.2  # relative difference of two inputs, below which they are repeats
+PHASE_LINES = 64  # number of evenly spaced lines for the comparison of phases
+PULSE_START = 0.1  # sample at which a pulse begins, relative to the largest one
+PULSE_FRACTION = 0.02  # largest fraction of samples in pulses for a hammer's force
+PULSE_SAMPLES = 20_000  # number of evenly spaced samples of the first test
+BOUNCE_S = 0.15  # longest time between the pulses of a double hit
+CLIPPED_RUN = 3  # least number of successive samples at the limit of an overloaded channel
 
 
-def refuse_mismatch(records: Sequence[Record]) -> None:
+def check_consistency(records: Sequence[Record]) -> None:
     """Raise DataError without records, or if the records of a configuration are inconsistent."""
     if isinstance(records, Record):
         raise TypeError("records is a single Record. Give a sequence, such as [record]")
@@ -66,9 +65,10 @@ def refuse_mismatch(records: Sequence[Record]) -> None:
 
 
 def check_number_of_periods(groups: Sequence[Sequence[Record]], method: str) -> None:
-    """Raise DataError if a record has less than two periods, and so no noise estimate, or experiments are too few.
+    """Raise DataError if a record has fewer than two periods, or there are fewer experiments than inputs.
 
-    groups: the records by realisation, each of which needs as many as there are inputs, but for a method that pools.
+    groups: records by realisation.  `arithmetic` needs as many experiments as inputs in each realisation, other methods
+    in all of them.
     """
     first = groups[0][0]
     n_u = len(first.inputs)
@@ -94,18 +94,18 @@ def check_number_of_periods(groups: Sequence[Sequence[Record]], method: str) -> 
 
 
 def separable_lines(data: MeanSpectra, groups: Sequence[Sequence[Record]], method: str) -> BoolArray:
-    """Return flags (F,) of lines with separate inputs, per realisation if averaged, else in all; DataError if none."""
+    """Flag lines (F,) with independent inputs, in each realisation for `arithmetic`, else in all; DataError if none."""
     if method == "arithmetic":
         return np.asarray(np.all(list(starmap(_separates_inputs, zip(data.blocks, groups, strict=True))), axis=0))
     block, R = data.all_experiments, data.all_experiments.R
-    if method == "joint" and R is not None:  # what the instruments explain of U; twice the level, as lines are pooled
+    if method == "joint" and R is not None:  # U projected on the instruments, and its noise
         _, n_u, E = block.U.shape
         block = replace(block, U=block.U @ np.linalg.pinv(R) @ R, input_noise=MIN_SNR * n_u / E * block.input_noise)
     return _separates_inputs(block, groups[0])
 
 
 def _separates_inputs(block: Block, group: Sequence[Record]) -> BoolArray:
-    """Return flags (F,) of lines where every combination of the inputs stands out of the noise; DataError if none."""
+    """Flag lines (F,) where every combination of the inputs exceeds the noise; DataError if none."""
     E = block.U.shape[2]
     squares = squared_magnitude(block.U).sum(axis=2) / E
     power = np.mean(squares, axis=0)
@@ -113,7 +113,7 @@ def _separates_inputs(block: Block, group: Sequence[Record]) -> BoolArray:
     noise = smoothed_noise(np.mean(1 / block.periods) * block.input_noise, block.dof)
     min_power = np.maximum(MIN_SNR * noise, MIN_POWER_RATIO * np.outer(squares @ (1 / power), power))
     min_power = np.maximum(min_power, np.finfo(float).tiny)
-    is_separated = _surely_separated(block, min_power)
+    is_separated = _has_small_inverse(block, min_power)
     ratio = singular_values(block.U[~is_separated] / np.sqrt(min_power[~is_separated])[:, :, None]) ** 2 / E
     is_separated[~is_separated] = ratio[:, -1] > 1
     if not is_separated.any():
@@ -129,10 +129,10 @@ def _separates_inputs(block: Block, group: Sequence[Record]) -> BoolArray:
     return is_separated
 
 
-def _surely_separated(block: Block, min_power: FloatArray) -> BoolArray:
-    """Return flags (F,) of lines where the norm of the inverse, needed anyway, bounds the weakest combination.
+def _has_small_inverse(block: Block, min_power: FloatArray) -> BoolArray:
+    """Flag lines (F,) where the Frobenius norm of the inverse proves that the inputs are independent.
 
-    sigma_n(A) >= 1 / |A^-1| in the norm of Frobenius; min_power (F, n_u): squares that count as 1.
+    sigma_n(A) >= 1 / |A^-1|, and the inverse is needed anyway.  min_power (F, n_u): unit of the squared inputs.
     """
     try:
         return np.asarray(np.einsum("feu,fu->f", squared_magnitude(block.W), min_power) * block.U.shape[2] < 1)
@@ -155,12 +155,12 @@ def repeated_phase_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Reco
 
 
 def inconsistency_notes(data: MeanSpectra, groups: Sequence[Sequence[Record]]) -> list[Note]:
-    r"""Return a note on a record whose realisation the others contradict, M >= 3 of them, by far more than each other.
+    r"""Return a note on the record that deviates most from the other realisations, for M >= 3 realisations.
 
-    With G_m = sum_{j != m} Y_j U_j^H (sum_{j != m} U_j U_j^H)^-1 an experiment outside has the error D = Y - G_m U, of
-    1 + n_u / K times the variance where those inside, K of them, have 1 - n_u / K; each element of D over that of
-    those inside, at the median of lines and outputs.  Those inside have at least the noise of the periods: a slow
-    disturbance leaks into all lines of a record at once, and few records may have little of it by chance.
+    With G_m = sum_{j != m} Y_j U_j^H (sum_{j != m} U_j U_j^H)^-1 from K other experiments, the error D = Y - G_m U has
+    1 + n_u / K times the noise variance for realisation m, and 1 - n_u / K times for the others. The ratio of both is
+    compared at the median of lines and outputs. The error of the others is at least the noise of the periods, because
+    a slow disturbance affects all lines of a record, and can be small in few records by chance.
     """
     blocks = data.blocks
     n_u, K = blocks[0].U.shape[1], sum(block.U.shape[2] for block in blocks[1:])
@@ -179,7 +179,7 @@ def inconsistency_notes(data: MeanSpectra, groups: Sequence[Sequence[Record]]) -
 
 
 def scatter_notes(response: Response) -> list[Note]:
-    """Return a note if realisations scatter much more than the noise of their periods: not one response."""
+    """Return a note if realisations scatter so much more than periods that they have different responses."""
     if response.total is None or response.noise is None:
         return []
     total, noise = (
@@ -212,7 +212,7 @@ def _relative_power(data: MeanSpectra, m: int) -> FloatArray:
 
 
 def pulses(u: FloatArray) -> IntArray | None:
-    """Return first sample and end (n, 2) of each pulse of a hammer's force (N,); None for a force of another kind."""
+    """Return the first sample and the end (n, 2) of each pulse of a hammer's force u (N,); None for other inputs."""
     samples = u[:: -(-len(u) // PULSE_SAMPLES) or 1]
     middle = np.median(samples)
     largest = max(u.max(initial=0.0) - middle, middle - u.min(initial=0.0))
@@ -248,7 +248,7 @@ def hit_notes(record: Record) -> Iterator[Note]:
     for name, y in zip(record.outputs, record.y.T, strict=True):
         ends = (y.max(), y.min()) if overloads and np.ptp(y) > 0 else ()
         visits = sum(len(runs(y == end, CLIPPED_RUN)) for end in ends)
-        overloads |= {name: visits} if visits > 1 else {}  # one alone may be rest
+        overloads |= {name: visits} if visits > 1 else {}  # a single run can be zero motion
     if names := [f"{name} ({count} times)" for name, count in overloads.items() if count]:
         text = (
             f"overloaded at {', '.join(names)}, which biases magnitude and damping. Hit more softly, or choose a "

@@ -1,29 +1,30 @@
-r"""Nonlinear distortion at lines that were not excited, its level at the excited ones, and its bias by dry friction.
+r"""Nonlinear distortion at detection lines and at excited lines, and the bias of G by dry friction.
 
-An odd multisine (odd lines only) leaves even nonlinearities to the even lines; where single odd lines are left out,
-those show the odd ones.  Under feedback a distorted y moves u as well; the linear path is removed by
+With an odd multisine (odd lines only), even nonlinearities appear at the even lines and odd nonlinearities at excluded
+odd lines.  With feedback, distortion of y also appears in u; the linear response to u is removed by
 
 .. math:: Y_c = Y - \hat G U
 
-with G between its lines by linear interpolation. (Pintelon and Schoukens, System Identification, 2nd ed., chapter 4.)
-A carrier on an even line mixes both kinds.
+with G interpolated linearly between its lines. (Pintelon and Schoukens, System Identification, 2nd ed., chapter 4.)
+A superimposed slow motion on an even line mixes both kinds.
 
-To first order Coulomb friction F sgn(v) is the viscous friction 2 F p(0) of a Gaussian velocity v with density p
-(Bussgang), which a fit finds, and a distortion s without correlation to v. But s moves the motor, through its mobility
-y, and so the moments at which v changes its sign. By Price's theorem this adds to the torque per velocity, up to a
-constant,
+For a Gaussian velocity v with density p, Coulomb friction F sgn(v) is to first order a viscous friction 2 F p(0)
+(Bussgang), which a fit identifies, and a distortion uncorrelated with v. To second order the distortion acts on the
+velocity through the mobility y, which shifts the reversals. By Price's theorem this adds to the torque per velocity, up
+to a constant,
 
 .. math:: \delta Z(\omega) = -4 F^2 \int_0^\infty y(\tau)\, [p_2(\tau) - p(0)^2]\, (e^{-j \omega \tau} - 1)\, d\tau,
           \qquad \delta G = -G e_j\, \delta Z\, e_j^T G
 
-p_2(tau): density of (v(t), v(t - tau)) at (0, 0), which falls as 1 / tau; a slow carrier c(t) moves both densities, and
-their means over t count. delta Z rises with frequency as a mass and a loss do: stiffness and damping absorb some of it.
-It is the same in all configurations. 2 F p(0) is not: where the arm moves less, it is more; a fit that shares one
-viscous friction between configurations lacks the difference, some MIN_OWN_CHANNEL_FRACTION of it.
+p_2(tau): density of (v(t), v(t - tau)) at (0, 0), proportional to 1 / tau for small tau. With a superimposed slow
+motion c(t), p(0) and p_2 are means over t. delta Z increases with frequency like a mass and a loss, so that stiffness
+and damping absorb some of it. It is the same in all configurations, but 2 F p(0) is larger in configurations with less
+motion. A fit with one viscous friction for all configurations has an error of about FIRST_ORDER_FRACTION of it.
 
-F^2 is the distortion's power over that of sgn(v) less its linear part, both as torques at the motor. Sizes are right
-to about a third up to F of 0.3 rms torques, phases of delta Z to some MAX_ROTATED_FRACTION rad. Other nonlinearities
-than Coulomb friction may cause the distortion. A fit uses the sizes as standard deviations of factors and j delta Z.
+F^2: power of the distortion over the power of sgn(v) without its linear part, both as torques at the motor. Its
+accuracy is about a third for F up to 0.3 rms torques; the phase error of delta Z is about QUADRATURE_FRACTION rad.
+Nonlinearities other than Coulomb friction can also cause the distortion. Therefore a fit uses delta G as standard
+deviations of factors, with a further factor of j delta Z.
 """
 
 from collections.abc import Sequence
@@ -45,9 +46,10 @@ from elastid.response import SYSTEMATIC_ERRORS, LineAmplitudes
 
 @dataclass(frozen=True)
 class DetectionLines:
-    """Amplitudes at the even and at the odd detection lines; excess (K_odd, n_y, n_y): mean Y_c Y_c^H less its noise.
+    """Amplitudes at the even and odd detection lines, and the distortion covariance at the odd ones.
 
-    odd_lines (K_odd,): DFT lines of excess; count: its experiments.
+    odd_lines (K_odd,): DFT lines.  excess (K_odd, n_y, n_y): mean of Y_c Y_c^H over `count` experiments minus its
+    noise.
     """
 
     even: LineAmplitudes | None
@@ -67,7 +69,7 @@ def detection_lines(lines: IntArray, half_wave: bool) -> IntArray:
 def detect(
     detection: IntArray, lines: IntArray, spacing_hz: float, G: ComplexArray, data: MeanSpectra
 ) -> DetectionLines:
-    """Return distortion at the detection lines (K,) of the data, G (F, n_y, n_u) being known at lines (F,)."""
+    """Return the distortion at the detection lines (K,) of the data; G (F, n_y, n_u) at the excited lines (F,)."""
     every, G_k = data.all_experiments, interpolate(detection, lines, G)
     Y_c = every.Y - G_k @ every.U
     C_V = equation_error(data, G_k)
@@ -87,30 +89,28 @@ def detect(
 def fast_total_error(
     detection: DetectionLines, lines: IntArray, noise_cov: ComplexArray, dof: int
 ) -> tuple[ComplexArray, float] | None:
-    """Return C_T (F, n_y, n_y) of one experiment at the excited lines (F,) and its dof, from near odd detection lines.
+    """Return C_T (F, n_y, n_y) of one experiment at the excited lines (F,), and its dof, from odd detection lines.
 
-    One realisation is enough (the fast method): a random grid distorts excited and left-out odd lines equally.
-    Not so the noise, which at the inputs follows the resonances: noise_cov (F, n_y, n_y), of `dof`, is each line's own.
-    None where too few odd lines were left out.
+    The fast method: with a random grid the distortion is equal at excited and excluded odd lines, so that one
+    realisation is enough. The noise differs, because input noise follows the resonances: noise_cov (F, n_y, n_y), with
+    `dof`, is estimated at each line.  None with too few odd detection lines.
     """
     n_y, K = detection.excess.shape[1], len(detection.odd_lines)
     window = max(3, -(-2 * n_y // detection.count))
-    # Odd lines that are left out on purpose are at least a tenth of the excited ones.
+    # In a random odd grid at least a tenth of the odd lines is excluded.
     if max(window, 0.1 * len(lines)) > K:
         return None
     first = np.clip(np.searchsorted(detection.odd_lines, lines) - window // 2, 0, K - window)
     sums = np.concatenate([np.zeros((1, n_y, n_y)), np.cumsum(detection.excess, axis=0)])
-    distortion_cov = positive((sums[first + window] - sums[first]) / window)  # without what is negative by chance
+    distortion_cov = positive((sums[first + window] - sums[first]) / window)  # without negative eigenvalues
     powers = [float(np.einsum("fii->", covariance).real) for covariance in (noise_cov, distortion_cov)]
     spread = powers[0] ** 2 / dof + powers[1] ** 2 / (window * detection.count)
     return noise_cov + distortion_cov, sum(powers) ** 2 / spread if spread > 0 else float(dof)
 
 
-# Share of the second order that is turned by a quarter of a circle: its phase differs from the prediction by 0.3 to 0.4
-# rad in many realisations, in one direction.
-MAX_ROTATED_FRACTION = 0.35
-# Share of the equivalent viscous friction by which configurations differ.
-MIN_OWN_CHANNEL_FRACTION = 0.2
+# Fraction of the second order with 90 degrees phase shift: the phase error is 0.3 to 0.4 rad in many realisations.
+QUADRATURE_FRACTION = 0.35
+FIRST_ORDER_FRACTION = 0.2  # of the equivalent viscous friction, difference between configurations
 
 
 def friction_bias(
@@ -124,11 +124,11 @@ def friction_bias(
 ) -> ComplexArray | None:
     """Return delta G (3, n_u, F, n_y, n_u) due to the friction of each input's motor, zero without friction.
 
-    First the second order and what it may be turned by, which configurations share, then the part of the first order
-    that each has by itself.
-    G (F, n_y, n_u) at DFT lines (F,), in `quantity`.  error, noise (F, n_y, n_y): of Y - G U in one experiment, by
-    noise and distortion, of dof complex degrees of freedom, and by noise alone.  None where nothing exceeds the noise,
-    or a motor's own motion was not logged.
+    The three errors are the second order, its quadrature component (both common to all configurations), and the first
+    order of this configuration.
+    G (F, n_y, n_u) at DFT lines (F,), in `quantity`.  error, noise (F, n_y, n_y): covariance of Y - G U in one
+    experiment, by noise and distortion with dof complex degrees of freedom, and by noise alone.  None without
+    significant distortion, or if the motion of a motor was not logged.
     """
     first = spectra[0][0].record
     if first.half_wave or any(location not in first.outputs for location in first.inputs):
@@ -143,7 +143,7 @@ def friction_bias(
     distortion = torque_error - torque_noise
     weight = 1 / (torque_noise + torque_error.mean(axis=0)) ** 2
     scatter = np.sqrt(np.sum((weight * torque_error) ** 2, axis=0) / dof)
-    # Below three standard deviations over all lines the second order is lost in the noise as well.
+    # With less than three standard deviations over all lines the second order is also insignificant.
     is_distorted = np.sum(weight * distortion, axis=0) > 3.0 * scatter
     if not is_distorted.any():
         return None
@@ -158,8 +158,8 @@ def friction_bias(
         density, second = unit_impedance(V[:, :, j], mobility, lines, first)
         twice = -G[:, :, j, None] * G[:, rows[j], None, :] * omega[:, None, None] ** (1 - MOTION_ORDER[quantity])
         bias[0, j] = F_squared * second[:, None, None] * twice
-        bias[1, j] = MAX_ROTATED_FRACTION * 1j * bias[0, j]
-        bias[2, j] = MIN_OWN_CHANNEL_FRACTION * 2 * np.sqrt(F_squared) * density * twice
+        bias[1, j] = QUADRATURE_FRACTION * 1j * bias[0, j]
+        bias[2, j] = FIRST_ORDER_FRACTION * 2 * np.sqrt(F_squared) * density * twice
     return bias
 
 
@@ -172,7 +172,7 @@ def unit_impedance(
     """
     N, rate_hz = record.period_samples, record.rate_hz
     step = max(1, int(N / (16 * lines[-1])))  # 16 lags in a period of the highest line
-    # A period of the lowest line; after half of the record's own, odd lines repeat with the other sign.
+    # Lags up to a period of the lowest line; after half a period of the record odd lines repeat with inverse sign.
     lag = np.arange(0, int(N / lines[0]) + 1 if lines[0] > 1 else N // 2, step)
     y = _step_response(mobility, lines, N)[lag] * rate_hz
     moving = np.arange(V.shape[1]) >= lines[0]
@@ -188,7 +188,7 @@ def unit_impedance(
         joint[i] = np.mean(np.exp(-exponent)) / (2 * np.pi * variance * np.sqrt(innovation)) - p_0**2
     kernel = joint * y
     difference = np.exp(-2j * np.pi * np.outer(lines / N, lag)) - 1
-    # At lag 0 the product of a density that grows as 1 / tau and of -j omega tau is finite.
+    # At lag 0 the product of the density, proportional to 1 / tau, and of -j omega tau is finite.
     start = -2j * np.pi * lines / N * lag[1] * kernel[1]
     return float(p_0), np.asarray(-4 * (difference @ kernel + start / 2) * step / rate_hz)
 
@@ -199,7 +199,7 @@ def _velocities(records: Sequence[RecordSpectra], rows: Sequence[int], lines: In
     k = np.arange(first.period_samples // 2 + 1)
     omega = 2j * np.pi * k * first.rate_hz / first.period_samples
     order = np.array([1 - MOTION_ORDER[first.quantities[row]] for row in rows])
-    # Above four times the highest line an encoder's noise would decide the sign of the velocity.
+    # Above four times the highest line the noise of an encoder would determine the sign of the velocity.
     gain = np.where((k <= 4 * lines[-1])[:, None], omega[:, None] ** order, 0.0)
     V, N = [], first.period_samples
     for y, P in ((spectrum.record.y, spectrum.record.n_repeats) for spectrum in records):

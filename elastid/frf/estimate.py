@@ -1,11 +1,11 @@
 r"""Frequency responses from records, with or without a period: G (F, n_y, n_u) with its covariances.
 
-And the motion of the motors in these records, with the feedback of the controller in it,
+The response also contains the motion of the motors in these records, with the feedback of their controllers,
 
 .. math:: u - r = -\Big( \frac{F_0}{s} + F_1 + F_2 s \Big) q_m
 
-at lines where r is known: all that move where it was recorded, else those between the excited lines. That covers PD
-controllers, PID, and the cascades of robots; F is found by least squares.
+estimated by least squares at all lines with motion if r was recorded, else at lines between the excited ones, where r
+is 0. The model covers PD and PID controllers and the cascades of robots.
 """
 
 from collections.abc import Sequence
@@ -21,12 +21,12 @@ from elastid.base.fourier import real_dft
 from elastid.base.matrices import power, squared_magnitude
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.automatic import LIMITS as AUTOMATIC
-from elastid.frf.automatic import choose_by_error, may_hold_transient, method_choice, within_excitation
+from elastid.frf.automatic import choose_by_error, may_have_transient, method_choice, within_excitation
 from elastid.frf.checks import (
+    check_consistency,
     check_number_of_periods,
     hit_notes,
     inconsistency_notes,
-    refuse_mismatch,
     repeated_phase_notes,
     scatter_notes,
     separable_lines,
@@ -61,31 +61,27 @@ from elastid.record import MOTION_ORDER, Record
 from elastid.response import MotorMotion, Response
 
 LOCAL = ("local_polynomial", "local_rational")
-MAX_AVERAGING_LINES = 1024  # of which `averaging_lines` are found
-# Lines with less than this part of the motion's power are noise, or move no posture.
-_MIN_LINE_FRACTION = 1e-5
-_LEAST_RECORDS = 6  # that show the motion, where there are more
-_MOST_LINES = 128  # that are kept, or from which the feedback is found
-# Part of the power of u - r that the feedback must explain; noise alone is explained by less.
-_MIN_EXPLAINED = 0.5
+MAX_AVERAGING_LINES = 1024  # number of lines for the estimation of `averaging_lines`
+_MIN_LINE_FRACTION = 1e-5  # power of a line relative to the motion, below which it is neglected
+_MIN_RECORDS = 6  # number of records from which the motion is computed, if there are more
+_MAX_LINES = 128  # number of lines of the motion, and for the estimation of the feedback
+_MIN_EXPLAINED = 0.5  # fraction of the power of u - r that the feedback must explain; noise has less
 
 
 def estimate(records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntArray | None = None) -> Response:
-    """Return G (F, n_y, n_u) of one configuration with its covariances and quality, from all of its records.
+    """Estimate G (F, n_y, n_u) of one configuration with its covariances and quality, from all of its records.
 
-    Records are grouped by realisation; a mean over realisations needs as many experiments of each as there are inputs,
-    other methods as many in all, local ones a single one.  planned_lines: the excited DFT lines where a plan states
-    them.  total is None for one realisation, unless odd lines were left out on purpose.  Notes report the periods and
-    lines left out, and signs of a faulty measurement.  Of records without a period each is a realisation.
+    For n_u inputs a mean over realisations needs n_u experiments of each realisation, other methods n_u in all, and
+    local methods one.  A record without a period is a realisation.  planned_lines: excited DFT lines, if planned.
+    total is None for one realisation without excluded odd lines.  Notes report discarded periods and lines, and signs
+    of a faulty measurement.  Records with different sensor locations are estimated separately and stacked.
 
-    Records with sensors at other places are estimated for themselves, and their outputs stacked.
-
-    Raises StudyError where the spec asks for periods that the records lack, DataError where the records do not fit
-    together or do not suffice, the experiments do not separate the inputs, or no line is excited.
+    Raises StudyError if the spec requires periods that the records lack.  DataError for inconsistent or too few
+    records, dependent inputs, or no excited line.
     """
     if len(sets := by_outputs(records) if isinstance(records, Sequence) else []) > 1:
         return stack_outputs([estimate(record_set, spec, planned_lines) for record_set in sets])
-    refuse_mismatch(records)
+    check_consistency(records)
     if records[0].is_periodic:
         groups: dict[int, list[Record]] = {}
         for record in sorted(records, key=lambda record: (record.realisation, record.experiment)):
@@ -99,7 +95,7 @@ def estimate(records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntA
 
 
 def _without_period(records: Sequence[Record], spec: EstimatorSpec) -> Response:
-    _refuse_periods(records, spec)
+    _check_without_period(records, spec)
     spec = replace(spec, transient_periods="auto", lines="full")
     method, notes = _choose_without_period(records, spec)
     spec = replace(spec, method=method)
@@ -110,7 +106,7 @@ def _without_period(records: Sequence[Record], spec: EstimatorSpec) -> Response:
 
 
 def _choose_without_period(records: Sequence[Record], spec: EstimatorSpec) -> tuple[Method, tuple[Note, ...]]:
-    """Return the method that the spec names; for `auto` by stated errors, if a fit of many lines is worth its time."""
+    """Return the method of the spec; for `auto` the method with the smaller stated error, h1 for very long records."""
     if spec.method != "auto":
         return spec.method, ()
     first = records[0]
@@ -122,11 +118,11 @@ def _choose_without_period(records: Sequence[Record], spec: EstimatorSpec) -> tu
             "h1", f"a local method would fit {count} lines, and records of this length give many segments"
         )
     h1 = partial(welch_response, records, replace(spec, method="h1"))
-    preview = partial(local_response, records, replace(spec, method="local_rational"), most_lines=AUTOMATIC.lines)
+    preview = partial(local_response, records, replace(spec, method="local_rational"), max_lines=AUTOMATIC.lines)
     return choose_by_error("h1", h1, preview, AUTOMATIC.margin if is_long else 1.0)
 
 
-def _refuse_periods(records: Sequence[Record], spec: EstimatorSpec) -> None:
+def _check_without_period(records: Sequence[Record], spec: EstimatorSpec) -> None:
     """Raise StudyError for a method, lines or a transient that only records with a period have."""
     options = {
         "method": spec.method not in ("auto", "h1", *LOCAL),
@@ -141,14 +137,14 @@ def _refuse_periods(records: Sequence[Record], spec: EstimatorSpec) -> None:
 def _with_period(
     records: Sequence[Record], groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned_lines: IntArray | None
 ) -> Response:
-    """Return the response by a local method, or a mean over realisations or one that pools them.
+    """Return the response by a local method or from periods.
 
-    A mean that `auto` takes for logs with transients is compared with local_rational, which has them in its model.
+    `auto` compares a mean with local_rational, which models transients, if the logs may have transients.
     """
     method, reason = _choose(spec, groups)
     response = None if method in LOCAL else _by_periods(groups, replace(spec, method=method), planned_lines)
     is_automatic = spec.method == "auto" and planned_lines is None
-    if is_automatic and response is not None and may_hold_transient(records, response):
+    if is_automatic and response is not None and may_have_transient(records, response):
         mean = response
         preview = partial(local_response, records, replace(spec, method="local_rational"), None, AUTOMATIC.lines)
         method, reason = choose_by_error(method, lambda: mean, preview, AUTOMATIC.margin)
@@ -158,7 +154,7 @@ def _with_period(
 
 
 def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned_lines: IntArray | None) -> Response:
-    """Return the response by a mean over realisations or a pooling method: each line on its own, from its periods."""
+    """Return the response by a method that estimates each line separately from its periods."""
     method = spec.method
     check_number_of_periods(groups, method)
     first = groups[0][0]
@@ -195,9 +191,9 @@ def _by_periods(groups: Sequence[Sequence[Record]], spec: EstimatorSpec, planned
 def _fit_method(
     data: MeanSpectra, groups: Sequence[Sequence[Record]], method: str, lines: IntArray
 ) -> tuple[BoolArray, MeanSpectra, Estimate]:
-    """Return flags of the lines (F,) with separate inputs, and there the data and G by the method, with its weights.
+    """Return flags of the lines (F,) with independent inputs, and the data and the estimate at these lines.
 
-    Raises DataError without any such line, and where the method must invert a singular matrix.
+    Raises DataError without such a line, and if the method has to invert a singular matrix.
     """
     first, usable = groups[0][0], separable_lines(data, groups, method)
     if not usable.any():
@@ -220,7 +216,7 @@ def _fit_method(
 
 
 def _choose(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tuple[Method, tuple[Note, ...]]:
-    """Return the method that the spec names; for `auto` by the experiments, with a note unless it is arithmetic."""
+    """Return the method of the spec; for `auto` by the experiments, with a note unless it is arithmetic."""
     if spec.method != "auto":
         return spec.method, ()
     n_u, total = len(groups[0][0].inputs), sum(map(len, groups))
@@ -241,7 +237,7 @@ def _choose(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tuple[Me
         )
     if all(record.r_is_reference for group in groups for record in group):
         return method_choice("joint", "the references are independent of noise and friction in the loop")
-    # It pairs torque and motion of each realisation, while noise and friction in the loop bias h1.
+    # Each realisation has its own inverse, so that noise and friction in the loop cause less bias than in h1.
     return "arithmetic", ()
 
 
@@ -281,7 +277,7 @@ def _with_covariances(
 
 
 def _averaging_lines(Z: Sequence[ComplexArray], G: ComplexArray) -> float:
-    """Return `averaging_lines` of Y - G U, Z (K, F, n_y + n_u) of some experiments or periods; 1 without any."""
+    """Return `averaging_lines` of Y - G U from Z = [Y; U] (K, F, n_y + n_u) of experiments or periods; 1 without."""
     n_y, block = G.shape[1], slice(MAX_AVERAGING_LINES)
     V = [z[:, block, :n_y] - np.einsum("fyu,kfu->kfy", G[block], z[:, block, n_y:]) for z in Z]
     return averaging_lines(np.concatenate(V), G[block]) if V else 1.0
@@ -289,9 +285,9 @@ def _averaging_lines(Z: Sequence[ComplexArray], G: ComplexArray) -> float:
 
 def motor_motion(records: Sequence[Record], response: Response) -> MotorMotion | None:
     """Return motion of the motors among the outputs of one configuration; None without any, or without a rate."""
-    # Whole realisations, until all inputs have moved: further ones move the robot as far, with other phases.
+    # Complete realisations, until all inputs have moved: further ones have the same amplitudes.
     records = sorted(records, key=lambda record: record.realisation)
-    last = records[min(max(_LEAST_RECORDS, len(records[0].inputs)), len(records)) - 1].realisation
+    last = records[min(max(_MIN_RECORDS, len(records[0].inputs)), len(records)) - 1].realisation
     records = [record for record in records if record.realisation <= last]
     first = records[0]
     columns = [i for i, location in enumerate(first.outputs) if location.startswith("motor ")]
@@ -299,7 +295,7 @@ def motor_motion(records: Sequence[Record], response: Response) -> MotorMotion |
         return None
     N = first.period_samples
     lines = np.rint(response.freq_hz * N / first.rate_hz).astype(np.int64)
-    K = min(N // 2, 2 * int(lines[-1]) + 2)  # beyond twice the band angles hardly move
+    K = min(N // 2, 2 * int(lines[-1]) + 2)  # above twice the band the motion is negligible
     s = (2j * np.pi * first.rate_hz / N * np.arange(1, K)).astype(np.complex128)
     orders = [MOTION_ORDER[first.quantities[i]] for i in columns]
     over = np.stack([s**-order for order in orders], axis=1)
@@ -315,11 +311,11 @@ def motor_motion(records: Sequence[Record], response: Response) -> MotorMotion |
     has_all = set(motors) == set(first.inputs) and not first.input_units
     feedback = _feedback(records, motors, q, s, rows, moving) if has_all else None
     mean = np.where([order == 0 for order in orders], y[:, 0].real.mean(axis=0) / 2, np.nan)
-    return MotorMotion(motors, s.imag[moving] / (2 * np.pi), spectra, mean, feedback).grouped(_MOST_LINES)
+    return MotorMotion(motors, s.imag[moving] / (2 * np.pi), spectra, mean, feedback).grouped(_MAX_LINES)
 
 
 def _amplitudes(record: Record, signals: FloatArray, columns: list[int], K: int) -> ComplexArray:
-    """Return complex amplitudes (K, c) of some signals in the last period of a record that is used; twice at 0."""
+    """Return complex amplitudes (K, c) of signal columns in the last usable period; twice the mean at 0 Hz."""
     N, P = record.period_samples, record.n_periods
     last = max((p for p in range(P) if p not in record.discarded_periods), default=P - 1)
     period: ComplexArray = real_dft(signals[last * N : (last + 1) * N][None], np.arange(K))[0]
@@ -344,7 +340,7 @@ def _feedback(
         lines = np.flatnonzero(moving)
     else:
         lines = np.setdiff1d(np.arange(excited_rows[0], excited_rows[-1]), excited_rows)
-    lines = lines[:: -(-len(lines) // _MOST_LINES) or 1]
+    lines = lines[:: -(-len(lines) // _MAX_LINES) or 1]
     q, drive, s = q[:, lines], drive[:, lines], s[lines]
     terms = np.concatenate([q / s[:, None], q, q * s[:, None]], axis=2)
     A, b = terms.reshape(-1, terms.shape[2]), -drive.reshape(-1, len(motors))

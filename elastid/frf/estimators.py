@@ -1,8 +1,8 @@
 r"""Estimators of a mean frequency response, and its covariance by the scatter of periods and of realisations (total).
 
-Each estimator takes the blocks of all realisations, and of the scatter of [Y; U] over their periods only
-`errors_in_variables` the covariance C_Z in one period; it returns G (F, n_y, n_u) with its weights W_m and their share
-s, so that to first order in the equation error V = Y - G U
+Each estimator uses the mean spectra of all realisations; `errors_in_variables` also uses the covariance C_Z of [Y; U]
+in one period. It returns G (F, n_y, n_u) with weights W_m and scale s, so that to first order in the equation error V =
+Y - G U
 
 .. math:: \hat G - G = s \sum_m V_m W_m, \quad s \sum_m U_m W_m = 1
 
@@ -11,11 +11,11 @@ s, so that to first order in the equation error V = Y - G U
 .. math:: cov(vec\, \hat G) = \sum_m (W_m^T diag(1 / P_e)\, W_m^*) \otimes C_V, \quad
           C_V = \Gamma C_Z \Gamma^H, \quad \Gamma = [1, -G]
 
-with C_V the covariance (n_y, n_y) of V in one period: it holds the noise of outputs and inputs together, so that
-neither the (n_y + n_u) n_u square covariance of all spectra nor its Jacobian is ever formed.
-(Pintelon and Schoukens, System Identification, 2nd ed., section 2.7, in the form of the equation error.)
+C_V (n_y, n_y): covariance of V in one period, by the noise of outputs and inputs. The (n_y + n_u) n_u square covariance
+of all spectra and its Jacobian are not needed.
+(Pintelon and Schoukens, System Identification, 2nd ed., section 2.7, for the equation error.)
 
-Degrees of freedom are complex: a variance with dof of them scatters by 1 / sqrt(dof) of itself.
+Degrees of freedom are complex: a variance with dof of them has the relative std 1 / sqrt(dof).
 """
 
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ from elastid.base.statistics import mean_of_neighbours
 from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.response import Covariance
 
-MIN_CORRELATION_POWER = 7.0  # |rho|^2 of white errors in its expectation, which one in a thousand exceeds
+MIN_CORRELATION_POWER = 7.0  # |rho|^2 over its expectation for white errors, which one in a thousand exceeds
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Estimate:
 
 
 def arithmetic(data: MeanSpectra) -> Estimate:
-    """Return G = (1/M) sum_m G_m,  G_m = Y_m U_m^-1: each realisation keeps its pairing of u and y."""
+    """Return G = (1/M) sum_m G_m,  G_m = Y_m U_m^-1, the arithmetic mean over realisations."""
     W, weight = tuple(block.W for block in data.blocks), 1 / len(data.blocks)
     return Estimate(weight * added_products(data.Y, W), W, scale=weight)
 
@@ -88,7 +88,7 @@ def errors_in_variables(data: MeanSpectra) -> Estimate:
     rms = np.sqrt(np.mean(np.abs(Z) ** 2, axis=2))
     rms[rms == 0] = 1.0
     Z, noise = Z / rms[:, :, None], data.S_Z / data.dof / (rms[:, :, None] * rms[:, None, :])
-    L = np.linalg.cholesky(noise + 1e-14 * np.eye(n_y + n_u))  # regular without noise, too
+    L = np.linalg.cholesky(noise + 1e-14 * np.eye(n_y + n_u))  # regular for exact data, too
     white = np.linalg.solve(L, Z)
     Q = rms[:, :, None] * (L @ np.linalg.eigh(white @ white.mT.conj())[1][:, :, -n_u:])
     return replace(h1(data), G=Q[:, :n_y] @ np.linalg.inv(Q[:, n_y:]))
@@ -129,12 +129,12 @@ def noise_covariance(data: MeanSpectra, estimate: Estimate, C_V: ComplexArray) -
 def total_error(data: MeanSpectra, estimate: Estimate) -> tuple[ComplexArray, int] | None:
     r"""Return C_T (F, n_y, n_y) of one experiment from the scatter of K experiments about the mean, and its dof.
 
-    With D = Y - G U of all of them, U and W side by side,
+    With D = Y - G U, U and W of all experiments,
 
     .. math:: C_T = \frac{D D^H}{K - 2 n_u + tr(W^H W\, U U^H)}
 
-    The denominator is K - n_u where all have one excitation and makes C_T unbiased where they do not.  None for one
-    realisation, or where no experiment is left over when G is fitted.
+    The denominator makes C_T unbiased; it is K - n_u for equal excitations.  None for one realisation, or if the number
+    of experiments does not exceed the number of inputs.
     """
     n_u = estimate.G.shape[2]
     K = len(data.periods)
@@ -149,8 +149,8 @@ def total_error(data: MeanSpectra, estimate: Estimate) -> tuple[ComplexArray, in
 def total_covariance(data: MeanSpectra, estimate: Estimate, C_T: ComplexArray, dof: float) -> Covariance:
     """Return covariance of vec G by noise and stochastic nonlinear distortion together: sum_m (W_m^T W_m^*) (x) C_T.
 
-    The sample covariance where the realisations alone give twice as many degrees of freedom as vec G has elements: it
-    does not assume the same disturbance in every experiment.  With fewer its inverse is useless.
+    The sample covariance, if the realisations have at least twice as many degrees of freedom as vec G has elements: it
+    allows different disturbances in each experiment.  With fewer its inverse is too inaccurate.
     """
     _, n_y, n_u = estimate.G.shape
     M = len(data.blocks)
@@ -163,7 +163,7 @@ def total_covariance(data: MeanSpectra, estimate: Estimate, C_T: ComplexArray, d
 
 
 def kronecker(left: ComplexArray, right: ComplexArray, dof: float) -> Covariance:
-    """Return left (F, n_u, n_u) (x) right (F, n_y, n_y), singular with dof < n_y until it is smoothed over lines."""
+    """Return the covariance left (F, n_u, n_u) (x) right (F, n_y, n_y); singular for dof < n_y without smoothing."""
     variance = power(right)[:, :, None] * power(left)[:, None, :]
     for array in (left, right, variance):
         array.flags.writeable = False  # so that no copy is needed
@@ -171,14 +171,14 @@ def kronecker(left: ComplexArray, right: ComplexArray, dof: float) -> Covariance
 
 
 def averaging_lines(V: ComplexArray, G: ComplexArray) -> float:
-    r"""Return lines over which the errors V (K, F, n_y) of K experiments or periods have one level by chance.
+    r"""Return the number of neighbouring lines with correlated power of the errors V (K, F, n_y) of K experiments.
 
     .. math:: 1 + 2 \sum_l (1 - l / F) |\rho(l)|^2, \qquad \rho(l) = \text{autocorrelation of } G^+ V
 
-    the largest over inputs, up to the first lag without any.
+    the largest over inputs, summed up to the first lag without correlation.  G (F, n_y, n_u).
 
-    A torque that wanders through a period leaks into all lines with one amplitude, which turns the phases of G by those
-    of the excitation: errors of G at neighbouring lines are uncorrelated, their squares are not.  G (F, n_y, n_u).
+    A torque that drifts within a period leaks into all lines with one amplitude. The random phases of the excitation
+    make the errors of G at neighbouring lines uncorrelated, but not their squares.
     """
     F = len(G)
     torque = (V.swapaxes(0, 1) @ np.linalg.pinv(G).swapaxes(1, 2)).swapaxes(0, 1)

@@ -27,7 +27,7 @@ _MAX_COMPARED_VALUES = 1 << 21
 
 
 class FullSum:
-    """Sum S (F, n, n) of the scatter of periods, experiment after experiment, before its scale (F, n); in NumPy."""
+    """Sum S (F, n, n) of the scatter of periods over experiments, in NumPy; scale (F, n): applied at the end."""
 
     # The spectra of this number of lines, in all periods of a record, fit into the processor's cache.
     lines_at_once = 256
@@ -64,7 +64,7 @@ class PackedSum:
         self.S: FloatArray = np.zeros((-(-F // BATCH), n * (n + 1) // 2, 2, BATCH))
 
     def add(self, batch: slice, z: ComplexArray, mean: ComplexArray) -> None:
-        """Add as `FullSum.add` does, from whole batches on; lines of the mean are side by side."""
+        """Add as `FullSum.add`; the batch begins at a multiple of BATCH, and lines of the mean are contiguous."""
         strides = [stride // z.itemsize for stride in (*z.strides, mean.strides[1])]
         # Addresses, since z and mean may be views.
         call("add_scatter", *z.shape, z.ctypes.data, mean.ctypes.data, *strides, self.S[batch.start // BATCH :])
@@ -88,10 +88,9 @@ def add_periods(
 ) -> ComplexArray:
     """Add the scatter of a record's periods, group by group; return their mean Z (F, n).
 
-    out: memory for it, in which lines are side by side.
-
-    Scatters about the means of two groups add up with that of the means (Chan, Golub and LeVeque, 1979), which is
-    the scatter of two periods, one on either side.
+    out: memory for the mean, with contiguous lines.
+    The scatters of two groups add up with the scatter of their means (Chan, Golub and LeVeque, 1979), which is added as
+    the scatter of two periods.
     """
     mean, n = np.empty(sums.scale.shape, np.complex128, "F") if out is None else out, 0
     for spectra in groups:
@@ -115,8 +114,8 @@ def add_periods(
 class Block:
     """The E experiments of one realisation (or of several), as means over their periods.
 
-    U (F, n_u, E), Y (F, n_y, E).  R (F, n_u, E): the injected torque, or None.  periods (E,): number of each.
-    input_noise (F, n_u): variance of U in one period, with its degrees of freedom.
+    U (F, n_u, E), Y (F, n_y, E).  R (F, n_u, E): injected torque, or None.  periods (E,): number of periods.
+    input_noise (F, n_u): variance of U in one period, with dof degrees of freedom.
     """
 
     U: ComplexArray
@@ -142,10 +141,10 @@ class Block:
 
 @dataclass(frozen=True)
 class MeanSpectra:
-    """A block for each realisation, the scatter of all their periods, and notes on the periods left out.
+    """A block for each realisation, the scatter of all periods, and notes on discarded periods.
 
     S_Z (F, n_y + n_u, n_y + n_u): sum over periods of (Z - mean)(Z - mean)^H, Z = [Y; U], of expectation dof C_Z.
-    scatter: the Z - mean (P, F, n_y + n_u) of each record of one realisation, where memory holds them.
+    scatter: Z - mean (P, F, n_y + n_u) of each record if there is one realisation; not for large records.
     """
 
     blocks: tuple[Block, ...]
@@ -217,9 +216,9 @@ def gather_spectra(
     spec: EstimatorSpec,
     with_reference: bool,
 ) -> MeanSpectra:
-    """Return the mean spectra at lines (F,) in order, of one record after another.
+    """Return the mean spectra at DFT lines (F,), computed record by record.
 
-    is_excited (F,): lines that decide which periods can be trusted.  with_reference: return the spectra of r, too.
+    is_excited (F,): lines for the selection of periods.  with_reference: include the spectra of r.
     """
     sums = (PackedSum if is_compiled() else FullSum)(amplitude_scale(realisations[0][0].record, lines, spec.quantity))
     blocks: list[Block] = []
@@ -257,16 +256,17 @@ def _mean(
     sums: FullSum | PackedSum,
     mean: ComplexArray,
 ) -> tuple[PeriodSpectra, ComplexArray, PeriodSpectra | None]:
-    """Return a record's usable periods and their mean Z (F, n), in the given memory; add their scatter to the sums.
+    """Add the scatter of a record's usable periods to the sums.
 
-    Third, the same periods at all lines; None for a large record.
+    Return the usable periods, their mean Z (F, n) in the memory `mean`, and their spectra at all lines, None for a
+    large record.
     """
     if not spectra.is_large:
         all_lines = period_spectra(spectra, lines, spec.quantity, sums.scale)
         selection = select_periods(all_lines.on(is_excited), spec)
         all_lines = all_lines.only(np.searchsorted(all_lines.periods, selection.periods))
         return selection, add_periods(sums, [all_lines], mean), all_lines
-    # Few lines show the periods that can be trusted; then all lines are added up, some periods at a time.
+    # Select the periods at few lines; then add all lines, some periods at a time.
     values = spectra.record.n_repeats * sums.scale.shape[1]
     step = -(-int(is_excited.sum()) // max(20, _MAX_COMPARED_VALUES // values))
     selection = select_periods(period_spectra(spectra, lines[is_excited][::step], spec.quantity), spec)

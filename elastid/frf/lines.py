@@ -14,19 +14,19 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra, RecordSpectra, Role
 from elastid.record import REFERENCE, Record
 
-# Power of an excited line over the noise of the mean in a notch (6 dB), and over the lines around it (-14 dB).
+# Least power of an excited line relative to the noise of the mean (6 dB), and to the lines around it (-14 dB).
 MIN_SNR, _MIN_NEIGHBOUR_RATIO = 4.0, 0.04
-# Longest cycle of references in samples, and samples in which it is searched for.
+# Longest cycle of references in samples, and number of searched samples.
 _MAX_CYCLE, _MAX_SEARCHED = 64, 20_000
-# Differences over their mean, above which a jump does not count for more. Fraction of the differences at one sample of
-# a cycle, and of cycles with steps above a fraction of the largest step.
+# Limit of a difference relative to the mean difference. Least fraction of the differences at one sample of a cycle.
+# Least fraction of cycles with a step above a fraction of the largest step.
 _LARGEST_STEP, _STEP_FRACTION, _MIN_MOVING_FRACTION, _MIN_STEP = 10.0, 0.95, 0.2, 1e-3
 
 
 def analysed_lines(spectra: Sequence[RecordSpectra], spec: EstimatorSpec, planned_lines: IntArray | None) -> IntArray:
-    """Return DFT lines (F,) that the spec asks for, of the records of one configuration.
+    """Return the DFT lines (F,) of the spec for the records of one configuration.
 
-    Raises StudyError where a grid has no line in band_hz, DataError where no line is excited.
+    Raises StudyError if a grid has no line in band_hz, DataError if no line is excited.
     """
     first = spectra[0].record
     rate_hz, N = first.rate_hz, first.period_samples
@@ -39,7 +39,7 @@ def analysed_lines(spectra: Sequence[RecordSpectra], spec: EstimatorSpec, planne
                 "estimator.lines",
             )
         return grid_lines(spec.lines, band_hz, rate_hz, N)
-    if first.inputs[0].startswith(REFERENCE):  # above are the images of its steps, with larger accelerations
+    if first.inputs[0].startswith(REFERENCE):  # aliases of the reference steps are above
         band_hz = band_hz[0], min(band_hz[1], rate_hz / 2 / reference_steps(first)[0])
     candidates = grid_lines("odd" if first.half_wave else "full", band_hz, rate_hz, N)
     if spec.lines == "auto" and planned_lines is not None:
@@ -57,11 +57,11 @@ def analysed_lines(spectra: Sequence[RecordSpectra], spec: EstimatorSpec, planne
 
 
 def find_excited(lines: IntArray, power: FloatArray, noise: FloatArray) -> BoolArray:
-    """Return flags (F,) of the candidate lines that carry excitation, from their power (F,) and the noise (F,) in it.
+    """Flag the excited lines (F,) among the candidates, from their power (F,) and its noise (F,).
 
-    A level falls steeply at the edge of a band and between the lines of a grid, but gently along a shaped spectrum
-    (1/f^2 in power) and into a notch.  So the envelope is followed up and down from the strongest half octave; lines
-    near it count, and so do their neighbours on the grid as far as the level changes little.
+    The power changes steeply at the edges of a band and between the lines of a grid, but gradually along a shaped
+    spectrum (1/f^2 in power) and in a notch.  The envelope is followed up and down from the strongest half octave.
+    Lines near the envelope are excited, and their neighbours on the grid as long as the power changes gradually.
     """
     clear = np.where(power > 10.0 * noise, power, 0.0)  # 10 dB
     if not clear.any():
@@ -74,9 +74,9 @@ def find_excited(lines: IntArray, power: FloatArray, noise: FloatArray) -> BoolA
 
 
 def reference_steps(record: Record) -> tuple[int, Literal["hold", "linear"]]:
-    """Return samples between the steps of the inputs, or of their velocities; 1 without such steps.
+    """Return the samples between steps of the inputs (hold) or of their velocities (linear); 1 without steps.
 
-    Their differences, or second differences, are then at one sample of each cycle.
+    With steps, the first or second differences are concentrated at one sample of each cycle.
     """
     u = np.asarray(record.u[:_MAX_SEARCHED])
     kinds: tuple[Literal["hold", "linear"], ...] = ("hold", "linear")
@@ -93,12 +93,12 @@ def reference_steps(record: Record) -> tuple[int, Literal["hold", "linear"]]:
 
 
 def smoothed_noise(noise: FloatArray, dof: int) -> FloatArray:
-    """Return noise power (F, ...) averaged over neighbouring lines, over more of them if each has few dof."""
+    """Return the noise power (F, ...) averaged over neighbouring lines, over more lines for few degrees of freedom."""
     return mean_of_neighbours(noise, 1 + 2 * round(2 / dof))
 
 
 def _envelope(lines: IntArray, amplitude: FloatArray) -> FloatArray:
-    """Return highest level of a line's half octave, up to the first steep fall on the way from the strongest."""
+    """Return the largest power in the half octave of each line (F,), constant beyond a steep fall."""
     octave = np.floor(2 * np.log2(lines / lines[0])).astype(int)
     peaks = np.zeros(octave[-1] + 1)
     np.maximum.at(peaks, octave, amplitude)
@@ -116,7 +116,7 @@ def _envelope(lines: IntArray, amplitude: FloatArray) -> FloatArray:
 
 
 def _follow_sweep(lines: IntArray, amplitude: FloatArray, is_excited: BoolArray, step: int) -> BoolArray:
-    """Return the found lines and those reached from them, `step` lines at a time, without a steep fall."""
+    """Return the flags with lines that are reached from flagged lines in steps of `step` lines without a steep fall."""
     by_line = np.zeros(lines[-1] + 2 * step + 1)
     flags = np.zeros(len(by_line), dtype=np.bool_)
     by_line[lines + step], flags[lines + step] = amplitude, is_excited
@@ -133,7 +133,7 @@ def _driver_power(spectra: Sequence[RecordSpectra], lines: IntArray) -> tuple[Fl
     """Return power (F,) of the mean drivers, each relative to its total, and the noise (F,) in it."""
     power, noise, dof = [], [], 0
     for record_spectra in spectra:
-        # The first period holds the transient, if there are more than two.
+        # The first of more than two periods contains the transient.
         P = record_spectra.record.n_repeats
         discarded_periods = 1 if P > 2 else 0
         mean, noise_of_mean = _mean_driver(record_spectra, lines, discarded_periods)
@@ -146,9 +146,9 @@ def _driver_power(spectra: Sequence[RecordSpectra], lines: IntArray) -> tuple[Fl
 
 
 def _mean_driver(spectra: RecordSpectra, lines: IntArray, discarded_periods: int) -> tuple[ComplexArray, FloatArray]:
-    """Return mean (F, c) of the driver's amplitudes over periods, some at a time of a large record, and its variance.
+    """Return the mean (F, c) of the driver's amplitudes over periods, and its variance (F, c).
 
-    References count by their accelerations, which are alike at all lines and small in a superimposed slow motion.
+    References are taken as accelerations, which are similar at all lines and small for a superimposed slow motion.
     """
     record = spectra.record
     driver: Role = "u" if record.r is None or record.r_is_reference else "r"  # references contain the slow motion

@@ -1,4 +1,4 @@
-"""One response of several measurements between which the sensors were moved, the hammer at the same points in each."""
+"""Moved sensors: one response from measurements with different sensor locations and the same inputs."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,9 +12,9 @@ from elastid.response import Response
 
 
 def by_outputs(records: Sequence[Record]) -> list[list[Record]]:
-    """Return the records of each set of outputs, in the order of the first ones.
+    """Group the records by their outputs, in order of appearance.
 
-    Raises DataError for several sets of which one lacks an input.
+    Raises DataError if one of several groups lacks an input.
     """
     sets: dict[tuple[str, ...], list[Record]] = {}
     for record in records:
@@ -28,12 +28,10 @@ def by_outputs(records: Sequence[Record]) -> list[list[Record]]:
 
 
 def stack_outputs(responses: Sequence[Response]) -> Response:
-    """Return the response (F, n_y, n_u) of all outputs, on the lines that all responses have.
+    """Return the response (F, n_y, n_u) of all outputs at the common lines of the responses.
 
-    A sensor that two of them have counts in the first. Errors of different outputs are taken as independent. Quality,
-    systematic errors and leakage are left out.
-
-    Raises DataError if the responses have no line in common.
+    An output of two responses is taken from the first. Errors of different outputs are assumed independent. The result
+    has no quality, systematic errors and leakage.  Raises DataError without a common line.
     """
     first = responses[0]
     freq_hz = first.freq_hz

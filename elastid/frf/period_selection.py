@@ -1,12 +1,12 @@
-r"""Periods of a record that can be used: transients and single bad periods are left out where they matter.
+r"""Selection of the usable periods of a record: transients and single outliers are discarded.
 
-Each channel of each period has a distance from the other periods, relative to the size of its spectrum,
+Each channel of each period has a distance from the other periods, relative to the norm of its spectrum,
 
     D_p = median over q of ||X_p - X_q|| / ||X||,   ||X||^2 = sum_k |X(k)|^2
 
-and is far where D_p exceeds the median distance by outlier_sigma robust standard deviations.  A transient is looked for
-in units of the noise, too, which periods in the second half of the log have at each line: it is slow, and the noise of
-an acceleration fast.
+and is far if D_p exceeds the median distance by outlier_sigma robust standard deviations.  A transient is also searched
+for in spectra relative to the noise at each line, estimated from the periods in the second half of the log, because the
+noise of accelerations would hide a slow transient.
 """
 
 from collections.abc import Sequence
@@ -23,27 +23,27 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra
 from elastid.record import Record
 
-# Limits of periods left out.
-MAX_ASYMMETRY = 1.5  # distance of the first period from the second half over that of the last from the first
-MIN_PERIODS = 5  # an outlier cannot be identified among fewer
-NEGLIGIBLE_DISTANCE = 1e-4  # of a period that is as good as the others, however exactly they agree
-MIN_SPREAD = 0.1  # of distances over their median, at least; few periods would sometimes show less by chance
-LOG_SCATTER = 0.8  # of ln D sqrt(n_noisy): 1/2 where lines are independent, which those of a wander are not
-MIN_DISTANCE = 4.0  # typical distances in units of the noise, at least; two of 90 clean sets have 2.6
-DISTANCE_LINES = 120  # evenly taken, that give a distance as well as all
-MAX_PAIRS = 1 << 19  # of periods that are compared; of more, each with fewer others, down to
-MIN_COMPARED = 32
-PREDICTION_ORDER = 8  # of the prediction of noise from its samples before
-# Power of what it does not predict, in the first eighth of a difference over that in the second half: 1 of noise
-# and wander, 42 in one of 16 clean sets, 700 to 1e7 where a log began with its excitation.
+# Limits of the selection.
+MAX_ASYMMETRY = 1.5  # ratio of the distances of the first and the last period from the other half of the log
+MIN_PERIODS = 5  # least number of periods for the detection of an outlier
+NEGLIGIBLE_DISTANCE = 1e-4  # distance that is never far
+MIN_SPREAD = 0.1  # least std of the distances relative to their median, since few periods can have less by chance
+LOG_SCATTER = 0.8  # std of ln D times sqrt(n_noisy): 1/2 for independent lines, more for a slow drift
+MIN_DISTANCE = 4.0  # least far distance relative to the typical one, in units of the noise; 2.6 in 90 clean sets
+DISTANCE_LINES = 120  # number of evenly spaced lines for a distance
+MAX_PAIRS = 1 << 19  # largest number of compared pairs of periods; each period is compared with fewer others,
+MIN_COMPARED = 32  # but at least with this number
+PREDICTION_ORDER = 8  # order of the linear prediction of noise
+# Largest ratio of the prediction errors in the first eighth and the second half of a difference: 1 for noise and drift,
+# 42 in 16 clean sets, 700 to 1e7 for a log that began with its excitation.
 MAX_SETTLING = 300.0
-MIN_UNSETTLED = 1e-3  # of a signal, that its difference between two periods has in the first eighth, at least
+MIN_UNSETTLED = 1e-3  # least std of a difference in the first eighth, relative to the signal
 TRANSIENT_DISCARDED = "frf/transient-discarded"
 
 
 @dataclass(frozen=True)
 class Distances:
-    """D (P, c) of every period and channel, its typical value (c,) in good periods, and the limit (c,) of far ones."""
+    """Distances D (P, c) of periods and channels, their typical value (c,) for good periods, and the limit (c,)."""
 
     D: FloatArray
     typical: FloatArray
@@ -51,17 +51,17 @@ class Distances:
 
     @property
     def far(self) -> BoolArray:
-        """Periods (P,) that are far in any channel."""
+        """True for periods (P,) that are far in any channel."""
         return np.asarray(np.any(np.maximum(self.limit, NEGLIGIBLE_DISTANCE) < self.D, axis=1))
 
 
 @dataclass(frozen=True)
 class ComparedPeriods:
-    """X (c, P, 2 K): real and imaginary parts of each channel at up to 500 lines.
+    """Spectra X (c, P, 2 K) of channels and periods at K lines, real and imaginary parts, with their distances.
 
-    power (c, P): sums of its squares; distance (c, P, Q): the distance of each period from Q of them, in general all.
-    references (Q,): their indices.  outlier_sigma: threshold of far ones, in standard deviations.  is_weighed: X is in
-    units of its noise.
+    power (c, P): sums of squares.  distance (c, P, Q): of each period from Q reference periods, mostly all.
+    references (Q,): their indices.  outlier_sigma: limit in standard deviations.  is_weighed: True for X relative to
+    the noise.
     """
 
     X: FloatArray
@@ -73,7 +73,7 @@ class ComparedPeriods:
 
     @classmethod
     def from_spectra(cls, spectra: PeriodSpectra, outlier_sigma: float) -> "ComparedPeriods":
-        """Return all periods of a record with each other, or of a long one with some."""
+        """Compare all periods of a record with each other, or, for many periods, with some of them."""
         some_lines = spectra.on(slice(None, None, -(-len(spectra.scale) // DISTANCE_LINES)))
         amplitudes = np.empty((some_lines.z.shape[2], *some_lines.z.shape[:2]), dtype=np.complex128)
         np.multiply(np.moveaxis(some_lines.z, 2, 0), some_lines.scale.T[:, None], out=amplitudes)
@@ -88,7 +88,7 @@ class ComparedPeriods:
         return cls(X, power, np.sqrt(np.maximum(squares, 0.0)), references, outlier_sigma)
 
     def weigh(self, good: IntArray) -> "ComparedPeriods":
-        """Divide spectra by the noise of the good periods at each line and its neighbours; good (k,): their indices."""
+        """Return the spectra relative to the smoothed noise of the good periods at each line; good (k,): indices."""
         c, _, n = self.X.shape
         of_good = self.X[:, good]
         V = of_good - of_good.mean(axis=1, keepdims=True)
@@ -99,7 +99,7 @@ class ComparedPeriods:
 
     @cached_property
     def agree(self) -> bool:
-        """True if none can be far, whichever are good: the largest distance is within the limit of the smallest."""
+        """True if no period can be far for any choice of good ones: all distances are within the smallest limit."""
         is_other = np.arange(self.distance.shape[1])[:, None] != self.references
         min_distance = np.min(self.distance, axis=(1, 2), where=is_other, initial=np.inf)
         ratio = float(np.max(self.distance.max(axis=(1, 2)) / np.maximum(min_distance, 1e-300)))
@@ -107,9 +107,9 @@ class ComparedPeriods:
 
 
 def select_periods(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
-    """Return the periods that can be used, at least two; notes report those left out and their distances.
+    """Return at least two usable periods; notes report discarded periods and their distances.
 
-    Raises DataError where transient_periods leaves fewer than two.
+    Raises DataError if transient_periods leaves fewer than two.
     """
     record = spectra.record
     spectra = spectra.only(
@@ -123,7 +123,7 @@ def select_periods(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra
     comparable = ComparedPeriods.from_spectra(spectra, spec.outlier_sigma)
     logs = list(starmap(np.arange, pairwise([0, *np.searchsorted(spectra.periods, record.starts).tolist(), P])))
     if spec.transient_periods == "auto":
-        leading, notes = _transient(spectra, comparable, logs)
+        leading, notes = _transient_periods(spectra, comparable, logs)
     else:
         leading, notes = _flags(P, [log[: spec.transient_periods] for log in logs]), ()
     steady = np.flatnonzero(~leading)
@@ -145,9 +145,9 @@ def select_periods(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra
 
 
 def without_transient(record: Record) -> Record:
-    """Return the second period of a log of two whose first begins with a transient; else the log.
+    """Return the second period of a log with two periods if the first begins with a transient; else the log.
 
-    Of two periods none is far from the others, but their difference decays.
+    With two periods no outlier can be identified, but the difference of the periods decays.
     """
     L = record.period_samples
     if record.n_repeats != 2 or record.half_wave or record.starts:
@@ -159,10 +159,9 @@ def without_transient(record: Record) -> Record:
 
 
 def _decays(difference: FloatArray, size: float) -> bool:
-    """Return True for a signal (n,) whose beginning no linear prediction explains that explains its second half.
+    """Return True if the linear prediction of the second half of a difference (n,) fails at its beginning.
 
-    False of signals that are too short for a prediction.
-    size: of the signal whose difference between two periods it is.
+    False for signals that are too short for a prediction.  size: std of the signal of which it is a difference.
     """
     if len(difference) < 32 * PREDICTION_ORDER or difference[: len(difference) // 8].std() <= MIN_UNSETTLED * size:
         return False
@@ -174,10 +173,10 @@ def _decays(difference: FloatArray, size: float) -> bool:
 
 
 def distances(compared: ComparedPeriods, good: IntArray) -> Distances:
-    """Return distances of all periods from the good ones (indices), of a good one from the other good ones.
+    """Return the distances of all periods from the good ones (indices), of a good period from the other good ones.
 
-    Their spread is the median absolute deviation of D over the good periods, but at least that of a noise on as many
-    lines as carry it, which are counted only where a period is far without them.
+    The limit follows from the median absolute deviation of D over the good periods. If a period is far by this limit,
+    the deviation is at least the deviation of noise with the same number of noisy lines.
     """
     size = np.sqrt(np.maximum(np.median(compared.power[:, good], axis=1), 1e-300))
     D = _leave_one_out_median(compared, good) / size
@@ -187,7 +186,7 @@ def distances(compared: ComparedPeriods, good: IntArray) -> Distances:
     distant = Distances(D, typical, limit)
     if not distant.far.any():
         return distant
-    # Noise on few lines, such as a slow wander, scatters more: the logarithms of distances by 0.8 / sqrt(n_noisy).
+    # Noise on few lines, such as a slow drift, has a larger scatter: ln D has the std 0.8 / sqrt(n_noisy).
     V = compared.X[:, good] - compared.X[:, good].mean(axis=1, keepdims=True)
     noise = np.einsum("cpk,cpk->ck", V, V).reshape(len(V), -1, 2).sum(axis=2)
     fraction = noise / np.maximum(noise.sum(axis=1, keepdims=True), 1e-300)
@@ -200,7 +199,7 @@ def distances(compared: ComparedPeriods, good: IntArray) -> Distances:
 
 
 def _leave_one_out_median(compared: ComparedPeriods, good: IntArray) -> FloatArray:
-    """Return the median (P, c), over good periods that are references, of each period's distances to these."""
+    """Return the median distance (P, c) of each period from the other good reference periods."""
     columns = np.flatnonzero(np.isin(compared.references, good))
     of_good = compared.distance[:, :, columns]
     of_good[:, compared.references[columns], np.arange(len(columns))] = np.nan
@@ -213,27 +212,27 @@ def _flags(P: int, indices: Sequence[IntArray]) -> BoolArray:
     return flags
 
 
-def _transient(
+def _transient_periods(
     spectra: PeriodSpectra, compared: ComparedPeriods, logs: Sequence[IntArray]
 ) -> tuple[BoolArray, tuple[Note, ...]]:
-    """Return flags (P,) of the periods at the start of each log that are a transient; logs: their periods."""
+    """Flag the periods (P,) of a transient at the start of each log; logs: indices of their periods."""
     P = len(spectra.periods)
     halves = [log[: len(log) - max(2 if len(logs) == 1 else 1, -(-len(log) // 2))] for log in logs]
     later = np.flatnonzero(~_flags(P, halves))
     if len(later) == P:
         return np.zeros(P, dtype=np.bool_), ()
-    leading, notes = _leading(spectra, compared, logs, halves, later)
-    return (leading, notes) if leading.any() else _leading(spectra, compared.weigh(later), logs, halves, later)
+    leading, notes = _leading_periods(spectra, compared, logs, halves, later)
+    return (leading, notes) if leading.any() else _leading_periods(spectra, compared.weigh(later), logs, halves, later)
 
 
-def _leading(
+def _leading_periods(
     spectra: PeriodSpectra,
     compared: ComparedPeriods,
     logs: Sequence[IntArray],
     halves: Sequence[IntArray],
     later: IntArray,
 ) -> tuple[BoolArray, tuple[Note, ...]]:
-    """Return the transient as `_transient` does, from compared distances. halves: per log. later: all others."""
+    """Flag transient periods from their distances. halves: first half of each log. later: all other periods."""
     P = len(spectra.periods)
     none = np.zeros(P, dtype=np.bool_)
     if compared.agree:
@@ -241,7 +240,7 @@ def _leading(
     measured = distances(compared, later)
     if compared.is_weighed:
         measured = replace(measured, limit=np.maximum(measured.limit, MIN_DISTANCE * measured.typical))
-    if len(logs) == 1:  # a slow wander is as far from the other half at its end
+    if len(logs) == 1:  # a slow drift has equal distances at both ends
         backwards = MAX_ASYMMETRY * distances(compared, P - 1 - later).D[-1]
         if not np.any(replace(measured, limit=np.maximum(measured.limit, backwards)).far & _flags(P, halves)):
             return none, ()

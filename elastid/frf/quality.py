@@ -1,11 +1,11 @@
-r"""A measured response and its quality: coherences, singular values, noise; notes on weak inputs and outputs, modes.
+r"""Quality of a measured response: coherences, singular values, noise; notes on weak channels and resolution.
 
-Modes are the peaks of the response itself; their bandwidth is the width 2 zeta f_0 at half power,
+Modes are the peaks of the response; their bandwidth is the width 2 zeta f_0 at half power,
 
 .. math:: ||G(f_0 \pm \zeta f_0)||^2 \approx ||G(f_0)||^2 / 2
 
-In the windows of a local method a polynomial follows G where they are narrower than that, and flattens the peak
-elsewhere; a rational function of degree d follows d modes in a window however narrow they are.
+A local polynomial describes G if its windows are narrower than this width, and otherwise flattens the peak. A local
+rational function of degree d describes d modes in a window, for any width.
 """
 
 from collections.abc import Sequence
@@ -23,16 +23,16 @@ from elastid.record import Motion, Record
 from elastid.response import LineAmplitudes, Quality, Response
 
 # Thresholds of a weak channel.
-INPUT_SNR = 100.0  # power of an input over the noise of its mean (20 dB), below which it costs accuracy
-WEAK_FRACTION = 0.5  # of the lines at which a channel is weak, from which on it is reported
-MAX_CONDITION = 10.0  # of the inputs: beyond, one combination has less than a hundredth of the power of another
-LINES_OF_MODE = 4.0  # of a segment in the width of a mode, below which its peak is flattened
+INPUT_SNR = 100.0  # power of an input over the noise of its mean (20 dB), below which it is weak
+WEAK_FRACTION = 0.5  # fraction of lines at which a channel is weak, above which it is reported
+MAX_CONDITION = 10.0  # of the inputs, whose weakest combination then has a hundredth of the largest power
+LINES_OF_MODE = 4.0  # least number of lines of a segment in the width of a mode
 
 
 def measured_response(
     first: Record, quantity: Motion, freq_hz: FloatArray, G: ComplexArray, **estimated: Any
 ) -> Response:
-    """Return G (F, n_y, n_u) at freq_hz (F,), outputs as `quantity`, of records like the first, with further fields."""
+    """Return the response G (F, n_y, n_u) at freq_hz (F,) with the channels of `first`; outputs in `quantity`."""
     return Response(
         freq_hz=freq_hz, G=G, inputs=first.inputs, outputs=first.outputs, quantity=quantity,
         configuration=first.configuration, has_rate=first.has_rate, sliding=first.sliding,
@@ -41,7 +41,7 @@ def measured_response(
 
 
 def measured_quality(freq_hz: FloatArray, data: MeanSpectra, G: ComplexArray) -> Quality:
-    """Return quality of G (F, n_y, n_u), its nonlinear levels excepted."""
+    """Return the quality of G (F, n_y, n_u) without distortion amplitudes."""
     S_Z, n_y = data.S_Z, G.shape[1]
     spread = np.einsum("fii->fi", S_Z).real
     noise = spread / data.dof
@@ -108,7 +108,7 @@ def discarded_lines_note(lines: IntArray, first: Record, why: str) -> Note:
 
 
 def output_notes(outputs: Sequence[str], quality: Quality) -> list[Note]:
-    """Return a note on every output that barely moved."""
+    """Return a note on each output that is noise at most lines."""
     excited = quality.excited
     text = (
         "output {} is noise at most lines: less than 6 dB above its noise at {} of {} lines. Check its channel, or "
@@ -118,24 +118,24 @@ def output_notes(outputs: Sequence[str], quality: Quality) -> list[Note]:
 
 
 def input_notes(inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> list[Note]:
-    """Return a note on every input that was barely excited, and one where the inputs moved nearly together."""
+    """Return a note on each weakly excited input, and on nearly dependent inputs."""
     weak = power(data.UU) / len(data.periods) < INPUT_SNR * (quality.input_noise * np.mean(1 / data.periods))
     text = (
         "input {} is barely excited: less than 20 dB above its noise at {} of {} lines, so that its column of G is "
         "uncertain. Raise its torque"
     )
-    return _weak_notes(inputs, weak, text) + together_notes(quality, "take orthogonal experiments")
+    return _weak_notes(inputs, weak, text) + dependent_input_notes(quality, "take orthogonal experiments")
 
 
 def _weak_notes(names: Sequence[str], weak: BoolArray, text: str) -> list[Note]:
-    """Return a note on each channel that is weak (F, n) at most lines; text takes its name and both line counts."""
+    """Return a note on each channel that is weak (F, n) at most lines; text: for its name and two line counts."""
     counts, n = zip(names, weak.sum(axis=0).tolist(), strict=True), len(weak)
     notes = [text.format(name, count, n) for name, count in counts if count > WEAK_FRACTION * n]
     return [Note("frf/low-signal-to-noise", note) for note in notes]
 
 
-def together_notes(quality: Quality, advice: str) -> list[Note]:
-    """Return a note where the inputs move nearly together."""
+def dependent_input_notes(quality: Quality, advice: str) -> list[Note]:
+    """Return a note on nearly dependent inputs; advice: next action."""
     condition = np.median(quality.condition)
     if condition <= MAX_CONDITION:
         return []
@@ -149,12 +149,12 @@ def together_notes(quality: Quality, advice: str) -> list[Note]:
 def local_modes(freq_hz: FloatArray, G: ComplexArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return peaks of the Frobenius norm of G (F, n_y, n_u): frequencies (n,) and widths at half power (n,), Hz.
 
-    Those that fall to half power on both sides before they rise again and stand out of the variance of G by 16 dB.
+    Only peaks that fall to half power on both sides before they rise again, and exceed the variance of G by 16 dB.
     """
     power = np.sum(np.abs(G) ** 2, axis=(1, 2))
     peaks = 1 + np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:]))
     modes = []
-    # 16 dB: noise alone does not halve such a peak on both sides.
+    # Above 16 dB noise alone does not halve a peak on both sides.
     for peak in peaks[power[peaks] > 40.0 * variance.sum(axis=(1, 2))[peaks]]:
         below = _half_power(freq_hz[peak::-1], power[peak::-1])
         above = _half_power(freq_hz[peak:], power[peak:])
@@ -164,10 +164,10 @@ def local_modes(freq_hz: FloatArray, G: ComplexArray, variance: FloatArray) -> t
     return f_0, width
 
 
-def wide_windows(
+def wide_window_notes(
     modes: tuple[FloatArray, FloatArray], freq_hz: FloatArray, span_hz: FloatArray, poles: int
 ) -> list[Note]:
-    """Return a note on modes narrower than windows of span_hz (F,) at freq_hz; poles: degree, 0 of polynomials."""
+    """Return a note on modes narrower than windows of span_hz (F,) at freq_hz; poles: degree, 0 for polynomials."""
     f_0, width = modes
     span = np.interp(f_0, freq_hz, span_hz)
     inside = np.array([np.sum(np.abs(f_0 - f) <= s / 2) for f, s in zip(f_0, span, strict=True)])
@@ -205,7 +205,7 @@ def segment_notes(modes: tuple[FloatArray, FloatArray], freq_hz: FloatArray, fir
 
 
 def _half_power(freq_hz: FloatArray, power: FloatArray) -> float | None:
-    """Return frequency at which the power (F,) has halved from a peak, its first entry; None if it rises before."""
+    """Return the frequency at which the power (F,) is half of its first entry; None if it exceeds the first before."""
     half = np.flatnonzero(power < power[0] / 2)
     if half.size == 0 or np.any(power[: half[0]] > power[0]):
         return None

@@ -2,7 +2,7 @@
 
     X_p(k) = 2 / N sum_n x(n + p N) exp(-2 pi j k n / N),   velocity = j omega position, ...
 
-With this sign a delay turns the phase of Y / U down, and y = Re Y exp(j omega t) like every phasor of the model.
+With this sign a delay decreases the phase of Y / U, and y = Re Y exp(j omega t) as for the phasors of the model.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,15 +22,14 @@ from elastid.record import MOTION_ORDER, Motion, Record
 
 Role: TypeAlias = Literal["r", "u", "y"]
 
-# Outside these limits squares and their products overflow or vanish.
-_MIN_COMPUTABLE, _MAX_COMPUTABLE = 1e-60, 1e60
-# Of a record, among which the power of its inputs is looked for; share of them that has it of sweeps and hits at most:
-# noise has half.
-_N_SEGMENTS, _SPREAD = 16, 0.3
+_MIN_COMPUTABLE, _MAX_COMPUTABLE = 1e-60, 1e60  # beyond, products of squares overflow or vanish
+# Number of segments of a record, and largest fraction of them with the power of a line for sweeps and hits; noise:
+# half.
+_N_SEGMENTS, _MAX_SEGMENT_FRACTION = 16, 0.3
 
 
 def single_logs(record: Record) -> tuple[Record, ...]:
-    """Return the record of each log of a record; itself where it is of one."""
+    """Divide a record into its logs."""
     if not record.starts:
         return (record,)
     L = record.repeat_samples
@@ -44,7 +43,7 @@ def single_logs(record: Record) -> tuple[Record, ...]:
 
 
 def undivided_logs(records: Sequence[Record]) -> list[Record]:
-    """Return the record of each log, for methods that take a log as one piece; DataError if parts are missing."""
+    """Return the record of each log, for methods without periods; DataError for discarded periods."""
     logs = [log for record in records for log in single_logs(record)]
     for log in logs:
         if log.discarded_periods:
@@ -55,7 +54,7 @@ def undivided_logs(records: Sequence[Record]) -> list[Record]:
                 "record by samples: [first, last], or set another estimator.method",
                 f"record {log.name}",
             )
-        refuse_uncomputable(log)
+        check_values(log)
     return logs
 
 
@@ -70,13 +69,13 @@ class RecordSpectra:
 
     @property
     def is_large(self) -> bool:
-        """True if the record is worked on in groups of periods."""
+        """True if the record is processed in groups of periods to save memory."""
         return self.record.u.size + self.record.y.size >= MIN_LARGE_VALUES
 
     def dft_at(self, roles: Sequence[Role], lines: IntArray) -> Iterator[ComplexArray]:
-        """Yield the DFT (p, F, c) of signals side by side at lines (F,): all periods, or some of a large record.
+        """Yield the DFT (p, F, c) of signals at lines (F,), in logged units: all periods, or groups of a large record.
 
-        In logged units, in memory one channel after the other.
+        The memory order is channel by channel.
         """
         L, P = self.record.repeat_samples, self.record.n_repeats
         signals: list[FloatArray] = [getattr(self.record, role) for role in roles]
@@ -84,12 +83,12 @@ class RecordSpectra:
         at_once = max(1, PIECE_VALUES // (L * int(ends[-1]))) if self.is_large else P
         for first in range(0, P, at_once):
             periods = np.arange(first, min(P, first + at_once))
-            # Padding: channels a power of two apart in memory would compete for the same cache lines.
+            # Padding avoids distances of a power of two between channels, which compete for the same cache lines.
             dft = np.empty((len(periods), ends[-1], len(lines) + 27), np.complex128)[:, :, : len(lines)]
             for signal, start, end in zip(signals, ends, ends[1:], strict=False):
                 blocks = signal[first * L : (first + len(periods)) * L].reshape(len(periods), L, -1)
                 if self.record.half_wave:
-                    # The mean of whole periods does not change sign, but would leak into each half period.
+                    # The mean does not change sign and would leak into each half period.
                     blocks = blocks - mean_of_rows(signal, P // 2 * 2 * L)
                     halves = rfft(blocks, n=2 * L, axis=1)[:, lines].swapaxes(1, 2)
                     dft[:, start:end] = halves * (-1.0) ** periods[:, None, None]
@@ -107,11 +106,10 @@ class RecordSpectra:
 
 @dataclass(frozen=True, eq=False)
 class PeriodSpectra:
-    """Z = [Y, U] = scale z of the periods of one record that are used, by their index (P,) in it.
+    """Z = [Y, U] = scale z of the used periods of one record; periods (P,): their indices.
 
-    z (P, F, n_y + n_u): DFT of the samples of y and u as they were logged.  scale (F, n_y + n_u): to amplitudes,
-    torques in Nm as they act between the samples and outputs all in one quantity; means and scatters take it once,
-    instead of every period.
+    z (P, F, n_y + n_u): DFT of the logged samples of y and u.  scale (F, n_y + n_u): to amplitudes, torques as they act
+    between the samples and outputs in one quantity; applied once to means and scatters instead of to every period.
     """
 
     record: Record
@@ -149,9 +147,8 @@ def period_spectra(
 ) -> PeriodSpectra:
     """Return all periods of a record at DFT lines (F,), outputs as `quantity`: exact, by powers of j omega.
 
-    The part of a position or velocity that does not return to its start within a period (drift) is removed.  Each half
-    period of a half-wave record counts as a period; lines must then be odd.  scale: that of all records.
-    Raises DataError where a sample is missing, since every line of G would be missing.
+    The drift of a position or velocity over a period is removed.  Each half period of a half-wave record counts as a
+    period; lines must then be odd.  scale: of all records.  Raises DataError for a missing sample.
     """
     groups = list(period_groups(spectra, lines, quantity, scale))
     if len(groups) == 1:
@@ -173,9 +170,9 @@ def period_groups(
     drift = _drift(record, lines, drifts) if drifts.any() else None
     first = 0
     for z in spectra.dft_at(("y", "u"), lines):
-        # The samples themselves are searched only where a line shows that something is wrong.
+        # Search the samples only if a line is not computable.
         if not _computable(np.abs(z[:, 0])).all():
-            refuse_uncomputable(record)
+            check_values(record)
         periods = np.arange(first, first + len(z))
         if drift is not None:
             gain, ramp = drift
@@ -208,34 +205,34 @@ def reference_spectrum(spectra: RecordSpectra, lines: IntArray) -> ComplexArray 
 
 
 def _drift(record: Record, lines: IntArray, drifts: BoolArray) -> tuple[FloatArray, ComplexArray]:
-    r"""Return gains (P, c) of those columns of y that drift, and the DFT (F,) of a drift of gain 1.
+    r"""Return the drifts g (P, c) of the columns of y that can drift, and the DFT (F,) of a unit drift.
 
-    The DFT of the derivative over a period is j omega X + [x(T) - x(0)]: the gain g of x from end to end is drift, and
-    a ramp g n / N removes it. (Half wave: [-x(T/2) - x(0)], a constant g / 2.) With theta = 2 pi k / N their sums are
+    The DFT of the derivative over a period is j omega X + [x(T) - x(0)]: g = x(T) - x(0) is drift, and a ramp g n / N
+    removes it. (Half wave: g = -x(T/2) - x(0), a constant g / 2.) With theta = 2 pi k / N their DFTs are
 
     .. math:: \sum_{n<N} \frac{n}{N} e^{-j\theta n} = \frac{1}{e^{-j\theta} - 1}, \quad
               \sum_{n<N/2} \frac12 e^{-j\theta n} = \frac{1}{1 - e^{-j\theta}} \quad (k\ odd)
     """
     L, P = record.repeat_samples, record.n_repeats
-    # Averages over a fiftieth of a period suppress encoder noise, and the drift is straight over it.
+    # Averages over a fiftieth of a period suppress encoder noise.
     window = max(1, round(1 / 50 / 2 * L))
     sign = -1.0 if record.half_wave else 1.0
     gain = np.zeros((P, int(drifts.sum())))
     logs = pairwise((0, *record.starts, P))
-    # Of a log of one repetition no drift is known.
+    # A log of one repetition has unknown drift.
     for p, start, end in ((p, a, b) for a, b in logs for p in range(a, b) if b - a > 1):
         first, last = max(start * L, p * L - window), min(p * L + window + 1, (end - 1) * L)
         start_mean, end_mean = (record.y[first + shift : last + shift].mean(axis=0) for shift in (0, L))
         gain[p] = (end_mean - sign * start_mean)[drifts]
         release(record.y)
-    if record.half_wave:  # the mean over whole periods is gone already, that of a slow wander is not that of the ends
+    if record.half_wave:  # the mean over periods was already subtracted
         gain -= 2 * mean_of_rows(record.y, P // 2 * 2 * L)[drifts]
     ramp = sign / (np.exp(-2j * np.pi * lines / record.period_samples) - 1)
     return (sign ** np.arange(P))[:, None] * gain, ramp
 
 
-def refuse_uncomputable(record: Record) -> None:
-    """Raise DataError that names the first missing sample, or a channel whose squares overflow or vanish."""
+def check_values(record: Record) -> None:
+    """Raise DataError for the first missing sample, or for a channel with implausibly large or small values."""
     for role, names, signals in (("u", record.inputs, record.u), ("y", record.outputs, record.y)):
         largest, step = np.zeros(len(names)), max(1, PIECE_VALUES // len(names))
         for start in range(0, len(signals), step):
@@ -260,19 +257,19 @@ def refuse_uncomputable(record: Record) -> None:
 
 
 def _line_index(lines: IntArray) -> slice | IntArray:
-    """Return lines (F,) in order as an index, which copies nothing where they are evenly spaced."""
+    """Return increasing lines (F,) as an index: a slice, which avoids a copy, if they are evenly spaced."""
     steps = np.diff(lines)
     step = int(steps[0]) if len(steps) else 1
     return slice(lines[0], lines[-1] + 1, step) if len(lines) and np.all(steps == step) else lines
 
 
 def _computable(size: FloatArray) -> BoolArray:
-    """Return True where squares of these sizes neither overflow nor vanish; 0 is a number like others."""
+    """Flag values whose squares neither overflow nor vanish; 0 is allowed."""
     return np.asarray((size == 0) | ((size > _MIN_COMPUTABLE) & (size < _MAX_COMPUTABLE)))
 
 
-def inputs_pass(records: Sequence[Record]) -> bool:
-    r"""Return True for sweeps and hits: the power of a line is in few of K parts of a record; False for large records.
+def is_transient_excitation(records: Sequence[Record]) -> bool:
+    r"""Return True for sweeps and hits: each line has its power in few of K segments; False for large records.
 
     .. math:: \frac{1}{K} \frac{(\sum_k P_k)^2}{\sum_k P_k^2}, \quad \text{averaged over lines by their power}
     """
@@ -286,4 +283,4 @@ def inputs_pass(records: Sequence[Record]) -> bool:
         total, squares = P.sum(axis=0), (P**2).sum(axis=0)
         fractions = quotient(total**2, squares) / _N_SEGMENTS
         spreads.append((fractions * total).sum(axis=0) / np.maximum(total.sum(axis=0), 1e-300))
-    return bool(np.min(spreads) < _SPREAD)
+    return bool(np.min(spreads) < _MAX_SEGMENT_FRACTION)

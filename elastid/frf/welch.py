@@ -1,35 +1,35 @@
-r"""Welch's H1: responses of records without a period, from windowed segments that overlap.
+r"""Welch's H1: responses of records without a period, from overlapping windowed segments.
 
-Every segment of every record of a configuration is a realisation. With the cross spectra of all K of them,
+Every segment of every record of a configuration is a realisation. With the cross spectra of all K segments,
 
 .. math:: S_{yu} = \sum_k Y_k U_k^H, \quad H_1 = S_{yu} S_{uu}^{-1}
 
-The residual gives the covariance; for one input it is that by coherence,
+The covariance follows from the residual, for one input from the coherence,
 
 .. math:: cov(vec\, H) = S_{uu}^{-T} \otimes \frac{S_{vv}}{K_e - n_u}, \quad S_{vv} = \sum_k V_k V_k^H, \qquad
           \sigma^2_H = |H|^2 \frac{1 - \gamma^2}{\gamma^2 (K_e - 1)}
 
-where K_e independent segments would inform as much as the K that overlap (Welch, IEEE Trans. Audio Electroacoust. 15,
-1967).  That is `noise`.  A segment has no model of leakage: its window smooths the cross spectra over lines,
+where K_e is the number of independent segments equivalent to K overlapping ones (Welch, IEEE Trans. Audio
+Electroacoust. 15, 1967).  This covariance is `noise`.  The window of a segment smooths the cross spectra over lines
+(leakage),
 
 .. math:: E[S_{yu}(f)] = \int |W(f - \nu)|^2\, H(\nu)\, S_{uu}(\nu)\, d\nu, \qquad
           \beta_k = \sum_l \frac{|W_l|^2}{\sum_m |W_m|^2} H_{k+l} - H_k
 
-so that resonances are flattened by beta, 1/6 of the second difference of H under Hann's window.  `total` holds the
-square of beta, less the part that noise makes of it.  Of noise that is so in the mean; of a sweep or a hit, whose lines
-are related, only where w^2 of all segments add up to a constant.  Theirs overlap by 75 %, for which Hann's does, and
-reach beyond the record's ends, between zeros; lines on which a sweep is as its record ends, and beyond, are left out.
+which flattens resonances by beta, 1/6 of the second difference of H for Hann's window.  `total` includes the square of
+beta minus the contribution of noise to it.  This expectation is exact for noise inputs, and for sweeps and hits only if
+w^2 of all segments add up to a constant.  Their segments therefore overlap by 75 %, and records are padded with zeros.
+Lines that a sweep reaches at or after the end of its record are discarded.
 
-A sine that sweeps, or rings down, is in few segments at each line, and so is what their windows leak, in each repeat
-alike; with the leverage h_j of a segment and its repeats
+A sweep or a decaying sine, and its leakage, is in few segments at each line, equally in each repeat.  With the leverage
+h_j of a segment and its repeats,
 
 .. math:: C_h = \frac{1}{n_u - \sum_j h_j^2} \sum_j E_j S_{uu}^{-1} E_j^H, \qquad
           E_j = \sum_{k \in j} V_k U_k^H, \quad h_j = \sum_{k \in j} U_k^H S_{uu}^{-1} U_k
 
-is the covariance of V by their share in the error of G (White, Econometrica 48, 1980, by clusters), which `total` holds
-where it is larger, over some lines, than S_vv makes it.  A resonance narrower than a few lines is flattened beyond
-that, and what a boxcar leaks lies between the lines.
-(Bendat and Piersol, Random Data, 4th ed., sections 8.5, 9.2 and 11.5.)
+is a cluster-robust covariance of V (White, Econometrica 48, 1980). `total` contains it if its mean over neighbouring
+lines exceeds the covariance by S_vv.  Not included: the additional flattening of a resonance narrower than a few lines,
+and the leakage of a boxcar between lines. (Bendat and Piersol, Random Data, 4th ed., sections 8.5, 9.2 and 11.5.)
 """
 
 from collections.abc import Iterator, Sequence
@@ -50,41 +50,38 @@ from elastid.frf.estimators import kronecker
 from elastid.frf.local.fitted_response import local_mean
 from elastid.frf.quality import (
     coherences,
+    dependent_input_notes,
     local_modes,
     measured_response,
     quality_of,
     relative_singular_values,
     segment_notes,
-    together_notes,
 )
 from elastid.frf.spec import EstimatorSpec
-from elastid.frf.spectra import inputs_pass, refuse_uncomputable, unit_scale
+from elastid.frf.spectra import check_values, is_transient_excitation, unit_scale
 from elastid.record import Record
 from elastid.response import Covariance, LineAmplitudes, Quality, Response
 
-_LEAST_DOF = 0.4  # least 1 - sum h^2 / n_u; a line in a single segment has no estimate of its variance
-# A sweep that ends with its record is truncated: a line is discarded if the last _END of a segment has more than
-# _MAX_END_FRACTION of its power.
+_MIN_DOF = 0.4  # least 1 - sum h^2 / n_u, which is 0 for a line in a single segment
+# A line is truncated if the last _END of a segment contains more than _MAX_END_FRACTION of its power.
 _END, _MAX_END_FRACTION = 1 / 16, 0.25
-# Largest number of values in a segment of all channels for `auto`.
-_MAX_NUMBERS = 1 << 20
-# Least leakage of a window that counts, relative to its power on the middle line.
-_LEAST_LEAKAGE = 1e-4
+_MAX_NUMBERS = 1 << 20  # largest number of values in a segment of all channels for `auto`
+_MIN_LEAKAGE = 1e-4  # power of a window at a line relative to its middle line, below which it is neglected
 
 
 @dataclass(frozen=True)
 class Segments:
-    """Segments of L samples under a window (L,), each `step` after the last."""
+    """Segments with a window (L,), at distances of `step` samples."""
 
     window: FloatArray
     step: int
 
     def count(self, n_samples: int) -> int:
-        """Return whole segments in a record."""
+        """Return the number of segments in a record."""
         return max(0, 1 + (n_samples - len(self.window)) // self.step)
 
     def padded(self, record: Record) -> Record:
-        """Return the record between zeros where w^2 of its segments are to add up to a constant, so to its ends."""
+        """Return the record padded with zeros if segments overlap by more than 50 %, so that w^2 adds up."""
         zeros = len(self.window) - self.step
         if 2 * zeros <= len(self.window):
             return record
@@ -93,7 +90,7 @@ class Segments:
 
     @property
     def correlated_lines(self) -> float:
-        r"""Lines over which the errors of cross spectra are correlated: sum_l |rho_l|^2 of the window's spectrum.
+        r"""Number of lines with correlated errors of cross spectra: sum_l |rho_l|^2 of the window's spectrum.
 
         .. math:: \rho_l = \sum_n w^2(n) e^{-2\pi j l n / L} / \sum_n w^2(n)
 
@@ -106,7 +103,7 @@ class Segments:
     def leakage(self) -> tuple[FloatArray, float]:
         """Weights (2 m + 1,) of neighbouring lines in beta, and noise variance of beta relative to H."""
         power = np.abs(rfft(self.window)) ** 2
-        m = min(int(np.flatnonzero(power > _LEAST_LEAKAGE * power[0])[-1]), len(power) // 4)
+        m = min(int(np.flatnonzero(power > _MIN_LEAKAGE * power[0])[-1]), len(power) // 4)
         kernel = np.concatenate([power[m:0:-1], power[: m + 1]])
         weights = kernel / kernel.sum() - (np.arange(2 * m + 1) == m)
         correlation = np.abs(rfft(self.window**2) / np.sum(self.window**2))[: 2 * m + 1] ** 2
@@ -114,7 +111,7 @@ class Segments:
         return weights, float(weights @ correlation[np.abs(lags[:, None] - lags)] @ weights)
 
     def independent(self, n_samples: int) -> float:
-        r"""Return K_e of a record's K segments: the variance of a mean of white noise's power falls by it.
+        r"""Return K_e of a record: factor by which K segments reduce the variance of the mean power of white noise.
 
         .. math:: K_e = K / \left(1 + 2 \sum_{j=1}^{K-1} (1 - j/K) \rho_j\right), \quad
                   \rho_j = \left(\frac{\sum_n w(n) w(n + jD)}{\sum_n w^2(n)}\right)^2
@@ -128,9 +125,9 @@ class Segments:
 
 
 def make_segments(records: Sequence[Record], spec: EstimatorSpec) -> Segments:
-    """Return the segments that the spec asks for; `auto` takes the longest power of two that leaves enough of them.
+    """Return the segments of the spec; `auto` has the longest power of two that gives enough segments.
 
-    Raises DataError where they are too few for a variance, or longer than a record.
+    Raises DataError for too few segments, or segments that are too short.
     """
     from scipy.signal import get_window
 
@@ -163,14 +160,14 @@ def make_segments(records: Sequence[Record], spec: EstimatorSpec) -> Segments:
             f"{place}too few segments of {L / first.rate_hz:g} s for {n_u} inputs. Set estimator.segment to at most "
             f"{longest / (2 * n_u + 2):.3g}, or estimator.method local_rational",
         )
-    return replace(segments, step=max(1, L // 4)) if inputs_pass(records) else segments
+    return replace(segments, step=max(1, L // 4)) if is_transient_excitation(records) else segments
 
 
 @dataclass(frozen=True)
 class CrossSpectra:
-    """S (F, n, n), the sum of Z Z^H over K segments of Z = [Y; U], as complex amplitudes; K_e of them independent.
+    """Sum S (F, n, n) of Z Z^H over K segments, Z = [Y; U]: complex amplitudes at freq_hz (F,).
 
-    freq_hz (F,).
+    K_e: equivalent number of independent segments.
     """
 
     freq_hz: FloatArray
@@ -200,16 +197,16 @@ class CrossSpectra:
 
 
 def cross_spectra(records: Sequence[Record], segments: Segments, spec: EstimatorSpec) -> CrossSpectra:
-    """Return sums over all segments, without their means, at the lines of a segment; outputs as `quantity`.
+    """Return the sums over all segments, without their means; outputs in the quantity of the spec.
 
-    Raises DataError where a sample is missing, StudyError where the band holds no line.
+    Raises DataError for a missing sample, StudyError if the band contains no line.
     """
     first, n_y = records[0], len(records[0].outputs)
     lines, freq_hz, scale = _lines(first, segments, spec)
     n = n_y + len(first.inputs)
     S = np.zeros((len(lines), n, n), dtype=np.complex128)
     for record in records:
-        refuse_uncomputable(record)
+        check_values(record)
     for Z in _spectra(records, segments, lines):
         S += Z @ Z.mT.conj()
     S *= scale[:, :, None] * scale[:, None, :].conj()
@@ -247,7 +244,7 @@ def _spectra(
 def _by_leverage(
     records: Sequence[Record], segments: Segments, spec: EstimatorSpec, data: CrossSpectra, G: ComplexArray
 ) -> ComplexArray:
-    """Return C_h (F, n_y, n_y), covariance of a segment's V = Y - G U by its and its repeats' share in G's error."""
+    """Return C_h (F, n_y, n_y), the cluster-robust covariance of V = Y - G U in one segment."""
     lines, freq_hz, scale = _lines(records[0], segments, spec)
     in_data = np.isin(freq_hz, data.freq_hz)
     n_y, n_u = data.n_y, G.shape[2]
@@ -259,7 +256,7 @@ def _by_leverage(
             E, h = _leverages([Z * scale[in_data][:, :, None] for Z in spectra if Z is not None], G, inverse)
             squares += np.sum(h**2, axis=1)
             C += np.einsum("fykj,fkl,fzlj->fyz", E, inverse, E.conj(), optimize=True)
-    return np.asarray(C / (n_u * np.maximum(1 - squares / n_u, _LEAST_DOF))[:, None, None])
+    return np.asarray(C / (n_u * np.maximum(1 - squares / n_u, _MIN_DOF))[:, None, None])
 
 
 def _leverages(
@@ -292,19 +289,17 @@ def _are_repeats(first: Record, other: Record) -> bool:
 
 
 def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
-    """Return G (F, n_y, n_u) of one configuration by h1, with coherences, from all segments of its records.
+    """Estimate G (F, n_y, n_u) of one configuration by h1, at the lines of a segment.
 
-    noise: with distortion, which segments do not separate.  total: with the leakage of windows.  Lines are those of a
-    segment.
-
-    Raises DataError where the records are shorter than a segment, hold too few, or do not separate the inputs.
+    noise: includes distortion.  total: also includes leakage.
+    Raises DataError for too short records, too few segments, or dependent inputs.
     """
     first = records[0]
     segments, full_records = make_segments(records, spec), records
     records = [segments.padded(record) for record in full_records]
     data = cross_spectra(records, segments, spec)
     strength = relative_singular_values(data.uu / data.K)
-    usable = strength[:, -1] > 1e-6 * strength[:, 0]  # below, rounding decides
+    usable = strength[:, -1] > 1e-6 * strength[:, 0]  # rounding errors
     if not usable.any():
         raise DataError(
             "frf/inputs-not-separable",
@@ -313,8 +308,9 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
             "channel",
             f"configuration {first.configuration.name}",
         )
-    is_cut = np.zeros_like(usable) if records[0] is full_records[0] else _is_cut(full_records, segments, spec, data)
-    lines = usable & ~is_cut if np.any(usable & ~is_cut) else usable
+    is_padded = records[0] is not full_records[0]
+    complete = usable & ~_is_truncated(full_records, segments, spec, data) if is_padded else usable
+    lines = complete if complete.any() else usable
     data, L = data.on(lines), len(segments.window)
     G = data.yu @ np.linalg.inv(data.uu)
     covariance, total, beta, C_V = _covariances(data, G, segments, _by_leverage(records, segments, spec, data, G))
@@ -329,9 +325,10 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
         f"equivalent to {data.K_e:.3g} independent segments"
     )
     notes.append(Note("frf/segment", text, severity="information"))
-    # Leakage is most of the variance at a peak that a segment does not resolve; it stands out of the noise by 10 dB.
+    # Only 10 dB above the noise, because leakage dominates the variance at an unresolved peak.
     modes = local_modes(data.freq_hz, G, covariance.variance / 4)
-    notes += together_notes(quality, "excite each with its own noise") + segment_notes(modes, data.freq_hz, first)
+    notes += dependent_input_notes(quality, "excite each with its own noise")
+    notes += segment_notes(modes, data.freq_hz, first)
     response = measured_response(
         first, spec.quantity, data.freq_hz, G, noise=covariance, total=total, quality=quality, notes=tuple(notes)
     )
@@ -339,12 +336,12 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
     return replace(response, correlated_lines=segments.correlated_lines, leakage=beta)
 
 
-def _is_cut(records: Sequence[Record], segments: Segments, spec: EstimatorSpec, data: CrossSpectra) -> BoolArray:
+def _is_truncated(records: Sequence[Record], segments: Segments, spec: EstimatorSpec, data: CrossSpectra) -> BoolArray:
     """Return flags (F,) of lines that a sweep reaches at or after the end of its record. data: zero-padded records."""
     lines, _, scale = _lines(records[0], segments, spec)
     w, n_y = segments.window, data.n_y
     n = max(1, round(_END * len(w)))
-    rise = np.sin(np.pi / 2 * np.arange(1, n + 1) / n)[:, None] ** 2  # cut at the end alone
+    rise = np.sin(np.pi / 2 * np.arange(1, n + 1) / n)[:, None] ** 2  # truncated at the end only
     ends = [rise * (record.u - record.u.mean(axis=0))[-n:] for record in records]
     at_end = np.sum([np.abs(rfft(end, len(w), axis=0)[lines] * scale[:, n_y:]) ** 2 for end in ends], axis=0)
     total_power = power(data.uu) * segments.step / np.sum(w**2)
@@ -354,14 +351,14 @@ def _is_cut(records: Sequence[Record], segments: Segments, spec: EstimatorSpec, 
 def _covariances(
     data: CrossSpectra, G: ComplexArray, segments: Segments, C_h: ComplexArray
 ) -> tuple[Covariance, Covariance, ComplexArray, ComplexArray]:
-    """Return covariance of vec G from the residual, with leakage; beta; covariance of one segment's V = Y - G U.
+    """Return noise and total covariance of vec G, beta, and the covariance of V = Y - G U in one segment.
 
-    C_h (F, n_y, n_y): that by leverage.
+    C_h (F, n_y, n_y): see `_by_leverage`.
     """
     dof = data.K_e - G.shape[2]
     cross = data.yu @ G.mT.conj()
     S_V = data.yy - cross - cross.mT.conj() + G @ data.uu @ G.mT.conj()
-    # Rounding makes the residual of exact data negative.
+    # For exact data rounding errors can make the residual negative.
     S_V = S_V + np.eye(data.n_y) * np.maximum(-np.linalg.eigvalsh(S_V)[:, :1, None], 0.0)
     C_V = S_V * (data.K_e / data.K / dof)
     inverse = np.asarray(np.linalg.inv(data.uu), dtype=np.complex128)
@@ -376,7 +373,7 @@ def _covariances(
 
 
 def _leakage(G: ComplexArray, variance: FloatArray, segments: Segments) -> ComplexArray:
-    """Return beta (F, n_y, n_u) of G, with the mean square corrected for noise of that variance."""
+    """Return beta (F, n_y, n_u) of G, its square corrected for noise of the variance (F, n_y, n_u)."""
     weights, noise = segments.leakage
     F, m = len(G), len(weights) // 2
     if m >= F:
@@ -387,7 +384,7 @@ def _leakage(G: ComplexArray, variance: FloatArray, segments: Segments) -> Compl
 
 
 def _quality(data: CrossSpectra, G: ComplexArray, C_V: ComplexArray) -> Quality:
-    """Return coherences and levels; the noise in the inputs is unknown and counts as none."""
+    """Return the quality; the noise of the inputs is unknown and taken as 0."""
     noise, coherence = power(C_V), coherences(power(data.yy), data.yu, data.uu)
     amplitudes = LineAmplitudes(data.freq_hz, np.sqrt(power(data.yy) / data.K), np.sqrt(noise / data.K_e))
     return quality_of(G, data.uu / data.K, coherence, (np.zeros((len(G), G.shape[2])), noise), amplitudes)

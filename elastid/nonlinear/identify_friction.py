@@ -10,7 +10,7 @@ from elastid.base.arrays import FloatArray, IntArray, laplace_variable
 from elastid.base.errors import Note, Severity
 from elastid.base.execution import Execution
 from elastid.base.statistics import chi_square_limit
-from elastid.frf.checks import refuse_mismatch
+from elastid.frf.checks import check_consistency
 from elastid.frf.spec import EstimatorSpec, Friction
 from elastid.frf.spectra import RecordSpectra
 from elastid.nonlinear.compensated_friction import CompensatedFriction
@@ -84,7 +84,7 @@ def _identify(
 
     if reason := refusal(records):
         raise _UnsuitedRecords(reason)
-    refuse_mismatch(records)
+    check_consistency(records)
     shapes = candidate_basis(records, spec.friction == "coulomb")
     data = gather(measured[:n_first], shapes)
     choice, indices = select_basis(data, shapes, locations, spec.friction == "auto")
@@ -119,7 +119,7 @@ def _gather(
     measured: Iterable[Record],
 ) -> ConfigurationSpectra:
     records = tuple(measured)
-    refuse_mismatch(records)
+    check_consistency(records)
     if reason := refusal(records):
         raise _UnsuitedRecords(reason)
     if records[0].inputs != inputs:

@@ -289,8 +289,8 @@ def fix(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
 
 def _score(measured: Response, modelled: Response, spec: FitSpec) -> Fold:
     weights = weigh(measured, spec)
-    used = weights.used
-    error = np.abs(measured.G - modelled.G)[used] / weights.sigma[used]
+    is_used = weights.is_used
+    error = np.abs(measured.G - modelled.G)[is_used] / weights.sigma[is_used]
     frf_error = agreement(measured, modelled, is_validation=True)
     misfit = float(np.mean(error**2)) if error.size else math.nan
     return Fold(frf_error.configuration, misfit, frf_error.overall_rms_log_db, frf_error.overall_phase_rms_deg)

@@ -13,7 +13,7 @@ from scipy.special import chdtrc, fdtrc, gammaincc
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, quotient
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
-from elastid.fit.problem.weights import inverse_cholesky, used_factors, vec
+from elastid.fit.problem.weights import inverse_cholesky, kronecker_factors, vec
 from elastid.response import Response
 
 # Probability of a verdict against a true model.
@@ -25,7 +25,7 @@ def whitening(noise: SmoothedNoise) -> ComplexArray:
     """Return L^-1 (F, m, m) of vec E, column-major, by element where C is singular; zero rows for zero variances."""
     used = noise.variance > 0
     try:
-        L_inverse = inverse_cholesky(used_factors(noise.smooth, used))
+        L_inverse = inverse_cholesky(kronecker_factors(noise.smooth, used))
     except np.linalg.LinAlgError:
         L_inverse = (np.eye(used[0].size) * quotient(1.0, np.sqrt(vec(noise.variance)))[:, None, :]).astype(complex)
     return np.asarray(L_inverse * vec(used)[:, None, :], np.complex128)

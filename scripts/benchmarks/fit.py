@@ -41,7 +41,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.kernels import is_compiled
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.parameter_selection import choose
-from elastid.fit.problem.frf_residuals import ElasticFit, Part
+from elastid.fit.problem.frf_residuals import ElasticFit, FrfResiduals
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares, as_real
 from elastid.fit.problem.weights import vec
 from elastid.fit.solve.solvers import solve
@@ -121,7 +121,7 @@ def assemble(Q: int, F: int, names: Sequence[str] = IDENTIFIED) -> tuple[Assembl
 def bare_solves(fit: ElasticFit) -> Callable[[], None]:
     """Prepare numpy.linalg.solve of the same systems Z X = B with precomputed matrices."""
     systems = []
-    for part in fit.parts:
+    for part in fit.frfs:
         model, s = part.kernel.model, 2j * np.pi * part.kernel.freq_hz[:, None, None]
         systems.append((s**2 * model.M + s * model.D + model.K, model.B.astype(complex)))
 
@@ -153,7 +153,7 @@ def kernel_times(
     and compiled with a new linearisation at every x, as in the search.
     """
     x, more = fit.parameters.x, inertial[0].parameters.x
-    points = sum(len(part.measured) for part in fit.parts)
+    points = sum(len(part.measured) for part in fit.frfs)
     passes: dict[str, Callable[[], object]] = {
         "solve": bare_solves(fit),
         "floor": flop_floor(points),
@@ -172,7 +172,7 @@ def small_jacobian(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> FloatAr
     plain: the same fit with R as matrices.
     """
     slopes = []
-    for part, with_R in zip(fit.parts, plain.parts, strict=True):
+    for part, with_R in zip(fit.frfs, plain.frfs, strict=True):
         columns, theta, data = part.normal.columns, part.theta(fit.parameters, x), with_R.normal.residuals.compressed
         pieces, T = columns.pieces, part.chain(fit.parameters, x)
         scale = np.ones(pieces.base.max() + 1)
@@ -187,7 +187,7 @@ def small_jacobian(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> FloatAr
 def small_residual(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> FloatArray:
     """Return the compressed residuals without their Jacobian."""
     residuals = []
-    for part, with_R in zip(fit.parts, plain.parts, strict=True):
+    for part, with_R in zip(fit.frfs, plain.frfs, strict=True):
         data, (rows, columns) = with_R.normal.residuals.compressed, part.normal.columns.elements
         G = part.kernel.response(part.theta(fit.parameters, x))[:, rows, columns]
         R = data.R.R  # (F, n_e, n_e), or its diagonal
@@ -201,7 +201,7 @@ def fit_times(
 ) -> tuple[dict[str, list[float]], dict[str, float]]:
     """Return CPU seconds of whole fits by method from each start (slow methods: the first only), and final costs."""
     costs: dict[str, float] = {}
-    constant = sum(float(part.normal.residuals.compressed.constant.sum()) for part in plain.parts)
+    constant = sum(float(part.normal.residuals.compressed.constant.sum()) for part in plain.frfs)
     casadi = casadi_problem(fit)
 
     def by_scipy(name: str, x0: FloatArray, residual: Callable[..., FloatArray], jac: object) -> None:
@@ -246,7 +246,7 @@ def without_compiled_loops(Q: int, F: int) -> tuple[ElasticFit, LeastSquares]:
     return plain, inertial
 
 
-def casadi_sums(part: Part, lines: int) -> Callable[[FloatArray], tuple[float, FloatArray, FloatArray]]:
+def casadi_sums(part: FrfResiduals, lines: int) -> Callable[[FloatArray], tuple[float, FloatArray, FloatArray]]:
     """Return V, J^T r, J^T J of the first `lines` lines of one configuration by CasADi's automatic differentiation."""
     model, wanted = part.kernel.model, part.kernel.parameters
     x, s = ca.MX.sym("x", len(wanted)), ca.MX.sym("omega")
@@ -280,7 +280,7 @@ def casadi_sums(part: Part, lines: int) -> Callable[[FloatArray], tuple[float, F
 
 def casadi_problem(fit: ElasticFit) -> LeastSquares:
     """Return the whole fit with CasADi instead of the kernel, for the same solver."""
-    parts = [casadi_sums(part, len(part.measured)) for part in fit.parts]
+    parts = [casadi_sums(part, len(part.measured)) for part in fit.frfs]
 
     def evaluate(x: FloatArray) -> Evaluation:
         sums = [part(x) for part in parts]
@@ -301,7 +301,7 @@ def compare(Q: int, F: int, quick: bool, passes_only: bool) -> dict[str, float]:
     """Print the kernel and, if not alone, single lines and whole fits beside their peers; what texts quote of them."""
     _, fit = assemble(Q, F)
     x0 = fit.parameters.x + 0.2 * np.random.default_rng(1).standard_normal(len(fit.parameters.x))  # 20 % errors
-    n, n_x = fit.parts[0].kernel.model.n, len(x0)
+    n, n_x = fit.frfs[0].kernel.model.n, len(x0)
     print(f"Q = {Q}, F = {F}, n = {n}, P = {n_x}, {fit.n_residuals} real residuals, one BLAS thread")
     print(f"{timing.machine()}\n")
 
@@ -320,7 +320,7 @@ def compare(Q: int, F: int, quick: bool, passes_only: bool) -> dict[str, float]:
         return results
 
     lines = 4 if quick else 40
-    sums, per_line_s = casadi_sums(fit.parts[0], lines), kernel["evaluation"] / (Q * F)
+    sums, per_line_s = casadi_sums(fit.frfs[0], lines), kernel["evaluation"] / (Q * F)
     casadi = timing.cpu_seconds(lambda: sums(fit.parameters.x), 3) / lines / per_line_s
     print(f"one line by {CASADI}, over that of elastid: {casadi:.1f}\n")
 

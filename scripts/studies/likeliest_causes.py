@@ -111,7 +111,7 @@ def judge(number: int, seed: int) -> Row:
     def is_right(name: str) -> bool:
         return any(fnmatch(name, pattern) for pattern in injection.right)
 
-    named = first.alike[: LIMITS.named]
+    named = first.alike[: LIMITS.n_named]
     is_certain = first.explained_fraction >= CERTAIN and not first.alike
     wrong = "wrong" if injection.right or is_certain else "doubt"
     verdict = "right" if is_right(first.name) else "apart" if any(map(is_right, named)) else wrong

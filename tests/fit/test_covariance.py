@@ -15,7 +15,7 @@ from elastid.base.execution import Execution
 from elastid.base.statistics import exceeds_cost_limit, max_cost_ratio, small_sample_factors
 from elastid.covariance import Covariance
 from elastid.fit.covariance import (
-    ENDLESS,
+    UNLIMITED_DATA,
     Contributions,
     Sums,
     compensation_error,
@@ -229,9 +229,9 @@ def test_influence_of_linear_model_equals_refits_without_each(Q):
     rng = np.random.default_rng(Q)
     blocks, y = [rng.standard_normal((6, 3)) * (1, 1e4, 1e-5) for _ in range(Q)], rng.standard_normal((Q, 6))
     x = np.linalg.lstsq(np.vstack(blocks), np.concatenate(y))[0]
-    half = np.linalg.inv(np.linalg.qr(np.vstack(blocks), mode="r")).T
-    parts = [evidence_of(J @ half.T, J @ x - one) for J, one in zip(blocks, y, strict=True)]
-    found = jackknife_variance(parts, half)
+    H = np.linalg.inv(np.linalg.qr(np.vstack(blocks), mode="r")).T
+    parts = [evidence_of(J @ H.T, J @ x - one) for J, one in zip(blocks, y, strict=True)]
+    found = jackknife_variance(parts, H)
     scatter = np.array([
         np.linalg.lstsq(np.vstack(blocks[:i] + blocks[i + 1 :]), np.delete(y, i, axis=0).ravel())[0] for i in range(Q)
     ])  # fmt: skip
@@ -317,14 +317,14 @@ def test_covariance_is_the_largest_of_three_contributions_plus_the_others() -> N
 def test_prior_variance_persists_with_endless_data() -> None:
     """H^T Q H by the tolerances now, and (s A_data + P)^-1 with s times the data, in closed form."""
     A_data, P = J.T @ J, np.diag([0.0, 50.0])
-    half = np.linalg.inv(np.linalg.cholesky(A_data + P))
-    sums = replace(sums_of(evidence_of(J, R)), half=half, prior_J=np.sqrt(P) @ half.T)
+    H = np.linalg.inv(np.linalg.cholesky(A_data + P))
+    sums = replace(sums_of(evidence_of(J, R)), H=H, prior_J=np.sqrt(P) @ H.T)
     now, persistent = prior_variance(sums, [1])
     loads = np.array([[2.0, 1.0], [0.0, 3.0], [1.0, 1.0]])
-    np.testing.assert_allclose(replace(sums, static_J=loads).load_power, np.diag(half.T @ loads.T @ loads @ half))
+    np.testing.assert_allclose(replace(sums, static_J=loads).load_power, np.diag(H.T @ loads.T @ loads @ H))
     C = np.linalg.inv(A_data + P)
     np.testing.assert_allclose(now, np.diag(C @ P @ C))
-    np.testing.assert_allclose(persistent, np.diag(np.linalg.inv(ENDLESS * A_data + P)))
+    np.testing.assert_allclose(persistent, np.diag(np.linalg.inv(UNLIMITED_DATA * A_data + P)))
 
 
 def test_information_sums_to_one_with_load_tests() -> None:
@@ -392,9 +392,9 @@ def test_configurations_that_disagree_widen_to_their_jackknife() -> None:
     fit = elastic_fit(responses, [model] * 3, weights, parameters(), "log")
     end = solve(fit.problem, X)
     sums = sum_up(fit, responses, weights, end.x, Execution())
-    scatter = jackknife_variance(sums.parts, sums.half)
+    scatter = jackknife_variance(sums.line_sums, sums.H)
     variance = np.diag(estimate_uncertainty(fit, responses, weights, end.x).covariance)
-    assert np.any(scatter > 1.01 * np.maximum(block_variance([part.blocks for part in sums.parts], sums.half), 0))
+    assert np.any(scatter > 1.01 * np.maximum(block_variance([part.blocks for part in sums.line_sums], sums.H), 0))
     assert np.all(variance >= (1 - 1e-12) * scatter)  # rounding
 
 

@@ -18,7 +18,7 @@ Q, N, HALF = 40, 30, np.diag([2.0, 0.1])
 
 
 def scatter(
-    std: float, is_excess: bool = True, noise: float = 1.0, least: float = 0.0
+    std: float, is_excess: bool = True, noise: float = 1.0, min_std: float = 0.0
 ) -> tuple[RatioScatter, FloatArray]:
     """Scatter of a gear at Q angles whose ratios have so many tolerances, and dx (Q, 2) by one tolerance at each."""
     rng = np.random.default_rng(3)
@@ -31,7 +31,7 @@ def scatter(
         ratios = RatioSums((("motor 1", 0.1 * q),), V[[q]] @ rows[q], V[[q]] @ V[[q]].T, V[[q]] @ residuals[q])
         parts.append(LineSums(**vars(evidence_of(rows[q], residuals[q])) | {"ratios": ratios}))
     pull = np.array([part.ratios.pull[0] for part in parts])
-    return scatter_of_ratios(parts, HALF, float(r @ r), N * Q - 2.0, 1.0, is_excess, least), pull @ HALF
+    return scatter_of_ratios(parts, HALF, float(r @ r), N * Q - 2.0, 1.0, is_excess, min_std), pull @ HALF
 
 
 @pytest.mark.parametrize("std", [0.5, 3.0])
@@ -52,9 +52,9 @@ def test_ratios_without_excess_explain_nothing() -> None:
 
 def test_ratios_beside_model_error_have_at_least_tolerance() -> None:
     """Residuals of noise alone after a model error was added to it: ratios that agree prove nothing."""
-    agreeing, dx = scatter(0.0, is_excess=False, least=1.0)
+    agreeing, dx = scatter(0.0, is_excess=False, min_std=1.0)
     np.testing.assert_allclose(agreeing.covariance, dx.T @ dx)
-    different, _ = scatter(3.0, is_excess=False, least=1.0)
+    different, _ = scatter(3.0, is_excess=False, min_std=1.0)
     assert different.std["motor 1"] == pytest.approx(3.0, rel=0.2)
 
 
@@ -70,7 +70,7 @@ def test_ratio_errors_use_modelled_response_without_noise() -> None:
     """Noise in them would be correlated with residuals, and look like a scatter of the ratios."""
     responses = measure(arm(), np.random.default_rng(1), 0.05)
     assembly, errors = Assembly.of(responses, arm(), SPEC, parameters := choose(SPEC, arm())), []
-    (part, *_), G = assembly.at(parameters.x, SPEC.criterion).parts, responses[0]
+    (part, *_), G = assembly.at(parameters.x, SPEC.criterion).frfs, responses[0]
     for data in (G.G, 1.1 * G.G):
         given = replace(G, G=data, ratio_std=np.full(2, 0.003))
         errors.append(np.array([*ratio_errors(part, given, part.theta(parameters, parameters.x), None).values()]))

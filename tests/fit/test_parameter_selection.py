@@ -10,7 +10,7 @@ from plants.measured_robots import deviation, responses_of
 from plants.refusals import refused
 
 from elastid.fit.identify import fit_parameters, identify
-from elastid.fit.parameter_selection import AT_TOOL, choose, groups_of, with_tolerances
+from elastid.fit.parameter_selection import AT_TOOL, choose, configuration_groups, with_tolerances
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec, WeightSpec
 from elastid.parameters import Parameter, Parameters, Tie
 from elastid.record import Configuration
@@ -283,5 +283,5 @@ def test_unknown_motor_friction_starts_at_one_second_decay():
 
 
 def test_tool_responses_belong_to_group_of_their_posture() -> None:
-    groups = groups_of("k_1", ParameterSpec(per="configuration"), {}, ["a", "b", f"b{AT_TOOL}"])
+    groups = configuration_groups("k_1", ParameterSpec(per="configuration"), {}, ["a", "b", f"b{AT_TOOL}"])
     assert groups == {"a": ("a",), "b": ("b", f"b{AT_TOOL}")}

@@ -63,7 +63,7 @@ def test_segment_error_includes_leakage() -> None:
     record = noise_record(8000, 2, n=1)
     record = replace(record, y=LIGHT.driven(record.u))
     spec = replace(AUTO, method="h1", segment=1.28)
-    h1, local = estimate([record], spec), local_response([record], replace(LOCAL, lines="full"), most_lines=400)
+    h1, local = estimate([record], spec), local_response([record], replace(LOCAL, lines="full"), max_lines=400)
     error, _, _ = automatic.relative_errors(h1, local, has_bias=True)
     inside = local.freq_hz[(local.freq_hz >= h1.freq_hz[0]) & (local.freq_hz <= h1.freq_hz[-1])]
     G = np.interp(inside, h1.freq_hz, h1.G[:, 0, 0].real) + 1j * np.interp(inside, h1.freq_hz, h1.G[:, 0, 0].imag)

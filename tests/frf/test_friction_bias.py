@@ -11,8 +11,8 @@ from scipy.special import ive
 from elastid.excitation.multisine import synthesise
 from elastid.fit.problem.least_squares import as_real
 from elastid.frf.distortion import (
-    MAX_ROTATED_FRACTION,
-    MIN_OWN_CHANNEL_FRACTION,
+    FIRST_ORDER_FRACTION,
+    QUADRATURE_FRACTION,
     DetectionLines,
     fast_total_error,
     unit_impedance,
@@ -78,7 +78,7 @@ def test_second_order_of_coulomb_friction_is_predicted(coulomb: float) -> None:
     assert predicted.imag[upper].mean() > 2 * predicted.imag[LINES < 15].mean()
     viscous = impedance(response.G[:, 0, 0] + response.bias[-1, 0, :, 0, 0]) - impedance(response.G[:, 0, 0])
     low = LINES < 10
-    assert viscous.real[low].mean() / MIN_OWN_CHANNEL_FRACTION == pytest.approx(added.real[low].mean(), rel=0.15)
+    assert viscous.real[low].mean() / FIRST_ORDER_FRACTION == pytest.approx(added.real[low].mean(), rel=0.15)
     # Beside viscous friction, of the second order and of it turned by a quarter, as factors of N(0, 1) leave free.
     second, turned = (-1j * omega * each[0, :, 0, 0] / response.G[:, 0, 0] ** 2 for each in response.bias[:2])
     rows = as_real(np.array([np.ones(len(LINES), complex), second, turned])).T
@@ -86,7 +86,7 @@ def test_second_order_of_coulomb_friction_is_predicted(coulomb: float) -> None:
     (viscous, size, turn), *_ = np.linalg.lstsq(rows, wanted)
     assert size == pytest.approx(1.0, abs=0.35)
     assert 0.5 < turn < 1.5
-    assert 0.2 < turn * MAX_ROTATED_FRACTION / size < 0.4
+    assert 0.2 < turn * QUADRATURE_FRACTION / size < 0.4
     left = np.linalg.norm(wanted - rows @ [viscous, size, turn])
     alone = np.linalg.norm(wanted - rows[:, 0] * (rows[:, 0] @ wanted) / (rows[:, 0] @ rows[:, 0]))
     assert left < 0.08 * np.linalg.norm(wanted)

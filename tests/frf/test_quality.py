@@ -12,7 +12,7 @@ from plants.random_plants import ALL_PERIODS, RATE, N, experiments_of, record_of
 from elastid.app.stages.estimate import estimate_configuration
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.frf.estimate import estimate
-from elastid.frf.quality import coherences, local_modes, wide_windows
+from elastid.frf.quality import coherences, local_modes, wide_window_notes
 from elastid.record import Configuration, Record
 from elastid.store.measured import read_configurations, write_records
 
@@ -85,11 +85,11 @@ def test_a_window_wider_than_the_modal_bandwidth_gets_a_word() -> None:
     G = two_modes(FREQ, np.eye(2), zeta=0.05)
     found = local_modes(FREQ, G, np.zeros(G.shape))
     span = np.full(len(FREQ), 9.0)
-    (word,) = wide_windows(found, FREQ, span, poles=0)
+    (word,) = wide_window_notes(found, FREQ, span, poles=0)
     assert "2 of 2 modes: 9 Hz at 45 Hz" in word.text
-    assert wide_windows(found, FREQ, span / 3, poles=0) == []
-    assert wide_windows(found, FREQ, span, poles=2) == []
-    assert len(wide_windows(found, FREQ, 10 * span, poles=1)) == 1
+    assert wide_window_notes(found, FREQ, span / 3, poles=0) == []
+    assert wide_window_notes(found, FREQ, span, poles=2) == []
+    assert len(wide_window_notes(found, FREQ, 10 * span, poles=1)) == 1
 
 
 def test_covariance_form_follows_degrees_of_freedom() -> None:

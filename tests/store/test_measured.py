@@ -126,10 +126,10 @@ def test_large_covariances_stay_in_file_for_workers(tmp_path, monkeypatch):
     for response in (near, far):
         weights = weigh(response, NO_FLOOR)
         fit = elastic_fit([response], [model], [weights], parameters(), "complex")
-        tasks.append(pickle.dumps((fit.parts[0], response, weights)))
+        tasks.append(pickle.dumps((fit.frfs[0], response, weights)))
         problems.append(pickle.dumps(fit.problem.evaluate))
         part, again, of_again = pickle.loads(tasks[-1])
-        there = estimate_uncertainty(replace(fit, parts=(part,)), [again], [of_again], parameters().x)
+        there = estimate_uncertainty(replace(fit, frfs=(part,)), [again], [of_again], parameters().x)
         ends.append((fit.evaluate(parameters().x).cost, there.covariance.tobytes()))
     assert isinstance(far.noise.matrix, large_arrays.FileArray)
     assert type(2 * far.noise.matrix) is type(np.abs(far.noise.matrix)) is np.ndarray

@@ -19,7 +19,7 @@ from elastid.base.names import SEPARATOR
 from elastid.fit.combinations import COMBINATION, combination_notes, loop_note
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.fit.identify import identified
+from elastid.fit.identify import identify_with_motion_bias
 from elastid.fit.parameter_selection import AT_TOOL
 from elastid.fit.result import Result
 from elastid.fit.status_terms import DISTORTED, FIXED_VALUES
@@ -78,7 +78,7 @@ def fit(study: Study, work: Work) -> Artefacts:
     try:
         with work.execution(work.checkpoint()) as execution:
             all_responses = [*study.fitted(responses), *tapped]
-            result, effects = identified(all_responses, robot, spec, study.model, execution, loads=tests)
+            result, effects = identify_with_motion_bias(all_responses, robot, spec, study.model, execution, loads=tests)
     except FitError as error:
         return Artefacts({"summary.json": as_json(failure(study.name, spec.starts, str(error)))}, error=error)
     # The fixed values and the base of a simulated robot are exact.
@@ -217,7 +217,8 @@ def _legend(
     meanings = {**STD_PARTS, "std_systematic": ", ".join(compress(errors, errors.values()))}
     if stds := [name for name in result.display.headings if name in meanings]:
         varied, squares = result.parameters.free_names[len(rows) :], " + ".join(f"{name}^2" for name in stds)
-        names_of_rest = ", ".join(varied) if len(varied) <= LIMITS.named else f"{len(varied)} values of the robot model"
+        count = f"{len(varied)} values of the robot model"
+        names_of_rest = ", ".join(varied) if len(varied) <= LIMITS.n_named else count
         gains = " (gain_u: logged torque / true torque)" if "gain_u" in names_of_rest else ""
         tolerance = "tolerance in the robot model, otherwise the default tolerance"
         yield f"The fit also varied {names_of_rest}{gains}, with a prior. Std of each prior: {tolerance}"

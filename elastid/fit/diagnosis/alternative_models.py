@@ -1,9 +1,8 @@
 """Alternative models of a study, each fitted from its own start: other robots, or other conventions of the same robot.
 
 Alternatives are: angles in another unit, direction or order; motor inertias or encoders on the other side of the gear;
-another mounting; no payload, or an additional payload.  A fit that changed parameters within their tolerances to
-compensate such a cause cannot reach this cause by small steps.  The alternatives therefore start at their own values,
-with the tolerances about these values.
+another mounting; no payload, or an additional payload.  The optimum of the fit is too far from these causes for small
+steps, so each alternative starts at its own values, with the tolerances about these values.
 """
 
 import math
@@ -17,10 +16,10 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, named
 from elastid.base.errors import ElastidError
-from elastid.fit.diagnosis.forgotten_load import MIN_MASS_FRACTION, find_load, steps_of
-from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, Scores, against
+from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, Scores, with_refit
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.refit import UNCHANGED, on_line_subset, settle
+from elastid.fit.diagnosis.refit import UNCHANGED, on_line_subset, refit
+from elastid.fit.diagnosis.unmodelled_payload import MIN_MASS_FRACTION, find_load, load_steps
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.result_rows import ModificationIndex
 from elastid.fit.solve.solvers import ROUGH, solve
@@ -29,7 +28,7 @@ from elastid.robot import Payload, Robot
 
 
 class AlternativeModel(NamedTuple):
-    """The study otherwise: of another robot, or with other responses."""
+    """The fit with another robot, or with other responses."""
 
     name: str
     family: str
@@ -37,14 +36,14 @@ class AlternativeModel(NamedTuple):
 
 
 def find_alternatives(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
-    """Return the indices with the best variant, and with a load that was fitted, where nothing explains all."""
+    """Add the best alternative model, and a fitted load, to the indices if no cause explains the whole excess."""
     fraction = max((index.explained_fraction for index in indices), default=0.0)
     if fraction > LIMITS.complete_fraction and not any(index.group == SCALE for index in indices):
         return indices
     trials = sorted(
         (_judged(alternative, evidence, scores) for alternative in _alternatives(evidence)), key=lambda trial: trial[1]
     )
-    # V that the file's own robot reaches from the study's start is no merit of a variant.
+    # An alternative must be better than the stated robot from the same starts.
     as_stated = min(_judged(AlternativeModel("", "", evidence.assembly), evidence, scores)[1], scores.cost)
     first, costs = trials[0]
     alternatives = []
@@ -61,16 +60,18 @@ def find_alternatives(indices: list[ModificationIndex], evidence: Evidence, scor
 
 
 def _judged(alternative: AlternativeModel, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:
-    """Return the modification index of a variant, and V of all lines at the best optimum within a few steps."""
+    """Return the modification index of an alternative, and V of all lines at its best optimum of a short search."""
     cost, x, parameters = math.inf, alternative.assembly.parameters.x, alternative.assembly.parameters
     is_of_interest = np.array([not p.is_nuisance for p in parameters.free])
     for start in (parameters.x, np.where(is_of_interest, evidence.optimum.end.x, parameters.x)):
-        with suppress(ElastidError, np.linalg.LinAlgError):  # no robot stands there, or V has no slope
-            fit = on_line_subset(alternative.assembly.at(start, alternative.assembly.spec.criterion), LIMITS.residuals)
-            V, end = settle(UNCHANGED, fit, start)
+        with suppress(ElastidError, np.linalg.LinAlgError):  # no equilibrium, or V has no derivative
+            fit = on_line_subset(
+                alternative.assembly.at(start, alternative.assembly.spec.criterion), LIMITS.n_refit_residuals
+            )
+            V, end = refit(UNCHANGED, fit, start)
             V *= evidence.optimum.fit.n_residuals / max(fit.n_residuals, 1)
             cost, x = min((cost, x), (V, end), key=lambda point: point[0])
-    return against(ModificationIndex(alternative.name, alternative.family), cost, x, evidence, scores), cost
+    return with_refit(ModificationIndex(alternative.name, alternative.family), cost, x, evidence, scores), cost
 
 
 def _alternatives(evidence: Evidence) -> Iterator[AlternativeModel]:
@@ -130,7 +131,7 @@ def _encoders(evidence: Evidence) -> Iterator[AlternativeModel]:
             )
 
 
-# Name, family, robot, and the numbers about which tolerances are.
+# Name, family, robot, and the values about which the tolerances apply.
 _Alternative: TypeAlias = tuple[str, str, Robot, Mapping[str, float]]
 
 
@@ -182,19 +183,19 @@ def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     body = max(loads, key=lambda name: loads[name].drop, default="")
     if evidence.assembly.linearisation.model.robot.payload is not None or not body or not loads[body].mass > 0:
         return []
-    mass, centre = loads[body].mass, _centre(scores, body) + loads[body].place
+    mass, centre = loads[body].mass, _centre(scores, body) + loads[body].position
     loaded = _carrying(evidence, body, mass, centre)
     if loaded is None or not loaded[0] < scores.cost:
         return []
     cost, p, x = loaded
     candidate = next(c for c in scores.candidates if c.name == f"payload_{body}")
-    members = [scores.test.numbers[i] for i in candidate.places]
+    members = [scores.test.numbers[i] for i in candidate.indices]
     p[1:] -= _centre(scores, body)
     index = ModificationIndex(
         candidate.name, "payload", tuple(n.name for n in members), np.array([n.value for n in members]),
-        tuple(n.unit for n in members), tuple(n.log for n in members), steps_of(members, p),
+        tuple(n.unit for n in members), tuple(n.log for n in members), load_steps(members, p),
     )  # fmt: skip
-    return [against(index, cost, x, evidence, scores)]
+    return [with_refit(index, cost, x, evidence, scores)]
 
 
 def _centre(scores: Scores, body: str) -> FloatArray:
@@ -223,9 +224,9 @@ def _carrying(
     x = parameters.x_with({p.name: estimates[p.name] for p in file.of_interest})
     try:
         assembly = _with_robot(study, robot, parameters)
-        for _ in range(LIMITS.rounds):
+        for _ in range(LIMITS.n_load_rounds):
             fit = assembly.at(x, study.spec.criterion)
-            _, near = settle(UNCHANGED, on_line_subset(fit), x)
+            _, near = refit(UNCHANGED, on_line_subset(fit), x)
             x = solve(fit.problem, near, ROUGH, LIMITS.iterations).x
         cost = assembly.at(x, study.spec.criterion).evaluate(x).cost
     except (ElastidError, np.linalg.LinAlgError):  # no equilibrium along the search, or V has no derivative

@@ -10,7 +10,7 @@ from elastid.base.display import capital, percent
 from elastid.base.errors import Note
 from elastid.fit.diagnosis.hypothesis import Evidence, hypothesis_of_index
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.priors import contradicted_tolerances, relative, tolerance_of
+from elastid.fit.diagnosis.priors import contradicted_tolerances, relative_change, tolerance_of
 from elastid.fit.result_rows import ModificationIndex
 from elastid.fit.status_terms import NO_CAUSE, REQUIRED
 
@@ -30,7 +30,7 @@ def explanations(evidence: Evidence) -> tuple[Note, ...]:
     causes = [index for index in sequence if index.explained_fraction >= LIMITS.min_stated_fraction]
     if result.is_within_declared and evidence.best.explained_fraction < LIMITS.min_cause_fraction:
         return ()
-    is_without = not (sequence or evidence.apart) and result.status == "misfit" and result.exceeds_noise
+    is_without = not (sequence or evidence.inconsistency_notes) and result.status == "misfit" and result.exceeds_noise
     if sequence and contradicted_tolerances(result) and (causes or not evidence.is_unexplained):
         causes = causes or sequence[:1]
     elif (sequence and sequence[0].explained_fraction < LIMITS.min_cause_fraction) or is_without:
@@ -44,12 +44,13 @@ def fault(index: ModificationIndex, evidence: Evidence) -> str:
     """Explain a cause: `likely cause: m_fore = 75 kg instead of 71 kg (+5.6 %); explains 99 % of ...`."""
     result = evidence.result
     by_name = {index.name: phrase(index, evidence) for index in reversed(result.indices)}
-    alternatives = [by_name.get(name, name) for name in index.alike[: LIMITS.named]]
+    alternatives = [by_name.get(name, name) for name in index.alike[: LIMITS.n_named]]
     equivalents = f", or {', or '.join(alternatives)} (indistinguishable)" if alternatives else ""
     tolerance = tolerance_of(index, result)
     of_tolerance = f"; its prior std in this fit is {tolerance}" if tolerance else ""
     name, change = index.most_moved(result.parameters.free_names)
-    effect = f"changes {name} by {relative(math.log1p(max(change, 1e-9 - 1)))}" if abs(change) > LIMITS.effect else ""
+    size = relative_change(math.log1p(max(change, 1e-9 - 1)))
+    effect = f"changes {name} by {size}" if abs(change) > LIMITS.effect else ""
     cause = f"{phrase(index, evidence)}{equivalents}{of_tolerance}"
     if not evidence.is_unexplained:
         return f"{REQUIRED} {cause}{effect and f' ({effect})'}"
@@ -72,7 +73,7 @@ def number_phrase(index: ModificationIndex) -> str:
     """Return the change of a number, or of a common factor of several, with its values."""
     unit = "" if index.units[0] == "1" else f" {index.units[0]}"
     step = float(index.steps[0])
-    change = relative(step) if index.log[0] else f"{step:+.3g}{unit}"
+    change = relative_change(step) if index.log[0] else f"{step:+.3g}{unit}"
     if index.name.endswith("*"):
         return f"{index.name} {change}"
     nominal = f"{float(index.values[0]):.4g}{unit} ({change})"
@@ -84,12 +85,12 @@ def _remedy(index: ModificationIndex, evidence: Evidence) -> str:
     advice = (hypothesis and hypothesis.advice) or CHECK_OR_PRIOR
     if _is_motor_friction(index):
         return FREE_MOTORS
-    step = max(np.abs(index.steps).tolist(), default=0.0)  # which the prior must not contradict
+    step = max(np.abs(index.steps).tolist(), default=0.0)  # must be plausible under the prior
     usual = min(max(hypothesis.size.usual if hypothesis else 0.1, float(f"{1.1 * step:.1g}")), LIMITS.stiffness_std)
-    # The common factor of an inertia's entries is no parameter of a study; they are.
+    # Parameters of a study are the entries of an inertia, not their common factor.
     is_factor = index.name.startswith("I_") and index.name not in evidence.assembly.linearisation.model.parameters
     name = f"{index.name}_*" if is_factor and not index.name.endswith("*") else index.name
-    if name == "low_pass":  # of all motions, its inverse of all torques
+    if name == "low_pass":  # of all positions; a negative time constant is a low pass of all torques
         name = "low_pass_y" if index.steps[0] > 0 else "low_pass_u"
     size = percent(usual) if index.log and index.log[0] else f"{usual:g} {index.units[0] if index.units else ''}"
     return capital(advice.format(name=name, where=index.name.partition("_")[2], usual=usual, size=size))

@@ -19,7 +19,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable
 from elastid.base.errors import ElastidError
-from elastid.fit.diagnosis.hypothesis import SCALE, Changes, Evidence, Hypothesis, Scores, against
+from elastid.fit.diagnosis.hypothesis import SCALE, Changes, Evidence, Hypothesis, Scores, with_refit
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.refit import (
     Change,
@@ -27,12 +27,12 @@ from elastid.fit.diagnosis.refit import (
     ResponseChange,
     evaluate,
     frf_costs,
+    gauss_newton_step,
     on_line_subset,
-    predict,
-    settle,
+    refit,
     start_distance,
 )
-from elastid.fit.problem.frf_residuals import ElasticFit, Part
+from elastid.fit.problem.frf_residuals import ElasticFit, FrfResiduals
 from elastid.fit.result_rows import ModificationIndex
 
 
@@ -47,7 +47,7 @@ def find_channel_error(indices: list[ModificationIndex], evidence: Evidence, sco
         # With wrong channels, the fit may have changed the nuisance parameters by many of their tolerances.
         starts.append((file, assembly.parameters.x, np.array([not p.is_nuisance for p in assembly.parameters.free])))
     predicted = [  # V of every hypothesis after one step from each start
-        (predict(change, evaluated, problem.parameters.prior_slopes, free)[0], change, (problem, start, free))
+        (gauss_newton_step(change, evaluated, problem.parameters.prior_slopes, free)[0], change, (problem, start, free))
         for problem, start, free in starts
         for evaluated in (evaluate(problem, start),)
         for hypothesis in evidence.hypotheses
@@ -55,18 +55,18 @@ def find_channel_error(indices: list[ModificationIndex], evidence: Evidence, sco
     ]
     refits: dict[str, tuple[float, FloatArray, ResponseChange]] = {}
     for cost, change, (problem, start, free) in sorted(predicted, key=lambda trial: trial[0]):
-        if len(refits) >= LIMITS.refits or cost > LIMITS.predicted_ratio * costs.sum():
+        if len(refits) >= LIMITS.n_refits or cost > LIMITS.predicted_ratio * costs.sum():
             break
         if change.name not in refits:
-            V, x_end = settle(change, problem, settle(change, problem, start, free)[1])
+            V, x_end = refit(change, problem, refit(change, problem, start, free)[1])
             refits[change.name] = (of_all * V, x_end, change)
-    as_read = min(of_all * float(costs.sum()), scores.cost)
-    excess = max(as_read - scores.noise, 1e-300)
+    cost_as_stated = min(of_all * float(costs.sum()), scores.cost)
+    excess = max(cost_as_stated - scores.noise, 1e-300)
     min_cost = min((cost for cost, _, _ in refits.values()), default=math.inf)
-    if as_read - min_cost <= LIMITS.complete_fraction * excess:
+    if cost_as_stated - min_cost <= LIMITS.complete_fraction * excess:
         for name, cost, x_end in _scale_channels(fit, (fit.parameters.x, x)):
             refits[name] = (of_all * cost, x_end, ResponseChange(name, SCALE, lambda _, values: values))
-    min_cost = as_read - LIMITS.sufficient_fraction * excess
+    min_cost = cost_as_stated - LIMITS.sufficient_fraction * excess
     good = sorted((curve for curve in refits.values() if curve[0] < min_cost), key=lambda curve: curve[0])
     if not good:
         return indices
@@ -74,25 +74,25 @@ def find_channel_error(indices: list[ModificationIndex], evidence: Evidence, sco
     equal = tuple(change.name for V, _, change in good[1:] if cost > LIMITS.equal_drop * V)
     occam = start_distance(fit.parameters, x_end) if best.family == SCALE else 0.0
     index = ModificationIndex(best.name, best.family, alike=equal, occam=occam)
-    return [*indices, against(index, cost, x_end, evidence, scores)]
+    return [*indices, with_refit(index, cost, x_end, evidence, scores)]
 
 
 def _changes(changes: Changes, evaluated: Sequence[EvaluatedResponse], costs: FloatArray) -> Iterator[ResponseChange]:
-    """Yield misreadings of all configurations, and of single configurations with the worst fit."""
+    """Yield interpretations of all configurations, and of the single configurations with the worst fit."""
     yield from changes(evaluated, costs)
-    for i in np.argsort(-costs)[: LIMITS.refits] if len(costs) > 2 else ():
-        part = evaluated[i].part
+    for i in np.argsort(-costs)[: LIMITS.n_refits] if len(costs) > 2 else ():
+        frf = evaluated[i].frf
         for change in changes([evaluated[i]], costs[[i]]):
-            name = f"{change.name} in configuration {part.configuration} alone"
-            yield replace(change, name=name, apply=partial(_change_one, part, change.apply))
+            name = f"{change.name} in configuration {frf.configuration} alone"
+            yield replace(change, name=name, apply=partial(_change_one, frf, change.apply))
 
 
-def _change_one(part: Part, change: Change, evaluated: EvaluatedResponse, values: ComplexArray) -> ComplexArray:
-    return change(evaluated, values) if evaluated.part.configuration == part.configuration else values
+def _change_one(frf: FrfResiduals, change: Change, evaluated: EvaluatedResponse, values: ComplexArray) -> ComplexArray:
+    return change(evaluated, values) if evaluated.frf.configuration == frf.configuration else values
 
 
 def _channels(evaluated: Sequence[EvaluatedResponse]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    models = [e.part.kernel.model for e in evaluated]
+    models = [e.frf.kernel.model for e in evaluated]
     outputs = tuple(dict.fromkeys(name for model in models for name in model.outputs))
     return outputs, tuple(dict.fromkeys(name for model in models for name in model.inputs))
 
@@ -117,7 +117,7 @@ def direction_errors(evaluated: Sequence[EvaluatedResponse], _: FloatArray) -> I
 def _times(
     outputs: dict[str, float], inputs: dict[str, float], evaluated: EvaluatedResponse, values: ComplexArray
 ) -> ComplexArray:
-    model = evaluated.part.kernel.model
+    model = evaluated.frf.kernel.model
     rows, columns = [outputs.get(p, 1.0) for p in model.outputs], [inputs.get(p, 1.0) for p in model.inputs]
     return values * np.outer(rows, columns)
 
@@ -143,15 +143,15 @@ def _permute(
         order = [exchange.get(name, name) for name in names]
         return [names.index(name) if name in names else i for i, name in enumerate(order)]
 
-    model = evaluated.part.kernel.model
+    model = evaluated.frf.kernel.model
     rows, columns = places(model.outputs, outputs), places(model.inputs, inputs)
     return values[..., rows, :][..., columns]
 
 
 def posture_exchanges(evaluated: Sequence[EvaluatedResponse], costs: FloatArray) -> Iterator[ResponseChange]:
     """Yield the hypotheses of two exchanged configurations with large residuals and with equal lines and channels."""
-    kernels = [e.part.kernel for e in evaluated]
-    for a, b in combinations(sorted(np.argsort(-costs)[: LIMITS.exchanged].tolist()), 2):
+    kernels = [e.frf.kernel for e in evaluated]
+    for a, b in combinations(sorted(np.argsort(-costs)[: LIMITS.n_exchange_candidates].tolist()), 2):
         first, second = kernels[a].model, kernels[b].model
         if (first.outputs, first.inputs) == (second.outputs, second.inputs) and np.array_equal(
             kernels[a].freq_hz, kernels[b].freq_hz
@@ -176,7 +176,7 @@ def quantity_errors(_: Sequence[EvaluatedResponse], __: FloatArray) -> Iterator[
 
 
 def _differentiate(power: int, evaluated: EvaluatedResponse, values: ComplexArray) -> ComplexArray:
-    return values * (laplace_variable(evaluated.part.kernel.freq_hz) ** power)[:, None, None]
+    return values * (laplace_variable(evaluated.frf.kernel.freq_hz) ** power)[:, None, None]
 
 
 # Family, changes of the model, error in words, simulated fault of the tests, advice.
@@ -202,18 +202,18 @@ CHANNEL_HYPOTHESES = tuple(
 def _scale_channels(fit: ElasticFit, starts: Sequence[FloatArray]) -> Iterator[tuple[str, float, FloatArray]]:
     for x in starts:
         V, text = math.inf, ""
-        for _ in range(LIMITS.scale_rounds):
+        for _ in range(LIMITS.n_scale_rounds):
             outputs, inputs = _scales(evaluate(fit, x))
-            # The values of a torque are off by 1 / c.
+            # A torque that is wrong by c scales the response by 1 / c.
             factors = {f"y at {p}": c for p, c in outputs.items()} | {f"u at {p}": -c for p, c in inputs.items()}
-            far = {name: c for name, c in factors.items() if abs(c) > math.log(LIMITS.scale)}
+            far = {name: c for name, c in factors.items() if abs(c) > math.log(LIMITS.min_scale)}
             text = ", ".join(f"{name} times {math.exp(c):.3g}" for name, c in far.items())
             if not text:
                 break
-            # As channels with these ln c read the response of the model.
+            # The modelled response as these channels would measure it.
             of_y, of_u = ({location: math.exp(-c) for location, c in side.items()} for side in (outputs, inputs))
             change = ResponseChange("", SCALE, partial(_times, of_y, of_u))
-            V, x = settle(change, fit, x)
+            V, x = refit(change, fit, x)
         if text:
             yield text, V, x
 
@@ -223,17 +223,17 @@ def _scales(evaluated: Sequence[EvaluatedResponse]) -> tuple[dict[str, float], d
     outputs, inputs = _channels(evaluated)
     rows, values = [], []
     for e in evaluated:
-        model, is_used, G = e.part.kernel.model, e.part.gain > 0, np.abs(e.G)
+        model, is_used, G = e.frf.kernel.model, e.frf.gain > 0, np.abs(e.G)
         for (i, output), (j, input_) in product(enumerate(model.outputs), enumerate(model.inputs)):
-            lines = is_used[:, i, j] & (G[:, i, j] > 0) & (e.part.measured[:, i, j] != 0)
+            lines = is_used[:, i, j] & (G[:, i, j] > 0) & (e.frf.measured[:, i, j] != 0)
             if lines.any():
                 row = np.zeros(len(outputs) + len(inputs))
                 row[outputs.index(output)] = row[len(outputs) + inputs.index(input_)] = 1.0
                 rows.append(row)
-                values.append(float(np.median(np.log(G[lines, i, j] / np.abs(e.part.measured[lines, i, j])))))
+                values.append(float(np.median(np.log(G[lines, i, j] / np.abs(e.frf.measured[lines, i, j])))))
     c, n_y = np.linalg.lstsq(np.array(rows), np.array(values))[0], len(outputs)
-    # Only sums of output and input are known: as few channels as possible are off, outputs rather than inputs.
+    # Only sums of ln c of an output and an input are identifiable: choose the fewest wrong channels.
     common = np.where(np.arange(len(c)) < n_y, -1.0, 1.0)
     shifted = [c - shift * common for shift in (*c[n_y:], *-c[:n_y])]
-    fewest = max(shifted, key=lambda scales: int(np.sum(np.abs(scales) < math.log(LIMITS.scale)))).tolist()
+    fewest = max(shifted, key=lambda scales: int(np.sum(np.abs(scales) < math.log(LIMITS.min_scale)))).tolist()
     return dict(zip(outputs, fewest, strict=False)), dict(zip(inputs, fewest[n_y:], strict=True))

@@ -46,7 +46,7 @@ class UndetectableError:
     error: float
 
     def amount(self, error: float) -> str:
-        """Return a text with the error, its unit, and the parameter's name in the robot model or `fit.parameters`."""
+        """Return a text with the error, its unit, and the name of the value."""
         is_relative = self.number.log or self.number.unit == "1"
         return (
             f"{100 * error:.2g} % of {self.name}" if is_relative else f"{error:.2g} {self.number.unit} of {self.name}"
@@ -56,18 +56,18 @@ class UndetectableError:
 def undetectable_errors(result: Result, scores: Scores) -> Iterator[UndetectableError]:
     r"""Yield errors of fixed values, single or by a common factor, that shift a parameter.
 
-    A small error of a gear ratio changes the response as stiffness and damping do, and free parameters compensate it.
-    For a fixed parameter h, with S and the effects of the score test and the standard deviations of x,
+    For example, free stiffness and damping compensate a small error of a gear ratio. For a fixed parameter h, with S
+    and the effects of the score test and the standard deviations of x,
 
     .. math:: e_1 = \min_i \frac{\sigma_i}{|\partial x_i / \partial h|}, \qquad e_\text{undetectable} = \sqrt{D / S}
 
-    are the error that shifts a parameter by one standard deviation, and the largest error whose correction would lower
-    V by no more than the limit of a model error (D, `limits.LIMITS.drop`).
+    are the error that shifts a parameter by one standard deviation, and the largest error that lowers V by at most D
+    (`LIMITS.min_drop`) when it is corrected.
     """
     n = len(result.parameters.of_interest)
     test, std = scores.test, result.std_of_x[:n]
     for candidate in scores.candidates:
-        locations, first = candidate.places, test.numbers[candidate.places[0]]
+        locations, first = candidate.indices, test.numbers[candidate.indices[0]]
         is_exact = first.is_stated and not first.is_nuisance and not math.isinf(first.upper)
         if candidate.directions.shape[1] > 1 or not is_exact:
             continue

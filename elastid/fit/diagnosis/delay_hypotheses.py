@@ -24,10 +24,10 @@ from elastid.fit.diagnosis.refit import (
     ResponseChange,
     evaluate,
     frf_costs,
+    gauss_newton_step,
     logarithmic,
     on_line_subset,
-    predict,
-    settle,
+    refit,
 )
 from elastid.fit.parameter_selection import MAX_TIME
 from elastid.fit.problem.frf_residuals import ElasticFit
@@ -39,12 +39,12 @@ Factor: TypeAlias = Callable[[FloatArray, float], ComplexArray]
 
 
 def delay(freq_hz: FloatArray, T: float) -> ComplexArray:
-    """Return D (F,) of a signal that is T late."""
+    """Return D (F,) of a signal that is delayed by T seconds."""
     return np.asarray(np.exp(-2j * np.pi * freq_hz * T))
 
 
 def low_pass(freq_hz: FloatArray, T: float) -> ComplexArray:
-    """Return L (F,) of a filter of first order with the time constant T, its inverse where T is negative."""
+    """Return L (F,) of a first-order low pass with time constant T in s; its inverse if T is negative."""
     return low_pass_response(laplace_variable(freq_hz), T)
 
 
@@ -52,7 +52,7 @@ FORMS: dict[str, Factor] = {"delay": delay, "low_pass": low_pass}
 
 
 class TimeDelay(NamedTuple):
-    """A form of time delay, `delay` or a low pass, the T in s that fits best, V with it, and the step of x."""
+    """Best fit of a delay or low pass (name): time T in s, cost V, and Gauss-Newton step (n_x,) of x."""
 
     name: str
     time: float
@@ -70,16 +70,18 @@ def fit_delay_forms(
     evaluated: Sequence[EvaluatedResponse], prior: FloatArray, free: BoolArray | bool, near: str,
     channel: tuple[str, str], T_0: float,
 ) -> Iterator[TimeDelay]:  # fmt: skip
-    """Yield the best time T of each form of a delay, near the delay `name` with T_0 seconds.
+    """Yield the best time of each form (delay, low pass), searched around T_0 in s.
 
-    channel: y or u with the place; ("", "") of all.  prior (n_x,): 1 / s of the priors.  free (n_x,): flags.
+    near: name of the delay.  channel: role and location, ("", "") for all positions.  prior (n_x,): 1 / std of the
+    priors.  free (n_x,): parameters that follow.
     """
-    from scipy.optimize import minimize_scalar  # slow to load, for the few fits that are beyond the noise
+    from scipy.optimize import minimize_scalar  # slow to load, needed only for fits with excess residuals
 
-    limit = LIMITS.edge_phase / max(float(e.part.kernel.freq_hz.max()) for e in evaluated)
+    limit = LIMITS.edge_phase / max(float(e.frf.kernel.freq_hz.max()) for e in evaluated)
 
     def at(T: float, form: str) -> tuple[float, FloatArray]:
-        return predict(ResponseChange("", "time", partial(_delay, FORMS[form], T, *channel)), evaluated, prior, free)
+        delayed = ResponseChange("", "time", partial(_delay, FORMS[form], T, *channel))
+        return gauss_newton_step(delayed, evaluated, prior, free)
 
     for form in FORMS:
         low, high = np.clip(sorted((0.3 * T_0, 2.0 * T_0)), -limit, limit).tolist()
@@ -91,11 +93,11 @@ def fit_delay_forms(
 def _delay(
     factor: Factor, T: float, role: str, location: str, evaluated: EvaluatedResponse, values: ComplexArray
 ) -> ComplexArray:
-    model = evaluated.part.kernel.model
-    H = factor(evaluated.part.kernel.freq_hz, T)[:, None, None]
+    model = evaluated.frf.kernel.model
+    H = factor(evaluated.frf.kernel.freq_hz, T)[:, None, None]
     if not role:
         return H * values
-    # A torque that is logged late divides its column.
+    # The delay of a torque divides its column.
     is_place = np.array([name == location for name in (model.outputs if role == "y" else model.driven)])
     return np.where(is_place[:, None] if role == "y" else is_place, 1 / H if role == "u" else H, 1.0) * values
 
@@ -103,14 +105,14 @@ def _delay(
 def common_delay(fit: ElasticFit, x: FloatArray) -> float:
     """Return the delay in s of all motions relative to the torques at which V is least, with x (n_x,) fixed.
 
-    A global search: V is periodic in the delay at each line, and a solver finds the nearest minimum only.  Logarithmic
-    criterion; steps of an eighth of the shortest period, up to half the inverse of the distance of two lines.
+    Global search, because V is periodic in the delay at each line and has many local minima.  Logarithmic criterion;
+    steps of an eighth of the shortest period, up to half the inverse of the line spacing.
     """
-    subset = on_line_subset(fit, LIMITS.residuals)
-    evaluated = evaluate(replace(subset, parts=tuple(map(logarithmic, subset.parts))), x)
-    step = 0.125 / max(e.part.kernel.freq_hz[-1] for e in evaluated)
-    far = min(MAX_TIME[1], *(0.5 / float(np.diff(e.part.kernel.freq_hz).max(initial=1.0)) for e in evaluated))
-    delays = step * np.array(sorted(range(-int(far / step), int(far / step) + 1), key=abs))
+    subset = on_line_subset(fit, LIMITS.n_refit_residuals)
+    evaluated = evaluate(replace(subset, frfs=tuple(map(logarithmic, subset.frfs))), x)
+    step = 0.125 / max(e.frf.kernel.freq_hz[-1] for e in evaluated)
+    max_delay = min(MAX_TIME[1], *(0.5 / float(np.diff(e.frf.kernel.freq_hz).max(initial=1.0)) for e in evaluated))
+    delays = step * np.array(sorted(range(-int(max_delay / step), int(max_delay / step) + 1), key=abs))
     costs = [sum(frf_costs([replace(e, G=_delay(delay, T, "", "", e, e.G)) for e in evaluated])) for T in delays]
     return float(delays[np.argmin(costs)])
 
@@ -123,9 +125,10 @@ def find_delays(indices: list[ModificationIndex], evidence: Evidence, scores: Sc
     fit, x, free = on_line_subset(optimum.fit), optimum.end.x, ~result.at_bound
     evaluated, prior = evaluate(fit, x), fit.parameters.prior_slopes
     fraction = fit.n_residuals / optimum.fit.n_residuals
-    cost, noise = min(predict(UNCHANGED, evaluated, prior, free)[0], scores.cost * fraction), scores.noise * fraction
-    models = [e.part.kernel.model for e in evaluated]
-    # A delay of all references delays all motions, one of the torques is within the loop.
+    cost = min(gauss_newton_step(UNCHANGED, evaluated, prior, free)[0], scores.cost * fraction)
+    noise = scores.noise * fraction
+    models = [e.frf.kernel.model for e in evaluated]
+    # With references, a delay of all positions is a delay of all references; torque delays are within the loop.
     common = DELAY if all(model.controller is None for model in models) else channel_name(DELAY, "r")
     channels = {common: ("", "")} | {
         channel_name(DELAY, role, location): (role, location)
@@ -134,7 +137,7 @@ def find_delays(indices: list[ModificationIndex], evidence: Evidence, scores: Sc
         for location in locations
     }
     delayed = [row for row in indices if row.name in channels and row.explained_fraction > LIMITS.min_stated_fraction]
-    delayed = delayed[: LIMITS.refits]
+    delayed = delayed[: LIMITS.n_refits]
     other_rows = [index for index in indices if index not in delayed]
     points: dict[str, tuple[list[EvaluatedResponse], FloatArray, BoolArray | bool]]
     points = {row.name: (evaluated, x, free) for row in delayed}
@@ -142,7 +145,7 @@ def find_delays(indices: list[ModificationIndex], evidence: Evidence, scores: Sc
         start = assembly.parameters.x
         file = on_line_subset(assembly.at(start, assembly.spec.criterion))
         if common not in result.parameters.free_names and (T := common_delay(file, start)):
-            start = settle(ResponseChange("", "time", partial(_delay, delay, T, "", "")), file, start)[1]
+            start = refit(ResponseChange("", "time", partial(_delay, delay, T, "", "")), file, start)[1]
             points[common] = evaluate(file, start), start, True
             row = ModificationIndex(common, "time", (common,), np.zeros(1), ("s",), (False,), np.array([T]))
             delayed, other_rows = ([r for r in rows if r.name != common] for rows in (delayed, other_rows))
@@ -151,13 +154,14 @@ def find_delays(indices: list[ModificationIndex], evidence: Evidence, scores: Sc
         at, near, may_follow = points[row.name]
         best = [*fit_delay_forms(at, prior, may_follow, row.name, channels[row.name], float(row.steps[0]))]
         least = min(form.cost for form in best)
-        tolerance = LIMITS.variances * scores.variance_ratio + (1 - LIMITS.complete_fraction) * max(least - noise, 0.0)
+        excess = max(least - noise, 0.0)
+        tolerance = LIMITS.cost_margin * scores.variance_ratio + (1 - LIMITS.complete_fraction) * excess
         equal = [form for form in sorted(best, key=lambda form: form.cost) if form.cost < least + tolerance]
         for form in equal:  # those that cannot be distinguished
             explained = (cost - form.cost) / max(cost - noise, 1e-300)
             of_form = replace(row, name=form.name, members=(form.name,), values=row.values * (form.name == row.name))
             of_form = replace(of_form, steps=np.array([form.time]), effects=near + form.step - result.x)
-            drop = explained * scores.excess / scores.lines
+            drop = explained * scores.excess / scores.residual_fraction
             alike = (*(other.name for other in equal if other is not form), *row.alike)
             other_rows.append(replace(of_form, drop=drop, explained_fraction=explained, alike=alike))
     return other_rows

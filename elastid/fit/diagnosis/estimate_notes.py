@@ -10,13 +10,13 @@ from elastid.base.display import capital, percent
 from elastid.base.errors import Note
 from elastid.base.names import posture_of
 from elastid.base.statistics import max_cost_ratio
-from elastid.fit.combinations import correlated_combinations, covariance_by_noise
+from elastid.fit.combinations import conditional_covariance, correlated_combinations
 from elastid.fit.diagnosis.hypothesis import Evidence
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.result import Result
 from elastid.parameters import Parameters
 
-NEAR_BOUND = 1e-4  # share of a range within which x is at its bound
+NEAR_BOUND = 1e-4  # fraction of the range within which x is at its bound
 
 
 def at_bound(parameters: Parameters, x: FloatArray) -> BoolArray:
@@ -43,7 +43,7 @@ def bound_notes(result: Result) -> Iterator[Note]:
 
 
 def estimate_notes(evidence: Evidence) -> tuple[Note, ...]:
-    """Return warnings about bounds, undetermined and weakly determined parameters, correlations, and the hit rate."""
+    """Return warnings about bounds, unidentifiable and weakly identifiable parameters, correlations and starts."""
     result = evidence.result
     return (*bound_notes(result), *_determination(result, evidence.uncertainty.unidentifiable), *_search(result))
 
@@ -51,21 +51,21 @@ def estimate_notes(evidence: Evidence) -> tuple[Note, ...]:
 def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
     """Return a note on each configuration with far larger residuals than the others, if no cause explains them.
 
-    All amplitudes of a posture are one configuration here: gears that are not linear need no second robot.
+    All amplitudes of a posture count as one configuration, because nonlinear gears make amplitudes differ.
     """
     result = evidence.result
-    # The residuals beside a cause may be chance if V is barely above the noise.
+    # If V is barely above the noise, the residuals that remain with a cause can be chance.
     remaining_cost, by_chance = result.cost - evidence.best.drop, max_cost_ratio(result.cost_dof) * result.cost_expected
     best = evidence.best
     is_explained = best.explained_fraction >= LIMITS.sufficient_fraction or (best.drop and remaining_cost < by_chance)
     if is_explained or result.inflation_factor <= 1:
         return ()
     sums: dict[str, tuple[float, int]] = {}
-    for part, cost in zip(evidence.optimum.fit.parts, evidence.uncertainty.costs.tolist(), strict=True):
-        if part.n_residuals:
-            name = posture_of(part.configuration)
+    for frf, cost in zip(evidence.optimum.fit.frfs, evidence.uncertainty.costs.tolist(), strict=True):
+        if frf.n_residuals:
+            name = posture_of(frf.configuration)
             V, count = sums.get(name, (0.0, 0))
-            sums[name] = V + cost, count + part.n_residuals
+            sums[name] = V + cost, count + frf.n_residuals
     rms = np.sqrt([V / count for V, count in sums.values()])
     others = "the residuals of the other configurations"
     checks = "Check that robot, load and angles are as stated, or exclude its records"
@@ -77,14 +77,15 @@ def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
 
 
 def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
-    r"""Return a note where all stiffnesses suggest frequencies in rad/s instead of Hz, the other way round, or degrees.
+    r"""Return a note if all stiffnesses changed by (2 pi)^2, as with frequencies in rad/s instead of Hz or vice versa.
 
-    An acceleration per torque is the same for K, D at omega and (2 pi)^2 K, 2 pi D at 2 pi omega: no residual shows it.
+    An acceleration per torque is the same for K, D at omega and (2 pi)^2 K, 2 pi D at 2 pi omega: residuals do not show
+    the error.
     """
     result = evidence.result
     sure = result.std_of_x < LIMITS.stiffness_std
     stiff = [i for i, p in enumerate(result.parameters.free) if p.log and p.unit in ("N*m/rad", "N/m") and sure[i]]
-    # Viscous friction that the file holds is off by the same reading, and no other cause of it.
+    # The same error makes stated damping and friction wrong, so that these are no independent cause.
     is_friction = evidence.cause is not None and evidence.cause.name.startswith(("f_", "fm_", "d_"))
     if not stiff or (evidence.best.explained_fraction > LIMITS.sufficient_fraction and not is_friction):
         return ()
@@ -106,7 +107,7 @@ def _determination(result: Result, unidentifiable: BoolArray) -> Iterator[Note]:
     if unidentifiable.any():
         yield Note(
             "fit/not-identifiable",
-            f"{list_in_words(names, unidentifiable)}: only a combination of them is identifiable (smallest singular "
+            f"{join_names(names, unidentifiable)}: only a combination of them is identifiable (smallest singular "
             f"value {values[-1]:.1e}, largest {values[0]:.1e}). Fix or tie one of them",
         )
     of_interest = result.parameters.of_interest
@@ -115,8 +116,8 @@ def _determination(result: Result, unidentifiable: BoolArray) -> Iterator[Note]:
             limit = percent(LIMITS.stiffness_std)
             text = f"weakly identifiable (std above {limit} of the estimate). Do not use the estimate"
             yield Note("fit/weakly-identifiable", text, parameter.name)
-    # A file that is off moves all alike.
-    yield from correlated_combinations(names, covariance_by_noise(result.covariance, len(of_interest)))
+    # Conditional on the nuisance parameters, whose errors correlate all estimates.
+    yield from correlated_combinations(names, conditional_covariance(result.covariance, len(of_interest)))
 
 
 def is_weak(result: Result, name: str) -> bool:
@@ -151,6 +152,6 @@ def contradictions(result: Result) -> tuple[Note, ...]:
     )
 
 
-def list_in_words(names: tuple[str, ...], selection: BoolArray) -> str:
+def join_names(names: tuple[str, ...], selection: BoolArray) -> str:
     """Return the selected names as a list for a sentence."""
     return ", ".join(name for name, is_chosen in zip(names, selection, strict=True) if is_chosen)

@@ -2,11 +2,11 @@ r"""Extended model: the fixed numbers of a fit as parameters of its equations, a
 
 Apart from the numbers of the robot, its geometry and the gains of its channels these are:
 
-- angle_2@c1: an offset of the angle at which axis 2 stood in configuration c1; zero_2 is one in all of them.
-- torsion_arm_x: the compliance 1 / k of an elastic rotation about x before the body arm, gear_2: of a rigid gear.
-- base_x: the compliance of the base about x of the first body before it turns.
+- angle_2@c1: offset of the angle of axis 2 in configuration c1; zero_2: in all configurations.
+- torsion_arm_x: compliance 1 / k of an elastic rotation about x before the body arm.  gear_2: of a rigid gear.
+- base_x: compliance of the base about the x axis of the first body at zero angle.
 
-A rigid coordinate is a stiff spring: dK = -k^2 dc (...).
+A rigid coordinate is a stiff spring with dK/dc = -k^2 dK/dk, c = 1 / k.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from elastid.base.arrays import ComplexArray, FloatArray, named
 from elastid.base.errors import ElastidError
 from elastid.fit.diagnosis.refit import EvaluatedResponse
 from elastid.fit.frf_problem import Assembly
-from elastid.fit.problem.frf_residuals import Part, at_measured_places, each_at_home, places_of
+from elastid.fit.problem.frf_residuals import FrfResiduals, at_measured_places, map_chunks, places_of
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import LinearModel, Slope
 from elastid.linear.linearise import Linearisation
@@ -35,10 +35,10 @@ from elastid.robot import Body, Joint, Robot, Spring, channel_name
 
 @dataclass(frozen=True, eq=False)
 class ExtendedModel:
-    """linearisation: robot with geometry, gains and stiff springs as parameters.
+    """Equations of the fitted robot with geometry, gains and stiff springs as parameters.
 
-    rigid: the parameters of the stiff springs, k_arm_x, and the name of the compliance of each.
-    loads: the torque at rest of each driven joint, N m, by configuration.
+    rigid: name of the compliance by the stiffness of each stiff spring (k_arm_x: torsion_arm_x).
+    loads: static torque of each driven joint, N m, by configuration.
     """
 
     linearisation: Linearisation
@@ -47,7 +47,7 @@ class ExtendedModel:
 
     @classmethod
     def of(cls, assembly: Assembly, model: LinearModel) -> ExtendedModel:
-        """Return the extended equations, without torsions or geometry where impossible; model: one of the fit."""
+        """Build the extended equations for the model of one configuration; without torsions if these fail."""
         robot = assembly.linearisation.model.robot
         roles = ("u",) if model.controller is None else ("kp", "kd")
         channels = [channel_name("gain", role, location) for role in roles for location in robot.motor_locations]
@@ -70,7 +70,7 @@ class ExtendedModel:
         return (*self.linearisation.parameters, DELAY)
 
     def theta(self, parameters: Parameters, x: FloatArray, configuration: str) -> FloatArray:
-        """Return the numbers (n,) in SI where x (n_x,) is the estimate."""
+        """Return the numbers (n,) in SI for the estimate x (n_x,)."""
         model = self.linearisation.model
         estimates = named(parameters.names, parameters.expand(x, configuration))
         nominal = named(model.parameters, model.theta)
@@ -79,7 +79,7 @@ class ExtendedModel:
     def at(self, parameters: Parameters, measured: LinearModel, x: FloatArray) -> tuple[LinearModel, FloatArray]:
         """Return the linear model of a configuration with slopes to all of `parameters`, and theta (n,).
 
-        measured: its model in the fit, whose inputs and outputs are those measured.
+        measured: model of the configuration in the fit, with the measured inputs and outputs.
         """
         theta = self.theta(parameters, x, measured.configuration.name)
         model = self.linearisation.at(measured.configuration, theta[:-1], places_of(measured), measured.quantity)
@@ -88,21 +88,23 @@ class ExtendedModel:
         for name in self.rigid:
             k = model.number(theta, name)
             stiff = {letter: getattr(slopes[name], letter) for letter in "MDKCTB"}
-            slopes[name] = Slope(**{letter: None if part is None else -(k**2) * part for letter, part in stiff.items()})
+            slopes[name] = Slope(
+                **{letter: None if matrix is None else -(k**2) * matrix for letter, matrix in stiff.items()}
+            )
         return replace(model, slopes=slopes), theta
 
 
 def _loads(assembly: Assembly) -> dict[str, dict[str, float]]:
     model, configurations = assembly.linearisation.model, [G.configuration for G in assembly.responses]
     equilibrium_of = partial(equilibrium, model, assembly.parameters.theta[: len(model.parameters)])
-    points, joints = each_at_home(equilibrium_of, configurations, assembly.home), model.robot.driven_names
+    points, joints = map_chunks(equilibrium_of, configurations, assembly.home), model.robot.driven_names
     return {point.configuration.name: named(joints, point.u) for point in points}
 
 
 def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
     """Add stiff springs to rigid gears and about free axes of bodies outside loops; returns robot and parameters."""
     springs = [joint.spring.stiffness for joint in robot.joints if joint.spring is not None]
-    stiff = Spring(1e5 * max(springs, default=10.0))  # N*m/rad; a spring in N/m counts at a lever of 1 m
+    stiff = Spring(1e5 * max(springs, default=10.0))  # N*m/rad; springs in N/m are taken at a lever of 1 m
     within = {robot.joints[i].name for i in robot.joints_in_loops}
     owners, names, bodies = {body.name for body in robot.bodies}, dict[str, str](), list[Body]()
     for body in robot.bodies:
@@ -117,7 +119,7 @@ def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
             if axis in axes or tuple(np.eye(3)["xyz".index(axis)].tolist()) in axes:
                 continue
             name = f"base_{axis}" if is_root else f"{body.name}_{axis}"
-            # The base is in series before the first joint, whatever its angle.
+            # The compliance of the base is before the first joint, fixed in space.
             joints.insert(0 if is_root else len(joints), Joint(name, axis, stiff))  # type: ignore[arg-type]
             names[f"k_{name}"] = name if is_root else f"torsion_{name}"
         bodies.append(replace(body, joints=tuple(joints)))
@@ -126,9 +128,9 @@ def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
 
 @dataclass(frozen=True, eq=False)
 class ModelResponse:
-    """G (F, n_y, n_u) of the model in one configuration, as the `columns` of a hypothesis get it.
+    """Modelled response G (F, n_y, n_u) of one configuration, the argument of `Hypothesis.columns`.
 
-    slopes: dG by name of the parameters of `model`.  theta (n,): their values, SI.  loads: of `ExtendedModel`.
+    slopes: derivative of G by parameter of `model`.  theta (n,): their values, SI.  loads: see `ExtendedModel`.
     """
 
     robot: Robot
@@ -149,17 +151,17 @@ def evaluate_extended(
     parameters: Parameters,
     x: FloatArray,
     columns: Sequence[Callable[[ModelResponse], Mapping[str, ComplexArray]]],
-    part: Part,
+    frf: FrfResiduals,
 ) -> EvaluatedResponse:
-    """Return one configuration of a fit at x (n_x,), on its lines; columns: hypotheses."""
-    model, theta = extended.at(parameters, part.kernel.model, x)
+    """Evaluate one configuration at x (n_x,), with derivatives to fixed numbers.  columns: see `Hypothesis`."""
+    model, theta = extended.at(parameters, frf.kernel.model, x)
     varied = {DELAY, *model.channel_numbers, *(element.name for element in model.chain), *model.slopes}
-    kernel = Kernel(model, part.kernel.freq_hz, tuple(name for name in model.parameters if name in varied))
+    kernel = Kernel(model, frf.kernel.freq_hz, tuple(name for name in model.parameters if name in varied))
     G, dG = Columns(kernel).evaluate(theta)
     by_name = dict(zip(kernel.parameters, dG, strict=True))
-    chain, numbers = parameters.jacobian(x, part.configuration), dict(by_name)
+    chain, numbers = parameters.jacobian(x, frf.configuration), dict(by_name)
     free = np.zeros((chain.shape[1], *G.shape), complex)
-    # An entry of an inertia moves with all others by their common factor, and may be off alone, too.
+    # An entry of an inertia that follows a common factor can also have an error of its own.
     followers = {p.name for p in parameters if p.tie is not None and parameters[p.tie.to].is_nuisance}
     for name, row in zip(parameters.names, chain, strict=True):
         if name in by_name and np.any(row):
@@ -169,7 +171,7 @@ def evaluate_extended(
                 free[k] += row[k] * by_name[name]
     for name in element_names(extended.linearisation.presliding):
         numbers.pop(name, None)
-    for name in extended.rigid:  # springs that the robot does not have are free of friction
+    for name in extended.rigid:  # the added stiff springs have no damping and no friction
         numbers.pop(name.replace("k_", "d_", 1), None)
         numbers.pop(name.replace("k_", "f_", 1), None)
     response = ModelResponse(
@@ -177,4 +179,4 @@ def evaluate_extended(
     )
     for further in columns:
         numbers |= further(response)
-    return EvaluatedResponse(part, part.mixing, G, free, numbers)
+    return EvaluatedResponse(frf, frf.mixing, G, free, numbers)

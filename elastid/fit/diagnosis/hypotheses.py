@@ -25,15 +25,15 @@ from elastid.base.errors import StudyError, did_you_mean
 from elastid.fit.diagnosis.alternative_models import find_alternatives
 from elastid.fit.diagnosis.channel_hypotheses import CHANNEL_HYPOTHESES, find_channel_error
 from elastid.fit.diagnosis.delay_hypotheses import FORMS, find_delays
-from elastid.fit.diagnosis.hypothesis import SCALE, Hypothesis, Size, axis
+from elastid.fit.diagnosis.hypothesis import SCALE, Hypothesis, Size, axis_name
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
-from elastid.fit.diagnosis.priors import relative
+from elastid.fit.diagnosis.priors import relative_change
 from elastid.fit.diagnosis.response_derivatives import (
     channel_delays,
     gear_couplings,
     gear_ratios,
-    of_one_posture,
+    one_posture_values,
     posture_angles,
     stiffening,
 )
@@ -47,34 +47,34 @@ SIGNALS = {"u": "torques", "y": "positions", "r": "references", "kp": "k_p of co
 DEGREES_LOG = 0.1  # of a scale about pi / 180, within which it is said to be that
 
 
-def gain(index: ModificationIndex) -> str:
+def gain_phrase(index: ModificationIndex) -> str:
     """Return the factor by which a channel, or all channels of one kind, read wrongly."""
     _, role, location = index.name.split("_", 2)
-    signals, factor = SIGNALS[role], relative(float(index.steps[0]))
+    signals, factor = SIGNALS[role], relative_change(float(index.steps[0]))
     if location == "*":
         return f"gain of all {signals} {factor}"
     step = float(index.steps[0])
-    size = relative(step).lstrip("+-")
+    size = relative_change(step).lstrip("+-")
     error = f"wrong by {size}" if "factor" in size else f"about {size} too {'large' if step > 0 else 'small'}"
     return f"logged {signals[:-1]} at {location.replace('_', ' ')} {error}"
 
 
-def angle(index: ModificationIndex) -> str:
+def angle_phrase(index: ModificationIndex) -> str:
     """Return the offset of an axis, in one configuration or in all."""
     scope = "" if "@" in index.name else " in all configurations"
-    return f"angle of axis {axis(index)} wrong by {math.degrees(float(index.steps[0])):+.2g} deg{scope}"
+    return f"angle of axis {axis_name(index)} wrong by {math.degrees(float(index.steps[0])):+.2g} deg{scope}"
 
 
-def angles(index: ModificationIndex) -> str:
+def angles_phrase(index: ModificationIndex) -> str:
     """Return the offsets of an axis that differ between configurations, the largest first."""
     by_size = sorted(zip(index.steps.tolist(), index.members, strict=True), key=lambda pair: -abs(pair[0]))
     offsets = ", ".join(
-        f"{math.degrees(step):+.2g} deg in {member.partition('@')[2]}" for step, member in by_size[: LIMITS.named]
+        f"{math.degrees(step):+.2g} deg in {member.partition('@')[2]}" for step, member in by_size[: LIMITS.n_named]
     )
-    return f"angles of axis {axis(index)} wrong by {offsets}"
+    return f"angles of axis {axis_name(index)} wrong by {offsets}"
 
 
-def compliance(index: ModificationIndex) -> str:
+def compliance_phrase(index: ModificationIndex) -> str:
     """Return the stiffness of a gear, base or body that is rigid in the robot model."""
     kind, _, location = index.name.partition("_")
     k = 1 / index.changed[0] if index.changed[0] > 0 else math.inf
@@ -86,9 +86,9 @@ def compliance(index: ModificationIndex) -> str:
     return f"an elastic rotation of body {body} about its {axis} axis of {k:.2g} N*m/rad"
 
 
-def payload(index: ModificationIndex) -> str:
+def payload_phrase(index: ModificationIndex) -> str:
     """Return the mass, centre and inertia of a body together; where a mass is added, its place."""
-    body, mass, new = axis(index), float(index.values[0]), index.changed[0]
+    body, mass, new = axis_name(index), float(index.values[0]), index.changed[0]
     members = zip(index.members, index.values, index.changed, strict=True)
     centre = [f"{(new * c - mass * float(c_0)) / (new - mass):.2g}" for name, c_0, c in members if name[0] == "c"]
     at = f" at about [{', '.join(centre)}] m in the axes of {body}" if new > mass and len(centre) == 3 else ""
@@ -113,32 +113,32 @@ def delay_phrase(index: ModificationIndex) -> str:
     return f"{size} of {role} at {location}{'' if T > 0 else ' that was compensated and does not exist'}"
 
 
-def scale(index: ModificationIndex) -> str:
+def scale_phrase(index: ModificationIndex) -> str:
     """Return the factors of channels in another unit."""
     factors = [float(word) for previous, word in pairwise(index.name.replace(",", "").split()) if previous == "times"]
     is_degrees = factors and all(abs(math.log(math.radians(1) / factor)) < DEGREES_LOG for factor in factors)
     return f"{'degrees read as radians' if is_degrees else 'channels in another scale'} ({index.name})"
 
 
-def load(index: ModificationIndex) -> str:
+def load_phrase(index: ModificationIndex) -> str:
     """Return the change of a gear's stiffness with the torque it carries."""
-    gear, percent = f"gear {axis(index)} whose stiffness increases with torque", 100 * float(index.steps[0])
+    gear, percent = f"gear {axis_name(index)} whose stiffness increases with torque", 100 * float(index.steps[0])
     if index.name.startswith("play"):
         return f"{gear} above its backlash ({-percent:+.2g} % at the smallest torque of these postures)"
     return f"{gear} ({percent:+.2g} % at the largest torque of these postures)"
 
 
-def coupling(index: ModificationIndex) -> str:
+def coupling_phrase(index: ModificationIndex) -> str:
     """Return the turns of a motor with another axis."""
     motor, joint = index.name.split("_")[1:3]
     return f"gear coupling of motor {motor} with axis {joint}, {float(index.steps[0]):+.3g} of its ratio"
 
 
-def words_of_one_posture(index: ModificationIndex) -> str:
+def one_posture_phrase(index: ModificationIndex) -> str:
     """Return the delay, torques or stiffness of one configuration."""
     if index.name.startswith("delay"):
         return delay_phrase(index)
-    quantity = "gain of the torques" if index.name.startswith("torques") else f"stiffness of gear {axis(index)}"
+    quantity = "gain of the torques" if index.name.startswith("torques") else f"stiffness of gear {axis_name(index)}"
     return f"{quantity} {100 * float(index.steps[0]):+.2g} %"
 
 
@@ -146,10 +146,10 @@ LATE, RATIO = Size(5e-4, 0.05, unit="s"), Size(0.005, math.log(1.5), True, "1")
 
 HYPOTHESES: tuple[Hypothesis, ...] = (
     # Channels and clocks.
-    Hypothesis("gain", ("gain_u",), GAIN_U, True, gain, CHANNELS, "torque constant, unit or scale of a torque",
+    Hypothesis("gain", ("gain_u",), GAIN_U, True, gain_phrase, CHANNELS, "torque constant, unit or scale of a torque",
                "torque constant 2 20 % off"),
-    Hypothesis("gain", ("gain_y",), GAIN_Y, True, gain, CHANNELS, "unit or scale of a position signal"),
-    Hypothesis("controller gain", ("gain_kp", "gain_kd"), GAIN_U, True, gain, GAINS, "gain of a controller"),
+    Hypothesis("gain", ("gain_y",), GAIN_Y, True, gain_phrase, CHANNELS, "unit or scale of a position signal"),
+    Hypothesis("controller gain", ("gain_kp", "gain_kd"), GAIN_U, True, gain_phrase, GAINS, "gain of a controller"),
     Hypothesis("time", ("delay", "low"), LATE, False, delay_phrase,
                "check time stamps, filters and hold of the channels; state their delay or low_pass_hz, or identify "
                "it: `--set 'fit.parameters.{name}={{}}'`", summary="time delay or low-pass filter of a channel",
@@ -157,11 +157,11 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("time", ("torque", "sensor", "differentiator"), Size(0.3, math.log(10), True)),
     Hypothesis("gear ratio", ("ratio",), RATIO, True, advice="check the ratios in the robot model",
                summary="gear ratio", plant="gear ratio 1 % wrong", columns=gear_ratios),
-    Hypothesis("angle", ("angle", "zero"), Size(0.02, 0.6, unit="rad"), phrase=angle,
+    Hypothesis("angle", ("angle", "zero"), Size(0.02, 0.6, unit="rad"), phrase=angle_phrase,
                advice="check the zero of the axis, the angles of the configurations, its brake and its encoder",
                summary="angle of an axis in one configuration, or in all", plant="zero of axis 3 off by 5 deg",
                columns=posture_angles),
-    Hypothesis("angles by posture", ("angles",), Size(0.02, 0.6, unit="rad"), phrase=angles,
+    Hypothesis("angles by posture", ("angles",), Size(0.02, 0.6, unit="rad"), phrase=angles_phrase,
                advice="check the angles of the configurations, the brake of the axis and its encoder",
                summary="angles of an axis that differ between configurations", plant="angles of an axis"),
     # The robot's file.
@@ -179,34 +179,34 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     Hypothesis("length", ("p", "pj", "p1", "p2", "pc1", "pc2", "l", "L0"), Size(0.005, 0.2, unit="m"),
                summary="length or position of a joint", plant="link length"),
     # Plausibility: payloads change, links do not.
-    Hypothesis("payload", phrase=payload,
+    Hypothesis("payload", phrase=payload_phrase,
                advice="correct mass and centre of body {where}, or state the payload that it carries",
                summary="payload that the robot model lacks", plant="payload 5 kg", plausibility=20.0,
-               columns=of_one_posture),
-    Hypothesis("payload of one posture", phrase=payload,
+               columns=one_posture_values),
+    Hypothesis("payload of one posture", phrase=payload_phrase,
                advice="state the payload of each configuration (without_payload), or exclude the configuration",
                summary="payload of one configuration", plant="one file with 5 kg", is_stated=False),
     Hypothesis("one posture", ("delay@", "torques@", "spring@"), Size(0.03, 2.0, unit="1"),
-               phrase=words_of_one_posture,
+               phrase=one_posture_phrase,
                advice="check time stamps and start of its files, and whether robot, day and temperature are the "
                       "same; else exclude or repeat it",
                summary="delay, torque scale or stiffness of one configuration", plant="soft day", is_stated=False),
     # Effects of gears.
-    Hypothesis("load", ("load", "play"), Size(0.1, 1.0, unit="1"), phrase=load,
+    Hypothesis("load", ("load", "play"), Size(0.1, 1.0, unit="1"), phrase=load_phrase,
                advice="give the spring of the gear cubic (hardening) or backlash in the robot model",
                summary="stiffness of a gear that increases with its torque", plant="gear 2 hardens by 10 %",
                columns=stiffening, is_stated=False),
-    Hypothesis("gear coupling", ("coupling",), Size(0.1, 2.0, unit="1"), phrase=coupling,
+    Hypothesis("gear coupling", ("coupling",), Size(0.1, 2.0, unit="1"), phrase=coupling_phrase,
                advice="add the coupling as gears in the robot model", summary="gear coupling between axes",
                plant="motor 3 turned along by axis 2", columns=gear_couplings, is_stated=False),
     *CHANNEL_HYPOTHESES,
-    Hypothesis(SCALE, phrase=scale,
+    Hypothesis(SCALE, phrase=scale_phrase,
                advice="check unit, scale, side (link or motor) and gear ratio of the channels, and the inertias of "
                       "the robot", summary="channels in another unit", plant="torque constants 20 % off",
                search=find_channel_error),
     # Effects that the robot model lacks.
     Hypothesis("compliance", ("torsion", "gear", "base"), Size(math.inf, math.inf, unit="rad/(N*m)", grows=True),
-               phrase=compliance,
+               phrase=compliance_phrase,
                advice="add it to the robot model with a spring, and compare: `elastid compare STUDY --search`",
                summary="missing elasticity of a gear, a body or the base", plant="missing torsion",
                search=find_missing_springs),

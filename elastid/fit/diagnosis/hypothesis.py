@@ -2,9 +2,9 @@
 
 A hypothesis proposes its causes in one of these ways, each a plain function:
 
-- `columns`: derivatives of the response to fixed numbers, for one score test of all of them.
-- `changes`: misreadings of the responses, compared by V after one step with each.
-- `search`: causes without a small linear effect at the optimum, such as a resonance within the band.
+- `columns`: derivatives of the response with respect to fixed numbers, for one score test of all numbers.
+- `changes`: wrong interpretations of the responses, compared by V after one Gauss-Newton step each.
+- `search`: causes that are no small linear change at the optimum, such as a resonance within the band.
 
 A number that is a parameter of the equations needs only its name, typical size and sentences.
 """
@@ -37,15 +37,15 @@ Columns: TypeAlias = Callable[[ModelResponse], Mapping[str, ComplexArray]]
 Changes: TypeAlias = Callable[[Sequence[EvaluatedResponse], FloatArray], Iterator[ResponseChange]]
 
 
-SCALE = "scale"  # family of channels in another unit, whose readings follow from the size of the responses
+SCALE = "scale"  # family of channels in another unit, estimated from the magnitude of the responses
 
 
 @dataclass(frozen=True)
 class Size:
-    """The prior of a change: of ln p where log and the value is positive, else SI.
+    """Prior of the change of a number p: of ln p if `log` and p > 0, else of p in SI.
 
-    usual: within which half of such errors are, as a Cauchy distribution has them, whose tails let no size be
-    impossible.  limit: of a plausible step.  grows: only upwards, from 0.
+    usual: median absolute error; scale of a Cauchy distribution, whose tails make no error impossible.  limit: largest
+    plausible step.  grows: p is 0 and can only increase.
     """
 
     usual: float
@@ -57,14 +57,14 @@ class Size:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """family: the noun for its causes.  numbers: how their names begin, up to an underscore.
+    """Kind of cause with its prior, sentences and search.
 
-    size: of a plausible step of its numbers.  is_common: one mistake may scale all of them by one factor.
-    phrase: the cause as a clause, with `{name}`; advice: the next action, with `{name}`, `{where}`, `{usual}`.
-    summary: noun for the error, shown by `elastid explain causes`.  plant: the fault that shows it, of
-    tests/plants/faults.py or scripts/studies/causes.py.
-    plausibility: prior odds of a cause of this family against one of another, all its members together.
-    is_stated: True for numbers of a file or study; False for effects that the robot model lacks.
+    family: noun for the causes.  numbers: beginnings of the names of their numbers, up to an underscore.
+    size: prior of their changes.  is_common: True if one error can scale all numbers by one factor.
+    phrase: the cause as a clause, with `{name}`.  advice: next action, with `{name}`, `{where}`, `{usual}`.
+    summary: noun for the error, shown by `elastid explain causes`.  plant: simulated fault in tests/plants/faults.py or
+    scripts/studies/causes.py.  plausibility: prior odds of the family relative to other families.
+    is_stated: True for values of a file or study; False for effects that the robot model lacks.
     """
 
     family: str
@@ -98,7 +98,7 @@ class Hypothesis:
 
 
 def hypothesis_of(name: str, hypotheses: Sequence[Hypothesis]) -> Hypothesis:
-    """Return the hypothesis of a number by the beginning of its name; the last one that has numbers where none fits."""
+    """Return the hypothesis of a number by the beginning of its name, else the hypothesis of `*`."""
     stem, at, _ = name.partition("@")
     first, second = (*stem.split("_", 2), "")[:2]
     by_number = {number: hypothesis for hypothesis in hypotheses for number in hypothesis.numbers}
@@ -108,36 +108,36 @@ def hypothesis_of(name: str, hypotheses: Sequence[Hypothesis]) -> Hypothesis:
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """The score test of all candidates on thinned lines.
+    """Score test of all candidates on a subset of the DFT lines.
 
-    excess: of V over the noise, where it is worse than no model at all that of none; `worse`: what it is beyond that.
-    variance_ratio: of the residuals over the noise.  lines: share of all residuals.  noise: V by the noise alone, of
-    all.  extended: the model with the freed numbers.
+    extended: model with the fixed numbers as parameters.  excess: V above the noise, at most the excess of the model
+    G = 0.  excess_beyond_zero_model: the remainder of V above the noise.  variance_ratio: of residuals to noise.
+    residual_fraction: fraction of all residuals in the subset.  noise: V by the noise alone, of all residuals.
     """
 
     extended: ExtendedModel
     test: ScoreTest
     candidates: tuple[Candidate, ...]
     excess: float
-    worse: float
+    excess_beyond_zero_model: float
     variance_ratio: float
-    lines: float
+    residual_fraction: float
     noise: float
 
     @property
     def cost(self) -> float:
         """V of all residuals after the step of the free parameters."""
-        return self.excess / self.lines + self.noise
+        return self.excess / self.residual_fraction + self.noise
 
     def detectable(self, indices: IntArray, direction: FloatArray) -> float:
-        """Return the smallest error along a direction (n_m,) that changes V by `LIMITS.drop`; infinite if none does."""
-        information = float(direction @ self.test.S[np.ix_(indices, indices)] @ direction) / self.lines
+        """Return the smallest error along a direction (n_m,) that changes V by `LIMITS.min_drop`, or inf."""
+        information = float(direction @ self.test.S[np.ix_(indices, indices)] @ direction) / self.residual_fraction
         is_distinct = self.test.is_distinct[indices].any() and information > 0
-        return math.sqrt(LIMITS.drop / information) if is_distinct else math.inf
+        return math.sqrt(LIMITS.min_drop / information) if is_distinct else math.inf
 
     @cached_property
     def significant(self) -> dict[int, float]:
-        """The drop that one of all candidates has by the noise alone at the false-alarm rate, by its directions."""
+        """Drop of V that noise alone exceeds in any candidate at the false-alarm rate, by number of directions."""
         counts = {4, *(candidate.directions.shape[1] for candidate in self.candidates)}
         tail = LIMITS.false_alarm_rate / max(len(self.candidates), 1)
         return {n: max(self.variance_ratio, 1e-300) * chi_square_limit(n, tail) for n in counts}
@@ -145,9 +145,9 @@ class Scores:
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """A finished fit, the hypotheses to judge it, and the scores of fixed values if known.
+    """A finished fit, the hypotheses of its diagnosis, and the scores of fixed values if computed.
 
-    apart: notes on configurations that differ, where that is the likeliest cause.
+    inconsistency_notes: notes on configurations with far larger residuals, if they are the likeliest cause.
     """
 
     assembly: Assembly
@@ -157,40 +157,40 @@ class Evidence:
     hypotheses: tuple[Hypothesis, ...]
     execution: Execution
     scores: Scores | None = None
-    apart: tuple[Note, ...] = ()
+    inconsistency_notes: tuple[Note, ...] = ()
 
     @property
     def noise_cost(self) -> float:
-        """V by the noise alone; where none was measured, residuals are its only estimate, and it excuses nothing."""
+        """V by the noise alone; 0 without measured noise."""
         return self.result.cost_expected if self.result.noise_is_known else 0.0
 
     @cached_property
     def explained(self) -> float:
-        """The share of the responses that the model explains, known noise aside; negative if it is worse than none."""
+        """Fraction of the responses' power above the noise that the model explains; negative if worse than G = 0."""
         fit, x = self.optimum.fit, self.optimum.end.x
         remaining, total = 0.0, 0.0
-        for part in fit.parts:
-            weight, is_used = part.gain * np.abs(error_gain(part.criterion, part.measured)), part.gain > 0
-            error = part.measured - part.kernel.response(part.theta(fit.parameters, x))
+        for frf in fit.frfs:
+            weight, is_used = frf.gain * np.abs(error_gain(frf.criterion, frf.measured)), frf.gain > 0
+            error = frf.measured - frf.kernel.response(frf.theta(fit.parameters, x))
             remaining += float(np.sum(np.abs(np.where(is_used, weight * error, 0.0)) ** 2))
-            total += float(np.sum(np.abs(np.where(is_used, weight * part.measured, 0.0)) ** 2))
+            total += float(np.sum(np.abs(np.where(is_used, weight * frf.measured, 0.0)) ** 2))
         return 1 - max(remaining - self.noise_cost, 0.0) / max(total - self.noise_cost, 1e-300)
 
     @property
     def is_suspect(self) -> bool:
-        """True if the residuals are so large that responses may have been misread."""
+        """True if the residuals are so large that channels may be misinterpreted."""
         if self.result.noise_is_known:
             return is_far_from_noise(self.result.cost, self.result.cost_expected)
         return self.explained < LIMITS.certain_fraction
 
     @property
     def is_unexplained(self) -> bool:
-        """True if V exceeds the noise, or responses may have been misread."""
+        """True if V exceeds the noise, or channels may be misinterpreted."""
         return self.result.exceeds_noise or self.is_suspect
 
     @property
     def cause(self) -> ModificationIndex | None:
-        """The likeliest cause, if any is known."""
+        """The likeliest cause; None without a significant one."""
         return next((index for index in self.result.indices if index.place == 1), None)
 
     @property
@@ -199,7 +199,7 @@ class Evidence:
         return self.result.indices[0] if self.result.indices else ModificationIndex("", "")
 
 
-def against(
+def with_refit(
     index: ModificationIndex, cost: float, x: FloatArray, evidence: Evidence, scores: Scores
 ) -> ModificationIndex:
     """Return the index with cost V and x (n_x,) of a fit that includes it."""
@@ -208,7 +208,7 @@ def against(
     return replace(index, drop=drop, explained_fraction=fraction, effects=x - evidence.result.x)
 
 
-def axis(index: ModificationIndex) -> str:
+def axis_name(index: ModificationIndex) -> str:
     """Return the name of the axis in the name of an index: 2 for friction_2@c1."""
     return index.name.partition("@")[0].partition("_")[2]
 

@@ -2,9 +2,9 @@ r"""Missing springs: rigid coordinates of the robot model, each fitted with a re
 
 .. math:: k_i = m_c\, (2 \pi f_i)^2, \qquad d_i = k_i \operatorname{median} \frac{d}{k}, \qquad f_{i+1} = \sqrt 2 f_i
 
-m_c: inertia of coordinate c with all others fixed; d / k: damping over stiffness of the robot's springs.  The linear
-step of `score_test` is valid only for nearly rigid springs: a resonance within the band is a large change.  If V after
-one step from the best f_i is below `LIMITS.predicted_ratio` times V without the spring, the solver continues with k.
+m_c: inertia of coordinate c with all others fixed.  d / k: ratio of damping to stiffness of the robot's springs.  The
+linear step of `score_test` is valid only for nearly rigid springs, not for a resonance within the band.  The solver
+continues from the best f_i if V after one step is below `LIMITS.predicted_ratio` times V without the spring.
 """
 
 import math
@@ -16,9 +16,9 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, named
 from elastid.base.errors import FitError
 from elastid.fit.diagnosis.extended_model import ExtendedModel
-from elastid.fit.diagnosis.hypothesis import Evidence, Scores, against
+from elastid.fit.diagnosis.hypothesis import Evidence, Scores, with_refit
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.refit import UNCHANGED, evaluate, frf_costs, on_line_subset, predict, spread_out
+from elastid.fit.diagnosis.refit import UNCHANGED, evaluate, evenly_spaced, frf_costs, gauss_newton_step, on_line_subset
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.problem.frf_residuals import ElasticFit, kernel_of, linear_model
 from elastid.fit.problem.inertia_barrier import free_inertias
@@ -37,7 +37,7 @@ def find_missing_springs(
     fraction = max((index.explained_fraction for index in indices), default=0.0)
     if evidence.result.exceeds_noise and fraction > LIMITS.certain_fraction:
         return indices
-    candidates = sorted(_promising(evidence, scores), key=lambda spring: spring.predicted)[: LIMITS.refits]
+    candidates = sorted(_promising(evidence, scores), key=lambda spring: spring.predicted)[: LIMITS.n_refits]
     springs = [index for index in (_fit_spring(spring, evidence, scores) for spring in candidates) if index is not None]
     springs = sorted((i for i in springs if i.drop > scores.significant[1]), key=lambda index: index.drop)
     by_name = {index.name: index for index in springs}
@@ -46,7 +46,7 @@ def find_missing_springs(
 
 @dataclass(frozen=True, eq=False)
 class _Spring:
-    """A coordinate that becomes elastic: name of its stiffness k, d / k in s, x (n_x + 1,), and V after a step."""
+    """Coordinate that becomes elastic: name of the stiffness k, k, d / k in s, x (n_x + 1,), and V after one step."""
 
     name: str
     stiffness: float
@@ -57,11 +57,11 @@ class _Spring:
 
 def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
     assembly, optimum, extended = evidence.assembly, evidence.optimum, scores.extended
-    selection, x = spread_out(len(optimum.fit.parts)), optimum.end.x
+    selection, x = evenly_spaced(len(optimum.fit.frfs)), optimum.end.x
     models = _models(evidence, extended, assembly.responses[selection])
     springs = [joint.spring for joint in assembly.linearisation.model.robot.joints if joint.spring is not None]
     time_constants = [spring.damping / spring.stiffness for spring in springs if spring.damping > 0]
-    subset = on_line_subset(replace(optimum.fit, parts=optimum.fit.parts[selection]), LIMITS.residuals)
+    subset = on_line_subset(replace(optimum.fit, frfs=optimum.fit.frfs[selection]), LIMITS.n_refit_residuals)
     ratio = float(np.median(time_constants)) if time_constants else 1e-3
     V, estimates = sum(frf_costs(evaluate(subset, x))), named(assembly.parameters.free_names, x)
     for name in extended.rigid:
@@ -69,9 +69,9 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
         for k in _stiffnesses(name, models, subset).tolist():
             sprung = _with_spring(subset, name, k, ratio, models, assembly)
             start = sprung.parameters.x_with(estimates)
-            cost, step = predict(UNCHANGED, evaluate(sprung, start), sprung.parameters.prior_slopes)
+            cost, step = gauss_newton_step(UNCHANGED, evaluate(sprung, start), sprung.parameters.prior_slopes)
             trials.append(_Spring(name, k, ratio, np.clip(start + step, *sprung.parameters.x_bounds), cost))
-        least = _minima(np.array([spring.predicted for spring in trials]), LIMITS.variances * scores.variance_ratio)
+        least = _minima(np.array([spring.predicted for spring in trials]), LIMITS.cost_margin * scores.variance_ratio)
         yield from (trials[i] for i in np.flatnonzero(least) if trials[i].predicted < LIMITS.predicted_ratio * V)
 
 
@@ -85,19 +85,19 @@ def _models(evidence: Evidence, extended: ExtendedModel, responses: Sequence[Res
 
 
 def _minima(costs: FloatArray, depth: float) -> BoolArray:
-    """Flag local minima of V (n_k,) over growing stiffness, by `depth` below the largest V of stiffer springs."""
+    """Flag local minima of V (n_k,) over increasing stiffness, `depth` below the largest V of stiffer springs."""
     stiffer = np.maximum.accumulate(costs[::-1])[::-1]
     lower = costs <= np.concatenate([[math.inf], costs[:-1]])
     return lower & (costs <= np.append(costs[1:], -math.inf)) & (costs < stiffer - depth)
 
 
 def _stiffnesses(name: str, models: Sequence[LinearModel], fit: ElasticFit) -> FloatArray:
-    """Return k_i (n_k,), the last a step above the band."""
+    """Return the trial stiffnesses k_i (n_k,); the last resonance is one step above the band."""
     index = int(np.argmax(np.diag(np.asarray(models[0].slopes[name].K))))  # of its coordinate
     inertia = float(np.mean([model.M[index, index] for model in models]))
-    freq_hz = np.concatenate([part.kernel.freq_hz for part in fit.parts])
+    freq_hz = np.concatenate([frf.kernel.freq_hz for frf in fit.frfs])
     low, high = float(freq_hz[freq_hz > 0].min()), float(freq_hz.max())
-    count = min(LIMITS.stiffnesses, 2 + math.ceil(math.log(high / low) / math.log(LIMITS.frequency_step)))
+    count = min(LIMITS.n_stiffnesses, 2 + math.ceil(math.log(high / low) / math.log(LIMITS.frequency_step)))
     f = high * LIMITS.frequency_step ** np.arange(2 - count, 2)
     return np.asarray(inertia * (2 * np.pi * f) ** 2)
 
@@ -113,9 +113,9 @@ def _with_spring(
     of_model[name] = Parameter(name, k, "N*m/rad", log=True)
     of_model[damping] = Parameter(damping, 0.0, tie=Tie(name, damping_ratio))
     parameters = Parameters((*of_model.values(), *(p for p in assembly.parameters if not p.is_of_model)))
-    kernels = (kernel_of(m, parameters, p.kernel.freq_hz) for p, m in zip(fit.parts, models, strict=True))
-    parts = tuple(replace(part, columns=Columns(kernel)) for part, kernel in zip(fit.parts, kernels, strict=True))
-    return ElasticFit(parameters, parts, free_inertias(parameters, assembly.linearisation.model.robot))
+    kernels = (kernel_of(m, parameters, p.kernel.freq_hz) for p, m in zip(fit.frfs, models, strict=True))
+    frfs = tuple(replace(frf, columns=Columns(kernel)) for frf, kernel in zip(fit.frfs, kernels, strict=True))
+    return ElasticFit(parameters, frfs, free_inertias(parameters, assembly.linearisation.model.robot))
 
 
 def _fit_spring(spring: _Spring, evidence: Evidence, scores: Scores) -> ModificationIndex | None:
@@ -141,4 +141,4 @@ def _fit_spring(spring: _Spring, evidence: Evidence, scores: Scores) -> Modifica
     )
     number = (name,), np.zeros(1), ("rad/(N*m)",), (False,), np.array([1 / k])
     index = ModificationIndex(name, "compliance", *number, std)
-    return against(index, scores.cost - drop, np.array(x), evidence, scores)
+    return with_refit(index, scores.cost - drop, np.array(x), evidence, scores)

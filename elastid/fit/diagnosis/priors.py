@@ -20,7 +20,7 @@ def tolerance_of(index: ModificationIndex, result: Result) -> str:
     nuisances = {p.name: p for p in result.parameters.free if p.is_nuisance and p.prior is not None}
     steps = zip(index.members, np.abs(index.steps).tolist(), strict=True)
     changes = [(step / p.prior.std, p) for name, step in steps if (p := nuisances.get(name)) is not None and p.prior]
-    if not changes or index.drop <= LIMITS.drop:
+    if not changes or index.drop <= LIMITS.min_drop:
         return ""
     _, p = max(changes, key=lambda change: change[0])
     std = 0.0 if p.prior is None else p.prior.std
@@ -28,16 +28,16 @@ def tolerance_of(index: ModificationIndex, result: Result) -> str:
 
 
 def contradicted_priors(result: Result) -> tuple[Note, ...]:
-    """Return the priors of the study that data without them contradict.
+    """Return a note on each prior of the study that the data contradict.
 
-    With a prior of mean m and variance S, and the posterior variance P, x - m has the variance S - P.
+    For a prior with mean m and variance S, and posterior variance P, x - m has the variance S - P.
     """
     notes, (moves, _) = [], result.parameters.priors(result.x)
     for p, P, move in zip(result.parameters.free, np.diag(result.covariance), moves, strict=True):
         if p.prior is None or p.is_nuisance or not (gain := 1 - P / p.prior.std**2) > 1 - LIMITS.prior_fraction:
             continue
         sigmas, alone = abs(move) / math.sqrt(gain), p.to_x(p.prior.mean) + move * p.prior.std / gain
-        if sigmas >= LIMITS.prior:
+        if sigmas >= LIMITS.max_prior_stds:
             text = (
                 f"the data contradict the prior: {p.name} = {math.exp(alone) if p.log else alone:.6g} {p.unit} "
                 f"without it, instead of {p.prior.mean:.6g} {p.unit} ({sigmas:.3g} std apart). "
@@ -48,12 +48,12 @@ def contradicted_priors(result: Result) -> tuple[Note, ...]:
 
 
 def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
-    r"""Return a note if values of the robot model leave their tolerances: all (chi-square test), one, or by effect.
+    r"""Return a note if the data contradict the tolerances: all together (chi-square test), one, or by their effect.
 
-    Distances d over their tolerances: d^T d has the expectation tr(1 - P), P: posterior covariance of d. A number that
-    scattering gear ratios move by more than its tolerance (P > 1) counts as one.
-    They shift the parameters of interest by L d, L = C_an C_nn^-1, from the values of an exact model. Tolerances alone
-    give this shift the covariance L (S - C_nn) L^T, S = diag(s^2) (Hausman 1978, eq. 2.9).
+    d: changes of nominal values over their tolerances s; d^T d has the expectation tr(1 - P), P: posterior covariance
+    of d, with 1 - P = 1 if P > 1 (scatter of gear ratios). The changes shift the parameters of interest by L d s, L =
+    C_an C_nn^-1. By the tolerances alone this shift has the covariance L (S - C_nn) L^T, S = diag(s^2) (Hausman 1978,
+    eq. 2.9).
     """
     n, C = len(result.parameters.of_interest), result.covariance
     d, slope = (x[n:] for x in result.parameters.priors(result.x))
@@ -65,22 +65,22 @@ def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
     L = np.linalg.solve(C[n:, n:], C[n:, :n]).T
     changes, by_tolerances = L @ (d * s), np.einsum("ij,jk,ik->i", L, np.diag(s**2) - C[n:, n:], L)
     sizes = np.abs(changes) / np.sqrt(np.maximum(by_tolerances, np.diag(C)[:n]))
-    if square <= limit and max(np.abs(d).max(), sizes.max()) <= LIMITS.prior:
+    if square <= limit and max(np.abs(d).max(), sizes.max()) <= LIMITS.max_prior_stds:
         return ()
     worst = int(np.argmax(sizes))
     p = result.parameters.of_interest[worst]
-    change = relative(-changes[worst]) if p.log else f"{-changes[worst]:+.2g} {p.unit}"
+    change = relative_change(-changes[worst]) if p.log else f"{-changes[worst]:+.2g} {p.unit}"
     ratio, most = math.sqrt(square / dof), math.sqrt(limit / dof)
     text = (
         f"the robot model differs from the data by {ratio:.2g} tolerances (rms over its values; limit {most:.2g}). "
         f"Exact nominal values would change {p.name} by {change}, {sizes[worst]:.2g} times the std of this change "
-        f"(limit {LIMITS.prior:.2g}). Check torque constants, angles and payload"
+        f"(limit {LIMITS.max_prior_stds:.2g}). Check torque constants, angles and payload"
     )
     return (Note("fit/tolerances", text, p.name),)
 
 
 def scattered_ratios(ratios: RatioScatter, responses: Sequence[Response]) -> tuple[Note, ...]:
-    """Return a note on gears whose ratio differs from angle to angle, where that explains most of the excess of V."""
+    """Return a note on each gear whose ratio differs between angles, if this explains most of the excess of V."""
     first, notes = responses[0], list[Note]()
     for name, std in ratios.std.items() if ratios.explains else ():
         scatter = std * float(first.ratio_std[first.inputs.index(name)])
@@ -93,8 +93,8 @@ def scattered_ratios(ratios: RatioScatter, responses: Sequence[Response]) -> tup
     return tuple(notes)
 
 
-def relative(step: float) -> str:
-    """Return a step of a logarithm: a percentage near zero, else a factor, of which only the size counts beyond 1e6."""
+def relative_change(step: float) -> str:
+    """Return the step of a logarithm in words: a percentage for factors from 0.5 to 2, else the factor, at most 1e6."""
     if abs(step) > math.log(1e6):
         return f"a factor {'above 1e+06' if step > 0 else 'below 1e-06'}"
     factor = math.exp(step)

@@ -1,19 +1,18 @@
 r"""Ranking of model-error hypotheses (causes) by their posterior odds.
 
-Candidates: fixed numbers by one score test at the optimum (`score_test`), and the results of hypotheses with a search
-of their own (delays, misread channels and postures, missing springs, other robots). The likeliest cause is followed by
-causes that explain more together with it. Errors of fixed numbers that free parameters absorb come last: no test of the
-responses detects them.
+Candidates are fixed numbers, by one score test at the optimum (`score_test`), and results of hypotheses with a search
+of their own (delays, misinterpreted channels and postures, missing springs, other robots). Further causes, which
+explain more together with the likeliest one, follow it in the ranking.
 
-A cause h has d numbers p with a prior of zero mean and W = diag(w^2), w the typical sizes.  Its posterior odds
-are the prior odds of its family times the Bayes factor (Laplace's approximation),
+The changes p of the numbers of a cause h have a prior with zero mean and W = diag(w^2), w: typical sizes. The posterior
+odds are the prior odds of the family times the Bayes factor (Laplace's approximation),
 
 .. math:: 2 \ln O_h = \frac{\Delta V_h}{\tau^2} - \ln \det\Big(1 + \frac{W S_h}{\tau^2}\Big)
           - \sum_i 2 \ln\Big(1 + \frac{p_i^2}{w_i^2}\Big) + 2 \ln \frac{\pi_h}{n_h}
 
-The determinant is Occam's factor: it penalises causes of any size and of many numbers. The third term is a prior with
-the tails of a Cauchy distribution. n_h: causes of the family, which share its prior odds pi_h. tau^2: variance of the
-noise plus `LIMITS.linear_error` times the excess of V, the error of one linear step.
+The determinant is Occam's factor: it penalises causes with wide priors and many numbers. The third term is a prior with
+the tails of a Cauchy distribution. n_h: number of causes of the family, which share its prior odds pi_h. tau^2:
+variance ratio of the noise plus `LIMITS.linear_error` times the excess of V, the error of one linear step.
 """
 
 import math
@@ -21,7 +20,6 @@ from collections import Counter
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import chain
 from typing import TypeAlias
 
 import numpy as np
@@ -40,24 +38,24 @@ from elastid.fit.diagnosis.estimate_notes import (
     find_wrong_frequency_unit,
 )
 from elastid.fit.diagnosis.extended_model import ExtendedModel, evaluate_extended
-from elastid.fit.diagnosis.forgotten_load import DISTANCE_M, MASS_KG, find_load
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES
 from elastid.fit.diagnosis.hypothesis import Columns, Evidence, Hypothesis, Scores, hypothesis_of, hypothesis_of_index
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.priors import contradicted_tolerances, scattered_ratios
-from elastid.fit.diagnosis.refit import spread_out, thinning
-from elastid.fit.diagnosis.response_derivatives import inertial
+from elastid.fit.diagnosis.refit import evenly_spaced, line_subset
+from elastid.fit.diagnosis.response_derivatives import inertial_names
 from elastid.fit.diagnosis.score_test import Candidate, FixedNumber, ScoreTest, free_drop
 from elastid.fit.diagnosis.status import decisive_index, with_status
+from elastid.fit.diagnosis.unmodelled_payload import DISTANCE_M, MASS_KG, find_load
 from elastid.fit.frf_problem import Assembly, RelinearisedOptimum
-from elastid.fit.problem.frf_residuals import Part, each_at_home
+from elastid.fit.problem.frf_residuals import FrfResiduals, map_chunks
 from elastid.fit.problem.inertia_barrier import find_border_inertias
 from elastid.fit.result import Result
 from elastid.fit.result_rows import ModificationIndex
 from elastid.parameters import Parameters
 from elastid.robot import Robot
 
-RESIDUALS = 60_000  # real ones of the score test; with more, every so many lines are taken
+RESIDUALS = 60_000  # largest number of real residuals in the score test, of a subset of lines if there are more
 
 
 # J^T J (n, n), J^T r (n,) and r^T r, residuals, and the names of the columns of J after x (n_x,).
@@ -67,13 +65,13 @@ _Sums: TypeAlias = tuple[FloatArray, FloatArray, float, int, tuple[str, ...]]
 def score(evidence: Evidence) -> Scores:
     """Return the score test at the optimum; parameters at a bound stay there."""
     assembly, fit, x = evidence.assembly, evidence.optimum.fit, evidence.optimum.end.x
-    extended = ExtendedModel.of(assembly, fit.parts[0].kernel.model)
-    # Each configuration brings some twenty numbers.
-    subset = replace(fit, parts=fit.parts[spread_out(len(fit.parts))])
-    names_q = {part.configuration for part in subset.parts}
+    extended = ExtendedModel.of(assembly, fit.frfs[0].kernel.model)
+    # Each configuration adds about twenty numbers.
+    subset = replace(fit, frfs=fit.frfs[evenly_spaced(len(fit.frfs))])
+    names_q = {frf.configuration for frf in subset.frfs}
     columns = [h.columns for h in evidence.hypotheses if h.columns]
-    sums = partial(_sums, extended, fit.parameters, x, columns, names_q, thinning(subset, RESIDUALS))
-    A, b, V, n_residuals, names = _add_sums(filter(None, each_at_home(sums, fit.parts, evidence.execution)), len(x))
+    sums = partial(_sums, extended, fit.parameters, x, columns, names_q, line_subset(subset, RESIDUALS))
+    A, b, V, n_residuals, names = _add_sums(filter(None, map_chunks(sums, fit.frfs, evidence.execution)), len(x))
     numbers, scale = _fixed_numbers(names, evidence, extended, x)
     scales, lines = np.concatenate([np.ones(len(x)), scale]), n_residuals / max(fit.n_residuals, 1)
     A, b, beyond, pull = _with_priors(A * np.outer(scales, scales), b * scales, evidence, lines)
@@ -89,9 +87,9 @@ def score(evidence: Evidence) -> Scores:
 def _with_priors(
     A: FloatArray, b: FloatArray, evidence: Evidence, lines: float
 ) -> tuple[FloatArray, FloatArray, list[FixedNumber], float]:
-    """Return A and b with priors and static loads, the values beyond their tolerance, and V.
+    """Return A and b with priors and static loads, the prior means of nuisance parameters as numbers, and V of both.
 
-    Such a number shifts the mean of its prior, whose residual is (x - mean - shift) / s.  lines: share of all.
+    The shift of a prior mean is a fixed number with the residual (x - mean - shift) / s.  lines: fraction of residuals.
     """
     fit, x, free = evidence.optimum.fit, evidence.optimum.end.x, evidence.result.parameters.free
     (distance, slope), (r, J), n_x = fit.parameters.priors(x), fit.static(x), len(free)
@@ -114,17 +112,17 @@ def _with_priors(
 
 def _sums(
     extended: ExtendedModel, parameters: Parameters, x: FloatArray, columns: Sequence[Columns], names: Container[str],
-    thin: Callable[[Part], Part], part: Part,
+    thin: Callable[[FrfResiduals], FrfResiduals], frf: FrfResiduals,
 ) -> _Sums | None:  # fmt: skip
-    """Return the sums of a configuration over its chosen lines; None for a configuration that is not chosen."""
-    if part.configuration not in names or not (part := thin(part)).n_residuals:
+    """Return the sums of a configuration over a subset of its lines; None if it is not in `names`."""
+    if frf.configuration not in names or not (frf := thin(frf)).n_residuals:
         return None
-    # Residuals of the model of the fit: its rigid parts are slightly compliant in the extended model.
-    G = part.kernel.response(part.theta(parameters, x))
-    evaluated = replace(evaluate_extended(extended, parameters, x, columns, part), G=G)
+    # Residuals of the fitted model: the extended model has slightly compliant instead of rigid coordinates.
+    G = frf.kernel.response(frf.theta(parameters, x))
+    evaluated = replace(evaluate_extended(extended, parameters, x, columns, frf), G=G)
     J = -evaluated.whitened(np.concatenate([evaluated.free, np.stack(list(evaluated.fixed.values()))]))
     r = evaluated.residual
-    return J @ J.T, J @ r, float(r @ r), part.n_residuals, tuple(evaluated.fixed)
+    return J @ J.T, J @ r, float(r @ r), frf.n_residuals, tuple(evaluated.fixed)
 
 
 def _add_sums(sums: Iterable[_Sums], n_x: int) -> _Sums:
@@ -145,7 +143,7 @@ def _add_sums(sums: Iterable[_Sums], n_x: int) -> _Sums:
 def _fixed_numbers(
     names: Sequence[str], evidence: Evidence, extended: ExtendedModel, x: FloatArray
 ) -> tuple[list[FixedNumber], FloatArray]:
-    """Return the fixed numbers by name, and dp / d ln p (n_h,) of the logarithmic ones."""
+    """Return the fixed numbers, and dp / d ln p (n_h,), 1 for linear ones."""
     assembly, robot = evidence.assembly, extended.linearisation.model.robot
     theta = extended.theta(assembly.parameters, x, assembly.responses[0].configuration.name)
     values = named(extended.parameters, theta)
@@ -162,22 +160,26 @@ def _fixed_numbers(
             value = abs(robot.ratio(name.removeprefix("ratio_")))
         number = hypothesis_of(name, evidence.hypotheses).number(name, value, unit)
         if math.isinf(number.usual) and name in extended.rigid.values() and springs:
-            number = replace(number, usual=1 / float(np.median(springs)))  # rad/(N*m), as of the robot's own springs
+            number = replace(number, usual=1 / float(np.median(springs)))  # rad/(N*m), typical of this robot
         numbers.append(number)
-        scale.append(number.value if number.log and not is_ratio else 1.0)  # the slope of a ratio is to its logarithm
+        scale.append(number.value if number.log and not is_ratio else 1.0)  # ratios have slopes to their logarithm
     return numbers, np.array(scale)
 
 
 def candidates(numbers: Sequence[FixedNumber], robot: Robot, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
-    """Return candidates: single values, then common factors of several, then values with a common cause.
+    """Return candidates: single values, then common factors of several values, then values with a common cause.
 
-    A torque constant that is wrong in every drive is one error and not six: gain_u_* is a factor of all of them.  A
-    payload changes mass, centre and inertia of a body; the angle of an axis may be off in every posture.
+    gain_u_* is a factor of all torque constants, since one error can affect all drives. A payload changes mass, centre
+    and inertia of a body; the angle of an axis can be wrong in every configuration.
     """
     index_of = {number.name: i for i, number in enumerate(numbers)}
-    parts = {name for name in index_of for prefix in ("m_", "c_", "I_") if name.startswith(prefix) and "@" in name}
+    inertial_numbers = {
+        name for name in index_of for prefix in ("m_", "c_", "I_") if name.startswith(prefix) and "@" in name
+    }
     options = [
-        Candidate(n.name, n.family, np.array([i]), np.eye(1)) for i, n in enumerate(numbers) if n.name not in parts
+        Candidate(n.name, n.family, np.array([i]), np.eye(1))
+        for i, n in enumerate(numbers)
+        if n.name not in inertial_numbers
     ]
 
     def add_common(name: str, members: list[int]) -> None:
@@ -200,21 +202,21 @@ def candidates(numbers: Sequence[FixedNumber], robot: Robot, hypotheses: Sequenc
 def _common_causes(robot: Robot, index_of: dict[str, int]) -> Iterator[tuple[str, str, list[str]]]:
     postures = sorted({name.partition("@")[2] for name in index_of if "@" in name})
     for body in robot.bodies:
-        yield f"payload_{body.name}", "payload", inertial(body)
+        yield f"payload_{body.name}", "payload", inertial_names(body)
         for posture in postures:
-            numbers = [f"{name}@{posture}" for name in inertial(body)]  # in `index` only for the last body
+            numbers = [f"{name}@{posture}" for name in inertial_names(body)]  # in `index_of` only for the last body
             yield f"payload_{body.name}@{posture}", "payload of one posture", numbers
     for joint in robot.driven:
         yield f"angles_{joint.name}", "angles by posture", [f"angle_{joint.name}@{posture}" for posture in postures]
 
 
-def temper(scores: Scores) -> float:
-    """Return tau^2 of all causes."""
+def drop_variance(scores: Scores) -> float:
+    """Return tau^2, the variance of a drop of V by noise and by the error of a linear step."""
     return max(scores.variance_ratio, 1e-300) + LIMITS.linear_error * max(scores.excess, 0.0)
 
 
 def modification_indices(evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, ...]:
-    """Return causes that lower V significantly: the most likely with further ones, then each alone."""
+    """Return significant causes: the likeliest cause, further causes in sequence, then each cause alone."""
     indices = rank(scores.test, scores)
     # Causes that linear steps do not show are searched if the residuals exceed the noise.
     for search in (h.search for h in evidence.hypotheses if h.search is not None and evidence.is_unexplained):
@@ -225,7 +227,7 @@ def modification_indices(evidence: Evidence, scores: Scores) -> tuple[Modificati
     for index in indices:  # 2 ln O
         hypothesis = hypothesis_of_index(index, evidence.hypotheses)
         prior = math.log(max(hypothesis.plausibility if hypothesis else 1.0, 1e-300) / counts[index.group])
-        odds[index.name] = index.drop * scores.lines / temper(scores) - index.occam + 2 * prior
+        odds[index.name] = index.drop * scores.residual_fraction / drop_variance(scores) - index.occam + 2 * prior
     single = sorted(indices, key=lambda index: odds[index.name], reverse=True)
     best = odds[single[0].name]
     single = [replace(index, odds=odds[index.name] - best) for index in single]
@@ -234,13 +236,13 @@ def modification_indices(evidence: Evidence, scores: Scores) -> tuple[Modificati
         [*equal, *(name for name in single[0].alike if odds.get(name, best) > best - 4 * LIMITS.equal_odds)]
     )
     first = replace(single[0], alike=tuple(name for name in names if name != single[0].name))
-    return (replace(first, place=1), *_following_causes(first, scores), first, *single[1 : LIMITS.alone])
+    return (replace(first, place=1), *_following_causes(first, scores), first, *single[1 : LIMITS.n_single_causes])
 
 
 def _following_causes(first: ModificationIndex, scores: Scores) -> list[ModificationIndex]:
     by_name = {candidate.name: candidate for candidate in scores.candidates}
     previous, following, test = first, list[ModificationIndex](), scores.test
-    for rank_number in range(2, LIMITS.refits + 1):
+    for rank_number in range(2, LIMITS.n_refits + 1):
         linear = as_delay(previous.name)
         # Further resonances, and results of a separate fit, are no linear changes.
         if linear not in by_name or previous.group == "compliance" or math.isnan(previous.std):
@@ -254,11 +256,11 @@ def _following_causes(first: ModificationIndex, scores: Scores) -> list[Modifica
     return following
 
 
-def rank(test: ScoreTest, scores: Scores, place: int = 0, count: int = LIMITS.ranked) -> list[ModificationIndex]:
-    """Return candidates with a significant drop, best first: so many, and every delay, which has several forms."""
-    options, significant, tau2 = scores.candidates, scores.significant, temper(scores)
+def rank(test: ScoreTest, scores: Scores, place: int = 0, count: int = LIMITS.n_ranked) -> list[ModificationIndex]:
+    """Return up to `count` candidates with a significant drop, best first, and all delays, which have several forms."""
+    options, significant, tau2 = scores.candidates, scores.significant, drop_variance(scores)
     steps = [_step(test, candidate, scores) for candidate in options]
-    drops = np.maximum([drop - scores.worse for _, drop, _ in steps], 0.0)
+    drops = np.maximum([drop - scores.excess_beyond_zero_model for _, drop, _ in steps], 0.0)
     occams = np.array([occam for _, _, occam in steps])
     counts = [4 if candidate.name.startswith("payload_") else candidate.directions.shape[1] for candidate in options]
     order = [int(i) for i in np.argsort(occams - drops / tau2) if drops[i] > significant[counts[i]]]
@@ -267,14 +269,14 @@ def rank(test: ScoreTest, scores: Scores, place: int = 0, count: int = LIMITS.ra
     def index(i: int) -> ModificationIndex:
         """Return the modification index of candidate i, with the candidates that are indistinguishable from it."""
         candidate, (step, _, occam), drop = options[i], steps[i], float(drops[i])
-        members = [test.numbers[k] for k in candidate.places]
+        members = [test.numbers[k] for k in candidate.indices]
         is_equal = (drops > LIMITS.equal_drop * drops[i]) & (correlations[i] > LIMITS.equal_correlation)
         equal = [int(j) for j in np.flatnonzero(is_equal) if j != i]
         return ModificationIndex(
             name=candidate.name, group=candidate.family, members=tuple(number.name for number in members),
             values=np.array([number.value for number in members]), units=tuple(number.unit for number in members),
             log=tuple(number.log for number in members), steps=step,
-            std=test.std(candidate) * math.sqrt(max(scores.variance_ratio, 0.0)), drop=drop / scores.lines,
+            std=test.std(candidate) * math.sqrt(max(scores.variance_ratio, 0.0)), drop=drop / scores.residual_fraction,
             explained_fraction=drop / max(scores.excess, drop, 1e-300), effects=test.effects(candidate, step),
             alike=tuple(options[j].name for j in sorted(equal, key=lambda j: -drops[j])), place=place,
             occam=float(occam),
@@ -284,7 +286,7 @@ def rank(test: ScoreTest, scores: Scores, place: int = 0, count: int = LIMITS.ra
 
 
 def _step(test: ScoreTest, candidate: Candidate, scores: Scores) -> tuple[FloatArray, float, float]:
-    tau2, no_load = temper(scores), (np.zeros(len(candidate.places)), 0.0, 0.0)
+    tau2, no_load = drop_variance(scores), (np.zeros(len(candidate.indices)), 0.0, 0.0)
     # A smaller drop is neither significant nor equivalent to a significant cause.
     if test.max_drop(candidate) < LIMITS.equal_drop * min(scores.significant.values()):
         return no_load
@@ -294,16 +296,16 @@ def _step(test: ScoreTest, candidate: Candidate, scores: Scores) -> tuple[FloatA
         if load is None:
             return no_load
         W = np.array([MASS_KG, *3 * [DISTANCE_M]])
-        sizes = (load.mass / MASS_KG, *load.place / DISTANCE_M)
+        sizes = (load.mass / MASS_KG, *load.position / DISTANCE_M)
         return load.steps, load.drop, occam_factor(load.information / tau2, W, np.array(sizes))
     steps, drop = test.step(candidate)
     first = np.argmax(candidate.directions != 0, axis=0)  # number of each direction
-    usual = np.array([min(test.numbers[i].usual, 1e6) for i in candidate.places[first]])
+    usual = np.array([min(test.numbers[i].usual, 1e6) for i in candidate.indices[first]])
     return steps, drop, occam_factor(test.along(candidate)[0] / tau2, usual, steps[first] / usual)
 
 
 def occam_factor(S: FloatArray, usual: FloatArray, sizes: FloatArray) -> float:
-    """Return ln det(1 + W S) and the prior's term of sizes (n_d,) relative to the usual ones."""
+    """Return ln det(1 + W S) plus the term of the Cauchy prior.  sizes (n_d,): steps relative to typical ones."""
     _, log_det = np.linalg.slogdet(np.eye(len(S)) + usual[:, None] * S * usual)
     return float(log_det + 2 * np.sum(np.log1p(sizes**2)))
 
@@ -315,23 +317,23 @@ def rank_causes(
     result: Result, assembly: Assembly, optimum: RelinearisedOptimum, uncertainty: Uncertainty, execution: Execution,
     hypotheses: tuple[Hypothesis, ...] = HYPOTHESES,
 ) -> Evidence:  # fmt: skip
-    """Return the evidence with a result that has its status, and modification indices where they bear on it."""
+    """Rank the causes. Return the evidence with the status of the result, and its modification indices."""
     evidence = Evidence(assembly, optimum, uncertainty, result, hypotheses, execution)
-    # Where no noise is known, only suspect responses are judged.
+    # Without measured noise, causes are ranked only for suspect responses.
     if evidence.noise_cost > 0 or evidence.is_unexplained:
         scores = score(evidence)
         indices = modification_indices(evidence, scores)
-        # If V is within the noise, a cause counts only if it shows an error of the model or of its numbers.
+        # If V is within the noise, causes count only with a decisive index or contradicted tolerances.
         is_decisive = decisive_index(result, uncertainty, indices) is not None
         if uncertainty.ratios.explains or not (
             evidence.is_unexplained or is_decisive or contradicted_tolerances(result)
         ):
             indices = ()
         evidence = replace(evidence, result=replace(result, indices=indices), scores=scores)
-    if apart := find_disagreement(evidence):
-        # One cause, in status, notes and page: that configurations differ, where nothing common explains as much.
+    if inconsistent := find_disagreement(evidence):
+        # The inconsistency of configurations is then the only cause.
         indices = tuple(replace(index, place=0) for index in evidence.result.indices if index.place == 0)
-        evidence = replace(evidence, apart=apart, result=replace(evidence.result, indices=indices))
+        evidence = replace(evidence, inconsistency_notes=inconsistent, result=replace(evidence.result, indices=indices))
     return replace(evidence, result=with_status(evidence))
 
 
@@ -343,9 +345,9 @@ def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> Result:
     inertias = find_border_inertias(optimum.fit.inertias, optimum.fit.parameters, optimum.end.x)
     estimate = estimate_notes(evidence)
     if evidence.is_unexplained and result.has_single_cause:
-        # A cause that explains all explains bounds and residuals, too; their own advice would be another.
+        # A single cause also explains bounds and weak parameters, whose advice would contradict its remedy.
         estimate = tuple(note for note in estimate if note.code not in CONSEQUENCES)
     ratios = scattered_ratios(evidence.uncertainty.ratios, evidence.assembly.responses)
-    causes = find_wrong_frequency_unit(evidence), ratios, explanations(evidence), evidence.apart, contradictions(result)
-    undetectable = find_undetectable_errors(result, scores), find_elastic_base(result)
-    return replace(result, notes=tuple(chain.from_iterable((*causes, notes, inertias, estimate, *undetectable))))
+    causes = (*find_wrong_frequency_unit(evidence), *ratios, *explanations(evidence), *evidence.inconsistency_notes)
+    undetectable = *find_undetectable_errors(result, scores), *find_elastic_base(result)
+    return replace(result, notes=(*causes, *contradictions(result), *notes, *inertias, *estimate, *undetectable))

@@ -1,7 +1,7 @@
 """Refits of a changed model: V and x after one Gauss-Newton step, or at an optimum of a few steps.
 
-A misreading changes the responses of the model, data and weights stay: V of every misreading after one Gauss-Newton
-step follows from one evaluation.
+A hypothesis on channels changes the modelled responses; data and weights stay the same. One evaluation of the model is
+enough to compute V of all hypotheses after one Gauss-Newton step.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.execution import HERE
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.problem.frf_residuals import ElasticFit, Part
+from elastid.fit.problem.frf_residuals import ElasticFit, FrfResiduals
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares, as_real
 from elastid.fit.solve.solvers import ROUGH, trust_region
 from elastid.linear.response.derivatives import Columns
@@ -26,30 +26,30 @@ from elastid.parameters import Parameters
 
 @dataclass(frozen=True, eq=False)
 class EvaluatedResponse:
-    """One configuration at x: G (F, n_y, n_u) of the model and its derivatives, to x and by name to ln p or p.
+    """Modelled response G (F, n_y, n_u) of one configuration at x, with derivatives to free and fixed parameters.
 
-    mixing: `Part.mixing`, for all that is whitened.
+    free (n_x, F, n_y, n_u): to x.  fixed: to fixed numbers by name, of p.  mixing: `FrfResiduals.mixing`.
     """
 
-    part: Part
+    frf: FrfResiduals
     mixing: ComplexArray | None
     G: ComplexArray
     free: ComplexArray
     fixed: dict[str, ComplexArray] = field(default_factory=dict)
 
     def whitened(self, slopes: ComplexArray) -> FloatArray:
-        """Return -dr (n, N) of changes of G (n, F, n_y, n_u), N real numbers: those that count and zeros."""
-        return as_real(-self.part.slopes(self.G, slopes, self.mixing).reshape(len(slopes), -1))
+        """Return -dr (n, N) of changes of G (n, F, n_y, n_u), N real residuals; 0 for excluded elements."""
+        return as_real(-self.frf.slopes(self.G, slopes, self.mixing).reshape(len(slopes), -1))
 
     @property
     def residual(self) -> FloatArray:
-        """r (N,)."""
-        return as_real(self.part.residual(self.G, self.mixing).ravel())
+        """Whitened residuals r (N,), 0 for excluded elements."""
+        return as_real(self.frf.residual(self.G, self.mixing).ravel())
 
 
 Change: TypeAlias = Callable[[EvaluatedResponse, ComplexArray], ComplexArray]  # of arrays (..., F, n_y, n_u)
 
-STEP_STD = 0.5  # of the prior of ln p that keeps a step near, and a stiffness near its start, at residuals of a misfit
+STEP_STD = 0.5  # prior std of ln p that limits a step, and the distance of a stiffness from its start
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,11 +67,10 @@ class ResponseChange:
 
 UNCHANGED = ResponseChange("as read", "", lambda _, values: values)
 
-# Configurations that a judgement of all together takes; of more, every so many.
-CONFIGURATIONS = 32
+CONFIGURATIONS = 32  # largest number of configurations in a score test
 
 
-def spread_out(count: int) -> slice:
+def evenly_spaced(count: int) -> slice:
     """Return the slice that selects at most CONFIGURATIONS of `count`, evenly spread."""
     return slice(None, None, max(1, math.ceil(count / CONFIGURATIONS)))
 
@@ -81,39 +80,39 @@ def on_line_subset(fit: ElasticFit, residuals: int = 8_000) -> ElasticFit:
 
     Without static load tests, which do not depend on the channels of the responses.
     """
-    return replace(fit, parts=tuple(map(thinning(fit, residuals), fit.parts)), loads=None, home=HERE)
+    return replace(fit, frfs=tuple(map(line_subset(fit, residuals), fit.frfs)), loads=None, home=HERE)
 
 
-def thinning(fit: ElasticFit, residuals: int) -> Callable[[Part], Part]:
-    """Return the function that keeps a subset of the lines of a part, about `residuals` real residuals in total.
+def line_subset(fit: ElasticFit, residuals: int) -> Callable[[FrfResiduals], FrfResiduals]:
+    """Return a function that selects a subset of the lines of a configuration, about `residuals` residuals in total.
 
     At least 20 lines per configuration, 5 if there are very many: V of a single configuration is tested as well.
     """
-    step, min_lines = max(1, math.ceil(fit.n_residuals / residuals)), max(5, min(20, 1280 // max(1, len(fit.parts))))
-    return partial(_thin, step, min_lines)
+    step, min_lines = max(1, math.ceil(fit.n_residuals / residuals)), max(5, min(20, 1280 // max(1, len(fit.frfs))))
+    return partial(_on_lines, step, min_lines)
 
 
-def _thin(step: int, min_lines: int, part: Part) -> Part:
-    lines = slice(None, None, min(step, max(1, len(part.measured) // min_lines)))
-    kernel = replace(part.kernel, freq_hz=part.kernel.freq_hz[lines])
-    whitening = part.whitening and part.whitening.lines(lines)
+def _on_lines(step: int, min_lines: int, frf: FrfResiduals) -> FrfResiduals:
+    lines = slice(None, None, min(step, max(1, len(frf.measured) // min_lines)))
+    kernel = replace(frf.kernel, freq_hz=frf.kernel.freq_hz[lines])
+    whitening = frf.whitening and frf.whitening.lines(lines)
     return replace(
-        part, columns=Columns(kernel), measured=part.measured[lines], gain=part.gain[lines], whitening=whitening
+        frf, columns=Columns(kernel), measured=frf.measured[lines], gain=frf.gain[lines], whitening=whitening
     )
 
 
 def evaluate(fit: ElasticFit, x: FloatArray) -> list[EvaluatedResponse]:
     """Return every configuration at x (n_x,), with derivatives to the free parameters alone."""
     evaluated = []
-    for part in (part for part in fit.parts if part.n_residuals):
-        G, slopes = part.columns.evaluate(part.theta(fit.parameters, x))
-        free = np.tensordot(part.chain(fit.parameters, x).T, slopes, axes=1)
-        evaluated.append(EvaluatedResponse(part, part.mixing, G, free))
+    for frf in (frf for frf in fit.frfs if frf.n_residuals):
+        G, slopes = frf.columns.evaluate(frf.theta(fit.parameters, x))
+        free = np.tensordot(frf.chain(fit.parameters, x).T, slopes, axes=1)
+        evaluated.append(EvaluatedResponse(frf, frf.mixing, G, free))
     return evaluated
 
 
 def start_distance(parameters: Parameters, x: FloatArray) -> float:
-    """Return -2 ln of the prior density of the stiffnesses at x (n_x,), about their starting values in the study."""
+    """Return -2 ln of the Cauchy prior density of the stiffnesses at x (n_x,) about their start values."""
     stiffnesses = (
         i for i, p in enumerate(parameters.free) if not p.is_nuisance and p.log and p.stands_for.startswith("k_")
     )
@@ -125,12 +124,12 @@ def frf_costs(evaluated: Sequence[EvaluatedResponse]) -> list[float]:
     return [float(e.residual @ e.residual) for e in evaluated]
 
 
-def predict(
+def gauss_newton_step(
     change: ResponseChange, evaluated: Sequence[EvaluatedResponse], prior: FloatArray, free: BoolArray | bool = True
 ) -> tuple[float, FloatArray]:
     """Return V after one Gauss-Newton step of the free parameters, and the step (n_x,); prior (n_x,): 1 / std."""
     V, b, A = _normal_equations(change, evaluated, prior, free)
-    near = V / max(sum(e.part.n_residuals for e in evaluated), 1) / STEP_STD**2
+    near = V / max(sum(e.frf.n_residuals for e in evaluated), 1) / STEP_STD**2
     step = np.asarray(-np.linalg.solve(A + max(near, 1e-300) * np.eye(len(b)), b), dtype=float)
     return V + float(step @ (2 * b + A @ step)), step
 
@@ -148,23 +147,23 @@ def _normal_equations(
     return V, b, A
 
 
-def settle(
+def refit(
     change: ResponseChange, fit: ElasticFit, x: FloatArray, free: BoolArray | bool = True
 ) -> tuple[float, FloatArray]:
-    """Return V and x (n_x,) of an optimum that the solver reaches from x, of the logarithms first."""
+    """Return V and x (n_x,) of the optimum that a short search reaches from x, first with the logarithmic criterion."""
 
     def evaluation(problem: ElasticFit, x: FloatArray) -> Evaluation:
         V, b, A = _normal_equations(change, evaluate(problem, x), fit.parameters.prior_slopes, free)
         return Evaluation(V, 2 * b, 2 * A)
 
     V, fixed = math.inf, np.logical_not(np.broadcast_to(free, len(x)))
-    for problem in (replace(fit, parts=tuple(map(logarithmic, fit.parts))), fit):
+    for problem in (replace(fit, frfs=tuple(map(logarithmic, fit.frfs))), fit):
         at = partial(evaluation, problem)
         end = trust_region(LeastSquares(fit.parameters, fit.n_residuals, at), x, at(x), ROUGH, LIMITS.iterations, fixed)
         V, x = end.evaluation.cost, end.x
     return V, x
 
 
-def logarithmic(part: Part) -> Part:
-    """Return the part with the logarithmic criterion, element by element, no line with a weight above 10."""
-    return replace(part, criterion="log", gain=np.minimum(part.gain * np.abs(part.measured), 10.0), whitening=None)
+def logarithmic(frf: FrfResiduals) -> FrfResiduals:
+    """Return the residuals with the logarithmic criterion, element by element, and weights of at most 10."""
+    return replace(frf, criterion="log", gain=np.minimum(frf.gain * np.abs(frf.measured), 10.0), whitening=None)

@@ -20,10 +20,9 @@ from elastid.fit.diagnosis.extended_model import ModelResponse
 from elastid.parameters import DELAY
 from elastid.robot import Body, Robot, channel_name
 
-# Of the smallest torque that a gear carries to the largest, above which no stiffness is seen to rise with it.
-LOAD_RATIO = 0.97
+MAX_LOAD_RATIO = 0.97  # of smallest to largest torque of a gear, for a stiffness that depends on torque
 
-NO_LOAD = 0.01  # of the largest torque, below which a gear carries none
+MIN_LOAD_RATIO = 0.01  # torques below this fraction of the largest one are increased to it
 
 
 def channel_delays(response: ModelResponse) -> dict[str, ComplexArray]:
@@ -58,11 +57,11 @@ def posture_angles(response: ModelResponse) -> dict[str, ComplexArray]:
     return {f"angle_{joint}@{name}": response.slopes[zero] for joint, zero in zeros.items() if zero in response.slopes}
 
 
-def of_one_posture(response: ModelResponse) -> dict[str, ComplexArray]:
-    """Return derivatives with respect to values of this configuration only.
+def one_posture_values(response: ModelResponse) -> dict[str, ComplexArray]:
+    """Return derivatives with respect to values of this configuration only; none if it is the only one.
 
-    delay@c1 of all its channels, s; torques@c1: ln of the torques that are read per torque; spring_1@c1: ln k_1;
-    m_fore@c1 ...: the numbers of the last body, which carries a load.  None of a single configuration.
+    delay@c1: delay of all positions, s.  torques@c1: logarithm of a common gain of the torques.  spring_1@c1: ln k_1.
+    m_fore@c1, ...: mass, centre and inertia of the last body, which carries the payload.
     """
     name, robot, last = response.model.configuration.name, response.robot, response.robot.bodies[-1]
     if len(response.loads) < 2:
@@ -72,11 +71,11 @@ def of_one_posture(response: ModelResponse) -> dict[str, ComplexArray]:
     for joint in robot.driven:
         if (spring := f"k_{joint.name}") in response.slopes:
             columns[f"spring_{joint.name}@{name}"] = response.value(spring) * response.slopes[spring]
-    slopes = {number: response.slopes[number] for number in inertial(last) if number in response.slopes}
+    slopes = {number: response.slopes[number] for number in inertial_names(last) if number in response.slopes}
     return columns | {f"{number}@{name}": column for number, column in slopes.items()}
 
 
-def inertial(body: Body) -> list[str]:
+def inertial_names(body: Body) -> list[str]:
     """Return the names of the mass, the centre of mass and the inertia of a body."""
     entries = (f"I_{body.name}{suffix}" for suffix in body.inertia_entries)
     return [f"m_{body.name}", *(f"c_{body.name}_{axis}" for axis in "xyz"), *entries]
@@ -85,7 +84,7 @@ def inertial(body: Body) -> list[str]:
 def stiffening(response: ModelResponse) -> dict[str, ComplexArray]:
     r"""Return the derivatives with respect to the change of each gear's stiffness with its torque tau.
 
-    load_2, of a gear that hardens, and play_2, of one with backlash, whose tangent is soft near no torque:
+    load_2: of a hardening gear.  play_2: of a gear with backlash, whose tangent stiffness is low near zero torque.
 
     .. math:: k\, (1 + e\, \tau^2 / \tau_{max}^2), \qquad k\, (1 - e\, \tau_{min}^4 / \tau^4)
     """
@@ -93,8 +92,9 @@ def stiffening(response: ModelResponse) -> dict[str, ComplexArray]:
     for joint in response.robot.driven_names:
         loads = {name: abs(torques[joint]) for name, torques in response.loads.items()}
         max_load, spring = max(loads.values(), default=0.0), f"k_{joint}"
-        if max_load > 0 and min(loads.values()) < LOAD_RATIO * max_load and spring in response.slopes:
-            load, min_load = loads[response.model.configuration.name], max(min(loads.values()), NO_LOAD * max_load)
+        if max_load > 0 and min(loads.values()) < MAX_LOAD_RATIO * max_load and spring in response.slopes:
+            load = loads[response.model.configuration.name]
+            min_load = max(min(loads.values()), MIN_LOAD_RATIO * max_load)
             slope = response.value(spring) * response.slopes[spring]
             columns[f"load_{joint}"] = (load / max_load) ** 2 * slope
             columns[f"play_{joint}"] = -((min_load / max(load, min_load)) ** 4) * slope
@@ -102,7 +102,7 @@ def stiffening(response: ModelResponse) -> dict[str, ComplexArray]:
 
 
 def gear_couplings(response: ModelResponse) -> dict[str, ComplexArray]:
-    """Return the derivatives with respect to turns of motor i per turn of joint j, if no gear couples them."""
+    """Return the derivatives with respect to missing gear couplings, rotations of motor i per rotation of joint j."""
     robot, model, G, s = response.robot, response.model, response.G, laplace_variable(response.freq_hz[:, None, None])
     driven, inverse, columns = robot.driven, np.linalg.inv(robot.mixing), dict[str, ComplexArray]()
     outputs = model.outputs
@@ -121,6 +121,6 @@ def gear_couplings(response: ModelResponse) -> dict[str, ComplexArray]:
 
 
 def _between(turn: FloatArray, robot: Robot, locations: tuple[str, ...]) -> FloatArray:
-    """Return entries of a matrix over motors (n_u, n_u) between locations, zero for other locations."""
+    """Return the entries of a matrix over motors (n_u, n_u) for rows and columns at locations; 0 if not at a motor."""
     index = [robot.motor_locations.index(place) if place in robot.motor_locations else -1 for place in locations]
     return np.array([[turn[i, j] if min(i, j) >= 0 else 0.0 for j in index] for i in index])

@@ -8,8 +8,8 @@ With the residuals r and their derivatives J to free and J_h to fixed numbers, a
 .. math:: \text{step} = -S^{-1} g, \qquad \text{drop of } V = g^T S^{-1} g, \qquad
           \text{effects on } x = -H^{-1} J^T J_h \, \text{step}
 
-for one number, or some of them together, along given directions. (Rao 1948; in structural equation models the
-modification index of Soerbom 1989.) Under the noise alone a drop is chi-squared, times V / dof.
+for one number or several along given directions. (Rao 1948; modification index of Soerbom 1989 in structural equation
+models.) Under the noise alone the drop divided by V / dof has a chi-square distribution.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from elastid.base.arrays import BoolArray, FloatArray, IntArray, quotient
 
 @dataclass(frozen=True)
 class FixedNumber:
-    """A fixed number of the fit.  value: SI, in unit.  log: steps are of ln p.
+    """Fixed number p of the fit.  value: in SI.  log: steps are changes of ln p.
 
-    lower, upper: of a plausible step.  usual: how far such a number is commonly off, of the step's unit.
-    is_nuisance: it moves within the tolerance of the robot's file, and is off by more.  is_stated: of `Hypothesis`.
+    lower, upper: limits of a plausible step.  usual: typical error, as a step.  is_nuisance: True for the prior mean of
+    a nuisance parameter, outside its tolerance.  is_stated: as in `Hypothesis`.
     """
 
     name: str
@@ -44,19 +44,19 @@ class FixedNumber:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """Numbers that are freed together: their places among all, and the directions (n_m, n_d) in which they may go."""
+    """Numbers that are freed together.  indices (n_m,): among all numbers.  directions (n_m, n_d): of their steps."""
 
     name: str
     family: str
-    places: IntArray
+    indices: IntArray
     directions: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class ScoreTest:
-    """S (n_h, n_h) and g (n_h,) of all numbers, response (n_x, n_h): -H^-1 J^T J_h.
+    """S (n_h, n_h) and g (n_h,) of all fixed numbers, response (n_x, n_h) = -H^-1 J^T J_h of the free parameters.
 
-    is_distinct (n_h,): numbers with an effect that the free parameters do not have, too.
+    is_distinct (n_h,): True for numbers whose effect the free parameters cannot reproduce.
     """
 
     numbers: tuple[FixedNumber, ...]
@@ -67,7 +67,7 @@ class ScoreTest:
 
     @classmethod
     def of(cls, numbers: Sequence[FixedNumber], A: FloatArray, b: FloatArray, free: BoolArray) -> ScoreTest:
-        """Return A = [J J_h]^T [J J_h] with priors and b = [J J_h]^T r; free (n_x,): parameters that may follow."""
+        """Build the test from A = [J J_h]^T [J J_h] with priors and b = [J J_h]^T r.  free (n_x,): not at a bound."""
         n_x, indices = len(free), np.flatnonzero(free)
         size = np.sqrt(np.diag(A))
         size[size == 0] = 1.0
@@ -75,7 +75,7 @@ class ScoreTest:
         cross = A[indices, n_x:]
         follow = -np.linalg.pinv(A[np.ix_(indices, indices)], rcond=1e-13, hermitian=True) @ cross
         S, g = A[n_x:, n_x:] + cross.T @ follow, b[n_x:] + follow.T @ b[indices]
-        # The free parameters leave at least this fraction of the information on a number that is distinct.
+        # Least fraction of the information on a distinct number that remains with free parameters.
         identifiable = np.diag(S) > 1e-7 * np.maximum(np.diag(A)[n_x:], 1e-300)
         scale = size[n_x:]
         response = np.zeros((n_x, len(numbers)))
@@ -85,15 +85,15 @@ class ScoreTest:
     def step(self, candidate: Candidate) -> tuple[FloatArray, float]:
         """Return steps (n_m,) of a candidate, limited to plausible sizes, and the decrease of V; 0 without information.
 
-        Several numbers have a prior with the width of plausible values, which decides if the data do not.
+        Several numbers have a prior of the width of their limits, for directions without information.
         """
-        D, locations = candidate.directions, candidate.places
+        D, locations = candidate.directions, candidate.indices
         S, g = self.along(candidate)
         if not self.is_distinct[locations].any() or (len(g) == 1 and S[0, 0] <= 0):
             return np.zeros(len(D)), 0.0
         along = locations[np.argmax(D != 0, axis=0)]  # the first number of each direction
         steps = D[:, 0] * (-g[0] / S[0, 0]) if len(g) == 1 else D @ self._bounded(along, S, g)
-        # The fraction of the steps that stays within all limits.
+        # Scale the steps so that all stay within their limits.
         pairs = [(step, self.numbers[i]) for step, i in zip(steps, locations, strict=True) if step != 0]
         factors = ((number.upper if step > 0 else -number.lower) / abs(step) for step, number in pairs)
         steps = steps * max(min([1.0, *factors]), 0.0)
@@ -110,22 +110,22 @@ class ScoreTest:
         return float(np.sqrt(max(D[0] @ np.linalg.pinv(S, hermitian=True) @ D[0], 0.0)))
 
     def correlations(self, candidates: Sequence[Candidate]) -> FloatArray:
-        """Return squared correlations (n_c, n_c) of effects that free parameters leave; 0 of several directions."""
+        """Return squared correlations (n_c, n_c) of the candidates' effects; 0 for several directions."""
         D = np.zeros((len(self.numbers), len(candidates)))
         for i, candidate in enumerate(candidates):
-            if candidate.directions.shape[1] == 1 and self.is_distinct[candidate.places].any():
-                D[candidate.places, i] = candidate.directions[:, 0]
+            if candidate.directions.shape[1] == 1 and self.is_distinct[candidate.indices].any():
+                D[candidate.indices, i] = candidate.directions[:, 0]
         products = D.T @ self.S @ D
         size = np.diag(products)
         return quotient(products**2, np.outer(size, size))
 
     def effects(self, candidate: Candidate, steps: FloatArray) -> FloatArray:
         """Return the change (n_x,) of the free parameters that the steps (n_m,) of a candidate imply."""
-        return self.response[:, candidate.places] @ steps
+        return self.response[:, candidate.indices] @ steps
 
     def freed(self, candidate: Candidate) -> ScoreTest:
         """Return the test of all numbers with a candidate at its step and free."""
-        D, locations = candidate.directions, candidate.places
+        D, locations = candidate.directions, candidate.indices
         columns = self.S[:, locations] @ D
         back = columns @ np.linalg.pinv(self.along(candidate)[0], hermitian=True)
         g = self.g + self.S[:, locations] @ self.step(candidate)[0]
@@ -135,11 +135,11 @@ class ScoreTest:
         return replace(self, S=S, g=g - back @ (D.T @ g[locations]), response=response, is_distinct=identifiable)
 
     def _bounded(self, indices: IntArray, S: FloatArray, g: FloatArray) -> FloatArray:
-        """Compute the step along several directions (n_d,) within the limits of each number, which are priors, too."""
+        """Return the step along several directions (n_d,) within limits, with priors of the width of the limits."""
         limits = np.array([(self.numbers[i].lower, self.numbers[i].upper) for i in indices]).T
-        width = np.maximum(np.abs(limits).min(axis=0), 1e-3)  # some, where a number can only grow
+        width = np.maximum(np.abs(limits).min(axis=0), 1e-3)  # not 0 for a number that can only grow
         size = np.sqrt(np.maximum(np.diag(S), 0.0) + width**-2)
-        # Rounding in S can exceed the priors of wide numbers: no Cholesky factor then exists.
+        # Not by Cholesky: rounding errors of S can exceed weak priors.
         power, directions = np.linalg.eigh((S + np.diag(width**-2)) / np.outer(size, size))
         L = directions * np.sqrt(np.maximum(power, 1e-13 * power[-1]))
         target = -np.linalg.solve(L, g / size)
@@ -152,7 +152,7 @@ class ScoreTest:
 
     def along(self, candidate: Candidate) -> tuple[FloatArray, FloatArray]:
         """Return S (n_d, n_d) and g (n_d,) along the directions of a candidate."""
-        D, locations = candidate.directions, candidate.places
+        D, locations = candidate.directions, candidate.indices
         return D.T @ self.S[np.ix_(locations, locations)] @ D, D.T @ self.g[locations]
 
 

@@ -4,9 +4,9 @@ The fit to the motors' responses alone, x_m with covariance C, and the residuals
 
 .. math:: T = \min_x \; |r(x)|^2 + (x - x_m)^T C^{-1} (x - x_m) \sim \chi^2
 
-by the solver of the fit. They disagree if T, or a common factor of all measured values, is significant. The factor, c
-in r - c W y, is the cause if it explains more than half of T. For responses at the tool, wrong channels of force and
-motion (sign, quantity, state of the motors) are tested, too.
+by the solver of the fit. The data disagree if T, or the error c of a common factor 1 + c of all predicted values, is
+significant. The factor is the cause if it explains more than half of the excess of T. For responses at the tool, wrong
+interpretations of force and motion (sign, quantity, state of the motors) are also tested.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.refit import evaluate
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.load_tests import Agreement, LoadReading, StaticAgreement, ToolAgreement, ToolComparison
-from elastid.fit.problem.frf_residuals import ElasticFit, Part
+from elastid.fit.problem.frf_residuals import ElasticFit, FrfResiduals
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.problem.static_loads import StaticLoads
 from elastid.fit.result import Result
@@ -39,7 +39,7 @@ _UNKNOWN = (
     "check location, direction, sign, unit and std of the largest residual, the angles, and the state of the motors "
     "(no single cause explains it; a gear with friction or backlash has another stiffness for small motions)"
 )
-# (x (n_x,), root (n_x, n_z), c) -> blocks of residuals (n,) with derivatives (n, n_z + 1) to z and to c of 1 + c.
+# (x (n_x,), root (n_x, n_z), c) -> blocks of residuals (n,) with derivatives (n, n_z + 1) to z and c.
 Residuals: TypeAlias = Callable[[FloatArray, FloatArray, float], Iterable[tuple[FloatArray, FloatArray]]]
 
 
@@ -61,7 +61,7 @@ class SecondSource:
         C = motor_fit.covariance.copy()
         unknown = ~np.isfinite(np.diag(C))
         C[unknown] = C[:, unknown] = 0.0
-        C[unknown, unknown] = LIMITS.unreached**2
+        C[unknown, unknown] = LIMITS.unidentifiable_std**2
         size = np.sqrt(np.maximum(np.diag(C), 1e-300))
         values, V = np.linalg.eigh(C / np.outer(size, size))
         return cls(motor_fit.x, size[:, None] * V * np.sqrt(np.maximum(values, 0.0)), residuals, n_residuals)
@@ -92,12 +92,12 @@ class SecondSource:
                     cost, gradient, H = cost + float(r @ r), gradient + J.T @ r, H + J.T @ J
             except np.linalg.LinAlgError:  # the robot has no equilibrium there
                 cost = np.inf
-        # Far away slopes overflow before the cost does.
+        # Far from the minimum derivatives overflow before the cost.
         return Evaluation(cost if np.isfinite(cost) and np.isfinite(H).all() else np.inf, 2 * gradient, 2 * H)
 
 
 def agreement(source: SecondSource, motor_fit: Result) -> tuple[Agreement, float]:
-    """Test the agreement of a data set with the fit; also returns T with a common factor if this explains T, or inf."""
+    """Test the agreement of a data set with the fit. Also return T with a common factor, inf if it is no cause."""
     scale = motor_fit.inflation_factor**2 if motor_fit.exceeds_noise else 1.0
     dof, T = source.n_residuals, source.min_cost()[0]
     cause_cost, factor_error, std = source.min_cost(with_factor=True)
@@ -162,14 +162,12 @@ def tool_agreement(assembly: Assembly, motor_fit: Result) -> ToolAgreement:
             for responses, remedy in _interpretations(assembly.responses)
         }
         remedy = min(costs, key=costs.__getitem__)
-        if cost_with_factor < costs[remedy] and abs(result.ratio - 1) < LIMITS.largest:
+        if cost_with_factor < costs[remedy] and abs(result.ratio - 1) < LIMITS.max_factor_error:
             cause = "check unit and calibration of hammer and sensor, and the torque constants of the motors: all "
             result = replace(result, cause=f"{cause}responses at the tool are {result.ratio:.4g} times as large")
         elif is_misread := explains_excess(source, result.chi_square, costs[remedy]):
             result = replace(result, cause=remedy)
-    comparison = tuple(
-        _compare(G, part, fit, motor_fit.x) for G, part in zip(assembly.responses, fit.parts, strict=True)
-    )
+    comparison = tuple(_compare(G, frf, fit, motor_fit.x) for G, frf in zip(assembly.responses, fit.frfs, strict=True))
     return ToolAgreement(**vars(result), responses=comparison, is_misread=is_misread)
 
 
@@ -179,8 +177,8 @@ def _source(assembly: Assembly, motor_fit: Result) -> tuple[ElasticFit, SecondSo
     return fit, SecondSource.of(motor_fit, partial(_tool_residuals, fit), fit.n_residuals)
 
 
-def _compare(response: Response, part: Part, fit: ElasticFit, x: FloatArray) -> ToolComparison:
-    G, is_used = part.kernel.response(part.theta(fit.parameters, x)), part.gain > 0
+def _compare(response: Response, frf: FrfResiduals, fit: ElasticFit, x: FloatArray) -> ToolComparison:
+    G, is_used = frf.kernel.response(frf.theta(fit.parameters, x)), frf.gain > 0
     ratio = np.abs(response.G[is_used]) / np.maximum(np.abs(G[is_used]), 1e-300)
     rms = float(np.sqrt(np.mean((20 * np.log10(np.maximum(ratio, 1e-300))) ** 2))) if is_used.any() else np.nan
     return ToolComparison(response.configuration.name, response.motors, response.inputs, response.outputs, rms)

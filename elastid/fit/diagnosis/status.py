@@ -1,19 +1,19 @@
 """Status of a fit with its reason, and the verdict on each parameter.
 
 The status `misfit` is a significant model error: the model explains most of the response, but its parameters are biased
-by more than their intervals. One of four tests suffices; limits in code marks are fields of `LIMITS`.
+by more than their intervals. One of four tests suffices; names in backticks are fields of `LIMITS`.
 
 1. Blocks (a configuration and a frequency band) disagree, which has three conditions. V exceeds the limit of noise
    alone, and `excess` times its expectation. The scatter of the estimates over blocks is `disagreement` times the
    scatter by noise, and `structure` times the scatter by white residuals of the same size. A parameter of interest is
-   biased by `shift` standard deviations, and by the fraction `effect`.
-2. A fixed number, a common factor of several, or a spring that the robot model lacks: freeing it lowers V by `drop` and
-   changes a parameter of interest by `shift` standard deviations and the fraction `effect`. This finds errors that all
-   blocks share.
-3. The data change a number by more than `prior` standard deviations of its prior or tolerance.
+   biased by `min_shift` standard deviations, and by the fraction `effect`.
+2. A fixed number, a common factor of several, or a spring that the robot model lacks: freeing it lowers V by `min_drop`
+   and changes a parameter of interest by `min_shift` standard deviations and the fraction `effect`. This finds errors
+   that all blocks share.
+3. The data change a number by more than `max_prior_stds` standard deviations of its prior or tolerance.
 4. Static load tests or responses at the tool contradict the responses of the motors (`static_and_tool_data`).
 
-The logarithm of an unidentifiable damping is unbounded: no bound is wide enough.
+The logarithm of an unidentifiable damping has no finite estimate and ends at any bound.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ from elastid.base.errors import notes_of
 from elastid.base.names import matching
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.cause_notes import fault, phrase
-from elastid.fit.diagnosis.estimate_notes import contradictions, is_weak, list_in_words
+from elastid.fit.diagnosis.estimate_notes import contradictions, is_weak, join_names
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.priors import contradicted_priors, contradicted_tolerances
@@ -44,14 +44,14 @@ def with_status(evidence: Evidence) -> Result:
     result, end, unidentifiable = evidence.result, evidence.optimum.end, evidence.uncertainty.unidentifiable
     free = result.parameters.free_names
     starts = result.converged_starts
-    bound_text = f" with {list_in_words(free, result.at_bound)} at a bound" if result.at_bound.any() else ""
+    bound_text = f" with {join_names(free, result.at_bound)} at a bound" if result.at_bound.any() else ""
     fit_quality = f"the model explains {percent(max(evidence.explained, 0.0))} of the measured responses"
 
     def conclude(status: Status, message: str) -> Result:
         return replace(result, status=status, message=f"{message}. {capital(result.residual_test)}; {starts}")
 
-    misread = {SCALE, *(h.family for h in evidence.hypotheses if h.changes is not None)}
-    readings = [index for index in result.indices if index.place and index.group in misread]
+    channel_families = {SCALE, *(h.family for h in evidence.hypotheses if h.changes is not None)}
+    readings = [index for index in result.indices if index.place and index.group in channel_families]
     if evidence.is_suspect and readings:
         return conclude("model_error", f"{fit_quality}. {capital(fault(readings[0], evidence))}")
     too_large = result.inflation_factor > LARGE or not result.noise_is_known
@@ -60,7 +60,7 @@ def with_status(evidence: Evidence) -> Result:
     if not end.converged:
         return conclude("not_converged", f"the search stopped before an optimum ({end.message})")
     if unidentifiable.any():
-        return conclude("ill_conditioned", f"not identifiable: a combination of {list_in_words(free, unidentifiable)}")
+        return conclude("ill_conditioned", f"not identifiable: a combination of {join_names(free, unidentifiable)}")
     logarithmic = [p.name for p in result.parameters.of_interest if p.log]
     if logarithmic and all(is_weak(result, name) for name in logarithmic):
         text = f"the std of every parameter is above {percent(LIMITS.stiffness_std)} of its estimate"
@@ -94,11 +94,11 @@ def _verdicts(evidence: Evidence) -> tuple[str, ...]:
     for i, parameter in enumerate(result.parameters.of_interest):
         if result.at_bound[i]:
             verdicts.append(AT_BOUND)
-        elif index is not None and by_index[i] > LIMITS.shift:
+        elif index is not None and by_index[i] > LIMITS.min_shift:
             verdicts.append(f"{BIASED}: {phrase(index, evidence)} would change it by {by_index[i]:.1f} std")
         elif is_distorted and parameter.name.startswith("d_"):
             verdicts.append(DISTORTED)
-        elif by_blocks[i] > LIMITS.shift:
+        elif by_blocks[i] > LIMITS.min_shift:
             verdicts.append(f"{BIASED}: configurations and bands differ in it by {by_blocks[i]:.1f} std")
         elif parameter.log and is_weak(result, parameter.name):
             verdicts.append(UNCERTAIN)
@@ -108,7 +108,7 @@ def _verdicts(evidence: Evidence) -> tuple[str, ...]:
 
 
 def _in_deviations(effects: FloatArray, result: Result) -> FloatArray:
-    """Return changes of the parameters of interest (n,) in standard deviations; 0 for insignificant changes."""
+    """Return the changes of the parameters of interest (n,) in standard deviations; 0 below the limits of an effect."""
     n = len(result.parameters.of_interest)
     with np.errstate(divide="ignore", invalid="ignore"):
         deviations = np.nan_to_num(np.abs(effects[:n]) / result.std_of_x[:n])
@@ -136,25 +136,25 @@ def _decides(evidence: Evidence) -> BoolArray:
 def decisive_index(
     result: Result, uncertainty: Uncertainty, indices: Sequence[ModificationIndex]
 ) -> ModificationIndex | None:
-    """Return the cause that shows the model to be wrong by more than the intervals, if any does.
+    """Return the cause that proves a model error larger than the intervals; None without such a cause.
 
-    A fixed number, freed alone, that does so; the likeliest cause in its place, where that does, too, and none where a
-    far likelier cause explains the same and moves nothing.
+    The single number with the largest drop of V among those that change a parameter significantly. It is replaced by
+    the likeliest cause if this also changes one, and by None if a likelier cause explains as much without changing any.
     """
-    if np.isnan(uncertainty.disagreement):  # no noise is known
+    if np.isnan(uncertainty.disagreement):  # the noise is unknown
         return None
 
-    def moves(index: ModificationIndex) -> bool:
-        return bool(np.any(_in_deviations(index.effects, result) > LIMITS.shift))
+    def is_effective(index: ModificationIndex) -> bool:
+        return bool(np.any(_in_deviations(index.effects, result) > LIMITS.min_shift))
 
-    # Of one direction: where several numbers are free at once, noise alone moves parameters far.
+    # Of one direction: with several free numbers the noise alone changes parameters far.
     single = (index for index in indices if index.place == 0 and len(set(index.steps.tolist())) == 1)
-    decisive = [i for i in single if i.drop > LIMITS.drop and moves(i)]
+    decisive = [i for i in single if i.drop > LIMITS.min_drop and is_effective(i)]
     largest = max(decisive, key=lambda index: index.drop, default=None)
     likeliest = next((index for index in indices if index.place == 1), largest)
     if largest is None or likeliest is None or largest.name == likeliest.name:
         return largest
-    if moves(likeliest):
+    if is_effective(likeliest):
         return likeliest
     equal = [index for index in decisive if index.name in likeliest.alike]
     explains_all = likeliest.drop > LIMITS.equal_drop * largest.drop
@@ -172,11 +172,11 @@ def _blocks_disagree(evidence: Evidence) -> bool:
 def _by_blocks(evidence: Evidence) -> str:
     result, uncertainty = evidence.result, evidence.uncertainty
     shift = _shifts(evidence)
-    indices = np.flatnonzero((shift > LIMITS.shift) & _decides(evidence))
+    indices = np.flatnonzero((shift > LIMITS.min_shift) & _decides(evidence))
     if not (_blocks_disagree(evidence) and indices.size):
         return ""
     worst = indices[np.argsort(-uncertainty.shift[indices])]
-    names = ", ".join(result.parameters.free_names[i] for i in worst[: LIMITS.named])
+    names = ", ".join(result.parameters.free_names[i] for i in worst[: LIMITS.n_named])
     return (
         f"{len(worst)} of {len(shift)} parameters are biased by up to {shift[worst[0]]:.3g} std (largest: {names}), "
         "because configurations and frequency bands give different estimates"
@@ -190,7 +190,7 @@ def _by_fixed_number(evidence: Evidence) -> str:
         return ""
     changes = np.where(_decides(evidence), _in_deviations(index.effects, result), 0.0)
     worst = int(np.argmax(changes))
-    if changes[worst] <= LIMITS.shift:
+    if changes[worst] <= LIMITS.min_shift:
         return ""
     return f"{fault(index, evidence)}. Bias of {result.parameters.free_names[worst]}: {changes[worst]:.1f} std"
 
@@ -205,7 +205,7 @@ def _beyond_declared(evidence: Evidence) -> str:
 
 def _by_prior(evidence: Evidence) -> str:
     result = evidence.result
-    if np.abs(result.parameters.priors(result.x)[0]).max() <= LIMITS.prior:
+    if np.abs(result.parameters.priors(result.x)[0]).max() <= LIMITS.max_prior_stds:
         return ""
     if evidence.cause is not None:
         return fault(evidence.cause, evidence)

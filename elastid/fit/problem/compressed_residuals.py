@@ -1,22 +1,21 @@
 r"""Compressed residuals of one configuration: cost, J^T r and J^T J from the QR factors of each line's weights.
 
-The weights of the residuals of a line are a triangle: R of the weighted residuals q - R g of its elements g. `Full`
-works with NumPy; `Packed` with loops in C (`base/kernels/line_loops.c`) where the kernels are built: whitening and sums
-over the lines in one pass, without the weighted columns of a block in memory. R (F, n_e, n_e), or its diagonal (F, n_e)
-where elements count one by one.
+The weighted residuals of a line are q - R g, g: its modelled elements, R: triangular weights (F, n_e, n_e), or their
+diagonal (F, n_e) for uncorrelated elements. `Full` computes the sums over lines with NumPy. `Packed` uses loops in C
+(`base/kernels/line_loops.c`), which whiten and sum in one pass without storing the weighted columns of a block.
 
-For the loops in C lines lie side by side in memory, BATCH at a time, real and imaginary parts apart, so that the
-processor takes several at once. R (batches, n_r, 2, BATCH) has its rows one below the other, each from its diagonal on;
-of diagonal weights it has the diagonal alone. Lines that fill up the last batch are zero.
+In `Packed`, BATCH lines are contiguous in memory, real and imaginary parts separate, for vector instructions. R
+(batches, n_r, 2, BATCH) contains the rows of the triangle one after the other, each from its diagonal element, or the
+diagonal alone. The last batch is filled with zeros.
 
-The elements G_ij and G_ji of a symmetric response are one number g, so that the weighted residuals of a line,
-L^-1 (Ghat - S g), have with the QR factors Q R of L^-1 S, computed once for each line, the square
+In a symmetric response G_ij and G_ji are one number g. With the QR factors Q R of L^-1 S, computed once for each line,
+the squared weighted residuals L^-1 (Ghat - S g) of a line are
 
 .. math:: |L^{-1} \hat G|^2 - |q|^2 + |q - R g|^2, \qquad q = Q^H L^{-1} \hat G
 
-and 21 residuals instead of 36 for six motors. The logarithm has the same R, and q of its own at every g.
+with 21 residuals instead of 36 for six motors. The logarithmic criterion has the same R, and a q that depends on g.
 
-Their derivatives are few columns times powers of j omega (`Columns`).
+The derivatives of g are few columns times powers of j omega (`Columns`).
 """
 
 from dataclasses import dataclass, field, replace
@@ -39,7 +38,7 @@ Precision: TypeAlias = type[np.floating[Any]]
 
 
 class LineResiduals(NamedTuple):
-    """r = q - R g of a block of lines, all (F, n_e); q is r without g. slope: of e with respect to g, default 1."""
+    """Residuals r = q - R g of a block of lines, all (F, n_e); r = q without G.  slope: de/dg, by default 1."""
 
     q: ComplexArray
     G: ComplexArray | None = None
@@ -61,30 +60,30 @@ class BlockSums(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Full:
-    """R as it is."""
+    """R for sums with NumPy."""
 
     R: ComplexArray | FloatArray
 
-    def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> BlockSums:
+    def sums(self, lines: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> BlockSums:
         """Return the sums of a block of lines. precision: data type of the moments."""
-        R, slope = self.R[part.block], e.slope
+        R, slope = self.R[lines.block], e.slope
         r = e.q if e.G is None else e.q - _times(R, e.G[:, :, None])[:, :, 0]
         weight = R * r.conj() if R.ndim == 2 else (r.conj()[:, None, :] @ R)[:, 0]
         weight = weight if slope is None else weight * slope
-        U = part.columns(scale, precision)
+        U = lines.columns(scale, precision)
         if slope is not None:
             U *= slope[:, :, None]
         V = _times(R.astype(U.dtype if R.ndim == 3 else U.real.dtype), U)
         gram = np.swapaxes(V.conj(), 1, 2) @ V
-        powers = (part.omega ** np.arange(5)[:, None]).astype(V.real.dtype)
+        powers = (lines.omega ** np.arange(5)[:, None]).astype(V.real.dtype)
         sums = (powers @ gram.reshape(len(V), -1).view(powers.dtype)).view(V.dtype).reshape(5, *gram.shape[1:])
         moments = np.stack([m.imag if p % 2 else m.real for p, m in enumerate(sums)]).astype(np.float64)
-        return BlockSums(float(np.vdot(r, r).real), part.pull(weight), moments)
+        return BlockSums(float(np.vdot(r, r).real), lines.pull(weight), moments)
 
 
 @dataclass(frozen=True, eq=False)
 class Packed:
-    """R (batches, n_r, 2, BATCH) of the sums in C."""
+    """R (batches, n_r, 2, BATCH) for sums in C."""
 
     R: FloatArray
 
@@ -98,23 +97,23 @@ class Packed:
         pairs = np.stack([padded_rows.real, padded_rows.imag], axis=2).reshape(-1, BATCH, n_r, 2)
         return cls(np.ascontiguousarray(pairs.transpose(0, 2, 3, 1)))
 
-    def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> BlockSums:
-        """Return the sums of `Full.sums`; callable only where the kernels are built."""
-        (F, n_y, _), n_u, (n_b, n_e) = part.left.shape, part.right.shape[1], (len(scale), len(part.outputs))
-        n_1, (_, n_2, r, _) = len(part.sign), part.S.shape
+    def sums(self, lines: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> BlockSums:
+        """Return the sums as `Full.sums`; requires the compiled kernels."""
+        (F, n_y, _), n_u, (n_b, n_e) = lines.left.shape, lines.right.shape[1], (len(scale), len(lines.outputs))
+        n_1, (_, n_2, r, _) = len(lines.sign), lines.S.shape
         sign = np.ones(n_b)
-        sign[:n_1] = part.sign
+        sign[:n_1] = lines.sign
         cost, weight = np.zeros(1), np.empty((n_e, F), complex)
         pull, moments = np.zeros((3, n_b), complex), np.zeros((5, n_b, n_b))
         between = np.zeros((3, r, r), complex)
         sizes = F, n_y, n_u, n_1, n_2, r, n_b - n_1 - n_2, n_e, self.R.shape[1] == n_e
-        right = None if part.is_alike else part.right.T
-        columns = part.left.T, right, part.gain, part.S, part.whole.T, part.outputs, part.inputs
+        right = None if lines.is_alike else lines.right.T
+        columns = lines.left.T, right, lines.gain, lines.S, lines.whole.T, lines.outputs, lines.inputs
         residuals = (None if values is None else values.T for values in e)
-        weights = self.R[part.block.start // BATCH :], part.omega, sign, sign * scale
+        weights = self.R[lines.block.start // BATCH :], lines.omega, sign, sign * scale
         name = "sums_float" if precision is np.float32 else "sums_double"
         call(name, *sizes, *columns, *residuals, *weights, cost, weight, pull, between, moments)
-        pull[:, n_1 : n_1 + n_2] = part.pulled_by(between)
+        pull[:, n_1 : n_1 + n_2] = lines.pulled_by(between)
         return BlockSums(float(cost[0]), pull, moments)
 
 
@@ -126,10 +125,10 @@ def _times(R: npt.NDArray[np.inexact[Any]], U: AnyComplex) -> AnyComplex:
 
 @dataclass(frozen=True, eq=False)
 class CompressedResiduals(WorkerConstant):
-    """The residuals mixing (gain e) of one configuration; measured, gain, criterion and whitening as of `Part`.
+    """The residuals mixing (gain e) of one configuration; measured, gain, criterion and whitening as of `FrfResiduals`.
 
     elements: rows and columns (n_e,) of the elements g.  entries (n_y, n_u): index of each entry in elements.
-    takes_compiled: True if the sums run in C.  precomputed: `compressed`, if it was computed before.
+    takes_compiled: True if the sums run in C.  precomputed: `compressed`, if already computed.
     """
 
     elements: tuple[IntArray, IntArray]
@@ -142,20 +141,20 @@ class CompressedResiduals(WorkerConstant):
     precomputed: "Compressed | None" = None
 
     def has_data_of(self, other: "CompressedResiduals") -> bool:
-        """Return True if these are residuals of the very same data, with the very same weights."""
+        """Return True if both have the same data and weights."""
         are_same = (np.array_equal(getattr(self, name), getattr(other, name)) for name in ("measured", "gain"))
         form = (self.whitening is other.whitening, self.criterion, len(self.elements[0]))
         return form == (True, other.criterion, len(other.elements[0])) and all(are_same)
 
     @property
     def without_whitening(self) -> "CompressedResiduals":
-        """Residuals without the whitening, where that is not needed again."""
+        """Residuals without the whitening matrices, which the complex criterion needs only for `compressed`."""
         if self.criterion != "complex":
             return self
         return replace(self, whitening=None, precomputed=self.compressed)
 
     def at(self, block: slice, G: ComplexArray) -> tuple[float, LineResiduals]:
-        """Return the residuals of some lines with elements G (F, n_e), and a constant that V has besides |r|^2."""
+        """Return the constant of V, and the residuals of a block of lines with modelled elements G (F, n_e)."""
         data = self.compressed
         if self.criterion == "complex":
             return float(data.constant[block].sum()), LineResiduals(data.q[block], G)
@@ -174,12 +173,12 @@ class CompressedResiduals(WorkerConstant):
             return np.log(self.measured)
 
     def _weighted(self, block: slice, e: ComplexArray) -> ComplexArray:
-        """Return gain e (F, n_y n_u) of some lines."""
+        """Return gain e (F, n_y n_u) of a block of lines."""
         gain = self.gain[block]
         return np.where(gain > 0, gain * np.where(gain > 0, e, 0.0), 0.0).reshape(len(e), -1)
 
     def _projected(self, Q: FloatArray, weighted: ComplexArray) -> ComplexArray:
-        """Project residuals (F, n_y n_u), whose elements count one by one, to Q^H (F, n_e)."""
+        """Return Q^H r (F, n_e) of uncorrelated weighted residuals r (F, n_y n_u)."""
         first, second = self._places
         return Q[:, :, 0] * weighted[:, first] + Q[:, :, 1] * weighted[:, second]
 
@@ -190,13 +189,13 @@ class CompressedResiduals(WorkerConstant):
 
     @cached_property
     def _counts(self) -> BoolArray:
-        """Elements (F, n_e) of which at least one measured number counts."""
+        """True for elements (F, n_e) with at least one used measured value."""
         is_used = (self.gain > 0).reshape(len(self.gain), -1)
         return is_used[:, self._places[0]] | is_used[:, self._places[1]]
 
     @cached_property
     def compressed(self) -> "Compressed":
-        """R, and the part of the data that remains with it."""
+        """R with the compressed data."""
         if self.precomputed is not None:
             return self.precomputed
         first, second = self._places
@@ -206,7 +205,7 @@ class CompressedResiduals(WorkerConstant):
             mixing = self.whitening.matrix
             W = mixing * self.gain.reshape(len(self.gain), 1, -1)
             basis, R = np.linalg.qr(W[:, :, first] + has_mirror * W[:, :, second])
-            weights = form(R)  # the largest array of a thousand configurations
+            weights = form(R)  # the largest array of a fit
             weights = replace(weights, R=move_beside(self.whitening.noise.in_file, weights.R))
             residual = (mixing @ residual[:, :, None])[:, :, 0]
             q = (basis.mT.conj() @ residual[:, :, None])[:, :, 0]
@@ -222,16 +221,16 @@ class CompressedResiduals(WorkerConstant):
                 return Compressed(weights, Q=Q)
             q = self._projected(Q, residual)
             residual[:, first] -= Q[:, :, 0] * q
-            residual[:, second] -= Q[:, :, 1] * q  # zero on the diagonal, where both places are the same
-        q = np.asfortranarray(q)  # element by element, as the kernel takes it
+            residual[:, second] -= Q[:, :, 1] * q  # 0 on the diagonal, where both indices are equal
+        q = np.asfortranarray(q)  # memory order of the kernel
         return Compressed(weights, q=q, constant=np.sum(np.abs(residual) ** 2, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
 class Compressed:
-    """R; q (F, n_e) and |L^-1 Ghat|^2 - |q|^2 (F,) of the complex criterion.
+    """R, with q (F, n_e) and constant |L^-1 Ghat|^2 - |q|^2 (F,) for the complex criterion.
 
-    Q (F, n_e, 2): of the logarithmic one, the shares of an element and of its mirror image.
+    Q (F, n_e, 2): for the logarithmic criterion, the coefficients of an element and of its mirror image.
     """
 
     R: Full | Packed
@@ -248,21 +247,21 @@ class NormalEquations:
     residuals: CompressedResiduals
 
     def at(self, theta: FloatArray, precision: Precision = np.float64) -> tuple[float, FloatArray, FloatArray]:
-        """Return V, J^T r (P,) and J^T J (P, P) at theta (n_theta,), P the kernel's wanted parameters.
+        """Return V, J^T r (P,) and J^T J (P, P) at theta (n_theta,) for the P parameters of the kernel.
 
-        J^T J is put together from sums over the lines of omega^p U^H U, U the weighted columns, p = 0 ... 4.
-        precision: of these sums alone; single is enough for a step and takes less time.
+        J^T J follows from the sums over lines of omega^p U^H U, U: weighted columns, p = 0 ... 4.
+        precision: of these sums; single precision is enough for a step, and faster.
         """
         pieces, highest = self.columns.pieces, self.columns.omega_0**self.columns.pieces.power
-        # Columns of a size near one, whatever the units of the parameters: single precision does not reach far.
+        # Scale the columns to unit size, because the exponents of single precision are limited.
         scale, size = np.zeros(pieces.base.max(initial=-1) + 1), np.abs(theta[self.columns.kernel.places])
         np.maximum.at(scale, pieces.base, np.abs(pieces.sigma @ np.where(size == 0, 1.0, size)) * highest)
         scale[scale == 0] = 1.0
         V, pull, moments = 0.0, np.zeros((3, len(scale)), complex), np.zeros((5, len(scale), len(scale)))
         R = self.residuals.compressed.R
-        for part in self.columns.at(theta):
-            constant, e = self.residuals.at(part.block, part.G)
-            sums = R.sums(part, e, scale, precision)
+        for lines in self.columns.at(theta):
+            constant, e = self.residuals.at(lines.block, lines.G)
+            sums = R.sums(lines, e, scale, precision)
             V, pull, moments = V + (constant + sums.cost), pull + sums.pull, moments + sums.moments
         release(R.R)
         indices, sign = self._pairs
@@ -272,9 +271,9 @@ class NormalEquations:
 
     @cached_property
     def _pairs(self) -> tuple[IntArray, FloatArray]:
-        """The Hermitian moment of (5, n_b, n_b) that each pair of pieces (n_t, n_t) takes, and its sign.
+        """Index into the moments (5, n_b, n_b) for each pair of pieces (n_t, n_t), and the sign of the moment.
 
-        It is the real part of (j omega)^k' of one piece times the conjugate (-j omega)^k of the other.
+        The product of two pieces is the real part of (j omega)^k' (-j omega)^k.
         """
         base, power = self.columns.pieces.base, self.columns.pieces.power
         order, apart = power + power[:, None], power - power[:, None]

@@ -3,9 +3,8 @@ r"""FRF residuals: responses and linear models of all configurations as one Leas
 .. math:: V(x) = \sum_i \sum_k \sum_{ab} 2 \frac{|e^{(i)}_{ab}(k; \theta(x))|^2}{\sigma^{(i)}_{ab}(k)^2}
           + \text{priors}
 
-One configuration after the other: cost, J^T r and J^T J are summed up and J is never stacked. Chunks of
-neighbouring configurations are summed in their order: the sums are equal to the last bit wherever a chunk is computed,
-here or at a worker that has it.
+Cost, J^T r and J^T J are summed over configurations, without stacking J. Chunks of neighbouring configurations are
+summed in a fixed order, so that the sums are bit-identical for any number of processes.
 """
 
 import math
@@ -38,20 +37,18 @@ from elastid.response import Response
 if TYPE_CHECKING:
     from elastid.fit.problem.static_loads import StaticLoads  # of studies with load tests
 
-# Configurations of a chunk.
-CHUNK = 4
-# Lines of all configurations from which on an evaluation is worth the work of others.
-MIN_LINES = 5_000
+CHUNK = 4  # configurations
+MIN_LINES = 5_000  # least number of lines of all configurations for an evaluation in several processes
 
 
 @dataclass(frozen=True, eq=False)
-class Part(WorkerConstant):
-    """One configuration: measured G (F, n_y, n_u), the columns of its model, and the scale of its residuals.
+class FrfResiduals(WorkerConstant):
+    """Residuals of the FRF of one configuration.
 
-    measured: without the aliases of ZOH torques, by the model where it was linearised.
-    gain (F, n_y, n_u): sqrt(2) / sigma of the residual, 0 where an element is left out.  whitening: of
-    gain e of a line whose elements err together; None where they count one by one.  compressed: the residuals, where
-    they are known of the very same data and weights, from a model linearised elsewhere.
+    columns: of its linear model.  measured (F, n_y, n_u): without the aliases of ZOH torques, which the model predicts.
+    gain (F, n_y, n_u): sqrt(2) / sigma of the residual, 0 for excluded elements.  whitening: of gain e for a line with
+    correlated elements; None for uncorrelated ones.  compressed: residuals of the same data and weights with another
+    linearisation, if computed.
     """
 
     columns: Columns
@@ -61,27 +58,59 @@ class Part(WorkerConstant):
     whitening: Whitening | None = None
     compressed: CompressedResiduals | None = None
 
+    @classmethod
+    def of(
+        cls, response: Response, model: LinearModel, weights: Weights, parameters: Parameters, criterion: ResidualKind
+    ) -> "FrfResiduals":
+        """Return the residuals of one configuration; arguments as `elastic_fit`."""
+        model = at_measured_places(model, response)
+        columns = Columns(kernel_of(model, parameters, response.freq_hz))
+        return cls.weighted(
+            columns, zoh_aliases(model, model.theta_ref, response.freq_hz), response, weights, criterion
+        )
+
+    @classmethod
+    def weighted(
+        cls, columns: Columns, images: ComplexArray, response: Response, weights: Weights, criterion: ResidualKind
+    ) -> "FrfResiduals":
+        """Return the residuals with the columns of a model.  images (F, n_y, n_u): aliases of ZOH torques."""
+        kernel, is_used = columns.kernel, weights.is_used
+        if criterion == "log":
+            # The logarithm of a noisy element is biased: elements must exceed their std by 6 dB.
+            G = kernel.response(kernel.model.theta_ref)
+            is_used = is_used & (np.abs(G) > 1e-12 * np.abs(G).max()) & (np.abs(response.G) > 2.0 * weights.sigma)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slope = np.where(is_used, error_gain(criterion, response.G), 1.0)
+        gain = np.sqrt(2 * weights.factor) / np.where(is_used, np.abs(slope) * weights.sigma, np.inf)
+        whitening = None
+        if weights.correlated is not None and criterion == "complex":
+            whitening = Whitening(weights.correlated, weights.model_error, response.G, weights.sigma)
+        # Without aliases use the array of the response itself, which the workers already have.
+        plain = response.G - images if images.any() else response.G
+        frf = cls(columns, frozen(plain, np.complex128), frozen(gain), criterion, whitening)
+        return replace(frf, compressed=frf.normal.residuals)
+
     @property
     def kernel(self) -> Kernel:
-        """The kernel of its model."""
+        """Kernel of the model."""
         return self.columns.kernel
 
     @property
     def configuration(self) -> str:
-        """The name of the configuration."""
+        """Name of the configuration."""
         return self.kernel.model.configuration.name
 
     def theta(self, parameters: Parameters, x: FloatArray) -> FloatArray:
-        """Return theta (n_theta,) in its configuration."""
+        """Return theta (n_theta,) in this configuration at x (n_x,)."""
         return parameters.expand(x, self.configuration)
 
     def chain(self, parameters: Parameters, x: FloatArray) -> FloatArray:
-        """Return d theta / d x (P, n_x) of the parameters that x moves there: the kernel's order."""
+        """Return d theta / d x (P, n_x) of the P parameters of the kernel."""
         return parameters.jacobian(x, self.configuration)[self.kernel.places]
 
     @property
     def error_gain(self) -> ComplexArray:
-        """Residual per error of Ghat (F, n_y, n_u), before it is mixed; 0 where an element is left out."""
+        """Residual per error of Ghat (F, n_y, n_u) before whitening; 0 for excluded elements."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(self.gain > 0, self.gain * error_gain(self.criterion, self.measured), 0j)
 
@@ -92,7 +121,7 @@ class Part(WorkerConstant):
 
     @cached_property
     def normal(self) -> NormalEquations:
-        """Cost, gradient and normal matrix without the derivatives of every element."""
+        """Normal equations, computed without the derivatives of every element."""
         form = self.columns.elements, self.columns.entries, self.kernel.takes_compiled
         residuals = CompressedResiduals(*form, self.measured, self.gain, self.criterion, self.whitening)
         data = self.compressed
@@ -100,35 +129,35 @@ class Part(WorkerConstant):
 
     @property
     def n_residuals(self) -> int:
-        """Real residuals, two an element."""
+        """Number of real residuals, two per used element."""
         return 2 * int(np.count_nonzero(self.gain))
 
     @property
-    def for_sums(self) -> "Part":
-        """The part for `normal` alone, without the covariances of its lines, most of its numbers."""
+    def for_sums(self) -> "FrfResiduals":
+        """The residuals for `normal` alone, without the covariance of each line, which needs most memory."""
         residuals = self.normal.residuals.without_whitening
         return replace(self, whitening=residuals.whitening, compressed=residuals)
 
-    def linearised(self, model: LinearModel) -> "Part":
-        """Return the part with the same data and weights, and the columns of another linear model."""
+    def linearised(self, model: LinearModel) -> "FrfResiduals":
+        """Return the residuals of the same data and weights with another linear model."""
         return replace(self, columns=Columns(replace(self.kernel, model=model, images_at=model.theta_ref)))
 
     def residual(self, G: ComplexArray, mixing: ComplexArray | None) -> ComplexArray:
         """Return r (F, n_y, n_u) at a response G of the model; real and imaginary parts have unit variance each.
 
-        mixing: `Part.mixing`.
+        mixing: `FrfResiduals.mixing`.
         """
         e, is_used = difference(self.criterion, self.measured, G), self.gain > 0
         return apply_mixing(mixing, np.where(is_used, self.gain * np.where(is_used, e, 0.0), 0.0))
 
     def slopes(self, G: ComplexArray, dG: ComplexArray, mixing: ComplexArray | None) -> ComplexArray:
         """Return dr (n, F, n_y, n_u) by changes dG of a response G."""
-        # A logarithm of an element that is left out because it is zero has no slope.
+        # Excluded elements can be zero, where the logarithm has no derivative.
         return apply_mixing(mixing, -self.gain * np.where(self.gain > 0, error_gain(self.criterion, G), 0.0) * dG)
 
 
 def apply_mixing(mixing: ComplexArray | None, values: ComplexArray) -> ComplexArray:
-    """Apply `mixing`, if there is any, to the elements of each line of values (..., F, n_y, n_u)."""
+    """Apply the matrix `mixing`, if not None, to the elements of each line of values (..., F, n_y, n_u)."""
     if mixing is None:
         return values
     flat = values.reshape(-1, len(mixing), mixing.shape[1])
@@ -137,41 +166,41 @@ def apply_mixing(mixing: ComplexArray | None, values: ComplexArray) -> ComplexAr
 
 @dataclass(frozen=True, eq=False)
 class Chunk(WorkerConstant):
-    """Some configurations over one set of parameters."""
+    """Residuals of neighbouring configurations, evaluated in one process."""
 
     parameters: Parameters
-    parts: tuple[Part, ...]
+    frfs: tuple[FrfResiduals, ...]
 
     def sums(self, x: FloatArray, precision: type[np.floating[Any]]) -> tuple[float, FloatArray, FloatArray]:
         """Return V, J^T r (n_x,) and J^T J (n_x, n_x) at x; precision: of J^T J."""
         V, g, A = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
         numbers: dict[str, tuple[FloatArray, FloatArray]] = {}  # equal for most configurations
         with np.errstate(all="ignore"):
-            for part in self.parts:
-                name = self.parameters.configuration_of_stand_in(part.configuration)
+            for frf in self.frfs:
+                name = self.parameters.configuration_of_stand_in(frf.configuration)
                 if name not in numbers:
                     numbers[name] = self.parameters.expand(x, name), self.parameters.jacobian(x, name)
                 theta, slopes = numbers[name]
-                T = slopes[part.kernel.places]
-                cost, gradient, normal = part.normal.at(theta, precision)
+                T = slopes[frf.kernel.places]
+                cost, gradient, normal = frf.normal.at(theta, precision)
                 V, g, A = V + cost, g + T.T @ gradient, A + T.T @ normal @ T
         return V, g, A
 
 
 def chunked(items: Sequence[Item]) -> list[tuple[Item, ...]]:
-    """Return chunks of neighbours, of items that each belong to a configuration."""
+    """Divide items, one per configuration, into chunks of CHUNK neighbours."""
     return [tuple(items[first : first + CHUNK]) for first in range(0, len(items), CHUNK)]
 
 
-def home_of(responses: Sequence[Response], execution: Execution) -> Execution:
-    """Return the execution of the chunks: by other processes if these are many, else the starts are shared."""
+def chunk_execution(responses: Sequence[Response], execution: Execution) -> Execution:
+    """Return the execution of chunks: other processes if there are many chunks; else processes share the starts."""
     is_large = sum(response.n_lines for response in responses) >= MIN_LINES
     is_large &= len(chunked(responses)) >= 2 * execution.jobs
     return Execution(execution.jobs) if is_large and execution.is_shared(len(responses)) else HERE
 
 
-def each_at_home(function: Callable[[Item], Value], items: Sequence[Item], home: Execution) -> Iterator[Value]:
-    """Apply a function to each item, with configuration-specific data at the worker of its chunk."""
+def map_chunks(function: Callable[[Item], Value], items: Sequence[Item], home: Execution) -> Iterator[Value]:
+    """Apply a function to each configuration's item, in the process that already has the data of its chunk."""
     return chain.from_iterable(home.at_home(partial(_map_chunk, function), chunked(items)))
 
 
@@ -181,30 +210,30 @@ def _map_chunk(function: Callable[[Item], Value], chunk: Sequence[Item]) -> list
 
 @dataclass(frozen=True, eq=False)
 class ElasticFit:
-    """The parts of all configurations over one set of parameters; it pickles, so that processes can work with it.
+    """Residuals of all configurations as functions of one set of parameters; it can be pickled for other processes.
 
-    inertias: bodies whose inertia must stay physically possible.  loads: static load tests, if there are any.
-    home: who evaluates its chunks.
+    inertias: bodies whose inertia must stay physically consistent.  loads: static load tests, None without any.
+    home: execution of the chunks.
     """
 
     parameters: Parameters
-    parts: tuple[Part, ...]
+    frfs: tuple[FrfResiduals, ...]
     inertias: tuple[BodyInertia, ...] = ()
     loads: "StaticLoads | None" = None
     home: Execution = HERE
 
     def evaluated_by(self, execution: Execution) -> Execution:
-        """Return the execution of work that evaluates it: one item after the other where its chunks are at workers."""
+        """Return the execution of repeated evaluations: sequential if the chunks are distributed over processes."""
         return replace(execution, jobs=0) if self.home.jobs else execution
 
     @property
     def n_residuals(self) -> int:
-        """Real residuals that count."""
-        return sum(part.n_residuals for part in self.parts) + (0 if self.loads is None else self.loads.n_residuals)
+        """Number of real residuals."""
+        return sum(frf.n_residuals for frf in self.frfs) + (0 if self.loads is None else self.loads.n_residuals)
 
     @property
     def problem(self) -> LeastSquares:
-        """The problem of a solver."""
+        """Least-squares problem for a solver."""
         border = partial(border_metric, self.inertias, self.parameters) if self.inertias else None
         return LeastSquares(self.parameters, self.n_residuals, _Rough(self), border)
 
@@ -227,8 +256,8 @@ class ElasticFit:
 
     @cached_property
     def chunks(self) -> tuple[Chunk, ...]:
-        """Configurations, so many neighbours at a time."""
-        return tuple(Chunk(self.parameters, parts) for parts in chunked(self.parts))
+        """Chunks of neighbouring configurations."""
+        return tuple(Chunk(self.parameters, frfs) for frfs in chunked(self.frfs))
 
     def static(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return r (n,) and dr/dx (n, n_x) of the static load tests; LinAlgError without an equilibrium under them."""
@@ -238,18 +267,18 @@ class ElasticFit:
 
     def blocks(self, x: FloatArray) -> Iterator[tuple[ComplexArray, ComplexArray]]:
         """Yield the whitened r (F, n_y, n_u) and dr/dx (n_x, F, n_y, n_u) of each configuration."""
-        return (self.block(part, x, part.mixing) for part in self.parts)
+        return (self.block(frf, x, frf.mixing) for frf in self.frfs)
 
-    def block(self, part: Part, x: FloatArray, mixing: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
-        """Return residuals (F, n_y, n_u) and slopes (n_x, F, n_y, n_u) of one part; mixing: `Part.mixing`."""
-        G, dG = part.columns.evaluate(part.theta(self.parameters, x))
-        dr = part.slopes(G, dG, mixing)
-        return part.residual(G, mixing), np.tensordot(part.chain(self.parameters, x).T, dr, axes=1)
+    def block(self, frf: FrfResiduals, x: FloatArray, mixing: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
+        """Return r (F, n_y, n_u) and dr/dx (n_x, F, n_y, n_u) of one configuration; mixing: `FrfResiduals.mixing`."""
+        G, dG = frf.columns.evaluate(frf.theta(self.parameters, x))
+        dr = frf.slopes(G, dG, mixing)
+        return frf.residual(G, mixing), np.tensordot(frf.chain(self.parameters, x).T, dr, axes=1)
 
 
 @dataclass(frozen=True, eq=False)
 class _Rough:
-    """`ElasticFit.rough`, which goes to other processes with no more than it needs."""
+    """`ElasticFit.rough`, pickled without the data that it does not need."""
 
     fit: ElasticFit
 
@@ -257,7 +286,7 @@ class _Rough:
         return self.fit.rough(x)
 
     def __reduce__(self) -> "tuple[type[_Rough], tuple[ElasticFit]]":
-        return _Rough, (replace(self.fit, parts=tuple(part.for_sums for part in self.fit.parts)),)
+        return _Rough, (replace(self.fit, frfs=tuple(frf.for_sums for frf in self.fit.frfs)),)
 
 
 def elastic_fit(
@@ -274,41 +303,11 @@ def elastic_fit(
     weights have their covariance.  Raises StudyError if the model lacks an input or output of a response.
     """
     triples = zip(responses, models, weights, strict=True)
-    return ElasticFit(parameters, tuple(part_of(*triple, parameters, criterion) for triple in triples))
-
-
-def part_of(
-    response: Response, model: LinearModel, weights: Weights, parameters: Parameters, criterion: ResidualKind
-) -> Part:
-    """Return the part of one configuration; arguments as `elastic_fit`."""
-    model = at_measured_places(model, response)
-    columns = Columns(kernel_of(model, parameters, response.freq_hz))
-    return part_with(columns, zoh_aliases(model, model.theta_ref, response.freq_hz), response, weights, criterion)
-
-
-def part_with(
-    columns: Columns, images: ComplexArray, response: Response, weights: Weights, criterion: ResidualKind
-) -> Part:
-    """Return the part of one configuration with the columns of its model; images (F, n_y, n_u): aliases."""
-    kernel, is_used = columns.kernel, weights.used
-    if criterion == "log":
-        # The logarithm of noise is noise, and biased: elements must exceed it by 6 dB.
-        G = kernel.response(kernel.model.theta_ref)
-        is_used = is_used & (np.abs(G) > 1e-12 * np.abs(G).max()) & (np.abs(response.G) > 2.0 * weights.sigma)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        slope = np.where(is_used, error_gain(criterion, response.G), 1.0)
-    gain = np.sqrt(2 * weights.factor) / np.where(is_used, np.abs(slope) * weights.sigma, np.inf)
-    whitening = None
-    if weights.correlated is not None and criterion == "complex":
-        whitening = Whitening(weights.correlated, weights.floor, response.G, weights.sigma)
-    # Without any the array of the response, which workers have.
-    plain = response.G - images if images.any() else response.G
-    part = Part(columns, frozen(plain, np.complex128), frozen(gain), criterion, whitening)
-    return replace(part, compressed=part.normal.residuals)
+    return ElasticFit(parameters, tuple(FrfResiduals.of(*triple, parameters, criterion) for triple in triples))
 
 
 def at_measured_places(model: LinearModel, response: Response | LinearModel) -> LinearModel:
-    """Return the model with inputs, outputs, hold and sampling of a response, or of its model."""
+    """Return the model with the inputs, outputs, hold and controller of a response or of another model."""
     if all(getattr(model, name) == getattr(response, name) for name in ("inputs", "outputs", "hold", "controller")):
         return model
     loads = {port_motion(name) for name in response.inputs if is_load(name)}
@@ -344,12 +343,12 @@ def linear_model(
 
 
 def places_of(response: Response | LinearModel) -> tuple[str, ...]:
-    """Return the outputs of a response, and the motions on which its forces at frames work."""
+    """Return the outputs of a response, and the motions on which its forces at frames do work."""
     return tuple(dict.fromkeys((*response.outputs, *(port_motion(name) for name in response.inputs if is_load(name)))))
 
 
 def kernel_of(model: LinearModel, parameters: Parameters, freq_hz: FloatArray) -> Kernel:
-    """Return the response of a model at the start on some lines, with derivatives by its parameters in x alone."""
+    """Return the response of a model at the start on some lines, with derivatives to its parameters in x only."""
     if model.parameters != parameters.names:
         raise ValueError(f"the model has parameters {model.parameters}, the set {parameters.names}")
     name = model.configuration.name

@@ -2,10 +2,10 @@ r"""Inertia barrier: a logarithmic penalty that keeps estimated inertias physica
 
 .. math:: b(x) = -2 \mu \sum_{bodies} \ln \det \Sigma, \qquad \Sigma = \tfrac12 \mathrm{tr}(I_c)\, 1 - I_c \succ 0
 
-Sigma is the second moment of mass about the centre of mass: positive definite exactly where the principal moments are
-positive and none exceeds the sum of the other two. With a positive mass this is the positive definite pseudo-inertia of
-Wensing, Kim and Slotine (RA-L 2018). mu is a hundredth, so that an estimate inside moves by a few hundredths of a
-standard deviation at most, while one that wants to leave ends at the border, and its message says so.
+Sigma is the second moment of mass about the centre of mass. It is positive definite if and only if the principal
+moments are positive and satisfy the triangle inequality; with a positive mass, the pseudo-inertia of Wensing, Kim and
+Slotine (RA-L 2018) is then positive definite. mu = 0.01 changes an estimate in the interior by at most a few hundredths
+of a standard deviation; an inconsistent estimate ends at the border, and a note reports it.
 """
 
 import math
@@ -21,14 +21,15 @@ from elastid.robot import Robot
 from elastid.robot.body import TENSOR
 
 BARRIER_WEIGHT = 1e-2
-BORDER = 1e-5  # of the second moments, by which the border is farther for a body that starts as a plate or a rod
+BORDER = 1e-5  # margin of the border, relative to the second moments, for a body that starts as a plate or a rod
 
 
 @dataclass(frozen=True)
 class BodyInertia:
-    """The inertia of one body in a configuration: the places in theta of its entries.
+    """Inertia of one body in a configuration.
 
-    margin: distance of the border beyond the possible inertias, relative to the second moments.
+    indices: positions of its entries in theta.
+    margin: distance of the border beyond the consistent inertias, relative to the second moments.
     """
 
     name: str
@@ -38,7 +39,7 @@ class BodyInertia:
 
     @property
     def refusal(self) -> str:
-        """A sentence on a start that is physically impossible (triangle inequality)."""
+        """Message for a physically impossible start (triangle inequality)."""
         return (
             f"the start gives body {self.name} a physically impossible inertia (a principal moment above the sum of "
             "the other two); correct the start of its inertias, those in the robot's file included"
@@ -53,7 +54,7 @@ class BodyInertia:
         return np.tensordot(parameters.expand(x, self.configuration)[list(self.indices)], self.directions, axes=1)
 
     def roundness(self, parameters: Parameters, x: FloatArray) -> float:
-        """Return the smallest principal second moment over their sum: 1/3 of a ball, 0 of a plate, < 0: impossible."""
+        """Return the smallest principal second moment over their sum: 1/3 for a ball, 0 for a plate, < 0 impossible."""
         values = np.linalg.eigvalsh(self.second_moment(parameters, x))
         return float(values[0] / max(values.sum(), 1e-300))
 
@@ -79,7 +80,7 @@ def free_inertias(parameters: Parameters, robot: Robot) -> tuple[BodyInertia, ..
 
 
 def impossible_inertias(inertias: Sequence[BodyInertia], parameters: Parameters, x: FloatArray) -> list[BodyInertia]:
-    """Return the inertias that are physically impossible at x (n_x,), beyond the rounding of a plate's moments."""
+    """Return the inertias that are physically impossible at x (n_x,) by more than rounding errors."""
     return [body for body in inertias if body.roundness(parameters, x) < -1e-9]
 
 
@@ -98,7 +99,7 @@ def barrier(
         inverse = np.linalg.inv(sigma)
         relative = inverse @ (directions + body.margin * traces[:, None, None] * np.eye(3))  # Sigma^-1 dSigma
         local = body.slopes(parameters, x)
-        # ln det(Sigma / tr Sigma): a large body is no more likely than a small one.
+        # ln det(Sigma / tr Sigma): the barrier does not depend on the size of the body.
         b -= 2 * BARRIER_WEIGHT * float(np.sum(np.log(values)))
         g -= 2 * BARRIER_WEIGHT * local.T @ (np.trace(relative, axis1=1, axis2=2) - 3 * traces / scale)
         H += 2 * BARRIER_WEIGHT * local.T @ np.einsum("pij,qji->pq", relative, relative) @ local
@@ -111,7 +112,7 @@ def border_metric(inertias: Sequence[BodyInertia], parameters: Parameters, x: Fl
 
 
 def feasible_starts(starts: FloatArray, inertias: Sequence[BodyInertia], parameters: Parameters) -> FloatArray:
-    """Return the starts (n, n_x), each drawn towards the given one until its inertias are possible.
+    """Return the starts (n, n_x), each moved towards the nominal start until its inertias are possible.
 
     Raises StudyError for a start that is physically impossible.
     """
@@ -129,7 +130,7 @@ def feasible_starts(starts: FloatArray, inertias: Sequence[BodyInertia], paramet
 
 
 def find_border_inertias(inertias: Sequence[BodyInertia], parameters: Parameters, x: FloatArray) -> tuple[Note, ...]:
-    """Return a note on each body whose inertia at x (n_x,) is at the border of the physically possible ones."""
+    """Return a note on each body whose inertia at x (n_x,) is at the border of physical consistency."""
     text = (
         "the data ask for a physically impossible inertia (a principal moment above the sum of the other two); it "
         "ended at the border: check its mass, its centre of mass and the placement of its joint"

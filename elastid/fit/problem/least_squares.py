@@ -1,15 +1,15 @@
-r"""LeastSquares: a weighted nonlinear least-squares problem of any origin, its residuals, and a local optimum.
+r"""LeastSquares: a weighted nonlinear least-squares problem, its residuals, and its local optimum.
 
     V(x) = sum_i r_i(x)^2 + sum_p ((x_p - m_p) / s_p)^2,   each real residual r_i of unit variance under the noise model
 
-so that V is expected to be the degrees of freedom, n_residuals + priors - n_x.
+so that the expected V is the number of degrees of freedom, n_residuals + number of priors - n_x.
 
 .. math:: \text{complex: } e = \hat G - G, \qquad \text{log: } e = \ln(\hat G / G), \ \mathrm{Im}\, e \in (-\pi, \pi]
 
 Element by element. A complex error of variance sigma^2 = E|e|^2 carries half of it in each real component, so
 r = sqrt(2) [Re e, Im e] / sigma has unit variance. (NLS and LLS of Wernholt and Moberg.)
 
-    delta^2 = dx^T J^T J dx / max(1, V / dof),   dx the Gauss-Newton step of the variables that no bound holds
+    delta^2 = dx^T J^T J dx / max(1, V / dof),   dx: Gauss-Newton step of the variables without an active bound
 
 is the squared distance from the end of a solve to the stationary point, in standard deviations of the estimate.
 """
@@ -35,9 +35,9 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class LeastSquares:
-    """parameters: names, scale, bounds, start.  evaluate(x): all that Gauss-Newton needs, the Jacobian never stacked.
+    """Least-squares problem in x (n_x,).  parameters: names, scale, bounds, start.  evaluate(x): V and derivatives.
 
-    border(x): D (n_x, n_x) such that V is finite at x + s for s^T D s < 1, to first order; None without a barrier in V.
+    border(x): D (n_x, n_x) such that V is finite at x + s for s^T D s < 1, to first order; None if V has no barrier.
     """
 
     parameters: Parameters
@@ -73,7 +73,7 @@ def as_real(values: ComplexArray) -> FloatArray:
 
 @frozen_value
 class LocalOptimum:
-    """The end of a solve: its start and its end in x (n_x,), V there, and the message of the solver."""
+    """Result of a solve: start and end x (n_x,), V at the end, and the message of the solver."""
 
     x_start: FloatArray = labelled("variables of the solver at the start")
     x: FloatArray = labelled("variables of the solver at the optimum")
@@ -85,7 +85,7 @@ class LocalOptimum:
 
 @dataclass(frozen=True)
 class Ending:
-    """x (n_x,) and the problem there; status: why the solver stopped, empty where the optimum was near enough."""
+    """End of a solver at x (n_x,) with the evaluation there; status: reason of the stop, empty if it converged."""
 
     x: FloatArray
     evaluation: Evaluation
@@ -96,7 +96,7 @@ class Ending:
 def distance(step: FloatArray, ending: Evaluation, dof: int) -> float:
     """Return the length delta of a step dx (n_x,) in standard deviations of the estimate."""
     information = 0.5 * float(step @ ending.hessian @ step)
-    return float(np.sqrt(abs(information) / max(1.0, ending.cost / max(dof, 1))))  # rounding may take its sign
+    return float(np.sqrt(abs(information) / max(1.0, ending.cost / max(dof, 1))))  # abs: rounding errors
 
 
 def distance_to_optimum(ending: Evaluation, dof: int, fixed: BoolArray) -> float:
@@ -113,12 +113,12 @@ def distance_to_optimum(ending: Evaluation, dof: int, fixed: BoolArray) -> float
 
 
 def is_far_from_noise(cost: float, dof: float) -> bool:
-    """Return True if V indicates a wrong model whatever the noise, so that its optimum is needed approximately only."""
+    """Return True if V is so large that the model is wrong for any noise, and an approximate optimum is sufficient."""
     return cost > 100 * max(dof, 1)
 
 
 def find_active_bounds(problem: LeastSquares, x: FloatArray, ending: Evaluation) -> BoolArray:
-    """Return True for each variable (n_x,) within 1e-6 of a bound beyond which the cost falls."""
+    """Return True for each variable (n_x,) within 1e-6 of a bound towards which the cost falls."""
     lower, upper = problem.parameters.x_bounds
     margin = 1e-6 * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
     below, above = x <= lower + margin, x >= upper - margin

@@ -1,31 +1,31 @@
-r"""Smoothed noise: the sample covariance of a measured response smoothed over lines, in the form it came in.
+r"""Smoothed noise: the sample covariance of a measured response, smoothed over DFT lines in its original form.
 
 A full covariance is smoothed around a model of the noise: the sum of noise on the outputs of a response and of torques
-at its inputs that pass through it. Levels of both kinds are estimated by likelihood.
+at its inputs that pass through it. The powers of both kinds are estimated by maximum likelihood.
 
 .. math:: C(k) = \sum_i a_i(\omega)\, e_i e_i^T + \sum_j b_j(\omega)\, g_j(k) g_j(k)^H, \qquad a_i, b_j \ge 0
 
-g_j are the columns of the measured response: noise of the torque, friction and disturbances at a motor move all outputs
-together, strongest at the resonances. a_i is a sum of white noise in position, velocity and acceleration, and of errors
-in proportion to the gain \|g_i\| of its output and to its root (friction, drifting gains); b_j of white torque, torque
-that falls with frequency, and torque that grows with the excitation. These few levels are estimated over all lines by
-maximum likelihood of Wishart matrices with a majorising step,
+g_j: column j of the measured response; torque noise, friction and disturbances at motor j act on all outputs, mostly at
+the resonances. a_i: sum of white noise in position, velocity and acceleration, and of errors proportional to the gain
+\|g_i\| of the output and to its square root (friction, drifting gains). b_j: sum of white torque, torque that decreases
+with frequency, and torque proportional to the excitation. These powers theta are estimated from all lines by maximum
+likelihood of Wishart matrices with a majorisation-minimisation step,
 
 .. math:: \theta \leftarrow \theta\, \frac{\sum_k w_k\, \mathrm{tr}(Q C^{-1} S C^{-1})}
                                           {\sum_k w_k\, \mathrm{tr}(Q C^{-1})}, \qquad C = \sum \theta Q
 
-so that they are known far better than the covariance S of a line. w_k <= 1 is small where a line is far noisier than
+and are far more accurate than the covariance S of a single line. w_k <= 1 is small for lines with much more noise than
 the others. (Zhou, Hu, Zhou and Lange, MM algorithms for variance components models, JCGS 28, 2019.)
 
-With the model C = L L^H the whitened covariances X_k = L_k^{-1} S_k L_k^{-H} would be 1. The errors of
+With an exact model C = L L^H the whitened covariances X_k = L_k^{-1} S_k L_k^{-H} have the expectation 1. The errors of
 the model are estimated from the neighbouring lines:
 
 .. math:: \tilde C_k = c\, l_k\, L_k [\rho + (1 - \rho) \bar X_k] L_k^H
 
-l is the geometric mean of tr(X) / n over w lines, Xbar the mean of X / (tr(X) / n) over them. The shrinkage rho is the
-one of `SHRINKAGES` under which lines are most likely given their neighbours: the sum over lines of
--ln det C~ - tr(C~^-1 S), each without its own S in C~, is largest. c makes the weights unbiased, E[tr(C~^-1 C)] = n,
-where the noise is as smooth as supposed. A line that is noisier than chance allows keeps its own level.
+l: geometric mean of tr(X) / n over w lines.  Xbar: mean of X / (tr(X) / n) over these lines.  rho: the value of
+`SHRINKAGES` with the largest cross-validated likelihood, the sum over lines of -ln det C~ - tr(C~^-1 S) with C~
+computed without the line's own S.  c: makes the weights unbiased, E[tr(C~^-1 C)] = n, for noise that is smooth over w
+lines.  A line with significantly more noise than its neighbours keeps its own power.
 """
 
 import math
@@ -51,7 +51,7 @@ MIN_VARIANCE_FRACTION = 1e-9  # regularisation, relative to the mean variance of
 
 @dataclass(frozen=True)
 class NoiseShapes:
-    """Noise spectra of a response up to factors: p of its outputs (p, F, n_y), and q of its input torques (q, F).
+    """Spectral shapes of the noise: p shapes of output noise (p, F, n_y), and q shapes of torque noise (q, F).
 
     G (F, n_y, n_u): response of the outputs to torques.
     """
@@ -61,16 +61,18 @@ class NoiseShapes:
     G: ComplexArray
 
     @classmethod
-    def of(cls, freq_hz: FloatArray, G: ComplexArray, quantity: Motion, weakness: FloatArray | None) -> "NoiseShapes":
-        """Build the shapes on the lines of G; weakness (F,): inverse of the excitation's power, None if unknown."""
+    def of(
+        cls, freq_hz: FloatArray, G: ComplexArray, quantity: Motion, inverse_power: FloatArray | None
+    ) -> "NoiseShapes":
+        """Build the shapes on the lines of G; inverse_power (F,): 1 / power of the excitation, None if unknown."""
         f = np.maximum(freq_hz, freq_hz[freq_hz > 0].min()) / freq_hz.max()
         motion = np.stack([f ** (2 * MOTION_ORDER[quantity] - 2.0 * order) for order in range(MOTIONS)])
         gain = np.linalg.norm(G, axis=2)
         gain = gain / np.maximum(gain.max(axis=0), 1e-300)
         output = np.concatenate([np.repeat(motion[:, :, None], gain.shape[1], axis=2), np.stack([gain, gain**2])])
         torque = [np.ones_like(f), f**-2.0]
-        if weakness is not None and np.all(weakness > 0):
-            torque.append(weakness.mean() / weakness)
+        if inverse_power is not None and np.all(inverse_power > 0):
+            torque.append(inverse_power.mean() / inverse_power)
         return cls(output, np.stack(torque), G)
 
     def on(self, lines: BoolArray) -> "NoiseShapes":
@@ -79,11 +81,11 @@ class NoiseShapes:
 
 
 def noise_model(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
-    """Return C (F, n_y, n_y) that explains the sample covariances S (F, n_y, n_y) of a response's errors best.
+    """Return the noise model C (F, n_y, n_y) with the largest likelihood of the sample covariances S (F, n_y, n_y).
 
-    With errors in proportion to gains if lines are more likely then: the sum of -ln det C - tr(C^-1 S) is larger.
-    The variance components of every second line follow from the other lines, so that C does not depend on the line's
-    own S; fewer than 16 lines are not divided.
+    Errors proportional to gains are included if they increase the likelihood, the sum of -ln det C - tr(C^-1 S).
+    C of every second line is estimated from the other lines, so that C is independent of the line's own S; fewer than
+    16 lines are not divided.
     """
     models = [_across_lines(S, shape) for shape in (replace(shapes, output=shapes.output[:MOTIONS]), shapes)]
     return max(models, key=lambda C: -float(np.sum(np.linalg.slogdet(C)[1]) + np.sum(np.linalg.inv(C).mT * S).real))
@@ -95,11 +97,11 @@ def _across_lines(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
     C = np.empty(S.shape, np.complex128)
     for half in (lines % 2 == 0, lines % 2 == 1):
         source = ~half if len(S) >= 16 else np.ones_like(half)
-        C[half] = _levels(S[source], shapes.on(source))(shapes.on(half))
+        C[half] = _fit_noise_powers(S[source], shapes.on(source))(shapes.on(half))
     return C
 
 
-def _levels(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], ComplexArray]:
+def _fit_noise_powers(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], ComplexArray]:
     """Fit the noise powers that explain S best; returns C (F, n_y, n_y) as a function of other lines' shapes."""
     F, n_y, n_u = shapes.G.shape
     variance = np.einsum("faa->a", S).real / F
@@ -163,11 +165,11 @@ class SmoothedNoise(WorkerConstant):
 
 
 def smooth_noise(response: Response) -> SmoothedNoise | None:
-    """Return smoothed noise of a response, from the total covariance or, where larger, from the noise covariance.
+    """Return the smoothed noise of a response, computed from `larger_covariance`; None without a covariance.
 
-    None where no uncertainty is known.  The numbers are cached in that covariance, for one response.
+    The covariance object caches the values for one response.
     """
-    raw, key = larger(response), (response.G, response.freq_hz, response.quantity)
+    raw, key = larger_covariance(response), (response.G, response.freq_hz, response.quantity)
     if raw is None:
         return None
     if math.isinf(raw.dof) and raw.form != "diagonal":
@@ -179,7 +181,7 @@ def smooth_noise(response: Response) -> SmoothedNoise | None:
 
 
 def _smooth(response: Response, raw: Covariance) -> tuple[Covariance, FloatArray, FloatArray]:
-    """Return smooth covariance, and the unsmoothed fractions of variance and matrix by line (`SmoothedNoise`)."""
+    """Return the smooth covariance, variance_influence and matrix_influence (`SmoothedNoise`)."""
     F, n_y, n_u = response.G.shape
     if raw.form == "diagonal":
         variance, kappa = smooth_variance(raw.variance, response.G, raw.dof)
@@ -187,7 +189,7 @@ def _smooth(response: Response, raw: Covariance) -> tuple[Covariance, FloatArray
         return Covariance(variance, raw.dof), factor, factor
     S = raw.matrix if raw.left is None or raw.right is None else raw.right
     assert S is not None
-    covariance, kept_matrix, kept_variance = smooth_covariance(S, _model(response, raw, S), raw.dof)
+    covariance, matrix_influence, variance_influence = smooth_covariance(S, _model(response, raw, S), raw.dof)
     power = np.einsum("faa->fa", covariance).real
     covariance = move_beside(S, covariance)
     if raw.left is None:
@@ -195,12 +197,12 @@ def _smooth(response: Response, raw: Covariance) -> tuple[Covariance, FloatArray
     else:
         variance = power[:, :, None] * np.einsum("faa->fa", raw.left).real[:, None, :]
         smooth = Covariance(variance, raw.dof, raw.left, covariance)
-    return smooth, kept_variance, kept_matrix
+    return smooth, variance_influence, matrix_influence
 
 
 def _model(response: Response, raw: Covariance, S: ComplexArray) -> ComplexArray:
-    weakness = None if raw.left is None else np.mean(np.einsum("faa->fa", raw.left).real, axis=1)
-    shapes = NoiseShapes.of(response.freq_hz, response.G, response.quantity, weakness)
+    inverse_power = None if raw.left is None else np.mean(np.einsum("faa->fa", raw.left).real, axis=1)
+    shapes = NoiseShapes.of(response.freq_hz, response.G, response.quantity, inverse_power)
     if raw.left is not None:
         return noise_model(S, shapes)
     _, n_y, n_u = response.G.shape
@@ -210,12 +212,11 @@ def _model(response: Response, raw: Covariance, S: ComplexArray) -> ComplexArray
     return model
 
 
-def larger(response: Response) -> Covariance | None:
-    """Return the total covariance, which holds the noise, or the noise where the total is smaller by more than chance.
+def larger_covariance(response: Response) -> Covariance | None:
+    """Return the total covariance, or the noise covariance if the total is significantly smaller (p-value 0.001).
 
-    Their ratio, the geometric mean over lines and elements, is compared with the F distribution of one line: errors of
-    elements may be one error, and realisations that share their noise do so at all lines.  By more than chance: it puts
-    the total below the noise, which is part of it, once in a thousand times.
+    The total includes the noise. The geometric mean of their ratio over lines and elements is compared with the F
+    distribution of a single line: elements can share one error, and realisations can share their noise at all lines.
     """
     total, noise = response.total, response.noise
     if total is None or noise is None:
@@ -224,19 +225,19 @@ def larger(response: Response) -> Covariance | None:
     if not is_positive.any() or math.isinf(total.dof):
         return total
     ratio = math.exp(float(np.mean(np.log(total.variance[is_positive] / noise.variance[is_positive]))))
-    far = gammainc(total.dof, total.dof * ratio) if math.isinf(noise.dof) else fdtr(2 * total.dof, 2 * noise.dof, ratio)
-    return noise if far < 1e-3 else total
+    is_exact = math.isinf(noise.dof)
+    p_value = gammainc(total.dof, total.dof * ratio) if is_exact else fdtr(2 * total.dof, 2 * noise.dof, ratio)
+    return noise if p_value < 1e-3 else total
 
 
 SHRINKAGES = (1.0, 0.7, 0.4, 0.2, 0.1, 0.03, 0.01, 0.003)
 
 
 def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float) -> tuple[ComplexArray, FloatArray, FloatArray]:
-    """Return C~ (F, n, n) of sample covariances S (F, n, n) of `dof` degrees of freedom each, and kappa (F,).
+    """Return C~ (F, n, n) of sample covariances S (F, n, n) with `dof` degrees of freedom, and two kappa (F,).
 
-    kappa: influence of a line on its own C~, and on its diagonal; to first order tr(C~^-1 S) is 1 - kappa / nu times
-    its value for an S independent of C~.
-    model (F, n, n): of the noise.
+    kappa: influence of a line on its own C~, and on the diagonal of C~. To first order tr(C~^-1 S) is 1 - kappa / dof
+    times its value for an S that is independent of C~.  model (F, n, n): noise model C.
     """
     F, n = S.shape[:2]
     width = min(_width(n, dof), F)
@@ -245,11 +246,11 @@ def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float) -> tuple
     X = whitening @ S @ whitening.mT.conj()
     scale = np.einsum("faa->f", X).real / n
     positive = scale > 0
-    scale = without_gaps(scale) if positive.any() else np.ones(F)
-    for_weights = _for_weights(scale, n * dof, width)
+    scale = fill_zeros(scale) if positive.any() else np.ones(F)
+    for_weights = _smooth_power(scale, n * dof, width)
     X = X / scale[:, None, None]
     X[~positive] = np.eye(n)
-    # Fewer degrees of freedom than elements leave the covariance of a lone line singular.
+    # With fewer degrees of freedom than elements the sample covariance is singular.
     rho = 1.0 if width * dof < n else _shrinkage(X, width)
     inner = rho * np.eye(n) + (1 - rho) * moving_mean(X, width)
     bias = 1 - (1 - rho) * (n**2 - 1) / (n * width * dof)
@@ -258,10 +259,10 @@ def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float) -> tuple
 
 
 def _width(n: int, dof: float) -> int:
-    """Return an odd number of lines: 10 degrees of freedom per n correlated elements, 24 for their power.
+    """Return the odd number w of lines: 10 n degrees of freedom for n correlated elements, 24 for their power.
 
-    Inverse-variance weights from nu of them make the estimate's standard deviation sqrt((nu - 1) / (nu - 2)) too large,
-    2 % for 24: a line of 30 for each element needs no neighbours.
+    Inverse-variance weights with nu degrees of freedom increase the std of the estimate by sqrt((nu - 1) / (nu - 2)),
+    2 % for 24. With 30 degrees of freedom per element no neighbours are needed.
     """
     return 1 if dof >= 30 * n else max(math.ceil(max(10 * n, 24 / n) / dof), 3) // 2 * 2 + 1
 
@@ -282,26 +283,26 @@ def _shrinkage(X: ComplexArray, width: int) -> float:
 def _self_influence(
     S: ComplexArray, smooth: ComplexArray, rho: float, width: int, dof: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return kappa (F,) of the whole and of the diagonal, scaled by the average fraction of C~ that errors fill."""
+    """Return kappa (F,) of C~ and of its diagonal, scaled by the mean ratio of S to C~."""
     F, n = S.shape[:2]
-    shares = (1 + (1 - rho) * (n**2 - 1)) / (n * width), (1 + (1 - rho) * (n - 1)) / (n * width)
-    together = np.einsum("faa->f", np.linalg.solve(smooth, S)).real / n
-    alone = np.mean(np.einsum("faa->fa", S).real / np.einsum("faa->fa", smooth).real, axis=1)
-    influences = [k * float(np.mean(z)) for k, z in zip(shares, (together, alone), strict=True)]
+    fractions = (1 + (1 - rho) * (n**2 - 1)) / (n * width), (1 + (1 - rho) * (n - 1)) / (n * width)
+    of_matrix = np.einsum("faa->f", np.linalg.solve(smooth, S)).real / n
+    of_diagonal = np.mean(np.einsum("faa->fa", S).real / np.einsum("faa->fa", smooth).real, axis=1)
+    influences = [k * float(np.mean(z)) for k, z in zip(fractions, (of_matrix, of_diagonal), strict=True)]
     mean, diagonal = (np.full(F, z / max(1 - z / dof, 0.1)) for z in influences)
     return mean, diagonal
 
 
-def without_gaps(variance: FloatArray) -> FloatArray:
-    """Return the levels (F,) with zeros replaced by their neighbours."""
+def fill_zeros(variance: FloatArray) -> FloatArray:
+    """Return the variances (F,) with zeros interpolated from the neighbouring lines."""
     lines = np.flatnonzero(variance)
     return np.interp(np.arange(len(variance)), lines, variance[lines])
 
 
-def _for_weights(variance: FloatArray, dof: float, width: int) -> FloatArray:
-    """Return c l (F, ...) of noise powers with `dof` degrees of freedom each; loud lines keep their own power."""
+def _smooth_power(variance: FloatArray, dof: float, width: int) -> FloatArray:
+    """Return c l (F, ...) of sample variances with `dof` degrees of freedom; loud lines keep their own variance."""
     mean = np.exp(moving_mean(np.log(variance), width)) / math.exp(log_moment(1, dof, width))
-    # A sample variance exceeds that factor over its mean once in a thousand lines.
+    # Ratio of a sample variance to its expectation that one line in a thousand exceeds.
     by_chance = chi_square_limit(2 * dof, 1e-3) / (2 * dof) if width > 1 else math.inf
     loud = variance > mean * by_chance
     quiet = np.exp(moving_mean(np.log(np.where(loud, mean, variance)), width))
@@ -309,19 +310,19 @@ def _for_weights(variance: FloatArray, dof: float, width: int) -> FloatArray:
 
 
 def smooth_variance(variance: FloatArray, G: ComplexArray, dof: float) -> tuple[FloatArray, FloatArray]:
-    r"""Smooth sample variances (F, ...) of FRF elements as `smooth_covariance` does. Return them and kappa (...).
+    r"""Smooth sample variances (F, ...) of FRF elements. Return them and kappa (...), as `smooth_covariance`.
 
     The noise model is |G|^{2 a} with a in [0, 1] by regression: a = 0 for noise independent of resonances, a = 1 for
-    noise proportional to G.  A line of zero variance gets its neighbours' variance; zero elements remain zero.
+    noise proportional to G. Zero variances at single lines are interpolated; elements that are zero remain zero.
     """
     positive = np.any(variance > 0, axis=0)
-    variances = np.apply_along_axis(without_gaps, 0, np.where(positive, variance, 1.0))
+    variances = np.apply_along_axis(fill_zeros, 0, np.where(positive, variance, 1.0))
     power, width = np.abs(G) ** 2, min(_width(1, dof), len(G))
     log_power = np.log(np.maximum(power, np.maximum(1e-30 * power.max(axis=0), 1e-300)))
     rough_power, log_variance = (log - moving_mean(log, width) for log in (log_power, np.log(variances)))
     a = np.sum(rough_power * log_variance, axis=0) / np.maximum(np.sum(rough_power**2, axis=0), 1e-300)
     model = np.exp(np.clip(a, 0.0, 1.0) * (log_power - log_power.mean(axis=0)))
-    smooth = model * _for_weights(variances / model, dof, width)
+    smooth = model * _smooth_power(variances / model, dof, width)
     filled = np.mean(variance / smooth, axis=0) / width
     return np.where(positive, smooth, 0.0), np.where(positive, filled / np.maximum(1 - filled / dof, 0.1), 0.0)
 

@@ -26,14 +26,14 @@ from elastid.robot.robot import with_frames
 
 @dataclass(frozen=True, eq=False)
 class PlacedTest:
-    """A load test and where the robot stood."""
+    """A load test with its configuration."""
 
     test: LoadTest
     configuration: Configuration
 
 
 def placed_tests(tests: Sequence[LoadTest], configurations: Mapping[str, Configuration]) -> tuple[PlacedTest, ...]:
-    """Return the tests in their postures; StudyError for a configuration that is not there."""
+    """Return the tests with their configurations; StudyError for an unknown configuration."""
     places = []
     for test in tests:
         if test.angles is not None:
@@ -49,7 +49,7 @@ def placed_tests(tests: Sequence[LoadTest], configurations: Mapping[str, Configu
 
 @dataclass(frozen=True, eq=False)
 class StaticLoads:
-    """Load tests of a robot.  robot: as equations, under the loads.  measured, std (n,): readings of all tests."""
+    """Load tests of a robot.  robot: equations of the loaded robot.  measured, std (n,): readings of all tests, m."""
 
     tests: tuple[LoadTest, ...]
     robot: LoadedRobot
@@ -58,7 +58,7 @@ class StaticLoads:
 
     @classmethod
     def of(cls, tests: Sequence[PlacedTest], robot: Robot, model: ModelSpec, parameters: Parameters) -> "StaticLoads":
-        """Return the loads of a robot at the start of the parameters; StudyError for an unknown frame, or no rest."""
+        """Build the loaded robot at the start parameters; StudyError for unknown frames, or without equilibrium."""
         loads = tuple(load_of(load, robot) for load in tests)
         framed_robot = with_frames(robot, (name for load in loads for name in (load.frame, load.read_at)))
         equations = formulate(framed_robot, model, tuple(name for name in robot.on_demand if name in parameters.names))
@@ -72,16 +72,16 @@ class StaticLoads:
 
     @property
     def n_residuals(self) -> int:
-        """Readings."""
+        """Number of readings."""
         return len(self.measured)
 
     @cached_property
     def owners(self) -> list[int]:
-        """Number of the test of each reading (n,)."""
+        """Index of the test of each reading (n,)."""
         return [i for i, test in enumerate(self.tests) for _ in range(test.n_readings)]
 
     def predicted(self, parameters: Parameters, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the deflections (n,) in m and their slopes (n, n_x) to x; LinAlgError without an equilibrium."""
+        """Return deflections (n,) in m and their derivatives (n, n_x) to x; LinAlgError without an equilibrium."""
         names = [load.configuration.name for load in self.robot.loads]
         deflections, slopes = self.robot.deflections([parameters.expand(x, name)[:-1] for name in names])
         rows = [slope @ parameters.jacobian(x, n)[self.robot.dependent] for slope, n in zip(slopes, names, strict=True)]
@@ -93,7 +93,7 @@ class StaticLoads:
         return (self.measured - y) / self.std, -slopes / self.std[:, None]
 
     def drawn(self, deflections: FloatArray, rng: np.random.Generator) -> "StaticLoads":
-        """Return the loads with measurements (n,) about a model's deflections."""
+        """Return the loads with readings drawn about modelled deflections (n,) in m."""
         return replace(self, measured=deflections + self.std * rng.standard_normal(len(deflections)))
 
 

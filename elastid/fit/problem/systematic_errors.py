@@ -3,11 +3,11 @@ r"""Systematic errors of measured responses as nuisance parameters with a prior,
 .. math:: \hat G_q = G_q(x) + \sum_b (c_b\, \delta G_{bq} + c_{bq}\, \delta G'_{bq}) + noise, \qquad
           c_b, c_{bq} + \bar c_b \sim N(0, 1)
 
-for motor b in configuration q: factors c_b common to all configurations, and factors c_bq of each configuration minus
-their mean, which the common factors contain. The factors are nuisance parameters with a prior, estimated together with
-x; this is generalised least squares with the covariance of such errors. delta G, delta G': `Response.bias`, evaluated
-with the model's response at the end of the fit instead of the measured one. The measured response would correlate
-delta G = G e_j z e_j^T G, and so the factors, with its noise: a bias of many times the noise of a few realisations.
+for motor b in configuration q, with factors c_b common to all configurations, and factors c_bq of configuration q with
+zero mean over configurations. The factors are estimated together with x, which is generalised least squares with the
+covariance of these errors. delta G, delta G': `Response.bias`, evaluated with the modelled response at the end of the
+fit. With the measured response, delta G = G e_j z e_j^T G and the factors would be correlated with its noise, which
+biases them by many times the noise of a few realisations.
 """
 
 from collections import Counter
@@ -20,7 +20,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable
-from elastid.fit.problem.frf_residuals import ElasticFit, Part, apply_mixing, each_at_home
+from elastid.fit.problem.frf_residuals import ElasticFit, FrfResiduals, apply_mixing, map_chunks
 from elastid.fit.problem.least_squares import as_real
 from elastid.linear.linear_model import LinearModel
 from elastid.record import MOTION_ORDER
@@ -42,26 +42,26 @@ def find_factors(responses: Sequence[Response]) -> tuple[Factor, ...]:
 
 
 def ratio_errors(
-    part: Part, response: Response, theta: FloatArray, mixing: ComplexArray | None
+    frf: FrfResiduals, response: Response, theta: FloatArray, mixing: ComplexArray | None
 ) -> dict[str, ComplexArray]:
     r"""Return whitened errors (F, n_y, n_u) of a response for one standard deviation of each gear ratio, by its input.
 
     .. math:: \delta G = \epsilon_j (e_j e_j^T G + G\, e_j e_j^T - 2\, G\, e_j\, s^{-o} (J_j s^2 + f_j s)\, e_j^T G)
 
-    J_j, f_j: of the motor at theta (n_theta,), which the ratio of the file refers to the link side as the angles; o: of
-    the derivative of the motion.  They widen intervals and are not estimated (`fit.gear_ratios`).
+    J_j, f_j: link-side inertia and friction of the motor at theta (n_theta,), which depend on the stated ratio.  o:
+    order of the derivative of the motion.  These errors widen intervals and are not estimated (`fit.gear_ratios`).
     """
-    errors, s, model = dict[str, ComplexArray](), laplace_variable(response.freq_hz), part.kernel.model
-    late = np.exp(s * sum(model.number(theta, name, absent=0.0) for name in ("delay", "delay_u")))
-    G = part.kernel.response(theta)  # noise of the measured one would be correlated with the residuals
+    errors, s, model = dict[str, ComplexArray](), laplace_variable(response.freq_hz), frf.kernel.model
+    delay_factor = np.exp(s * sum(model.number(theta, name, absent=0.0) for name in ("delay", "delay_u")))
+    G = frf.kernel.response(theta)  # not measured, whose noise is correlated with the residuals
     for j, std in enumerate(response.ratio_std.tolist()):
         if std > 0 and response.inputs[j] in response.outputs:
             i, error = response.outputs.index(response.inputs[j]), np.zeros_like(G)
             error[:, i] += std * G[:, i]
             error[:, :, j] += std * G[:, :, j]
-            impedance = _motor_impedance(model, theta, j, s) * late * s ** -MOTION_ORDER[response.quantity]
+            impedance = _motor_impedance(model, theta, j, s) * delay_factor * s ** -MOTION_ORDER[response.quantity]
             error -= 2 * std * impedance[:, None, None] * G[:, :, j, None] * G[:, i, None, :]
-            errors[response.inputs[j]] = part.slopes(G, -error, mixing)
+            errors[response.inputs[j]] = frf.slopes(G, -error, mixing)
     return errors
 
 
@@ -78,15 +78,15 @@ def _motor_impedance(model: LinearModel, theta: FloatArray, j: int, s: ComplexAr
     return J * s**2 + f * s
 
 
-def errors_of(response: Response) -> ComplexArray:
-    """Return the errors delta G, delta G' (n_e, F, n_y, n_u) of one response, of which factors are shares."""
+def unit_bias(response: Response) -> ComplexArray:
+    """Return the errors delta G, delta G' (n_e, F, n_y, n_u) of one response for unit factors."""
     if response.bias is None:
         return np.zeros((0, *response.G.shape), complex)
     return np.reshape(response.bias, (-1, *response.G.shape))
 
 
-def shares_of(response: Response, factors: Sequence[Factor]) -> FloatArray:
-    """Return C (n_b, n_e) of the errors of one response: d Ghat / d c = C errors, zero where a factor is not of it."""
+def contrasts_of(response: Response, factors: Sequence[Factor]) -> FloatArray:
+    """Return C (n_b, n_e) of one response: d Ghat / d c = C delta G; rows of other responses' factors are 0."""
     n, n_u = (0, 0) if response.bias is None else response.bias.shape[:2]
     contrasts, counts = np.zeros((len(factors), n, n_u)), Counter(name for name, _, is_known in factors if is_known)
     for b, (name, i, configuration) in enumerate(factors):
@@ -98,9 +98,9 @@ def shares_of(response: Response, factors: Sequence[Factor]) -> FloatArray:
 
 
 def with_modelled_bias(response: Response, G: ComplexArray) -> Response:
-    """Return the response with the systematic errors that the response G (F, n_y, n_u) of a model would have.
+    """Return the response with its systematic errors evaluated for the modelled response G (F, n_y, n_u).
 
-    Measured with fewer outputs than inputs it keeps those that it has.
+    Unchanged for fewer outputs than inputs.
     """
     _, n_y, n_u = G.shape
     if response.bias is None or n_y < n_u:
@@ -109,19 +109,19 @@ def with_modelled_bias(response: Response, G: ComplexArray) -> Response:
     return replace(response, bias=G @ (inverse @ response.bias) @ (inverse @ G))
 
 
-def with_factors(
-    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], part: Part, response: Response,
+def block_with_factors(
+    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], frf: FrfResiduals, response: Response,
     mixing: ComplexArray | None,
 ) -> tuple[ComplexArray, ComplexArray, FloatArray]:  # fmt: skip
     """Return whitened r (F, n_y, n_u), slopes J (n, F, n_y, n_u) and T (n_x + n_b, n): dr / d(x, c) = T J.
 
-    fit: whose parameters count.  mixing: `Part.mixing`.
-    Most factors are of other configurations, and count here by their mean alone: n is far below n_x + n_b.
+    fit: with the parameters.  mixing: `FrfResiduals.mixing`.
+    n is much smaller than n_x + n_b, because the factors of other configurations act only through their mean.
     """
-    (r, slopes), C = fit.block(part, x, mixing), shares_of(response, factors)
+    (r, slopes), C = fit.block(frf, x, mixing), contrasts_of(response, factors)
     if not len(factors):
         return r, slopes, np.eye(len(slopes))
-    J = np.concatenate([slopes, -apply_mixing(mixing, errors_of(response) * part.error_gain)])
+    J = np.concatenate([slopes, -apply_mixing(mixing, unit_bias(response) * frf.error_gain)])
     return r, J, block_diag(np.eye(len(slopes)), C)
 
 
@@ -133,8 +133,8 @@ def next_factors(fit: ElasticFit, responses: Sequence[Response], x: FloatArray, 
     r_static, J_static = fit.static(x)
     A[: len(x), : len(x)] += J_static.T @ J_static
     g[: len(x)] += J_static.T @ r_static
-    sums = partial(_sums, replace(fit, parts=(), loads=None), x, factors)
-    for A_q, g_q, T in each_at_home(sums, list(zip(fit.parts, responses, strict=True)), fit.home):
+    sums = partial(_sums, replace(fit, frfs=(), loads=None), x, factors)
+    for A_q, g_q, T in map_chunks(sums, list(zip(fit.frfs, responses, strict=True)), fit.home):
         A, g = A + T @ A_q @ T.T, g + T @ g_q
     length = np.sqrt(np.maximum(np.diag(A), 1e-300))
     step = np.linalg.lstsq(A / np.outer(length, length), -g / length, rcond=1e-12)[0] / length
@@ -142,9 +142,9 @@ def next_factors(fit: ElasticFit, responses: Sequence[Response], x: FloatArray, 
 
 
 def _sums(
-    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], pair: tuple[Part, Response]
+    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], pair: tuple[FrfResiduals, Response]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return J^T J, J^T r and T (`with_factors`) of one configuration."""
-    r, J, T = with_factors(fit, x, factors, *pair, pair[0].mixing)
+    """Return J^T J, J^T r and T (`block_with_factors`) of one configuration."""
+    r, J, T = block_with_factors(fit, x, factors, *pair, pair[0].mixing)
     rows = as_real(J).reshape(len(J), -1)
     return rows @ rows.T, rows @ as_real(r).ravel(), T

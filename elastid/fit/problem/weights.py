@@ -15,19 +15,19 @@ from elastid.base.names import posture_of
 from elastid.base.workers import WorkerConstant
 from elastid.covariance import kronecker
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
-from elastid.fit.spec import TYPICAL_MODEL_ERROR, FactorSpec, FitSpec, find_misnamed
+from elastid.fit.spec import TYPICAL_MODEL_ERROR, FactorSpec, FitSpec, find_unknown_names
 from elastid.response import Covariance, Response
 
 
 @dataclass(frozen=True, eq=False)
 class Whitening(WorkerConstant):
-    """Whitening of errors relative to sigma (F, n_y, n_u), inf for excluded elements; factors only, to save memory.
+    """Whitening of errors relative to sigma (F, n_y, n_u), inf for excluded elements.
 
-    noise: C~.  floor: alpha, of |G| (F, n_y, n_u).
+    noise: C~.  model_error: relative to |G| (F, n_y, n_u).  The matrices are not stored, to save memory.
     """
 
     noise: Covariance
-    floor: float
+    model_error: float
     G: ComplexArray
     sigma: FloatArray
 
@@ -37,14 +37,14 @@ class Whitening(WorkerConstant):
         F, n_y, n_u = self.sigma.shape
         is_used = np.isfinite(self.sigma)
         s = np.where(is_used, self.sigma, 1.0).reshape(F, 1, -1)
-        factors = used_factors(self.noise, is_used, is_split=self.floor == 0)
+        factors = kronecker_factors(self.noise, is_used, is_split=self.model_error == 0)
         self.noise.release()
         if len(factors) == 2:
             return inverse_cholesky(factors[::-1]) * s
         diagonal = np.arange(n_y * n_u)
         row_by_row = diagonal.reshape(n_u, n_y).T.ravel()
         C = factors[0][:, row_by_row[:, None], row_by_row]
-        C[:, diagonal, diagonal] += (self.floor * np.abs(self.G)).reshape(F, -1) ** 2
+        C[:, diagonal, diagonal] += (self.model_error * np.abs(self.G)).reshape(F, -1) ** 2
         return inverse_cholesky([C / (s.mT * s)])
 
     def lines(self, rows: BoolArray | slice) -> "Whitening":
@@ -53,10 +53,10 @@ class Whitening(WorkerConstant):
         mask[rows] = True
         noise = self.noise.lines(mask)
         self.noise.release()
-        return Whitening(noise, self.floor, self.G[rows], self.sigma[rows])
+        return Whitening(noise, self.model_error, self.G[rows], self.sigma[rows])
 
 
-def used_factors(noise: Covariance, is_used: BoolArray, is_split: bool = True) -> tuple[ComplexArray, ...]:
+def kronecker_factors(noise: Covariance, is_used: BoolArray, is_split: bool = True) -> tuple[ComplexArray, ...]:
     """Return (left, right) if split, else (cov(vec G),); identity for elements not in `is_used` (F, n_y, n_u)."""
     flat = vec(is_used)
     lines = flat.all(axis=1)
@@ -77,7 +77,7 @@ def inverse_cholesky(factors: Sequence[ComplexArray]) -> ComplexArray:
 
 def _is_singular(noise: Covariance, sigma: FloatArray) -> bool:
     ends = np.ones((len(sigma), 2))  # least and largest eigenvalue of each line
-    for C in used_factors(noise, np.isfinite(sigma)):
+    for C in kronecker_factors(noise, np.isfinite(sigma)):
         deviation = np.sqrt(np.einsum("faa->fa", C).real)
         ends *= np.linalg.eigvalsh(C / (deviation[:, :, None] * deviation[:, None, :]))[:, [0, -1]]
     return bool(np.any(ends[:, 0] < 1e-10 * ends[:, 1]))  # rounding
@@ -85,25 +85,25 @@ def _is_singular(noise: Covariance, sigma: FloatArray) -> bool:
 
 @frozen_value
 class Weights(WorkerConstant):
-    """sigma (F, n_y, n_u): standard deviation E|dG|^2 ^ 1/2 with which each element counts, inf where it is left out.
+    """Weights of one response: inverse variances factor / sigma^2 of its elements, or a covariance per line.
 
-    factor (F, n_y, n_u): of the study, times the inverse variance.  noise: of the response, None where it is unknown.
-    scale (F, n_y, n_u): scale_a S_ab scale_b corrects the measured covariance S for the part that it has in its own
-    weights.  floor: alpha.  notes: discarded lines, with the reason.
-    correlated: the noise's part of the covariance that elements weigh with; None where they count one by one.
+    sigma (F, n_y, n_u): standard deviation E|dG|^2 ^ 1/2, inf for excluded elements.  factor (F, n_y, n_u): of the
+    study. noise: of the response, None if unknown.  scale (F, n_y, n_u): scale_a S_ab scale_b corrects the measured
+    covariance S for its own influence on the weights.  model_error: relative to |G|.  notes: excluded elements, with
+    the reason. correlated: noise covariance if the elements of a line are weighted jointly; None for single variances.
     """
 
     sigma: FloatArray
     noise: SmoothedNoise | None
     scale: FloatArray
-    floor: float
+    model_error: float
     notes: tuple[Note, ...]
     factor: FloatArray
     correlated: Covariance | None = None
 
     @property
-    def used(self) -> BoolArray:
-        """True for the elements (F, n_y, n_u) that count."""
+    def is_used(self) -> BoolArray:
+        """True for used elements (F, n_y, n_u)."""
         return np.isfinite(self.sigma)
 
     def noise_covariance(self) -> ComplexArray | None:
@@ -122,11 +122,11 @@ def weigh(response: Response, spec: FitSpec) -> Weights:
     Default of the model error: 0 if all elements have noise, else `TYPICAL_MODEL_ERROR`.
     Raises DataError if the response has no variance and the model error is 0.
     """
-    name, measured, floor = response.configuration.name, response.uncertainty, spec.weights.model_error
-    if floor is None:
+    name, measured, model_error = response.configuration.name, response.uncertainty, spec.weights.model_error
+    if model_error is None:
         is_noisy = measured is not None and not np.any((measured.variance == 0) & (response.G != 0))
-        floor = 0.0 if is_noisy else TYPICAL_MODEL_ERROR
-    if measured is None and floor == 0:
+        model_error = 0.0 if is_noisy else TYPICAL_MODEL_ERROR
+    if measured is None and model_error == 0:
         raise DataError(
             "fit/weights",
             "no variance is known (that takes two periods or two realisations) and "
@@ -135,12 +135,12 @@ def weigh(response: Response, spec: FitSpec) -> Weights:
         )
     noise = smooth_noise(response)
     variance = np.zeros(response.G.shape) if noise is None else noise.variance
-    sigma = np.sqrt(variance + (floor * np.abs(response.G)) ** 2)
+    sigma = np.sqrt(variance + (model_error * np.abs(response.G)) ** 2)
     factor = _factors(response, spec.weights.factors)
-    is_used = (factor > 0) & _within(response.freq_hz, spec.band_hz or (-np.inf, np.inf))[:, None, None]
+    is_used = (factor > 0) & _is_in_band(response.freq_hz, spec.band_hz or (-np.inf, np.inf))[:, None, None]
     texts = list[str]()
     if measured is None:
-        texts.append(f"no variance is known; the model error of {floor:g} determines the weights")
+        texts.append(f"no variance is known; the model error of {model_error:g} determines the weights")
     mute = _is_below_noise(response, variance, is_used)
     if mute.any():
         names = ", ".join(f"{response.outputs[i]} from {response.inputs[j]}" for i, j in np.argwhere(mute))
@@ -152,17 +152,17 @@ def weigh(response: Response, spec: FitSpec) -> Weights:
     correlated = None  # C~ if the elements of a line are weighted jointly
     if noise is not None:
         is_full = noise.smooth.form != "diagonal" and spec.criterion == "complex" and spec.weights.covariance == "auto"
-        if is_full and (floor > 0 or not _is_singular(noise.smooth, sigma)):
+        if is_full and (model_error > 0 or not _is_singular(noise.smooth, sigma)):
             correlated = noise.smooth
         noise.measured.release()
-    scale = _scale(noise, np.square(floor * np.abs(response.G)), correlated is not None)
+    scale = _scale(noise, np.square(model_error * np.abs(response.G)), correlated is not None)
     notes = tuple(Note("fit/weights", text, f"configuration {name}") for text in texts)
-    return Weights(sigma, noise, scale, floor, notes, factor, correlated)
+    return Weights(sigma, noise, scale, model_error, notes, factor, correlated)
 
 
-def with_model_error(spec: FitSpec, floor: float | None) -> FitSpec:
+def with_model_error(spec: FitSpec, model_error: float | None) -> FitSpec:
     """Return the spec with a relative model error."""
-    return replace(spec, weights=replace(spec.weights, model_error=floor))
+    return replace(spec, weights=replace(spec.weights, model_error=model_error))
 
 
 def vec(array: BoolArray | FloatArray | ComplexArray) -> Any:
@@ -171,14 +171,14 @@ def vec(array: BoolArray | FloatArray | ComplexArray) -> Any:
 
 
 def _factors(response: Response, factors: Sequence[FactorSpec]) -> FloatArray:
-    """Return the study's factors (F, n_y, n_u) on the weights; a factor applies if all its conditions are true."""
+    """Return the study's factors (F, n_y, n_u) of the weights; a factor applies to elements that match all its keys."""
     if not factors:
         return _ones(response.G.shape)
     product = np.ones(response.G.shape)
     for factor in factors:
         name = response.configuration.name
         if not factor.configurations or {name, posture_of(name)} & set(factor.configurations):
-            lines = _within(response.freq_hz, factor.band_hz or (-np.inf, np.inf))
+            lines = _is_in_band(response.freq_hz, factor.band_hz or (-np.inf, np.inf))
             outputs = np.array([factor.output in ("", name) for name in response.outputs])
             inputs = np.array([factor.input in ("", name) for name in response.inputs])
             product[lines[:, None, None] & outputs[:, None] & inputs] *= factor.factor
@@ -190,21 +190,21 @@ def _ones(shape: tuple[int, ...]) -> FloatArray:
     return frozen(np.ones(shape))
 
 
-def _scale(noise: SmoothedNoise | None, floor: FloatArray, together: bool) -> FloatArray:
+def _scale(noise: SmoothedNoise | None, error_variance: FloatArray, is_joint: bool) -> FloatArray:
     r"""Return (1 - \kappa s / \nu)^{-1/2} (F, n_y, n_u), s: noise fraction of the variance of an element's weight.
 
-    floor (F, n_y, n_u): its variance.  together: whether the elements of a line weigh together.
+    error_variance (F, n_y, n_u): by the model error.  is_joint: True if the elements of a line are weighted jointly.
     """
     if noise is None or math.isinf(noise.measured.dof):
-        return _ones(floor.shape)
-    influence = noise.matrix_influence if together else noise.variance_influence
+        return _ones(error_variance.shape)
+    influence = noise.matrix_influence if is_joint else noise.variance_influence
     v = noise.variance
-    fraction = quotient(v, v + floor)
-    # A variance that weighs by itself alone, of one degree of freedom, has an inverse without an expectation.
+    fraction = quotient(v, v + error_variance)
+    # The limit avoids a factor without expectation, for a variance of one degree of freedom without smoothing.
     return 1 / np.sqrt(np.maximum(1 - influence[:, None, None] * fraction / noise.measured.dof, 0.1))
 
 
-def _within(freq_hz: FloatArray, band_hz: tuple[float, float]) -> BoolArray:
+def _is_in_band(freq_hz: FloatArray, band_hz: tuple[float, float]) -> BoolArray:
     return (freq_hz >= band_hz[0]) & (freq_hz <= band_hz[1])
 
 
@@ -226,6 +226,6 @@ def check_factors(responses: Sequence[Response], spec: FitSpec) -> None:
         "input": {name for r in responses for name in r.inputs},
     }
     for i, factor in enumerate(spec.weights.factors):
-        for path, noun, name in find_misnamed(factor, measured):
+        for path, noun, name in find_unknown_names(factor, measured):
             advice = did_you_mean(name, sorted(measured[str(path[0])]))
             raise StudyError("study/invalid", f"no {noun} '{name}' was measured; {advice}", f"fit.weights.factors[{i}]")

@@ -16,7 +16,7 @@ from elastid.fit.problem.least_squares import Ending, Evaluation, LeastSquares
 _SUCCESS, _FOREIGN_EXCEPTION = "Solve_Succeeded", "NonIpopt_Exception_Thrown"
 _OPTIONS: dict[str, Any] = {
     "print_time": False,
-    "no_nlp_grad": True,  # would need the gradient of the multipliers, which is not read
+    "no_nlp_grad": True,  # would compute derivatives with respect to multipliers, which are not used
     "calc_lam_p": False,
     "show_eval_warnings": False,
     "ipopt.sb": "yes",
@@ -60,7 +60,7 @@ def ipopt(
 
 
 class _ScaledProblem:
-    """V / N and its derivatives in z, each x evaluated once; an error of a callback is kept in `error`.
+    """V / N and its derivatives in z, evaluated once for each x; `error` is the first exception of a callback.
 
     Bounded variables are scaled to unit range, so that a delay in seconds and ln k have the same size for a solver.
     """
@@ -89,9 +89,9 @@ class _ScaledProblem:
         return self._cache[1]
 
     def guarded(self, z: ca.DM) -> Evaluation:
-        """Evaluate the problem for a callback. CasADi would swallow its exceptions: the first is kept in `error`.
+        """Evaluate the problem for a callback, and store its first exception in `error`: CasADi ignores exceptions.
 
-        From then on the solver sees a flat function, with which it ends at once and silently.
+        After an exception the function is constant, so that the solver ends at once.
         """
         if self.error is None:
             try:
@@ -122,7 +122,7 @@ _Signature: TypeAlias = list[tuple[str, ca.Sparsity]]  # of each argument or res
 
 
 class _Callback(ca.Callback):
-    """A CasADi function that evaluates a Python function; CasADi deletes one that goes out of scope."""
+    """CasADi function that evaluates a Python function; the caller must keep a reference to it."""
 
     def __init__(
         self, name: str, inputs: _Signature, outputs: _Signature, function: Callable[[Sequence[ca.DM]], _Outputs]

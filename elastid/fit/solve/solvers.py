@@ -2,25 +2,26 @@ r"""Local solve and multistart of any LeastSquares problem, by a trust-region me
 
 .. math:: \min_x V(x) \quad \text{s.t.} \quad x_{lower} \le x \le x_{upper}, \qquad \nabla^2 V \approx 2 J^T J
 
-From 50 % off a local solve finds the global optimum only half of the time: many starts are solved, each problem after
-the other from where the one before ended (log, then complex), and those that reached the best cost are counted as hits.
+From start values with errors of 50 % a local solve finds the global optimum in only half of the cases. Each of many
+starts is therefore solved with the logarithmic and then with the complex criterion, and the starts that reach the best
+cost are counted.
 
-Gauss-Newton within a trust region and bounds: the step from the gradient g and H = 2 J^T J alone.
+The step is a Gauss-Newton step within a trust region and bounds, from the gradient g and H = 2 J^T J.
 
 .. math:: \min_s g^T s + \tfrac12 s^T H s \quad \text{s.t.} \quad \|s\| \le \Delta, \qquad
           s = -(H + \lambda 1)^{-1} g, \quad \lambda \ge 0: \|s\| = \Delta \text{ or } \lambda = 0
 
 (More, The Levenberg-Marquardt algorithm, 1978; Conn, Gould and Toint, Trust-Region Methods, 2000, 7.3.) A variable that
-the step takes to its bound stays there, and the others take the step that is best then. Delta doubles where V falls as
-predicted and shrinks to where a parabola through V, its slope and the new V has its minimum, if it does not.
+the step takes to its bound stays there, and the step of the others is computed again. If V falls as predicted, Delta
+doubles; otherwise it shrinks to the minimum of a parabola through V, its slope and the new V.
 
-Where V has a barrier, the region is besides within the ellipsoid s^T D s < beta^2, all of which is inside (Dikin's):
-steps that are merely shortened until V is finite would creep along the border.
+If V has a barrier, the region is also within Dikin's ellipsoid s^T D s < beta^2, in which V is finite. Shortening steps
+until V is finite would converge slowly along the border.
 
 .. math:: \|s\|^2 = s^T M s, \qquad M = 1 + (\Delta / \beta)^2 D
 
-An increase s of a logarithmic parameter p is taken as one of p itself, p (1 + s) instead of p e^s, which is the same to
-first order: a response is nearly linear in a damping of little effect, whose step would otherwise span powers of e.
+An increase s of a logarithmic parameter p gives p (1 + s) instead of p e^s, equal to first order: a response is nearly
+linear in a small damping, whose step in ln p would otherwise be too large by orders of magnitude.
 """
 
 import math
@@ -47,19 +48,19 @@ from elastid.fit.problem.least_squares import (
 from elastid.parameters import Parameters
 
 FIRST_RADIUS = np.log(2.0)  # for each variable: a factor of two in all logarithmic parameters
-# V that falls by less than this fraction of the prediction shrinks the radius, by more than that one doubles it.
+# Ratio of actual to predicted decrease of V below which the radius shrinks, and above which it doubles.
 POOR_RATIO = 0.25
 GOOD_RATIO = 1 - POOR_RATIO
-# The radius shrinks to a fraction of the step within these; to the first where V is not finite.
+# Limits of the new radius as a fraction of the step; the lower one if V is not finite.
 SHRINK = (0.1, 0.5)
-# A step of this fraction of the radius was limited by it, and one longer by less is within it.
+# Fraction of the radius above which a step was limited by it; tolerance of the length of a step.
 AT_RADIUS, RADIUS_TOLERANCE = 0.8, 1.05
-# The largest step towards a border, as a fraction of the way to it; the largest condition number of a metric.
-SHARE_OF_BORDER, MAX_CONDITION = 0.7, 1e12
-# Predictions below this fraction of V, and steps shorter than this, are lost in rounding.
+# Largest step towards a border as a fraction of its distance; largest condition number of a metric.
+MAX_BORDER_FRACTION, MAX_CONDITION = 0.7, 1e12
+# Smallest predicted decrease as a fraction of V, and smallest radius, above rounding errors.
 ROUNDING, MIN_RADIUS = 1e-15, 1e-9
-# Far from any noise a valley is left whose V falls by less than this share in so many iterations: where the model is
-# that wrong, Gauss-Newton steps creep, and nothing that matters is at the end.
+# Far above the noise a search ends if V falls by less than this fraction in so many iterations: Gauss-Newton converges
+# slowly for a wrong model, whose exact optimum is not needed.
 CREEPING_ITERATIONS, MIN_PROGRESS = 8, 1e-4
 CREEPING = "the cost no longer decreases"
 
@@ -70,7 +71,8 @@ def trust_region(
 ) -> Ending:  # fmt: skip
     """Return the optimum that the steps reach from x0 (n_x,) within bounds; beginning: the problem at x0.
 
-    An iteration is one evaluation.  fixed (n_x,): variables that stay.
+    tolerance: distance to the stationary point in standard deviations.  An iteration is one evaluation.
+    fixed (n_x,): True for variables that do not change.
     """
     parameters = problem.parameters
     unit, fixed = _units(parameters, x0, beginning), np.zeros(len(x0), dtype=bool) if fixed is None else fixed
@@ -87,10 +89,10 @@ def trust_region(
         gradient, hessian = unit * current.gradient, np.outer(unit, unit) * current.hessian
         border = None if problem.border is None else np.outer(unit, unit) * problem.border(x)
         metric, step, predicted = np.eye(len(x)), np.zeros(len(x)), 0.0
-        # Many variables fixed at their bounds at once may cost more than the step gains: a shorter step fixes fewer.
+        # A step that takes many variables to their bounds can increase V: a shorter step fixes fewer.
         while not predicted > ROUNDING * current.cost and radius > MIN_RADIUS:
-            if border is not None:  # beta weighs, unless rounding would swallow 1
-                weight = min((radius / SHARE_OF_BORDER) ** 2, MAX_CONDITION / max(float(np.trace(border)), 1e-300))
+            if border is not None:  # limited so that rounding errors of the metric stay below 1
+                weight = min((radius / MAX_BORDER_FRACTION) ** 2, MAX_CONDITION / max(float(np.trace(border)), 1e-300))
                 metric = np.eye(len(x)) + weight * border
             step = _bounded_step(gradient, hessian, metric, _distance_to_bounds(parameters, x, unit), at_bounds, radius)
             predicted = -float(gradient @ step + 0.5 * step @ hessian @ step)
@@ -109,7 +111,7 @@ def trust_region(
 
 
 def _units(parameters: Parameters, x: FloatArray, current: Evaluation) -> FloatArray:
-    """Return changes (n_x,) of equal weight: a factor e, or a size of a linear parameter.
+    """Return the scale (n_x,) of each variable: 1 for a logarithm, else the typical size of a linear parameter.
 
     The size is the largest of value, Newton step and standard deviation, and at most the width of the bounds.
     """
@@ -171,7 +173,7 @@ def _step_within(gradient: FloatArray, hessian: FloatArray, metric: FloatArray, 
 
 
 def _next_radius(radius: float, length: float, gain_ratio: float, predicted: float, slope: float) -> float:
-    """Return the radius after a step with a fraction of the predicted decrease of V; slope: of V along the step."""
+    """Return the radius after a step of given length.  gain_ratio: actual over predicted decrease of V.  slope: dV."""
     if gain_ratio < POOR_RATIO:
         if not np.isfinite(gain_ratio):
             return SHRINK[0] * length
@@ -182,8 +184,7 @@ def _next_radius(radius: float, length: float, gain_ratio: float, predicted: flo
 SolverName: TypeAlias = Literal["trust_region", "ipopt"]
 
 # Distance to the stationary point, in standard deviations of the estimate, at which a solve stops: FINE for the
-# estimate, ROUGH where another solve continues from there, NEAR where that one has another criterion or other lines,
-# and so another optimum.
+# estimate, ROUGH if another solve continues from there, NEAR if that solve has another criterion or other lines.
 FINE, ROUGH, NEAR = 1e-3, 0.1, 3.0
 
 
@@ -194,11 +195,10 @@ def solve(
     max_iterations: int = 200,
     method: SolverName = "trust_region",
 ) -> LocalOptimum:
-    """Return the local optimum that the solver reaches from x0 (n_x,), and how it ended.
+    """Return the local optimum that the solver reaches from x0 (n_x,).
 
-    Errors of the problem are raised as they are; Ctrl-C becomes KeyboardInterrupt.  converged: by the distance to the
-    stationary point, which means the same for every problem, not by the solver's status.
-    Raises FitError where the cost is not finite at x0.
+    converged: by the distance to the stationary point instead of the status of the solver.
+    Raises FitError if the cost is not finite at x0, errors of the problem unchanged, and KeyboardInterrupt for Ctrl-C.
     """
     x0 = np.clip(x0, *problem.parameters.x_bounds)
     beginning = problem.evaluate(x0)
@@ -217,21 +217,21 @@ def solve(
     off = distance_to_optimum(end.evaluation, problem.dof, find_active_bounds(problem, end.x, end.evaluation))
     outcome = f"{end.status} after {end.iterations} iterations" if end.status else f"{end.iterations} iterations"
     message = f"{outcome}, {off:.1e} standard deviations from the stationary point"
-    # A tenth of a deviation moves no interval. One that creeps far from any noise has converged, too: the model is
-    # wrong, and not the search.
+    # A tenth of a standard deviation does not change an interval. CREEPING counts as converged: the model is wrong, not
+    # the search.
     return LocalOptimum(x0, end.x, end.evaluation.cost, end.iterations, off < ROUGH or end.status == CREEPING, message)
 
 
-# A start has converged if its V exceeds the best by less than this fraction of the cost of one standard deviation.
+# A start reached the optimum if its V exceeds the best by less than this fraction of the cost of one std.
 MAX_HIT_EXCESS = 0.1
 DAMPING_UNITS = ("N*m*s/rad", "N*s/m")  # of frictions, too
 
 
-def spread(parameters: Parameters, starts: int, factor: float, seed: int) -> FloatArray:
-    """Return starts (starts, n_x) in x: the given one first, then a Latin hypercube, uniform in x, around it.
+def latin_hypercube(parameters: Parameters, starts: int, factor: float, seed: int) -> FloatArray:
+    """Return starts (starts, n_x) in x: the nominal one first, then a Latin hypercube, uniform in x, around it.
 
-    Logarithmic parameters within `factor` of their start, dampings and frictions, which are known less well, within
-    factor^2, linear ones within a tenth of their bounds (unbounded ones stay), all within the bounds.
+    Ranges within the bounds: a factor `factor` for logarithmic parameters, factor^2 for dampings and frictions, a tenth
+    of the width of the bounds for linear parameters; unbounded linear parameters do not change.
     """
     lower, upper = parameters.x_bounds
     n, n_x = starts - 1, len(parameters.free)
@@ -251,22 +251,22 @@ def multistart(
     method: SolverName = "trust_region",
     execution: Execution | None = None,
 ) -> tuple[tuple[LocalOptimum, ...], int]:
-    """Return the rough optima from starts (starts, n_x), best first, and the number of them that reached the best cost.
+    """Return the approximate optima from starts (starts, n_x), best first, and how many reached the best cost.
 
-    The same under any execution; for several processes the problems must pickle. Raises FitError where none succeeds.
+    The result does not depend on the execution. Raises FitError if every start fails.
     """
-    begin, names = partial(_begin, tuple(problems), method), [f"start-{i}" for i in range(len(starts))]
+    begin, names = partial(_search_from, tuple(problems), method), [f"start-{i}" for i in range(len(starts))]
     ends = (execution or Execution()).resumed(begin, list(starts), names)
     optima = tuple(sorted(ends, key=lambda end: end.cost))
     best = optima[0].cost
     if not np.isfinite(best):
         raise FitError("fit/no-start", f"all {len(ends)} starts failed; the first with: {ends[0].message}")
-    # V rises by 1, or by what V is over its degrees of freedom, at one standard deviation from its minimum.
-    hit = best + MAX_HIT_EXCESS * max(1.0, best / max(problems[-1].dof, 1))
-    return optima, sum(end.cost <= hit for end in optima)
+    # At one standard deviation from its minimum V is larger by max(1, V / dof).
+    max_cost = best + MAX_HIT_EXCESS * max(1.0, best / max(problems[-1].dof, 1))
+    return optima, sum(end.cost <= max_cost for end in optima)
 
 
-def _begin(problems: tuple[LeastSquares, ...], method: SolverName, x_start: FloatArray) -> LocalOptimum:
+def _search_from(problems: tuple[LeastSquares, ...], method: SolverName, x_start: FloatArray) -> LocalOptimum:
     x, iterations = x_start, 0
     try:
         for problem in problems:

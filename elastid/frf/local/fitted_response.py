@@ -1,6 +1,6 @@
-r"""G, its covariances, coherences and levels at every line from the local fits.
+r"""Fitted response: G with its covariances and quality at every line from the local fits.
 
-Closed loop, with N = [I, -G]:
+In closed loop, with N = [I, -G]:
 
 .. math:: G = B_y B_u^{-1}, \qquad dG = N\, dB\, B_u^{-1}
 
@@ -8,19 +8,19 @@ With S_uu the mean power of the inputs in the window of a line, G its response a
 
 .. math:: S_{yu} = G S_{uu}, \quad S_{yy} = G S_{uu} G^H + C_V
 
-No transient is in them, and a resonance has the coherence of its line, not the mean over the window.  The estimate of
-G has the power of its own variance, cov(vec G) = left (x) C_V, which is subtracted: without, noise alone would have a
-coherence of unknowns over equations.  In closed loop inputs and outputs are what the reference drives: S_uu = B_u
-S_rr B_u^H.
+These spectra contain no transient, and the coherence of a resonance is the coherence at its line, not the mean over the
+window.  The variance of the estimate, cov(vec G) = left (x) C_V, is subtracted from its power; otherwise noise alone
+would have a coherence of unknowns over equations.  In closed loop only the motion driven by the reference counts: S_uu
+= B_u S_rr B_u^H.
 
-A model that is too simple for a window passes part of G off as transient, and its residual does not show it: a
-polynomial in a window wider than a resonance, a rational function with too few poles beside one.  A richer model of
-about the same data differs from it by noise alone where both are right.  With g the mean over neighbouring lines of
+A model that is too simple for a window explains part of G by the transient, which the residual does not show: a
+polynomial in a window wider than a resonance, or a rational function with too few poles.  If both models are correct, a
+richer model of the same data differs from it by noise alone.  With g the mean over neighbouring lines of
 
 .. math:: \frac{|G - G_{richer}|^2}{\sigma^2 + \sigma^2_{richer}}
 
-the squared error (g - 1)(sum of the variances) is added to the variance of G where g is clearly above 1; of several
-richer models that with the largest error counts.
+the squared error (g - 1)(sum of the variances) is added to the variance of G if g exceeds `MAX_RATIO`; the largest
+error of several richer models counts.
 """
 
 from collections.abc import Sequence
@@ -38,17 +38,17 @@ from elastid.response import Covariance, LineAmplitudes, Quality
 
 # Thresholds of a fit; false-alarm rates: not measured.
 MAX_CONDITION = 1e9  # of the regressors of a line
-AVERAGED_LINES = 11  # over which a difference to a richer model is averaged
-MAX_RATIO = 1.5  # of its mean square to its variance, above which a difference is more than noise
-MAX_VARIANCE_RATIO = 400.0  # a richer model of a variance so many times that of G shows no error of G
+AVERAGED_LINES = 11  # number of lines in the mean g
+MAX_RATIO = 1.5  # of g, above which a difference is significant
+MAX_VARIANCE_RATIO = 400.0  # variance of a richer model over the variance of G, above which it is not compared
 
 
 @dataclass(frozen=True, eq=False)
 class Experiments:
-    """Experiments of a local fit, with n_y outputs. closed: driven by the reference. periods (E,) of each.
+    """Experiments of a local fit with n_y outputs.  closed: True if driven by the reference.  periods (E,): numbers.
 
-    C_Z (F, n_y + n_u, n_y + n_u): noise of [Y; U] in one period at the lines of G, with its dof; None where no bin
-    separates it from the response.
+    C_Z (F, n_y + n_u, n_y + n_u): covariance of [Y; U] in one period at the lines of G, with `dof`; None without bins
+    between the lines.
     """
 
     n_y: int
@@ -60,12 +60,12 @@ class Experiments:
 
 @dataclass(frozen=True)
 class FittedResponse:
-    """G (F, n_y, n_u) with its covariances, and their parts.
+    """G (F, n_y, n_u) with its covariances and their factors.
 
-    B_u (F, n_u, n_u): inputs per reference, in open loop the identity.  input_factor (F, n_u, n_u): cov(vec G) by a
-    residual V = Y - G U of covariance C is input_factor (x) C.  C_total (F, n_y, n_y): covariance of V, from the
-    residual, each record times sqrt(P).  C_Z (F, n_y + n_u, n_y + n_u): of the noise of [Y; U] in one period, C_noise
-    (F, n_y, n_y): of that of V; None where nothing separates it.
+    B_u (F, n_u, n_u): inputs per reference, the identity in open loop.  input_factor (F, n_u, n_u): for a covariance C
+    of V = Y - G U, cov(vec G) is input_factor (x) C.  C_total (F, n_y, n_y): covariance of V from the residuals,
+    records scaled by sqrt(P).  C_Z (F, n_y + n_u, n_y + n_u), C_noise (F, n_y, n_y): covariances of [Y; U] and of V by
+    noise in one period; None without bins between the lines.
     """
 
     G: ComplexArray
@@ -79,7 +79,7 @@ class FittedResponse:
 
 
 def separates_inputs(fit: LocalFit, experiments: Experiments) -> BoolArray:
-    """Return flags (F,) of the lines where the fit separates the inputs."""
+    """Flag lines (F,) where the inputs are independent."""
     separate = fit.condition < MAX_CONDITION
     if experiments.closed:
         B_u = fit.B[:, experiments.n_y :]
@@ -107,7 +107,7 @@ def fitted_response(fit: LocalFit, experiments: Experiments, usable: BoolArray) 
         return FittedResponse(G, None, total, B_u, input_covariance, C_total)
     C_Z = experiments.C_Z[usable]
     C_noise = N @ C_Z @ N.mT.conj()
-    # The part of cov(A) that noise explains, by its share in the total.
+    # Contribution of the noise to cov(A), by its fraction of the total.
     ratio = np.einsum("fyy->f", C_noise).real / np.maximum(np.einsum("fyy->f", C_total).real, 1e-300)
     noise = _covariance(input_covariance, C_noise, dof, (M, fit.A_cov[usable] * ratio[:, None, None]))
     return FittedResponse(G, noise, total, B_u, input_covariance, C_total, C_Z, C_noise)
@@ -116,12 +116,11 @@ def fitted_response(fit: LocalFit, experiments: Experiments, usable: BoolArray) 
 def _covariance(
     left: ComplexArray, right: ComplexArray, dof: float, poles: tuple[ComplexArray, ComplexArray]
 ) -> Covariance:
-    r"""Return left (x) right plus the share of the uncertain poles, in Kronecker form: it is added to right.
+    r"""Return left (x) right plus the contribution of the uncertain poles, in Kronecker form, added to right.
 
     .. math:: right + \frac{1}{n_u} \sum_{pq} A_{pq} M_p\, left^{-T} M_q^H
 
-    Exact for one input; for more the trace after whitening by left is kept.  The diagonal alone where there are fewer
-    degrees of freedom than outputs.
+    Exact for one input; for several inputs the trace after whitening by left is exact.
     """
     M, A_cov = poles
     n_u = left.shape[1]
@@ -141,10 +140,9 @@ def local_mean(x: FloatArray) -> FloatArray:
 def with_model_error(
     fitted: FittedResponse, richer: Sequence[tuple[LocalFit, BoolArray]], experiments: Experiments, usable: BoolArray
 ) -> Covariance:
-    """Return the total covariance of G at usable (F,) lines with the error of its model, as richer ones show it.
+    """Return the total covariance of G at the usable lines (F,), with the model error estimated from richer models.
 
-    A difference of 0 carries no information.  Outputs are widened as a whole, by the mean over their inputs, so that
-    their correlations stay.
+    Each output has one factor, the mean over its inputs, so that correlations do not change.
     """
     G, total = fitted.G, fitted.total
     error = np.zeros(G.shape)
@@ -166,12 +164,11 @@ def with_model_error(
 
 
 def local_quality(freq_hz: FloatArray, fitted: FittedResponse, periods: FloatArray, S_rr: ComplexArray) -> Quality:
-    """Return quality of G (F, n_y, n_u), its nonlinear levels excepted; periods (E,) of each experiment.
+    """Return the quality of G (F, n_y, n_u) without distortion amplitudes; periods (E,) of each experiment.
 
-    S_rr (F, n_u, n_u): `window_power` of what drives.
-
-    Where bins between the lines separate the noise, that of one period counts, with the error of the transient that was
-    taken out, and what else the residual has once; else the residual is the noise, and none is known of the inputs.
+    S_rr (F, n_u, n_u): `window_power` of the reference, in open loop of the inputs.
+    With bins between the lines, the noise is the noise of one period plus the remainder of the residual; otherwise the
+    residual is the noise, and the inputs have none.
     """
     G, n_y = fitted.G, fitted.G.shape[1]
     S_uu = fitted.B_u @ S_rr @ fitted.B_u.mT.conj() / periods.sum()
@@ -193,7 +190,7 @@ def _coherences(
     """Return ordinary (F, n_y, n_u) and multiple coherence (F, n_y), and the power (F, n_y) of G U; C_V (F, n_y)."""
     G, left, C_total = fitted.G, fitted.input_factor, power(fitted.C_total)
     S_yu = G @ S_uu
-    # Powers that the error of G brings into G U and S_yu.
+    # Contributions of the error of G to the powers of G U and S_yu.
     signal_error = np.einsum("fjk,fjk->f", S_uu, left).real[:, None] * C_total
     cross_error = (
         np.einsum("fkj,fkl,flj->fj", S_uu, left, S_uu.conj(), optimize=True).real[:, None] * C_total[:, :, None]

@@ -2,14 +2,14 @@ r"""Local least squares at every line: a low-order rational model of response an
 
 .. math:: A_k(r) Z_e(k + r) = B_k(r) R_e(k + r) + T_{k,e}(r) + A_k(r) V_e(k + r), \quad A_k(0) = 1
 
-B, T are polynomials in the offset r, T of each experiment e its own; A is a scalar polynomial that all outputs and
-experiments share, as they share the poles (A = 1: the local polynomial method). Response and transient at the line are
-B_k(0) and T_k(0). Rows are divided by |A| of the iteration before (Sanathanan and Koerner), so that their noise is V
-again: the estimate is free of the bias of the plain linear problem, and its residual is the noise, not A times it.
-(Pintelon, Schoukens, Vandersteen and Barbe, MSSP 24, 2010; McKelvey and Guerin, SYSID 2012, for the rational form.)
+B and T are polynomials in the offset r, with a separate T for each experiment e. A is a scalar polynomial common to all
+outputs and experiments, which have the same poles (A = 1: the local polynomial method). Response and transient at the
+line are B_k(0) and T_k(0). Rows are divided by |A| of the previous iteration (Sanathanan and Koerner): their noise is
+then V instead of A V, which avoids the bias of the linear problem. (Pintelon, Schoukens, Vandersteen and Barbe, MSSP
+24, 2010; McKelvey and Guerin, SYSID 2012, for the rational form.)
 
-They are the n_w available bins nearest by count, centred where they can be and one-sided at the ends of the band.
-Offsets are in units of the furthest bin, so that powers of them are of one size and the regression well conditioned.
+The window contains n_w available bins, centred at the line, and one-sided at the ends of the band. Offsets are relative
+to the furthest bin, so that the regression is well conditioned.
 """
 
 import math
@@ -20,21 +20,17 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, quotient
 
-# Numbers in the arrays of one block of lines: 64 MB.
-_BLOCK_NUMBERS = 4_000_000
-# Degree of the numerator and denominator of a transient alone.
-_ORDER, _POLES = 2, 2
-# Powers of r times Z that the other terms explain up to this part do not determine A.
-_ROUNDING = 1e-11
-
-
-# Threshold of the ladder; poles that fit mere noise: one in 100 lines.
-LOG_GAIN = 9.0  # dof ln(residual power of a simpler model / its own) of an output, from which on it is taken
+_BLOCK_NUMBERS = 4_000_000  # numbers in the arrays of one block of lines: 64 MB
+_ORDER, _POLES = 2, 2  # degree of the numerator and denominator of a transient without response
+_ROUNDING = 1e-11  # relative regularisation of A, above rounding errors
+# Least dof ln(ratio of residual powers of the simpler and the richer model) in an output for the richer model. Noise
+# alone exceeds it at one in 100 lines.
+LOG_GAIN = 9.0
 
 
 @dataclass(frozen=True)
 class Windows:
-    """index (F, n_w) into the available bins; offset (F, n_w) from the line in [-1, 1]; span (F,) in bins."""
+    """Windows of F lines: index (F, n_w) into the available bins, offset (F, n_w) in [-1, 1], span (F,) in bins."""
 
     index: IntArray
     offset: FloatArray
@@ -46,7 +42,7 @@ class Windows:
 
 
 def windows(available: IntArray, lines: IntArray, n_w: int) -> Windows:
-    """Return windows of n_w of the available bins (B,), increasing, around lines (F,); all bins where there are fewer.
+    """Return windows of n_w available bins (B,), increasing, around lines (F,), or windows of all bins.
 
     >>> windows(np.array([2, 4, 6, 8, 10]), np.array([2, 6]), 3).index.tolist()
     [[0, 1, 2], [1, 2, 3]]
@@ -66,16 +62,16 @@ def window_power(R: ComplexArray, window: Windows) -> ComplexArray:
     """Return the mean over each window of the sum over experiments of R R^H (F, n_u, n_u), from R (E, B, n_u)."""
     n_w = window.index.shape[1]
     bins = np.einsum("ebu,ebv->buv", R, R.conj())
-    # Sums from the first bin to the one before the last, which may be the end of the array.
+    # Without the last bin, because reduceat excludes the end, which can be the end of the array.
     sums = np.add.reduceat(bins, window.index[:, [0, -1]].ravel(), axis=0)[::2] if n_w > 1 else 0.0
     return np.asarray((sums + bins[window.index[:, -1]]) / n_w)
 
 
 @dataclass(frozen=True)
 class WindowTerms:
-    r"""The terms of the fit in a window, of n_u inputs: A(r) Z = B(r) R + T(r).
+    r"""Terms of the fit in a window for n_u inputs: A(r) Z = B(r) R + T(r).
 
-    order: degree of B, and of T where there is a transient.  poles: degree of A, 0 in the polynomial method.
+    order: degree of B and T.  poles: degree of A, 0 in the polynomial method.  transient: False without T.
     """
 
     n_u: int
@@ -94,22 +90,21 @@ class WindowTerms:
         return self.order + 1 if self.transient else 0
 
     def degrees_of_freedom(self, n_w: int, experiments: int, n_z: int) -> float:
-        """Return complex degrees of freedom of the residual of each of n_z outputs, which share the unknowns of A."""
+        """Return the complex degrees of freedom of each of n_z residuals, which share the unknowns of A."""
         return experiments * (n_w - self.transient_columns) - self.columns - self.poles / n_z
 
     def width(self, dof: float, experiments: int, n_z: int) -> int:
-        """Return n_w, the fewest bins that leave dof degrees of freedom, at least all unknowns of one element."""
+        """Return the smallest n_w with at least dof degrees of freedom and all unknowns of one element."""
         n_w = self.transient_columns + math.ceil((dof + self.columns + self.poles / n_z) / experiments - 1e-9)
         return max(n_w, self.order + self.poles + 1 + self.transient_columns)
 
 
 @dataclass(frozen=True)
 class LocalFit:
-    r"""B(0) and T(0) of each line, the residual, and the parts of their covariance.
+    r"""B(0) and T(0) at each line, the residual, and the factors of their covariance.
 
-    B (F, n_z, n_u).  T (F, E, n_z), none without transient terms.  scatter (F, n_z, n_z): the sum of V V^H, of
-    expectation dof C_V.  With the input_factor L (F, n_u, n_u), M (F, d, n_z, n_u) = dB(0) / dA_p and A_cov (F, d, d)
-    of A_1 ... A_d,
+    B (F, n_z, n_u).  T (F, E, n_z), empty without transient.  scatter (F, n_z, n_z): sum of V V^H, with expectation
+    dof C_V.  With input_factor L (F, n_u, n_u), M (F, d, n_z, n_u) = dB(0) / dA_p and A_cov (F, d, d) of A_1 ... A_d,
 
     .. math:: cov(vec\, B(0)) = L \otimes C_V + \sum_{pq} vec(M_p)\, A_{pq}\, vec(M_q)^H
 
@@ -129,9 +124,10 @@ class LocalFit:
 
 @dataclass(frozen=True)
 class _Solution:
-    """The last weighted problem: regressors Q L, weighted Z and X = r^p Z, their residuals V and V_X, and A_1 ... A_d.
+    """Weighted problem of the last iteration: regressors Q L, weighted Z and X = r^p Z, and a = A_1 ... A_d (f, d).
 
-    Z, V (f, rows, n_z).  X, V_X (f, d, rows, n_z).  scale (f, n_z): of the outputs in the estimate of A.
+    Z (f, rows, n_z), X (f, d, rows, n_z).  V, V_X: their residuals.  scale (f, n_z): of the outputs in the estimate of
+    A.
     """
 
     Q: ComplexArray
@@ -146,10 +142,10 @@ class _Solution:
 
 @dataclass(frozen=True)
 class LadderFit:
-    """Fit of the selected model at each line, fits of all models at all lines, and the index (F,) of the selected
-    model.
+    """Fit of the selected model at each line.
 
-    terms: of the last model, for which the windows are made.
+    models: fits of all models at all lines.  selected_index (F,): index of the selected model.  terms: of the last
+    model, which determines the windows.
     """
 
     selected: LocalFit
@@ -163,11 +159,11 @@ _ARRAYS = tuple(field.name for field in fields(LocalFit) if field.name != "dof")
 
 
 def fit_ladder(Z: ComplexArray, R: ComplexArray, window: Windows, ladder: Sequence[WindowTerms]) -> LadderFit:
-    """Return the local model at every line, from Z (E, B, n_z) and the input R (E, B, n_u) at the available bins.
+    """Select a local model at every line, from Z (E, B, n_z) and the input R (E, B, n_u) at the available bins.
 
-    ladder: models of rising complexity, of which each line takes the first; a further one only where it leaves clearly
-    less in some output.  Poles found in mere noise would make the residual too small, and needless orders make the
-    estimate worse, most at the ends of the band.  dof of the chosen fit is that of the last.
+    ladder: models of increasing complexity. Each line has the first model, and a further one only if it reduces the
+    residual of an output significantly (LOG_GAIN): poles fitted to noise make the residual too small, and unnecessary
+    orders increase the variance.  dof of the selected fit: of the last model.
     """
     fits = tuple(_in_blocks(Z, R, window, terms) for terms in ladder)
     best, (dof, poles) = fits[0], (fits[-1].dof, ladder[-1].poles)
@@ -180,16 +176,16 @@ def fit_ladder(Z: ComplexArray, R: ComplexArray, window: Windows, ladder: Sequen
 
 
 def transient_half_width(n_y: int, n_z: int) -> int:
-    """Return bins to either side of a line that its transient's window has, if half of the bins are unexcited."""
+    """Return the half width in bins of the window of a transient, if half of the bins are unexcited."""
     return 2 * _transient_ladder()[-1].width(n_y + 5, 1, n_z) + 2
 
 
-def fitted_transient(Z: ComplexArray, transient_bins: IntArray, bins: IntArray, n_y: int) -> LocalFit | None:
+def fit_transient(Z: ComplexArray, transient_bins: IntArray, bins: IntArray, n_y: int) -> LocalFit | None:
     """Return T at bins (F,) from Z (B, n_z) at the unexcited bins (B,); None with too few unexcited bins."""
     if len(transient_bins) <= _ORDER + _POLES + 1:
         return None
     ladder = _transient_ladder()
-    # The noise estimate has five degrees of freedom more than there are outputs.
+    # n_y + 5 degrees of freedom for the noise estimate.
     window = windows(transient_bins, bins, ladder[-1].width(n_y + 5, 1, Z.shape[1]))
     return fit_ladder(Z[None], np.zeros((1, len(transient_bins), 0), dtype=np.complex128), window, ladder).selected
 
@@ -204,7 +200,7 @@ def _power(fit: LocalFit) -> FloatArray:
 
 
 def _add_poles(fit: LocalFit, poles: int, dof: float) -> LocalFit:
-    """Return fit with room for more poles, and a residual as if it had fewer degrees of freedom."""
+    """Return the fit with arrays for `poles` poles, and scatter scaled to dof degrees of freedom."""
     n_more = poles - fit.M.shape[1]
     return replace(
         fit,
@@ -215,11 +211,11 @@ def _add_poles(fit: LocalFit, poles: int, dof: float) -> LocalFit:
     )
 
 
-def _select_fits(take: BoolArray, a: LocalFit, b: LocalFit) -> LocalFit:
-    """Return a at the lines taken (F,), b elsewhere."""
+def _select_fits(is_a: BoolArray, a: LocalFit, b: LocalFit) -> LocalFit:
+    """Return fit a at the flagged lines (F,), fit b at the other lines."""
     arrays = {name: getattr(b, name).copy() for name in _ARRAYS}
     for name, array in arrays.items():
-        array[take] = getattr(a, name)[take]
+        array[is_a] = getattr(a, name)[is_a]
     return LocalFit(dof=a.dof, **arrays)
 
 
@@ -246,15 +242,15 @@ def fit_block(Z: ComplexArray, R: ComplexArray, window: Windows, terms: WindowTe
 
 
 def _iterate(Phi: ComplexArray, Z: ComplexArray, powers: FloatArray) -> _Solution:
-    """Solve for A with rows weighted by 1 / |A| of the iteration before, then for B and T; powers (f, d, rows)."""
+    """Solve for A with rows weighted by 1 / |A| of the previous iteration, then for B and T; powers (f, d, rows)."""
     X = powers[..., None] * Z[:, None]
-    iterations = 4 if powers.shape[1] else 0  # further ones change the denominator by less than the noise does
+    iterations = 4 if powers.shape[1] else 0  # further iterations change A by less than the noise
     a = np.zeros(powers.shape[:2], dtype=np.complex128)
     V, tolerance = Z, 1e-9 * _rms(Z)
     for iteration in range(iterations + 1):
         scale = np.maximum(_rms(V), tolerance)
         A = np.abs(1 + np.einsum("fp,fpr->fr", a, powers))
-        # A pole that moves onto a bin would otherwise take all weight from the others.
+        # Limit the weight of a bin near a pole.
         w = 1 / np.maximum(A, (0.1 if iteration < iterations else 1e-12) * A.max(axis=1, keepdims=True))
         Q, L = np.linalg.qr(Phi * w[..., None])
         W_Z, W_X = w[..., None] * Z, w[:, None, :, None] * X
@@ -331,6 +327,6 @@ def _denominator_covariance(V_X: ComplexArray, scale: FloatArray, C_V: ComplexAr
 
 
 def _rms(Z: ComplexArray) -> FloatArray:
-    """Return RMS (f, n_z) over the rows of Z (f, rows, n_z), 1 where there is nothing."""
+    """Return the rms (f, n_z) over the rows of Z (f, rows, n_z); 1 for zeros."""
     rms = np.sqrt(np.mean(np.abs(Z) ** 2, axis=1))
     return np.where(rms > 0, rms, 1.0)

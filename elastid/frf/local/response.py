@@ -1,36 +1,36 @@
-r"""Frequency responses by local polynomial and local rational methods: one experiment of all inputs is enough.
+r"""Frequency responses by local polynomial and local rational methods, for one or more experiments.
 
-Open loop (no reference in the records): the local model leads from U to Y.  Closed loop: from the reference R, which
-is free of noise, to Z = [Y; U], and
+In open loop (no reference in the records) the local model is from U to Y.  In closed loop it is from the reference R,
+which has no noise, to Z = [Y; U], and
 
 .. math:: G = G_{yr} G_{ur}^{-1}, \qquad dG = [I, -G]\, dG_{zr}\, G_{ur}^{-1}
 
-to first order, so that the noise that feedback brings into U causes no bias.  All experiments and realisations of a
-configuration enter one regression.  Its residual holds noise and stochastic nonlinear distortion: their sum is
-`total`; `noise` comes from the bins between the excited ones.
-(Pintelon, Schoukens, Vandersteen and Barbe, MSSP 24, 2010, parts I and II.)
+to first order: noise that feedback adds to U causes no bias.  All experiments and realisations of a configuration are
+in one regression.  Its residual contains noise and stochastic nonlinear distortion, which together are `total`; `noise`
+is estimated from the bins between the excited ones. (Pintelon, Schoukens, Vandersteen and Barbe, MSSP 24, 2010, parts I
+and II.)
 
-The DFT of P whole periods has the excited lines at every P-th bin; the bins between hold transient and noise alone.
-(In one period of a half-wave record the even bins do, where even nonlinear distortion then counts as noise.)
+The DFT of P periods has the excited lines at every P-th bin; the bins between them contain transient and noise only, as
+do the even bins in one period of a half-wave record, where even nonlinear distortion counts as noise.
 
 .. math:: Z(k) = G_{zr}(k) R(k) + T(k) + V(k), \quad A_k(r) T(k + r) = T_k(r)
 
-T has the poles of the system and no others: near a bin a rational function of low order whatever the damping, where a
-polynomial fails as soon as a mode is narrower than a window. All signals of a record share A. So no period is lost,
-and a drift (a position that gains from end to end) is part of T.
-(Transient removal of the robust method, Pintelon and Schoukens, 2nd ed., section 7.3, with a rational T.)
+T has the poles of the system. Near a bin it is a rational function of low order for any damping, whereas a polynomial
+is accurate only for modes wider than a window. A is common to all signals of a record. No period is discarded, and a
+drift of a position is part of T. (Transient removal of the robust method, Pintelon and Schoukens, 2nd ed., section 7.3,
+with a rational T.)
 
-Of records whose inputs are proportional, R_e = c_e R, every combination with sum c_e a_e = 0 has no input: it
-determines a transient of its own and nothing else.  The one combination with all of the input,
+For records with proportional inputs, R_e = c_e R, combinations with sum c_e a_e = 0 contain no input and give no
+information on G. The combination with all of the input,
 
 .. math:: \bar Z = \frac{\sum_e P_e c_e Z_e}{\sum_e P_e c_e^2}, \quad
           C_{\bar Z} = \frac{\sum_e P_e^2 c_e^2 C_{Z,e}}{(\sum_e P_e c_e^2)^2}
 
-has the noise of a mean of sum P_e c_e^2 periods and one transient, smooth as theirs.  So windows are as wide as for a
-single experiment, and their residual holds the errors of the local model, which repeats would hide.
+has the noise of a mean of sum P_e c_e^2 periods and one transient.  The windows are then as wide as for a single
+experiment, so that the residual contains the errors of the local model.
 
-A repeat that starts a little later has R_e = exp(-j omega tau) R, which no common gain describes, but within a window
-it is as dependent.  Such records stay apart, and do not count where windows are sized.
+A delayed repeat has R_e = exp(-j omega tau) R, which is not proportional, but dependent within a window.  Such records
+are not merged; for the width of the windows they count as one.
 """
 
 from collections.abc import Sequence
@@ -58,31 +58,31 @@ from elastid.frf.local.least_squares import (
     LocalFit,
     WindowTerms,
     fit_ladder,
-    fitted_transient,
+    fit_transient,
     transient_half_width,
     window_power,
     windows,
 )
-from elastid.frf.quality import discarded_lines_note, local_modes, measured_response, wide_windows
+from elastid.frf.quality import discarded_lines_note, local_modes, measured_response, wide_window_notes
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra, undivided_logs, unit_scale
 from elastid.record import Motion, Record
 from elastid.response import Response
 
 # Thresholds of the local methods.
-MIN_DOF = 6  # of a useful variance, at least: its standard deviation is then 40 %
-MARGIN_DOF = 2  # beyond the number of outputs
-MIN_INPUT_SNR = 10.0  # power of an excited input over its noise (10 dB),
-EXCITED_FRACTION = 0.05  # at this part of the lines at least
-MAX_CORRELATION = 0.5  # of two inputs in a window, from which on they are one excitation; random phases: 0.3
+MIN_DOF = 6  # least degrees of freedom of a variance: its std is then 40 %
+MARGIN_DOF = 2  # least degrees of freedom above the number of outputs
+MIN_INPUT_SNR = 10.0  # least power of an excited input over its noise (10 dB)
+EXCITED_FRACTION = 0.05  # least fraction of lines at which an input is excited
+MAX_CORRELATION = 0.5  # of two inputs in a window, above which they are one excitation; random phases: 0.3
 
 
 @dataclass(frozen=True)
 class SteadySpectra:
-    """Y (F, n_y), U (F, n_u), R (F, n_u) or None: complex amplitudes of a record of P periods at its lines.
+    """Complex amplitudes Y (F, n_y), U (F, n_u) and R (F, n_u), or None, of a record at its lines.
 
-    noise (F, n_z, n_z): covariance of [Y; U] where settled, with its dof.  settled is False where no bin separates
-    the transient from the response: then it is still in Y and U, and noise is 0.
+    is_steady: True if the transient was estimated between the lines and subtracted.  noise (F, n_z, n_z): covariance of
+    [Y; U] with `dof`; 0 if not steady.
     """
 
     Y: ComplexArray
@@ -96,7 +96,7 @@ class SteadySpectra:
 
 @dataclass(frozen=True, eq=False)
 class _Signals:
-    """Z (E, F, n_z) and the input R (E, F, n_u) of E experiments at lines (F,); G is at lines[every], `step` apart."""
+    """Z (E, F, n_z) and input R (E, F, n_u) of E experiments at lines (F,); G is at lines[response_lines]."""
 
     Z: ComplexArray
     R: ComplexArray
@@ -106,16 +106,13 @@ class _Signals:
 
 
 def local_response(
-    records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntArray | None = None, most_lines: int | None = None
+    records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntArray | None = None, max_lines: int | None = None
 ) -> Response:
     """Estimate G (F, n_y, n_u) of one configuration with covariances and quality, from one experiment or more.
 
-    Transients are removed where bins between the excited ones show them, else fitted along; `transient_periods` of the
-    spec are left out in any case.  noise is None where there are only excited lines.  most_lines: of G at most, evenly
-    taken from those that it would have, each from the same window.
-
-    Raises DataError where a sample or period is missing, the lines are too few or the experiments do not separate the
-    inputs.
+    Transients are estimated from bins between the excited ones, or, without such bins, together with G; then noise is
+    None.  `transient_periods` of the spec are discarded.  max_lines: largest number of lines of G, evenly spaced.
+    Raises DataError for a missing sample or period, too few lines, or dependent inputs.
     """
     records, cut_records = _cut_to_one_length(records)
     logs = undivided_logs(records)
@@ -123,10 +120,10 @@ def local_response(
     all_lines = analysed_lines([RecordSpectra(log) for log in logs], spec, planned_lines)
     n_discarded = 0 if spec.transient_periods == "auto" else spec.transient_periods
     spectra = [steady_spectra(log, all_lines, spec.quantity, n_discarded) for log in logs]
-    _refuse_dead_inputs(first, spectra)
+    _check_excitation(first, spectra)
     closed = all(spectrum.R is not None for spectrum in spectra)
     spectra = merge_repeats(spectra, closed)
-    signals = _signals(spectra, closed, all_lines, _step(spec, first), most_lines)
+    signals = _signals(spectra, closed, all_lines, _step(spec, first), max_lines)
     experiments = _experiments(spectra, closed, signals.response_lines)
     fits, richer = _fits(signals, spec, first, transient=experiments.C_Z is None)
     S_rr = window_power(signals.R, fits.window)
@@ -158,17 +155,17 @@ def local_response(
         f"{fits.selected.dof:.3g} degrees of freedom"
     )
     notes.append(Note("frf/window", text, severity="information"))
-    notes += wide_windows(local_modes(freq_hz, fitted.G, total.variance), freq_hz, span_hz, fits.terms.poles)
+    notes += wide_window_notes(local_modes(freq_hz, fitted.G, total.variance), freq_hz, span_hz, fits.terms.poles)
     response = measured_response(
         first, spec.quantity, freq_hz, fitted.G, noise=fitted.noise, total=total, quality=quality, notes=tuple(notes)
     )
-    # Errors of G are correlated over 1 / (n sum w^2) of a window: 4/9 for a local quadratic, less for more parameters.
+    # Correlation length of the errors of G, 1 / (n sum w^2) of a window: 4/9 for a local quadratic.
     thinning = signals.response_lines.step // signals.step
     return replace(response, correlated_lines=max(1.0, 4 / 9 * n_w / signals.step) / thinning)
 
 
 def _cut_to_one_length(records: Sequence[Record]) -> tuple[Sequence[Record], tuple[Note, ...]]:
-    """Return records without a period cut to the shortest, since their lines are compared, and a note on it."""
+    """Return aperiodic records cut to the shortest one, which gives them the same lines, and a note."""
     lengths = np.array([record.n_samples for record in records])
     n = int(lengths.min())
     if records[0].is_periodic or np.all(lengths == n):
@@ -189,7 +186,7 @@ def _cut_to_one_length(records: Sequence[Record]) -> tuple[Sequence[Record], tup
 
 
 def spectra_at(signals: FloatArray, samples: slice, bins: IntArray) -> ComplexArray:
-    """Return complex amplitudes (B, c) of samples of signals (n, c) at bins (B,)."""
+    """Return the complex amplitudes (B, c) of a range of samples of signals (n, c) at bins (B,)."""
     n, c = samples.stop - samples.start, signals.shape[1]
     at_once = c if signals.size < MIN_LARGE_VALUES else 1
     groups = [slice(i, i + at_once) for i in range(0, c, at_once)]
@@ -203,7 +200,7 @@ def steady_spectra(record: Record, lines: IntArray, quantity: Motion, n_discarde
     samples = slice(n_discarded * record.period_samples, record.n_periods * record.period_samples)
     n = samples.stop - samples.start
     n_y, bins = len(record.outputs), lines * P
-    # The bins between lines, 0 and the highest left out: no multiples of P; even ones of one period of odd lines.
+    # Bins between the lines, without 0 and the highest: no multiples of P; even bins for one half-wave period.
     half_width = transient_half_width(n_y, n_y + len(record.inputs))
     if (2 * half_width + 1) * len(bins) < n // 2:
         inner = np.unique(np.clip(bins[:, None] + np.arange(-half_width, half_width + 1), 1, n // 2 - 1))
@@ -215,7 +212,7 @@ def steady_spectra(record: Record, lines: IntArray, quantity: Motion, n_discarde
     with np.errstate(divide="ignore", invalid="ignore"):
         Z = np.concatenate([Y, U], axis=1) * unit_scale(record, indices * record.rate_hz / n, quantity)
     at_lines, between = np.split(Z, [len(bins)])
-    fit = fitted_transient(between, transient_bins, bins, n_y)
+    fit = fit_transient(between, transient_bins, bins, n_y)
     noise, dof = np.zeros((len(lines), Z.shape[1], Z.shape[1]), dtype=np.complex128), 0.0
     if fit is not None:
         at_lines = at_lines - fit.T[:, 0]
@@ -225,19 +222,19 @@ def steady_spectra(record: Record, lines: IntArray, quantity: Motion, n_discarde
 
 
 def _signals(
-    spectra: Sequence[SteadySpectra], closed: bool, lines: IntArray, step: int, most_lines: int | None
+    spectra: Sequence[SteadySpectra], closed: bool, lines: IntArray, step: int, max_lines: int | None
 ) -> _Signals:
-    """Return records times sqrt(P) each, so that the noise equals the noise of one period in all of them."""
+    """Return the records scaled by sqrt(P), which gives all of them the noise of one period."""
     root_P = np.sqrt([spectrum.n_periods for spectrum in spectra])[:, None, None]
     Z = root_P * np.stack([np.concatenate([X.Y, X.U], axis=1) if closed else X.Y for X in spectra])
     R = root_P * np.stack([driver_of(spectrum, closed) for spectrum in spectra])
-    thinning = 1 if most_lines is None else max(1, -(-len(lines) // (step * most_lines)))
-    every = slice((step - 1) // 2, None, step * thinning)  # each in the middle of its neighbours
+    thinning = 1 if max_lines is None else max(1, -(-len(lines) // (step * max_lines)))
+    every = slice((step - 1) // 2, None, step * thinning)  # centred
     return _Signals(Z, R, lines, every, step)
 
 
 def _experiments(spectra: Sequence[SteadySpectra], closed: bool, every: slice) -> Experiments:
-    """Return experiments with the noise of all records in one period, each by its degrees of freedom."""
+    """Return the experiments with the mean noise of one period, weighted by degrees of freedom."""
     dof, C_Z = sum(spectrum.dof for spectrum in spectra), None
     if all(spectrum.is_steady for spectrum in spectra):
         C_Z = np.sum([X.noise[every] * (X.dof * X.n_periods / dof) for X in spectra], axis=0)
@@ -247,10 +244,10 @@ def _experiments(spectra: Sequence[SteadySpectra], closed: bool, every: slice) -
 def _fits(
     signals: _Signals, spec: EstimatorSpec, first: Record, transient: bool
 ) -> tuple[LadderFit, list[tuple[LocalFit, BoolArray]]]:
-    """Return the fit at each line of G; with a transient also richer ones, each with the lines (F,) of further poles.
+    """Return the fit at each line of G; with a transient also richer fits, each with flags (F,) of their lines.
 
-    For a polynomial the richer one is the rational fit as `auto` would take it, where lines are enough for its windows.
-    Raises DataError where they are too few for those of the spec.
+    The richer fit of a polynomial is the rational fit of `auto`, if there are enough lines for its windows.
+    Raises DataError for too few lines.
     """
     n_u, n_lines = len(first.inputs), len(signals.lines)
     ladders = [_ladder(spec, n_u, transient)]
@@ -269,16 +266,16 @@ def _fits(
         if n_w <= n_lines:
             window = windows(signals.lines, signals.lines[signals.response_lines], max(n_w, min(signals.step, n_lines)))
             fits.append(fit_ladder(signals.Z, signals.R, window, ladder))
-    # Each at the lines that take a simpler one.
+    # Each at the lines with a simpler model.
     further = [(model, fits[0].selected_index < i) for i, model in enumerate(fits[0].models) if i]
     everywhere = np.ones(len(fits[0].selected_index), dtype=np.bool_)
     return fits[0], [*further, *((fit.selected, everywhere) for fit in fits[1:])] if transient else []
 
 
 def _window_lines(signals: _Signals, terms: WindowTerms, n_y: int) -> int:
-    """Return lines that a window needs.
+    """Return the number of lines per window.
 
-    Where each experiment has a transient of its own, only different excitations separate the response from it.
+    If each experiment has a separate transient, only independent excitations count.
     """
     n_z, dof = signals.Z.shape[2], max(n_y + MARGIN_DOF, MIN_DOF)
     E = independent_excitations(signals.R, terms.width(dof, 1, n_z)) if terms.transient else len(signals.Z)
@@ -286,14 +283,14 @@ def _window_lines(signals: _Signals, terms: WindowTerms, n_y: int) -> int:
 
 
 def _step(spec: EstimatorSpec, first: Record) -> int:
-    """Return DFT lines from one line of G to the next: 1 for records with a period."""
+    """Return the number of DFT lines per line of G; 1 for records with a period."""
     if spec.resolution_hz is None or first.is_periodic:
         return 1
     return max(1, round(spec.resolution_hz * first.period_samples / first.rate_hz))
 
 
-def _refuse_dead_inputs(first: Record, spectra: Sequence[SteadySpectra]) -> None:
-    """Raise DataError where an input stands out of its noise at too few lines, whatever the reference was."""
+def _check_excitation(first: Record, spectra: Sequence[SteadySpectra]) -> None:
+    """Raise DataError for an input that exceeds its noise at too few lines."""
     n_y = len(first.outputs)
     signal = np.sum([np.abs(spectrum.U) ** 2 for spectrum in spectra], axis=0)
     clear = signal > MIN_INPUT_SNR * np.sum([power(spectrum.noise)[:, n_y:] for spectrum in spectra], axis=0)
@@ -317,14 +314,14 @@ def _ladder(spec: EstimatorSpec, n_u: int, transient: bool) -> list[WindowTerms]
 
 
 def independent_excitations(R: ComplexArray, n_w: int) -> int:
-    """Return the number of inputs R (E, F, n_u) that differ within windows of n_w lines by more than a factor."""
+    """Return the number of inputs R (E, F, n_u) that are not proportional within windows of n_w lines."""
     E, F, _ = R.shape
     if E == 1:
         return 1
     bands = np.array_split(R, max(1, F // n_w), axis=1)
     grams = np.array([np.einsum("efu,gfu->eg", band, band.conj()) for band in bands])
     powers = np.einsum("cee->ce", grams).real
-    # Where the inputs are strong counts most.
+    # Weighted by the power of the inputs.
     correlation = quotient(np.abs(grams).sum(axis=0), np.sum(np.sqrt(powers[:, :, None] * powers[:, None, :]), axis=0))
     leaders: list[int] = []
     for e in range(E):
@@ -338,10 +335,10 @@ def merge_repeats(spectra: Sequence[SteadySpectra], closed: bool) -> list[Steady
     groups: list[list[SteadySpectra]] = []
     for spectrum in spectra:
         driver = driver_of(spectrum, closed)
-        twins = next((group for group in groups if _gain(driver_of(group[0], closed), driver) is not None), [])
-        if not twins:
-            groups.append(twins)
-        twins.append(spectrum)
+        repeats = next((group for group in groups if _gain(driver_of(group[0], closed), driver) is not None), [])
+        if not repeats:
+            groups.append(repeats)
+        repeats.append(spectrum)
     return [group[0] if len(group) == 1 else _merge(group, closed) for group in groups]
 
 

@@ -7,7 +7,7 @@ from elastid.base.names import is_match, matching
 from elastid.fit.load_tests import LoadTest
 from elastid.fit.parameter_selection import choose
 from elastid.fit.problem.inertia_barrier import free_inertias, impossible_inertias
-from elastid.fit.spec import FitSpec, find_misnamed
+from elastid.fit.spec import FitSpec, find_unknown_names
 from elastid.robot import TOOL
 from elastid.study.checks.names import check_names, check_units, list_configurations, list_inputs, list_outputs, unknown
 from elastid.study.messages import Problem
@@ -22,7 +22,7 @@ def check_fit(study: Study) -> Iterator[Problem]:
     yield from _check_groups(study)
     names = {"configurations": list_configurations(study), "output": list_outputs(study), "input": list_inputs(study)}
     for i, factor in enumerate(study.fit.weights.factors):
-        for key_path, noun, name in find_misnamed(factor, names):
+        for key_path, noun, name in find_unknown_names(factor, names):
             yield unknown(("fit", "weights", "factors", i, *key_path), noun, name, names[str(key_path[0])])
     try:
         parameters = choose(study.fit, study.as_robot(), tuple(study.experiment.configurations))

@@ -72,7 +72,7 @@ def test_fit_with_wrong_hold_names_the_correct_hold(taken: ZohTorque | None, act
 
 def test_quantities_and_delay_forms_equal_first_order() -> None:
     """Differentiated once more and once less is as before, twice is once again; a low pass is a delay."""
-    at = SimpleNamespace(part=SimpleNamespace(kernel=SimpleNamespace(freq_hz=LINES / 1.0)))
+    at = SimpleNamespace(frf=SimpleNamespace(kernel=SimpleNamespace(freq_hz=LINES / 1.0)))
     once, twice, less, least = (partial(change.apply, at) for change in quantity_errors((), np.zeros(0)))
     values = np.ones((len(LINES), 1, 1), complex)
     np.testing.assert_allclose(less(once(values)), values)

@@ -18,10 +18,10 @@ from plants.refusals import refused
 from scipy.optimize import lsq_linear
 
 from elastid.base.arrays import FloatArray
-from elastid.fit.diagnosis.forgotten_load import find_load, steps_of
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES, WITHOUT_OTHER_ROBOTS, all_hypotheses, explain_causes
 from elastid.fit.diagnosis.rank_hypotheses import CONSEQUENCES, occam_factor
 from elastid.fit.diagnosis.score_test import Candidate, FixedNumber, ScoreTest, free_drop
+from elastid.fit.diagnosis.unmodelled_payload import find_load, load_steps
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.result import Result
 from elastid.fit.spec import ParameterSpec
@@ -137,7 +137,7 @@ def test_a_point_mass_is_found_with_its_place() -> None:
     test = ScoreTest(tuple(members), S, -S @ change, np.zeros((0, len(members))), np.ones(len(members), dtype=bool))
     load = find_load(test, Candidate("payload_arm", "payload", np.arange(7), np.eye(7)), 1.0, 0.0)
     assert load.mass == pytest.approx(LOAD, rel=1e-3)
-    np.testing.assert_allclose(load.place, rho, atol=1e-3)
+    np.testing.assert_allclose(load.position, rho, atol=1e-3)
     assert load.drop == pytest.approx(change @ S @ change, rel=1e-4)
 
 
@@ -147,7 +147,7 @@ def test_body_with_load_has_combined_centre_and_inertia(load: float, place: tupl
     rho, entries = np.array(place), ("xx", "yy", "zz", "xy", "xz", "yz")
     names = [*(f"c_arm_x_{a}" for a in "xyz"), *(f"I_arm_x_{e}" for e in entries), "I_arm_x"]
     numbers = [FixedNumber(name, "", MASS, "", name == "m_arm_x", -9, 9, 0.1) for name in ("m_arm_x", *names)]
-    mass, *steps = steps_of(numbers, np.array([load, *place])).tolist()
+    mass, *steps = load_steps(numbers, np.array([load, *place])).tolist()
     inertia = MASS * load / (MASS + load) * (rho @ rho * np.eye(3) - np.outer(rho, rho))
     expected = [*(load / (MASS + load) * rho), *(inertia["xyz".index(a), "xyz".index(b)] for a, b in entries)]
     assert math.exp(mass) == pytest.approx(1 + load / MASS)

@@ -15,7 +15,7 @@ from plants.faults import SPEC, drawn, faulty, rubbing, true_case
 from plants.measured_robots import responses_of
 
 from elastid.fit.diagnosis.estimate_notes import bound_notes
-from elastid.fit.diagnosis.priors import contradicted_tolerances, relative, scattered_ratios
+from elastid.fit.diagnosis.priors import contradicted_tolerances, relative_change, scattered_ratios
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, WeightSpec
 from elastid.parameters import Parameters
@@ -161,7 +161,7 @@ def test_torque_constant_is_remedy_for_its_interval() -> None:
 @pytest.mark.parametrize(("step", "words"), [(0.1, "%"), (-2.0, "factor 0.135"), (2000.0, "1e+06"), (-2000.0, "1e-06")])
 def test_changes_of_any_size_have_a_size(step: float, words: str) -> None:
     """A model that is wrong without measure extrapolates steps beyond the range of numbers."""
-    assert words in relative(step)
+    assert words in relative_change(step)
 
 
 @pytest.mark.parametrize("explains", [True, False])

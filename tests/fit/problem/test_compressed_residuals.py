@@ -18,7 +18,7 @@ from elastid.base.kernels import is_compiled
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.parameter_selection import choose
 from elastid.fit.problem.compressed_residuals import BATCH, Full, LineResiduals, Packed
-from elastid.fit.problem.frf_residuals import each_at_home, elastic_fit, home_of
+from elastid.fit.problem.frf_residuals import chunk_execution, elastic_fit, map_chunks
 from elastid.fit.problem.weights import weigh
 from elastid.fit.spec import FactorSpec, FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
@@ -91,7 +91,7 @@ def test_cost_gradient_and_hessian_equal_stacked_residuals(covariance, criterion
     np.testing.assert_allclose(here.gradient / scale, 2 * J.T @ r / scale, atol=1e-9 * np.linalg.norm(r))
     expected = 2 * J.T @ J / np.outer(scale, scale)
     np.testing.assert_allclose(here.hessian / np.outer(scale, scale), expected, atol=1e-12)
-    assert fit.parts[0].columns.is_symmetric == (outputs == ("motor 1", "motor 2"))
+    assert fit.frfs[0].columns.is_symmetric == (outputs == ("motor 1", "motor 2"))
 
 
 def random_part(
@@ -188,24 +188,24 @@ def same(first, second, x) -> bool:
 def test_sums_of_workers_equal_one_process_for_other_models(responses):
     """At two points, and after the models have moved on; of fewer configurations, too."""
     here, x = fit_at(responses), parameters().x
-    there = replace(here, home=home_of(responses, Execution(2)))
+    there = replace(here, home=chunk_execution(responses, Execution(2)))
     assert there.home.jobs == 2
     with persistent_workers():
         assert same(here, there, x)
         assert here.evaluate(x + 0.1).hessian.tobytes() == there.evaluate(x + 0.1).hessian.tobytes()
         moved = fit_at(responses, 1.1)
-        pairs = list(zip(here.parts, moved.parts, strict=True))
-        followed = replace(there, parts=tuple(replace(part, columns=other.columns) for part, other in pairs))
-        assert [part.normal.residuals for part in followed.parts] == [part.normal.residuals for part in here.parts]
+        pairs = list(zip(here.frfs, moved.frfs, strict=True))
+        followed = replace(there, frfs=tuple(replace(part, columns=other.columns) for part, other in pairs))
+        assert [part.normal.residuals for part in followed.frfs] == [part.normal.residuals for part in here.frfs]
         assert same(moved, followed, x + 0.1)
         assert same(here, there, x)
-        assert same(replace(moved, parts=moved.parts[:3]), replace(followed, parts=followed.parts[:3]), x)
+        assert same(replace(moved, frfs=moved.frfs[:3]), replace(followed, frfs=followed.frfs[:3]), x)
 
 
 @pytest.mark.slow
 def test_weights_of_workers_equal_one_process(responses):
     """The smoothed covariance as well; of a response that cannot be weighed the first in order is named."""
-    here, there = (each_at_home(partial(weigh, spec=NO_FLOOR), responses, home) for home in (HERE, Execution(2)))
+    here, there = (map_chunks(partial(weigh, spec=NO_FLOOR), responses, home) for home in (HERE, Execution(2)))
     for one, other in zip(here, there, strict=True):
         assert other.noise.measured is one.noise.measured
         assert (other.noise.smooth is other.noise.measured) == (one.noise.smooth is one.noise.measured)
@@ -215,4 +215,4 @@ def test_weights_of_workers_equal_one_process(responses):
         assert isinstance(other.noise.smooth.matrix, large_arrays.FileArray)
     bare = [replace(response, noise=None) for response in responses]
     with refused("fit/weights", place="configuration c0"):
-        list(each_at_home(partial(weigh, spec=NO_FLOOR), bare, Execution(2)))
+        list(map_chunks(partial(weigh, spec=NO_FLOOR), bare, Execution(2)))

@@ -48,7 +48,7 @@ def test_the_cost_is_the_mahalanobis_distance(form):
     fit = fit_of(response, model, FULL)
     x = parameters().x
     G = frequency_response(model, model.theta_ref, FREQ)
-    used = fit.parts[0].gain > 0
+    used = fit.frfs[0].gain > 0
     e = np.where(used, response.G - G, 0.0)
     V = 0.0
     for k in range(len(FREQ)):
@@ -111,7 +111,7 @@ def test_factors_multiply_the_weights_where_all_that_is_given_matches():
     )
     spec = FitSpec(weights=WeightSpec(model_error=0.0, factors=factors))
     plain, weighted = fit_of(response, model), fit_of(response, model, spec)
-    ratio = (weighted.parts[0].gain / plain.parts[0].gain) ** 2
+    ratio = (weighted.frfs[0].gain / plain.frfs[0].gain) ** 2
     band = (FREQ >= 10) & (FREQ <= 20)
     below = FREQ < 10
     np.testing.assert_allclose(ratio[band], np.broadcast_to([[4.0], [2.0]], ratio[band].shape))

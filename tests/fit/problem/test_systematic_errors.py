@@ -13,7 +13,7 @@ from elastid.fit.parameter_selection import choose
 from elastid.fit.problem import systematic_errors
 from elastid.fit.problem.frf_residuals import ElasticFit, elastic_fit
 from elastid.fit.problem.least_squares import LocalOptimum, as_real
-from elastid.fit.problem.systematic_errors import find_factors, next_factors, shares_of, with_modelled_bias
+from elastid.fit.problem.systematic_errors import contrasts_of, find_factors, next_factors, with_modelled_bias
 from elastid.fit.problem.weights import weigh
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import Response
@@ -53,10 +53,10 @@ def test_the_factor_is_that_of_generalised_least_squares() -> None:
     x, _, c = solved(response)
     weights = [weigh(response, NO_FLOOR)]
     fit = elastic_fit([response], [plant()], weights, parameters(), "complex")
-    factors, mixing = find_factors([response]), fit.parts[0].mixing
-    r, every, _ = systematic_errors.with_factors(fit, x, factors, fit.parts[0], response, mixing)
+    factors, mixing = find_factors([response]), fit.frfs[0].mixing
+    r, every, _ = systematic_errors.block_with_factors(fit, x, factors, fit.frfs[0], response, mixing)
     J, slopes = np.split(every, [len(x)])
-    H = (shares_of(response, factors) @ as_real(slopes).reshape(len(slopes), -1)).T
+    H = (contrasts_of(response, factors) @ as_real(slopes).reshape(len(slopes), -1)).T
     rows, residual = as_real(J).reshape(len(x), -1).T, as_real(r).ravel()
     whole = np.eye(len(rows)) + H @ H.T
     gradient = rows.T @ np.linalg.solve(whole, residual)
@@ -66,7 +66,7 @@ def test_the_factor_is_that_of_generalised_least_squares() -> None:
     assert c == pytest.approx(float(-H[:, 0] @ np.linalg.solve(whole, residual)), abs=0.01)
     other = replace(response, configuration=replace(response.configuration, name="other"))
     pair = [replace(one, bias=one.bias[[0, 0]]) for one in (response, other)]
-    assert sorted(shares_of(pair[0], find_factors(pair))[:, 1].tolist()) == [-0.5, 0.0, 0.5]
+    assert sorted(contrasts_of(pair[0], find_factors(pair))[:, 1].tolist()) == [-0.5, 0.0, 0.5]
 
 
 @pytest.mark.parametrize("size", [0.001, 0.02])
@@ -105,7 +105,7 @@ def test_systematic_errors_are_evaluated_at_final_model() -> None:
     true, other = (relinearise(assembly, LocalOptimum(x, x, 0.0, 0, True, "given"), "complex") for x in starts)
     sure = estimate_uncertainty(true.fit, true.responses, true.weights, true.end.x)
     assert np.all(np.abs(other.end.x - true.end.x) < 0.01 * np.sqrt(np.diag(sure.covariance)))
-    for measured_one, one, part in zip(responses, other.responses, other.fit.parts, strict=True):
+    for measured_one, one, part in zip(responses, other.responses, other.fit.frfs, strict=True):
         G = part.kernel.response(part.theta(other.fit.parameters, other.end.x))
         modelled = with_modelled_bias(measured_one, G).bias
         assert modelled is not None

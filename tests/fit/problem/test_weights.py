@@ -11,7 +11,7 @@ from plants.two_mass import circular
 from scipy.special import digamma
 from scipy.stats import chi2
 
-from elastid.fit.problem.smoothed_noise import _for_weights, log_moment, moving_mean, smooth_noise, smooth_variance
+from elastid.fit.problem.smoothed_noise import _smooth_power, log_moment, moving_mean, smooth_noise, smooth_variance
 from elastid.fit.problem.weights import Whitening, check_factors, weigh
 from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec
 from elastid.linear.response.transfer import frequency_response
@@ -65,7 +65,7 @@ def test_element_below_noise_is_discarded_with_note():
     values[:, 1] = 0.0
     values[:, 2] = (rng.standard_normal((F, 1)) + 1j * rng.standard_normal((F, 1))) / np.sqrt(2)
     weights = weigh(replace(measured, G=values), FitSpec())
-    np.testing.assert_array_equal(weights.used.all(axis=0)[:, 0], [True, False, False])
+    np.testing.assert_array_equal(weights.is_used.all(axis=0)[:, 0], [True, False, False])
     assert np.median(np.abs(G)) < 2  # most lines of the first are below twice their noise
     assert [(note.code, note.place) for note in weights.notes] == [("fit/weights", "configuration c1")]
 
@@ -83,7 +83,7 @@ def test_without_a_variance_the_floor_weighs_and_says_so():
 def test_exact_data_without_a_floor_leave_nothing():
     """Zero variance and no floor would be an infinite weight; such lines are left out with a word."""
     weights = weigh(response(0.0), NO_FLOOR)
-    assert not weights.used.any()
+    assert not weights.is_used.any()
     assert weights.notes[0].code == "fit/weights"
 
 
@@ -180,7 +180,7 @@ def test_line_counts_as_noisier_beyond_one_chance_in_a_thousand(dof: float) -> N
     limit = (chi2.isf(1e-3, 2 * dof) / (2 * dof) / rest) ** (width / (width - 1))
     for ratio, is_loud in ((0.99, False), (1.01, True)):
         variance[30] = ratio * limit
-        smooth = _for_weights(variance, dof, width)
+        smooth = _smooth_power(variance, dof, width)
         assert (smooth[30] == variance[30]) == is_loud
         np.testing.assert_allclose(smooth[[0, 10, 59]], np.exp(log_moment(-1, dof, width)))
     assert log_moment(1, dof, 10**6) == pytest.approx(digamma(dof) - np.log(dof), rel=1e-4)

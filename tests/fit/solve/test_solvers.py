@@ -13,7 +13,8 @@ from scipy.optimize import least_squares, lsq_linear
 
 from elastid.base.arrays import FloatArray
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
-from elastid.fit.solve.solvers import FINE, SHRINK, SolverName, _bounded_step, _next_radius, multistart, solve, spread
+from elastid.fit.solve import solvers
+from elastid.fit.solve.solvers import FINE, SHRINK, SolverName, _bounded_step, _next_radius, multistart, solve
 from elastid.parameters import Parameter, Parameters
 
 T = np.linspace(0, 1, 50)
@@ -46,8 +47,7 @@ both_solvers = pytest.mark.parametrize("method", ["trust_region", "ipopt"])
 def test_the_optimum_is_that_of_an_independent_solver(method: SolverName):
     """SciPy's least_squares ends at the same place, to far below a standard deviation."""
     end = solve(DECAY, DECAY.parameters.x, method=method)
-    start = DECAY.parameters.x
-    reference = least_squares(lambda x: decayed(DECAY.parameters, x)[0], start, xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    reference = least_squares(lambda x: decayed(STARTS, x)[0], end.x_start, xtol=1e-14, ftol=1e-14, gtol=1e-14)
     std = np.sqrt(np.diag(np.linalg.inv(reference.jac.T @ reference.jac)))
     assert end.converged
     assert np.all(np.abs(end.x - reference.x) < 2 * FINE * std)
@@ -176,7 +176,7 @@ def test_starts_spread_evenly_within_their_factor_and_bounds():
             Parameter("d_rod", 1.0, "N*s/m", 0.5, 1e4, log=True),
         )
     )
-    x = spread(parameters, 41, 3.0, seed=5)
+    x = solvers.latin_hypercube(parameters, 41, 3.0, seed=5)
     np.testing.assert_array_equal(x[0], parameters.x)
     k = np.sort(np.exp(x[1:, 0])) / 100
     assert k[0] < 3**-0.9 < 3**0.9 < k[-1] < 3
@@ -187,8 +187,8 @@ def test_starts_spread_evenly_within_their_factor_and_bounds():
     assert 0 == x[:, 2].min() < x[:, 2].max() < 1e-3
     assert np.all(x[:, 3] == 0.3)
     assert 6 < np.exp(x[:, 4].max()) < 9
-    np.testing.assert_array_equal(x, spread(parameters, 41, 3.0, seed=5))
-    assert not np.array_equal(x, spread(parameters, 41, 3.0, seed=6))
+    np.testing.assert_array_equal(x, solvers.latin_hypercube(parameters, 41, 3.0, seed=5))
+    assert not np.array_equal(x, solvers.latin_hypercube(parameters, 41, 3.0, seed=6))
 
 
 def wavy() -> LeastSquares:
