@@ -11,9 +11,9 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError, did_you_mean, index_of
 from elastid.base.section import section
 from elastid.linear.equilibrium import equilibrium, rigid_posture
-from elastid.linear.fitted_model import Axes, Estimated, FittedModel, ModelErrorFactor
+from elastid.linear.fitted_model import Axes, EstimatedTheta, FittedModel, ModelErrorFactor
 from elastid.linear.linearise import Linearisation
-from elastid.linear.ports import Ports, acted_on, port_motion
+from elastid.linear.ports import Ports, between_ports, port_motion
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import frame_poses
 from elastid.model.spec import ModelSpec
@@ -61,7 +61,7 @@ class Family:
     linearisation: Linearisation
     robot: Robot
     request: PredictionPorts
-    estimated: Estimated
+    estimated: EstimatedTheta
     places: tuple[str, ...]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
@@ -79,7 +79,9 @@ class Family:
         linearisation = Linearisation.of_robot(loaded, spec, (*parameters.names, *members))
         names, base = (*linearisation.model.parameters, DELAY), np.append(linearisation.model.theta, 0.0)
         carried = loaded.payload.numbers if isinstance(request.payload, Payload) and loaded.payload else ()
-        estimated = Estimated.of(parameters, x, covariance, names, base, group, model_error_factors, (*carried, DELAY))
+        estimated = EstimatedTheta.of(
+            parameters, x, covariance, names, base, group, model_error_factors, (*carried, DELAY)
+        )
         inputs = request.inputs or tuple(f"force {frame} {axis}" for axis in "xyz")
         outputs = request.outputs or tuple(f"frame {frame} {axis}" for axis in "xyz")
         frames = dict.fromkeys([frame, *(_frame_of(place) for place in (*inputs, *outputs) if _frame_of(place))])
@@ -123,7 +125,7 @@ class Family:
         linear = self.linearisation.at(configuration, self.theta, self.places, self.quantity)
         slopes = {name: linear.slopes[name] for name in self._dependent if name in linear.slopes}
         loop = self._loop(configuration) if self.request.motors == "controlled" else None
-        model = acted_on(replace(linear, slopes=slopes), self._ports(configuration), self.request.motors, loop)
+        model = between_ports(replace(linear, slopes=slopes), self._ports(configuration), self.request.motors, loop)
         if not model.n:
             raise StudyError(
                 "fit/posture",

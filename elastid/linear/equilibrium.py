@@ -1,10 +1,9 @@
-r"""Rest under gravity: the operating point of a configuration, and preload of nonlinear springs there.
+r"""Equilibrium under gravity: the operating point of a configuration, and the preload of nonlinear springs.
 
 .. math:: \partial V / \partial q + \Phi^T \lambda = B u, \qquad \varphi(q) = 0, \qquad q_m = q_{m0}
 
-The motors stand where they were measured; links and further elastic joints deflect until springs, gravity and the
-forces in the loops balance. Redundant constraints leave lambda undetermined by forces that do no work; the smallest is
-taken.
+The motors are at their measured angles; elastic joints deflect until springs, gravity and constraint forces of the
+loops balance. For redundant constraints lambda is the smallest solution.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -22,21 +21,21 @@ from elastid.model.elastic import ElasticModel
 from elastid.model.loop_closure import motions, null_space
 from elastid.record import Configuration
 
-# Numbers of Newton's method and judgement.
+# Limits of Newton's method, and of an equilibrium.
 MAX_STEPS = 60
-MAX_STEP = 0.3  # rad or m: a soft spring must not throw the arm onto another branch
-CONVERGED_STEP = 1e-12  # rad or m: convergence is quadratic, the remaining error is far below
-ROUNDING_STEP = 1e-6  # rad or m: below, rounding decides whether a step leads downhill
+MAX_STEP = 0.3  # rad or m, so that a soft spring does not lead to another branch of the solution
+CONVERGED_STEP = 1e-12  # rad or m; convergence is quadratic, the remaining error is far below
+ROUNDING_STEP = 1e-6  # rad or m, below which rounding errors dominate the slope of V
 HALVINGS = 30
-ROUNDING_GAP = 1e-9  # m or rad: residual of a constraint that rounding explains
-MAX_DEFLECTION = 1.0  # rad or m: no spring of a robot gives by so much, it has tipped over
-MIN_INERTIA = 1e-12  # eigenvalue of M, scaled to a unit diagonal, that rounding explains
-FLANK = 2.0  # beyond b + flank e the flank of a gap has 95 % of its stiffness
+ROUNDING_GAP = 1e-9  # m or rad, residual of a constraint by rounding errors
+MAX_DEFLECTION = 1.0  # rad or m, above which a spring has tipped over
+MIN_INERTIA = 1e-12  # eigenvalue of M, scaled to a unit diagonal, by rounding errors
+FLANK_WIDTHS = 2.0  # number of flank widths beyond a gap, after which its spring has 95 % of its stiffness
 
 
 @frozen_value
 class OperatingPoint:
-    """Coordinates q (n_q,), multipliers lambda_ (n_c,) and holding torques u (n_u,) at rest, link side, SI."""
+    """Coordinates q (n_q,), multipliers lambda_ (n_c,) and motor torques u (n_u,) in equilibrium, link side, SI."""
 
     configuration: Configuration
     q: FloatArray
@@ -47,9 +46,9 @@ class OperatingPoint:
 def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configuration) -> OperatingPoint:
     """Solve statics by Newton's method with the exact stiffness, from the posture of a rigid robot.
 
-    theta (n_theta,): model.parameters, SI.  configuration.angles (n_u,): the motors' angles, link side (or m).
-    StudyError for a wrong number of angles, a joint that finds no rest, tips over under gravity or moves no inertia.
-    The last ones are kept: matrices, ports and positions of a posture ask for the same one in turn.
+    theta (n_theta,): model.parameters, SI.  configuration.angles (n_u,): of the motors, link side, rad or m.
+    StudyError for a wrong number of angles, no equilibrium, a joint that tips over or a coordinate without inertia.
+    The last solutions are cached, because several functions need the equilibrium of one configuration.
     """
     numbers = np.asarray(theta, dtype=float).tobytes()
     point = _equilibrium(model, numbers, configuration.angles.tobytes(), configuration.name, configuration.has_payload)
@@ -58,7 +57,7 @@ def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configura
 
 @lru_cache(maxsize=64)
 def _equilibrium(model: ElasticModel, numbers: bytes, angles: bytes, name: str, has_payload: bool) -> OperatingPoint:
-    """Solve `equilibrium` for values that have a hash: theta and angles as bytes."""
+    """Solve `equilibrium` for hashable arguments: theta and angles as bytes."""
     theta, configuration = np.frombuffer(numbers), Configuration(name, np.frombuffer(angles), has_payload)
     free, theta = free_coordinates(model), model.with_payload(theta, configuration.has_payload)
     q = rigid_posture(model, configuration, theta)
@@ -71,11 +70,11 @@ def _equilibrium(model: ElasticModel, numbers: bytes, angles: bytes, name: str, 
         text = f"the torque on {model.coordinates[bad[0]]} is not a finite number; {text}"
         raise StudyError("robot/no-equilibrium", text, f"configuration {configuration.name}")
     for _ in range(MAX_STEPS):
-        # Back onto the loops in full, and from there downhill along them.
+        # A full step that closes the loops, then a descent step of V along them.
         Z, K = null_space(state.Phi[:, free]), state.K[np.ix_(free, free)]
         close = np.linalg.lstsq(state.Phi[:, free], -state.phi)[0]
         pull = Z.T @ (state.torque[free] + K @ close)
-        along = _downhill(Z.T @ K @ Z, pull, 1e-9 * np.abs(gravity).max())
+        along = _descent_step(Z.T @ K @ Z, pull, 1e-9 * np.abs(gravity).max())
         back, step = np.zeros(model.n_q), np.zeros(model.n_q)
         back[free], step[free] = close, Z @ along
         largest = np.abs(back + step).max(initial=0.0)
@@ -113,15 +112,14 @@ def _balance(model: ElasticModel, theta: FloatArray, q: FloatArray, free: IntArr
 
 @lru_cache(maxsize=64)
 def free_coordinates(model: ElasticModel) -> IntArray:
-    """Return the free coordinates (n_f,): all but the motors', which are held."""
+    """Return the free coordinates (n_f,): all except the motors' coordinates."""
     return np.setdiff1d(np.arange(model.n_q), [model.index(motor) for motor in model.inputs])
 
 
-def _downhill(K: FloatArray, torque: FloatArray, rounding: float) -> FloatArray:
+def _descent_step(K: FloatArray, torque: FloatArray, rounding: float) -> FloatArray:
     """Return Newton's step for a positive definite K, else a step of descent.
 
-    A joint with neither spring nor gravity has no stiffness and stays where it is; one whose spring is inside its gap
-    has none either, but a torque beyond rounding.
+    A coordinate without stiffness moves only if its torque exceeds rounding errors, as inside the gap of a spring.
     """
     if not torque.size:
         return torque
@@ -134,9 +132,9 @@ def _downhill(K: FloatArray, torque: FloatArray, rounding: float) -> FloatArray:
 def _shorten_step(
     model: ElasticModel, theta: FloatArray, q: FloatArray, step: FloatArray, slope: float, free: IntArray
 ) -> tuple[FloatArray, _Balance]:
-    """Return q and balance after the step, halved until V along it is not nearly as steep uphill at its end.
+    """Halve the step until V does not increase steeply at its end. Return q and balance there.
 
-    slope: of V along the step, where it begins.
+    slope: magnitude of the slope of V at the beginning of the step.
     """
     for halving in range(HALVINGS):
         q_new = q + 0.5**halving * step
@@ -149,8 +147,8 @@ def _shorten_step(
 def rigid_posture(model: ElasticModel, configuration: Configuration, theta: FloatArray | None = None) -> FloatArray:
     """Return q (n_q,) without deflection: driven joints at their motors' angles, elastic joints at 0, loops closed.
 
-    theta (n_theta,): model.parameters, of which the geometry counts; default the robot's own.
-    StudyError where the configuration does not give one angle for each motor, or the loops do not close there.
+    theta (n_theta,): model.parameters, for the geometry; by default of the robot.
+    StudyError for a wrong number of angles, or if the loops cannot be closed.
     """
     if refusal := model.robot.count_refusal(configuration.angles.size):
         raise StudyError("robot/no-equilibrium", refusal, f"configuration {configuration.name}")
@@ -176,7 +174,7 @@ def _faults(
     balance: _Balance,
     load: float,
 ) -> Iterator[str]:
-    """List reasons why q (n_q,) is no equilibrium. rigid (n_q,): undeflected. load: largest gravity load."""
+    """Yield reasons why q (n_q,) is no equilibrium.  rigid (n_q,): without deflection.  load: largest gravity load."""
     slides, names, K = model.robot.slides, model.coordinates, balance.K
     soft = "under gravity; raise the stiffness of its springs, or let a joint without spring hang down"
     if (gap := np.abs(balance.phi).max(initial=0.0)) > ROUNDING_GAP:
@@ -212,7 +210,7 @@ def _faults(
 def preloads(
     model: ElasticModel, theta: FloatArray, points: Sequence[OperatingPoint]
 ) -> tuple[tuple[str, ...], FloatArray, FloatArray]:
-    """Return the joints with springs, their deflection in rad or m, and their tangent stiffness (n_s, P)."""
+    """Return the joints with springs, and their deflections, rad or m, and tangent stiffnesses (n_s, P) at P points."""
     q, symbols = model.symbols("q", "theta")
     by_name = dict(zip(model.parameters, ca.vertsplit(symbols), strict=True))
     deflection = deflections(model.robot, q)
@@ -231,15 +229,15 @@ def spring_notes(model: ElasticModel, theta: FloatArray, at: Iterable[OperatingP
     notes: list[Note] = []
     for joint, x, k in zip(*preloads(model, theta, points), strict=True):
         b = values.get(f"b_{joint}", 0.0)
-        inside = np.flatnonzero(np.abs(x) < b + FLANK * (values.get(f"e_{joint}", 0.0) * b))
+        inside = np.flatnonzero(np.abs(x) < b + FLANK_WIDTHS * (values.get(f"e_{joint}", 0.0) * b))
         if inside.size:
             angle = model.robot.parameters()[f"b_{joint}"][1]
-            resting = ", ".join(
+            names = ", ".join(
                 f"{points[i].configuration.name} (deflected by {x[i]:.2g} {angle})" for i in inside.tolist()
             )
             ratio = k[inside] / values[f"k_{joint}"]
             text = (
-                f"joint {joint} rests inside its backlash of +-{b:.2g} {angle} in {resting}: the response depends on "
+                f"joint {joint} rests inside its backlash of +-{b:.2g} {angle} in {names}: the response depends on "
                 f"the amplitude there, and the stiffness of {ratio.min():.0%} to {ratio.max():.0%} of k_{joint} that "
                 "the model has at rest describes none; take configurations in which gravity presses the joint onto "
                 "one flank, or leave these out"

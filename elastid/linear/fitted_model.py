@@ -3,18 +3,17 @@ r"""FittedModel: a fitted robot about a posture, between forces, torques and mot
 .. math:: G(s) = s^k\, [C + T / s^2]\, [s^2 M + s D + K + \Delta / s]^{-1} B, \qquad
           \text{static: } J K^{-1} J^T
 
-J (6, n): velocity of the origin of a frame and its angular velocity, so that a force is J^T F. Of a configuration that
-was fitted the inputs and outputs are those measured, drives and sensors in between. Of any other posture
-(`Result.at`) they are forces, torques and motions anywhere, without delay, lags and gains; its coordinates are those
-that can move: with the motors held (brakes) the links', with the motors free all, with the motors controlled all, the
-controller's gains part of K and D and its integral Delta. Deviations of modes are of first order,
+J (6, n): velocity of the origin of a frame and its angular velocity. In a fitted configuration inputs and outputs are
+the measured ones, with drives and sensors. In any other posture (`Result.at`) they are forces, torques and motions at
+any location, without delay, lags and gains. With locked motors only the links move. For controlled motors the gains of
+the controller are in K and D, its integral gain in Delta. Standard deviations of modes are of first order,
 
 .. math:: \frac{d\lambda}{dx} = - \frac{\phi^T (\lambda^2\, dM + \lambda\, dD + dK)\, \phi}
                                         {\phi^T (2 \lambda M + D)\, \phi}, \qquad
           \mathrm{cov}\, y = \frac{dy}{dx}\, \mathrm{cov}\, x\, \frac{dy}{dx}^H
 
-where M, D, K are symmetric, so that left and right eigenvectors are equal (Adhikari, JSV 2000, 10). Deviations of
-bands and stiffness are from posterior samples if these disagree with the first order.
+for symmetric M, D, K, whose left and right eigenvectors are equal (Adhikari, JSV 2000, 10). Standard deviations of
+responses and stiffness are computed from posterior samples if these differ from the first order.
 """
 
 from collections.abc import Collection
@@ -30,7 +29,7 @@ from elastid.base.display import Display, as_html, as_text, degrees, number
 from elastid.base.errors import StudyError
 from elastid.base.statistics import By, principal_axes, propagate
 from elastid.linear.linear_model import LinearModel, StateSpace, state_space
-from elastid.linear.modes import Modes, modes, shapes_of_all
+from elastid.linear.modes import Modes, modes, robot_shapes
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import checked_frequencies, frequency_response, to_response
@@ -44,9 +43,10 @@ Axes: TypeAlias = Literal["own", "world"]
 
 @dataclass(frozen=True, eq=False)
 class ModelErrorFactor:
-    """An explanation of a misfit, as an error of unit variance: numbers that the fit held move by their steps.
+    """Possible cause of a misfit as a factor of unit variance on the steps of fixed numbers.
 
-    effects (n_x,): and with them the parameters.  members: the numbers; steps of each, of its logarithm where `log`.
+    members: the numbers.  steps: changes by a unit factor, of the logarithm if `log`.  effects (n_x,): of the
+    parameters.
     """
 
     effects: FloatArray
@@ -55,13 +55,13 @@ class ModelErrorFactor:
     log: tuple[bool, ...]
 
     def with_error(self, name: str, value: float, size: float) -> float:
-        """Return the number of a member at so many steps."""
+        """Return the value of a member after `size` steps."""
         i = self.members.index(name)
         return value * float(np.exp(size * self.steps[i])) if self.log[i] else value + size * self.steps[i]
 
 
 @dataclass(frozen=True, eq=False)
-class Estimated:
+class EstimatedTheta:
     """Map from x (n_x + n_d,), fit parameters and model-error factors, to theta (n_theta,) of a linear model.
 
     fit_x (n_x,), fit_covariance (n_x, n_x): estimate and covariance of the fit.  names: of theta.  base (n_theta,):
@@ -83,8 +83,8 @@ class Estimated:
     def of(
         cls, parameters: Parameters, x: FloatArray, covariance: FloatArray, names: tuple[str, ...], base: FloatArray,
         configuration: str = "", model_error_factors: tuple[ModelErrorFactor, ...] = (), fixed: Collection[str] = (),
-    ) -> "Estimated":  # fmt: skip
-        """Return the numbers x (n_x,) of a fit.  base (n_theta,): SI.  fixed: names that keep their base."""
+    ) -> "EstimatedTheta":  # fmt: skip
+        """Build the map for the estimate x (n_x,) of a fit.  base (n_theta,): SI.  fixed: names that keep it."""
         indices = [i for i, name in enumerate(names) if name in parameters.names and name not in fixed]
         rows = [parameters.names.index(names[i]) for i in indices]
         return cls(
@@ -135,7 +135,7 @@ class Estimated:
     def axes(self) -> FloatArray:
         """Changes of x (n_d, n_x + n_d) by one standard deviation in each of n_d independent directions.
 
-        A parameter that the data do not constrain counts with a standard deviation of 100, of a logarithm mostly.
+        An unidentifiable parameter has the standard deviation 100, mostly of a logarithm.
         """
         C = self.covariance
         is_infinite = np.isinf(np.diag(C))
@@ -143,24 +143,24 @@ class Estimated:
 
     @cached_property
     def dependent(self) -> IntArray:
-        """Rows of theta that x moves."""
+        """Rows of theta that depend on x."""
         return np.flatnonzero(np.any(self.slopes, axis=1))
 
 
 def deviation(slopes: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return standard deviations of y (n,) with slopes dy/dx (n, n_x)."""
+    """Return the standard deviations (n,) of y with slopes dy/dx (n, n_x) and covariance of x (n_x, n_x)."""
     is_infinite = np.isinf(np.diag(covariance))
     finite = np.where(is_infinite[:, None] | is_infinite, 0.0, covariance)
     variance = np.einsum("ni,ni->n", slopes @ finite, slopes)
-    felt = np.any(np.abs(slopes[:, is_infinite]) > 1e-12 * np.abs(slopes).max(initial=1e-300), axis=1)
-    return np.where(felt, np.inf, np.sqrt(np.maximum(variance, 0.0)))
+    depends_on_infinite = np.any(np.abs(slopes[:, is_infinite]) > 1e-12 * np.abs(slopes).max(initial=1e-300), axis=1)
+    return np.where(depends_on_infinite, np.inf, np.sqrt(np.maximum(variance, 0.0)))
 
 
 @frozen_value
 class UncertainModes(Modes):
-    """Modes with standard deviations (n_m,) of frequencies in Hz and damping ratios; shapes (n_q, n_m) of all.
+    """Modes with standard deviations (n_m,) of frequencies in Hz and of damping ratios; shapes (n_q, n_m).
 
-    coordinates: names of the robot's, where they are known.
+    coordinates: names of the robot's coordinates, if known.
     """
 
     freq_std: FloatArray
@@ -179,10 +179,10 @@ class UncertainModes(Modes):
 
 @frozen_value
 class ResponseBand:
-    """G (F, n_y, n_u) with bands: distances (F, n_y, n_u) from it within which the truth is with `probability`.
+    """Response G (F, n_y, n_u) with radii (F, n_y, n_u) of confidence regions of a probability.
 
-    pointwise: at each line by itself.  simultaneous: at all lines of an element together.  std: E|dG|^2 ^ 1/2.
-    by: linearisation where draws agree with it, else draws.
+    pointwise: for each line.  simultaneous: for all lines of an element.  std: E|dG|^2 ^ 1/2.  by: method,
+    linearisation or posterior samples.
     """
 
     response: Response
@@ -207,8 +207,8 @@ class ResponseBand:
 class FrameStiffness:
     """Compliance C = J K^-1 J^T (6, 6) of a frame with its standard deviation, and stiffness, its inverse.
 
-    Rows: x, y, z, rx, ry, rz of the frame by forces and torques, m/N, rad/N, rad/(Nm).  matrix, std (6, 6): stiffness;
-    infinite numbers of a robot without six independent springs have none, and both are NaN.
+    Rows: x, y, z, rx, ry, rz of the frame for forces and torques, m/N, rad/N, rad/(Nm).  matrix, std (6, 6): stiffness
+    and its std; NaN for a robot without six independent springs.
     """
 
     compliance: FloatArray
@@ -249,7 +249,7 @@ class FittedModel:
     """
 
     full: LinearModel
-    estimated: Estimated
+    estimated: EstimatedTheta
     coordinates: tuple[str, ...] = ()
     frame: str = ""
     axes: Axes = "own"
@@ -258,9 +258,9 @@ class FittedModel:
 
     @classmethod
     def of(cls, linear: LinearModel, parameters: Parameters, x: FloatArray, covariance: FloatArray) -> "FittedModel":
-        """Return a configuration that was fitted; covariance (n_x, n_x) of x (n_x,)."""
+        """Return the model of a fitted configuration; covariance (n_x, n_x) of x (n_x,)."""
         none, name = np.zeros(len(linear.parameters)), linear.configuration.name
-        return cls(linear, Estimated.of(parameters, x, covariance, linear.parameters, none, name))
+        return cls(linear, EstimatedTheta.of(parameters, x, covariance, linear.parameters, none, name))
 
     @cached_property
     def linear(self) -> LinearModel:
@@ -285,10 +285,9 @@ class FittedModel:
     def response(self, freq_hz: FloatArray, *, sampled: bool = False, sampled_hz: float | None = None) -> Response:
         """Return the frequency response at freq_hz (F,), or at one.
 
-        Without the delay these are the numbers of `to_control`.  sampled: with the aliases of ZOH torques and sampled
-        angles, as in a measured response: 0.1 % at an eighth of the rate.  sampled_hz: with the aliases of ZOH inputs
-        and sampled outputs at this rate, as of a drive and its log.
-        ValueError for frequencies that are not positive.
+        Equal to `to_control` except for the delay.  sampled: with the aliases of ZOH torques and sampled angles as in
+        the measured response, 0.1 % at an eighth of the rate.  sampled_hz: with the aliases of ZOH inputs and sampled
+        outputs at this rate.  ValueError for frequencies that are not positive.
         """
         hold = self.linear.hold if sampled else None
         if sampled_hz is not None:
@@ -298,9 +297,9 @@ class FittedModel:
     def response_band(self, freq_hz: FloatArray, probability: float = 0.95) -> ResponseBand:
         """Return the response at freq_hz (F,) with its pointwise and simultaneous bands of `probability`."""
         response, plain = self.response(freq_hz), replace(self.linear, hold=None)
-        spread = self._spread(lambda theta: frequency_response(plain, theta, response.freq_hz))
-        pointwise, simultaneous = spread.radii(probability)
-        return ResponseBand(response, spread.std, pointwise, simultaneous, probability, spread.by)
+        propagated = self._propagate(lambda theta: frequency_response(plain, theta, response.freq_hz))
+        pointwise, simultaneous = propagated.radii(probability)
+        return ResponseBand(response, propagated.std, pointwise, simultaneous, probability, propagated.by)
 
     def response_std(self, freq_hz: FloatArray) -> FloatArray:
         """Return the std E|dG|^2 ^ 1/2 (F, n_y, n_u) of `response` by the parameter covariance, to first order."""
@@ -312,7 +311,7 @@ class FittedModel:
         return np.hypot(*deviations).reshape(J.shape[1:])
 
     def response_shifts(self, freq_hz: FloatArray) -> ComplexArray:
-        """Return changes of G (n_d, F, n_y, n_u) by each of the changes `Estimated.axes`."""
+        """Return the changes of G (n_d, F, n_y, n_u) by the changes `EstimatedTheta.axes`."""
         return np.tensordot(self.estimated.axes, self._response_slopes(freq_hz), axes=1)
 
     def _response_slopes(self, freq_hz: FloatArray) -> ComplexArray:
@@ -324,7 +323,7 @@ class FittedModel:
     def modes(self) -> UncertainModes:
         """Return natural frequencies, damping ratios and mode shapes, without the integral states of a controller.
 
-        Standard deviations are infinite where they need infinite ones.
+        Standard deviations are infinite if they depend on unidentifiable parameters.
         """
         theta, linear, natural = self.theta, self.linear, modes(self.linear, self.theta)
         omega, poles, phi = 2 * np.pi * natural.freq_hz, natural.poles, natural.shapes
@@ -345,14 +344,14 @@ class FittedModel:
         d_zeta = -(slopes.real + natural.zeta[:, None] * d_omega) / omega[:, None]
         freq_std, zeta_std = (deviation(slope, self.estimated.covariance) for slope in (d_omega / (2 * np.pi), d_zeta))
         return UncertainModes(
-            natural.freq_hz, natural.zeta, shapes_of_all(linear, phi), natural.real_poles, freq_std, zeta_std,
+            natural.freq_hz, natural.zeta, robot_shapes(linear, phi), natural.real_poles, freq_std, zeta_std,
             self.coordinates,
         )  # fmt: skip
 
     def stiffness(self) -> FrameStiffness:
         """Return the static stiffness and compliance (6, 6) of the frame, in its axes, with standard deviations.
 
-        StudyError where motors are free, which give way to any force.
+        StudyError for free motors, whose compliance is infinite.
         """
         full = self.full
         if not self.frame or full.motors == "free":
@@ -366,15 +365,15 @@ class FittedModel:
             K, J = full.matrices(theta)[2], full.readout(theta)[0][-len(FRAME_AXES) :]
             return J @ np.linalg.solve(K, J.T)
 
-        C, matrix, std = self._spread(compliance), np.full((6, 6), np.nan), np.full((6, 6), np.nan)
-        length = float(np.sqrt(C.value.trace() / max(C.value[3:, 3:].trace(), 1e-300)))  # m and rad on one scale
+        C, matrix, std = self._propagate(compliance), np.full((6, 6), np.nan), np.full((6, 6), np.nan)
+        length = float(np.sqrt(C.value.trace() / max(C.value[3:, 3:].trace(), 1e-300)))  # length that scales rad to m
         scale = np.diag([1.0] * 3 + [length] * 3)
         if np.linalg.cond(scale @ C.value @ scale) <= 1e10:
-            stiffness = self._spread(lambda theta: np.linalg.inv(compliance(theta)))
+            stiffness = self._propagate(lambda theta: np.linalg.inv(compliance(theta)))
             matrix, std = stiffness.value, stiffness.std
         return FrameStiffness(C.value, C.std, matrix, std, self.frame, self.axes, C.by)
 
-    def _spread(self, function: Any) -> Any:
+    def _propagate(self, function: Any) -> Any:
         estimated = self.estimated
         return propagate(lambda x: function(estimated.theta(x)), estimated.x, estimated.covariance)
 

@@ -2,25 +2,23 @@ r"""LinearModel: the elastic robot about one operating point, constraints elimin
 
 .. math:: M(\theta) \ddot q + D(\theta) \dot q + K(\theta) q = B u, \qquad y = C q, \qquad u(t) = u_{ref}(t - T_d)
 
-Of an accelerometer, which sees gravity turn as it tilts, the reading is C q'' + T q.
+The signal of an accelerometer, which also measures gravity as it tilts, is C q'' + T q.
 
 M, D, K are affine in theta about theta_ref: exact for stiffness, damping, friction, inertia and mass, first order for
-centres of mass, geometry and springs in series; so are C and T, where the geometry moves an output. The
-operating point is frozen, or followed to first order where springs are nonlinear or the geometry is identified; the fit
-linearises again at its result until nothing moves.
+centres of mass, geometry and springs in series. C and T are affine in geometry that moves an output. The operating
+point is fixed; for nonlinear springs or identified geometry its change is included to first order.
 
 Elements of the measurement chain are factors of the response, G(s) = H(s T) G_0(s), with dG / dT = s H' / H(s T) G(s).
 
-LinearModel -> state space, the form that control engineers' tools read.
+State space of a LinearModel:
 
 .. math:: \dot x = A x + B u(t - T_d), \quad y = C x + D u(t - T_d), \qquad x = [q;\, \dot q]
 
 .. math:: A = \begin{bmatrix} 0 & I \\ -M^{-1} K & -M^{-1} D_q \end{bmatrix}, \qquad
           B = \begin{bmatrix} 0 \\ M^{-1} B_q \end{bmatrix}
 
-y is position (C = [C_q, 0]), velocity (C = [0, C_q]) or acceleration (C = C_q [-M^-1 K, -M^-1 D_q], D = C_q M^-1 B_q);
-gravity in accelerometers, [T, 0], adds to the last alone.
-The lags of the measurement chain, the same for every motor, are states of their own in front of B.
+y is position (C = [C_q, 0]), velocity (C = [0, C_q]) or acceleration (C = C_q [-M^-1 K, -M^-1 D_q] + [T, 0],
+D = C_q M^-1 B_q). The lags of the measurement chain, equal for all motors, are additional states before B.
 """
 
 from collections.abc import Sequence
@@ -72,7 +70,7 @@ class LagElement:
 
 @dataclass(frozen=True)
 class DifferenceElement:
-    """H(x) = (1 - e^-x) / x, x = s T: a difference over T instead of a derivative."""
+    """Difference quotient over T instead of a derivative, H(x) = (1 - e^-x) / x, x = s T."""
 
     name: str
 
@@ -93,12 +91,12 @@ Element = LagElement | DifferenceElement
 
 
 def elements(chain: Chain) -> tuple[Element, ...]:
-    """Return the elements of a chain: first of the torque, then of the sensor."""
+    """Return the elements of a measurement chain: first torque elements, then sensor elements."""
     return (*torque_elements(chain), *sensor_elements(chain))
 
 
 def torque_elements(chain: Chain) -> tuple[LagElement, ...]:
-    """Return the elements between command and torque: they are inside a control loop."""
+    """Return the elements between command and torque, which are inside a control loop."""
     if chain.torque_lag is None:
         return ()
     return (LagElement(TORQUE_LAG, (1.0,) if chain.torque_order == 1 else (2 * chain.torque_damping, 1.0)),)
@@ -140,7 +138,7 @@ class Slope:
 
 @frozen_value
 class LinearModel:
-    """M, D, K (n, n) symmetric at theta_ref (n_theta,), slopes by parameter name, B (n, n_u), C and T (n_y, n).
+    """Linear equations of one configuration: M, D, K (n, n), B (n, n_u), C and T (n_y, n) at theta_ref (n_theta,).
 
     quantity: position, velocity or acceleration of the outputs.  Parameters without a slope have no effect on M, D, K;
     `delay`, the torque delay T_d, multiplies the response by exp(-j omega T_d), and lag elements have parameters, too.
@@ -247,7 +245,7 @@ class LinearModel:
         """Return C and T (n_y, n) at theta (n_theta,) in SI."""
         return self._first_order("C", theta), self._first_order("T", theta)
 
-    def acting(self, theta: FloatArray) -> FloatArray:
+    def input_matrix(self, theta: FloatArray) -> FloatArray:
         """Return B (n, n_u) at theta (n_theta,) in SI."""
         return self._first_order("B", theta)
 
@@ -291,7 +289,7 @@ class LinearModel:
 
 @frozen_value
 class StateSpace:
-    """A (2n, 2n), B (2n, n_u), C (n_y, 2n), D (n_y, n_u) of one configuration and the delay T_d in s; link side, SI."""
+    """State space A (2n, 2n), B (2n, n_u), C (n_y, 2n), D (n_y, n_u), and input delay T_d in s; link side, SI."""
 
     configuration: Configuration
     A: FloatArray
@@ -307,7 +305,7 @@ class StateSpace:
 
     @property
     def display(self) -> Display:
-        """Sizes, and the places between which it acts."""
+        """Sizes, inputs and outputs."""
         n_y, n_u = self.D.shape
         title = f"StateSpace of {self.configuration.name}: {len(self.A)} states, {n_u} inputs, {n_y} outputs"
         delay = f", inputs delayed by {1e3 * self.delay:.4g} ms" if self.delay else ""
@@ -324,8 +322,7 @@ class StateSpace:
     def to_control(self, pade: int | None = None) -> Any:
         """Return the system as `control.StateSpace` with the names of its inputs and outputs.
 
-        The delay is not part of it, unless `pade` gives the order of an approximation by Pade in front of each input;
-        ValueError for another than a positive integer.
+        pade: order of the Pade approximation of the delay; None omits the delay. ValueError unless positive.
         """
         if pade is not None and not (isinstance(pade, int) and pade > 0):
             raise ValueError(f"pade is {pade!r}; give the order of the approximation, commonly 2 to 6")
@@ -341,9 +338,9 @@ class StateSpace:
 def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
     """Return the state space of a LinearModel at theta (n_theta,), model.parameters in SI.
 
-    Inputs are torques, also of a model whose inputs are references.
-    StudyError where an accelerometer's reading is turned into a velocity or a position: gravity would be integrated;
-    and for a differentiator in the chain, which no finite number of states makes.
+    Inputs are torques, even if the inputs of the model are references.
+    StudyError for velocities or positions of accelerometers, which would integrate gravity, and for a differentiator in
+    the chain, which has no finite state space.
     """
     model = model.by_torques
     if model.quantity != "acceleration" and model.T.any():

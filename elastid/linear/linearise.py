@@ -1,10 +1,10 @@
-r"""ElasticModel about a configuration -> LinearModel, with exact derivatives to every parameter.
+r"""Linearisation of an ElasticModel about a configuration, with exact derivatives to every parameter.
 
 .. math:: M(q_0)\, \delta\ddot q + D\, \delta\dot q + K \delta q = B\, \delta u, \qquad
           K = \partial^2 (V + \lambda_0^T \varphi) / \partial q^2
 
-Springs, gravity and, with multipliers, the geometric stiffness come from one Hessian. Coriolis terms are quadratic in
-the velocities and leave nothing. The operating point moves with the parameters, and with it the matrices A = M, D, K,
+Springs, gravity and the geometric stiffness of the constraints follow from one Hessian. Coriolis terms are quadratic in
+the velocities and vanish. The operating point depends on the parameters, and with it the matrices A = M, D, K,
 
 .. math:: \begin{bmatrix} K_{ff} & \Phi_f^T \\ \Phi_f & 0 \end{bmatrix}
           \begin{bmatrix} dq_f \\ d\lambda \end{bmatrix} = - \frac{\partial}{\partial \theta}
@@ -13,15 +13,14 @@ the velocities and leave nothing. The operating point moves with the parameters,
           + \frac{\partial A}{\partial q_f} \frac{dq_f}{d\theta}
           + \frac{\partial A}{\partial \lambda} \frac{d\lambda}{d\theta}
 
-and so do C and T. f: the free coordinates, all but the motors', which are held. Where all springs are linear the motion
-of the point is left out: it is a thousandth of the first term and would give each stiffness as many rank-one terms as
-there are coordinates. So it is where multipliers close loops; the minimal formulation, with rods cut, follows. Where
-coordinates of the geometry are parameters nothing is left out.
+as well as C and T. f: free coordinates, all except the motors' coordinates. With linear springs, and with constrained
+loops, the change of the operating point is neglected: it is a thousandth of the first term, and would add a rank-one
+term per coordinate to each stiffness. It is included for nonlinear springs in the minimal formulation, and for free
+geometry.
 
-Constraints are eliminated by the motions Z that they allow at the operating point, dq = Z y: Z^T (.) Z of each matrix
-and slope, Z^T B and C Z. These turn with the parameters, Phi dZ = -dPhi Z; of all dZ that do, which differ by a change
-of the coordinates y, the one that leaves the motors' rows of Z, and with them B, alone. No later stage sees a
-constraint.
+Constraints are eliminated by the motions Z that they allow at the operating point, dq = Z y: Z^T (.) Z for each matrix
+and slope, Z^T B and C Z. Z depends on the parameters, Phi dZ = -dPhi Z; dZ is chosen such that the motors' rows of Z,
+and therefore B, do not change.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -49,10 +48,10 @@ from elastid.robot import Robot
 
 @dataclass(frozen=True, eq=False)
 class PointDerivatives:
-    """partial(q, lambda_, theta) -> the partial derivatives of the equation above, A the triangles of M, D, K, and Phi.
+    """Partial derivatives of statics, constraints and the triangles A of M, D, K at an operating point.
 
-    To theta: of statics (n_f, n_theta), phi (n_c, n_theta), vec Phi (n_c n_q, n_theta); to q_f: of A (.., n_f), vec Phi
-    (n_c n_q, n_f); to lambda: of A (.., n_c).
+    partial(q, lambda_, theta) -> to theta: of statics (n_f, n_theta), phi (n_c, n_theta), vec Phi (n_c n_q, n_theta);
+    to q_f: of A (.., n_f), vec Phi (n_c n_q, n_f); to lambda: of A (.., n_c).
     """
 
     model: ElasticModel
@@ -63,8 +62,8 @@ class PointDerivatives:
     ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
         """Return dq_f (n_f, n_theta) and dA (.., n_theta) by the motion of the point, and dZ (n_theta, n_q, n).
 
-        K (n_q, n_q), Z (n_q, n): stiffness and motions there; dZ is None without loops.
-        StudyError for a coordinate of the geometry with which no joint can keep the loops closed.
+        K (n_q, n_q), Z (n_q, n): stiffness and motions at the point; dZ is None without loops.
+        StudyError for geometry whose change opens a loop.
         """
         model, free = self.model, free_coordinates(self.model)
         numbers = (point.q[None], point.lambda_[None], theta[None])
@@ -77,7 +76,7 @@ class PointDerivatives:
         Y = null_space(Phi[:, free])
         K_f = K[np.ix_(free, free)]
         back = -inverse @ phi
-        # Every row of phi must be closed again by the joints, to 1e-6 of the gap that opens if none of them follows.
+        # The joints must close every row of phi to 1e-6 of its gap.
         constraint_error = np.abs(Phi[:, free] @ back + phi).max(axis=0) > 1e-6 * np.abs(phi).max(initial=0.0)
         if constraint_error.any():
             names = ", ".join(name for name, is_open in zip(model.parameters, constraint_error, strict=True) if is_open)
@@ -132,12 +131,12 @@ def _readout_slopes(model: ElasticModel, outputs: tuple[str, ...]) -> ca.Functio
 
 @dataclass(frozen=True, eq=False)
 class Linearisation:
-    """A model with its derivatives to theta, built once and evaluated at each configuration.
+    """A model with its derivatives to theta, built once and evaluated in each configuration.
 
-    matrices(q, lambda_, theta) -> lower triangles of M, D, K side by side (n_q (n_q + 1) / 2, 3), and their Jacobian to
-    theta, (3 n_q (n_q + 1) / 2, n_theta), sparse.  point: None where the operating point is held.
-    recipe: arguments of `of_robot`, all that goes to another process where they are known, a thousandth of the rest.
-    presliding: friction of motors, whose numbers stand in theta behind the robot's.
+    matrices(q, lambda_, theta) -> lower triangles of M, D, K in columns (n_q (n_q + 1) / 2, 3), and their sparse
+    Jacobian to theta (3 n_q (n_q + 1) / 2, n_theta).  point: None if the change of the operating point is neglected.
+    recipe: arguments of `of_robot`, which are pickled instead of the functions. presliding: friction of motors; its
+    numbers are in theta after the robot's numbers.
     """
 
     model: ElasticModel
@@ -158,7 +157,7 @@ class Linearisation:
 
     @property
     def follows(self) -> bool:
-        """True if the derivatives follow the operating point, which moves with the parameters."""
+        """True if the derivatives include the change of the operating point with the parameters."""
         return self.point is not None
 
     def is_affine_in(self, names: Collection[str]) -> bool:
@@ -172,7 +171,7 @@ class Linearisation:
 
     @classmethod
     def of(cls, model: ElasticModel, follows: bool = False) -> "Linearisation":
-        """Differentiate a model.  follows: also with respect to the operating point, even if all springs are linear."""
+        """Differentiate a model.  follows: include the operating point, even if all springs are linear."""
         q, theta, lambda_ = model.symbols("q", "theta", "lambda")
         rows, columns = np.tril_indices(model.n_q)
         lower = (columns * model.n_q + rows).tolist()  # CasADi counts column by column
@@ -188,7 +187,7 @@ class Linearisation:
         cls, robot: Robot, spec: ModelSpec = EXACT, geometry: Collection[str] = (),
         presliding: tuple[RelaxingSpring, ...] = (),
     ) -> "Linearisation":  # fmt: skip
-        """Return a robot's equations, differentiated, built once in a process; arguments and errors as `formulate`."""
+        """Differentiate the equations of a robot, once per process; arguments and errors as `formulate`."""
         return _linearise(robot, spec, tuple(name for name in robot.on_demand if name in geometry), presliding)
 
     def at(
@@ -197,7 +196,7 @@ class Linearisation:
     ) -> LinearModel:  # fmt: skip
         """Return the LinearModel about the equilibrium of a configuration, theta (n_theta,); errors as `linearise`.
 
-        varied: names of the parameters that have slopes, by default all.
+        varied: names of parameters with slopes, by default all.
         """
         model = self.model
         check_theta(theta, self.parameters)
@@ -262,9 +261,9 @@ def linearise(
     """Return the LinearModel of one configuration; for several, build `Linearisation.of(model)` once.
 
     theta (n_theta,): model.parameters in SI, without the delay, which LinearModel adds at the end.
-    outputs: places such as `motor 1`, `joint 1`, `body arm z`, `frame tool x`.  quantity: measured there.
-    ValueError where theta is not one number for each parameter, UnknownNameError for an unknown quantity,
-    StudyError where the configuration has no equilibrium, a place is unknown or a coordinate has no inertia.
+    outputs: locations such as `motor 1`, `joint 1`, `body arm z`, `frame tool x`.  quantity: of the outputs.
+    ValueError unless theta has one value per parameter, UnknownNameError for an unknown quantity, StudyError without
+    equilibrium, for an unknown location, or for a coordinate without inertia.
     """
     return Linearisation.of(model).at(configuration, theta, outputs, quantity)
 
@@ -282,7 +281,7 @@ def _slopes(
     model: ElasticModel, matrices: Mapping[str, FloatArray], of_theta: Mapping[str, FloatArray], Z: FloatArray,
     dZ: FloatArray | None, names: Collection[str],
 ) -> dict[str, Slope]:  # fmt: skip
-    """Return slopes of Z^T (M, D, K) Z, of C Z and T Z by name of the parameters that enter.
+    """Return the slopes of Z^T (M, D, K) Z, C Z and T Z by name of the parameters with an effect.
 
     matrices: M, D, K (n_q, n_q) and C, T (n_y, n_q) in all coordinates; of_theta, dZ (n_theta, ...): derivatives.
     """

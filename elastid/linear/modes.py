@@ -6,8 +6,8 @@ r"""Natural frequencies, damping, mode shapes and strain energies of a LinearMod
 .. math:: w_s = \frac{c_s |b_s \phi|^2}{\phi^H K \phi}, \qquad w_g = 1 - \sum_s w_s, \qquad
           K = \partial^2 (V + \lambda_0^T \varphi) / \partial q^2
 
-c_s, b_s: `ElasticModel.strain`. w_g: gravity, compensators and the turning of the torques at rest; negative where these
-soften the mode, as the weight of an upright arm does.
+c_s, b_s: `ElasticModel.strain`. w_g: fraction of gravity, compensators and geometric stiffness; negative if these
+soften the mode, like the weight of an upright arm.
 """
 
 import numpy as np
@@ -17,16 +17,15 @@ from elastid.linear.equilibrium import OperatingPoint
 from elastid.linear.linear_model import LinearModel
 from elastid.model.elastic import ElasticModel
 
-# Of the largest |lambda|: below, a rigid-body mode; rounding splits a double zero so far.
-RIGID_RATE = 1e-6
+RIGID_RATE = 1e-6  # |lambda| of a rigid-body mode relative to the largest one, by rounding errors of a double zero
 
 
 @frozen_value
 class Modes:
     """Oscillating modes by rising frequency: freq_hz (n_m,), damping ratio zeta (n_m,), shapes (n, n_m).
 
-    A shape's largest entry is 1.  real_poles: lambda in 1/s of motion that does not oscillate (rigid-body modes with 0,
-    overdamped ones), by magnitude; positive where gravity makes the configuration unstable with the motors free.
+    The largest entry of a shape is 1.  real_poles: lambda in 1/s of rigid-body modes (0) and overdamped modes, by
+    magnitude; positive if gravity makes the configuration unstable with free motors.
     """
 
     freq_hz: FloatArray
@@ -49,9 +48,10 @@ def modes(model: LinearModel, theta: FloatArray) -> Modes:
 
 
 def oscillations(M: FloatArray, D: FloatArray, K: FloatArray) -> tuple[ComplexArray, ComplexArray, FloatArray]:
-    """Return (lambda^2 M + lambda D + K) phi = 0: lambda (..., n) of oscillations by rising frequency, NaN beyond, phi.
+    """Solve (lambda^2 M + lambda D + K) phi = 0 for M, D, K (..., n, n).
 
-    M, D, K, phi (..., n, n).  Last, real lambda (..., 2 n), NaN in place of others.
+    Return lambda (..., n) of oscillations by increasing frequency, then NaN, their phi (..., n, n), and the real lambda
+    (..., 2 n), NaN for others.
     """
     n = M.shape[-1]
     # In a frequency unit that brings M^-1 K and M^-1 D to order one.
@@ -64,15 +64,15 @@ def oscillations(M: FloatArray, D: FloatArray, K: FloatArray) -> tuple[ComplexAr
     scale = np.abs(values).max(axis=-1, keepdims=True, initial=0.0)
     poles = np.where(np.abs(values) <= RIGID_RATE * scale, 0.0, values * rate[..., 0])
     is_real = np.abs(values.imag) <= RIGID_RATE * scale
-    swings = ~is_real & (poles.imag > 0)
-    order = np.argsort(np.where(swings, np.abs(poles), np.inf), axis=-1, kind="stable")[..., :n]
-    sorted_poles = np.take_along_axis(np.where(swings, poles, np.nan), order, -1).astype(complex)
+    is_oscillation = ~is_real & (poles.imag > 0)
+    order = np.argsort(np.where(is_oscillation, np.abs(poles), np.inf), axis=-1, kind="stable")[..., :n]
+    sorted_poles = np.take_along_axis(np.where(is_oscillation, poles, np.nan), order, -1).astype(complex)
     shapes = np.take_along_axis(shapes[..., :n, :], order[..., None, :], -1).astype(complex)
     return sorted_poles, shapes, np.where(is_real, poles.real, np.nan)
 
 
-def shapes_of_all(model: LinearModel, shapes: ComplexArray) -> ComplexArray:
-    """Return shapes (n, n_m) of a model as they are in all coordinates of the robot (n_q, n_m), the largest entry 1."""
+def robot_shapes(model: LinearModel, shapes: ComplexArray) -> ComplexArray:
+    """Return the shapes (n, n_m) of a model in all coordinates of the robot (n_q, n_m), with largest entry 1."""
     return normalise(model.Z @ shapes)
 
 
@@ -87,7 +87,7 @@ def normalise(shapes: ComplexArray) -> ComplexArray:
 class StrainEnergy:
     """Strain energy of modes.
 
-    springs: names k_... of the parameters.  fraction (n_s, n_m): of each spring.  load (n_m,): w_g, the rest.
+    springs: names k_... of the parameters.  fraction (n_s, n_m): w_s of each spring.  load (n_m,): w_g.
     """
 
     springs: tuple[str, ...]
@@ -98,8 +98,7 @@ class StrainEnergy:
 def strain_energy(model: ElasticModel, theta: FloatArray, point: OperatingPoint, shapes: ComplexArray) -> StrainEnergy:
     """Return the energy of mode shapes (n_q, n_m) about an operating point; theta (n_theta,): model.parameters, SI.
 
-    Neither the length nor the phase of a shape matters. NaN for a motion without potential energy, as that of a rigid
-    body is.
+    Independent of the length and phase of a shape.  NaN for a motion without potential energy (rigid-body mode).
     """
     c, b = (matrix.full() for matrix in model.strain(point.q, theta))
     K = model.stiffness(point.q, point.lambda_, theta).full()

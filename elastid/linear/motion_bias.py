@@ -1,22 +1,21 @@
-r"""Motion-induced bias of the best linear approximation: the measurement moves the robot out of its posture.
+r"""Motion-induced bias of the best linear approximation, since the measurement moves the robot out of its posture.
 
-With the equations R(z) = B u of z = (q, lambda, q', q''), phi(q) = 0 and outputs among them, a nearly
-Gaussian motion z_0 + e_1 + e_2 about the operating point, e_1 in proportion to the torque, and R', R'' at that point,
+For the equations R(z) = B u of z = (q, lambda, q', q''), including phi(q) = 0 and the outputs, and a Gaussian motion
+z_0 + e_1 + e_2 about the operating point, with e_1 proportional to the torque, and R', R'' at that point,
 
 .. math:: L\, \delta X = - \big( \mathrm{E}[R'(z_0 + e_1)] - R' \big) X
           - \sum_{\pm k} R''\big[ e_2(\omega \pm \omega_k),\, e_1(\mp \omega_k) \big] - R''[\bar e_2, X], \qquad
           L\, e_2 = - \tfrac12 R''[e_1, e_1]
 
 is the change of X = L^-1 B, the best linear approximation to second order in the motion. The first term is the
-statistical linearisation: the mean mass matrix, gravity that a swing makes softer, loops that turn, and the moving
-posture times the acceleration that goes with it. The others are of the same size: e_2, the motion at sums and
-differences of lines, meets e_1 again. The first alone depends on the coordinates, and has the stretch of a loop to
-second order not at all; together they are the same for each formulation. e_2 passes through the controller: with its
-feedback if it is known, else with motors that stand still at these frequencies. The mean of the motors is measured,
-because a controller without integral yields to the mean torque of e_2.
+statistical linearisation: mean mass matrix, mean stiffness by gravity and loops, and the product of changing posture
+and acceleration. The other terms are of the same size: products of e_1 and e_2, the motion at sums and differences of
+lines. Only the sum of all terms is independent of the choice of coordinates and formulation. e_2 includes the feedback
+of the controllers; without known feedback the motors do not move at these frequencies. The mean of the motors is
+measured, because a controller without integral part has an offset by the mean torque of e_2.
 
-Without motion, and in a model whose equations are linear, the change is zero. It decreases with the square of the
-motion; the neglected terms of fourth order are smaller by this square in rad^2.
+The change is zero without motion and for linear equations. It is proportional to the square of the motion; neglected
+terms of fourth order are smaller by this square in rad^2.
 """
 
 from collections.abc import Callable
@@ -32,40 +31,34 @@ from elastid.base.matrices import inverse
 from elastid.base.statistics import interpolate
 from elastid.linear.equilibrium import equilibrium, free_coordinates
 from elastid.linear.linear_model import LinearModel
-from elastid.linear.response.transfer import change_of_angles
+from elastid.linear.response.transfer import response_change_by_angles
 from elastid.model.elastic import ElasticModel
 from elastid.model.evaluation import evaluate_rows
 from elastid.model.loop_closure import RANK_TOLERANCE
 from elastid.response import MotorMotion, Response
 from elastid.robot.robot import split_location
 
-# Lines of the motion, and lines of the response between which the change is interpolated, at most; few of a first look.
-MOST_LINES, _MIN_LINES = 48, 8
-# Standard deviations that the effect may have, of all elements together, before it is worked out.
-NEGLIGIBLE = 0.1
-# An effect on m lines is off by about this over m^2 of itself. As many are taken as make that negligible, since their
-# work grows with m^2.
-_LINES_ERROR = 30.0
-# A mean farther from the configuration than so many times the mean square of the motion is no effect of that: a zero of
-# the encoder, or a posture that was given in round numbers.
-_LARGEST_SHIFT = 30.0
+MAX_LINES, _MIN_LINES = 48, 8  # largest number of lines of motion and response, and number in the first estimate
+NEGLIGIBLE = 0.1  # norm of the bias over all elements, in standard deviations, below which it is neglected
+_LINES_ERROR = 30.0  # relative error of the bias on m lines is about this over m^2; its computation time grows as m^2
+# Shift of the mean over the mean square of the motion, above which it is an offset of the encoder or of stated angles.
+_MAX_SHIFT = 30.0
 
 
 def estimate_motion_bias(
     model: ElasticModel, linear: LinearModel, theta: FloatArray, response: Response
 ) -> ComplexArray | None:
-    """Return dG (F, n_y, n_u) that the motion adds to the response of a model about its static posture.
+    """Estimate dG (F, n_y, n_u) that the motion adds to the response of a model about its equilibrium.
 
-    linear: of `model` in a configuration, at theta (n_theta,), which ends with the delay.  Motors that were not
-    measured count as standing still.  StudyError as `equilibrium`.
-    None where no motion is known, where it cannot matter, and for a motion to where the equations have no number (a gas
-    spring at its end).
-    No parameter of a fit shifts by more standard deviations than the effect over the std of all elements.
+    linear: of `model` in a configuration.  theta (n_theta,): ends with the delay.  Motors without measurement do not
+    move.  StudyError as `equilibrium`.
+    None if the motion is unknown, the bias is negligible, or the equations are not finite along the motion (a gas
+    spring at its end).  Negligible: no parameter of a fit shifts by more than this number of standard deviations.
     """
     motion, noise, freq_hz = response.motion, response.uncertainty, response.freq_hz
     if motion is None or not motion.power.any():
         return None
-    expansion, max_lines = _expand(model, linear, theta), MOST_LINES
+    expansion, max_lines = _expand(model, linear, theta), MAX_LINES
     measured = np.flatnonzero(np.isin(model.inputs, motion.motors))
     at = [motion.motors.index(model.inputs[i]) for i in measured]
     mean = _mean(expansion, motion, linear.configuration.angles, measured, at)
@@ -74,12 +67,14 @@ def estimate_motion_bias(
         inputs = [model.inputs.index(index) for index in linear.controller.motors]
 
     def of_motion(lines_hz: FloatArray, max_lines: int) -> ComplexArray:
-        """Return dG (F, n_y, n_u) at lines_hz (F,) for a motion of at most so many lines."""
+        """Return dG (F, n_y, n_u) at lines_hz (F,) for a motion of at most max_lines lines."""
         omega = 2 * np.pi * lines_hz
         bias = _MotionBias.of(expansion, motion, measured, at, mean, max_lines)
         nodes = omega[np.unique(np.linspace(0, len(omega) - 1, max_lines).astype(np.int64))]
         changes = interpolate(omega, nodes, np.stack([bias.change(node) for node in nodes]))
-        return change_of_angles(linear, theta, lines_hz, expansion.response_change(omega, changes)[:, :, inputs])
+        return response_change_by_angles(
+            linear, theta, lines_hz, expansion.response_change(omega, changes)[:, :, inputs]
+        )
 
     if noise is not None:
         subset = np.unique(np.linspace(0, response.n_lines - 1, _MIN_LINES).astype(np.int64))
@@ -96,11 +91,11 @@ def estimate_motion_bias(
 
 @dataclass(frozen=True, eq=False)
 class _Expansion:
-    """R about an operating point, of n = n_q + (independent constraints) unknowns x: all q, then lambda.
+    """Expansion of R about an operating point in n unknowns x: all q, then the independent lambda.
 
-    J (n + n_y, n_z), curvature (n_z, n + n_y, n_z): slope and second derivative of the equations, then of the outputs
-    w.  jacobian(z (K, n_z)): J (K, n + n_y, n_z) elsewhere.  B (n, n_u).  free: the unknowns but for the motors'
-    coordinates.  orders (n_y,): 1 of outputs that are rates, 2 of accelerations.
+    J (n + n_y, n_z), curvature (n_z, n + n_y, n_z): first and second derivative of the equations, then of the outputs.
+    jacobian(z (K, n_z)): J (K, n + n_y, n_z) at other points.  B (n, n_u).  free: unknowns without the motors'
+    coordinates.  orders (n_y,): 1 for outputs that are rates, 2 for accelerations.
     """
 
     n_q: int
@@ -122,7 +117,7 @@ class _Expansion:
         return self._in_front_of_x(self.J[: self.n], omega)
 
     def _in_front_of_x(self, J: FloatArray, omega: Any) -> ComplexArray:
-        """Return J z (..., n_r, n) of rows J (n_r, n_z), z of the unknowns x at frequencies."""
+        """Return J z (..., n_r, n) for rows J (n_r, n_z) and the matrix z at frequencies omega (...,)."""
         n, n_q, s = self.n, self.n_q, 1j * np.asarray(omega)[..., None, None]
         of_x = J[:, :n] + 0 * s
         of_x[..., :n_q] += s * J[:, n : n + n_q] + s**2 * J[:, n + n_q :]
@@ -133,29 +128,29 @@ class _Expansion:
         return np.asarray(np.linalg.solve(self.L(omega), self.B), np.complex128)
 
     def response_change(self, omega: FloatArray, change: ComplexArray) -> ComplexArray:
-        """Return the change of outputs (F, n_y, n_u), as positions, by one of equations and outputs (F, n + n_y, n)."""
+        """Return the change of the outputs as positions (F, n_y, n_u) by a change (F, n + n_y, n) of all equations."""
         X, of_equations, of_outputs = self.X(omega), change[:, : self.n], change[:, self.n :]
         dX = -np.linalg.solve(self.L(omega) + of_equations, of_equations @ X)
         of_motion = self._in_front_of_x(self.J[self.n :], omega) @ dX + of_outputs @ (X + dX)
         return of_motion / (1j * omega[:, None, None]) ** self.orders[:, None]
 
     def locked_inverse(self, omega: Any) -> ComplexArray:
-        """Return L^-1 (..., n, n) with motors that stand still."""
+        """Return L^-1 (..., n, n) with locked motors."""
         L = self.L(omega)
         inverse, free = np.zeros_like(L), (..., self.free[:, None], self.free)
         try:
             inverse[free] = np.linalg.inv(L[free])
-        except np.linalg.LinAlgError:  # at rest, of a joint that nothing holds
+        except np.linalg.LinAlgError:  # at 0 Hz, for a joint without stiffness
             inverse[free] = np.linalg.pinv(L[free])
         return inverse
 
 
 @dataclass(frozen=True, eq=False)
 class _MotionBias:
-    """An expansion and the motion about it.
+    """An expansion with the motion about its operating point.
 
-    omega (2 K,), of both signs; curvature_terms (2 K, m, n + n_y, n_z): R''[., e_1] of m independent motions at each.
-    mean (n + n_y, n_z): E[R'] - R' and R'' times the shift of the mean.  feedback (3, n_u, n_u) or None.
+    omega (2 K,): of both signs.  curvature_terms (2 K, m, n + n_y, n_z): R''[., e_1] of m independent motions at each
+    frequency.  mean (n + n_y, n_z): E[R'] - R' plus R'' times the shift of the mean.  feedback (3, n_u, n_u) or None.
     """
 
     expansion: _Expansion
@@ -166,10 +161,16 @@ class _MotionBias:
 
     @classmethod
     def of(
-        cls, expansion: _Expansion, motion: MotorMotion, measured: IntArray, at: list[int], mean: FloatArray, most: int
+        cls,
+        expansion: _Expansion,
+        motion: MotorMotion,
+        measured: IntArray,
+        at: list[int],
+        mean: FloatArray,
+        max_lines: int,
     ) -> "_MotionBias":
-        """Expand the motion on at most `most` lines. measured (n_m,): indices of the model's motors in it."""
-        bins = motion.grouped(most)
+        """Compute the terms of a motion on at most max_lines lines.  measured (n_m,): indices of its motors."""
+        bins = motion.grouped(max_lines)
         sums, centres = bins.power[:, at][:, :, at], 2 * np.pi * bins.freq_hz
         W = _amplitudes(expansion, centres, sums, measured) / np.sqrt(2)  # of each sign of the frequency
         two_sided = np.concatenate([W, W.conj()])
@@ -180,10 +181,10 @@ class _MotionBias:
         return cls(expansion, np.concatenate([centres, -centres]), curvature, mean, feedback)
 
     def change(self, omega: float) -> ComplexArray:
-        """Return the change (n + n_y, n) of the coefficients of x in equations and outputs at a frequency."""
+        """Return the change (n + n_y, n) of the coefficients of x in equations and outputs at omega."""
         e, omega_2, (rows, unknowns, equations, partners) = self.expansion, omega + self.omega, self._curvature_blocks
         (_, K, n_r, m, n_k), s = equations.shape, 1j * omega_2[:, None]
-        # R''[., e_1] of all z of an unknown: its own, its rate and its acceleration.
+        # R''[., e_1] for each unknown: of its value, rate and acceleration.
         torque = -np.tensordot([1.0, 1j * omega, -(omega**2)], equations, axes=1).reshape(K, n_r, m * n_k)
         x = self._inverse(omega_2, rows[rows < e.n])[:, unknowns] @ torque
         weighted = (s ** np.arange(3))[:, None] @ partners
@@ -195,11 +196,10 @@ class _MotionBias:
 
     @cached_property
     def _curvature_blocks(self) -> tuple[IntArray, IntArray, ComplexArray, ComplexArray]:
-        """Rows with curvature, and the unknowns (n_k,) whose entries in z have curvature; motors mostly have zero
-        curvature.
+        """Rows and unknowns (n_k,) with curvature, and R''[., e_1] restricted to them by order of derivative.
 
-        R''[., e_1] there by the order of the place: of the equations (3, 2 K, n_rows, m, n_k), and of outputs, too, at
-        the frequencies of opposite sign (2 K, 3, n_rows n_k m).
+        Third, of the equations (3, 2 K, n_rows, m, n_k); last, of equations and outputs at the frequencies of opposite
+        sign (2 K, 3, n_rows n_k m).
         """
         e, curvature = self.expansion, self.expansion.curvature != 0
         rows, curved = np.flatnonzero(curvature.any(axis=(0, 2))), curvature.any(axis=(1, 2))
@@ -216,7 +216,7 @@ class _MotionBias:
 
     @cached_property
     def _controlled_stiffness(self) -> FloatArray:
-        """The dynamic stiffness with the feedback, before 1 / s, 1, s and s^2 (4, n n)."""
+        """Coefficients (4, n n) of 1 / s, 1, s and s^2 in the dynamic stiffness with feedback."""
         e, terms = self.expansion, np.zeros((4, self.expansion.n, self.expansion.n))
         if self.feedback is not None:
             terms[:3] = e.B @ self.feedback @ e.B.T
@@ -225,7 +225,7 @@ class _MotionBias:
         return terms.reshape(4, -1)
 
     def _inverse(self, omega: FloatArray, rows: IntArray) -> ComplexArray:
-        """Return the inverse from torques on some of the unknowns to e_2 (2 K, n, n_r)."""
+        """Return the columns `rows` (2 K, n, n_r) of the inverse of the dynamic stiffness with feedback."""
         e, is_static = self.expansion, np.abs(omega) < 1e-6 * np.abs(self.omega).max()
         if self.feedback is None:
             return e.locked_inverse(omega)[:, :, rows]
@@ -238,7 +238,7 @@ class _MotionBias:
 
 
 def _amplitudes(expansion: _Expansion, omega: FloatArray, power: ComplexArray, measured: IntArray) -> ComplexArray:
-    """Return W (K, m, n_z) of motors' angles of mean square `power` (K, m, m), of all z; other motors stand still."""
+    """Return W (K, m, n_z), amplitudes of z for motor angles of mean square `power` (K, m, m)."""
     values, vectors = np.linalg.eigh(power)
     X, s = expansion.X(omega), 1j * omega[:, None, None]
     per_angle = X @ np.linalg.inv(expansion.B.T @ X)[:, :, measured]
@@ -256,7 +256,7 @@ def _mean(
     covariance = (rows.T @ rows.conj()).real
     shift = np.zeros_like(angles)
     shift[measured] = motion.mean[at] - angles[measured]
-    shift = np.where(np.abs(shift) < _LARGEST_SHIFT * np.sum(motion.rms**2), shift, 0.0)  # also for NaN
+    shift = np.where(np.abs(shift) < _MAX_SHIFT * np.sum(motion.rms**2), shift, 0.0)  # also for NaN
     # E[R'(z_0 + e)] - R' by second differences along the principal axes of the motion.
     values, vectors = np.linalg.eigh(covariance)
     significant = values > 1e-18 * values[-1]
@@ -269,12 +269,12 @@ def _mean(
 
 
 def _expand(model: ElasticModel, linear: LinearModel, theta: FloatArray) -> _Expansion:
-    """Expand R of a model about its equilibrium in a configuration, with its outputs and controlled motors."""
+    """Expand R of a model about its equilibrium, with its outputs and controlled motors."""
     point = equilibrium(model, theta[:-1], linear.configuration)
     numbers = model.with_payload(theta[:-1], linear.configuration.has_payload)
     outputs = linear.outputs if linear.controller is None else (*linear.outputs, *linear.controller.motors)
     n_q, n_c, n_y = model.n_q, model.n_c, len(outputs)
-    # Redundant constraints: only independent combinations have unknown multipliers.
+    # For redundant constraints only independent combinations have multipliers.
     U = np.zeros((n_c, 0))
     if n_c:
         vectors, size, _ = np.linalg.svd(model.constraint_jacobian(point.q, numbers).full())
@@ -316,13 +316,13 @@ def _jacobian_of(model: ElasticModel, outputs: tuple[str, ...]) -> ca.Function:
 
 
 def is_point(location: str) -> bool:
-    """Return True for a point of a frame that moves along an axis, `frame tool x` or `accelerometer tool x`."""
+    """Return True for the translation of a frame along an axis: `frame tool x`, `accelerometer tool x`."""
     kind, _, axis = split_location(location)
     return kind == "accelerometer" or (kind == "frame" and axis in ("x", "y", "z"))
 
 
 def _acceleration(model: ElasticModel, location: str, q: ca.SX, v: ca.SX, a: ca.SX, theta: ca.SX) -> ca.SX:
-    """Return the acceleration of a point along its turning axis, v' + omega x v in the frame's axes; less gravity."""
+    """Return the acceleration v' + omega x v along an axis of a frame; for accelerometers minus gravity."""
     kind, name, axis = split_location(location)
     f, i = [frame.name for frame in model.robot.frames].index(name), "xyz".index(axis)
     J = model.frame_velocity(q, theta)[6 * f : 6 * f + 6, :]

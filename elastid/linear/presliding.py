@@ -3,14 +3,14 @@ r"""Presliding friction of motors: a spring that relaxes (Maxwell element) at ea
 .. math:: \tau = s z, \quad \dot z = \dot q_m - a z \qquad\Rightarrow\qquad
           \frac{\tau}{q_m} = s\, \frac{j \omega}{j \omega + a}
 
-It is the stochastic linearisation of bristles (LuGre, Dahl, Maxwell slip) in a Gaussian motion; a is about
-E|w| over the presliding distance. A coordinate p without inertia, tied to the shaft by the spring s and to the ground
-by the damper c = s / a, has the same torque, so that M, D and K stay affine in s and c:
+This is the stochastic linearisation of bristles (LuGre, Dahl, Maxwell slip) for a Gaussian motion; a is about E|v|, v
+the velocity, over the presliding distance. A massless coordinate p between the spring s at the shaft and a damper c = s
+/ a to the ground has the same torque, so that M, D and K are affine in s and c:
 
 .. math:: K \mathrel{+}= s \begin{bmatrix} b b^T & -b \\ -b^T & 1 \end{bmatrix}, \qquad
           D \mathrel{+}= c \begin{bmatrix} 0 & 0 \\ 0 & 1 \end{bmatrix}, \qquad q_m = b^T q
 
-a -> 0 is a spring s to the ground, a -> infinity a damper s / a.
+For a -> 0 it is a spring s to the ground, for a -> infinity a damper s / a.
 """
 
 from collections.abc import Sequence
@@ -22,13 +22,13 @@ from elastid.base.arrays import FloatArray
 from elastid.linear.linear_model import LinearModel, Slope
 from elastid.parameters import DELAY
 
-# Motion between two reversals over the presliding distance, between which no linear model without springs is right.
+# Ratio of motion between reversals to presliding distance, between which a linear model needs relaxing springs.
 AMPLITUDES = (0.2, 4.0)
 
 
 @dataclass(frozen=True)
 class RelaxingSpring:
-    """Presliding friction of one motor, by its joint; sign: -1 of friction that was compensated too much."""
+    """Presliding friction of the motor of a joint; sign: -1 for overcompensated friction."""
 
     joint: str
     sign: int = 1
@@ -47,7 +47,7 @@ def element_names(springs: Sequence[RelaxingSpring]) -> tuple[str, ...]:
 def with_relaxing_springs(
     model: LinearModel, springs: Sequence[RelaxingSpring], shafts: FloatArray, theta: FloatArray
 ) -> LinearModel:
-    """Add springs at the motors.  shafts (n_s, n): b of each.  theta (2 n_s,): s, c of the first, s, c of the next."""
+    """Add springs at the motors.  shafts (n_s, n): b of each spring.  theta (2 n_s,): s and c of each spring."""
     n, n_s = model.n, len(springs)
     size = n + n_s
     slopes = {name: _pad_slope(slope, n_s) for name, slope in model.slopes.items()}

@@ -6,8 +6,8 @@ r"""Static deflection of frames under constant forces and torques.
           \frac{\partial}{\partial \theta} \begin{bmatrix} \partial V / \partial q_f + \Phi_f^T \lambda - J_f^T F \\
           \varphi \end{bmatrix}, \quad z = (q_f, \lambda)
 
-Solved by Newton's method for all postures and loads at once: gravity, nonlinear springs and closed loops are exact. To
-first order y = J K^-1 J^T F, K the tangent stiffness under the load. Forces and torques keep their directions, in the
+Newton's method solves all configurations and loads at once, exact for gravity, nonlinear springs and closed loops. To
+first order y = J K^-1 J^T F, K: tangent stiffness under the load. Forces and torques have constant directions in the
 axes of the base.
 """
 
@@ -26,14 +26,14 @@ from elastid.model.evaluation import evaluate_rows
 from elastid.model.frame_tree import position, rotation, tree, turns
 from elastid.record import Configuration
 
-_SHORTEST = 1e-3  # of a step, below which it is taken whatever it leads to: the kink of a gap
+_MIN_FRACTION = 1e-3  # of a step, below which it is accepted without decrease, as at the kink of a gap
 
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """Force and torque (3,) at the origin of a frame, in N and N m, and the measured frame.
+    """Force and torque (3,) at the origin of a frame, N and N m, and the measured frame, in the axes of the base.
 
-    directions (n, 3): of the readings at the frame `read_at`.  All in the axes of the base.
+    directions (n, 3): of the measurements at the frame `read_at`.
     """
 
     configuration: Configuration
@@ -46,12 +46,13 @@ class Load:
 
 @dataclass(frozen=True, eq=False)
 class LoadedRobot:
-    """The loads of a robot, and where it rests without them to begin with.
+    """A robot under L loads, with the equilibria without load as start values.
 
-    z (2 L, n_z): coordinates that are free, and multipliers, of L postures twice, unloaded and to be loaded.
-    locked (2 L, n_q): coordinates with the motors at their angles.  wrench (2 L, 6 n_f): zero without load.
-    dependent (n_p,): parameters with derivatives.  statics(z, locked, theta, wrench) -> forces that remain (n_z,) and
-    their slopes to z; slopes(...) -> to these parameters, and position of all frames (3 n_f,) with its slopes to both.
+    z (2 L, n_z): free coordinates and multipliers, first for unloaded, then for loaded configurations.
+    locked (2 L, n_q): coordinates with the motors at their angles.  wrench (2 L, 6 n_f): 0 without load.
+    dependent (n_p,): indices of parameters with derivatives.  statics(z, locked, theta, wrench) -> residual forces
+    (n_z,) and their slopes to z.  slopes(...) -> slopes of the forces to the parameters, positions of all frames (3
+    n_f,), and their slopes to z and to the parameters.
     """
 
     model: ElasticModel
@@ -68,7 +69,7 @@ class LoadedRobot:
     def of(
         cls, model: ElasticModel, loads: Sequence[Load], theta: Sequence[FloatArray], dependent: Sequence[str]
     ) -> "LoadedRobot":
-        """Return the robot under loads, with theta (n_theta,) of each posture; StudyError without an equilibrium."""
+        """Build the loaded robot, with theta (n_theta,) of each load; StudyError without an equilibrium."""
         frame_names = [frame.name for frame in model.robot.frames]
         frames = tuple(dict.fromkeys(name for load in loads for name in (load.frame, load.read_at)))
         for name in frames:
@@ -92,9 +93,9 @@ class LoadedRobot:
         )
 
     def deflections(self, theta: Sequence[FloatArray]) -> tuple[list[FloatArray], list[FloatArray]]:
-        """Return values (n,) of each load and their slopes (n, n_p) to the parameters, at theta (n_theta,) of each.
+        """Return the deflections (n,), m, and their slopes (n, n_p) of each load, at theta (n_theta,) of each load.
 
-        LinAlgError where the robot finds no rest.
+        LinAlgError without an equilibrium.
         """
         pairs = zip(theta, self.loads, strict=True)
         with_payload = [self.model.with_payload(t, load.configuration.has_payload) for t, load in pairs]
@@ -111,7 +112,7 @@ class LoadedRobot:
         return values, of_theta
 
     def _equilibria(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Solve z (2 L, n_z) at rest; returns z and slopes (2 L, n_z, n_z) of its forces; theta (2 L, n_theta)."""
+        """Solve for the equilibria z (2 L, n_z) at theta (2 L, n_theta). Also return the slopes (2 L, n_z, n_z)."""
         z = self.z.copy()
         r, K = self._at(self.statics, z, theta)
         for _ in range(MAX_STEPS):
@@ -126,7 +127,7 @@ class LoadedRobot:
             while True:
                 z_new = z + fraction[:, None] * step
                 r, K = self._at(self.statics, z_new, theta)
-                worse = (_size(r, K) > (1 - fraction / 10) * size) & (size > 1e-9) & (fraction > _SHORTEST)
+                worse = (_size(r, K) > (1 - fraction / 10) * size) & (size > 1e-9) & (fraction > _MIN_FRACTION)
                 if not worse.any():
                     break
                 fraction = np.where(worse, fraction / 2, fraction)
@@ -144,7 +145,7 @@ class LoadedRobot:
 
 
 def _size(r: FloatArray, K: FloatArray) -> FloatArray:
-    """Return remaining forces (L,), each over the stiffness of its row: about a deflection."""
+    """Return the largest residual force (L,) over the stiffness of its row, approximately a deflection."""
     return np.asarray(np.abs(r[:, :, 0] / np.maximum(np.abs(K).max(axis=2), 1e-300)).max(axis=1, initial=0.0))
 
 

@@ -34,9 +34,9 @@ from elastid.base.matrices import inverse
 from elastid.fit.posture import Family, PredictionPorts
 from elastid.fit.result import Result
 from elastid.linear.equilibrium import equilibrium
-from elastid.linear.fitted_model import Estimated, FittedModel
+from elastid.linear.fitted_model import EstimatedTheta, FittedModel
 from elastid.linear.linear_model import LinearModel, state_space, torque_elements
-from elastid.linear.modes import modes, shapes_of_all, strain_energy
+from elastid.linear.modes import modes, robot_shapes, strain_energy
 from elastid.record import Configuration, JointLoop, unit_delay
 from elastid.simulation.controller import Filters, tune
 from elastid.use.draws import draw_robots
@@ -113,7 +113,7 @@ class PostureFamily:
         chain, e, models, inertia = torque_elements(family.robot.chain), family.estimated, [], []
         for posture in postures:
             linear = family.linearisation.at(posture, family.theta, family.model.inputs, "position")
-            estimated = Estimated.of(
+            estimated = EstimatedTheta.of(
                 e.parameters, e.fit_x, e.fit_covariance, e.names, e.base, posture.name, e.model_error_factors
             )
             models.append(FittedModel(replace(linear, chain=chain, channel_numbers=(), hold=None), estimated))
@@ -152,7 +152,7 @@ class PostureFamily:
         linear, theta = model.linear, model.theta
         modal = modes(linear, theta)
         point = equilibrium(self.family.model, self.family.theta, linear.configuration)
-        energy = strain_energy(self.family.model, self.family.theta, point, shapes_of_all(linear, modal.shapes))
+        energy = strain_energy(self.family.model, self.family.theta, point, robot_shapes(linear, modal.shapes))
         M, shapes = linear.matrices(theta)[0], modal.shapes
         participation = np.abs(linear.B.T @ shapes) ** 2 / np.einsum("im,ij,jm->m", shapes.conj(), M, shapes).real
         participation = participation / np.maximum(participation.max(axis=1, initial=0.0), 1e-300)[:, None]

@@ -16,7 +16,7 @@ from elastid.robot import Robot
 class DrawnRobots:
     """names (n_p,) of the parameters that move, delay included; values (N, n_p), SI; robots, their numbers exact.
 
-    x (N, n_x + n_d): as in `Estimated`.  fixed: parameters that the data do not reach, which keep their estimate.
+    x (N, n_x + n_d): as in `EstimatedTheta`.  fixed: parameters that the data do not reach, which keep their estimate.
     """
 
     names: tuple[str, ...]

@@ -29,7 +29,7 @@ from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import equilibrium, rigid_posture
 from elastid.linear.linearise import linearise
 from elastid.linear.modes import modes
-from elastid.linear.ports import Ports, acted_on
+from elastid.linear.ports import Ports, between_ports
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate
 from elastid.model.frame_tree import position, rotation, tree, turns
@@ -301,7 +301,7 @@ def margin_of(commanded: CommandedRobot, move: Move) -> float:
     m, halves = commanded.model, [0.0]
     for angles in move.ends:
         linear = linearise(m, Configuration("end", angles), m.theta, m.inputs, "position")
-        locked = modes(acted_on(linear, Ports.at_frames(linear, ()), "locked", None), linear.theta_ref)
+        locked = modes(between_ports(linear, Ports.at_frames(linear, ()), "locked", None), linear.theta_ref)
         halves += (0.5 / locked.freq_hz[:1]).tolist()
     return float(np.clip(max(halves), 0.02, 0.3))
 

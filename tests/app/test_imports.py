@@ -94,14 +94,14 @@ for stage in {tuple(STAGES)}:
         assert not set(loaded.split()) & (unneeded | never), stage
 
 
-MOST_LINES = {"fit": 32_000, "report": 23_000}  # of the package, that a command with one stage loads
+MAX_LINES = {"fit": 32_000, "report": 23_000}  # of the package, that a command with one stage loads
 
 
 @pytest.mark.slow
 def test_a_command_loads_few_lines_and_report_no_solver(tiny: Path) -> None:
     run = ["--run", str(tiny.parent / "run"), "--jobs", "1", "-qq"]
     assert run_command(["run", str(tiny), *run]) == 0
-    for stage, most in MOST_LINES.items():
+    for stage, most in MAX_LINES.items():
         words = ["run", str(tiny), stage, *run]
         loaded = loaded_after(f"from elastid.app.cli import run_command; assert run_command({words}) == 0")
         files = [find_spec(name) for name in loaded if name.startswith("elastid.")]

@@ -10,7 +10,7 @@ from plants.marks import slow
 
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
-from elastid.linear.modes import StrainEnergy, modes, shapes_of_all, strain_energy
+from elastid.linear.modes import StrainEnergy, modes, robot_shapes, strain_energy
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
@@ -40,7 +40,7 @@ def found(robot: Robot, angles: list[float], spec: ModelSpec | None = None) -> t
     at = Configuration("c", np.array(angles))
     linear = linearise(model, at, model.theta, model.inputs, "position")
     swinging = modes(linear, linear.theta_ref)
-    shapes = shapes_of_all(linear, swinging.shapes)
+    shapes = robot_shapes(linear, swinging.shapes)
     return swinging.freq_hz, strain_energy(model, model.theta, equilibrium(model, model.theta, at), shapes)
 
 

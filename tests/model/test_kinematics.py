@@ -11,7 +11,7 @@ from plants.linkages import linkage
 
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
-from elastid.linear.modes import modes, shapes_of_all
+from elastid.linear.modes import modes, robot_shapes
 from elastid.model.formulation import formulate
 from elastid.model.frame_tree import between, position, seat, tree, turns
 from elastid.model.kinematics import frame_poses, stick_figure
@@ -78,7 +78,7 @@ def test_drawn_rod_stretches_as_in_model(kind: str, rod: Rod) -> None:
     model = formulate(robot, ModelSpec(kind))
     at = Configuration("c", np.array([0.4, 0.2, -0.3]))
     linear = linearise(model, at, model.theta, model.inputs, "position")
-    shapes = shapes_of_all(linear, modes(linear, linear.theta_ref).shapes)
+    shapes = robot_shapes(linear, modes(linear, linear.theta_ref).shapes)
     point = equilibrium(model, model.theta, at)
     n_l = len(robot.joints)
     drawn = stick_figure(robot, point.q[:n_l])

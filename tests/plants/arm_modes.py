@@ -6,7 +6,7 @@ import numpy as np
 
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
-from elastid.linear.modes import modes, shapes_of_all
+from elastid.linear.modes import modes, robot_shapes
 from elastid.model.formulation import formulate
 from elastid.model.kinematics import StickFigure, stick_figure
 from elastid.record import Configuration
@@ -40,7 +40,7 @@ def swinging(robot: Robot = ARM) -> tuple[np.ndarray, np.ndarray, np.ndarray, St
     found = modes(linear, linear.theta_ref)
     n_l = len(robot.joints)
     q = equilibrium(model, model.theta, at).q[:n_l]
-    return q, found.freq_hz, shapes_of_all(linear, found.shapes)[:n_l], stick_figure(robot, q)
+    return q, found.freq_hz, robot_shapes(linear, found.shapes)[:n_l], stick_figure(robot, q)
 
 
 @cache

@@ -107,13 +107,13 @@ class Packed:
         pull, moments = np.zeros((3, n_b), complex), np.zeros((5, n_b, n_b))
         between = np.zeros((3, r, r), complex)
         sizes = F, n_y, n_u, n_1, n_2, r, n_b - n_1 - n_2, n_e, self.R.shape[1] == n_e
-        right = None if lines.is_alike else lines.right.T
+        right = None if lines.has_equal_sides else lines.right.T
         columns = lines.left.T, right, lines.gain, lines.S, lines.whole.T, lines.outputs, lines.inputs
         residuals = (None if values is None else values.T for values in e)
         weights = self.R[lines.block.start // BATCH :], lines.omega, sign, sign * scale
         name = "sums_float" if precision is np.float32 else "sums_double"
         call(name, *sizes, *columns, *residuals, *weights, cost, weight, pull, between, moments)
-        pull[:, n_1 : n_1 + n_2] = lines.pulled_by(between)
+        pull[:, n_1 : n_1 + n_2] = lines.matrix_pull(between)
         return BlockSums(float(cost[0]), pull, moments)
 
 

@@ -26,7 +26,7 @@ from elastid.fit.problem.least_squares import Evaluation, LeastSquares, Residual
 from elastid.fit.problem.weights import Weights, Whitening
 from elastid.linear.linear_model import LinearModel, is_load
 from elastid.linear.linearise import Linearisation
-from elastid.linear.ports import Ports, acted_on, port_motion
+from elastid.linear.ports import Ports, between_ports, port_motion
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import zoh_aliases
@@ -324,7 +324,7 @@ def at_measured_places(model: LinearModel, response: Response | LinearModel) -> 
             text = f"the model has no {kind} {unknown}; there are {', '.join(options) or 'none'}"
             raise DataError("fit/responses", text, f"configuration {response.configuration.name}")
     if loads and model.inputs != response.inputs:
-        model = acted_on(model, Ports.at_frames(model, response.inputs), response.motors, response.loop)
+        model = between_ports(model, Ports.at_frames(model, response.inputs), response.motors, response.loop)
     acting_motors = response.controller.motors if response.controller is not None and is_closed else response.inputs
     B = model.B if model.controller is not None else model.B[:, [model.inputs.index(name) for name in acting_motors]]
     model, loop = model.with_outputs([model.outputs.index(name) for name in response.outputs]), response.controller
@@ -355,5 +355,5 @@ def kernel_of(model: LinearModel, parameters: Parameters, freq_hz: FloatArray) -
     dependent, theta = parameters.dependent_names(name), parameters.expand(parameters.x, name)
     (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
     slopes = {p: model.slopes[p] for p in dependent if p in model.slopes}
-    at_start = replace(model, theta_ref=theta, M=M, D=D, K=K, B=model.acting(theta), C=C, T=T, slopes=slopes)
+    at_start = replace(model, theta_ref=theta, M=M, D=D, K=K, B=model.input_matrix(theta), C=C, T=T, slopes=slopes)
     return Kernel(at_start, freq_hz, dependent, model.theta_ref)

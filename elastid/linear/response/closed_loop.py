@@ -1,10 +1,11 @@
-r"""Responses of motions to references: the sampled joint loops closed around the responses to torques.
+r"""Closed-loop responses of motions to references: sampled joint controllers around the responses to torques.
 
-.. math:: T = Y S C_{ff}, \quad S = (I + C_{fb} P)^{-1}, \quad Y = H (G_y + images), \quad
-          P = H (G_m + images)
+.. math:: T = Y S C_{ff}, \quad S = (I + C_{fb} P)^{-1}, \quad Y = H (G_y + aliases), \quad
+          P = H (G_m + aliases)
 
-G_y, G_m: outputs and angles of motors by torques; H: hold of the controllers, with whose images P is the exact
-pulse response. C_fb, C_ff are diagonal. Derivatives have the same factors as the derivatives of G,
+G_y, G_m: outputs and motor angles by torques, with aliases of the hold H of the controllers, which make P the exact
+pulse response. C_fb, C_ff: diagonal feedback and feedforward. Derivatives have the same factors as the derivatives of
+G,
 
 .. math:: dT = (dG_y - L\, dG_m)\, A, \qquad L = Y S C_{fb}, \qquad A = H S C_{ff}
 
@@ -39,9 +40,9 @@ def open_loops(model: LinearModel) -> tuple[LinearModel, LinearModel]:
 
 def close_loop(
     model: LinearModel, theta: FloatArray, freq_hz: FloatArray, plain: ComplexArray, motors: ComplexArray,
-    plain_images: ComplexArray | float = 0.0, motor_images: ComplexArray | float = 0.0,
+    plain_aliases: ComplexArray | float = 0.0, motor_aliases: ComplexArray | float = 0.0,
 ) -> "ClosedLoop":  # fmt: skip
-    """Close the loops around responses of `open_loops` at freq_hz (F,), whose images may stand apart."""
+    """Close the loops around the responses of `open_loops` at freq_hz (F,); aliases: of both, if separate."""
     assert model.controller is not None
     loop, names = model.controller.at(freq_hz), model.controller.motors
     H = zero_order_hold(freq_hz / loop.rate_hz)[:, None, None]
@@ -49,8 +50,8 @@ def close_loop(
     gains = [[channel_name("gain", role, motor) for motor in names] for role in GAINS]
     numbers = np.array([[model.number(theta, n) if n in model.channel_numbers else 1.0 for n in row] for row in gains])
     feedback, feedforward = (np.einsum("gm,gfm->fm", numbers, C) for C in (loop.feedback, loop.feedforward))
-    plain, plain_images = (of_outputs[..., :, None] * factor for factor in (plain, plain_images))
-    Y, P = H * (plain + plain_images), H * (motors + motor_images)
+    plain, plain_aliases = (of_outputs[..., :, None] * factor for factor in (plain, plain_aliases))
+    Y, P = H * (plain + plain_aliases), H * (motors + motor_aliases)
     S = np.linalg.inv(np.eye(len(names)) + feedback[:, :, None] * P)
     columns = [names.index(motor) for motor in model.driven]
     driven, by_torque = (S * feedforward[:, None, :])[:, :, columns] * of_inputs[..., None, :], Y @ S
@@ -61,11 +62,11 @@ def close_loop(
 
 @dataclass(frozen=True)
 class ClosedLoop:
-    """T (F, n_y, n_r) of a block of lines with the factors of its derivatives, errors of channels included.
+    """T (F, n_y, n_r) of a block of lines with the factors of its derivatives, including channel errors.
 
-    plain (F, n_y, n_m), motors (F, n_m, n_m): G_y and G_m, without hold and images.  L (F, n_y, n_m), A (F, n_m,
-    n_r).  by_torque (F, n_y, n_m): Y S.  motion (F, n_m, n_r): of the motors.  loop: at these lines, references in
-    `columns` (n_r,), whose shares of C_ff are entering (2, F, n_r).
+    plain (F, n_y, n_m), motors (F, n_m, n_m): G_y and G_m without hold and aliases.  L (F, n_y, n_m), A (F, n_m, n_r).
+    by_torque (F, n_y, n_m): Y S.  motion (F, n_m, n_r): of the motors.  loop: at these lines.  columns (n_r,): motors
+    of the references.  entering (2, F, n_r): contributions of k_p and k_d to C_ff.
     """
 
     loop: ReferenceLoop

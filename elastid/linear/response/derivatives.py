@@ -1,12 +1,12 @@
-r"""The derivatives of one response as few columns: parameters that change Z along the same matrix share one.
+r"""Derivatives of a response as few columns: parameters that change Z by multiples of one matrix share a column.
 
 .. math:: -dG_p = c \sum_t s^{k_t} \sigma_t\, W^T E_{b_t} X, \qquad dZ_p = \sum_t s^{k_t} \sigma_t E_{b_t}
 
-A spring and its damper share E, and so do a rotor and its friction, so that P parameters have fewer columns
-W^T E_b X than pieces t. Bases of rank one are a product of two vectors, E = +-y y^T; the others, of masses and all that
-moves the robot under gravity, E = V S V^T, share the few directions V that they span together. Where inputs and outputs
-are the same directions G is symmetric, and only the elements on and above its diagonal are computed. On a block of
-lines the columns are held by their factors (`Sensitivity`).
+A spring and its damper have the same basis E, as have a rotor and its friction, so that there are fewer columns W^T E_b
+X than pieces t. Bases of rank one are products of two vectors, E = +-y y^T. The other bases, of masses and of
+parameters that change the equilibrium, are E = V S V^T with few common directions V. If inputs and outputs have the
+same directions, G is symmetric, and only the elements on and above its diagonal are computed. `Sensitivity` contains
+the factors of the columns on a block of lines.
 """
 
 from collections.abc import Iterator
@@ -26,12 +26,11 @@ AnyComplex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """One block of lines: s = j omega (F,), G (F, n_e) of the elements, and the columns c W^T E_b X by their factors.
+    """Block of lines: s = j omega (F,), G (F, n_e) of the elements, and the factors of the columns c W^T E_b X.
 
-    omega (F,): over the highest of all lines.  gain (F,): c.
-    left (F, n_y, n_1 + r), right (F, n_u, n_1 + r): W^T [y, V] and [y, V]^T X; the bases are
-    sign y y^T of rank one, sign (n_1,), and V (S[0] - omega^2 S[1]) V^T, S (2, n_2, r, r) symmetric.
-    whole (F, n_e, n_3): the columns of all others.  outputs, inputs (n_e,): output and input of each element.
+    omega (F,): relative to the highest line.  gain (F,): c.  left (F, n_y, n_1 + r), right (F, n_u, n_1 + r): W^T [y,
+    V] and [y, V]^T X for the bases sign y y^T of rank one, sign (n_1,), and V (S[0] - omega^2 S[1]) V^T, with symmetric
+    S (2, n_2, r, r).  whole (F, n_e, n_3): other columns.  outputs, inputs (n_e,): of each element.
     """
 
     block: slice
@@ -48,7 +47,7 @@ class Sensitivity:
     inputs: IntArray
 
     @property
-    def is_alike(self) -> bool:
+    def has_equal_sides(self) -> bool:
         """True if left and right are the same array."""
         return self.left is self.right
 
@@ -57,7 +56,7 @@ class Sensitivity:
         n_1, n_12 = len(self.sign), len(self.sign) + self.S.shape[1]
         columns = np.empty((len(self.s), len(self.outputs), len(scale)), np.result_type(precision, np.complex64))
         right = self.right.astype(columns.dtype)
-        left = right if self.is_alike else self.left.astype(columns.dtype)
+        left = right if self.has_equal_sides else self.left.astype(columns.dtype)
         of_outputs = left[:, :, :n_1] * (self.gain[:, None] * (self.sign * scale[:n_1])).astype(columns.dtype)[:, None]
         of_outputs, of_inputs = of_outputs.take(self.outputs, axis=1), right[:, :, :n_1].take(self.inputs, axis=1)
         np.multiply(of_outputs, of_inputs, out=columns[:, :, :n_1])
@@ -70,7 +69,7 @@ class Sensitivity:
     def _matrix_columns(self, left: AnyComplex, right: AnyComplex, scale: FloatArray) -> AnyComplex:
         """Return left (F, n_y, r) times each matrix S times right (F, n_u, r) of a line: (F, n_e, n_2)."""
         (F, n_u, r), n_2, real = right.shape, len(scale), right.real.dtype
-        # Rows of S by their row first, so that the matrices of a line stand side by side in one product with left.
+        # Row index of S first, so that one product with left covers all matrices of a line.
         S = (self.S * scale[:, None, None]).transpose(0, 2, 1, 3).reshape(2, r * n_2, r).astype(real)
         lines = np.ascontiguousarray(right.swapaxes(1, 2)).view(real)
         products = S[0] @ lines
@@ -81,9 +80,9 @@ class Sensitivity:
         return np.asarray(full.reshape(F, -1).take(index, axis=1).reshape(F, len(self.outputs), n_2))
 
     def pull(self, weight: ComplexArray) -> ComplexArray:
-        """Sum (j omega)^p weight U_b (3, n_b), p = 0, 1, 2, columns U, over lines and elements; weight (F, n_e).
+        """Return sums (3, n_b) of (j omega)^p weight U_b over lines and elements, p = 0, 1, 2; weight (F, n_e).
 
-        Of matrices S with an omega^2 of their own p = 0 alone.
+        For matrices S with a term in omega^2 only p = 0 is defined.
         """
         spread = np.zeros((len(weight), self.left.shape[1], self.right.shape[1]), complex)
         spread[:, self.outputs, self.inputs] = self.gain[:, None] * weight
@@ -94,10 +93,10 @@ class Sensitivity:
         weighted_rows = (powers[:, :, None, None] * rows[:, :, n_1:]).reshape(3, rows.shape[0] * rows.shape[1], r)
         between = self.left[:, :, n_1:].reshape(weighted_rows.shape[1:]).T @ weighted_rows
         direct = powers @ (weight[:, None, :] @ self.whole)[:, 0]
-        return np.concatenate([single, self.pulled_by(between), direct], axis=1)
+        return np.concatenate([single, self.matrix_pull(between), direct], axis=1)
 
-    def pulled_by(self, between: ComplexArray) -> ComplexArray:
-        """Return the contribution of S to `pull` (3, n_2); between (3, r, r): of left^T weight right, in that form."""
+    def matrix_pull(self, between: ComplexArray) -> ComplexArray:
+        """Return the contribution of S to `pull` (3, n_2); between (3, r, r): sums of s^p left^T weight right."""
         flat = between.reshape(3, between.shape[1] ** 2)
         fixed, inertial = self.S.reshape(*self.S.shape[:2], flat.shape[1])
         pull = flat @ fixed.T
@@ -105,8 +104,8 @@ class Sensitivity:
         return np.asarray(pull)
 
 
-def rank_one_parts(matrices: FloatArray) -> tuple[BoolArray, FloatArray, FloatArray]:
-    """Return which symmetric matrices (N, n, n) are of rank one, sigma y y^T, and sigma = +-1 (N,) and y (N, n)."""
+def rank_one_factors(matrices: FloatArray) -> tuple[BoolArray, FloatArray, FloatArray]:
+    """Flag symmetric matrices (N, n, n) of rank one, sigma y y^T. Also return sigma = +-1 (N,) and y (N, n)."""
     N = np.arange(len(matrices))
     diagonal = matrices.diagonal(axis1=1, axis2=2)
     i = np.argmax(np.abs(diagonal), axis=1)
@@ -117,17 +116,16 @@ def rank_one_parts(matrices: FloatArray) -> tuple[BoolArray, FloatArray, FloatAr
     return (size > 0) & (errors <= 1e-12 * size), sigma, y
 
 
-# Matrices of length one that differ by less than this are equal.
-EQUAL_TOLERANCE = 1e-12
+EQUAL_TOLERANCE = 1e-12  # difference of equal matrices of unit norm
 
 
 @dataclass(frozen=True)
 class Pieces:
-    """dZ of the kernel's parameters: bases sign y y^T of rank one, then E[0, b] - omega^2 E[1, b], of a size near one.
+    """dZ of the kernel's parameters: bases sign y y^T of rank one, then E[0, b] - omega^2 E[1, b], scaled to unit size.
 
-    sign (n_1,), y (n, n_1), E (2, n_2, n, n); omega is over the highest of all lines.
-    base, power (n_t,) of each piece, sigma (n_t, P). A factor of the response (delay, chain, gain) or a parameter that
-    moves C or T (geometry) has a column -dG / dp of its own, behind the bases.
+    sign (n_1,), y (n, n_1), E (2, n_2, n, n); omega relative to the highest line.
+    base, power (n_t,): of each piece.  sigma (n_t, P): its factor for each parameter.  A factor of the response (delay,
+    chain, gain), or geometry that changes C or T, has a separate column -dG / dp after the bases.
     """
 
     sign: FloatArray
@@ -140,7 +138,7 @@ class Pieces:
 
 @dataclass(frozen=True, eq=False)
 class Columns(WorkerConstant):
-    """A kernel's response and derivatives, element by element and base by base."""
+    """Response and derivatives of a kernel, as columns of its elements and bases."""
 
     kernel: Kernel
 
@@ -153,7 +151,7 @@ class Columns(WorkerConstant):
 
     @cached_property
     def elements(self) -> tuple[IntArray, IntArray]:
-        """Rows and columns (n_e,) of the elements of G that are computed."""
+        """Rows and columns (n_e,) of the computed elements of G."""
         n_y, n_u = self.kernel.model.C.shape[0], len(self.kernel.model.inputs)
         rows, columns = np.triu_indices(n_u) if self.is_symmetric else np.indices((n_y, n_u)).reshape(2, -1)
         return rows, columns
@@ -170,12 +168,12 @@ class Columns(WorkerConstant):
 
     @cached_property
     def omega_0(self) -> float:
-        """The highest of all lines, 1 without any."""
+        """Highest line in rad/s; 1 without lines."""
         return 2 * np.pi * float(self.kernel.freq_hz.max(initial=0.0)) or 1.0
 
     @cached_property
     def pieces(self) -> Pieces:
-        """The pieces of all parameters; bases of rank one first."""
+        """Pieces of all parameters; bases of rank one first."""
         n, parameters, terms = self.kernel.model.n, self.kernel.parameters, self.kernel.model.terms
         index = np.full(len(self.kernel.model.parameters), -1)
         index[self.kernel.places] = np.arange(len(parameters))
@@ -183,22 +181,23 @@ class Columns(WorkerConstant):
         power = np.repeat(np.arange(3), [len(terms[letter][0]) for letter in "KDM"])
         matrices = np.concatenate([terms[letter][1].reshape(-1, n, n) for letter in "KDM"])
         matrices[place < 0] = 0.0
-        is_single, _, y = rank_one_parts(matrices)
-        # A spring that also moves the robot under gravity shares the base of its damper: the rest has fewer directions.
+        is_single, _, y = rank_one_factors(matrices)
+        # Split the base of the damper off a spring that also changes the equilibrium: the remainder has fewer
+        # directions.
         stiff = np.flatnonzero(~is_single & (power == 0))
-        part, parts, matrices[stiff] = _split(matrices[stiff], y[is_single])
+        part, parts, matrices[stiff] = _split_rank_one(matrices[stiff], y[is_single])
         place, power = (np.concatenate([values, values[stiff[part]]]) for values in (place, power))
         matrices = np.concatenate([matrices, parts])
-        is_single, sign, y = rank_one_parts(matrices)
+        is_single, sign, y = rank_one_factors(matrices)
         E = np.stack([matrices, np.zeros_like(matrices)], axis=1)
-        # Of a parameter that changes K and M by matrices of a higher rank both are one piece.
+        # Changes of K and M of higher rank by one parameter are one piece.
         stiff, heavy = (np.flatnonzero(~is_single & (power == order)) for order in (0, 2))
         _, with_mass, masses = np.intersect1d(place[stiff], place[heavy], return_indices=True)
         E[stiff[with_mass], 1], E[heavy[masses]] = self.omega_0**2 * matrices[heavy[masses]], 0.0
         others = E.any(axis=(1, 2, 3))
         E, place, power = E[others], place[others], power[others]
         is_single, sign, y = is_single[others], sign[others], y[others]
-        sigma, first = _first_alike(E.reshape(len(E), 2 * n * n))
+        sigma, first = _group_multiples(E.reshape(len(E), 2 * n * n))
         # The first pieces of each base, those of rank one in front.
         bases = np.unique(first)
         bases = bases[np.argsort(~is_single[bases], kind="stable")]
@@ -231,7 +230,7 @@ class Columns(WorkerConstant):
         (directions, S), kernel = self._directions, self.kernel
         locations = rows * len(kernel.model.inputs) + columns
         for band in kernel.products(theta, directions):
-            # The loops leave the lines of an element side by side.
+            # Lines of an element are contiguous in memory, as the loops in C require.
             s, G = band.s, band.G.transpose(1, 2, 0).reshape(-1, len(band.s)).take(locations, axis=0).T
             left, right = kernel.sides(theta, band)
             factors = [slope[:, rows, columns] for slope in kernel.factor_slopes(theta, band)]
@@ -257,8 +256,8 @@ class Columns(WorkerConstant):
         return G, dG
 
 
-def _first_alike(E: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Return, for each row of E (N, m), its factor (N,) and the first row (N,) of which it is a multiple."""
+def _group_multiples(E: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Return the first row (N,) of which each row of E (N, m) is a multiple, after its factor (N,)."""
     size, first = np.sqrt(np.einsum("nm,nm->n", E, E)), np.arange(len(E))
     unit = E / size[:, None]
     cosine = unit @ unit.T
@@ -272,10 +271,10 @@ def _first_alike(E: FloatArray) -> tuple[FloatArray, IntArray]:
     return size, first
 
 
-def _split(matrices: FloatArray, y: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Split multiples of y y^T, y (N_1, n), off symmetric matrices (N, n, n) of which a row is left zero.
+def _split_rank_one(matrices: FloatArray, y: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Split multiples of y y^T, y (N_1, n), off symmetric matrices (N, n, n) if a row of the remainder is zero.
 
-    Returns the matrix of each part (m,), the parts (m, n, n), and the rest (N, n, n).
+    Returns the index of the matrix of each multiple (m,), the multiples (m, n, n), and the remainders (N, n, n).
     """
     pivot = np.argmin(np.where(y != 0, matrices.any(axis=2).sum(axis=0), np.inf), axis=1)
     unit, rows = y / np.take_along_axis(y, pivot[:, None], axis=1), matrices[:, pivot]
@@ -292,7 +291,7 @@ def _split(matrices: FloatArray, y: FloatArray) -> tuple[IntArray, FloatArray, F
 
 
 def _span(matrices: FloatArray) -> FloatArray:
-    """Return directions (n, r) that span symmetric matrices (N, n, n): singular vectors if r is small, else axes."""
+    """Return directions (n, r) that span symmetric matrices (N, n, n): singular or, for large r, unit vectors."""
     wide = matrices.transpose(1, 0, 2).reshape(matrices.shape[1], -1)
     U, size, _ = np.linalg.svd(np.transpose(np.linalg.qr(wide.T, mode="r")))
     U, coordinates = U[:, size > EQUAL_TOLERANCE * size.max(initial=0.0)], np.flatnonzero(wide.any(axis=1))

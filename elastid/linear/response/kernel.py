@@ -1,21 +1,20 @@
-r"""Frequency response of a LinearModel and its exact derivatives, all lines at once, at many theta.
+r"""Kernel: frequency response of a LinearModel and its exact derivatives, for many theta.
 
 Z = -omega^2 M + j omega D + K is symmetric, so the solutions X = Z^-1 B and W = Z^-1 C^T give every derivative without
 another solve (plain transposes):
 
 .. math:: dG = -c\, W^T dZ\, X, \qquad dZ = dK + j\omega\, dD - \omega^2\, dM
 
-dG / dT_d = -j omega G. Geometry that moves an output adds c dC X, and one that moves a force c W^T dB. Gains of
-channels multiply all of it element by element.
-Letters as in `transfer`.
+dG / dT_d = -j omega G. Geometry that moves an output adds c dC X, geometry that moves a force adds c W^T dB. Gains of
+channels multiply the elements. Symbols as in `transfer`.
 
 In C (`base/kernels/ldl.c`) Z = L D L^T,
 
 .. math:: Z^{(k+1)}_{ij} = Z^{(k)}_{ij} - \frac{z^{(k)}_{ki} z^{(k)}_{kj}}{z^{(k)}_{kk}}, \qquad i, j > k
 
-half of an LU, all coordinates in an order that fills L least; entries that are zero for every theta are skipped: six
-motors behind their gears cost next to nothing. No rows are exchanged: a line with a pivot that is small relative to its
-terms, such as an undamped part at its resonance, is solved by LAPACK instead, as are all lines without C.
+with half of the operations of an LU factorisation, in an elimination order with little fill-in, and without entries
+that are zero for every theta. There is no pivoting: lines with a small pivot, for example at an undamped resonance, are
+solved by LAPACK, as are all lines without compiled kernels.
 """
 
 from collections.abc import Iterator
@@ -30,21 +29,19 @@ from elastid.base.kernels import call, is_compiled
 from elastid.base.workers import WorkerConstant
 from elastid.linear.linear_model import TORQUE_LAG, LinearModel
 from elastid.linear.response.closed_loop import GAINS, ClosedLoop, close_loop, open_loops
-from elastid.linear.response.transfer import factor, fold_images, zoh_aliases
+from elastid.linear.response.transfer import factor, reference_aliases, zoh_aliases
 from elastid.parameters import DELAY
 from elastid.robot import CHANNEL_NUMBERS, channel_name
 
-# Lines worked on at a time: their matrices stay in the cache; whole batches of the kernels in C.
-BLOCK = 208
-# |pivot| relative to the sizes of its terms, below which the quotients would cost digits (not measured).
-LEAST_PIVOT = 1e-3
+BLOCK = 208  # lines of a block, whose matrices fit into the cache; a multiple of the batches in C
+MIN_PIVOT = 1e-3  # |pivot| relative to its terms, below which a line is solved by LAPACK
 
 
 class Products(NamedTuple):
-    """A block of lines: s = j omega (F,), the gain c (F,), G (F, n_y, n_u), and Y^T Z^-1 b of right sides b.
+    """Block of lines: s = j omega (F,), gain c (F,), G (F, n_y, n_u), and products with directions Y.
 
-    YX (F, m, n_d), right sides b: the columns of B first, then others, `Kernel.output_columns` gives the one of
-    each output.  output_slopes (n_m, F, n_y, n_u): c [(dC + dT / s^2) Z^-1 B + (C + T / s^2) Z^-1 dB] of each of
+    YX (F, m, n_d): Y^T Z^-1 b for m right-hand sides b, first the columns of B, then others (`Kernel.output_columns`).
+    output_slopes (n_m, F, n_y, n_u): c [(dC + dT / s^2) Z^-1 B + (C + T / s^2) Z^-1 dB] for each of
     `Kernel.output_parameters`.
     """
 
@@ -59,9 +56,9 @@ class Products(NamedTuple):
 
 @dataclass(frozen=True)
 class Sides:
-    """Right-hand sides for Z: B, the rows `extra` of C that are not columns of B, the rows `tilted` of T.
+    """Right-hand sides: columns of B, rows `extra` of C that are not columns of B, and rows `tilted` of T.
 
-    columns (n_y,): column of the direction of each output.  tilts: column of the row of T of each tilted output.
+    columns (n_y,): index of the right-hand side of each output.  tilts: index of the row of T of each tilted output.
     """
 
     extra: IntArray
@@ -72,18 +69,16 @@ class Sides:
 
 @frozen_value(eq=False)
 class Kernel(WorkerConstant):
-    """G of one LinearModel on the lines freq_hz (F,), and the factors for its derivatives with respect to `parameters`
-    (P names).
+    """G of one LinearModel on lines freq_hz (F,), with factors of its derivatives to P `parameters`, for many theta.
 
-    Images of held torques are no part of it (`zoh_aliases`), but for those in loops of references, which are held at
-    `images_at` (n_theta,). Prepared once, evaluated at many theta; it pickles.
-    KeyError for a name that the model does not have.
+    Without the aliases of ZOH torques (`zoh_aliases`); aliases within loops of references are computed at `aliases_at`
+    (n_theta,).  Raises KeyError for a name that the model does not have.
     """
 
     model: LinearModel
     freq_hz: FloatArray
     parameters: tuple[str, ...]
-    images_at: FloatArray | None = None
+    aliases_at: FloatArray | None = None
 
     def __post_init__(self) -> None:
         for name in self.parameters:
@@ -96,7 +91,7 @@ class Kernel(WorkerConstant):
 
     @cached_property
     def places(self) -> IntArray:
-        """Places of the `parameters` in theta (P,)."""
+        """Indices of the `parameters` in theta (P,)."""
         return np.array([self.model.parameters.index(name) for name in self.parameters], np.int64)
 
     @cached_property
@@ -107,9 +102,9 @@ class Kernel(WorkerConstant):
         return tuple(name for name in self.parameters if name in names)
 
     def factor_slopes(self, theta: FloatArray, band: Products) -> Iterator[ComplexArray]:
-        """Yield dG / d theta_p (F, n_y, n_u) of each of the `factors` for a block of DFT lines."""
+        """Yield dG / d theta_p (F, n_y, n_u) of each of the `factors` on a block of lines."""
         elements, s, loop = {element.name: element for element in self.model.chain}, band.s[:, None, None], band.loop
-        G = band.G if loop is None else loop.T  # images are held
+        G = band.G if loop is None else loop.T  # aliases are constant
         of_gains = {f"gain_{role}_": gain for gain, role in enumerate(GAINS)}
         for name in self.factors:
             number = self.model.number(theta, name)
@@ -123,7 +118,7 @@ class Kernel(WorkerConstant):
                 yield slope * (G if inside is None else inside.change(inside.plain, inside.motors))
 
     def _channel_slope(self, name: str, number: float, s: ComplexArray) -> ComplexArray | FloatArray:
-        """Return d ln G / d theta_p (n_y, n_u) or (F, n_y, n_u) of a number of a channel, or of all of a role."""
+        """Return d ln G / d theta_p (n_y, n_u) or (F, n_y, n_u) of a number of one channel, or of all of a role."""
         kind = next(kind for kind in CHANNEL_NUMBERS if name.startswith(kind))
         rows, columns = (
             np.array([name in (channel_name(kind, role), channel_name(kind, role, location)) for location in locations])
@@ -136,7 +131,7 @@ class Kernel(WorkerConstant):
 
     @cached_property
     def output_columns(self) -> IntArray:
-        """Right side in `Products.YX` of each output, which belongs to its direction, tilt included."""
+        """Index in `Products.YX` of the right-hand side of each output, tilt included."""
         sides = self._sides
         columns = sides.columns.copy()
         columns[sides.tilted] = sides.tilts + len(sides.tilts)
@@ -144,7 +139,7 @@ class Kernel(WorkerConstant):
 
     @cached_property
     def output_parameters(self) -> tuple[str, ...]:
-        """The `parameters` that move C, T or B: geometry between the springs and a sensor or a force."""
+        """Those `parameters` that change C, T or B: geometry between the springs and a sensor or force."""
         names = self.model.output_parameters
         return tuple(name for name in self.parameters if name in names)
 
@@ -153,7 +148,7 @@ class Kernel(WorkerConstant):
         model = self.model
         M, D, K = model.matrices(theta)
         (C, T), tilted = model.readout(theta), self._sides.tilted
-        right = np.column_stack([*model.acting(theta).T, *C[self._sides.extra], *T[tilted]])
+        right = np.column_stack([*model.input_matrix(theta).T, *C[self._sides.extra], *T[tilted]])
         n_d, n_y, n_u = Y.shape[1], len(C), model.B.shape[1]
         control_inputs = () if model.controller is None else (model.B,)
         sides, n_t = np.hstack([Y, C.T, T[tilted].T, *self._slope_rows, *control_inputs]), n_y + len(tilted)
@@ -179,10 +174,10 @@ class Kernel(WorkerConstant):
             G, loop = G.swapaxes(1, 2), None
             if self._open_loops is not None:
                 motors = factor(self._open_loops[1], theta, s)[:, None, None] * by_inputs[:, :, -n_u:].swapaxes(1, 2)
-                images = (image[block] for image in self._images)
+                images = (image[block] for image in self._torque_aliases)
                 loop = close_loop(model, theta, self.freq_hz[block], G, motors, *images)
                 output_slopes = model.channel_factors(theta, s)[0][..., None] * output_slopes @ loop.A
-                G = loop.T + self._folded[block]
+                G = loop.T + self._reference_aliases[block]
             elif model.channel_numbers:
                 of_outputs, of_inputs = model.channel_factors(theta, s)
                 channels = of_outputs[..., :, None] * of_inputs[..., None, :]
@@ -207,28 +202,28 @@ class Kernel(WorkerConstant):
         return None if self.model.controller is None else open_loops(self.model)
 
     @cached_property
-    def _images(self) -> list[ComplexArray]:
-        """Images of the controllers' torques in outputs and motors (F, n, n_m)."""
-        return [zoh_aliases(model, self._theta_of_images, self.freq_hz) for model in self._open_loops or ()]
+    def _torque_aliases(self) -> list[ComplexArray]:
+        """Aliases of the controllers' torques in outputs and motors (F, n, n_m)."""
+        return [zoh_aliases(model, self._theta_of_aliases, self.freq_hz) for model in self._open_loops or ()]
 
     @cached_property
-    def _folded(self) -> ComplexArray:
-        """Images of the references (F, n_y, n_u)."""
-        return fold_images(self.model, self._theta_of_images, self.freq_hz)
+    def _reference_aliases(self) -> ComplexArray:
+        """Aliases of the references (F, n_y, n_u)."""
+        return reference_aliases(self.model, self._theta_of_aliases, self.freq_hz)
 
     @property
-    def _theta_of_images(self) -> FloatArray:
-        return self.model.theta_ref if self.images_at is None else self.images_at
+    def _theta_of_aliases(self) -> FloatArray:
+        return self.model.theta_ref if self.aliases_at is None else self.aliases_at
 
     @cached_property
     def _slope_rows(self) -> tuple[FloatArray, ...]:
-        """dC^T and dT^T (n, n_y) of each of `output_parameters`, then dB (n, n_u) of those that move a force."""
+        """dC^T and dT^T (n, n_y) of each of `output_parameters`, then dB (n, n_u) if it changes B."""
         zero, slopes = np.zeros(self.model.C.shape), [self.model.slopes[name] for name in self.output_parameters]
         rows = [(zero if matrix is None else matrix).T for slope in slopes for matrix in (slope.C, slope.T)]
         return (*rows, *(slope.B for slope in slopes if slope.B is not None))
 
     def _slope_columns(self, products: ComplexArray, s: ComplexArray) -> ComplexArray:
-        """Return (C + T / s^2) Z^-1 dB (n_m, F, n_y, n_u), of right sides with columns of all dB (F, m, n_dB n_u)."""
+        """Return (C + T / s^2) Z^-1 dB (n_m, F, n_y, n_u) from products (F, m, n_dB n_u) with the columns of all dB."""
         model, sides = self.model, self._sides
         moves = [model.slopes[name].B is not None for name in self.output_parameters]
         columns = np.zeros((len(moves), len(s), len(model.outputs), len(model.inputs)), complex)
@@ -240,7 +235,7 @@ class Kernel(WorkerConstant):
 
     @cached_property
     def _elimination(self) -> "Elimination":
-        """Elimination of Z X = B at any theta, by the pattern of Z's entries that are not zero for every theta."""
+        """Elimination of Z X = B for any theta, from the pattern of possibly nonzero entries of Z."""
         model = self.model
         slopes = [matrix for s in model.slopes.values() for matrix in (s.M, s.D, s.K) if matrix is not None]
         return Elimination.of(np.any(np.array([model.M, model.D, model.K, *slopes]) != 0, axis=0))
@@ -252,7 +247,7 @@ class Kernel(WorkerConstant):
 
     @cached_property
     def _sides(self) -> Sides:
-        """Outputs in the direction of an input or of another output, at any theta, need no solution of their own."""
+        """Distinct right-hand sides: outputs in the direction of an input or of another output share its solution."""
         model = self.model
 
         def with_slopes(letter: str) -> FloatArray:
@@ -294,16 +289,16 @@ class Elimination:
         B_ordered, Y_ordered = B.take(self.order, axis=0), Y.take(self.order, axis=0)
         matrices = (matrix.take(indices) for matrix in (M, D, K))
         call("eliminate", *sizes, *matrices, B_ordered, omega, later, n_columns, Y_ordered, products, smallest)
-        weak = np.flatnonzero(~(smallest > LEAST_PIVOT**2))  # not above: NaN too
+        weak = np.flatnonzero(~(smallest > MIN_PIVOT**2))  # not above: NaN too
         if len(weak):
             products[:, :, weak] = solved_products(M, D, K, omega[weak], B, Y).T
         return products.T
 
     @cached_property
     def _later(self) -> tuple[IntArray, IntArray, IntArray]:
-        """The columns of each row of L^T that are not zero, the first of each row of (n, n), and how many (n,).
+        """Nonzero columns of each row of L^T, first in the rows (n, n), their numbers (n,), and matrix indices (n, n).
 
-        Last, where each entry (n, n) of a matrix in this order stands in the matrix.
+        The indices map entries in elimination order to entries of a matrix.
         """
         later = np.argsort(~self.pattern, axis=1, kind="stable").astype(np.int64)
         return later, self.pattern.sum(axis=1), self.order[:, None] * len(self.order) + self.order
@@ -332,6 +327,6 @@ def solved_products(
     np.subtract(K, of_lines**2 * M, out=Z.real)
     np.multiply(of_lines, D, out=Z.imag)
     X = np.linalg.solve(Z, B.astype(complex)).transpose(1, 2, 0)
-    # One product of real matrices, since Y is real and may have thousands of columns.
+    # One real product, since Y is real and can have thousands of columns.
     real = np.ascontiguousarray(X).reshape(len(Y), -1).view(np.float64)
     return (Y.T @ real).view(np.complex128).reshape(-1, *X.shape[1:]).T
