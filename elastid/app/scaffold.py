@@ -161,7 +161,7 @@ def _postures(robot: Robot) -> tuple[FloatArray, float]:
     low, high = np.clip([joint.limits.angle for joint in joints], -4, 4).T  # an unlimited joint about zero
     half = np.minimum(0.3 * (high - low), half_ranges)
     angles = np.round((low + high) / 2 + half * rng.uniform(-1, 1, (_POSTURES**2, len(joints))), 2)
-    q = robot.opened(angles @ robot.mixing.T).T  # of the motors' shafts
+    q = robot.joint_positions(angles @ robot.mixing.T).T  # of the motors' shafts
     theta = np.array([[value] * len(angles) for value, _ in robot.parameters().values()])
     gravity = inverse_dynamics(robot)(q, 0 * q, 0 * q, theta).full()[list(robot.driven_indices)]
     load = np.max(np.abs(gravity.T) / [joint.limits.torque for joint in joints], axis=1)

@@ -154,7 +154,7 @@ def rigid_posture(model: ElasticModel, configuration: Configuration, theta: Floa
         raise StudyError("robot/no-equilibrium", refusal, f"configuration {configuration.name}")
     q = np.zeros(model.n_q)
     try:
-        angles, joints = configuration.angles, model.robot.opened(configuration.angles)
+        angles, joints = configuration.angles, model.robot.joint_positions(configuration.angles)
         if model.robot.loops:  # the geometry moves no joint of a tree
             joints = assemble(model.robot_at(model.theta if theta is None else theta), angles)
         q[: len(joints)] = joints

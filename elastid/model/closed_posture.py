@@ -70,7 +70,7 @@ def assemble(robot: Robot, angles: FloatArray) -> FloatArray:
     StudyError where the loops do not close there, leave a joint undetermined, lock a motor or are about to fold over.
     """
     if not robot.loops:
-        return robot.opened(angles)
+        return robot.joint_positions(angles)
     linkage = mechanism(robot)
     q = follow_angles(robot, angles[None]).ravel()
     phi, _ = linkage.rows(q[None])
@@ -85,9 +85,9 @@ def follow_angles(robot: Robot, angles: FloatArray, near: FloatArray | None = No
 
     near (n_u,): angles close to all of `angles`. The path from the start to `near` is then solved only once.
     """
-    start = robot.opened(np.array([[joint.start for joint in robot.driven]]))
+    start = robot.joint_positions(np.array([[joint.start for joint in robot.driven]]))
     if not robot.loops:
-        return robot.opened(angles)
+        return robot.joint_positions(angles)
     linkage = mechanism(robot)
     start[:, linkage.passive] = [robot.joints[i].start for i in linkage.passive]
     q = start

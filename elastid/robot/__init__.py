@@ -1,33 +1,33 @@
-"""Robot: a tree of rigid bodies with joints, springs, gears, motors, loops. Numbers only, no equations.
+"""Robot: a tree of rigid bodies with joints, springs, gears, motors and loops, as numbers without equations.
 
-From the parent body a body is reached by its placement and then its joints, in the order listed: rotations about, or
-translations along, axes of the frame reached so far. A joint is
+The frame of a body follows from its parent's frame by its placement and then its joints in order: rotations about, or
+translations along, axes of the previous frame. A joint is
 
 - driven through an elastic gear:  motor and spring   (coordinates q_a and q_m)
 - driven rigidly:                  motor, no spring   (one coordinate)
-- elastic, not driven:             spring, no motor   (q_na of the extended flexible joint; rests at angle 0)
+- elastic, not driven:             spring, no motor   (q_na of the extended flexible joint; 0 without load)
 - passive:                         neither (moved by gravity or by a loop)
 
-Loops close the tree: two points of bodies that coincide, are pinned, or are joined by a rod.
+Loops close the tree: two points of bodies that coincide, are pinned, or are joined by a rod. A compensator is a coil or
+gas spring between points of two bodies, which supports part of the weight.
 
-Stiffness and damping of a joint are on the link side; a motor's inertia, friction and shaft are on the motor side, as
-data sheets give them, and its ratio (motor turns per joint turn, negative where it turns the other way) leads to the
-link. Of a translation, stiffness is in N/m and a ratio in rad/m. Gears that let one axis turn the motor of another are
-listed with the robot (`gears`). A motor may ride on a body, whose rotation its rotor then feels.
+Stiffness and damping of a joint are link-side values. Inertia, friction and shaft of a motor are motor-side values, as
+in data sheets. The ratio is motor revolutions per joint revolution, negative for opposite directions. For a translation
+the stiffness is in N/m and the ratio in rad/m. Couplings of axes are in `gears`. If a motor is carried by a body, the
+kinetic energy of its rotor includes the rotation of this body.
 
-A compensator is a coil or a gas spring between points of two bodies, which carries part of the weight.
+Every number that can be identified has a name:
 
-Every number that can be identified has a name: k_1 and d_1 (spring of joint 1; k2_1, k2s_1, k3_1 where it is a
-polynomial, b_1, ki_1, e_1 where it has backlash: half gap, stiffness inside, rounding), f_1 (viscous friction in joint
-1), kc_cyl and L0_cyl (coil of compensator cyl), F0_cyl, L0_cyl, h0_cyl and kappa_cyl (its gas: force and height of the
-gas column at the length L0, exponent), Jm_1 and fm_1 (inertia and viscous friction of the motor of joint 1), km_1 and
-dm_1 (its shaft), m_arm, c_arm_x, I_arm_xx or, where a body has the same inertia about every axis, I_arm; m_payload,
-c_payload_x, I_payload of what it carries; of the rod of loop l m_l, a_l (place of its centre of mass), I_l, k_l, d_l.
-
-So has its geometry, in m, which is identified only where a study names it: p_arm_x (placement of body arm), pj_1_x
-(point that the axis of joint 1 goes through), pc1_cyl_x and pc2_cyl_x (ends of compensator cyl), p1_l_x, p2_l_x and
-l_l (ends of loop l, length of its rod), and zero_1 in rad (error of the zero of joint 1). And so have the gains of the
-channels: gain_y_joint_1, gain_u_motor_1.
+- k_1, d_1 (spring of joint 1); k2_1, k2s_1, k3_1 (polynomial); b_1, ki_1, e_1 (backlash: half gap, stiffness inside,
+  rounding); f_1 (viscous friction of joint 1); Jm_1, fm_1 (inertia and viscous friction of its motor); km_1, dm_1
+  (shaft)
+- kc_cyl, L0_cyl (coil of compensator cyl); F0_cyl, L0_cyl, h0_cyl, kappa_cyl (gas: force and column at length L0,
+exponent) - m_arm, c_arm_x, I_arm_xx, or I_arm for an isotropic inertia; m_payload, c_payload_x, I_payload - m_l, a_l
+(location of the centre of mass), I_l, k_l, d_l (rod of loop l) - geometry in m, only if a study names it: p_arm_x
+(placement of body arm), pj_1_x (point on the axis of joint 1),
+  pc1_cyl_x, pc2_cyl_x (ends of compensator cyl), p1_l_x, p2_l_x, l_l (ends and rod of loop l); zero_1 in rad (zero
+  offset)
+- gains of channels, only if a study names them: gain_y_joint_1, gain_u_motor_1
 """
 
 from elastid.robot.body import BASE, TOOL, Body, Frame, InertiaTensor, Payload

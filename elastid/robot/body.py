@@ -1,4 +1,4 @@
-"""Rigid bodies, the frames fixed to them, and the payload that one of them carries."""
+"""Rigid bodies, frames fixed to bodies, and the payload."""
 
 from dataclasses import field
 from typing import Annotated, TypeAlias
@@ -18,10 +18,9 @@ InertiaTensor: TypeAlias = (
 
 BASE = "base"
 PAYLOAD = "payload"
-# The frame that a payload is fixed to unless said otherwise.
-TOOL = "tool"
+TOOL = "tool"  # default frame of a payload
 TENSOR_LETTERS = ("xx", "yy", "zz", "xy", "xz", "yz")
-# Which of these numbers stands where in a symmetric tensor.
+# Index of the entries of a symmetric tensor in TENSOR_LETTERS.
 TENSOR = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
 
 
@@ -31,10 +30,10 @@ def six_numbers(tensor: FloatArray) -> tuple[float, float, float, float, float, 
     return xx, yy, zz, xy, xz, yz
 
 
-def possible(tensor: FloatArray) -> FloatArray:
-    """Enlarge the smaller principal inertias of a tensor (3, 3) up to the sum that the largest one needs.
+def with_possible_moments(tensor: FloatArray) -> FloatArray:
+    """Increase the smaller principal inertias of a tensor (3, 3) so that they satisfy the triangle inequality.
 
-    By at most a tenth of the largest, the usual tolerance of an inertia; else, and with a negative one, as it is.
+    Unchanged if one is negative, or if the increase exceeds a tenth of the largest, the typical tolerance.
     """
     principal, axes = np.linalg.eigh(tensor)
     deficit = principal[2] - principal[0] - principal[1]
@@ -83,7 +82,7 @@ class Body:
     # Messages begin with the key at fault, at whose line a study shows them.
     def __post_init__(self) -> None:
         principal = np.linalg.eigvalsh(self.inertia_matrix)
-        slack = 1e-9 * abs(principal).max() + 1e-15  # rounding of a tensor, and of one of zeros that was turned
+        slack = 1e-9 * abs(principal).max() + 1e-15  # rounding errors, also of a rotated zero tensor
         if principal[0] < -slack or principal[2] > principal[0] + principal[1] + slack:
             moments = ", ".join(f"{p:.4g}" for p in principal)
             raise ValueError(
@@ -93,7 +92,7 @@ class Body:
 
     @property
     def inertia_entries(self) -> dict[str, float]:
-        """The inertia's numbers by parameter suffix: '' for the isotropic one, else _xx, _yy ..."""
+        """Entries of the inertia by parameter suffix: '' for an isotropic inertia, else _xx, _yy, ..."""
         if isinstance(self.inertia, tuple):
             return {f"_{letters}": value for letters, value in zip(TENSOR_LETTERS, self.inertia, strict=False)}
         return {"": self.inertia}
@@ -117,7 +116,7 @@ class Body:
 
     @property
     def geometry(self) -> Numbers:
-        """p_: where its first joint is in the parent's frame."""
+        """p_: location of the first joint in the parent's frame."""
         return coordinates(f"p_{self.name}", ("placement", "xyz"))
 
 
@@ -153,7 +152,7 @@ class Payload:
         self.body("", Placement())
 
     def body(self, parent: str, placement: Placement) -> Body:
-        """Return the payload as a body, where it is carried."""
+        """Return the payload as a body of a parent."""
         return Body(PAYLOAD, parent, placement, (), self.mass, self.center_of_mass, self.inertia)
 
     @property

@@ -1,15 +1,14 @@
-r"""Connections of two bodies between points of them: loops that close the tree, and gravity compensators.
+r"""Connections between points of two bodies: loops that close the tree, and gravity compensators.
 
 A loop joins two points directly, by a pin or by a rod.
 
-A gravity compensator: a spring of steel or gas between points of two bodies, at the distance L of each other.
+A gravity compensator is a coil or gas spring between points of two bodies with the distance L.
 
 .. math:: F_{coil} = k_c (L - L_0), \qquad F_{gas} = \pm F_0 \left( \frac{h_0}{h_0 \pm (L_0 - L)} \right)^{\kappa}
 
-F: the force that draws the two points together.  Gas in a cylinder that draws (+) is compressed as L grows, gas in a
-strut that pushes (-) as L shrinks. F_0 = p_0 A and h_0 = V_0 / A, the height of the gas column, at the length L_0, with
-the absolute pressure p_0, the piston's area A and the volume V_0. kappa: 1 while the gas keeps its temperature, 1.4 in
-motion too fast for heat to flow.
+F: force that draws the points together.  Gas in a drawing cylinder (+) is compressed by increasing L, gas in a pushing
+strut (-) by decreasing L. At the length L_0, F_0 = p_0 A and h_0 = V_0 / A is the height of the gas column, with
+absolute pressure p_0, piston area A and volume V_0. kappa: 1 for isothermal, 1.4 for adiabatic compression.
 """
 
 from typing import Annotated, Literal
@@ -110,7 +109,7 @@ class Compensator:
 
     @property
     def geometry(self) -> Numbers:
-        """pc1_ and pc2_: where its ends are on their bodies."""
+        """pc1_ and pc2_: locations of the ends on their bodies."""
         return _ends_of("pc", self.name)
 
 
@@ -160,11 +159,11 @@ class Rod:
 
     @property
     def is_elastic(self) -> bool:
-        """True if it stretches."""
+        """True if the rod has an axial stiffness."""
         return self.stiffness is not None
 
     def numbers(self, loop: str) -> Numbers:
-        """Return m_, a_ (place of the centre of mass), I_ of a loop's rod, and k_, d_ of an elastic one."""
+        """Return m_, a_ (location of the centre of mass), I_ of a loop's rod, and k_, d_ of an elastic rod."""
         places: Numbers = {
             f"m_{loop}": ("kg", ("mass",)),
             f"a_{loop}": ("1", ("center",)),

@@ -3,7 +3,7 @@ r"""Robot from a Denavit-Hartenberg table, in either convention, as bodies and j
 .. math:: T_i = R_z(\theta_i)\, T_z(d_i)\, T_x(a_i)\, R_x(\alpha_i) \quad (standard), \qquad
           T_i = R_x(\alpha_i)\, T_x(a_i)\, R_z(\theta_i)\, T_z(d_i) \quad (modified)
 
-theta_i = offset_i + q_i where the joint turns, d_i + q_i instead of d_i where it slides. Frame i is that of link i.
+theta_i = offset_i + q_i for a rotation; d_i + q_i instead of d_i for a translation. Frame i belongs to link i.
 (standard or distal: Denavit and Hartenberg 1955, Paul 1981; modified or proximal: Craig 1986, Khalil and Kleinfinger.)
 """
 
@@ -24,7 +24,7 @@ from elastid.robot.robot import Frames, Gravity, OptionalPayload, Robot, RobotTo
 
 @section
 class Link:
-    """One row of the table, the joint that moves the link, and the link as a body in its frame i."""
+    """One row of the table: the link as a body in its frame i, and the joint that moves it."""
 
     # fmt: off
     joint: Annotated[Joint, Key("Joint that moves the link, about or along z according to its `motion`.",
@@ -108,7 +108,7 @@ class DenavitHartenberg:
         return Robot(*fields, gears=self.gears, tolerances=self.tolerances)
 
     def _body(self, link: Link, parent: str, before: Placement) -> Body:
-        """Return the link as a body.  before: placement of frame i - 1 in its body, the identity but for the base."""
+        """Return the link as a body.  before: placement of frame i - 1 in its body, identity except for the base."""
         turn = Placement(rpy=(0.0, 0.0, link.offset))
         across = Placement((link.a, 0.0, 0.0), (link.alpha, 0.0, 0.0))
         along = Placement((0.0, 0.0, link.d))

@@ -1,6 +1,6 @@
-"""The dry friction of a motor or a joint, sliding and before it slides: numbers on the side of their place.
+"""Dry friction of a motor (motor-side values) or a joint (link-side values), in sliding and presliding.
 
-Across a joint that slides they are in N, m and s: coulomb in N, stiffness in N/m, velocities in m/s.
+For a translation the values are in N, m and s: coulomb in N, stiffness in N/m, velocities in m/s.
 
 Viscous friction is the `viscous` of the motor or joint itself, for every model: it is identifiable from frequency
 responses above the Stribeck region, and has a parameter name.
@@ -25,7 +25,7 @@ from elastid.base.units import (
 
 @section
 class LuGre:
-    """Bristles under a Stribeck curve."""
+    """LuGre model: bristles with a Stribeck curve."""
 
     # fmt: off
     stiffness: Annotated[Stiffness, Key("Bristle stiffness sigma_0.", "Coulomb torque divided by the angle in which "
@@ -66,17 +66,16 @@ class MaxwellSlip:
             raise ValueError(f"maxwell_slip: the shares sum to {sum(self.shares):.6g}; they must sum to 1")
 
 
-# A LuGre law whose micro-damping dies out like exp(-(v / v_d)^2) is passive where sigma_1(v) |v| <= 4 F_c everywhere;
-# the left side is largest at v = v_d / sqrt(2), so v_d <= 4 sqrt(2 e) F_c / sigma_1.
+# A LuGre model with the bristle damping sigma_1 exp(-(v / v_d)^2) is passive if sigma_1(v) |v| <= 4 F_c for all v. The
+# left side is largest at v = v_d / sqrt(2), so v_d <= 4 sqrt(2 e) F_c / sigma_1.
 MAX_DAMPING_VELOCITY_RATIO = 4 * math.sqrt(2 * math.e)
 
-# Of the Stribeck curve: published ones lie between 0.5 and 2.
-EXPONENT_RANGE = (0.3, 4.0)
+EXPONENT_RANGE = (0.3, 4.0)  # of the Stribeck curve; published exponents are between 0.5 and 2
 
 
 @section
 class LoadDependence:
-    """Friction that each Nm (N per N) of load on the joint adds, whatever its sign."""
+    """Additional friction per Nm (N) of the load on the joint, independent of the sign of the load."""
 
     # fmt: off
     coulomb: Annotated[float, Key("Coulomb friction per Nm of load, in Nm.", "0.01 to 0.1 for robot gears; three loads "
@@ -222,36 +221,37 @@ class Friction:
 
     @property
     def has_variable_stiction(self) -> bool:
-        """True if load or temperature change F_s by other amounts than F_c, over nu_s."""
+        """True if load or temperature change F_s and F_c by different amounts, with the Stribeck velocity nu_s."""
         load, temperature = self.load, self.temperature
         by_load = load is not None and load.stribeck_velocity is None and load.of_stiction != load.coulomb
         return by_load or (temperature is not None and temperature.stiction != 0)
 
     def check_passive(self, viscous: float, slides: bool = False) -> None:
-        """Raise ValueError for a law that can supply energy.  viscous: f on the same side, Nms/rad (slides: Ns/m).
+        """Raise ValueError for a friction model that is not passive.  viscous: f on the same side, Nms/rad (Ns/m).
 
         Viscous friction must exceed half of its difference between the directions.
 
-        LuGre: a constant sigma_1 needs f >= sigma_1 (F_s - F_c) / F_c. It is enough, since |sigma_0 z| <= F_s leaves
-        sigma_1 v z' >= -sigma_1 v^2 (F_s - F_c) / F_c, and sigma_0 z v >= (sigma_0 z^2 / 2)'; with less, a jump from
-        slow sliding to a high v supplies more energy than the bristles hold. A falling sigma_1 needs
-        v_d <= 4 sqrt(2 e) F_c / sigma_1: then sigma_0^2 |v| z^2 / g - sigma_0 sigma_1 |v| v z / g + sigma_1 v^2 >= 0.
+        LuGre with constant sigma_1 is passive if f >= sigma_1 (F_s - F_c) / F_c, since |sigma_0 z| <= F_s gives
+        sigma_1 v z' >= -sigma_1 v^2 (F_s - F_c) / F_c, and sigma_0 z v >= (sigma_0 z^2 / 2)'. With less f, a jump from
+        slow sliding to a high v supplies energy. LuGre with decreasing sigma_1 is passive if
+        v_d <= 4 sqrt(2 e) F_c / sigma_1, because sigma_0^2 |v| z^2 / g - sigma_0 sigma_1 |v| v z / g + sigma_1 v^2 >=
+        0.
         """
-        uneven = 0.0 if self.directions is None else abs(self.directions.viscous)
-        if uneven > viscous:
+        difference = 0.0 if self.directions is None else abs(self.directions.viscous)
+        if difference > viscous:
             raise ValueError(
-                f"friction: directions: viscous {uneven:.4g} must be below the viscous friction {viscous:.4g}, or "
+                f"friction: directions: viscous {difference:.4g} must be below the viscous friction {viscous:.4g}, or "
                 "friction would drive in one direction. Give half of the difference between the directions"
             )
         if self.lugre is None or self.lugre.damping == 0:
             return
         speed, damper = (of_translation(unit) if slides else unit for unit in ("rad/s", "N*m*s/rad"))
-        fastest = MAX_DAMPING_VELOCITY_RATIO * self.coulomb / self.lugre.damping
+        max_velocity = MAX_DAMPING_VELOCITY_RATIO * self.coulomb / self.lugre.damping
         if self.lugre.damping_velocity is not None:
-            if self.lugre.damping_velocity > fastest:
+            if self.lugre.damping_velocity > max_velocity:
                 raise ValueError(
                     f"lugre: damping_velocity is {self.lugre.damping_velocity:.4g} {speed}. A passive model needs at "
-                    f"most 4 sqrt(2 e) coulomb / damping = {fastest:.4g} {speed}. Lower it"
+                    f"most 4 sqrt(2 e) coulomb / damping = {max_velocity:.4g} {speed}. Lower it"
                 )
             return
         minimum = self.lugre.damping * (self.break_away - self.coulomb) / self.coulomb
@@ -259,5 +259,5 @@ class Friction:
             raise ValueError(
                 f"lugre: not passive: constant damping {self.lugre.damping:.4g} needs viscous >= damping (stiction - "
                 f"coulomb) / coulomb = {minimum:.4g} {damper} (got {viscous:.4g}). Give damping_velocity: "
-                f"{0.9 * fastest:.2g} (or less), lower damping, or raise viscous"
+                f"{0.9 * max_velocity:.2g} (or less), lower damping, or raise viscous"
             )

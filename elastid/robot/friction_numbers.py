@@ -17,9 +17,9 @@ from elastid.robot.simplified import with_joints
 
 @dataclass(frozen=True)
 class FrictionTerm:
-    """Parameter of a friction model: `path` in the file, prefix of its name, symbol, meaning, unit for rotation.
+    """Parameter of a friction model: `path` in the robot model, prefix of its name, symbol, meaning, unit for rotation.
 
-    power: link side = |n|^power motor side.  turns: True if its sign changes with the sign of the ratio.
+    power: link-side value = |n|^power motor-side value.  turns: True if its sign changes with the sign of n.
     """
 
     path: str
@@ -31,7 +31,7 @@ class FrictionTerm:
     turns: bool = False
 
     def name(self, joint: str) -> str:
-        """Name of the number at the motor of a joint.
+        """Return the name of the parameter for the motor of a joint.
 
         >>> TERMS["coulomb"].name("1")
         'Fc_m1'
@@ -96,14 +96,14 @@ def through_gear(friction: Friction, n: float, to_motor: bool) -> Friction:
 
 
 def law_of(robot: Robot, joint: str) -> Friction | None:
-    """Return friction model at the motor of a joint, on the link side; None without one."""
+    """Return the friction model of a joint's motor with link-side values; None without dry friction."""
     motor = next(driven.motor for driven in robot.driven if driven.name == joint)
     law = None if motor is None else motor.dry_friction
     return None if law is None or motor is None else through_gear(law, motor.ratio, to_motor=False)
 
 
 def friction_numbers(robot: Robot) -> dict[str, tuple[float, str]]:
-    """Return the value and unit, link side, of each number that the friction of the robot's motors has."""
+    """Return the link-side value and unit of each friction parameter of the robot's motors, by name."""
     numbers: dict[str, tuple[float, str]] = {}
     for joint in robot.driven:
         motor, law = joint.motor, law_of(robot, joint.name)
@@ -119,7 +119,7 @@ def friction_numbers(robot: Robot) -> dict[str, tuple[float, str]]:
 
 
 def with_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
-    """Return the robot with other parameters, including friction (link side), as by `Robot.with_parameters`."""
+    """Return the robot with other parameters, including link-side friction, as `Robot.with_parameters`."""
     friction = friction_numbers(robot)
     other_values = {name: value for name, value in values.items() if name not in friction}
     new_robot = robot.with_parameters(other_values) if other_values else robot

@@ -1,4 +1,4 @@
-"""Effects of an elastic gear beside its spring: transmission error, ripple, hysteresis, friction by load."""
+"""Effects of an elastic gear besides its spring: transmission error, ripple, hysteresis, load-dependent friction."""
 
 from typing import Annotated, Literal
 
@@ -8,7 +8,7 @@ from elastid.base.units import Angle, JointPosition, JointTorque
 
 @section
 class TransmissionError:
-    """Error e of a gear that repeats with the motor's turn: A sin(order theta + phase), theta the motor's angle."""
+    """Transmission error A sin(order theta + phase) of a gear, theta: motor angle."""
 
     # fmt: off
     amplitude: Annotated[JointPosition, Key("Amplitude of the transmission error on the link side.", "10 to 60 arcsec "
@@ -21,7 +21,7 @@ class TransmissionError:
 
 @section
 class GearRipple:
-    """Torque on the motor that repeats with its turn, cogging and ripple: A sin(order theta + phase), braking."""
+    """Cogging or ripple torque A sin(order theta + phase) against the motor, theta: motor angle."""
 
     # fmt: off
     amplitude: Annotated[JointTorque, Key("Amplitude of the ripple torque on the link side.", "cogging torque of the "
@@ -33,7 +33,7 @@ class GearRipple:
 
 @section
 class Hysteresis:
-    """An element of a gear's hysteresis: a spring that slides at a torque, in parallel with the gear's own."""
+    """Element of the hysteresis of a gear: a spring that slides at a torque, parallel to the gear's spring."""
 
     # fmt: off
     torque: Annotated[JointTorque, Key("Torque at which the element slides, on the link side.", "half the height of "
@@ -47,7 +47,7 @@ class Hysteresis:
 
 @section
 class Gear:
-    """Effects of an elastic gear: its error, ripple, hysteresis, and friction that grows with its torque."""
+    """Effects of an elastic gear: transmission error, ripple, hysteresis, and load-dependent friction."""
 
     # fmt: off
     load: Annotated[float, Key("Coulomb friction at the motor per Nm of instantaneous gear torque.", "0.02 to 0.15, "

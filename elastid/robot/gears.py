@@ -1,10 +1,9 @@
-r"""Gears that couple axes: the matrix of gear ratios, and where the springs sit between its stages.
+r"""Gears that couple axes: the matrix of gear ratios, and springs before and after the couplings.
 
 .. math:: q_m^m = \eta\, q_m^a, \qquad \tau_a = \eta^T \tau_m, \qquad \eta = \eta_1 \eta_2
 
-Niglis & Oberg (2015), eqs. (2.23), (2.25a) to (2.25c); superscripts: side on which an angle is measured. eta_2 holds
-the couplings between the joints' springs and the links. A gear without a spring of its own is elastic where a spring
-before the coupling moves it, by that spring alone.
+Niglis & Oberg (2015), eqs. (2.23), (2.25a) to (2.25c); superscripts: side of an angle. eta_2: couplings between the
+springs of the joints and the links. A gear without a spring is elastic if a spring before the coupling moves it.
 """
 
 from collections.abc import Sequence
@@ -18,13 +17,12 @@ from elastid.base.arrays import FloatArray, frozen, frozen_value
 from elastid.base.section import Key, section
 from elastid.robot.joint import Joint
 
-# Reciprocal condition number of eta, its rows scaled to the motors' own ratios, above which it is not singular.
-MIN_RECIPROCAL_CONDITION = 1e-10
+MIN_RECIPROCAL_CONDITION = 1e-10  # of eta with rows over the ratios of the motors, below which it is singular
 
 
 @section
 class GearCoupling:
-    """A gear through which the motor of another joint turns along: eta[motor, joint] = ratio."""
+    """Gear by which a joint also rotates the motor of another joint: eta[motor, joint] = ratio."""
 
     # fmt: off
     motor: Annotated[str, Key("Driven joint whose motor the coupling rotates.", "mostly a later axis of the wrist, "
@@ -65,12 +63,12 @@ def mixing(driven: Sequence[Joint], gears: Sequence[GearCoupling], only: str = "
 
 
 def spring_directions(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> dict[str, FloatArray]:
-    """Return turns of the joints (n_u,) where one spring deflects by 1 rad and no other does, by parameter name.
+    """Return the joint rotations (n_u,) for a deflection of 1 rad of one spring alone, by parameter name.
 
     `k_<joint>` on the link side, unit of its joint; `km_<joint>` on the motor side.
     """
     directions: dict[str, FloatArray] = {}
-    # Exactly zero between axes that are not coupled.
+    # Exactly zero for axes without coupling.
     to_joints, total = (_without_rounding(np.linalg.inv(mixing(driven, gears, only))) for only in ("before", ""))
     for i, joint in enumerate(driven):
         if joint.spring is not None:
@@ -82,10 +80,10 @@ def spring_directions(driven: Sequence[Joint], gears: Sequence[GearCoupling]) ->
 
 @frozen_value(eq=False)
 class Gearbox:
-    """Elastic gears that share springs: gears (n_g,), indices of driven joints; springs (n_s,), names k_...
+    """Elastic gears with common springs.  gears (n_g,): indices of driven joints.  springs (n_s,): names k_...
 
-    X (n_g, n_s): deflection of each gear per rad of a spring.  range (n_g, r), orthonormal columns: the deflections
-    that the springs allow, all of them where r = n_g.  rigid (n_g - r, n_g): the rest, rigid @ delta = 0.
+    X (n_g, n_s): deflection of each gear per rad of a spring.  range (n_g, r): orthonormal basis of the deflections
+    that the springs allow.  rigid (n_g - r, n_g): rigid @ delta = 0.
     """
 
     gears: tuple[int, ...]
@@ -94,25 +92,25 @@ class Gearbox:
 
     @cached_property
     def is_in_series(self) -> bool:
-        """True with more springs than independent deflections, which then follow from the torque alone."""
+        """True with more springs than independent deflections; the deflections then depend on the torque only."""
         _, rank = self._directions
         return bool(len(self.springs) > rank)
 
     @cached_property
     def range(self) -> FloatArray:
-        """The deflections that the springs allow; the unit matrix where they leave no gear rigid."""
+        """Basis of the deflections that the springs allow; the unit matrix without rigid gears."""
         U, rank = self._directions
         return frozen(np.eye(len(U)) if rank == len(U) else _without_rounding(U[:, :rank]))
 
     @cached_property
     def rigid(self) -> FloatArray:
-        """Rows of gears that turn with one another as if rigid."""
+        """Combinations of gears that are rigid."""
         U, rank = self._directions
         return frozen(_without_rounding(U[:, rank:]).T)
 
     @cached_property
     def deflections(self) -> FloatArray:
-        """X^-1 (n_s, n_g): deflection of each spring per deflection of the gears, where springs are not in series."""
+        """X^-1 (n_s, n_g): deflection of each spring per deflection of the gears, without springs in series."""
         length = np.linalg.norm(self.X, axis=0)
         square = len(self.springs) == len(self.gears)
         return frozen(np.linalg.inv(self.X) if square else np.linalg.pinv(self.X / length) / length[:, None])
@@ -125,13 +123,13 @@ class Gearbox:
 
 
 def gearboxes(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> tuple[Gearbox, ...]:
-    """Return the elastic gears, those that share a spring in one gearbox."""
+    """Return the elastic gears; gears with a common spring are in one gearbox."""
     directions = spring_directions(driven, gears)
     X = np.array([*directions.values()]).reshape(-1, len(driven)).T
-    together = np.linalg.matrix_power((X @ X.T != 0).astype(float), len(driven)) > 0
+    share_springs = np.linalg.matrix_power((X @ X.T != 0).astype(float), len(driven)) > 0
     boxes = []
     for first in np.flatnonzero(X.any(axis=1)):
-        members = np.flatnonzero(together[first])
+        members = np.flatnonzero(share_springs[first])
         if members[0] == first:
             within = np.any(X[members], axis=0)
             springs = tuple(name for name, inside in zip(directions, within.tolist(), strict=True) if inside)
@@ -141,10 +139,10 @@ def gearboxes(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> tuple[G
 
 def check_series(driven: Sequence[Joint], boxes: Sequence[Gearbox]) -> None:
     """Raise ValueError for nonlinear springs in series: compliances add for springs of one stiffness only."""
-    bent = {f"k_{joint.name}" for joint in driven if joint.spring is not None and not joint.spring.is_linear}
+    nonlinear = {f"k_{joint.name}" for joint in driven if joint.spring is not None and not joint.spring.is_linear}
     for box in boxes:
-        if box.is_in_series and bent & set(box.springs):
-            name = min(bent & set(box.springs))[2:]
+        if box.is_in_series and nonlinear & set(box.springs):
+            name = min(nonlinear & set(box.springs))[2:]
             raise ValueError(
                 f"joint {name}: a nonlinear spring in series with a motor-shaft spring "
                 f"({', '.join(s for s in box.springs if s.startswith('km_'))}) is not supported. Remove one of them"

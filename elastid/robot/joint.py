@@ -77,12 +77,12 @@ class Motor:
 
     @property
     def link_viscous(self) -> float:
-        """Its viscous friction on the link side."""
+        """Viscous friction on the link side."""
         return self.viscous * self.ratio**2
 
     @property
     def dry_friction(self) -> Friction | None:
-        """The law of dry friction, Coulomb's where `coulomb` alone is given; None without any."""
+        """Model of dry friction; Coulomb friction if only `coulomb` is given, None without dry friction."""
         return Friction(self.coulomb) if self.friction is None and self.coulomb > 0 else self.friction
 
     def numbers(self, joint: str) -> Numbers:
@@ -94,7 +94,7 @@ class Motor:
         return entries | below("spring", shaft)
 
 
-# Infinite where there is no limit.
+# Infinite without a limit.
 PositionLimit: TypeAlias = Annotated[float, InUnit("rad", "m", is_finite=False)]
 VelocityLimit: TypeAlias = Annotated[float, InUnit("rad/s", "m/s", is_finite=False)]
 AccelerationLimit: TypeAlias = Annotated[float, InUnit("rad/s^2", "m/s^2", is_finite=False)]
@@ -189,7 +189,7 @@ class Joint:
 
     @property
     def is_passive(self) -> bool:
-        """Neither driven nor elastic: gravity or a loop moves it."""
+        """True without motor and spring: gravity or a loop moves the joint."""
         return self.motor is None and self.spring is None
 
     @property
@@ -199,12 +199,12 @@ class Joint:
 
     @property
     def is_flexible(self) -> bool:
-        """Driven through a gear with a spring of its own; `Robot.flexible` adds those that couplings make elastic."""
+        """True if driven through its own spring; `Robot.flexible` also includes gears that couplings make elastic."""
         return self.motor is not None and (self.spring is not None or self.motor.spring is not None)
 
     @property
     def slides(self) -> bool:
-        """A translation, not a rotation."""
+        """True for a translation."""
         return self.motion == "translation"
 
     @property
@@ -244,7 +244,7 @@ class Joint:
         return "m" if self.slides else "rad"
 
     def refusal_of(self, number: float) -> str:
-        """Return why a number, written with a unit, cannot belong to this joint; empty where it can."""
+        """Return why the unit of a number is wrong for this joint; empty if it is right."""
         if not isinstance(number, Measured) or _turns(number.dimension) != self.slides:
             return ""
         hint = "" if self.slides else " (motion: translation makes it slide)"
@@ -254,9 +254,9 @@ class Joint:
         )
 
     def position_refusal(self, at: float, swing: float = 0.0) -> str:
-        """Return why it cannot be at a position, in rad or m, and swing about it; empty where it can."""
+        """Return why a position and an amplitude about it, rad or m, are impossible; empty if they are possible."""
         low, high = self.limits.angle
-        # Without limits: beyond a long rail in m, or two turns in rad, it was given in another unit.
+        # Without limits: more than 50 m or two revolutions suggest another unit.
         if math.isinf(high - low) and abs(at) > (50.0 if self.slides else 4 * math.pi):
             turns = "" if self.slides else f", {abs(at) / (2 * math.pi):.2g} turns,"
             return (

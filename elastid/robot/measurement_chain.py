@@ -1,9 +1,9 @@
-r"""The measurement chain around the mechanics: factors of torque loop, sensors and filters in a response.
+r"""Measurement chain: factors of torque loop, sensors, filters and channels in a response.
 
 .. math:: H(s) = \frac{1}{P_\tau(s T_\tau)} \cdot \frac{1}{P_y(s T_y)} \cdot \frac{1 - e^{-s T_\Delta}}{s T_\Delta}
 
-Each element has one number with a name, which a fit may keep or find: torque_lag (T_tau), sensor_lag (T_y),
-differentiator (T_Delta). The torque delay is always there, under the name `delay`.
+Each element has one parameter: torque_lag (T_tau), sensor_lag (T_y), differentiator (T_Delta). The torque delay always
+exists; its name is `delay`.
 
 A logged channel has a gain g, a time delay T_d and a low pass of first order T_l (gain_u_motor_1, delay_u_motor_1,
 low_pass_y_motor_1; delay_u and low_pass_u of all torques). The measured response is
@@ -13,8 +13,8 @@ low_pass_y_motor_1; delay_u and low_pass_u of all torques). The measured respons
 References have the same numbers (delay_r): they act as F r. The gains of the joint controllers are factors of the
 stated ones (gain_kp_motor_1, gain_kd_motor_1).
 
-A negative T_l is the inverse filter 1 + s |T_l|: only quotients F_y / F_u are identifiable. Every place has these
-numbers; they are 1, 0 and 0, and parameters only where a study names them.
+A negative T_l is the inverse filter 1 + s |T_l|: only quotients F_y / F_u are identifiable. The default values are 1, 0
+and 0; they are parameters only if a study names them.
 """
 
 import re
@@ -66,11 +66,11 @@ def channel_meaning(name: str) -> str:
 
 
 def low_pass_response(s: ComplexArray, T: float) -> ComplexArray:
-    """Return the response of a low pass of first order with time constant T in s, of its inverse if T is negative."""
+    """Return the response of a first-order low pass with time constant T in s, or its inverse if T is negative."""
     return 1 / (1 + s * T) if T >= 0 else 1 - s * T
 
 
-MAX_DELAY_S = 0.05  # s, of a channel: four cycles of the slowest controllers
+MAX_DELAY_S = 0.05  # of a channel: four cycles of the slowest controllers
 
 
 @section
@@ -135,7 +135,7 @@ class Chain:
         return numbers
 
     def channel_numbers(self, motors: Sequence[str], locations: Sequence[str]) -> dict[str, tuple[Channel, str]]:
-        """Return channel and kind of each number of torques at motors and motions at places, by name, if listed."""
+        """Return channel and kind of each possible number of torques, references, gains and motions, by name."""
         channels = {(channel.role, channel.at): channel for channel in self.channels}
         places_of_role = {"u": motors, "y": locations, "r": motors, "kp": motors, "kd": motors}
         keys = [(role, place) for role, at in places_of_role.items() for place in ("", *at) if place or role in "uyr"]
@@ -147,7 +147,7 @@ class Chain:
         }
 
     def at(self, role: str, locations: Iterable[str]) -> list[tuple[Channel, ...]]:
-        """Return the listed channels of a role at each place, including channels for all places."""
+        """Return the listed channels of a role at each location, including channels for all locations."""
         channels = [channel for channel in self.channels if channel.role == role]
         return [tuple(channel for channel in channels if channel.at in ("", location)) for location in locations]
 

@@ -1,6 +1,6 @@
-"""Directions, vectors and placements in the description of a robot, and its named numbers, which can be identified.
+"""Placement: directions, vectors and placements of a robot, and access to its named numbers.
 
-A named number has a unit and a path, the attributes and positions to it: ("joints", 0, "spring", "stiffness").
+A named number has a unit and a path of attributes and indices: ("joints", 0, "spring", "stiffness").
 """
 
 from collections.abc import Mapping
@@ -43,10 +43,10 @@ class Placement:
 
     @classmethod
     def of(cls, rotation: FloatArray, translation: FloatArray) -> "Placement":
-        """Return the placement with this rotation (3, 3) and translation (3,); at a pitch of +-90 deg the yaw is 0."""
+        """Return the placement for a rotation (3, 3) and a translation (3,); at a pitch of +-90 deg the yaw is 0."""
         R = rotation
         cosine = float(np.hypot(R[0, 0], R[1, 0]))
-        if cosine > 1e-9:  # below, roll and yaw turn about the same axis
+        if cosine > 1e-9:  # otherwise roll and yaw have the same axis
             roll, yaw = np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
         else:
             roll, yaw = np.arctan2(-R[1, 2], R[1, 1]), 0.0
@@ -62,7 +62,7 @@ class Placement:
 
     @property
     def rotation(self) -> FloatArray:
-        """R (3, 3) = Rz(yaw) Ry(pitch) Rx(roll): the body's axes as columns in the parent's."""
+        """R (3, 3) = Rz(yaw) Ry(pitch) Rx(roll), with the axes of the frame as columns in the parent's frame."""
         (sr, sp, sy), (cr, cp, cy) = np.sin(self.rpy), np.cos(self.rpy)
         return np.array(
             [
@@ -84,7 +84,7 @@ def coordinates(prefix: str, path: Path) -> Numbers:
 
 
 def below(path: str | Path, numbers: Numbers) -> Numbers:
-    """Return the numbers of a part, seen from the object that has the part at `path`."""
+    """Return the numbers of an attribute with paths from its owner, in which the attribute has the path `path`."""
     steps = (path,) if isinstance(path, str) else path
     return {name: (unit, (*steps, *inner)) for name, (unit, inner) in numbers.items()}
 
@@ -97,7 +97,7 @@ def number_at(description: Any, path: Path) -> float:
 
 
 def replaced(description: Any, values: Mapping[Path, float]) -> Any:
-    """Return description with other numbers at these paths, each dataclass checked again once all are in it."""
+    """Return the description with other numbers at these paths; every changed dataclass is checked again."""
     if () in values:
         return values[()]
     inner: dict[str | int, dict[Path, float]] = {}

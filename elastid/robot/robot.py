@@ -1,4 +1,4 @@
-"""The robot: its bodies as a tree, the loops that close it, everything attached to them, and checks of the whole."""
+"""Robot: tree of bodies, loops, attached components, and checks of their consistency."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
@@ -22,7 +22,7 @@ from elastid.robot.tolerances import FileTolerances, Tolerances
 
 
 def check_unique_names(robot: "Robot") -> None:
-    """Raise ValueError for names of one kind that are the same, and for a body that has the name of the base."""
+    """Raise ValueError for duplicate names of one kind, and for a body with the name of the base."""
     bodies = [body.name for body in robot.all_bodies]
     for name in bodies:
         if name.casefold() == BASE:
@@ -47,7 +47,7 @@ def check_body_exists(owner: str, name: str, robot: "Robot") -> None:
 
 
 def check_loops(robot: "Robot") -> None:
-    """Raise ValueError unless loops join existing bodies and share no name with a body, joint or loop."""
+    """Raise ValueError unless loops join existing bodies and have unique names among bodies, joints and loops."""
     names = [*(body.name for body in robot.bodies), *(joint.name for joint in robot.joints)]
     for loop in robot.loops:
         for end in loop.ends:
@@ -60,7 +60,7 @@ def check_loops(robot: "Robot") -> None:
 
 
 def check_carrier(joint: Joint, robot: "Robot") -> None:
-    """Raise ValueError unless the motor rides on a body between base and joint, or on one that its joint moves."""
+    """Raise ValueError unless the motor is on a body between base and joint, or on a body that its joint moves."""
     carrier = joint.motor.on if joint.motor is not None else ""
     if carrier in ("", BASE):
         return
@@ -87,12 +87,12 @@ def check_tolerances(robot: "Robot") -> None:
             raise ValueError(f"tolerances: no body is called {entry.name}; {did_you_mean(entry.name, names)}")
 
 
-# A frame's places: translation of its origin along its axes, and rotation about them.
+# Translation of a frame's origin along its axes, and rotation about them.
 FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
 def split_location(location: str) -> tuple[str, str, str]:
-    """Return kind, name and axis of a place on a body or a frame, such as `frame tool rz`."""
+    """Return kind, name and axis of a location on a body or a frame, such as `frame tool rz`."""
     kind, _, axis_name = location.partition(" ")
     name, _, axis = axis_name.rpartition(" ")
     return kind, name, axis
@@ -184,7 +184,7 @@ class Robot:
 
     @property
     def display(self) -> Display:
-        """How much of each there is, and the joints with motor and spring."""
+        """Number of components, and the joints with motor and spring."""
         counts = (
             (len(self.bodies), "bodies"), (len(self.driven), "motors"), (len(self.loops), "loops"),
             (len(self.compensators), "compensators"), (len(self.gears), "gear couplings")
@@ -231,7 +231,7 @@ class Robot:
         """The index of each driven joint among all joints, in order."""
         return tuple(i for i, joint in enumerate(self.joints) if joint.motor is not None)
 
-    def opened(self, angles: FloatArray) -> FloatArray:
+    def joint_positions(self, angles: FloatArray) -> FloatArray:
         """Return the joints (..., n_l) at the driven joints' angles (..., n_u), all others at 0."""
         q = np.zeros((*angles.shape[:-1], len(self.joints)))
         q[..., list(self.driven_indices)] = angles
@@ -241,7 +241,7 @@ class Robot:
     def flexible(self) -> tuple[Joint, ...]:
         """The driven joints with an elastic gear, in order: the motor coordinates q_m.
 
-        By a spring of their own, or by one before a gear that couples them with another motor.
+        Elastic by their own spring, or by a spring before a coupling with another motor.
         """
         elastic = {i for box in self.gearboxes for i in box.gears}
         return tuple(joint for i, joint in enumerate(self.driven) if i in elastic)
@@ -253,15 +253,14 @@ class Robot:
 
     @cached_property
     def gearboxes(self) -> tuple[Gearbox, ...]:
-        """The elastic gears, those that a spring turns together in one gearbox."""
+        """Elastic gears; gears with a common spring are in one gearbox."""
         return gearboxes(self.driven, self.gears)
 
     @cached_property
     def mixing(self) -> FloatArray:
-        """E (n_u, n_u) of eta = diag(ratio) E, the identity where no gear couples two axes.
+        """E (n_u, n_u) of eta = diag(ratio) E, the identity without couplings.
 
-        With motor angles and torques each referred to the link side by its own ratio alone: q_m' = E q_a, tau_a =
-        E^T tau_m'.
+        For motor angles and torques referred to the link side by the ratios: q_m' = E q_a, tau_a = E^T tau_m'.
         """
         return frozen(mixing(self.driven, self.gears))
 
@@ -278,13 +277,13 @@ class Robot:
         raise UnknownNameError(f"joint {joint} has no motor; driven joints: {', '.join(self.driven_names)}")
 
     def count_refusal(self, count: int, noun: str = "angles") -> str:
-        """Return why so many numbers cannot be one for each driven joint; empty where they can."""
+        """Return why a number of values does not match the driven joints; empty if it does."""
         n_u, joints = len(self.driven), ", ".join(self.driven_names)
         refusal = f"{count} {noun} for {n_u} driven joints ({joints}) of robot {self.name}; give one for each"
         return "" if count == n_u else refusal
 
     def check_location(self, location: str) -> None:
-        """Raise StudyError for a place that the robot does not have; it lists those it has."""
+        """Raise StudyError with all locations for an unknown location."""
         if location not in self.locations:
             raise StudyError(
                 "robot/unknown-name",
@@ -293,7 +292,7 @@ class Robot:
 
     @cached_property
     def locations(self) -> tuple[str, ...]:
-        """All places that a study may name."""
+        """All locations of signals on the robot."""
         return (
             *(f"motor {joint.name}" for joint in self.driven),
             *(f"joint {joint.name}" for joint in self.joints),
@@ -310,19 +309,19 @@ class Robot:
         )
 
     def slides(self, location: str) -> bool:
-        """Tell if a place translates, measured in m: a sliding joint, its motor, the origin of a frame; a force."""
+        """Return True for locations in m or N: a sliding joint, its motor, the origin of a frame, a force."""
         kind, _, rest = location.partition(" ")
         if kind in ("motor", "joint"):
             return any(joint.slides for joint in self.joints if joint.name == rest)
         return kind in ("accelerometer", "force") or (kind == "frame" and rest.rpartition(" ")[2] in ("x", "y", "z"))
 
     def sliding(self, locations: Iterable[str]) -> tuple[str, ...]:
-        """Return the places among `locations` that translate."""
+        """Return the locations in m or N among `locations`."""
         return tuple(dict.fromkeys(location for location in locations if self.slides(location)))
 
     @cached_property
     def branches(self) -> tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]:
-        """Branches of each loop: joints from each end up to the last that carries both, nearest to the end first."""
+        """Branches of each loop: joints from each end to the last common body, nearest to the end first."""
         paths: dict[str, tuple[int, ...]] = {BASE: ()}
         count = 0
         for body in self.bodies:
@@ -334,7 +333,7 @@ class Robot:
 
     @cached_property
     def joints_in_loops(self) -> tuple[int, ...]:
-        """Indices of the joints that a loop goes through, in order."""
+        """Indices of the joints in loops, in order."""
         return tuple(sorted({i for branches in self.branches for branch in branches for i in branch}))
 
     @cached_property
@@ -348,9 +347,9 @@ class Robot:
 
     @cached_property
     def geometry(self) -> Numbers:
-        """Unit and path of every length and coordinate that has a name; parameters only where they are asked for.
+        """Unit and path of every named length and coordinate; parameters only on demand.
 
-        A model in which all of them were symbols would be several times as large.
+        A model with all of them as symbols would be several times as large.
         """
         numbers: Numbers = {}
         for path, item in (*sorted(self._joints_and_bodies, key=lambda item: item[0]), *self._attached):
@@ -379,7 +378,7 @@ class Robot:
         yield from ((("compensators", i), compensator) for i, compensator in enumerate(self.compensators))
 
     def parameters(self, geometry: Collection[str] = ()) -> dict[str, tuple[float, str]]:
-        """Return the value and SI unit of every named number; of geometry and channels only the stated names, last."""
+        """Return value and SI unit of every named number; of geometry and channels only names in `geometry`, last."""
         geometric = {name: entry for name, entry in self.geometry.items() if name in geometry} if geometry else {}
         table = {name: (number_at(self, path), unit) for name, (unit, path) in (self.numbers | geometric).items()}
         return table | {
@@ -389,7 +388,7 @@ class Robot:
         }
 
     def with_parameters(self, values: Mapping[str, float]) -> "Robot":
-        """Return the robot with other numbers; StudyError for a name it does not have, ValueError for a bad number."""
+        """Return the robot with other numbers; StudyError for an unknown name, ValueError for an impossible number."""
         numbers = self.numbers | (self.geometry if any(name not in self.numbers for name in values) else {})
         channel_table = self.channel_numbers
         channel_names = {name: channel_table[name] for name in values if name in channel_table and name not in numbers}
@@ -412,7 +411,7 @@ class Robot:
 def with_frames(robot: Robot, names: Iterable[str]) -> Robot:
     """Return the robot with a frame for each name; raise StudyError for an unknown frame or body.
 
-    `tool`, where no frame has this name, is at the centre of mass of the last body.
+    A missing frame `tool` is placed at the centre of mass of the last body.
     """
     for name in dict.fromkeys(names):
         frame_names = [frame.name for frame in robot.frames]

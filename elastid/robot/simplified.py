@@ -1,4 +1,4 @@
-"""Robots derived from a robot: rigid coordinates, no motor coupling, a point mass at the last frame."""
+"""Simplified robots: with rigid coordinates, without motor coupling or friction, with a point mass."""
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
@@ -15,10 +15,9 @@ from elastid.robot.spring import Spring
 
 @dataclass(frozen=True)
 class ElasticCoordinate:
-    """Deflection with a spring that can be made rigid; name of its joint or loop.
+    """Elastic coordinate that can be made rigid, with the name of its joint or loop.
 
-    kind: `gear` of a driven joint, with its own spring and that of the motor's shaft; `joint` that is not driven;
-    `rod` of a loop.
+    kind: `gear` of a driven joint, including the shaft of its motor; `joint` without motor; `rod` of a loop.
     """
 
     name: str
@@ -31,7 +30,7 @@ class ElasticCoordinate:
 
 
 def elastic_coordinates(robot: Robot) -> tuple[ElasticCoordinate, ...]:
-    """List all: joints in the robot's order, then rods."""
+    """List the elastic coordinates of a robot: joints in order, then rods."""
     joints = [
         ElasticCoordinate(joint.name, "joint" if joint.motor is None else "gear")
         for joint in robot.joints
@@ -42,12 +41,10 @@ def elastic_coordinates(robot: Robot) -> tuple[ElasticCoordinate, ...]:
 
 
 def with_stiff_joints(robot: Robot, names: Collection[str]) -> Robot:
-    """Return the robot without the springs of these coordinates and their parameters.
+    """Return the robot without the springs of these coordinates.
 
-    A driven joint turns with its rotor: ratio^2 times its inertia on the joint, with its friction; where gears couple
-    axes, with the contributions of the other motors. A joint that is not driven is left out, and so are its places. A
-    rod keeps its length and its mass.
-    StudyError for a name that is not one of an elastic coordinate.
+    The rotor of a driven joint is then rigidly coupled to it. A joint without motor is removed, with its locations. A
+    rod keeps its length and mass.  StudyError for a name that is no elastic coordinate.
     """
     elastic = [coordinate.name for coordinate in elastic_coordinates(robot)]
     for name in names:
@@ -76,12 +73,12 @@ def with_stiff_joints(robot: Robot, names: Collection[str]) -> Robot:
 
 
 def without_motor_coupling(robot: Robot) -> Robot:
-    """Let every rotor turn about its own axis only: the reduced model of Spong."""
+    """Return the robot with rotors that only rotate about their own axes: the reduced model of Spong."""
     return with_joints(robot, lambda joint: _with_motor(joint, on="", axis=None))
 
 
 def without_dry_friction(robot: Robot) -> Robot:
-    """Leave motors, gears and joints their viscous friction alone."""
+    """Return the robot with viscous friction only, in motors, gears and joints."""
 
     def smooth(joint: Joint) -> Joint:
         gear = None if joint.gear is None else replace(joint.gear, load=0.0, hysteresis=())
@@ -91,12 +88,12 @@ def without_dry_friction(robot: Robot) -> Robot:
 
 
 def without_friction(robot: Robot) -> Robot:
-    """Remove viscous and dry friction of motors and joints."""
+    """Return the robot without viscous and dry friction of motors and joints."""
     return with_joints(without_dry_friction(robot), lambda joint: replace(_with_motor(joint, viscous=0.0), viscous=0.0))
 
 
 def with_straight_springs(robot: Robot) -> Robot:
-    """Replace springs in gears by linear springs of stiffness k, beyond the gap of a spring with a gap."""
+    """Return the robot with linear springs of stiffness k in its gears, without backlash."""
 
     def straight(joint: Joint) -> Joint:
         if joint.motor is None or joint.spring is None:
@@ -117,7 +114,7 @@ def _with_motor(joint: Joint, **changes: Any) -> Joint:
 
 
 def with_point_mass(robot: Robot, mass: float) -> Robot:
-    """Return the robot with a further mass in kg at the origin of its last frame, besides its own payload.
+    """Return the robot with an additional mass in kg at the origin of its last frame.
 
     Raises StudyError for a robot without frames.
     """

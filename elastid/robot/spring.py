@@ -4,11 +4,12 @@ r"""The spring of a joint: gearbox, bearing or link, linear or not.
           + d \dot\Delta, \qquad
           g_b = \tfrac12 \left[ 2 \Delta + \sqrt{(\Delta - b)^2 + e^2} - \sqrt{(\Delta + b)^2 + e^2} \right]
 
-Without backlash g_b = Delta: a stiffness k. With it, k beyond the gap of +-b and k_i inside: 0 for free play, more for
-a gear that hardens in a kink; e -> 0 gives the sharp dead zone. Niglis & Oberg (2015), eq. (2.13) for the polynomial.
+Without backlash g_b = Delta: a stiffness k. With backlash, the stiffness is k outside the gap +-b and k_i inside: 0 for
+free play, more for a gear with a kinked characteristic; e -> 0 gives a sharp dead zone. Niglis & Oberg (2015), eq.
+(2.13) for the polynomial.
 
-The model's response is that of the tangent under gravity, the limit of small motion. A multisine that deflects the
-spring by sigma rms makes a cubic one stiffer by about 3 k_3 sigma^2: keep sigma well below the deflection by gravity.
+The linear model has the tangent stiffness under gravity, for small motion. A multisine with an rms deflection sigma
+increases the stiffness of a cubic spring by about 3 k_3 sigma^2: keep sigma well below the deflection by gravity.
 """
 
 import math
@@ -19,7 +20,7 @@ from elastid.base.units import CubicStiffness, Damping, JointPosition, Quadratic
 from elastid.robot.placement import Numbers
 
 # Field, parameter and unit of the optional terms of a spring.
-_FURTHER = (
+_OPTIONAL_TERMS = (
     ("quadratic", "k2", "N*m/rad^2"),
     ("symmetric_quadratic", "k2s", "N*m/rad^2"),
     ("cubic", "k3", "N*m/rad^3"),
@@ -78,12 +79,12 @@ class Spring:
 
     @property
     def is_linear(self) -> bool:
-        """One stiffness at every deflection."""
-        return all(getattr(self, field) is None for field, _, _ in _FURTHER)
+        """True if the stiffness does not depend on the deflection."""
+        return all(getattr(self, field) is None for field, _, _ in _OPTIONAL_TERMS)
 
     def numbers(self, joint: str) -> Numbers:
-        """Return k_ and d_ of a joint; k2_, k2s_, k3_, b_, ki_ and e_ where the spring has them."""
-        present = [row for row in _FURTHER if getattr(self, row[0]) is not None]
+        """Return k_ and d_ of a joint, then the optional terms of the spring (k2_, k2s_, k3_, b_, ki_ and e_)."""
+        present = [row for row in _OPTIONAL_TERMS if getattr(self, row[0]) is not None]
         present += (("inner_stiffness", "ki", "N*m/rad"), ("rounding", "e", "1")) if self.backlash is not None else ()
         first: Numbers = {f"k_{joint}": ("N*m/rad", ("stiffness",)), f"d_{joint}": ("N*m*s/rad", ("damping",))}
         return first | {f"{letter}_{joint}": (unit, (field,)) for field, letter, unit in present}
@@ -107,7 +108,7 @@ class Spring:
 
     @property
     def _units(self) -> tuple[str, str]:
-        """Units of stiffness and deflection: N/m and m where any number has them; a spring does not know its joint."""
-        numbers = (getattr(self, row[0]) for row in (("stiffness",), *_FURTHER))
+        """Units of stiffness and deflection: N/m and m if any number has such a unit; the joint is unknown here."""
+        numbers = (getattr(self, row[0]) for row in (("stiffness",), *_OPTIONAL_TERMS))
         slides = any("rad" not in getattr(number, "dimension", "rad") for number in numbers)
         return ("N/m", "m") if slides else ("N*m/rad", "rad")

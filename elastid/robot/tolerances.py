@@ -1,4 +1,4 @@
-"""Tolerances of a robot's file: how far numbers from CAD, data sheets and drawings are commonly off."""
+"""Tolerances: prior standard deviations of the values of a robot model, from CAD, data sheets and drawings."""
 
 import math
 from typing import Annotated, Literal, TypeAlias
@@ -10,13 +10,13 @@ from elastid.robot.placement import Path
 
 Exact: TypeAlias = Literal["exact"]
 EXACT: Exact = "exact"
-RATIO = 0.003  # of gears over less than a turn of the motor, relative
-OF_CURRENT = 0.05  # of torque constants, relative, as motors of one type scatter and warm
+RATIO = 0.003  # relative std of a gear ratio over less than one motor revolution
+TORQUE_CONSTANT_STD = 0.05  # relative, by scatter between motors of one type and by temperature
 
 
 @section
 class BodyTolerances:
-    """Tolerances of one body, rod of a loop, or payload, instead of the common ones."""
+    """Tolerances of one body, rod of a loop, or payload, instead of the default ones."""
 
     # fmt: off
     name: Annotated[PartName, Key("Name of the body, of a rod's loop, or `payload`.", "for a weighed body, a body with "
@@ -40,9 +40,9 @@ class BodyTolerances:
 
 @section
 class Tolerances:
-    """Standard deviations of the numbers that a fit holds: the fit may move them so far.
+    """Prior standard deviations of the values of a robot model that a fit does not identify.
 
-    Entries of one inertia err by one factor, as those of a CAD model do whose density or parts are wrong.
+    All entries of an inertia have one common factor, as with a wrong density in a CAD model.
     """
 
     # fmt: off
@@ -72,13 +72,13 @@ class Tolerances:
 
     @property
     def ratio_std(self) -> float:
-        """Std of the ratios of the gears, relative; 0 where they are exact."""
+        """Relative std of the gear ratios; 0 if exact."""
         return 0.0 if self.ratio == EXACT else float(self.ratio)
 
     def std(self, path: Path, body: str) -> float:
-        """Return std of the number at a path of a robot, relative or in m; 0 where it is exact.
+        """Return the std of the number at a path of a robot, relative or in m; 0 if exact.
 
-        body: the name of the body, loop or payload that it belongs to.
+        body: name of its body, loop or payload.
         """
         kind = kind_of(path)
         number = next((getattr(entry, kind, None) for entry in self.bodies if entry.name == body), None)
@@ -90,7 +90,7 @@ FileTolerances: TypeAlias = Tolerances | Exact | None
 
 
 def kind_of(path: Path) -> str:
-    """Return key of the tolerance of a number, empty without one."""
+    """Return the key of the tolerance for the number at a path; empty without a tolerance."""
     keys = [key for key in path if isinstance(key, str)]
     last = keys[-1]
     if last == "inertia":

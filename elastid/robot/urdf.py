@@ -1,7 +1,7 @@
-"""A robot whose rigid part is a URDF file, with springs, motors and other properties given in the study.
+"""Robot from a URDF file, with springs, motors and other properties from the robot model.
 
-Links become bodies; a fixed link without mass, or on the base, becomes a named frame. Revolute, continuous, prismatic
-and fixed joints are read, with their limits and damping; of a limit's effort, the torque on the link side.
+Links become bodies; a fixed link without mass, or on the base, becomes a frame. Revolute, continuous, prismatic and
+fixed joints are read, with their damping and limits; the effort is the torque limit on the link side.
 """
 
 import math
@@ -18,7 +18,7 @@ from elastid.base.errors import StudyError
 from elastid.base.names import SEPARATOR, NameRule, OptionalName, check_different
 from elastid.base.section import Key, section
 from elastid.base.units import Damping
-from elastid.robot.body import BASE, TENSOR, TENSOR_LETTERS, Body, Frame, possible, six_numbers
+from elastid.robot.body import BASE, TENSOR, TENSOR_LETTERS, Body, Frame, six_numbers, with_possible_moments
 from elastid.robot.gears import GearCouplings
 from elastid.robot.joint import Joint, Limits, OptionalMotor, OptionalSpring
 from elastid.robot.placement import Placement
@@ -29,7 +29,7 @@ _RULE = NameRule(without=SEPARATOR)
 
 @dataclass(frozen=True)
 class UrdfElement:
-    """An element of the file and where it begins."""
+    """XML element of the file with its location."""
 
     tag: str
     attributes: Mapping[str, str]
@@ -38,26 +38,26 @@ class UrdfElement:
     children: "list[UrdfElement]" = field(default_factory=list)
 
     def all(self, tag: str) -> "Iterator[UrdfElement]":
-        """Return elements of a tag right below."""
+        """Return the child elements with a tag."""
         return (child for child in self.children if child.tag == tag)
 
     def first(self, tag: str) -> "UrdfElement | None":
-        """Return the first of a tag right below, if there is one."""
+        """Return the first child element with a tag; None without one."""
         return next(self.all(tag), None)
 
     def wrong(self, message: str) -> StudyError:
-        """Return an error with the place of the element."""
+        """Return an error with the location of the element."""
         return StudyError("robot/file", message, f"{self.path}:{self.line}")
 
     def text(self, key: str) -> str:
-        """Return an attribute; StudyError where it is missing."""
+        """Return an attribute; StudyError if it is missing."""
         if key not in self.attributes:
             raise self.wrong(f"<{self.tag}> needs {key}")
         return self.attributes[key]
 
     @property
     def name(self) -> str:
-        """The attribute `name`; StudyError where it is missing, or no name."""
+        """Attribute `name`; StudyError if it is missing or invalid."""
         name = self.text("name")
         try:
             return _RULE.check(name)
@@ -65,7 +65,7 @@ class UrdfElement:
             raise self.wrong(str(error)) from None
 
     def numbers(self, key: str, count: int, default: str | None = None) -> tuple[float, ...]:
-        """Return so many finite numbers of an attribute; StudyError for anything else."""
+        """Return `count` finite numbers of an attribute; StudyError for anything else."""
         text = self.text(key) if default is None else self.attributes.get(key, default)
         try:
             values = tuple(float(word) for word in text.split())
@@ -81,7 +81,7 @@ class UrdfElement:
 
 
 def read_elements(path: Path) -> UrdfElement:
-    """Read the root of a file; StudyError with `file:line` for no XML, or a DOCTYPE, which could define entities."""
+    """Read the root of a file; StudyError with `file:line` for invalid XML or a DOCTYPE (it could define entities)."""
     stack = [UrdfElement("", {}, path, 1)]
     parser = expat.ParserCreate()
 
@@ -114,7 +114,7 @@ _MOVING: dict[str, Literal["rotation", "translation"]] = {
 
 @section
 class UrdfJoint:
-    """Properties of a joint that a URDF does not hold."""
+    """Properties of a joint that a URDF does not contain."""
 
     # fmt: off
     spring: OptionalSpring = None
@@ -129,7 +129,7 @@ class UrdfJoint:
 
 @section
 class UrdfRobot:
-    """A URDF file and the properties that it does not hold."""
+    """A URDF file with the properties that it does not contain."""
 
     # fmt: off
     urdf: Annotated[str, Key("Path of the URDF file, relative to this file.", "expand xacro files to plain URDF "
@@ -147,7 +147,7 @@ class UrdfRobot:
     # fmt: on
 
     def robot(self, folder: Path) -> Robot:
-        """Read the robot; ValueError without its file, StudyError with `file:line` where that cannot be read as one."""
+        """Read the robot; ValueError without its file, StudyError with `file:line` for an invalid file."""
         path = folder / self.urdf
         if not os.path.isfile(path):
             raise ValueError(f"urdf: no such file (looked for {path}; the path is relative to the robot's file)")
@@ -161,10 +161,10 @@ class UrdfRobot:
 
 
 class _Reader:
-    """Links and joints of a file, walked from the base."""
+    """Reader of the links and joints of a file, from the base."""
 
     def __init__(self, root: UrdfElement, joints: Mapping[str, UrdfJoint]) -> None:
-        self.root, self.known = root, joints
+        self.root, self.properties = root, joints
         self.links = {link.name: link for link in root.all("link")}
         for kind in ("link", "joint"):
             names: list[str] = []
@@ -184,12 +184,12 @@ class _Reader:
             self.child_of[child] = joint
 
     def read(self) -> tuple[tuple[Body, ...], tuple[Frame, ...]]:
-        """Return all bodies, parents first, and the fixed links without mass or on the base as frames."""
+        """Return all bodies, parents first, and frames for fixed links without mass or on the base."""
         roots = [name for name in self.links if name not in self.child_of]
         if len(roots) != 1:
             raise self.root.wrong(f"one link must be the base; without a parent are {', '.join(roots) or 'none'}")
         moving = [joint.name for joint in self.root.all("joint") if joint.text("type") != "fixed"]
-        for name in self.known:
+        for name in self.properties:
             if name not in moving:
                 names = ", ".join(moving) or "none"
                 raise StudyError(
@@ -225,7 +225,7 @@ class _Reader:
             raise joint.wrong(
                 f"joint {name}: a joint {kind_text} cannot be modelled; take revolute, prismatic or fixed joints"
             )
-        if name not in self.known:
+        if name not in self.properties:
             raise joint.wrong(
                 f"joint {name} moves and is not among the joints given with the URDF; give its motor (and spring) "
                 "there, or make it fixed"
@@ -236,7 +236,7 @@ class _Reader:
             )
         axis_of = joint.first("axis")
         x, y, z = (1.0, 0.0, 0.0) if axis_of is None else axis_of.numbers("xyz", 3)
-        dynamics, properties = joint.first("dynamics"), self.known[name]
+        dynamics, properties = joint.first("dynamics"), self.properties[name]
         viscous = 0.0 if dynamics is None else dynamics.number("damping", "0")
         viscous = viscous if properties.viscous is None else properties.viscous
         try:
@@ -249,9 +249,9 @@ class _Reader:
             raise joint.wrong(str(error)) from None
 
     def _is_fixed(self, joint: UrdfElement) -> bool:
-        """Return True for a fixed joint, and for one without a motor that mimics another, at its zero."""
+        """Return True for a fixed joint, and for a mimic joint without properties, which is fixed at zero."""
         mimic = joint.first("mimic")
-        is_mimic = mimic is not None and joint.name not in self.known and mimic.number("offset", "0") == 0
+        is_mimic = mimic is not None and joint.name not in self.properties and mimic.number("offset", "0") == 0
         return is_mimic or joint.text("type") == "fixed"
 
     def _link_of(self, joint: UrdfElement, role: str) -> str:
@@ -292,7 +292,7 @@ def _limits(joint: UrdfElement) -> Limits:
     velocity, effort = (limit.number(key, "0") or math.inf for key in ("velocity", "effort"))
     is_unlimited = joint.text("type") == "continuous" or not {"lower", "upper"} & limit.attributes.keys()
     low, high = (-math.inf, math.inf) if is_unlimited else (limit.number("lower", "0"), limit.number("upper", "0"))
-    if low == high == 0:  # as exporters write a joint without limits
+    if low == high == 0:  # some exporters write this for a joint without limits
         low, high = -math.inf, math.inf
     try:
         return Limits((low, high), velocity, effort)
@@ -309,7 +309,7 @@ def _body(link: UrdfElement, parent: str, placement: Placement, joints: tuple[Jo
     if mass is None or tensor is None:
         raise inertial.wrong(f"<inertial> of link {body.name} needs <mass> and <inertia>")
     entries, origin = np.array([tensor.number(f"i{axes}", "0") for axes in TENSOR_LETTERS]), _origin(inertial)
-    inertia = origin.rotation @ possible(entries[TENSOR]) @ origin.rotation.T
+    inertia = origin.rotation @ with_possible_moments(entries[TENSOR]) @ origin.rotation.T
     try:
         return replace(body, mass=mass.number("value"), center_of_mass=origin.xyz, inertia=six_numbers(inertia))
     except ValueError as error:

@@ -17,7 +17,7 @@ from elastid.fit.spec import ParameterSpec
 from elastid.parameters import DELAY
 from elastid.robot import Robot, Tolerances
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
-from elastid.robot.tolerances import EXACT, OF_CURRENT, kind_of
+from elastid.robot.tolerances import EXACT, TORQUE_CONSTANT_STD, kind_of
 from elastid.study.checks import check_study
 from elastid.study.load_file import existing_file, with_load_file
 from elastid.study.messages import NO_LOG, Problem, make_error, validate
@@ -117,7 +117,7 @@ def with_usual_tolerances(study: Study) -> Study:
         has_current = any(channel.quantity == "current" for channel in experiment.channels)
         tolerances = tolerances or Tolerances()
         if tolerances.torque_constant is None:
-            tolerances = replace(tolerances, torque_constant=OF_CURRENT if has_current else EXACT)
+            tolerances = replace(tolerances, torque_constant=TORQUE_CONSTANT_STD if has_current else EXACT)
     return replace(study, robot=replace(robot, tolerances=tolerances))
 
 

@@ -112,7 +112,7 @@ class LockedEquations:
         model, free = self.family.model, free_coordinates(self.family.model)
         q, has_rest = np.zeros((len(angles), model.n_q)), np.zeros(len(angles), bool)
         with suppress(np.linalg.LinAlgError), np.errstate(invalid="ignore", over="ignore"):
-            q[:, : len(model.robot.joints)] = model.robot.opened(angles)
+            q[:, : len(model.robot.joints)] = model.robot.joint_positions(angles)
             q[:, [model.index(motor) for motor in model.inputs]] = angles
             rigid, step = q.copy(), np.ones((len(angles), len(free), 1))
             for _ in range(0 if model.n_c else 10):

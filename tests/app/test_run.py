@@ -221,13 +221,13 @@ def test_the_summary_has_the_truth_beside_each_estimate(finished: Path) -> None:
 def test_left_out_configurations_are_not_fitted_and_are_judged(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The fit sees the others alone; validation and summary speak of all."""
     seen = []
-    inner = fitting.identified
+    inner = fitting.identify_with_motion_bias
 
     def spy(responses: list[Response], *arguments: Any, **options: Any) -> Any:
         seen.extend(response.configuration.name for response in responses)
         return inner(responses, *arguments, **options)
 
-    monkeypatch.setattr(fitting, "identified", spy)
+    monkeypatch.setattr(fitting, "identify_with_motion_bias", spy)
     run = run_in(copy, "validation.configurations=[b]")
     run_all(run)
     assert seen == ["a"]
@@ -252,13 +252,13 @@ def test_a_fit_that_finds_nothing_says_so_in_the_summary(copy: Path) -> None:
 
 @pytest.fixture
 def never_converging(monkeypatch: pytest.MonkeyPatch) -> None:
-    inner = fitting.identified
+    inner = fitting.identify_with_motion_bias
 
     def give_up(*arguments: Any, **options: Any) -> Any:
         result, effects = inner(*arguments, **options)
         return replace(result, status="not_converged"), effects
 
-    monkeypatch.setattr(fitting, "identified", give_up)
+    monkeypatch.setattr(fitting, "identify_with_motion_bias", give_up)
 
 
 @pytest.mark.slow
