@@ -23,13 +23,13 @@ from elastid.base.escape import one_line
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.channel_guess import LogGuess, guess_commands, guess_log
 from elastid.logs.channel_names import ChannelGuess, guess_by_name
-from elastid.logs.clocks import MAX_SAMPLES, MIN_SAMPLES, Clock, clock_of
-from elastid.logs.command_log import gains_in
-from elastid.logs.files.formats import is_text, opened_log
+from elastid.logs.clocks import MAX_SAMPLES, MIN_SAMPLES, Clock, find_clock
+from elastid.logs.command_log import read_gains
+from elastid.logs.files.formats import is_text, open_log
 from elastid.logs.files.text_format import describe_format, guess_format
 from elastid.logs.files.universal import is_universal_file, time_histories
 from elastid.logs.headings import is_time
-from elastid.logs.log_signals import cell_error, signals_of
+from elastid.logs.log_signals import cell_error, read_varying_signals
 from elastid.logs.repair.periodicity import find_period, repetition
 from elastid.robot import Robot
 from elastid.study.robots import Servos
@@ -69,8 +69,8 @@ def texts_from_logs(
     if first.is_file() and is_universal_file(first) and not time_histories(first):
         return texts_from_universal(logs, folder)
     form = guess_format(first)
-    with opened_log(first, form) as log:
-        clock, signals, shapes = clock_of(log), signals_of(log, MAX_SAMPLES), log.shapes()
+    with open_log(first, form) as log:
+        clock, signals, shapes = find_clock(log), read_varying_signals(log, MAX_SAMPLES), log.shapes()
         wrong = cell_error(log, [signal.name for signal, _ in signals], MAX_SAMPLES)
     if texts := texts_from_responses(logs, folder, robot):
         return texts
@@ -90,7 +90,7 @@ def texts_from_logs(
     guess = replace(guess, is_motion=guess.is_motion and clock.rate_hz is not None)  # without it there is no speed
     guess = guess if robot is None and not guess.is_motion else guess.with_separate_motions()
     frame = ""
-    if robot is not None and guess.is_hit and not robot.driven[0].slides:
+    if robot is not None and guess.is_impact_test and not robot.driven[0].slides:
         frame = robot.frames[-1].name if robot.frames else "tool"
         robot = None
     positions = {} if guess.is_motion and robot is None else positions_of(source.measurements, form, guess.motions)
@@ -117,7 +117,7 @@ def _torque_study_lines(
     runs = runs_by_name(logs)
     names, configurations = _configurations(len(logs), guess.motions, robot, positions, [run[0] for run in runs])
     is_structure = robot is None and not frame and len(guess.joints) == 1 and not runs
-    hits = hit_runs(logs, source.form, guess) if guess.is_hit and is_structure and len(logs) > 1 else []
+    hits = hit_runs(logs, source.form, guess) if guess.is_impact_test and is_structure and len(logs) > 1 else []
     yield from _study(
         guess, robot, source.clock, configurations, period, frame, _columns(logs, source.form, guess, bool(hits))
     )
@@ -126,7 +126,7 @@ def _torque_study_lines(
     yield from _files(paths, names, hits or [Run({}, *run[1:]) for run in runs])
     if hits and not is_universal_file(logs[0]):
         yield "# modal: {geometry: {points: {p1: [0, 0, 0]}, motion: {p1: [p1, z]}}} # to animate the shapes"
-    elif guess.is_hit and len(logs) > 1 and not hits:
+    elif guess.is_impact_test and len(logs) > 1 and not hits:
         location = guess.joints[0].torque.place
         yield f"      # hit at another point: {{..., at: {{{location}: point 2}}, experiment: 1}}"
     yield from _FIT if robot is not None else ()
@@ -169,7 +169,7 @@ def _columns(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess, may_di
     may_differ: accept different headings.  Raises DataError for a log without one of the channels.
     """
     channels = [channel for joint in guess.joints for channel in (joint.torque, joint.motion)]
-    channels += () if guess.is_motion else guess.further
+    channels += () if guess.is_motion else guess.other_outputs
     names = {channel.name for channel in channels if channel.file == 1}
     first, *other_heads = (headings_of(path, form) for path in logs)
     for path, row in zip(logs[1:], other_heads, strict=True):
@@ -181,8 +181,8 @@ def _columns(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess, may_di
 
 def _controller(path: Path, n_u: int) -> FloatArray | None:
     """Return gains kp and kd (2, n_u) of a log; None unless both exist and are positive."""
-    with opened_log(path, guess_format(path)) as log:
-        gains = [values for name in GAINS if (values := gains_in(log, name, n_u)) is not None]
+    with open_log(path, guess_format(path)) as log:
+        gains = [values for name in GAINS if (values := read_gains(log, name, n_u)) is not None]
     is_usable = len(gains) == len(GAINS) and bool(np.all((np.array(gains) > 0) & np.isfinite(gains)))
     return np.array(gains) if is_usable else None
 
@@ -192,8 +192,8 @@ def _unlike(
 ) -> str:
     """Return the difference of a log from the first one in channels, rate or controller gains; empty without one."""
     form = guess_format(path)
-    with opened_log(path, form) as log:
-        rate_hz, signals = clock_of(log).rate_hz or math.nan, signals_of(log, MAX_SAMPLES)
+    with open_log(path, form) as log:
+        rate_hz, signals = find_clock(log).rate_hz or math.nan, read_varying_signals(log, MAX_SAMPLES)
     if {g.key for pair in guess_commands(signals, rate_hz) for g in pair} != {g.key for pair in pairs for g in pair}:
         return f"its commands and positions are other channels than in {first}"
     if not abs(rate_hz / (clock.rate_hz or math.nan) - 1) < _SAME_RATE:
@@ -275,7 +275,7 @@ def _unused(
 ) -> Iterator[str]:
     """Yield a comment for each reason why columns of a log are not used."""
     channels = [channel for joint in guess.joints for channel in (joint.torque, joint.motion, joint.sensor) if channel]
-    channels += [*guess.references, *(() if guess.is_motion else guess.further)]
+    channels += [*guess.references, *(() if guess.is_motion else guess.other_outputs)]
     used_keys, reasons = {channel.key for channel in channels}, dict[str, list[str]]()
     signal_names = {clock.name, *(signal.name for signal in signals)}
     if unused_names := [one_line(name) for name in shapes if name not in signal_names]:
@@ -342,7 +342,7 @@ def _study(
     if not names:
         motions = {joint.motion.place: joint.motion for joint in guess.joints}
         drives = (("u", joint.torque) for joint in guess.joints)
-        for role, channel in (*drives, *(("y", motion) for motion in (*motions.values(), *guess.further))):
+        for role, channel in (*drives, *(("y", motion) for motion in (*motions.values(), *guess.other_outputs))):
             number = columns.get(channel.name)
             spec = channel if number is None else replace(channel, name="", column=number)
             place = hit_place(guess) if role == "u" and not frame and len(guess.joints) == 1 else _place(channel, frame)
@@ -355,10 +355,10 @@ def _study(
             line = channel_line("d", f"motor {name}", joint.sensor)
             comment = "    # for k and d: use this channel with role u and without sign, and delete the motor torque:"
             yield from (line,) if guess.is_motion else (comment, line.replace("- ", "# ", 1))
-        for reference in (g for g in guess.references if g.parts[1] == joint.motion.parts[1]):
+        for reference in (g for g in guess.references if g.joint_label == joint.motion.joint_label):
             as_motion = replace(reference, unit=joint.motion.unit, ratio=joint.motion.ratio)
             yield channel_line("reference", f"motor {name}", as_motion)
-    for channel in () if guess.is_motion else guess.further:
+    for channel in () if guess.is_motion else guess.other_outputs:
         hint = f"where it belongs to a joint or a frame, {{role: y, at: joint {names[0]}, ...}}"
         yield f"      # {one_line(channel.name)}: {hint}"
 

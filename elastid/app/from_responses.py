@@ -16,12 +16,12 @@ from elastid.base.errors import DataError
 from elastid.base.units import of_translation
 from elastid.experiment.specs.channels import QUANTITY_UNIT
 from elastid.logs.channel_names import ChannelGuess, guess_by_name
-from elastid.logs.files.formats import opened_log
+from elastid.logs.files.formats import open_log
 from elastid.logs.files.log import StoredArray
 from elastid.logs.files.text import TextLog
 from elastid.logs.files.text_format import describe_format, guess_format
 from elastid.logs.headings import is_time
-from elastid.logs.responses.table import complex_array, responses_in, struct_table, structs_in
+from elastid.logs.responses.table import complex_array, find_responses, find_structs, struct_table
 from elastid.logs.responses.universal_files import uff_locations
 from elastid.robot import Robot
 
@@ -74,7 +74,7 @@ def texts_from_responses(paths: Sequence[Path], folder: Path, robot: Robot | Non
     if paths[0].is_dir():
         return {}
     form = guess_format(paths[0])
-    with opened_log(paths[0], form) as log:
+    with open_log(paths[0], form) as log:
         table = _text_table(log) if isinstance(log, TextLog) else _array_table(paths[0], log.arrays)
     if table is None:
         return {}
@@ -119,7 +119,7 @@ def _channels(table: _Table, drives: Sequence[str]) -> Iterator[str]:
 
 def _array_table(path: Path, arrays: Mapping[str, StoredArray]) -> _Table | None:
     """Return the structs of a file that resemble the first one, else its first complex array with frequencies."""
-    names = structs_in(arrays)
+    names = find_structs(arrays)
     if names:
         first = struct_table(path, arrays, names[0])
         alike = [name for name in names if struct_table(path, arrays, name).G.shape[1:] == first.G.shape[1:]]
@@ -128,7 +128,7 @@ def _array_table(path: Path, arrays: Mapping[str, StoredArray]) -> _Table | None
         inputs = _named(first.inputs, first.G.shape[2], arrays, f"{prefix}InputUnit")
         keys = {} if first.frequency_unit else {"frequency_unit": "Hz # guessed: the file states none"}
         return _Table(first.freq, first.G, keys, outputs, inputs, tuple(alike) if len(alike) > 1 else ("",))
-    for name in responses_in(arrays):
+    for name in find_responses(arrays):
         G = complex_array(arrays, name)
         is_log = any(is_time(key) and arrays[key].is_signal for key in arrays)  # one of complex numbers, too
         axes = [key for key in arrays if not is_log or _FREQUENCY.fullmatch(key)]

@@ -17,13 +17,13 @@ from elastid.base.errors import DataError, StudyError
 from elastid.base.value_range import format_values, value_range
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.clocks import is_clock
-from elastid.logs.files.formats import is_log, naming, opened_log
+from elastid.logs.files.formats import is_log, name_file_in_errors, open_log
 from elastid.logs.files.log import StoredArray
 from elastid.logs.files.text import BLOCK_LINES, TextLog
 from elastid.logs.files.text_format import describe_format, guess_format
 from elastid.logs.files.universal import is_universal_file
 from elastid.logs.repair.time_stamps import describe_steps, even_grid
-from elastid.logs.responses.reading import contents_of
+from elastid.logs.responses.reading import describe_responses
 from elastid.logs.responses.table import HOW_TO_SAVE
 from elastid.store.artefacts import kind_of
 from elastid.store.files import is_as_written, is_intact
@@ -100,7 +100,7 @@ def describe_file(path: Path) -> str:
         raise StudyError("files/kind", "a folder, but no ROS bag; name a file in it", path)
     if path.is_file() and (not is_intact(path) or is_as_written(path) is False):
         raise DataError("files/damaged", "its content has changed since it was written; run its stage again", path)
-    with naming(path, "damaged, or no file that elastid reads; copy or export it again"):
+    with name_file_in_errors(path, "damaged, or no file that elastid reads; copy or export it again"):
         return "\n".join(_lines(path))
 
 
@@ -115,7 +115,7 @@ def _lines(path: Path) -> list[str]:
         except ValueError as error:
             text = f"damaged, cut short or no JSON file ({error}); run its stage again"
             raise DataError("files/damaged", text, path) from None
-    responses, lines = contents_of(path), []
+    responses, lines = describe_responses(path), []
     if responses:
         lines = [f"{path}: {len(responses)} frequency responses; list the file under experiment.responses.files"]
         lines += [f"  {response}" for response in responses]
@@ -126,7 +126,7 @@ def _lines(path: Path) -> list[str]:
 
 def _log_lines(path: Path) -> list[str]:
     text = guess_format(path)
-    with opened_log(path, text) as log:
+    with open_log(path, text) as log:
         signals = _text_rows(log) if isinstance(log, TextLog) else []
         signals += [
             _signal_row(name, array.shape, array.units, array.blocks(), array.rate_hz)

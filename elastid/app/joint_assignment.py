@@ -17,7 +17,7 @@ from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.channel_guess import JointGuess, LogGuess
 from elastid.logs.channel_names import ChannelGuess, ChannelKey, guess_by_name
 from elastid.logs.clocks import MAX_SAMPLES
-from elastid.logs.files.formats import opened_log
+from elastid.logs.files.formats import open_log
 from elastid.logs.units_and_sides import without_placeholders
 from elastid.robot import Joint, Robot
 
@@ -68,7 +68,7 @@ def order_of_names(joints: Sequence[str], channels: Sequence[ChannelGuess]) -> t
 
 def _labels(guesses: Sequence[ChannelGuess]) -> list[list[str]]:
     """Return the sorted words, then the numbers, of each name without words and leading numbers common to all names."""
-    labels = [replace(guess, by_words=True).parts[1].lower().split() for guess in guesses]
+    labels = [replace(guess, by_words=True).joint_label.lower().split() for guess in guesses]
     common, numbers = set.intersection(*map(set, labels)), [[*filter(str.isdigit, label)] for label in labels]
     differ = (i for i, of in enumerate(zip(*numbers, strict=False)) if len(set(of)) > 1)
     n_common = next(differ, min(map(len, numbers)))
@@ -122,7 +122,7 @@ def positions_of(logs: Sequence[Sequence[Path]], form: TextFormatSpec, motions: 
             of_file = [k for k, motion in enumerate(positions) if motion.file == number]
             ys = [ChannelSpec("y", "any", positions[k].name, positions[k].column, quantity="position") for k in of_file]
             if ys:
-                with opened_log(path, form) as log:
+                with open_log(path, form) as log:
                     x = without_placeholders(log.values(ys, slice(0, MAX_SAMPLES)))
                 moments[i][:, of_file] = [of(x, axis=0) for of in (np.nanmin, np.nanmax, np.nanmean, np.nanstd)]
     return {motion.key: moments[:, :, i] for i, motion in enumerate(positions)}

@@ -16,9 +16,9 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.channel_guess import LogGuess
 from elastid.logs.channel_names import DRIVES, ChannelGuess, guess_by_name
-from elastid.logs.clocks import MAX_SAMPLES, clock_of
-from elastid.logs.files.formats import opened_log
-from elastid.logs.log_signals import signals_of
+from elastid.logs.clocks import MAX_SAMPLES, find_clock
+from elastid.logs.files.formats import open_log
+from elastid.logs.log_signals import read_varying_signals
 
 Signals: TypeAlias = list[tuple[ChannelGuess, FloatArray]]
 # Words before the numbers of hit points and of sensor locations; of others, the responses decide.
@@ -51,16 +51,16 @@ def in_two_files(logs: Sequence[Path], form: TextFormatSpec) -> tuple[list[tuple
     """
     kinds = dict[tuple[tuple[str, ...], str], list[Path]]()
     for path in logs:
-        with opened_log(path, form) as log:
+        with open_log(path, form) as log:
             kinds.setdefault((tuple(log.shapes()), guess_by_name(path.stem, None).quantity), []).append(path)
     if len(kinds) != 2 or len({len(paths) for paths in kinds.values()}) > 1:
         return [], []
     is_alike = len({headings for headings, _ in kinds}) == 1  # so that they do not distinguish the files
     parts = list[tuple[list[Path], Signals]]()
     for (_, quantity), paths in kinds.items():
-        with opened_log(paths[0], form) as log:
-            clock = clock_of(log)
-            signals = [(g, x) for g, x in signals_of(log, MAX_SAMPLES) if g.name != clock.name]
+        with open_log(paths[0], form) as log:
+            clock = find_clock(log)
+            signals = [(g, x) for g, x in read_varying_signals(log, MAX_SAMPLES) if g.name != clock.name]
         by_file = quantity if is_alike else ""
         parts.append((paths, [(replace(g, quantity=by_file or g.quantity or quantity), x) for g, x in signals]))
     parts.sort(key=lambda part: not any(g.quantity in DRIVES for g, _ in part[1]))
@@ -92,7 +92,7 @@ def hit_runs(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> lis
 
 def headings_of(path: Path, form: TextFormatSpec) -> tuple[str, ...]:
     """List the names of all signals of a log."""
-    with opened_log(path, form) as log:
+    with open_log(path, form) as log:
         return tuple(log.shapes())
 
 
@@ -123,8 +123,8 @@ def _points_by_response(logs: Sequence[Path], form: TextFormatSpec, guess: LogGu
     keys = [guess.joints[0].torque.key, *(motion.key for motion in guess.motions)]
     responses, points = list[ComplexArray](), list[str]()
     for path in logs:
-        with opened_log(path, form) as log:
-            signals = {g.key: x for g, x in signals_of(log, MAX_SAMPLES)}
+        with open_log(path, form) as log:
+            signals = {g.key: x for g, x in read_varying_signals(log, MAX_SAMPLES)}
         if not signals.keys() >= set(keys):
             return [""] * len(logs)
         G = _response(signals[keys[0]], np.stack([signals[key] for key in keys[1:]], axis=1))

@@ -66,7 +66,7 @@ def _questions(study: Study) -> Iterator[str]:
     for i, channel in enumerate(channels):
         heading, key = unit_of_heading(channel.channel), f"question: experiment.recorded.channels[{i}]"
         if heading.unknown and channel.scale == 1 and channel.unit_factor(study.places.slides(channel.at)) == 1:
-            yield f"{key}.scale: {heading.question}"
+            yield f"{key}.scale: {heading.remedy}"
         if channel.torque_constant == 1:
             yield f"{key}.torque_constant: is it 1 N*m/A? Friction and inertia are proportional to it"
 

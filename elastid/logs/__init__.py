@@ -1,1 +1,1 @@
-"""The rig that is a folder of logs: reading, aligning, mending and gathering them into records."""
+"""Logs of a real robot: reading, alignment, repair, and conversion to records."""

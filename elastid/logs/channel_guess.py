@@ -16,16 +16,16 @@ from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT
 from elastid.logs.channel_names import DRIVES, ChannelGuess, ChannelKey
 from elastid.logs.clocks import is_clock
 from elastid.logs.motion_relations import (
-    MAX_EFFICIENCY,
+    MAX_LOG_LOSS,
     MIN_CORRELATION,
     MIN_GAIN_OVER_STD,
     REST_TRAVEL_M,
     REST_TRAVEL_RAD,
     TorqueRelation,
     motion_relations,
+    range_without_spikes,
     sensor_gain,
     torque_relation,
-    travel,
 )
 from elastid.logs.units_and_sides import unwrap
 
@@ -52,7 +52,7 @@ class JointGuess:
     def sensor_doubt(self) -> str:
         """Contradiction of sensor and torque in size; empty without one."""
         gain = self.sensor_gain * self.torque.ratio
-        if self.sensor is None or abs(np.log(gain)) < MAX_EFFICIENCY:
+        if self.sensor is None or abs(np.log(gain)) < MAX_LOG_LOSS:
             return ""
         return f"{self.torque.name} is {gain:.3g} times {self.sensor.name}. State unit, and side or ratio, of both"
 
@@ -65,7 +65,7 @@ class LogGuess:
     """
 
     joints: tuple[JointGuess, ...]
-    further: tuple[ChannelGuess, ...]
+    other_outputs: tuple[ChannelGuess, ...]
     is_motion: bool
     references: tuple[ChannelGuess, ...] = ()
 
@@ -75,7 +75,7 @@ class LogGuess:
         return replace(self, joints=tuple(j for i, j in enumerate(self.joints) if motions[i] not in motions[:i]))
 
     @property
-    def is_hit(self) -> bool:
+    def is_impact_test(self) -> bool:
         """True for the force of a hammer or shaker, and accelerations."""
         return (self.joints[0].torque.quantity, self.joints[0].motion.quantity) == ("force", "acceleration")
 
@@ -86,8 +86,8 @@ class LogGuess:
 
     @property
     def motions(self) -> tuple[ChannelGuess, ...]:
-        """Motions of the joints, then further ones."""
-        return (*(joint.motion for joint in self.joints), *self.further)
+        """Motions of the joints, then the other outputs."""
+        return (*(joint.motion for joint in self.joints), *self.other_outputs)
 
 
 def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float) -> LogGuess | None:
@@ -97,17 +97,19 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     has_motors = any(g.quantity in DRIVES and g.rank >= 0 for g in on_motors)
     drives, motions = _best_family(on_motors if has_motors else guesses, DRIVES), _best_family(guesses, MOTIONS)
     if bool(drives) != bool(motions):
-        drives, motions = _complete(drives, motions, [g for g, x in signals if not is_clock(x)])
+        drives, motions = _assume_missing_quantity(drives, motions, [g for g, x in signals if not is_clock(x)])
     if not drives:
         return None
     quantity, slides = motions[0].quantity, all(g.quantity == "force" for g in drives)
-    speeds = {g.parts[1]: g for g in _best_family([g for g in guesses if g.quantity == "velocity"], MOTIONS)}
-    motions = [_with_unit(m, speeds.get(m.parts[1]), values, rate_hz, slides) for m in motions]
+    speeds = {g.joint_label: g for g in _best_family([g for g in guesses if g.quantity == "velocity"], MOTIONS)}
+    motions = [_with_unit(m, speeds.get(m.joint_label), values, rate_hz, slides) for m in motions]
     motions = _with_common_unit(motions)
-    motion_at = {m.parts[1]: m for m in motions}
-    motion_of_drive = [motion_at.get(d.parts[1], motions[min(i, len(motions) - 1)]) for i, d in enumerate(drives)]
-    joints = [_joint(*pair, motion_of_drive, values, rate_hz) for pair in zip(drives, motion_of_drive, strict=True)]
-    joints = _sort(joints, [drive.parts[1] for drive in drives])
+    motion_at = {m.joint_label: m for m in motions}
+    motion_of_drive = [motion_at.get(d.joint_label, motions[min(i, len(motions) - 1)]) for i, d in enumerate(drives)]
+    joints = [
+        _make_joint(*pair, motion_of_drive, values, rate_hz) for pair in zip(drives, motion_of_drive, strict=True)
+    ]
+    joints = _sort_by_number(joints, [drive.joint_label for drive in drives])
     joints = _with_sensors(guesses, joints, values, rate_hz) if has_motors else joints
     motor_motions = {joint.motion.key for joint in joints}
     measured = {g.key: g for g in (*(g for g in guesses if g.quantity in MOTIONS and g.rank >= 0), *motions)}
@@ -116,7 +118,7 @@ def guess_log(signals: Sequence[tuple[ChannelGuess, FloatArray]], rate_hz: float
     outputs = [_with_unit(g, None, values, rate_hz, slides) for g in outputs]
     pairs = [(values[joint.torque.key], _in_si(joint.motion, values)) for joint in joints]
     rests = [REST_TRAVEL_M if joint.motion.slides else REST_TRAVEL_RAD for joint in joints]
-    moving = [pair for pair, rest in zip(pairs, rests, strict=True) if travel(pair[1]) > rest]
+    moving = [pair for pair, rest in zip(pairs, rests, strict=True) if range_without_spikes(pair[1]) > rest]
     moving = moving or [(u, u) for u, _ in pairs]  # without a moving joint, noise is used
     if quantity != "position":
         return LogGuess(tuple(joints), tuple(outputs), is_motion=False)
@@ -147,8 +149,8 @@ def _with_sensors(
 ) -> list[JointGuess]:
     """Add torque sensors behind the gears to joints by numbers in their names; none unless each joint has one."""
     sensors = _best_family([g for g in guesses if g.is_torque_sensor and g.rank >= 0], ("torque",))
-    by_number = {tuple(re.findall(r"\d+", g.parts[1])): g for g in sensors}
-    matches = [by_number.get(tuple(re.findall(r"\d+", joint.torque.parts[1]))) for joint in joints]
+    by_number = {tuple(re.findall(r"\d+", g.joint_label)): g for g in sensors}
+    matches = [by_number.get(tuple(re.findall(r"\d+", joint.torque.joint_label))) for joint in joints]
     if len(sensors) != len(joints) or None in matches:
         return list(joints)
     return [_with_sensor(*pair, values, rate_hz) for pair in zip(joints, filter(None, matches), strict=True)]
@@ -172,7 +174,7 @@ def _in_si(motion: ChannelGuess, values: Values) -> FloatArray:
     return size * (unwrap(x, 2 * np.pi / size)[0] if turns else x)
 
 
-def _sort(items: Sequence[T], labels: Sequence[str]) -> list[T]:
+def _sort_by_number(items: Sequence[T], labels: Sequence[str]) -> list[T]:
     """Sort joints by the numbers in their labels, if these differ; else in the order of the log."""
     numbers = [tuple(map(int, re.findall(r"\d+", label))) for label in labels]
     is_numbered = all(numbers) and len(set(numbers)) == len(numbers)
@@ -188,7 +190,7 @@ def guess_commands(
     positions = _best_family([g for g in guesses if g.rank >= 0], ("position",))
     positions = _with_common_unit([_with_unit(g, None, values, rate_hz, False) for g in positions])
     pairs = _command_pairs(positions, guesses)
-    return tuple(_sort(pairs, [g.parts[1] for g, _ in pairs]))
+    return tuple(_sort_by_number(pairs, [g.joint_label for g, _ in pairs]))
 
 
 def _with_common_unit(motions: list[ChannelGuess]) -> list[ChannelGuess]:
@@ -201,21 +203,21 @@ def _command_pairs(
     positions: Sequence[ChannelGuess], guesses: Sequence[ChannelGuess]
 ) -> list[tuple[ChannelGuess, ChannelGuess]]:
     """Pair each position with the commanded position of its joint by names; empty unless all of them have a command."""
-    commands = {g.parts[1]: g for g in _best_family([g for g in guesses if g.rank < 0], ("position",))}
-    pairs = [(y, commands[y.parts[1]]) for y in positions if y.parts[1] in commands]
+    commands = {g.joint_label: g for g in _best_family([g for g in guesses if g.rank < 0], ("position",))}
+    pairs = [(y, commands[y.joint_label]) for y in positions if y.joint_label in commands]
     return [(y, replace(r, unit=r.unit or y.unit)) for y, r in pairs] if len(pairs) == len(positions) else []
 
 
-def _complete(
+def _assume_missing_quantity(
     drives: list[ChannelGuess], motions: list[ChannelGuess], guesses: Sequence[ChannelGuess]
 ) -> tuple[list[ChannelGuess], list[ChannelGuess]]:
     """Complete drives or motions, if either is missing, by signals without a quantity at the same joints.
 
     A force without a motion is a hammer's or a shaker's, and all other signals of its log are accelerations.
     """
-    labels, unknown = [g.parts[1] for g in drives or motions], [g for g in guesses if not g.quantity]
-    families = [[g for g in unknown if g.parts[0] == name] for name in dict.fromkeys(g.parts[0] for g in unknown)]
-    matches = [family for family in families if sorted(g.parts[1] for g in family) == sorted(labels)]
+    labels, unknown = [g.joint_label for g in drives or motions], [g for g in guesses if not g.quantity]
+    families = [[g for g in unknown if g.family == name] for name in dict.fromkeys(g.family for g in unknown)]
+    matches = [family for family in families if sorted(g.joint_label for g in family) == sorted(labels)]
     matches = matches or ([unknown] if len(unknown) == len(labels) == 1 else [])
     is_structure = bool(drives) and drives[0].quantity == "force" and len(drives) < len(unknown)
     if not unknown or not (matches or is_structure):
@@ -231,7 +233,7 @@ def _best_family(guesses: Sequence[ChannelGuess], order: Sequence[str]) -> list[
     families: dict[tuple[str, str], list[ChannelGuess]] = {}
     for guess in guesses:
         if guess.quantity in order:
-            families.setdefault((guess.parts[0], guess.quantity), []).append(guess)
+            families.setdefault((guess.family, guess.quantity), []).append(guess)
 
     def merit(family: Sequence[ChannelGuess]) -> tuple[float, ...]:
         first = family[0]
@@ -252,14 +254,14 @@ def _with_unit(
         size = abs(relation.gain) * dimension_and_size(speed.unit)[1]
         if abs(relation.correlation) > MIN_CORRELATION and abs(np.log(max(size, 1e-300) * 180 / np.pi)) < 0.1:
             return replace(motion, unit="deg", why=f"deg by its derivative, {speed.name}")
-    if motion.quantity == "position" and not (slides or is_counted) and travel(x) > 8 * np.pi:
-        return replace(motion, unit="deg", why=f"{motion.why}; deg since it covers {travel(x):.3g}")
+    if motion.quantity == "position" and not (slides or is_counted) and range_without_spikes(x) > 8 * np.pi:
+        return replace(motion, unit="deg", why=f"{motion.why}; deg since it covers {range_without_spikes(x):.3g}")
     unit = QUANTITY_UNIT[motion.quantity]
     unit = of_translation(unit) if slides else unit
     return replace(motion, unit=unit, why=f"{motion.why}; {unit} is assumed")
 
 
-def _joint(
+def _make_joint(
     drive: ChannelGuess, motion: ChannelGuess, motions: Sequence[ChannelGuess], values: Values, rate_hz: float
 ) -> JointGuess:
     """Make the joint of a torque and a motion, among the motions of all joints."""

@@ -71,8 +71,16 @@ class ChannelGuess:
         return self.name, self.column, self.file
 
     @property
-    def parts(self) -> tuple[str, str]:
-        """Common part of the name, and identifier of its joint: numbers, else words that are no quantity."""
+    def family(self) -> str:
+        """Name without the identifier of its joint: the same for all joints."""
+        return self._family_and_label()[0]
+
+    @property
+    def joint_label(self) -> str:
+        """Identifier of its joint in the name: numbers, else words that are no quantity."""
+        return self._family_and_label()[1]
+
+    def _family_and_label(self) -> tuple[str, str]:
         bare = re.sub(r"[\[(][^\])\d]*[a-z°][^\])]*[\])]", "", self.name, flags=re.IGNORECASE).strip()
         bare = re.sub(r"0[.,]1\s*%", "", bare)  # of the rated torque
         words = [*re.findall(r"[^\W\d_]+|\d+", _split(bare)), *([str(self.column)] if self.column else [])]
@@ -109,7 +117,7 @@ def guess_by_name(name: str, column: int | None, unit: str = "") -> ChannelGuess
     matches = (quantity for quantity, pattern in _WORDS.items() if any(re.fullmatch(pattern, word) for word in words))
     quantity = parsed.quantity or next(matches, "")
     why = f"the unit {parsed.unit} is stated" if parsed.unit else "by its name" if quantity else "nothing in its name"
-    why = f"? {parsed.question}" if parsed.unknown else why
+    why = f"? {parsed.remedy}" if parsed.unknown else why
     if parsed.unit and dimension_and_size(unit_of_text(unit) or parsed.unit) != dimension_and_size(parsed.unit):
         why = f"? the heading says {parsed.unit}, and the unit of the column is {unit}"
     if parsed.unit == "g":  # of gravity
@@ -127,7 +135,6 @@ def _n_joints(guesses: Sequence[ChannelGuess]) -> int:
     """Count the joints that two kinds of signals have in common."""
     families: dict[tuple[str, str, bool], set[str]] = {}
     for guess in guesses:
-        common, joint = guess.parts
-        families.setdefault((common, guess.quantity, guess.rank < 0), set()).add(joint)
+        families.setdefault((guess.family, guess.quantity, guess.rank < 0), set()).add(guess.joint_label)
     counts = Counter(map(frozenset, families.values()))
     return max((len(joints) for joints, count in counts.items() if count > 1), default=0)

@@ -21,7 +21,7 @@ from elastid.logs.repair.time_stamps import MAX_RATE_RATIO, MIN_GAP, even_grid, 
 MAX_SAMPLES, MIN_SAMPLES = 1 << 17, 100
 _RATES = ("fs", "f_s", "rate_hz", "sample_rate", "samplerate")
 _PERIODS = ("ts", "t_s", "sample_time", "sampletime")  # in s
-BACKWARDS = "runs backwards: it falls from sample to sample"
+RUNS_BACKWARDS = "runs backwards: it falls from sample to sample"
 TIME_UNITS = {unit: 10.0 ** (-3 * i) for i, unit in enumerate(("s", "ms", "us", "ns"))}
 MAX_RATE_LOG = 0.26  # largest |log| of the ratio between the rate of stamps (in ms, us or ns) and of the study
 _MAX_WRONG_DISTANCE = 5.0  # largest distance of a stamp from the median of its neighbours, in steps of the clock
@@ -49,13 +49,13 @@ def is_clock(x: FloatArray) -> bool:
     return even_grid(x) is not None or gap_fraction < MAX_FRACTION
 
 
-def stamps_of(log: Log, name: str) -> tuple[FloatArray, IntArray]:
+def read_stamps(log: Log, name: str) -> tuple[FloatArray, IntArray]:
     """Read the stamps (n,) of a time channel, and interpolate wrong ones. Also return the indices of wrong stamps.
 
     Wrong stamps are missing, or far from the median of their neighbours.  Empty for a channel that is no time.
     """
     none = np.zeros(0), np.zeros(0, np.int64)
-    alike = log.numbers_of(name) if isinstance(log, TextLog) else []
+    alike = log.column_numbers(name) if isinstance(log, TextLog) else []
     column = alike[0] if len(alike) > 1 else None
     try:
         t = log.values([ChannelSpec("y", "time", name, column, quantity="position")], slice(0, MAX_SAMPLES))[:, 0]
@@ -106,7 +106,7 @@ def channel_rates(log: Log) -> list[tuple[str, str, float]]:
     signals = [(n, a) for n, a in log.arrays.items() if a.is_signal]
     rates = [(n, a.units, 1e3 / a.rate_hz) for n, a in signals if a.rate_hz]
     stamped = [(n, a) for n, a in signals if a.time and guess_by_name(n, None, a.units).quantity in (*MOTIONS, *DRIVES)]
-    if times := {a.time: stamps_of(log, a.time)[0] for _, a in stamped}:
+    if times := {a.time: read_stamps(log, a.time)[0] for _, a in stamped}:
         steps_ms = {
             name: float(f"{1e3 / clock_rate(t)[1]:.3g}")
             for name, t in times.items()
@@ -124,7 +124,7 @@ def common_step_ms(channels: Sequence[tuple[str, str, float]]) -> float:
     return max(fastest) if all(fastest) else max(ms for *_, ms in channels)
 
 
-def rate_of(t: FloatArray) -> float:
+def stamp_rate(t: FloatArray) -> float:
     """Return the rate of stamps (n,) of an even sampling, else 1 / mean step without gaps."""
     if (line := stamp_line(t)) is not None:
         return line.rate_hz
@@ -135,7 +135,7 @@ def rate_of(t: FloatArray) -> float:
 
 def clock_rate(t: FloatArray) -> tuple[str, float]:
     """Return the unit in which stamps (n,) have the rate of a log of a machine, and the rate in Hz."""
-    rate, low, high, units = rate_of(t), 20.0, 200e3, time_units(t)
+    rate, low, high, units = stamp_rate(t), 20.0, 200e3, time_units(t)
     unit = next((u for u, s in units.items() if low <= rate / s <= high), next(iter(units)))
     return unit, rate / units[unit]
 
@@ -149,7 +149,7 @@ def common_span(spans: Mapping[str, tuple[float, float]], place: Path | str) -> 
     return begin, end
 
 
-def clock_of(log: Log) -> Clock:
+def find_clock(log: Log) -> Clock:
     """Find the clock of a log by a time channel, a rate that its format states, or a number with a typical name.
 
     Raises DataError for a time that runs backwards.
@@ -163,7 +163,7 @@ def clock_of(log: Log) -> Clock:
             return Clock(rate_hz, "highest rate at which both a drive and a motion were logged")
     candidates, falling = [name for name in shapes if not guess_by_name(name, None).quantity], ""
     for name in (*stamps, *filter(is_time, shapes), *candidates):
-        stamps_as_logged, _ = stamps_of(log, name)
+        stamps_as_logged, _ = read_stamps(log, name)
         falling = falling or (name if is_time(name) and is_clock(-stamps_as_logged) else "")
         t, jumps = without_jumps(stamps_as_logged)
         steps = np.diff(t)
@@ -183,6 +183,6 @@ def clock_of(log: Log) -> Clock:
         if number > 0:
             return Clock(number if last in _RATES else float(f"{1 / number:.6g}"), f"{name} in the file")
     if falling:
-        raise DataError("records/clock", f"{falling} {BACKWARDS}. Sort its rows by time", getattr(log, "path", ""))
+        raise DataError("records/clock", f"{falling} {RUNS_BACKWARDS}. Sort its rows by time", getattr(log, "path", ""))
     times = [name for name in shapes if is_time(name)]
     return Clock(None, f"time stamps of {times[0]} are missing or uneven" if times else "no time is in the log")

@@ -16,12 +16,12 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import RecordedSpec
 from elastid.logs.channel_guess import guess_commands
 from elastid.logs.channel_names import ChannelGuess
-from elastid.logs.clocks import MAX_SAMPLES, clock_of
-from elastid.logs.files.formats import opened_log, read_channels
-from elastid.logs.files.log import Log as LogFile
+from elastid.logs.clocks import MAX_SAMPLES, find_clock
+from elastid.logs.files.formats import open_log, read_channels
+from elastid.logs.files.log import Log
 from elastid.logs.files.text_format import guess_format
-from elastid.logs.log_signals import signals_of
-from elastid.logs.repair import Log, interpolate_linearly
+from elastid.logs.log_signals import read_varying_signals
+from elastid.logs.repair import LogReport, interpolate_linearly
 from elastid.logs.units_and_sides import link_side, on_one_side, to_joints
 from elastid.robot import Robot
 from elastid.simulation.controller import loop_of
@@ -54,7 +54,7 @@ def _find_signals(
         # A command without a quantity in its name is a position.
         kind = guess.quantity or ("position" if guess.rank < 0 else "")
         if kind == quantity and (guess.rank < 0) == is_command:
-            families.setdefault(guess.parts[0], {})[guess.parts[1]] = guess.to_si * x
+            families.setdefault(guess.family, {})[guess.joint_label] = guess.to_si * x
     for family in families.values():
         match = [family[joint] for joint in joints if joint in family]
         columns = [*family.values()] if len(match) < len(joints) else match  # else in the order of the log
@@ -70,9 +70,9 @@ def read_command_log(path: Path, joints: Sequence[str], rate_hz: float | None = 
     or no rate.
     """
     form = guess_format(path)
-    with opened_log(path, form) as log:
-        clock, members = clock_of(log), signals_of(log, MAX_SAMPLES, with_constant=True)
-        kp, kd = (gains_in(log, name, len(joints)) for name in ("kp", "kd"))
+    with open_log(path, form) as log:
+        clock, members = find_clock(log), read_varying_signals(log, MAX_SAMPLES, with_constant=True)
+        kp, kd = (read_gains(log, name, len(joints)) for name in ("kp", "kd"))
     members = [(guess, x) for guess, x in members if guess.name != clock.name]
     with_unit = {g.key: g for pair in guess_commands(members, rate_hz or clock.rate_hz or 1.0) for g in pair}
     signals = [(with_unit.get(guess.key, guess), x) for guess, x in members]
@@ -99,7 +99,7 @@ def read_study_log(path: Path, recorded: RecordedSpec, robot: Robot, rate_hz: fl
     columns = dict[str, FloatArray]()
     for role in ("reference", "y"):
         channels = [_channel(recorded, role, joint) for joint in robot.driven_names]
-        log = Log(str(path), tuple(channel.full_name for channel in channels))
+        log = LogReport(str(path), tuple(channel.full_name for channel in channels))
         values = read_channels(path, channels, recorded.text)
         signals = (link_side(channel, x, robot, log) for channel, x in zip(channels, values.T, strict=True))
         link_side_values = np.stack(list(map(interpolate_linearly, signals)), axis=1)
@@ -123,7 +123,7 @@ def _channel(recorded: RecordedSpec, role: str, joint: str) -> ChannelSpec:
     raise StudyError("study/recorded", text, "--study")
 
 
-def gains_in(log: LogFile, name: str, n_u: int) -> FloatArray | None:
+def read_gains(log: Log, name: str, n_u: int) -> FloatArray | None:
     """Read an array of controller gains (n_u,), N*m/rad or N*m*s/rad, link side; one number counts for all joints.
 
     None if the log has no array of that name (in any case of letters), one of another size, or gains that change.

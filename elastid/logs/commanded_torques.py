@@ -14,7 +14,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import CascadeSpec
-from elastid.logs.repair import Log
+from elastid.logs.repair import LogReport
 from elastid.logs.repair.clock_drift import MAX_CLOCK_ERROR
 from elastid.robot import Robot, low_pass_response
 from elastid.simulation.controller import loop_of, sampled_responses
@@ -51,7 +51,7 @@ class Drives:
         reference = replace(self.controller.reference, velocity_feedforward=alpha)
         return replace(self, controller=replace(self.controller, reference=reference))
 
-    def controlled(self, f: FloatArray, has_position: bool = True) -> tuple[ComplexArray, ComplexArray]:
+    def controller_responses(self, f: FloatArray, has_position: bool = True) -> tuple[ComplexArray, ComplexArray]:
         """Compute C_fb and C_ff F_r (F, n_u) with the lag of the torque loop, or the part of the velocity gain."""
         controller, loop = self.controller, loop_of(self.controller, len(self.torques))
         loop = loop if has_position else replace(loop, kp=0 * loop.kp)
@@ -67,7 +67,7 @@ class Drives:
         times = [sum(error.low_pass for error in channel.errors) for channel in self.torques]
         return np.stack([low_pass_response(s, T) for T in times], axis=1)
 
-    def logged(self, f: FloatArray) -> Iterator[tuple[int, ComplexArray]]:
+    def logged_torques(self, f: FloatArray) -> Iterator[tuple[int, ComplexArray]]:
         """Yield m and the logged torques (F, n_u) of a reference at f + m times the rate of the log, 0 its line."""
         locations = self.robot.motor_locations
         motors = [self.robot.driven[locations.index(channel.at)].motor for channel in self.torques]
@@ -75,33 +75,33 @@ class Drives:
         half, filters = round(self.controller.tick_hz / self.rate_hz) // 2, self.low_passes(f)
         for m in range(-half, half + 1):
             f_m = f + m * self.rate_hz
-            C_fb, C_ff = self.controlled(f_m)
+            C_fb, C_ff = self.controller_responses(f_m)
             S = 1 / (1 - C_fb / (J * (2 * np.pi * f_m[:, None]) ** 2))
             yield m, S * C_ff * self.low_passes(f_m) / filters
 
     @property
-    def is_subtracted(self) -> bool:
+    def can_subtract_images(self) -> bool:
         """True if images of references that are not logged can be subtracted: else the unknown lag dominates them."""
         cycle = self.controller.cycle
         return abs(self.rate_hz * cycle - 1) <= MAX_CLOCK_ERROR and cycle > 2 * np.pi * TORQUE_LAG_S
 
-    def per_reference(self, freq_hz: FloatArray, tau: float = 0.0) -> tuple[ComplexArray, ComplexArray]:
+    def torques_per_reference(self, freq_hz: FloatArray, tau: float = 0.0) -> tuple[ComplexArray, ComplexArray]:
         """Compute the torques (F, n_u) of all images in a log late by tau, and of the lines."""
-        f = positive(freq_hz)
+        f = positive_frequencies(freq_hz)
         images = line = np.zeros((len(f), len(self.torques)), complex)
-        for m, torques in self.logged(f):
+        for m, torques in self.logged_torques(f):
             delayed_torques = torques * np.exp(-2j * np.pi * (f[:, None] + m * self.rate_hz) * tau)
             images, line = (images + delayed_torques, line) if m else (images, delayed_torques)
         return images, line
 
 
-def positive(freq_hz: FloatArray) -> FloatArray:
+def positive_frequencies(freq_hz: FloatArray) -> FloatArray:
     """Return frequencies with half a line in place of 0, where an inertia has no response."""
     return np.where(freq_hz > 0, freq_hz, freq_hz[:2].max() / 2)
 
 
 @dataclass(frozen=True, eq=False)
-class Match:
+class TorqueMatch:
     """Commanded torques of drives (F, n_u) with the best fit to the logged torques U.
 
     terms: commanded torques (F, n_u) by position gain and by velocity gain, without scale and aliases, and U without
@@ -114,7 +114,7 @@ class Match:
     delay_s: float
     explained: float
 
-    def gains(self, motor: int) -> tuple[FloatArray, float]:
+    def gain_factors(self, motor: int) -> tuple[FloatArray, float]:
         """Fit factors (2,) of the terms of position and velocity gain of a motor; also explained power."""
         *columns, u = (np.concatenate([z[:, motor].real, z[:, motor].imag]) for z in self.terms)
         A = np.stack(columns, axis=1)
@@ -124,7 +124,7 @@ class Match:
 
 def match_torques(
     drives: Drives, freq_hz: FloatArray, U: ComplexArray, R: ComplexArray, Q: ComplexArray | None, lowest_hz: float
-) -> Match | None:
+) -> TorqueMatch | None:
     """Match the commanded torques to U (F, n_u) above a frequency, with the best feedforward of the study's, 0 and 1.
 
     None without lines that have references.
@@ -139,11 +139,11 @@ def match_torques(
     return max((_match(drive, *signals) for drive in candidates), key=lambda match: match.explained)
 
 
-def report_controller(match: Match, log: Log) -> None:
+def report_controller(match: TorqueMatch, log: LogReport) -> None:
     """Report motors whose logged torques need other gains than the controller of the study."""
     names = "position_gain", "velocity_gain"
     for motor, channel in enumerate(match.drives.torques):
-        (by_p, by_v), explained = match.gains(motor)
+        (by_p, by_v), explained = match.gain_factors(motor)
         if explained < _MIN_CERTAIN:  # of a motor at rest, or with another controller
             continue
         factors = by_p / max(by_v, 1e-300), by_v
@@ -155,7 +155,7 @@ def report_controller(match: Match, log: Log) -> None:
             log.note("records/controller", f"{text}. {advice}")
 
 
-def _match(drives: Drives, f: FloatArray, U: ComplexArray, R: ComplexArray, Q: ComplexArray | None) -> Match:
+def _match(drives: Drives, f: FloatArray, U: ComplexArray, R: ComplexArray, Q: ComplexArray | None) -> TorqueMatch:
     """Fit delays and scales of the commanded torques to the logged ones U (F, n_u).
 
     tau_r is the time from the log of a reference to its path. Without positions Q, the commanded torque is that of an
@@ -164,10 +164,10 @@ def _match(drives: Drives, f: FloatArray, U: ComplexArray, R: ComplexArray, Q: C
     from scipy.optimize import minimize  # 0.05 s, which a study without references need not load
 
     cycle = drives.controller.cycle
-    numbers, rows = zip(*drives.logged(f), strict=True)
+    numbers, rows = zip(*drives.logged_torques(f), strict=True)
     torques, omega = np.stack(rows) * R, 2 * np.pi * (f + np.array(numbers)[:, None] * drives.rate_hz)
     line = numbers.index(0)
-    C_fb, C_ff = drives.controlled(f)
+    C_fb, C_ff = drives.controller_responses(f)
     forward = torques[line] if Q is None else C_ff * R
     feedback = 0 * forward if Q is None else C_fb * Q
 
@@ -196,8 +196,8 @@ def _match(drives: Drives, f: FloatArray, U: ComplexArray, R: ComplexArray, Q: C
     options = {"initial_simplex": simplex, "xatol": 1e-3 * cycle}
     end = minimize(unexplained, start, method="Nelder-Mead", options=options)
     delays = float(end.x[0]), 0.0 if Q is None else float(end.x[1])
-    C_fb_v, C_ff_v = drives.controlled(f, has_position=False)
+    C_fb_v, C_ff_v = drives.controller_responses(f, has_position=False)
     by_velocity = delayed(*delays, C_ff_v * R, 0 * feedback if Q is None else C_fb_v * Q)
     commanded, K = delayed(*delays, forward, feedback), scaled(*delays)[1]
     terms = commanded - by_velocity, by_velocity, U - images(*delays) * K
-    return Match(drives, terms, K, sum(delays), 1 - float(end.fun))
+    return TorqueMatch(drives, terms, K, sum(delays), 1 - float(end.fun))

@@ -25,14 +25,14 @@ from elastid.linear.equilibrium import equilibrium
 from elastid.logs.channels import GatheredChannels, gather_channels, report_unused_references
 from elastid.logs.files.formats import read_channels
 from elastid.logs.motion_relations import REST_TRAVEL_M, REST_TRAVEL_RAD
-from elastid.logs.repair import Findings, Log
+from elastid.logs.repair import Findings, LogReport
 from elastid.logs.repair.interpolation import MAX_BRIDGED
 from elastid.logs.repair.masks import MAX_MISSING_FRACTION, step, without_dropouts
 from elastid.logs.repair.missing import bridge_gaps, bridge_short_gaps
-from elastid.logs.repair.outliers import without_lone
+from elastid.logs.repair.outliers import without_lone_spikes
 from elastid.logs.rig import repair_signals
 from elastid.logs.units_and_sides import check_values, link_side, on_one_side, to_shafts
-from elastid.logs.warm_ups import tests_in, warm_up_log
+from elastid.logs.warm_ups import find_test_passes, join_warm_up_logs
 from elastid.model.formulation import formulate
 from elastid.record import Configuration, Hold
 from elastid.robot import Joint, Robot
@@ -40,8 +40,8 @@ from elastid.robot.simplified import with_point_mass
 from elastid.simulation.controller import loop_of
 
 # Limits of motions and temperatures of joints (all of 12 clean logs are accepted).
-IMPOSSIBLE_DEGC = 150.0
-MIN_PART_S = 2.0  # of a log with gaps
+MAX_TEMPERATURE_DEGC = 150.0
+MIN_SEGMENT_S = 2.0  # of a log with gaps
 # Signals (n,) by role, place and quantity; torques and currents have an empty one.
 Signals: TypeAlias = Mapping[tuple[str, str, str], FloatArray]
 
@@ -76,9 +76,9 @@ def read_friction_logs(
             notes += motions[0].notes
             heated.setdefault(motions[0].joint, []).append((motions[0], file))
             joint = robot.driven[robot.driven_names.index(motions[0].joint)]
-            motions = tests_in(motions[0], turns_against_gravity(robot, joint, motions[0].configuration))
+            motions = find_test_passes(motions[0], turns_against_gravity(robot, joint, motions[0].configuration))
         records += motions
-    warm_ups = tuple(warm_up_log(*zip(*pairs, strict=True)) for pairs in heated.values())
+    warm_ups = tuple(join_warm_up_logs(*zip(*pairs, strict=True)) for pairs in heated.values())
     return FrictionRecords(tuple(records), warm_ups, tuple(notes))
 
 
@@ -142,7 +142,7 @@ class _LogReader:
             if channel.role == "t":
                 time_s = self.offset_s + np.arange(len(values)) / rate_hz
                 signals["t", channel.at, ""] = self._thermometer(channel, time_s)
-        return self._of_joints(signals, rate_hz, N, gathered.log.findings.at(f"record {self.name}"))
+        return self._joint_records(signals, rate_hz, N, gathered.log.findings.at(f"record {self.name}"))
 
     def _repair(self, gathered: GatheredChannels) -> tuple[FloatArray, int | None, float]:
         """Repair gaps and spikes; return signals, samples of their period (None without one), and their rate."""
@@ -153,14 +153,14 @@ class _LogReader:
         columns = [i for i, c in enumerate(gathered.channels) if c.role == "u" or c.quantity == "position"]
         part_log = replace(log, names=tuple(log.names[i] for i in columns))
         are_motions = [gathered.channels[i].role != "u" for i in columns]
-        clean = without_lone(signals[:, columns], part_log, are_motions)
+        clean = without_lone_spikes(signals[:, columns], part_log, are_motions)
         signals[:, columns] = bridge_short_gaps(clean, replace(part_log, findings=Findings()))
         return signals, None, gathered.rate_hz
 
     def _thermometer(self, channel: ChannelSpec, time_s: FloatArray) -> FloatArray:
         """Interpolate readings of a thermometer of any rate, (n,) in degC, at times from the first sample, linearly."""
         path = self.base / (self.file.path, *self.file.also)[channel.file - 1]
-        log = Log(str(path), ())
+        log = LogReport(str(path), ())
         rate_hz = float(channel.rate_hz or self.recorded.known_rate_hz)
         values = read_channels(path, [channel], self.recorded.text)
         check_values([channel], [values[:, 0]], log)
@@ -170,9 +170,9 @@ class _LogReader:
         return np.interp(first / self.recorded.known_rate_hz + time_s, finite / rate_hz, degc[finite])
 
     def _channels(self) -> tuple[ChannelSpec, ...]:
-        return tuple(c for c in self.recorded.channels if self.file.joint in ("", _joint_of(c)))
+        return tuple(c for c in self.recorded.channels if self.file.joint in ("", _joint_of_channel(c)))
 
-    def _of_joints(
+    def _joint_records(
         self, signals: Signals, rate_hz: float, period: int | None, notes: tuple[Note, ...]
     ) -> tuple[FrictionRecord, ...]:
         candidates = {joint.name: _signal(signals, "y", joint.name, "position") for joint in self.robot.driven}
@@ -188,9 +188,9 @@ class _LogReader:
         if self.file.load:
             model = formulate(with_point_mass(self.robot, self.payload))
             load_torque = np.abs(np.linalg.solve(E.T, equilibrium(model, model.theta, posture).u))
-        holds = {_joint_of(c): c.hold or self.recorded.hold for c in self.recorded.channels if c.role == "u"}
+        holds = {_joint_of_channel(c): c.hold or self.recorded.hold for c in self.recorded.channels if c.role == "u"}
         channels = sorted(self.recorded.channels, key=lambda c: c.at.startswith("motor"))  # the motor's of two encoders
-        delays = {(c.role, c.quantity == "position", _joint_of(c)): c.delay for c in channels}
+        delays = {(c.role, c.quantity == "position", _joint_of_channel(c)): c.delay for c in channels}
         path = None if self.recorded.controller is None else self.recorded.controller.reference
         command_hold: Hold = "zero-order" if path is None or path.interpolation == "hold" else "band-limited"
         return tuple(
@@ -268,7 +268,7 @@ class _LogReader:
         if degrees is None:
             is_start = self.file.purpose == "warm_up"  # of the log, not of all its samples
             return None if is_start or self.file.temperature is None else np.full(n, float(self.file.temperature))
-        if float(degrees.max()) > IMPOSSIBLE_DEGC:
+        if float(degrees.max()) > MAX_TEMPERATURE_DEGC:
             text = f"the temperature of joint {joint} reaches {degrees.max():.4g} degC, which is implausible"
             raise DataError("records/channels", text + ". Set the unit of that channel, K or degF", self.path)
         return degrees
@@ -282,7 +282,7 @@ def _segments(gathered: GatheredChannels) -> tuple[GatheredChannels, ...]:
     has_gap = np.asarray(~np.isfinite(gathered.signals).all(axis=1))
     gaps = runs(has_gap, MAX_BRIDGED + 1)
     bounds = zip([0, *gaps[:, 1].tolist()], [*gaps[:, 0].tolist(), len(has_gap)], strict=True)
-    min_samples, log = MIN_PART_S * gathered.rate_hz, gathered.log
+    min_samples, log = MIN_SEGMENT_S * gathered.rate_hz, gathered.log
     inner = [_without_ends(has_gap, first, end) for first, end in bounds]
     long = [(first, end) for first, end in inner if end - first >= min_samples]
     if not long or (not len(gaps) and long == [(0, len(has_gap))]):
@@ -304,8 +304,8 @@ def _without_ends(has_gap: BoolArray, first: int, end: int) -> tuple[int, int]:
     return (first, first) if not len(pairs) else (int(pairs[0]), int(pairs[-1]) + 2)
 
 
-def _joint_of(channel: ChannelSpec) -> str:
-    """Return the joint that a channel is of; empty where its place is a body or a frame."""
+def _joint_of_channel(channel: ChannelSpec) -> str:
+    """Return the joint of a channel; empty for a channel at a body or a frame."""
     kind, _, name = channel.at.partition(" ")
     return name if kind in ("motor", "joint") else ""
 

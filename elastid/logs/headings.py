@@ -17,7 +17,7 @@ _NO_UNIT = re.compile(
     r"(?!.*\d/\d)[\d_\s.,:;#+\-/]*|.*\b(joint|axis|achse|motor|link|actual|filtered)\b.*", re.IGNORECASE
 )
 _IS_TIME = re.compile(r"(.*[./])?(t|time|zeit|timestamp|seconds)([^a-z./][^./]*)?", re.IGNORECASE)
-TIMES = re.compile(r"s|sec(onds?)?|m?s|[mnuµμ]s|с|мс|秒|毫秒", re.IGNORECASE)
+TIME_UNIT = re.compile(r"s|sec(onds?)?|m?s|[mnuµμ]s|с|мс|秒|毫秒", re.IGNORECASE)
 _COUNTS = re.compile(r"inc|count|cnt|tick|pulse|puls|digit|lsb|step|raw|^c$|qc", re.IGNORECASE)
 
 
@@ -38,7 +38,7 @@ class HeadingUnit:
         return min(quantities, key=lambda name: QUANTITY_UNIT[name] != dimension, default="")  # N: a force first
 
     @property
-    def question(self) -> str:
+    def remedy(self) -> str:
         """The remedy for an unknown unit."""
         if re.search("%|‰|rated|mille|/1000", self.unknown, re.IGNORECASE):
             remedy = "scale = rated torque or current / its number in the log (1000 for 0.1 %)"
@@ -60,7 +60,7 @@ def in_brackets(name: str) -> list[str]:
 
 def is_time(name: str) -> bool:
     """Return True for the name of a channel that is a time by its name, or by a unit in brackets."""
-    return _IS_TIME.fullmatch(name) is not None or any(TIMES.fullmatch(unit.strip()) for unit in in_brackets(name))
+    return _IS_TIME.fullmatch(name) is not None or any(TIME_UNIT.fullmatch(unit.strip()) for unit in in_brackets(name))
 
 
 def unit_of_heading(name: str, stated: str = "") -> HeadingUnit:

@@ -17,39 +17,42 @@ from elastid.logs.clocks import (
     clock_rate,
     common_span,
     common_step_ms,
-    stamps_of,
+    read_stamps,
     time_units,
 )
 from elastid.logs.files.log import ArrayLog, Log
 from elastid.logs.files.text import TextLog
-from elastid.logs.repair import Log as RepairLog
-from elastid.logs.repair import interpolate_linearly
+from elastid.logs.repair import LogReport, interpolate_linearly
 from elastid.logs.repair.masks import MAX_MISSING_FRACTION, far_outside
-from elastid.logs.repair.outliers import without_lone
+from elastid.logs.repair.outliers import without_lone_spikes
 from elastid.logs.units_and_sides import MAX_COMPUTABLE
 
 _MAX_GRAVITY_ERROR = 0.1  # of an accelerometer, relative
 _MIN_COUNTS = 50  # minimum range of whole numbers that may be counts
 
 
-def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[ChannelGuess, FloatArray]]:
+def read_varying_signals(
+    log: Log, max_samples: int, with_constant: bool = False
+) -> list[tuple[ChannelGuess, FloatArray]]:
     """Return varying signals (n,) of the most frequent length, matrices by column, each with the guess by its name.
 
     with_constant: include constant signals.
     """
     if channels_ms := channel_rates(log):
-        return _resample_to_slowest(log, channels_ms, most)
+        return _resample_to_slowest(log, channels_ms, max_samples)
     shapes = {name: shape for name, shape in log.shapes().items() if max(shape) > 2}
     frequent = Counter(max(shape) for shape in shapes.values() if max(shape) > MIN_SAMPLES).most_common(1)
     units = dict(zip(log.headings, log.units, strict=False)) if isinstance(log, TextLog) else {}
     result = []
     for name, shape in shapes.items():
         count = min(shape) if len(shape) > 1 else 1
-        columns = (log.numbers_of(name) if isinstance(log, TextLog) else []) or range(1, count + 1)
+        columns = (log.column_numbers(name) if isinstance(log, TextLog) else []) or range(1, count + 1)
         for column in columns if frequent and max(shape) == frequent[0][0] else ():
             number = column if len(columns) > 1 else None
             try:
-                x = log.values([ChannelSpec("y", "any", name, number, quantity="position")], slice(0, most))[:, 0]
+                x = log.values([ChannelSpec("y", "any", name, number, quantity="position")], slice(0, max_samples))[
+                    :, 0
+                ]
             except DataError:  # words
                 continue
             x = np.where(np.abs(x) < MAX_COMPUTABLE, x, np.nan)
@@ -58,7 +61,9 @@ def signals_of(log: Log, most: int, with_constant: bool = False) -> list[tuple[C
             if guess.quantity == "position" and np.isfinite(x).any():
                 x = np.where(far_outside(x), np.nan, x)
             if np.isfinite(x).all() and len(x) > MIN_SAMPLES:  # a wrong cell is missing
-                x = without_lone(x[:, None], RepairLog("", ("",)), [True] if guess.quantity == "position" else [])[:, 0]
+                x = without_lone_spikes(
+                    x[:, None], LogReport("", ("",)), [True] if guess.quantity == "position" else []
+                )[:, 0]
             is_measured = np.isnan(x).sum() < MAX_MISSING_FRACTION * len(x)
             if is_measured and (np.ptp(complete := interpolate_linearly(x)) > 0 or with_constant):
                 result.append((replace(_with_counts(guess, complete), name=name), complete))
@@ -89,7 +94,7 @@ def _with_gravity(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[
     """Set the unit, g or mm/s^2, of three axes of an accelerometer without one, whose mean is gravity."""
     accelerations = [(g, x) for g, x in signals if g.quantity == "acceleration" and not g.unit]
     axes = {g: np.mean(x) for g, x in accelerations if not g.why.startswith("?")}
-    if len(axes) != 3 or len({g.parts[0] for g in axes}) > 1:
+    if len(axes) != 3 or len({g.family for g in axes}) > 1:
         return signals
     gravity = float(np.linalg.norm([*axes.values()]))
     cases = ("g", "m/s^2", STANDARD_GRAVITY, 1.0), ("mm/s^2", "mm/s^2", 1.0, 1e3 * STANDARD_GRAVITY)
@@ -111,11 +116,11 @@ def _resample_to_slowest(
             guess, spec = guess_by_name(name, column, unit), ChannelSpec("y", "any", name, column, quantity="position")
             if guess.quantity and ms <= slowest:
                 x = log.values([spec], slice(0, int(max_samples * slowest / ms)))
-                whole = interpolate_linearly(without_lone(x, RepairLog("", ("",)))[:, 0])
+                whole = interpolate_linearly(without_lone_spikes(x, LogReport("", ("",)))[:, 0])
                 stamps = log.time_of(spec)
                 t_ms = ms * np.arange(len(whole), dtype=np.float64)
                 if stamps:
-                    t, _ = stamps_of(log, stamps)
+                    t, _ = read_stamps(log, stamps)
                     t_ms = 1e3 * time_units(t)[clock_rate(t)[0]] * t
                 result.append((replace(guess, rate_hz=rate_hz), t_ms[: len(whole)], whole[: len(t_ms)]))
     if not result:
@@ -138,10 +143,10 @@ def _heading(log: Log, name: str, column: int) -> tuple[str, str]:
 def _with_commands(signals: list[tuple[ChannelGuess, FloatArray]]) -> list[tuple[ChannelGuess, FloatArray]]:
     """Interpret signals named as commands, without a quantity, as positions if their joint's position follows them."""
     signals = [*zip(label_by_words([guess for guess, _ in signals]), (x for _, x in signals), strict=True)]
-    positions = {g.parts[1]: (g.name, x) for g, x in signals if g.quantity == "position" and g.rank >= 0}
+    positions = {g.joint_label: (g.name, x) for g, x in signals if g.quantity == "position" and g.rank >= 0}
 
     def interpret(guess: ChannelGuess, x: FloatArray) -> ChannelGuess:
-        name, y = positions.get(guess.parts[1], ("", x))
+        name, y = positions.get(guess.joint_label, ("", x))
         X, Y = (np.fft.rfft(signal - signal.mean()) for signal in (x, y))
         power = np.cumsum(np.abs(X) ** 2)
         slow = slice(0, np.searchsorted(power, power[-1] / 20) + 1)  # fast commands may be above the loop's corner

@@ -16,7 +16,7 @@ from elastid.base.arrays import FloatArray
 from elastid.robot import Joint
 
 # Widths of the Gaussian in samples: the band up to a tenth of the rate, a fortieth, and a hundred-sixtieth.
-WIDTHS = (2.0, 8.0, 32.0)
+GAUSSIAN_WIDTHS = (2.0, 8.0, 32.0)
 # Minimum correlation of a derivative with the signal that is stated to be this derivative.
 MIN_CORRELATION = 0.98
 # Minimum fraction of a torque that the motion of its joint explains.
@@ -26,7 +26,7 @@ MIN_BY_INERTIA = 0.2
 # Ratio of accelerations above which another joint may drive this one; fraction that viscous friction must then explain.
 MIN_MOVING, MIN_EXPLAINED_OF_MOVED = 0.1, 0.9
 # |log| of the gain from sensor to motor torque that losses of a gear explain, and gain over its standard error.
-MAX_EFFICIENCY, MIN_GAIN_OVER_STD = 0.8, 5.0
+MAX_LOG_LOSS, MIN_GAIN_OVER_STD = 0.8, 5.0
 # Travel below which a joint is held by its controller, in m where it slides and in rad.
 REST_TRAVEL_M, REST_TRAVEL_RAD = 1e-3, 5e-3
 MIN_UNEXPLAINED_VARIANCE = 0.03  # of the variance of an acceleration, that the other columns do not explain
@@ -84,7 +84,7 @@ def motion_relations(a: FloatArray, b: FloatArray, rate_hz: float) -> dict[int, 
 
 
 def _widths(x: FloatArray) -> list[float]:
-    return [width for width in WIDTHS if len(x) > 20 * width]
+    return [width for width in GAUSSIAN_WIDTHS if len(x) > 20 * width]
 
 
 def _relation(x: FloatArray, y: FloatArray) -> MotionRelation:
@@ -184,6 +184,6 @@ def _relation_at(
     )
 
 
-def travel(x: FloatArray) -> float:
+def range_without_spikes(x: FloatArray) -> float:
     """Return the range of a signal (n,) without single spikes."""
     return float(np.ptp(np.percentile(x, [0.1, 99.9])))

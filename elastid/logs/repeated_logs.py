@@ -12,13 +12,13 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, folded
 from elastid.base.errors import DataError, Note, notes_of
-from elastid.logs.repair.clock_drift import MAX_CLOCK_ERROR, delay
-from elastid.logs.repair.resampling import at_times
+from elastid.logs.repair.clock_drift import MAX_CLOCK_ERROR, estimate_delay
+from elastid.logs.repair.resampling import resample_at
 from elastid.record import Record
 
 # Limits of the judgement that two logs hold one excitation. Of 300 pairs of clean logs with noise of up to 0.6 of the
 # excitation none is refused (tests/logs/test_several_files.py).
-# Share of an input's power that the first log does not explain, and amplitude over that of the first, less 1, since
+# Fraction of an input's power that the first log does not explain, and amplitude over that of the first, less 1, since
 # friction that warms up changes torques by a few per cent; how many times its noise the former must be.
 MAX_CHANGE = 0.1
 MIN_TIMES_NOISE = 4.0
@@ -60,7 +60,7 @@ def _align_record(first: Record, record: Record, claim: str) -> Record:
         raise DataError("records/inconsistent", f"{text} {record.rate_hz:g} Hz. {_ADVICE}")
     drivers = (first.u, record.u) if first.r is None or record.r is None else (first.r, record.r)
     (a, var_a), (b, var_b) = (_mean_with_variance(x, N) for x in drivers)
-    delays = [delay(x, y, N) for x, y in zip(a.T, b.T, strict=True)]
+    delays = [estimate_delay(x, y, N) for x, y in zip(a.T, b.T, strict=True)]
     best = max(range(len(delays)), key=lambda i: delays[i][1])
     lag = delays[best][0]
     b = np.fft.irfft(np.fft.rfft(b, axis=0) * np.exp(2j * np.pi * np.fft.rfftfreq(N) * lag)[:, None], N, axis=0)
@@ -108,7 +108,7 @@ def _shift_periods(record: Record, lag: float) -> Record:
     is_inside = is_whole and times[-1] < record.n_samples
 
     def shifted(x: FloatArray) -> FloatArray:
-        return x[int(start) :][: len(times)] if is_inside else at_times(x, times, float(N))
+        return x[int(start) :][: len(times)] if is_inside else resample_at(x, times, float(N))
 
     r = None if record.r is None else shifted(record.r)
     return replace(record, u=shifted(record.u), y=shifted(record.y), r=r, discarded_periods=tuple(sorted(pairs)))

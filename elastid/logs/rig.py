@@ -25,9 +25,9 @@ from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.logs.channels import GatheredChannels, gather_channels, report_unused_references
-from elastid.logs.files.formats import naming, size_in_pieces
-from elastid.logs.repair import Log
-from elastid.logs.repair.clock_drift import MIN_DELAY_CORRELATION, delay
+from elastid.logs.files.formats import name_file_in_errors, size_in_pieces
+from elastid.logs.repair import LogReport
+from elastid.logs.repair.clock_drift import MIN_DELAY_CORRELATION, estimate_delay
 from elastid.logs.repair.masks import STOPPED
 from elastid.logs.repair.missing import repair, repair_without_period
 from elastid.logs.repair.periodicity import check_repeat, grid_samples, report_unstated_period
@@ -77,7 +77,9 @@ class RecordedRig:
         files, records = self._files(experiment), []
         for file in files:
             path = self.base / file.path
-            with naming(path, f"its values cannot be used as a log. Check them with `elastid inspect {path}`"):
+            with name_file_in_errors(
+                path, f"its values cannot be used as a log. Check them with `elastid inspect {path}`"
+            ):
                 record = self._in_pieces(experiment, file) if len(files) == 1 else None
                 records.append(record or self._whole_record(experiment, file, len(files) > 1))
         return records[0] if len(records) == 1 else join_periods(records, [file.path for file in files])
@@ -103,7 +105,7 @@ class RecordedRig:
         start, end = file.samples or (0, n)
         if not 0 <= start < end <= n:
             return None
-        bounds = pieces(end - start, None if period is None else int(period), len(recorded.channels))
+        bounds = piece_bounds(end - start, None if period is None else int(period), len(recorded.channels))
         return _Pieces(start, end - start, bounds, dtype) if bounds else None
 
     def _in_pieces(self, experiment: Experiment, file: FileSpec) -> Record | None:
@@ -121,8 +123,8 @@ class RecordedRig:
             record = None
         if record is None:
             return None
-        end = Log("", ())
-        report_end(log.n - record.n_samples, log.n, record.repeat_samples, end)
+        end = LogReport("", ())
+        report_lost_end(log.n - record.n_samples, log.n, record.repeat_samples, end)
         return replace(record, notes=(*record.notes, *end.findings.at(f"record {record.name}")))
 
     def _whole_record(self, experiment: Experiment, file: FileSpec, is_one_of_several: bool = False) -> Record:
@@ -139,7 +141,9 @@ class RecordedRig:
             report_unstated_period(signals[:, roles["r"] or roles["u"]], log)
         elif N is not None and STOPPED not in repairs:
             n = len(gathered.signals)
-            report_end(int(n * N / (gathered.period or N)) - len(signals), n, N // 2 if recorded.half_wave else N, log)
+            report_lost_end(
+                int(n * N / (gathered.period or N)) - len(signals), n, N // 2 if recorded.half_wave else N, log
+            )
         signals = without_step_images(signals, channels, roles, recorded, rate_hz, self.robot, log)
         signals, _ = on_one_side(channels, signals, to_joints(channels, self.robot))
         hold_lengths = hold_samples(recorded, channels, rate_hz)
@@ -203,7 +207,7 @@ MIN_VALUES = 1 << 22  # a log of fewer is measured as a whole
 _MIN_PERIODS = 8  # a median over fewer cannot distinguish a spike from a signal
 
 
-def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...]:
+def piece_bounds(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...]:
     """Divide a log into pieces of whole periods N (None: any length), first to last sample; empty for a small log."""
     if n * n_channels < MIN_VALUES:
         return ()
@@ -216,7 +220,7 @@ def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...
     return tuple(pairwise(N * p for p in (0, *starts, n // N))) if remainder >= _MIN_PERIODS else ()
 
 
-def _lags(difference: FloatArray, mean: FloatArray) -> bool:
+def _has_lag(difference: FloatArray, mean: FloatArray) -> bool:
     """Return True if the lag between two mean periods (N,), samples, exceeds MAX_LAG and six standard deviations."""
     slope = np.gradient(np.pad(mean, 1, "wrap"))[1:-1]
     along, steepness = float(difference @ slope), float(slope @ slope)
@@ -247,19 +251,19 @@ def join_pieces(
         notes |= dict.fromkeys(piece.notes)
         repairs.update(piece.repairs)
         discarded += [start // piece.repeat_samples + p for p in piece.discarded_periods]
-    large = {role: LargeArray(x.shape, x.dtype, partial(_rows, x)) for role, x in signals.items()}
+    large = {role: LargeArray(x.shape, x.dtype, partial(_read_rows, x)) for role, x in signals.items()}
     period_samples = first.period_samples if first.is_periodic else n
     record = replace(first, **large, period_samples=period_samples)  # type: ignore[arg-type]
     return replace(record, notes=tuple(notes), repairs=dict(repairs), discarded_periods=tuple(discarded))
 
 
-def _rows(signal: FloatArray, first: int, last: int) -> FloatArray:
+def _read_rows(signal: FloatArray, first: int, last: int) -> FloatArray:
     rows = np.array(signal[first:last])
     large_arrays.release(signal)
     return rows
 
 
-def report_end(excess: int, n: int, repeat: int, log: Log) -> None:
+def report_lost_end(excess: int, n: int, repeat: int, log: LogReport) -> None:
     """Report the samples of a log of n that are lost after its last whole repetition, if there are any."""
     text = f"the last {excess} of {n} samples are discarded, as they are no whole period of {repeat} samples"
     if excess > 0:
@@ -278,10 +282,10 @@ def _is_in_step(piece: Record, first: FloatArray | None) -> bool:
     if RESAMPLED in piece.repairs:
         return False
     mean, N = mean_period(_driver(piece), len(first)), len(first)
-    delays = [delay(a, b, N) for a, b in zip(first.T, mean.T, strict=True)]
+    delays = [estimate_delay(a, b, N) for a, b in zip(first.T, mean.T, strict=True)]
     # The lag of a slow excitation is uncertain.
     return all(
-        abs(lag) <= MAX_LAG or (abs(lag) < 1 and not _lags(b - a, a))
+        abs(lag) <= MAX_LAG or (abs(lag) < 1 and not _has_lag(b - a, a))
         for a, b, (lag, correlation) in zip(first.T, mean.T, delays, strict=True)
         if correlation >= MIN_DELAY_CORRELATION
     )

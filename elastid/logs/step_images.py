@@ -23,15 +23,15 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable
 from elastid.experiment.specs.channels import ChannelSpec, Places
 from elastid.experiment.specs.logs import RecordedSpec
-from elastid.logs.commanded_torques import Drives, match_torques, positive, report_controller
-from elastid.logs.repair import Log
+from elastid.logs.commanded_torques import Drives, match_torques, positive_frequencies, report_controller
+from elastid.logs.repair import LogReport
 from elastid.logs.repair.clock_drift import MAX_CLOCK_ERROR
 from elastid.record import MOTION_ORDER
 from elastid.response import STEP_IMAGES, Response
 from elastid.robot import Robot
 
 _MIN_EXPLAINED = 0.25  # of the power of the torques, by the controller
-_LOWEST = 0.05  # of the rate: images are compared above, since they are small and friction dominates below
+_MIN_RATE_FRACTION = 0.05  # of the rate: images are compared above, since they are small and friction dominates below
 _LAG_STD_S, _GAIN_STD = 1.5e-4, 0.15  # of the torques' lag with the delay of the log, and relative, of the gains
 _REGULARISATION = 0.01  # of |C_ff F_r|^2: at half the rate images cancel it, and no torque shows its reference
 
@@ -43,7 +43,7 @@ def without_step_images(
     recorded: RecordedSpec,
     rate_hz: float,
     robot: Places,
-    log: Log,
+    log: LogReport,
 ) -> FloatArray:
     """Subtract the images of references from the torques in signals (n, c), or report their size."""
     controller, u, n = recorded.controller, roles["u"], len(signals)
@@ -60,17 +60,21 @@ def without_step_images(
         return signals
     U, R = np.fft.rfft(signals[:, u], axis=0), _without_jump(signals[:, roles["r"]])
     Q = _without_jump(signals[:, [positions[channels[i].at] for i in u]]) if has_positions else None
-    match = match_torques(drives, freq_hz, U, R, Q, _LOWEST * rate_hz if has_images else 0.0) if is_referenced else None
+    match = (
+        match_torques(drives, freq_hz, U, R, Q, _MIN_RATE_FRACTION * rate_hz if has_images else 0.0)
+        if is_referenced
+        else None
+    )
     if match is not None and Q is not None:
         report_controller(match, log)
     if not has_images:
         return signals
-    text = _size(drives, freq_hz, U)
+    text = _describe_size(drives, freq_hz, U)
     if abs(rate_hz * controller.cycle - 1) <= MAX_CLOCK_ERROR:
-        if not roles["r"] and Q is not None and drives.is_subtracted:
+        if not roles["r"] and Q is not None and drives.can_subtract_images:
             return _subtract(signals, u, _images_by_torques(drives, freq_hz, U, Q), text, log)
         if match is not None and match.explained > _MIN_EXPLAINED:
-            images, _ = match.drives.per_reference(freq_hz, match.delay_s)
+            images, _ = match.drives.torques_per_reference(freq_hz, match.delay_s)
             return _subtract(signals, u, images * R * match.scale, text, log)
         if match is not None:
             fraction = f"{100 * match.explained:.0f} % of the torque power (limit {100 * _MIN_EXPLAINED:.0f} %)"
@@ -99,16 +103,16 @@ def with_image_errors(response: Response, recorded: RecordedSpec, robot: Robot) 
         return response
     drives = Drives.of(controller, robot, [torques[location] for location in response.inputs], rate_hz)
     f, rows = response.freq_hz, [response.outputs.index(location) for location in response.inputs]
-    C_fb, C_ff = drives.controlled(f)
+    C_fb, C_ff = drives.controller_responses(f)
     s = laplace_variable(f[:, None])
     P = response.G[:, rows] * s[..., None] ** -MOTION_ORDER[response.quantity]
     fed_back, unit = C_fb[:, :, None] * P, np.eye(len(rows))
-    images = drives.per_reference(f)[0]
-    if drives.is_subtracted:
-        late, early = (drives.per_reference(f, tau)[0] * np.exp(s * tau) for tau in (_LAG_STD_S, -_LAG_STD_S))
+    images = drives.torques_per_reference(f)[0]
+    if drives.can_subtract_images:
+        late, early = (drives.torques_per_reference(f, tau)[0] * np.exp(s * tau) for tau in (_LAG_STD_S, -_LAG_STD_S))
         changes = [((late - early) / 2, unit + fed_back), (_GAIN_STD * images, fed_back)]
     else:
-        rotation = sum(1j * np.sign(m) * image for m, image in drives.logged(f))
+        rotation = sum(1j * np.sign(m) * image for m, image in drives.logged_torques(f))
         changes = [(image / np.sqrt(2), unit + fed_back) for image in (images, rotation)]
     errors = np.stack([-np.einsum("fyj,fj,fju->jfyu", response.G, e / C_ff, by_torque) for e, by_torque in changes])
     bias = np.zeros((1, *errors.shape[1:]), complex) if response.bias is None else response.bias
@@ -120,16 +124,16 @@ def _without_jump(x: FloatArray) -> ComplexArray:
     return np.fft.rfft(x - np.linspace(x[0], x[-1], len(x)), axis=0)
 
 
-def _subtract(signals: FloatArray, u: Sequence[int], images: ComplexArray, text: str, log: Log) -> FloatArray:
+def _subtract(signals: FloatArray, u: Sequence[int], images: ComplexArray, text: str, log: LogReport) -> FloatArray:
     log.note(STEP_IMAGES, f"{text}; subtracted", "information")
     signals, images = signals.copy(), np.concatenate([0 * images[:1], images[1:]])
     signals[:, u] -= np.fft.irfft(images, len(signals), axis=0)
     return signals
 
 
-def _size(drives: Drives, freq_hz: FloatArray, U: ComplexArray) -> str:
+def _describe_size(drives: Drives, freq_hz: FloatArray, U: ComplexArray) -> str:
     """Describe the change of the response by images at the upper edge of the torques' band, in words."""
-    images, line = drives.per_reference(freq_hz)
+    images, line = drives.torques_per_reference(freq_hz)
     power = np.cumsum(np.sum(np.abs(U[1:]) ** 2, axis=1))
     edge = 1 + int(np.argmax(power >= 0.99 * power[-1]))
     ratio = 1 / (1 + images[edge] / line[edge])
@@ -140,8 +144,8 @@ def _size(drives: Drives, freq_hz: FloatArray, U: ComplexArray) -> str:
 
 def _images_by_torques(drives: Drives, freq_hz: FloatArray, U: ComplexArray, Q: ComplexArray) -> ComplexArray:
     """Compute images (F, n_u) of references that are not logged."""
-    C_fb, C_ff = drives.controlled(positive(freq_hz))
-    images, _ = drives.per_reference(freq_hz)
+    C_fb, C_ff = drives.controller_responses(positive_frequencies(freq_hz))
+    images, _ = drives.torques_per_reference(freq_hz)
     total = C_ff + images
     R = (U + C_fb * Q) * total.conj() / (np.abs(total) ** 2 + _REGULARISATION * np.abs(C_ff) ** 2)
     return images * R

@@ -18,18 +18,18 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.experiment.specs.channels import ChannelSpec, Places, channel_refusal
 from elastid.experiment.specs.logs import RecordedSpec
-from elastid.logs.repair import MAX_WRONG_FRACTION, Log, blocks
+from elastid.logs.repair import MAX_WRONG_FRACTION, LogReport, blocks
 from elastid.logs.repair.clock_drift import MIN_DELAY_CORRELATION
 from elastid.logs.repair.masks import CHECK_CELLS
 
 UNWRAPPED = "records/unwrapped"
-# The fourth power of a larger value, which covariances are made of, nears the largest number that there is.
+# Covariances contain fourth powers of values: for larger values they come near the largest float64.
 MAX_COMPUTABLE = 1e60
 # Sine of the angle between two signals without their means, up to which they are one but for single precision.
 MAX_DIFFERENCE = 1e-5
 
 
-def channel_refusals(channels: Sequence[ChannelSpec], places: Places) -> Iterator[tuple[int, str, str]]:
+def find_channel_errors(channels: Sequence[ChannelSpec], places: Places) -> Iterator[tuple[int, str, str]]:
     """Yield place, key and reason of each channel that is off the robot, in a wrong unit, or given twice."""
     motors, signals = places.motor_locations, set[tuple[str, str, int]]()
     for i, channel in enumerate(channels):
@@ -69,7 +69,7 @@ def link_side_factor(channel: ChannelSpec, robot: Places) -> float:
     return _side_factor(channel, robot) * _gear_factor(channel, robot)
 
 
-def link_side(channel: ChannelSpec, values: FloatArray, robot: Places, log: Log) -> FloatArray:
+def link_side(channel: ChannelSpec, values: FloatArray, robot: Places, log: LogReport) -> FloatArray:
     """Convert a signal (n,) to SI on the link side, an angle unwrapped."""
     factor, turns = _side_factor(channel, robot), 0
     if channel.quantity == "position":
@@ -116,7 +116,7 @@ def _through_couplings(channels: Sequence[ChannelSpec], robot: Places, side: str
             continue
         motor_signals = (angle if channel.is_motion else torque)[motors.index(channel.at)]
         for source in np.flatnonzero(np.abs(motor_signals) > 1e-12):  # smaller elements are rounding
-            T[row, _place(channels, channel, motors[source])] = motor_signals[source]
+            T[row, _coupled_channel(channels, channel, motors[source])] = motor_signals[source]
     return T
 
 
@@ -128,13 +128,13 @@ def without_placeholders(signals: FloatArray) -> FloatArray:
 
 
 def check_values(
-    channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], log: Log, may_rest: Collection[str] = ()
+    channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], log: LogReport, may_rest: Collection[str] = ()
 ) -> None:
     """Raise DataError for a constant column (n,), some samples NaN; note an input that rests while others move.
 
     may_rest: further roles of channels that may be constant.
     """
-    for i, text in value_refusals(channels, columns, may_rest):
+    for i, text in find_value_errors(channels, columns, may_rest):
         raise log.error("records/values", f"{channels[i].full_name} {text}")
     for channel, column in zip(channels, columns, strict=True):
         values = column[np.isfinite(column)]
@@ -143,7 +143,7 @@ def check_values(
             log.note("records/input-not-excited", text)
 
 
-def value_refusals(
+def find_value_errors(
     channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], may_rest: Collection[str] = ()
 ) -> Iterator[tuple[int, str]]:
     """Yield index and reason of each implausible column (n,); may_rest: roles that may be constant."""
@@ -163,7 +163,7 @@ def value_refusals(
             yield i, f"is constant at {values[0]:g} over all {len(columns[i])} samples. Check its sensor and its name"
 
 
-def report_drives(channels: Sequence[ChannelSpec], signals: FloatArray, N: int | None, log: Log) -> None:
+def report_drives(channels: Sequence[ChannelSpec], signals: FloatArray, N: int | None, log: LogReport) -> None:
     """Report torque channels of signals (n, c) that copy a command: the same, inverted, or of another motor.
 
     N: samples of the period, None without one.
@@ -177,7 +177,7 @@ def report_drives(channels: Sequence[ChannelSpec], signals: FloatArray, N: int |
             text += " equals r to the last bit: the command was logged twice, and u lacks feedback, drive limits and "
             text += "delay. Log the acting torque, or omit the channel of role r without feedback"
             log.note("records/same-signal", text)
-        elif (rho := _at_once(r, torque, N)) <= -MIN_DELAY_CORRELATION:
+        elif (rho := _weighted_correlation(r, torque, N)) <= -MIN_DELAY_CORRELATION:
             text += f" and r have opposite signs (correlation {rho:.2f}). Give the inverted channel sign: -1"
             log.note("records/torque", text)
     C = np.cov(signals, rowvar=False)
@@ -189,7 +189,7 @@ def report_drives(channels: Sequence[ChannelSpec], signals: FloatArray, N: int |
             log.note("records/same-signal", f"{text} signal of its motor. {advice}")
 
 
-def _at_once(r: FloatArray, u: FloatArray, N: int | None) -> float:
+def _weighted_correlation(r: FloatArray, u: FloatArray, N: int | None) -> float:
     """Return the correlation of r and u (n,), each DFT line weighted by the power of r, not of u.
 
     Feedback makes u largest at the lines of the largest phase shift.
@@ -223,7 +223,7 @@ def _gear_factor(channel: ChannelSpec, robot: Places) -> float:
     return 1 / ratio if channel.is_motion else ratio
 
 
-def _place(channels: Sequence[ChannelSpec], like: ChannelSpec, motor: str) -> int:
+def _coupled_channel(channels: Sequence[ChannelSpec], like: ChannelSpec, motor: str) -> int:
     for i, channel in enumerate(channels):
         same_kind = not like.is_motion or channel.quantity == like.quantity
         if (channel.role, channel.side, channel.at) == (like.role, like.side, motor) and same_kind:

@@ -23,13 +23,13 @@ MAX_STEPS = 500  # of one log
 MIN_STEPS = 30  # of all logs together; five minutes warm no gear
 GROUPS = 24  # of test passes, as of a designed warm-up of two hours with tests each five minutes
 MIN_GROUPS = 6  # in which a speed must occur: a level's course has three numbers
-MAX_RETURN = 0.99  # share of the travel from the first to the last position: above, no way back
+MAX_RETURN = 0.99  # fraction of the travel from the first to the last position: above, no way back
 PER_COUNT = 2.0  # readings for each count of a coarse thermometer: within one they are no noise
 MIN_READINGS = 10
 START_STD = 1.0  # prior std of the initial temperature, K
 
 
-def heat_of(record: FrictionRecord) -> tuple[FloatArray, FloatArray, FloatArray]:
+def heating_history(record: FrictionRecord) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compute the heat of a log: times (n + 1,) in s, power (n,) between them in W, temperatures (n + 1,) in degC.
 
     Raises DataError if the joint does not return to its start, or if its torque does no positive work.
@@ -42,27 +42,27 @@ def heat_of(record: FrictionRecord) -> tuple[FloatArray, FloatArray, FloatArray]
     work = np.append(0.0, np.cumsum(acting * np.diff(q)))[edges]
     if abs(q[-1] - q[0]) > MAX_RETURN * np.ptp(q):
         text = f"it moves from {q[0]:.4g} to {q[-1]:.4g} {record.unit} without return, so that the work of gravity and"
-        raise _refusal(record, text + " the heat are confounded. Log a motion to and fro")
+        raise _warm_up_error(record, text + " the heat are confounded. Log a motion to and fro")
     if work[-1] <= 0:
         text = f"its torque extracts {-work[-1]:.4g} J from the motion, so that friction would accelerate the joint"
-        raise _refusal(record, text + ". Correct the sign of torque or position")
+        raise _warm_up_error(record, text + ". Correct the sign of torque or position")
     T = record.temperature
-    temperature = np.full(n + 1, np.nan) if T is None else _means(T, edges)
+    temperature = np.full(n + 1, np.nan) if T is None else _edge_means(T, edges)
     return record.start_s + edges / rate_hz, np.diff(work) / (np.diff(edges) / rate_hz), temperature
 
 
-def _refusal(record: FrictionRecord, text: str) -> DataError:
+def _warm_up_error(record: FrictionRecord, text: str) -> DataError:
     return DataError("friction/warm-up", text, f"{record.place}: warm-up of joint {record.joint}")
 
 
-def _means(x: FloatArray, edges: np.ndarray) -> FloatArray:
+def _edge_means(x: FloatArray, edges: np.ndarray) -> FloatArray:
     """Compute means (n + 1,) of the samples within half a step of each edge."""
     sums, middles = np.append(0.0, np.cumsum(x - x[0])), (edges[:-1] + edges[1:]) // 2 + 1
     low, high = np.append(0, middles), np.append(middles, len(x))
     return np.asarray(x[0] + (sums[high] - sums[low]) / (high - low))
 
 
-def tests_in(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord, ...]:
+def find_test_passes(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord, ...]:
     """Find constant-velocity test runs: for each stated or recurring speed, the first run in each part of the log."""
     min_count = 1 if record.speed is not None else MIN_GROUPS
     passes = detect_passes(record, has_gravity)
@@ -75,13 +75,13 @@ def tests_in(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord,
     return tuple(replace(p, is_warm_up=True) for p in sorted(usable, key=lambda p: p.start_s))
 
 
-def warm_up_log(records: Sequence[FrictionRecord], files: Sequence[FileSpec]) -> WarmUpLog:
+def join_warm_up_logs(records: Sequence[FrictionRecord], files: Sequence[FileSpec]) -> WarmUpLog:
     """Join all logs of the warm-up of one joint, with zero power in the pauses, and with the temperatures of `files`.
 
     Raises DataError if logs overlap, are too short for any gear, or have a constant temperature.
     """
     joint, start = records[0].joint, files[0].temperature
-    heats = [heat_of(record) for record in records]
+    heats = [heating_history(record) for record in records]
     ambient = next((float(file.ambient) for file in files if file.ambient is not None), float("nan"))
     time_s, power, temperature = heats[0]
     for record, (next_s, next_power, next_readings) in zip(records[1:], heats[1:], strict=True):
@@ -96,13 +96,13 @@ def warm_up_log(records: Sequence[FrictionRecord], files: Sequence[FileSpec]) ->
     count = max(0.0 if record.temperature is None else step(record.temperature) for record in records)
     if span < min_span:
         text = f"{span:.4g} s are too short for a warm-up; gears need 10 to 60 minutes. Log at least {min_span:g} s"
-        raise _refusal(records[0], text + ", better two hours, or set purpose: motion")
+        raise _warm_up_error(records[0], text + ", better two hours, or set purpose: motion")
     if not valid.any():
         return WarmUpLog(joint, time_s, power, temperature, 0.0, ambient, ambient if start is None else start)
     if np.ptp(temperature[valid]) < max(count, 1e-9):
         text = f"the thermometer reads {temperature[valid][0]:.4g} degC throughout while {power.mean():.3g} W heat the"
         advice = "Omit its channel (test runs show the heat as well), or mount the sensor at the joint"
-        raise _refusal(records[0], f"{text} joint. {advice}")
+        raise _warm_up_error(records[0], f"{text} joint. {advice}")
     noise = float(np.std(np.diff(temperature[valid], 2)) / np.sqrt(6))  # of white noise on a slow signal
     std, at_start = max(noise, count / np.sqrt(12)), float(temperature[valid][0])
     if noise < count / np.sqrt(12):  # readings of one count have one error

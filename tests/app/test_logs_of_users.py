@@ -17,7 +17,7 @@ from elastid.app.from_log import texts_from_logs
 from elastid.base.errors import notes_of
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import TextFormatSpec
-from elastid.logs.files.formats import opened_log, read_channels
+from elastid.logs.files.formats import open_log, read_channels
 from elastid.logs.friction_logs import read_friction_logs
 
 N, RATE = 1500, 250.0
@@ -86,7 +86,7 @@ def test_archives_are_refused(mark: bytes, tmp_path: Path) -> None:
 )
 def test_headings_in_legacy_encodings_are_decoded(heading: str, code: str, tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text(f"t,{heading},x\n0,1,2\n1,2,3\n", encoding=code)
-    with opened_log(tmp_path / "log.csv", TextFormatSpec()) as log:
+    with open_log(tmp_path / "log.csv", TextFormatSpec()) as log:
         assert heading in log.headings
 
 
@@ -254,7 +254,7 @@ def test_exponents_of_fortran_and_other_functions_of_universal_files(tmp_path: P
             pyuff.UFF(str(tmp_path / name)).write_sets(keys | data | units, "add" if node > 1 else "overwrite")
     path = tmp_path / "log.uff"
     path.write_text(re.sub(r"(\d)[eE]([+-]\d\d)", r"\1D\2", path.read_text()))
-    with opened_log(path, TextFormatSpec()) as opened:
+    with open_log(path, TextFormatSpec()) as opened:
         assert [(x.units, x.rate_hz) for x in opened.arrays.values()] == [("N", RATE), ("m/s^2", RATE)]
     log = read_channels(path, [ChannelSpec("u", "1z", "1z", quantity="force")], TextFormatSpec())
     np.testing.assert_allclose(log[:, 0], U, atol=1e-6)

@@ -44,7 +44,7 @@ def test_joints_are_named_by_numbers_or_words_that_two_kinds_share() -> None:
         (encoders, {"1", "2"}),
     ):
         guesses = label_by_words([guess_by_name(name, None) for name in names])
-        assert {guess.parts[1] for guess in guesses} == joints
+        assert {guess.joint_label for guess in guesses} == joints
 
 
 def test_resisting_controller_is_no_mirrored_torque() -> None:
@@ -132,7 +132,7 @@ def test_headings_of_drives_are_read(heading: str) -> None:
     signals += [(f"temp_{k}", 30 + np.round(0.01 * T, 1)) for k in range(3)]
     guess = guess_log([(guess_by_name(name, None), x) for name, x in signals], RATE)
     assert [each.torque.name for each in guess.joints] == names[0]
-    found = [each.motion.name for each in guess.joints] + [each.name for each in guess.further]
+    found = [each.motion.name for each in guess.joints] + [each.name for each in guess.other_outputs]
     assert found == names[1]
 
 

@@ -11,7 +11,7 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import CascadeSpec, FileSpec, RecordedSpec
 from elastid.logs.commanded_torques import Drives, match_torques, report_controller
-from elastid.logs.repair import Log
+from elastid.logs.repair import LogReport
 from elastid.logs.rig import RecordedRig
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 
@@ -62,10 +62,10 @@ def test_a_motor_at_rest_contradicts_no_gain() -> None:
     drives = Drives.of(controller, replace(ROBOT, bodies=(*ROBOT.bodies, axis)), torques, RATE)
     R, Q = (rng.standard_normal((80, 2)) + 1j * rng.standard_normal((80, 2)) for _ in range(2))
     R[:, 1] = Q[:, 1] = 0.0
-    C_fb, C_ff = drives.controlled(f)
+    C_fb, C_ff = drives.controller_responses(f)
     U = C_ff * R - C_fb * Q + 0.1 * rng.standard_normal((80, 2))
     match = match_torques(drives, f, U, R, Q, 0.0)
     assert match.explained > 0.999
-    log = Log("log", ("u1", "u2"))
+    log = LogReport("log", ("u1", "u2"))
     report_controller(match, log)
     assert not log.findings.at("record")

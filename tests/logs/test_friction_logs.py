@@ -18,7 +18,7 @@ from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.friction_record import FrictionRecord
 from elastid.friction_study.warm_up import WarmUp, warm_up_of
 from elastid.logs.friction_logs import read_friction_logs
-from elastid.logs.warm_ups import warm_up_log
+from elastid.logs.warm_ups import join_warm_up_logs
 from elastid.record import Configuration
 
 Q = trapezoids([0.2, 0.5])
@@ -162,7 +162,7 @@ def test_a_warm_up_in_two_logs_is_the_warm_up(cycles: int, pause: float, hold: A
         )
         for part in (slice(0, n), slice(0, first), slice(first, n))
     )  # fmt: skip
-    one, two = (warm_up_log(logs, [FileSpec("log.csv")]) for logs in ((whole,), parts))
+    one, two = (join_warm_up_logs(logs, [FileSpec("log.csv")]) for logs in ((whole,), parts))
     assert one.time_s[-1] == time_s[-1]
     assert two.time_s[-1] == time_s[-1] + pause
     works = [float(log.power @ np.diff(log.time_s)) for log in (one, two)]

@@ -36,7 +36,7 @@ def test_a_known_unit_in_brackets_is_preferred_to_another_statement() -> None:
 
 
 def test_a_unit_in_a_name_is_no_joint() -> None:
-    assert {guess_by_name(name, None).parts[1] for name in ("position_base_inc", "cmd_base_inc")} == {"base"}
+    assert {guess_by_name(name, None).joint_label for name in ("position_base_inc", "cmd_base_inc")} == {"base"}
 
 
 @pytest.mark.parametrize("unit", ["inc", "counts", "ticks", "%", "0.1% rated torque", "Arms", "LSB", "xyz"])

@@ -19,7 +19,7 @@ from elastid.frf import spectra as frf_spectra
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.logs import rig
-from elastid.logs.rig import pieces
+from elastid.logs.rig import piece_bounds
 from elastid.record import Record
 from elastid.store.measured import read_records, write_records
 
@@ -59,7 +59,7 @@ def _same(a: Record, b: Record) -> None:
 @settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_pieces_are_whole_periods_and_cover_the_log(large: None, n: int, is_periodic: bool) -> None:
     """The first of eight periods, all of so many values that they fit; none where the log fits or has few periods."""
-    parts = pieces(n, N if is_periodic else None, 4)
+    parts = piece_bounds(n, N if is_periodic else None, 4)
     if not parts:
         assert n * 4 < 8000 or (is_periodic and n < 16 * N)
         return

@@ -20,7 +20,7 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.logs.friction_logs import read_friction_logs
-from elastid.logs.repair import Log
+from elastid.logs.repair import LogReport
 from elastid.logs.rig import RecordedRig
 from elastid.logs.units_and_sides import UNWRAPPED, link_side, report_drives
 
@@ -34,7 +34,7 @@ def test_an_encoder_that_starts_again_after_a_turn_is_unwrapped(bits: int, speed
     path = np.cumsum(np.round(steps) if bits else steps)
     path[17] = np.nan
     channel = replace(Y, unit="", scale=1e-3) if bits else Y
-    log = Log("log", ())
+    log = LogReport("log", ())
     whole = link_side(channel, path, ROBOT, log)
     assert not log.findings.notes
     unwrap = link_side(channel, np.mod(path, turn), ROBOT, log)
@@ -125,7 +125,7 @@ def test_hold_of_channel_outranks_hold_of_section(
 
 def _notes(r: np.ndarray, u: np.ndarray, N: int | None = N) -> list[str]:
     channels = ChannelSpec("r", "motor 1", "r"), ChannelSpec("u", "motor 1", "u")
-    log = Log("log", ())
+    log = LogReport("log", ())
     report_drives(channels, np.stack([r, u], axis=1), N, log)
     return [note.code for note in log.findings.notes]
 

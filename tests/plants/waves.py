@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.logs.repair import Findings, Log
+from elastid.logs.repair import Findings, LogReport
 
 N, P = 500, 6
 LINES = np.arange(2, 150)
-LOG = Log("log.csv", ("torque", "angle"), 1000.0)
+LOG = LogReport("log.csv", ("torque", "angle"), 1000.0)
 
 
 def wave(t: FloatArray, seed: int = 0, lines: IntArray = LINES) -> FloatArray:

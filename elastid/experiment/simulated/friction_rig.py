@@ -1,7 +1,7 @@
 """The simulated rig of a friction study: one joint of the true robot moves in closed loop, the others are held.
 
 Passes follow their reference; loops and multisines at rest are torques under a loop so slow that friction alone holds
-the joint. Motions can be measured in any order and in any process: `heat_of` has all that a joint did before.
+the joint. Motions can be measured in any order and in any process: `heating_history` has all that a joint did before.
 """
 
 import math
@@ -102,7 +102,9 @@ class FrictionRun:
 _Activity: TypeAlias = tuple[float, float, FloatArray]
 
 
-def heat_of(plan: FrictionPlan, robot: Robot, spec: HeatSpec, joint: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+def heating_history(
+    plan: FrictionPlan, robot: Robot, spec: HeatSpec, joint: str
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     r"""Simulate times (n + 1,), temperature (n + 1,) in degC of a joint of the true robot, and power (n,) in W.
 
     .. math:: C \dot T = P - h (T - T_a), \qquad
@@ -220,7 +222,7 @@ class SimulatedFrictionRig:
         plant = true_plant(robot, self.simulated, self.plan.rate_hz, start, samples=samples)
         temperature = None
         if self.simulated.heat is not None:
-            time_s, T, _ = heat_of(self.plan, plant.model.robot, self.simulated.heat, motion.joint)
+            time_s, T, _ = heating_history(self.plan, plant.model.robot, self.simulated.heat, motion.joint)
             temperature = np.interp(motion.start_s + np.arange(len(path.position)) / self.plan.rate_hz, time_s, T)
         return FrictionRun(motion, plant, index, path, temperature)
 
@@ -244,7 +246,7 @@ class SimulatedFrictionRig:
     def _warm_up(self, warm_up: PlannedWarmUp) -> WarmUpLog:
         spec = self.simulated.heat
         assert spec is not None  # refused at the beginning
-        time_s, T, power = heat_of(self.plan, true_robot(self.robot, self.simulated.truth), spec, warm_up.joint)
+        time_s, T, power = heating_history(self.plan, true_robot(self.robot, self.simulated.truth), spec, warm_up.joint)
         tests = [test.start_s for test in self.plan.motions if test.joint == warm_up.joint and test.is_warm_up]
         end_s = max(warm_up.start_s + warm_up.time_s, *tests)
         samples = np.flatnonzero((time_s > warm_up.start_s - 1e-6) & (time_s < end_s + 1e-6))

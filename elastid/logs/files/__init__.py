@@ -1,1 +1,1 @@
-"""Readers of log files, one format a file."""
+"""Readers of log files, by format."""

@@ -40,7 +40,7 @@ def delimiter_of(text: TextFormatSpec) -> str | None:
     return names.get(text.delimiter, text.delimiter)
 
 
-def fill_empty(lines: Sequence[str], delimiter: str | None) -> Sequence[str]:
+def fill_empty_cells(lines: Sequence[str], delimiter: str | None) -> Sequence[str]:
     """Write nan into the empty cells of lines."""
     if delimiter is None:
         return lines

@@ -15,9 +15,9 @@ _COMPRESSED: dict[bytes, Any] = {b"\x1f\x8b": gzip, b"BZh": bz2, b"\xfd7zXZ": lz
 _MAX_BYTES = 1 << 30
 
 
-def raw_bytes(path: Path, size: int = -1) -> bytes:
+def read_bytes(path: Path, size: int = -1) -> bytes:
     """Return the first bytes of a text, decompressed; DataError for a damaged text or more than _MAX_BYTES."""
-    packed = packing(path)
+    packed = decompressor(path)
     if packed is None:
         with path.open("rb") as file:
             return file.read(size)
@@ -31,7 +31,7 @@ def raw_bytes(path: Path, size: int = -1) -> bytes:
     return raw
 
 
-def packing(path: Path) -> Any:
+def decompressor(path: Path) -> Any:
     """Return the module that decompresses a text; None for a plain text."""
     with path.open("rb") as file:
         head = file.read(6)

@@ -67,9 +67,9 @@ def is_numpy(path: Path, head: bytes) -> bool:
     return head.startswith(b"\x93NUMPY") or (head.startswith(b"PK") and path.suffix.lower() == ".npz")
 
 
-# The first that recognises a file reads it: HDF5 with MATLAB's header in front of it, text what is of no other format.
+# The first format that recognises a file reads it. MATLAB 7.3 is HDF5 with a header; text is any other file.
 FORMATS = (
-    Format("ROS bag", is_ros_bag, guard_reads(ros_bag.opened), "copy it again with all files of its folder"),
+    Format("ROS bag", is_ros_bag, guard_reads(ros_bag.open_ros_bag), "copy it again with all files of its folder"),
     Format("NumPy", is_numpy, guard_reads(binary_formats.open_numpy), "copy it or save it again"),
     Format("TDMS", starts_with(b"TDSm"), guard_reads(binary_formats.open_tdms), "copy it or export it again"),
     Format("Parquet", starts_with(b"PAR1"), guard_reads(binary_formats.open_parquet), "copy it or export it again"),
@@ -81,8 +81,10 @@ FORMATS = (
     ),
     Format("HDF5", is_hdf5, binary_formats.open_hdf5, "copy it or export it again"),
     Format("MATLAB", is_matlab, guard_reads(binary_formats.open_matlab), "copy it or save it again with -v7"),
-    Format("universal", universal.is_universal_file, guard_reads(universal.opened), "copy it or export it again"),
-    Format("text", lambda path, head: True, text.opened, "copy it or export it again"),
+    Format(
+        "universal", universal.is_universal_file, guard_reads(universal.open_universal), "copy it or export it again"
+    ),
+    Format("text", lambda path, head: True, text.open_text, "copy it or export it again"),
 )
 
 
@@ -104,7 +106,7 @@ def all_formats() -> tuple[Format, ...]:
 
 def contents(path: Path, text: TextFormatSpec) -> dict[str, tuple[int, ...]]:
     """Return numeric signals of a log file, name to shape; numbers of columns for a text without headings."""
-    with opened_log(path, text) as log:
+    with open_log(path, text) as log:
         return log.shapes()
 
 
@@ -112,7 +114,7 @@ def size_in_pieces(
     path: Path, channels: Sequence[ChannelSpec], text: TextFormatSpec
 ) -> tuple[int, np.dtype[np.floating[Any]]]:
     """Return the number of samples of channels in a file, 0 if it has no pieces, and their precision."""
-    with opened_log(path, text) as log:
+    with open_log(path, text) as log:
         if isinstance(log, TextLog) and log.is_large:
             return len(log.number_lines) - log.first, np.dtype(np.float64)
         arrays = [log.array_of(channel)[1] for channel in channels] if isinstance(log, ArrayLog) else []
@@ -128,18 +130,18 @@ def read_channels(
     span: of the samples; no more than that is read where the format allows it.
     Raises StudyError for a file that is not there, DataError for a damaged file or a channel that cannot be read.
     """
-    with opened_log(path, text) as log:
+    with open_log(path, text) as log:
         return log.values(channels, span)
 
 
 def time_channels(path: Path, channels: Sequence[ChannelSpec], text: TextFormatSpec) -> list[str]:
     """Return the name of the time channel of each channel, empty if a format states none."""
-    with opened_log(path, text) as log:
+    with open_log(path, text) as log:
         return [log.time_of(channel) for channel in channels]
 
 
 @contextmanager
-def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Log]:
+def open_log(path: Path, text: TextFormatSpec) -> Iterator[Log]:
     """Open a log file, whatever its format; arrays are read while it is open."""
     if not is_log(path):
         problem = "is a folder but not a ROS 2 bag (it has no metadata.yaml)" if os.path.isdir(path) else "is not there"
@@ -176,6 +178,6 @@ def _refuse_errors(message: Callable[[Exception], str]) -> Iterator[None]:
         raise DataError("files/damaged", message(error)) from error
 
 
-def naming(path: Path, advice: str) -> AbstractContextManager[None]:
+def name_file_in_errors(path: Path, advice: str) -> AbstractContextManager[None]:
     """Raise DataError with the file and the next step instead of any exception that is no message for the user yet."""
     return _refuse_errors(lambda e: f"{path}: {advice} ({type(e).__name__}{f': {e}' if str(e) else ''})")

@@ -10,9 +10,9 @@ import numpy as np
 
 from elastid.base.arrays import IntArray
 
-LARGE_BYTES = 1 << 26  # from which on a text is read in parts
-_STEP = 1 << 12  # lines between two places that are kept
-_CHUNK = 1 << 24  # bytes that are searched for line ends at a time
+LARGE_BYTES = 1 << 26  # size above which a text is read in parts
+_STEP = 1 << 12  # lines between two stored byte positions
+_CHUNK = 1 << 24  # bytes that are read at a time in the search for line ends
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,8 @@ class FileLines(Sequence[str]):
     @classmethod
     def of(cls, path: Path, encoding: str, plain: Callable[[str], str]) -> "FileLines":
         """Return the lines of a file as it is now."""
-        about = path.stat()
-        starts, n = _starts(path, about.st_size, about.st_mtime_ns)
+        stat = path.stat()
+        starts, n = _starts(path, stat.st_size, stat.st_mtime_ns)
         return cls(path, encoding, starts, n, plain)
 
     def __len__(self) -> int:

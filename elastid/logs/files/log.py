@@ -1,4 +1,4 @@
-"""A log file of another program: its signals by the names that they have in it; extras that read single formats.
+"""An open log file of another program, and its signals by their names in the file.
 
 Every reader gives a `Log`.  Readers of formats that hold named arrays give an `ArrayLog`: names of members of structs
 are joined with dots (`rec.torque`), elements of struct arrays are `run(2).torque`, of cells `run{2}`, HDF5 paths
@@ -141,7 +141,7 @@ class ArrayLog:
         if len(set(lengths)) > 1:
             table = ", ".join(f"{c.name_in_file} {n}" for c, n in zip(channels, lengths, strict=True))
             advice = "Choose channels of one recording, or state rate_hz of those at another rate"
-            raise self._refusal(f"the channels have different lengths: {table} samples. {advice}")
+            raise self._channel_error(f"the channels have different lengths: {table} samples. {advice}")
         return np.stack(signals).T  # each signal in one piece, as all that follows takes them
 
     def time_of(self, channel: ChannelSpec) -> str:
@@ -155,10 +155,10 @@ class ArrayLog:
         if not name and 0 < (channel.column or 0) <= len(shapes):  # the number of a signal
             name = list(shapes)[(channel.column or 1) - 1]
         if name not in self.arrays:
-            raise DataError("records/channels", missing_channel(self.path, channel, shapes))
+            raise DataError("records/channels", missing_channel_text(self.path, channel, shapes))
         if name not in shapes:
             kind = f"not a signal but {self.arrays[name].dtype} of shape {self.arrays[name].shape}"
-            raise self._refusal(f"channel {name} is {kind}; there are {', '.join(shapes) or 'none'}")
+            raise self._channel_error(f"channel {name} is {kind}; there are {', '.join(shapes) or 'none'}")
         return name, self.arrays[name]
 
     def _signal(self, channel: ChannelSpec, span: slice, cache: dict[str, FloatArray]) -> FloatArray:
@@ -175,7 +175,7 @@ class ArrayLog:
             return self._column(channel, name, values.reshape(len(values), -1))
         if values.ndim > 2:
             problem = f"channel {name} has {values.ndim} axes {values.shape}; at most 2 are allowed"
-            raise self._refusal(f"{problem}. Choose another variable")
+            raise self._channel_error(f"{problem}. Choose another variable")
         # Samples outnumber signals: a matrix with its samples along a row is transposed.
         matrix = np.atleast_2d(values).T if values.ndim == 1 or values.shape[0] < values.shape[1] else values
         return self._column(channel, name, matrix)[span]
@@ -183,20 +183,22 @@ class ArrayLog:
     def _column(self, channel: ChannelSpec, name: str, matrix: FloatArray) -> FloatArray:
         n, columns = matrix.shape
         if 0 in matrix.shape:
-            raise self._refusal(f"channel {name} contains no samples. Measure again")
+            raise self._channel_error(f"channel {name} contains no samples. Measure again")
         if channel.column is None and columns > 1:
             text = f"channel {name} contains {columns} signals of {n} samples"
-            raise self._refusal(f"{text}. Give column: 1 to {columns}")
+            raise self._channel_error(f"{text}. Give column: 1 to {columns}")
         column = channel.column or 1
         if column > columns:
-            raise self._refusal(f"channel {name} has {columns} columns, counted from 1, not {column}. Correct column")
+            raise self._channel_error(
+                f"channel {name} has {columns} columns, counted from 1, not {column}. Correct column"
+            )
         return matrix[:, column - 1]
 
-    def _refusal(self, text: str) -> DataError:
+    def _channel_error(self, text: str) -> DataError:
         return DataError("records/channels", text, self.path)
 
 
-def missing_channel(path: Path, channel: ChannelSpec, shapes: Mapping[str, tuple[int, ...]]) -> str:
+def missing_channel_text(path: Path, channel: ChannelSpec, shapes: Mapping[str, tuple[int, ...]]) -> str:
     """Return the message about a channel that is not in a file, with those that are."""
     names = [f"{name} ({' x '.join(str(n) for n in shape)})" for name, shape in shapes.items()]
     rest_text = f" and {len(names) - 40} more" if len(names) > 40 else ""

@@ -31,7 +31,7 @@ from elastid.logs.files.log import ArrayLog, StoredArray
 
 # The reader of each process (workers begin as copies of another) and path of imports.
 _readers: dict[tuple[int, str], subprocess.Popen[bytes]] = {}
-_one_request = RLock()
+_request_lock = RLock()
 _log = logging.getLogger(__name__)
 
 
@@ -49,7 +49,7 @@ class _File:
     path: Path
     version: tuple[tuple[str, int, int, int], ...]
 
-    def opened(self) -> AbstractContextManager[ArrayLog]:
+    def open(self) -> AbstractContextManager[ArrayLog]:
         """Return the log, in the process that reads."""
         os.chdir(self.folder)
         opener: Opener = getattr(import_module(self.module), self.name)
@@ -65,22 +65,22 @@ def guard_reads(reader: Opener) -> Opener:
         stats = [(member.name, member.stat()) for member in members]
         version = tuple((name, s.st_ino, s.st_size, s.st_mtime_ns) for name, s in stats)
         file, arrays = _File(reader.__module__, reader.__name__, os.getcwd(), path, version), {}
-        for name, (shape, dtype, units, rate_hz, has_rows, time) in _ask(file).items():
-            values = partial(_ask, file, name)
+        for name, (shape, dtype, units, rate_hz, has_rows, time) in _request(file).items():
+            values = partial(_request, file, name)
             arrays[name] = StoredArray(shape, dtype, values, units, rate_hz, values if has_rows else None, time)
         yield ArrayLog(path, arrays)
 
     return opened
 
 
-def _ask(file: _File, name: str = "", span: slice | None = None) -> Any:
+def _request(file: _File, name: str = "", span: slice | None = None) -> Any:
     """Ask for the signals of a file, or for values of one; raise the reader's error, ValueError if it died."""
     search_path = os.pathsep.join(folder or os.getcwd() for folder in sys.path)
-    with _one_request:
+    with _request_lock:
         try:
             reply = _exchange(_reader(search_path), (file, name, span))
         except BaseException as error:  # after Ctrl-C, say, the lost reply would be taken for that to the next request
-            code = _end(_readers.pop((os.getpid(), search_path)))
+            code = _stop(_readers.pop((os.getpid(), search_path)))
             if isinstance(error, EOFError):
                 raise ValueError(f"the reading process ended with exit code {code}") from None
             raise
@@ -112,11 +112,11 @@ def _reader(search_path: str) -> subprocess.Popen[bytes]:
             _log.warning("this system does not limit the memory of a process: read only files that you trust")
         # Words of the libraries go nowhere.
         _readers[key] = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, env=env)
-        atexit.register(_end, _readers[key])
+        atexit.register(_stop, _readers[key])
     return _readers[key]
 
 
-def _end(reader: subprocess.Popen[bytes]) -> int:
+def _stop(reader: subprocess.Popen[bytes]) -> int:
     assert reader.stdin is not None
     assert reader.stdout is not None
     with suppress(OSError):
@@ -147,7 +147,7 @@ def serve() -> None:
         try:
             if file != last:
                 opened.close()
-                last, signals = None, dict(opened.enter_context(file.opened()).arrays)
+                last, signals = None, dict(opened.enter_context(file.open()).arrays)
                 last = file
             rows = ((n, (x.shape, x.dtype, x.units, x.rate_hz, x.rows is not None, x.time)) for n, x in signals.items())
             reply = _values(signals[name], span) if name else dict(rows)

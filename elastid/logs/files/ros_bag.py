@@ -27,7 +27,7 @@ _JOINT_FIELDS = {"position": "rad", "velocity": "rad/s", "effort": "N*m"}
 
 
 @contextmanager
-def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+def open_ros_bag(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     """Open all numeric topics; the messages of a topic are read once, when its first signal is used."""
     reader = require_package("rosbags.highlevel", "ros", path)
     types = require_package("rosbags.typesys", "ros", path)

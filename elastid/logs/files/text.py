@@ -18,15 +18,15 @@ from elastid.logs.files.cells import (
     TIME_STAMP,
     cell_values,
     delimiter_of,
-    fill_empty,
+    fill_empty_cells,
     is_number,
     plain_numbers,
     split_line,
 )
-from elastid.logs.files.encodings import decode_text, encoding_of, packing, raw_bytes, wide_encoding
+from elastid.logs.files.encodings import decode_text, decompressor, encoding_of, read_bytes, wide_encoding
 from elastid.logs.files.lines import LARGE_BYTES, FileLines
-from elastid.logs.files.log import ArrayLog, Log, StoredArray, missing_channel
-from elastid.logs.files.text_format import HEAD_BYTES, otherwise_written
+from elastid.logs.files.log import ArrayLog, Log, StoredArray, missing_channel_text
+from elastid.logs.files.text_format import HEAD_BYTES, format_hint
 from elastid.logs.files.text_head import HEAD_LINES, find_data_start, find_headings, find_units, is_scope
 from elastid.logs.headings import is_time
 from elastid.logs.repair import MAX_WRONG_FRACTION
@@ -78,7 +78,7 @@ class TextLog(Log):
         names = self.headings or tuple(f"column {i + 1}" for i in range(self.n_columns))
         return [(name, (len(self.number_lines) - self.first,)) for name in names]
 
-    def numbers_of(self, heading: str) -> list[int]:
+    def column_numbers(self, heading: str) -> list[int]:
         """Return numbers from 1 of the columns with a heading."""
         return [i for i, (name, _) in enumerate(self.named_columns(), start=1) if name == heading]
 
@@ -114,26 +114,26 @@ class TextLog(Log):
         data, error = self._numbers(selection, lines, max_rows)
         if data is not None:
             return data
-        cells = fill_empty(lines, delimiter_of(self.format))
+        cells = fill_empty_cells(lines, delimiter_of(self.format))
         data, wrong = self._with_missing_cells(selection, cells[:max_rows])
         if wrong > max(1.0, MAX_WRONG_FRACTION * len(data)) or 2 * wrong >= len(data):
-            raise DataError("records/text", self._complaint(selection, cells, first) or f"{self.path}: {error}")
+            raise DataError("records/text", self._first_cell_error(selection, cells, first) or f"{self.path}: {error}")
         return data
 
     def _numbers(
-        self, selection: Sequence[int], lines: Sequence[str], most: int | None = None
+        self, selection: Sequence[int], lines: Sequence[str], max_rows: int | None = None
     ) -> tuple[FloatArray | None, str]:
         """Return columns (n_samples, len(selection)) of lines of numbers, else None and the reason."""
         delimiter = delimiter_of(self.format)
         load = partial(
             np.loadtxt, delimiter=delimiter, comments=self.format.comment or None, usecols=selection, quotechar='"',
-            ndmin=2, max_rows=most
+            ndmin=2, max_rows=max_rows
         )  # fmt: skip
         try:
             return load(lines), ""
         except ValueError:
             try:
-                return load(fill_empty(lines, delimiter)), ""
+                return load(fill_empty_cells(lines, delimiter)), ""
             except ValueError as error:
                 return None, str(error)
 
@@ -154,9 +154,9 @@ class TextLog(Log):
         lines = self.number_lines[rows.start : rows.stop]
         if not lines or not columns or self._numbers(columns, lines)[0] is not None:
             return ""
-        return self._complaint(columns, fill_empty(lines, delimiter_of(self.format)), rows.start)
+        return self._first_cell_error(columns, fill_empty_cells(lines, delimiter_of(self.format)), rows.start)
 
-    def _complaint(self, columns: Sequence[int], lines: Sequence[str], first: int) -> str:
+    def _first_cell_error(self, columns: Sequence[int], lines: Sequence[str], first: int) -> str:
         for number, line in enumerate(lines, start=first + 1):
             fields, row = split_line(line, self.format), f"{self.path}, row {number}"
             for column in columns if fields else ():
@@ -167,7 +167,7 @@ class TextLog(Log):
                 if cell_values(fields[column : column + 1])[1].any():
                     text = f"{row}, column {column + 1}{title}: '{fields[column]}' is not a number"
                     advice = "Check delimiter and decimal under text, or correct the row"
-                    return f"{text}. {advice}{otherwise_written(self.path, self.format)}"
+                    return f"{text}. {advice}{format_hint(self.path, self.format)}"
         return ""
 
     def _column(self, channel: ChannelSpec) -> int:
@@ -179,8 +179,8 @@ class TextLog(Log):
             column_of = [i for i, heading in enumerate(self.headings, start=1) if heading == channel.channel]
             if not column_of:
                 start = f"; the data are assumed to start in row {self.first + 1} (set text.header_lines otherwise)"
-                message = missing_channel(self.path, channel, self.shapes())
-                raise DataError("records/channels", message + start + otherwise_written(self.path, self.format))
+                message = missing_channel_text(self.path, channel, self.shapes())
+                raise DataError("records/channels", message + start + format_hint(self.path, self.format))
             if column not in (column_of if len(column_of) > 1 else (None, *column_of)):
                 numbers = ", ".join(map(str, column_of))
                 text = f"several columns have the heading '{channel.channel}', {numbers}. Give column, too"
@@ -196,7 +196,7 @@ class TextLog(Log):
 
 
 @contextmanager
-def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
+def open_text(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
     """Open a text log; DataError where there are no numbers, StudyError for a format that contradicts itself."""
     delimiter = delimiter_of(text)
     problem = ""
@@ -217,7 +217,7 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
     if first >= len(numbers):
         problem = f"no numbers in its {len(lines)} lines after header_lines: {text.header_lines} with delimiter"
         advice = "Set delimiter, decimal and header_lines under text"
-        message = f"{problem} '{text.delimiter}'. {advice}{otherwise_written(path, text)}"
+        message = f"{problem} '{text.delimiter}'. {advice}{format_hint(path, text)}"
         raise DataError("records/text", message, path)
     n_columns = len(split_line(numbers[first], text))
     headings = find_headings(lines[:first], text, n_columns)
@@ -240,15 +240,15 @@ def _lines(path: Path, text: TextFormatSpec) -> tuple[Sequence[str], Sequence[st
     DataError for a file that is no text.
     """
     is_large = path.stat().st_size > LARGE_BYTES
-    raw = raw_bytes(path, HEAD_BYTES if is_large else -1)
+    raw = read_bytes(path, HEAD_BYTES if is_large else -1)
     if archive := next((name for mark, name in _ARCHIVES.items() if raw.startswith(mark)), ""):
         raise DataError("files/damaged", f"{archive} is not read. Unpack it, and give the path of the log", path)
     if b"\0" in raw[:4096] and not wide_encoding(raw):
         problem = "neither text nor a format that elastid reads. Export it as CSV, MATLAB or HDF5"
         raise DataError("files/damaged", problem, path)
-    if is_large and b"\n" in raw and not wide_encoding(raw) and packing(path) is None:
+    if is_large and b"\n" in raw and not wide_encoding(raw) and decompressor(path) is None:
         encoding = encoding_of(raw[: raw.rindex(b"\n")])
         return FileLines.of(path, encoding, str), FileLines.of(path, encoding, partial(plain_numbers, text=text))
-    content = decode_text(raw_bytes(path) if is_large else raw)
+    content = decode_text(read_bytes(path) if is_large else raw)
     lines, plain = content.splitlines(), plain_numbers(content, text)
     return lines, lines if plain is content else plain.splitlines()

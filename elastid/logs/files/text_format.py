@@ -6,13 +6,13 @@ from typing import Literal
 
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.files.cells import is_number, plain_numbers, split_line
-from elastid.logs.files.encodings import decode_text, raw_bytes
+from elastid.logs.files.encodings import decode_text, read_bytes
 
 # The usual delimiters and decimals of numbers in columns, the most usual first.
 _DECIMALS: tuple[Literal[".", ","], ...] = (".", ",")
 _FORMATS = [(sign, mark) for sign in (",", ";", "tab", "whitespace", "|") for mark in _DECIMALS if mark != sign]
 HEAD_BYTES = 1 << 16  # of a large text, which show its code
-WRITTEN_OTHERWISE = "; it seems to be written with "
+FORMAT_HINT = "; it seems to be written with "
 
 
 def guess_format(path: Path) -> TextFormatSpec:
@@ -21,7 +21,7 @@ def guess_format(path: Path) -> TextFormatSpec:
 
 
 def _best_format(path: Path) -> tuple[int, TextFormatSpec]:
-    raw = raw_bytes(path, HEAD_BYTES)
+    raw = read_bytes(path, HEAD_BYTES)
     lines = decode_text(raw).splitlines()
     lines = lines[-21:-1] if len(raw) == HEAD_BYTES else lines[-20:]  # the last of 64 KiB may be cut
 
@@ -34,12 +34,12 @@ def _best_format(path: Path) -> tuple[int, TextFormatSpec]:
     return max(scores, key=lambda pair: pair[0])
 
 
-def otherwise_written(path: Path, text: TextFormatSpec) -> str:
+def format_hint(path: Path, text: TextFormatSpec) -> str:
     """Return the end of a message on an unreadable log: the format that it seems to have, if another."""
     surplus, seems = _best_format(path)
     if surplus <= 0 or (seems.delimiter, seems.decimal) == (text.delimiter, text.decimal):
         return ""
-    return f"{WRITTEN_OTHERWISE}{describe_format(seems)}"
+    return f"{FORMAT_HINT}{describe_format(seems)}"
 
 
 def describe_format(text: TextFormatSpec) -> str:

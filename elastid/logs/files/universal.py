@@ -41,7 +41,7 @@ def is_universal_file(path: Path, head: bytes = b"") -> bool:
         return _START.match(file.read(200)) is not None
 
 
-def sets_of(path: Path, *types: int) -> list[dict[str, Any]]:
+def read_data_sets(path: Path, *types: int) -> list[dict[str, Any]]:
     """Read the data sets of some types; StudyError without pyuff, DataError for a damaged file."""
     pyuff = require_package("pyuff", "uff", path)
     try:
@@ -76,7 +76,7 @@ def dof_name(data_set: dict[str, Any], side: str) -> str:
 def time_histories(path: Path) -> dict[str, dict[str, Any]]:
     """Return data sets of time histories, by node, direction and, where one has several, number."""
     histories: dict[str, dict[str, Any]] = {}
-    for data_set in sets_of(path, 58):
+    for data_set in read_data_sets(path, 58):
         if int(data_set["func_type"]) == 1:
             name = dof_name(data_set, "rsp")
             histories[name if name not in histories else f"{name} {len(histories) + 1}"] = data_set
@@ -84,7 +84,7 @@ def time_histories(path: Path) -> dict[str, dict[str, Any]]:
 
 
 @contextmanager
-def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+def open_universal(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     """Return time histories as a log, with rate and unit; raise DataError without any."""
     histories = time_histories(path)
     if not histories:

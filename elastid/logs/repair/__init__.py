@@ -30,7 +30,7 @@ class Findings:
 
 
 @dataclass(frozen=True)
-class Log:
+class LogReport:
     """Names of a log, its channels and its times in messages, and all findings in it.
 
     first: row of the first sample in the file.  rows (n,): row of each sample in the file if its time stamps have gaps,
@@ -59,7 +59,7 @@ class Log:
             self.note(code, text)
         self.findings.repairs[kind] += int(count)
 
-    def after(self, first: int) -> "Log":
+    def after(self, first: int) -> "LogReport":
         """Return the log from a sample on."""
         rows = None if self.rows is None else self.rows[first:]
         return replace(self, first=self.first + round(first * self.scale), rows=rows)

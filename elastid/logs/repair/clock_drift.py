@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, folded
-from elastid.logs.repair import Log, detrend_repetitions
-from elastid.logs.repair.resampling import RESAMPLED, at_times
+from elastid.logs.repair import LogReport, detrend_repetitions
+from elastid.logs.repair.resampling import RESAMPLED, resample_at
 
 # Correlation at the best delay at least; below, the signals are not the same.
 MIN_DELAY_CORRELATION = 0.5
@@ -28,7 +28,7 @@ MAX_MISSING_END = 5e-3
 MAX_GRID_DEVIATION = 0.02
 
 
-def delay(first: FloatArray, second: FloatArray, N: int | None) -> tuple[float, float]:
+def estimate_delay(first: FloatArray, second: FloatArray, N: int | None) -> tuple[float, float]:
     """Estimate the delay of the second signal (n,) or signals (n, c), -N/2 to N/2 samples, and their correlation.
 
     Relative to the first.  Of the mean periods, or of the whole signals without a period (N None); the fraction of a
@@ -83,10 +83,10 @@ def refine_shift(C: ComplexArray, N: int, shift: float) -> float:
     turns = _turns(C, N)
     for _ in range(5):
         phasor = C * np.exp(turns * shift)
-        slope, bend = float(np.sum((turns * phasor).real)), float(np.sum((turns**2 * phasor).real))
-        if bend >= 0:
+        slope, curvature = float(np.sum((turns * phasor).real)), float(np.sum((turns**2 * phasor).real))
+        if curvature >= 0:
             return shift
-        shift -= float(np.clip(slope / bend, -0.5, 0.5))
+        shift -= float(np.clip(slope / curvature, -0.5, 0.5))
     return shift
 
 
@@ -103,30 +103,30 @@ class ClockDrift:
     corrected_unexplained: float
 
 
-def clock_drift(drivers: FloatArray, N: int) -> ClockDrift:
+def estimate_clock_drift(drivers: FloatArray, N: int) -> ClockDrift:
     """Estimate the excess of the period over N samples, from excitation signals (n, c)."""
     X = np.stack([detrend_repetitions(x, N) for x in drivers.T], axis=2)
     size = np.sqrt(np.mean(X**2, axis=(0, 1)))
     Z = np.fft.rfft(X / np.where(size > 0, size, 1.0), axis=1)  # scale each signal to an rms of 1, or 0
     # The first period may hold a transient.
     Z = Z[1:] if len(Z) > 3 else Z
-    far = max(1, len(Z) // 2)
-    C, _ = _cross(Z, 1)
-    C_far, power_far = _cross(Z, far)
+    far_lag = max(1, len(Z) // 2)
+    C, _ = _cross_spectrum(Z, 1)
+    C_far, power_far = _cross_spectrum(Z, far_lag)
     # Grid of an eighth of a sample for the search of the maximum.
     shifts = np.arange(-(limit := 8 * int(MAX_CLOCK_ERROR * N + 2)), limit + 1)
     excess = refine_shift(C, N, float(shifts[np.argmax(np.fft.irfft(C, 8 * N)[shifts % (8 * N)])]) / 8)
-    excess = refine_shift(C_far, N, far * excess) / far
-    error_before, error_after = (1 - correlation(C_far, N, e) / power_far for e in (0.0, far * excess))
+    excess = refine_shift(C_far, N, far_lag * excess) / far_lag
+    error_before, error_after = (1 - correlation(C_far, N, e) / power_far for e in (0.0, far_lag * excess))
     return ClockDrift(excess, error_before, error_after)
 
 
-def resample_to_generator(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> FloatArray:
+def resample_to_generator(signals: FloatArray, drivers: FloatArray, N: int, log: LogReport) -> FloatArray:
     """Resample finite signals (n, c) to the generator's clock if it differs; DataError for fewer than two periods."""
     P = len(signals) // N
     if P < 2:
         return signals
-    drift = clock_drift(drivers, N)
+    drift = estimate_clock_drift(drivers, N)
     is_clock = abs(drift.excess) * P >= MAX_GRID_DEVIATION and abs(drift.excess) <= MAX_CLOCK_ERROR * N
     if not is_clock or drift.corrected_unexplained > MAX_REMAINING_FRACTION * drift.unexplained:
         return signals
@@ -134,19 +134,19 @@ def resample_to_generator(signals: FloatArray, drivers: FloatArray, N: int, log:
     # Leakage biases the first estimate: corrected by the drift that is left after resampling.
     for _ in range(2):
         times = np.arange(int(len(drivers) / max(T, N)) * N, dtype=np.float64) * (T / N)
-        T *= 1 + clock_drift(at_times(drivers, times, T), N).excess / N
+        T *= 1 + estimate_clock_drift(resample_at(drivers, times, T), N).excess / N
     periods = int((len(signals) + MAX_MISSING_END * N) // T)
     if periods < 2:
         text = f"its period is {T:.3f} samples, not {N}, and the log contains fewer than two. Measure more periods"
         raise log.error("records/clock", text)
-    result = at_times(signals, np.arange(periods * N, dtype=np.float64) * (T / N), T)
+    result = resample_at(signals, np.arange(periods * N, dtype=np.float64) * (T / N), T)
     text = f"the period is {T:.4f} samples, not {N}: the clocks of generator and log differ by {1e6 * (T / N - 1):.1f}"
     text += f" ppm; after resampling, {100 * drift.corrected_unexplained / drift.unexplained:.2g} %"
     log.report(RESAMPLED, len(result), text + " of the non-repeating power remains")
     return result
 
 
-def _cross(Z: ComplexArray, lag: int) -> tuple[ComplexArray, float]:
+def _cross_spectrum(Z: ComplexArray, lag: int) -> tuple[ComplexArray, float]:
     """Compute C (F,) of spectra Z (P, F, c), summed over periods and channels, and the power that it cannot exceed."""
     a, b = Z[:-lag], Z[lag:]
     C: ComplexArray = np.sum(b * a.conj(), axis=(0, 2))

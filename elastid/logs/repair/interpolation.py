@@ -59,7 +59,7 @@ def _interpolation(x: FloatArray, start: int, end: int, L: int, sign: int, max_s
     gap = slice(start - int(rows[0]), end - int(rows[0]))
     best = None
     for reference, (degree, width) in product(_references(x, rows, gap, L, sign), _POLYNOMIALS):
-        candidate = _bridge(x[rows] - reference, gap, degree, width)
+        candidate = _fit_gap(x[rows] - reference, gap, degree, width)
         if candidate is None or (best is not None and candidate.error >= best.error):
             continue
         values = reference[gap] + candidate.values
@@ -90,7 +90,7 @@ def _references(x: FloatArray, rows: IntArray, gap: slice, L: int, sign: int) ->
         yield np.zeros(len(rows))
 
 
-def _bridge(e: FloatArray, gap: slice, degree: int, width: int) -> Interpolation | None:
+def _fit_gap(e: FloatArray, gap: slice, degree: int, width: int) -> Interpolation | None:
     """Fit a polynomial (g,) through the finite samples e (m,) on both sides of a gap, if they are enough."""
     g = gap.stop - gap.start
     offsets = np.r_[-width:0, g : g + width]

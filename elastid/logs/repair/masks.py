@@ -18,7 +18,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, folded
 from elastid.base.statistics import runs
-from elastid.logs.repair import Log, detrend_repetitions, without_line
+from elastid.logs.repair import LogReport, detrend_repetitions, without_line
 
 MASKED, STOPPED = "samples taken as missing", "stops"
 CHECK_CELLS = "Check the column for empty cells and error values such as #N/A, or measure again"
@@ -54,7 +54,7 @@ MAX_CLIPPED_FRACTION = 0.05  # largest fraction of clipped samples for a usable 
 EQUAL_TOLERANCE = 1e-9  # largest difference of equal values, relative to the range
 
 
-def without_dropouts(signals: FloatArray, log: Log) -> FloatArray:
+def without_dropouts(signals: FloatArray, log: LogReport) -> FloatArray:
     """Mask (NaN) runs in which a channel of signals (n, c) is 0 after a leap, or constant while others move.
 
     A leap is longer than LEAP times the 99 % quantile of the steps between nonzero samples. Zeros begin and end with a
@@ -108,7 +108,7 @@ def far_outside(x: FloatArray) -> BoolArray:
     return result
 
 
-def _mask_constant(signals: FloatArray, c: int, ranges: Iterable[tuple[int, int]], others: str, log: Log) -> None:
+def _mask_constant(signals: FloatArray, c: int, ranges: Iterable[tuple[int, int]], others: str, log: LogReport) -> None:
     """Mask (NaN) ranges of channel c of signals (n, c), and report them; others: the signals that vary there."""
     gaps = np.unique([i for start, end in ranges for i in range(start, end)]).astype(int)
     if gaps.size:
@@ -134,7 +134,7 @@ def _scatter(windows: FloatArray) -> FloatArray:
     return np.where(np.isfinite(away).all(axis=-1), np.sqrt(np.mean(away**2, axis=-1)), np.inf)
 
 
-def without_standstill(signals: FloatArray, L: int, log: Log) -> FloatArray:
+def without_standstill(signals: FloatArray, L: int, log: LogReport) -> FloatArray:
     """Mask (NaN) samples of signals (n, c) where a channel hangs, or drops to 0, and other repetitions do not."""
     result = np.copy(signals)
     is_constant = np.diff(signals, axis=0) == 0
@@ -143,20 +143,26 @@ def without_standstill(signals: FloatArray, L: int, log: Log) -> FloatArray:
         gaps = [(a, b) for a, b in runs(np.asarray(x == 0)) if a > 0 and b < len(x)]
         min_leap = LEAP * float(np.nanquantile(np.abs(np.diff(x)), 0.99)) if gaps else 0.0
         gaps = [(a, b) for a, b in gaps if min(abs(x[a - 1]), abs(x[b])) > min_leap]  # of many zeros few are leapt to
-        gaps = [(a, b) for a, b in gaps if min((np.abs(o).min() for o in _elsewhere(x, a, b, L)), default=0) > min_leap]
+        gaps = [
+            (a, b)
+            for a, b in gaps
+            if min((np.abs(o).min() for o in _other_repetitions(x, a, b, L)), default=0) > min_leap
+        ]
         stops = runs(is_constant[:, c] & ~alike, MIN_RUN - 1).tolist()
         moving = max(MIN_RANGE * float(np.nanstd(x)), MIN_STEPS * step(x)) if stops else 0.0
         # The first value may be a measured one.
-        gaps += [(a + 1, b + 1) for a, b in stops if min(map(np.ptp, _elsewhere(x, a, b + 1, L)), default=0) > moving]
+        gaps += [
+            (a + 1, b + 1) for a, b in stops if min(map(np.ptp, _other_repetitions(x, a, b + 1, L)), default=0) > moving
+        ]
         _mask_constant(result, c, gaps, "periods", log)
     return result
 
 
-def _elsewhere(x: FloatArray, start: int, end: int, L: int) -> list[FloatArray]:
+def _other_repetitions(x: FloatArray, start: int, end: int, L: int) -> list[FloatArray]:
     return [x[a : a + end - start] for a in range(start % L, len(x) - end + start + 1, L) if a != start]
 
 
-def without_stops(signals: FloatArray, torques: Sequence[int], L: int, log: Log) -> FloatArray:
+def without_stops(signals: FloatArray, torques: Sequence[int], L: int, log: LogReport) -> FloatArray:
     """Mask (NaN) each repetition of L samples of signals (n, c) whose torques are partly constant.
 
     torques: their columns.  The first repetition may hold the start; the last ones are cut off where they all stop.
@@ -215,7 +221,7 @@ def _exact_step(gaps: FloatArray, q: float) -> float:
     return float(gaps[is_whole].sum() / counts[is_whole].sum()) if is_whole.mean() >= 1 - MAX_OFF_GRID else 0.0
 
 
-def report_steps(signals: FloatArray, L: int, sign: int, log: Log) -> None:
+def report_steps(signals: FloatArray, L: int, sign: int, log: LogReport) -> None:
     """Report each channel of signals (n, c) with a noise of steps that counts relative to its repeating part."""
     for c, name in enumerate(log.names):
         q, mean = step(signals[:, c]), detrend_repetitions(signals[:, c], L, sign).mean(axis=0)
@@ -227,7 +233,7 @@ def report_steps(signals: FloatArray, L: int, sign: int, log: Log) -> None:
         log.report("quantised channels", 1, f"{text} periods can underestimate", "records/quantised")
 
 
-def report_clipping(signals: FloatArray, L: int, log: Log) -> None:
+def report_clipping(signals: FloatArray, L: int, log: LogReport) -> None:
     """Report each channel of finite signals (n, c) that meets its limits; DataError above 5 % of its samples."""
     for c, name in enumerate(log.names):
         x = signals[:, c]

@@ -14,7 +14,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.statistics import runs
-from elastid.logs.repair import MAX_WRONG_FRACTION, Log, interpolate_linearly
+from elastid.logs.repair import MAX_WRONG_FRACTION, LogReport, interpolate_linearly
 from elastid.logs.repair.clock_drift import resample_to_generator
 from elastid.logs.repair.interpolation import MAX_BRIDGED, interpolations, period_noise
 from elastid.logs.repair.masks import (
@@ -27,9 +27,9 @@ from elastid.logs.repair.masks import (
     without_standstill,
     without_stops,
 )
-from elastid.logs.repair.outliers import outliers_of, without_spikes
+from elastid.logs.repair.outliers import outlier_count_text, without_spikes
 from elastid.logs.repair.periodicity import MIN_PERIODS, grid_samples
-from elastid.logs.repair.resampling import at_times
+from elastid.logs.repair.resampling import resample_at
 
 MAX_ERROR_OVER_NOISE = 5.0  # of the interpolation of a gap, else its repetition is left out
 FILLED = "missing samples filled"
@@ -37,7 +37,7 @@ REPLACED = "interpolated from other periods and adjacent samples"
 INTERPOLATED = "missing samples interpolated"
 
 
-def fill_gaps(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
+def fill_gaps(signals: FloatArray, L: int, sign: int, log: LogReport) -> FloatArray:
     """Interpolate the missing samples (NaN) of the whole repetitions of signals (n, c).
 
     A repetition that lacks more than a tenth of a channel, or whose gap no interpolation predicts to within its noise,
@@ -56,7 +56,7 @@ def fill_gaps(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
             raise log.error("records/missing-samples", f"{text}. {CHECK_CELLS}, or exclude them with samples")
         result[:, c], further = _interpolate(periodic[:, c], L, sign, log, text)
         unpredictable |= further
-        outliers = outliers_of(log.names[c], count, len(good))
+        outliers = outlier_count_text(log.names[c], count, len(good))
         is_reported = any(note.text.startswith(outliers) for note in log.findings.notes)
         log.report(FILLED, count, "" if is_reported else f"{text}; {REPLACED}")
     fraction = (~good).reshape(P, L, -1).mean(axis=1).max(axis=1)
@@ -73,7 +73,7 @@ def fill_gaps(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
     return result
 
 
-def _interpolate(x: FloatArray, L: int, sign: int, log: Log, text: str) -> tuple[FloatArray, set[int]]:
+def _interpolate(x: FloatArray, L: int, sign: int, log: LogReport, text: str) -> tuple[FloatArray, set[int]]:
     """Interpolate a signal (P L,); return also repetitions with a long gap that is not predictable within noise."""
     result, noisy = np.copy(x), set[int]()
     limit = MAX_ERROR_OVER_NOISE * np.hypot(period_noise(x, L, sign), step(x) / np.sqrt(12))
@@ -88,14 +88,14 @@ def _interpolate(x: FloatArray, L: int, sign: int, log: Log, text: str) -> tuple
     return result, noisy
 
 
-def _missing_samples(good: BoolArray, log: Log, c: int) -> tuple[int, str]:
+def _missing_samples(good: BoolArray, log: LogReport, c: int) -> tuple[int, str]:
     """Return the number of missing samples of a channel, and a text that describes them."""
     gaps = np.flatnonzero(~good)
     text = f"{log.names[c]}: {gaps.size} of {len(good)} samples {'is' if gaps.size == 1 else 'are'} missing"
     return gaps.size, f"{text}, the first is {log.time_of(gaps[0])}"
 
 
-def bridge_short_gaps(signals: FloatArray, log: Log, straight: Mapping[int, int] | None = None) -> FloatArray:
+def bridge_short_gaps(signals: FloatArray, log: LogReport, straight: Mapping[int, int] | None = None) -> FloatArray:
     """Interpolate short gaps (NaN), apart from the ends, in signals (n, c) without a period.
 
     straight: longest gap, in samples, for linear interpolation by column.  Channels with more than a third missing
@@ -114,7 +114,7 @@ def bridge_short_gaps(signals: FloatArray, log: Log, straight: Mapping[int, int]
     return result
 
 
-def bridge_gaps(signals: FloatArray, log: Log, max_fraction: float = MAX_WRONG_FRACTION) -> FloatArray:
+def bridge_gaps(signals: FloatArray, log: LogReport, max_fraction: float = MAX_WRONG_FRACTION) -> FloatArray:
     """Interpolate short gaps (NaN) of signals (n, c) without a period.
 
     Raises DataError for long or many gaps; the error states the longest range of the log without gaps.
@@ -129,9 +129,9 @@ def bridge_gaps(signals: FloatArray, log: Log, max_fraction: float = MAX_WRONG_F
     return result
 
 
-def resampled_with_gaps(signals: FloatArray, times: FloatArray, band: float, log: Log) -> FloatArray:
+def resampled_with_gaps(signals: FloatArray, times: FloatArray, band: float, log: LogReport) -> FloatArray:
     """Resample signals (n, c) without a period at times (m,) in samples; NaN near gaps that are not short."""
-    return _with_missing(at_times(_with_flags(bridge_short_gaps(signals, log)), times, None, band), signals.shape[1])
+    return _with_missing(resample_at(_with_flags(bridge_short_gaps(signals, log)), times, None, band), signals.shape[1])
 
 
 def repair(
@@ -139,7 +139,7 @@ def repair(
     roles: Mapping[str, Sequence[int]],
     period: float,
     half_wave: bool,
-    log: Log,
+    log: LogReport,
     check: Callable[[FloatArray], None],
 ) -> FloatArray:
     """Repair signals (n, c), some samples NaN, to whole repetitions of a period, of half of one if half_wave.
@@ -157,13 +157,13 @@ def repair(
     check(on_clock[:, drivers])
     repeating = replace(log, names=log.names[: sum(map(len, roles.values()))])
     full = fill_gaps(without_spikes(on_clock, L, sign, repeating), L, sign, log)
-    as_logged = full if clock is stack else _bridge(complete)
+    as_logged = full if clock is stack else _fill_linearly(complete)
     report_clipping(as_logged, L, repeating)
     report_steps(as_logged, L, sign, repeating)
     return full
 
 
-def repair_without_period(signals: FloatArray, log: Log) -> FloatArray:
+def repair_without_period(signals: FloatArray, log: LogReport) -> FloatArray:
     """Interpolate single gaps of signals (n, c), some samples NaN; DataError where gaps are longer."""
     full, n = bridge_gaps(signals, log), len(signals)
     report_clipping(full, n, log)
@@ -171,13 +171,13 @@ def repair_without_period(signals: FloatArray, log: Log) -> FloatArray:
     return full
 
 
-def _with_integer_period(signals: FloatArray, period: float, N: int, L: int, log: Log) -> FloatArray:
+def _with_integer_period(signals: FloatArray, period: float, N: int, L: int, log: LogReport) -> FloatArray:
     """Resample to N samples in a period; complete a second repetition of L that lacks its end only."""
     result = signals
     if period != N:
         # A period of a fraction of samples is interpolated so that it has N of them.
         times = np.arange(int((len(signals) - 1) * N / period) + 1, dtype=np.float64) * (period / N)
-        result = _with_missing(at_times(_with_flags(signals), times, period, min(1.0, N / period)), signals.shape[1])
+        result = _with_missing(resample_at(_with_flags(signals), times, period, min(1.0, N / period)), signals.shape[1])
         log.report("periods brought to whole samples", 1, f"a period of {period:.8g} samples is brought to {N}")
     n, n_missing = len(result), 2 * L - len(result)
     if n < MIN_PERIODS * L or n_missing <= 0:
@@ -191,7 +191,7 @@ def _with_integer_period(signals: FloatArray, period: float, N: int, L: int, log
 def _with_flags(signals: FloatArray) -> FloatArray:
     """Bridge missing samples of signals (n, c), and append flags (n, c) of them; whole signals remain alone."""
     valid = np.isfinite(signals)
-    return signals if valid.all() else np.concatenate([_bridge(signals), ~valid], axis=1)
+    return signals if valid.all() else np.concatenate([_fill_linearly(signals), ~valid], axis=1)
 
 
 def _with_missing(stack: FloatArray, c: int) -> FloatArray:
@@ -199,5 +199,5 @@ def _with_missing(stack: FloatArray, c: int) -> FloatArray:
     return stack if stack.shape[1] == c else np.where(np.abs(stack[:, c:]) > 0.02, np.nan, stack[:, :c])
 
 
-def _bridge(signals: FloatArray) -> FloatArray:
+def _fill_linearly(signals: FloatArray) -> FloatArray:
     return np.stack([interpolate_linearly(x) for x in signals.T], axis=1)

@@ -25,7 +25,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.statistics import runs
-from elastid.logs.repair import Log, blocks, detrend_repetitions, interpolate_linearly
+from elastid.logs.repair import LogReport, blocks, detrend_repetitions, interpolate_linearly
 from elastid.logs.repair.interpolation import MAX_BRIDGED, QUIET_FRACTION, QUIET_STD, interpolations, period_noise
 from elastid.logs.repair.masks import MASKED, MAX_FRACTION, MIN_OVER_USUAL, step
 
@@ -52,7 +52,7 @@ USUAL_FRACTION, SECTIONS = 0.9, 20
 ROUNDS = 8  # iterations: large spikes are replaced before smaller spikes next to them are tested
 
 
-def without_spikes(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArray:
+def without_spikes(signals: FloatArray, L: int, sign: int, log: LogReport) -> FloatArray:
     """Mask (NaN) the spikes of signals (n, c), some samples NaN, in the channels that the log names.
 
     Nothing changes for fewer than three repetitions of L samples.
@@ -67,7 +67,7 @@ def without_spikes(signals: FloatArray, L: int, sign: int, log: Log) -> FloatArr
     return _mask(signals, spikes, "the other periods", log, n_votes)
 
 
-def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()) -> FloatArray:
+def without_lone_spikes(signals: FloatArray, log: LogReport, are_motions: Sequence[bool] = ()) -> FloatArray:
     """Mask (NaN) the spikes of signals (n, c), finite and without a period, among their neighbours.
 
     are_motions (c,): positions, whose spikes leap by more than three times the step that 99 % of the rows stay below.
@@ -81,13 +81,13 @@ def without_lone(signals: FloatArray, log: Log, are_motions: Sequence[bool] = ()
     return _mask(signals, at, "their neighbours", log)
 
 
-def outliers_of(name: str, count: int, n: int) -> str:
+def outlier_count_text(name: str, count: int, n: int) -> str:
     """Return the number of outliers among n samples of a channel, in words."""
     return f"{name}: {count} of {n} samples are outliers"
 
 
 def _mask(
-    signals: FloatArray, spikes: Sequence[IntArray], reference: str, log: Log, n_votes: Sequence[int] = ()
+    signals: FloatArray, spikes: Sequence[IntArray], reference: str, log: LogReport, n_votes: Sequence[int] = ()
 ) -> FloatArray:
     """Mask and report spikes. n_votes (c,): number of spikes that only two periods against one show."""
     result = np.copy(signals)
@@ -95,7 +95,7 @@ def _mask(
         if at.size == 0:
             continue
         test = f"(Hampel test against {reference}, limit {MIN_SIGMAS:g} std)"
-        text = f"{outliers_of(log.names[c], at.size, len(signals))} {test}"
+        text = f"{outlier_count_text(log.names[c], at.size, len(signals))} {test}"
         if at.size >= MAX_FRACTION * len(signals):
             log.report("spikes left", at.size, f"{text}, which is too many. They are left unchanged")
             continue
@@ -235,14 +235,14 @@ def _spikes(
     e: FloatArray,
     is_tested: BoolArray,
     L: int,
-    smallest: float,
+    min_distance: float,
     max_run: int,
     q: float,
     quantile: float = QUIET_FRACTION,
 ) -> BoolArray:
-    """Flag (n,) the spikes of up to max_run samples of a signal x (n,) among the tested samples (judged, (n,)).
+    """Flag (n,) the spikes of up to max_run samples of a signal x (n,) where is_tested (n,).
 
-    e (n,): finite difference of x to a reference, with a separate noise std for each period of L.  smallest: least
+    e (n,): finite difference of x to a reference, with a separate noise std for each period of L.  min_distance: least
     distance of a spike.  q: step of the converter.  quantile: of the neighbours' distances; larger distances can be
     spikes.
     """
@@ -252,14 +252,14 @@ def _spikes(
     noise = np.quantile(d.reshape(-1, L), QUIET_FRACTION, axis=1) / QUIET_STD
     sigma = np.hypot(noise, q / np.sqrt(12)).repeat(L)
     rounding = 1e-7 * float(np.nanmax(x) - np.nanmin(x))  # by single precision or nine digits in a text
-    threshold = np.maximum(MIN_SIGMAS * sigma, max(rounding, smallest))
+    threshold = np.maximum(MIN_SIGMAS * sigma, max(rounding, min_distance))
     if not np.any(d > threshold):
         return np.zeros(len(e), dtype=np.bool_)
     # A spike changes the running median next to it, but little if e is smooth.
     beside = maximum_filter(d, MEDIAN_WINDOW) / MIN_RATIO
     short = [(a, b) for a, b in runs(d > np.maximum(threshold, beside)).tolist() if b - a <= max_run]
     is_spike = np.zeros(len(e), dtype=np.bool_)
-    straight, scale = np.copy(e), _scale(d)
+    straight, scale = np.copy(e), _min_spike_distance(d)
     for first, end in short:
         straight[first:end] = np.nan
     straight = interpolate_linearly(straight)
@@ -269,7 +269,7 @@ def _spikes(
             continue
         sides = np.r_[max(0, first - 2 * n) : first - 1, end + 1 : min(len(e), end + 1 + 2 * n)]
         around = np.quantile(d[sides], quantile)
-        distance, scatter = _from_parabola(e, straight, first, end, quantile)
+        distance, scatter = _parabola_distance(e, straight, first, end, quantile)
         is_lone = d[first:end].max() > max(MIN_RATIO * around, scale)
         if is_lone and distance > max(threshold[first], MIN_RATIO * scatter):
             is_spike[first:end] = True
@@ -292,13 +292,13 @@ def _lost_messages(x: FloatArray, q: float) -> tuple[BoolArray, BoolArray]:
     return repeats, is_rare
 
 
-def _scale(d: FloatArray) -> float:
+def _min_spike_distance(d: FloatArray) -> float:
     """Compute the least distance of a spike from typical distances (n,) in sections of a log."""
     sections = d[: len(d) // SECTIONS * SECTIONS].reshape(SECTIONS, -1)
     return MIN_OVER_USUAL * float(np.median(np.quantile(sections, USUAL_FRACTION, axis=1)))
 
 
-def _from_parabola(e: FloatArray, beside: FloatArray, first: int, end: int, quantile: float) -> tuple[float, float]:
+def _parabola_distance(e: FloatArray, beside: FloatArray, first: int, end: int, quantile: float) -> tuple[float, float]:
     """Compute the largest distance of a run of e (n,) from its neighbours' parabola, and a quantile of theirs."""
     n = NEIGHBOURS
     sides = np.r_[first - 1 - n : first - 1, end + 1 : end + 1 + n]

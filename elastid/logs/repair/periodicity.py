@@ -13,10 +13,10 @@ import numpy as np
 from elastid.base.arrays import FloatArray, folded
 from elastid.base.errors import DataError
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
-from elastid.logs.repair import Log, detrend_repetitions
+from elastid.logs.repair import LogReport, detrend_repetitions
 from elastid.logs.repair.clock_drift import MAX_CLOCK_ERROR, MAX_REMAINING_FRACTION, MIN_DELAY_CORRELATION
 from elastid.logs.repair.masks import CHECK_CELLS, MAX_MISSING_FRACTION, MIN_OVER_USUAL
-from elastid.logs.repair.resampling import at_times
+from elastid.logs.repair.resampling import resample_at
 
 # Minimum correlation of repetitions; MIN_DELAY_CORRELATION if several periods show that the remainder is noise.
 MIN_CORRELATION = 0.95
@@ -59,7 +59,7 @@ class Repetition:
         return self.best_samples > 0, self.best_correlation
 
 
-_NONE = Repetition(0.0, 0.0, 0.0)
+_NO_REPETITION = Repetition(0.0, 0.0, 0.0)
 
 
 def repetition(signals: FloatArray, lag: int, sign: int = 1) -> Repetition:
@@ -70,12 +70,14 @@ def repetition(signals: FloatArray, lag: int, sign: int = 1) -> Repetition:
     ones.  Means and ramps of each lag are removed first: a position that drifts still repeats.
     """
     results = [_repetition(x, lag, sign) for x in signals.T if _varies(x)]
-    return max(results, key=lambda result: (result.matches_stated_period, result.best_correlation), default=_NONE)
+    return max(
+        results, key=lambda result: (result.matches_stated_period, result.best_correlation), default=_NO_REPETITION
+    )
 
 
 def find_period(signals: FloatArray) -> Repetition:
     """Find the shortest lag after which a signal of (n, c) repeats, except for drift; best_samples 0 without one."""
-    return max((_best(x) for x in signals.T if _varies(x)), key=lambda result: result.rank, default=_NONE)
+    return max((_find_lag(x) for x in signals.T if _varies(x)), key=lambda result: result.rank, default=_NO_REPETITION)
 
 
 def _varies(x: FloatArray) -> bool:
@@ -89,7 +91,7 @@ def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repe
     x = x[: max(int(finite.max(initial=-1)) + 1, 2 * lag)]
     n = len(x)
     if n < MIN_PERIODS * lag or lag < 1 or finite.size == 0:
-        return _NONE
+        return _NO_REPETITION
     residual = detrend_repetitions(x, lag).ravel() if n >= 2 * lag else _detrend(x, lag)
     rho = autocorrelation(residual)
     P = len(residual) // lag
@@ -101,19 +103,19 @@ def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repe
         result = replace(result, correlation=correlation, best_correlation=float(near.max(initial=0.0)))
         if not result.matches_stated_period:
             # Estimators discard the first repetition if it differs.
-            later = _repetition(x[lag:], lag, sign, starts=False) if starts and n >= 3 * lag else _NONE
+            later = _repetition(x[lag:], lag, sign, starts=False) if starts and n >= 3 * lag else _NO_REPETITION
             if later.matches_stated_period:
                 return later
-            period = max((_anywhere(residual), _best(x)), key=lambda result: result.rank)
+            period = max((_shortest_period(residual), _find_lag(x)), key=lambda result: result.rank)
             return replace(period, correlation=correlation)
     return result
 
 
-def _best(x: FloatArray) -> Repetition:
+def _find_lag(x: FloatArray) -> Repetition:
     """Find the lag at which a signal (n,) repeats, with or without a drift."""
     candidates = (x - np.nanmean(x), detrend_repetitions(x, len(x)).ravel())
-    best = max((_anywhere(signal) for signal in candidates), key=lambda result: result.rank)
-    return _anywhere(_detrend(x, round(best.best_samples))) if best.best_samples else best
+    best = max((_shortest_period(signal) for signal in candidates), key=lambda result: result.rank)
+    return _shortest_period(_detrend(x, round(best.best_samples))) if best.best_samples else best
 
 
 def _detrend(x: FloatArray, lag: int) -> FloatArray:
@@ -148,13 +150,13 @@ def _remainder_is_noise(rho: FloatArray, lag: float, sign: int = 1) -> bool:
     return bool(np.all(np.abs(remainder) <= MAX_REST_CORRELATION * 2 * max(1 - sign * rho[T], 1e-3)))
 
 
-def _anywhere(x: FloatArray) -> Repetition:
+def _shortest_period(x: FloatArray) -> Repetition:
     """Find the shortest period of a signal (n,) that repeats as well as any other, also after half of the log."""
     all_lags = autocorrelation(x)
     rho = all_lags[: int(len(x) / MIN_PERIODS) + 1]
     beyond_first_lobe = np.flatnonzero(rho < 0.5)
     if beyond_first_lobe.size == 0:
-        return _NONE
+        return _NO_REPETITION
     start = int(beyond_first_lobe[0])
     highest = float(rho[start:].max())
     inner = rho[start + 1 : -1]
@@ -169,7 +171,7 @@ def _anywhere(x: FloatArray) -> Repetition:
             continue
         if correlation < MIN_CORRELATION and not _remainder_is_noise(all_lags, period):
             continue
-        period = _from_later(all_lags, period)
+        period = _refine_by_later_peaks(all_lags, period)
         # Steps of a reference correlate after one or a few steps, but not after half of the log.
         middle_lag = round(max(1, len(x) / period // 2) * period)
         if np.max(all_lags[middle_lag - 1 : middle_lag + 2]) >= (1 - MAX_CORRELATION_CHANGE) * correlation:
@@ -182,15 +184,15 @@ def _refine(rho: FloatArray, peak: int) -> tuple[float, float]:
     step = 0.02
     first, last = max(0, peak - 64), min(len(rho), peak + 65)
     times = np.arange(-1, 1 + step / 2, step) + (peak - first)
-    fine = at_times(rho[first:last, None], times)[:, 0]
+    fine = resample_at(rho[first:last, None], times)[:, 0]
     i = int(np.clip(np.argmax(fine), 1, len(fine) - 2))
-    bend, tilt = fine[i - 1] - 2 * fine[i] + fine[i + 1], fine[i - 1] - fine[i + 1]
-    offset = float(np.clip(tilt / (2 * bend), -1, 1)) if bend < 0 else 0.0
+    curvature, tilt = fine[i - 1] - 2 * fine[i] + fine[i + 1], fine[i - 1] - fine[i + 1]
+    offset = float(np.clip(tilt / (2 * curvature), -1, 1)) if curvature < 0 else 0.0
     # An interpolated peak can exceed 1, the limit of a correlation.
     return first + float(times[i]) + offset * step, min(float(fine.max()), 1.0)
 
 
-def _from_later(rho: FloatArray, period: float) -> float:
+def _refine_by_later_peaks(rho: FloatArray, period: float) -> float:
     for repeats in range(2, int(len(rho) / period) + 1):
         around = np.arange(-3, 4) + round(repeats * period)
         if around[0] <= 0 or around[-1] >= len(rho) - 1:  # the peak may lie beyond the last lag
@@ -249,7 +251,7 @@ def period_samples(recorded: RecordedSpec, file: FileSpec, rate_hz: float, drive
     return float(N) if is_whole else round_samples(best.best_samples)
 
 
-def report_unstated_period(drivers: FloatArray, log: Log) -> None:
+def report_unstated_period(drivers: FloatArray, log: LogReport) -> None:
     """Report a period of the drivers (n, d) that the study does not state."""
     best = find_period(drivers)
     if best.best_correlation < MIN_CORRELATION or not best.best_samples:
@@ -270,7 +272,9 @@ def round_samples(samples: float) -> float:
     return float(N) if abs(samples - N) <= 1e-6 * samples else samples
 
 
-def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_one_of_several: bool = False) -> None:
+def check_repeat(
+    excitation: FloatArray, N: int, half_wave: bool, log: LogReport, is_one_of_several: bool = False
+) -> None:
     """Raise DataError where the excitation (n, n_u), NaN where missing, does not repeat as stated, or not often enough.
 
     is_one_of_several: another log shows if one period repeats.
@@ -281,24 +285,24 @@ def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: Log, is_o
         return
     if n < MIN_PERIODS * repeat:
         minimum = "one is" if half_wave else "two are"
-        text = f"{_span(n, log)} are {n / N:.3g} periods of {_span(N, log)}; at least {minimum} needed. {NO_LINES}"
-        raise log.error("records/period-mismatch", text)
+        text = f"{_samples_text(n, log)} are {n / N:.3g} periods of {_samples_text(N, log)}; at least"
+        raise log.error("records/period-mismatch", f"{text} {minimum} needed. {NO_LINES}")
     result = repetition(excitation, repeat, sign)
     shift = _sample_shift(excitation, repeat, sign)
     if result.matches_stated_period and shift is None:
         return
     pairs = "second half minus first" if half_wave else "one period to the next"
-    problem = f"the excitation does not repeat with the stated period of {_span(N, log)} (correlation"
+    problem = f"the excitation does not repeat with the stated period of {_samples_text(N, log)} (correlation"
     problem += f" {result.correlation:.3f}, {pairs})"
     if shift is not None:
         loss = f"{abs(shift[0])} samples are {'missing' if shift[0] < 0 else 'duplicated'} near {log.time_of(shift[1])}"
         advice = "Measure again, or exclude the shorter part by samples"
         text = f"{loss}; before and after, the excitation repeats. {advice}"
     elif result.best_samples:
-        lag = f"it repeats every {_span(result.best_samples, log)} (correlation {result.best_correlation:.3f})"
+        lag = f"it repeats every {_samples_text(result.best_samples, log)} (correlation {result.best_correlation:.3f})"
         text = f"{lag}. Correct the period or the rate"
     elif not half_wave and repetition(excitation[: 2 * repeat], repeat, sign=-1).matches_stated_period:
-        text = f"the second half of {_span(2 * N, log)} is minus the first. Set period_samples: {2 * N}"
+        text = f"the second half of {_samples_text(2 * N, log)} is minus the first. Set period_samples: {2 * N}"
         text += ", half_wave: true"
     else:
         text = f"nor at any other lag (best correlation {result.best_correlation:.3f}); a stated period needs a"
@@ -337,7 +341,7 @@ def _sample_shift(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] 
     return shift, lags.index(shift) * L + N if lags[0] == 0 else starts[len(lags) - 1 - lags[::-1].index(shift)] + L
 
 
-def _span(samples: float, log: Log) -> str:
+def _samples_text(samples: float, log: LogReport) -> str:
     rounded = round(samples, 2)
     seconds = "" if log.rate_hz is None else f" ({rounded / log.rate_hz:.6g} s)"
     return f"{rounded:.8g} samples{seconds}"

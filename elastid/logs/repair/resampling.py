@@ -18,7 +18,7 @@ HALF_WIDTH, _BETA, PASSBAND = 32, 9.0, 0.45
 _TIMES_AT_ONCE = 4096
 
 
-def at_times(signals: FloatArray, times: FloatArray, period: float | None = None, band: float = 1.0) -> FloatArray:
+def resample_at(signals: FloatArray, times: FloatArray, period: float | None = None, band: float = 1.0) -> FloatArray:
     """Interpolate signals (n, c) at times (m,) in samples, periodic beyond the ends; band: b, < 1 for a lower rate.
 
     Without a period (None), the signals are point-symmetric to their first and last samples, which keeps the slope.
@@ -29,14 +29,14 @@ def at_times(signals: FloatArray, times: FloatArray, period: float | None = None
     result = np.empty((len(times), signals.shape[1]))
     offsets = np.arange(-half_width, half_width + 1)
     for first in range(0, len(times), _TIMES_AT_ONCE):
-        nearest, weights = kernel(times[first : first + _TIMES_AT_ONCE], band)
+        nearest, weights = sinc_weights(times[first : first + _TIMES_AT_ONCE], band)
         result[first : first + _TIMES_AT_ONCE] = np.einsum(
             "tk,tkc->tc", weights, extended[nearest[:, None] + n_before + offsets]
         )
     return result
 
 
-def kernel(t: FloatArray, band: float = 1.0) -> tuple[IntArray, FloatArray]:
+def sinc_weights(t: FloatArray, band: float = 1.0) -> tuple[IntArray, FloatArray]:
     """Compute the samples (m,) nearest to times t (m,), and the weights (m, 2 W / b + 1) of those around them."""
     half_width = math.ceil(HALF_WIDTH / band)
     nearest = np.round(t).astype(np.int64)
@@ -60,7 +60,7 @@ def _extend(x: FloatArray, period: float | None, n_before: int, n_after: int) ->
 def _values_at(x: FloatArray, times: FloatArray, period: float) -> FloatArray:
     N = round(period)
     if period != N and len(x) > period + 2 * HALF_WIDTH:
-        return at_times(x, times, N)
+        return resample_at(x, times, N)
     nearest = np.round(times).astype(np.int64)
     return x[
         np.where(nearest < 0, nearest % N, np.where(nearest < len(x), nearest, len(x) - N + (nearest - len(x)) % N))

@@ -22,11 +22,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.logs.repair import MAX_WRONG_FRACTION, Log
+from elastid.logs.repair import MAX_WRONG_FRACTION, LogReport
 from elastid.logs.repair.clock_drift import MAX_CLOCK_ERROR, MAX_GRID_DEVIATION
 from elastid.logs.repair.interpolation import MAX_BRIDGED
 from elastid.logs.repair.missing import resampled_with_gaps
-from elastid.logs.repair.resampling import HALF_WIDTH, PASSBAND, RESAMPLED, at_times, kernel
+from elastid.logs.repair.resampling import HALF_WIDTH, PASSBAND, RESAMPLED, resample_at, sinc_weights
 
 JITTER, GAPS, SET_BACK = "time stamps with jitter", "samples missing in time", "clock set"
 # Half the last digit of rounded stamps, and the tilt of the fitted line where halves are rounded up, then down.
@@ -37,7 +37,7 @@ MIN_GAP = 1.9
 MIN_RATE_FRACTION = 0.75
 # Residuals at the stamps over residuals on an even grid, below which the samples were taken at the stamps; knots per
 # sample of this test: with fewer, the error of the band limit exceeds the effect of the jitter.
-SMOOTHER, JUDGED_FRACTION = 0.8, 0.9
+MAX_ROUGHNESS_RATIO, TEST_KNOT_FRACTION = 0.8, 0.9
 # Samples at rate_hz over those of the log, or the inverse: beyond, stamps are not in s, or jump.
 MAX_RATE_RATIO = 20.0
 # Smallest mean resultant length of the phases of uniform stamps (1: no jitter); stamps for the first period estimate.
@@ -49,7 +49,7 @@ _TOLERANCE = 1e-8  # below the noise of any sensor
 # become more than the signal in the last samples. Within the record it costs the square of it, 1e-6 of a signal.
 _DAMPING = 1e-3
 # Stamps among which the last digit of one is nonzero.
-LAST = 20
+LAST_STAMPS = 20
 
 
 @dataclass(frozen=True)
@@ -100,9 +100,9 @@ def stamp_line(time_s: FloatArray) -> StampLine | None:
     step_s = float(np.median(t[lag:] - t[: len(t) - lag])) / max(lag, 1)
     if not step_s > 0 or np.any(np.diff(t) < 0):
         return None
-    line = _line(t, np.arange(len(t)))
+    line = _fit_line(t, np.arange(len(t)))
     if not line.is_exact:
-        other = _line(t, _rows(t, _period(t, step_s)))
+        other = _fit_line(t, _number_samples(t, _find_period(t, step_s)))
         line = other if other.concentration > max(line.concentration, MIN_CONCENTRATION) else line
     return replace(line, start_s=line.start_s + float(time_s[0])) if line.is_even else None
 
@@ -116,7 +116,7 @@ def even_grid(time_s: FloatArray) -> tuple[IntArray, float] | None:
     return (line.rows, line.rate_hz) if line is not None and line.is_exact else None
 
 
-def _line(t: FloatArray, rows: IntArray) -> StampLine:
+def _fit_line(t: FloatArray, rows: IntArray) -> StampLine:
     step, rounding_s = float(np.polyfit(rows.astype(np.float64), t, 1)[0]), _resolution(t)
     late = t - step * rows
     start, end = np.quantile(late, [MAX_WRONG_FRACTION, 1 - MAX_WRONG_FRACTION]).tolist()
@@ -126,12 +126,12 @@ def _line(t: FloatArray, rows: IntArray) -> StampLine:
     return StampLine(rows, 1 / step, start, late - start, rounding_s)
 
 
-def _period(t: FloatArray, step_s: float) -> float:
+def _find_period(t: FloatArray, step_s: float) -> float:
     """Find the period at which the phases of stamps (n,) are most alike: at most their mean step, and near it."""
     first = min(FIRST_STAMPS, len(t))
     ratio = np.arange(0.95, 2.2, 0.25 / first)
-    alike = np.abs(np.exp(2j * np.pi * np.outer(ratio / step_s, t[:first])).mean(axis=1))
-    period_s = step_s / float(ratio[np.argmax(alike - 0.2 * np.abs(ratio - 1))])
+    concentration = np.abs(np.exp(2j * np.pi * np.outer(ratio / step_s, t[:first])).mean(axis=1))
+    period_s = step_s / float(ratio[np.argmax(concentration - 0.2 * np.abs(ratio - 1))])
     for n in np.minimum(first * 2 ** np.arange(int(np.log2(len(t) / first)) + 2), len(t)).tolist():
         halves = t[: n // 2], t[n // 2 : n]
         phase_1, phase_2 = (np.exp(2j * np.pi / period_s * half).mean() for half in halves)
@@ -140,7 +140,7 @@ def _period(t: FloatArray, step_s: float) -> float:
     return period_s
 
 
-def _rows(t: FloatArray, period_s: float) -> IntArray:
+def _number_samples(t: FloatArray, period_s: float) -> IntArray:
     """Number the samples of stamps (n,): a sample is lost where all later stamps are late by a period."""
     k = np.arange(len(t))
     phase = float(np.angle(np.exp(2j * np.pi / period_s * t).mean())) / (2 * np.pi)
@@ -153,13 +153,13 @@ def _resolution(time_s: FloatArray) -> float:
 
     It is the coarsest: loggers with a fixed number of significant digits write fewer decimals as time goes on.
     """
-    last = time_s[-LAST:, None] * 10.0 ** np.arange(10)
+    last = time_s[-LAST_STAMPS:, None] * 10.0 ** np.arange(10)
     is_whole = np.all(np.abs(last - np.round(last)) < 1e-3, axis=0)
     return 10.0 ** -int(np.argmax(is_whole)) if is_whole.any() else 0.0
 
 
 def sampling_times(
-    time_s: FloatArray, signals: FloatArray, log: Log, has_clocks: bool = False
+    time_s: FloatArray, signals: FloatArray, log: LogReport, has_clocks: bool = False
 ) -> tuple[FloatArray, FloatArray]:
     """Return the instants (n,) of the samples of signals (n, c) by their stamps (n,), and the samples in their order.
 
@@ -167,7 +167,7 @@ def sampling_times(
     jitter or bursts.  has_clocks: rounded stamps delay the signals relative to other signals.  Rows are sorted by their
     stamps.  DataError for missing stamps and for many that decrease.
     """
-    time_s, signals = rising(time_s, signals, log, has_clocks)
+    time_s, signals = sort_stamps(time_s, signals, log, has_clocks)
     line = stamp_line(time_s) if len(time_s) > 2 else None
     if line is None or not (line.is_exact or _is_smoother_on(line, time_s, signals)):
         return time_s, signals
@@ -178,13 +178,13 @@ def sampling_times(
         log.report(JITTER, len(time_s), text)
     elif has_clocks and away_ms * line.rate_hz > 2e3 * MAX_GRID_DEVIATION:
         text += f" are rounded: the delay to other clocks is uncertain by +-{away_ms / 2:.2g} ms, "
-        text += "an error that the intervals of inertia and viscous friction do not include. Log more decimals"
+        text += "an error that the intervals of inertia and viscous friction do not include. LogReport more decimals"
         log.note("records/clock", text)
     return line.times_s, signals
 
 
-def to_rate(
-    time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log, begin_s: float | None = None
+def resample_to_rate(
+    time_s: FloatArray, signals: FloatArray, rate_hz: float, log: LogReport, begin_s: float | None = None
 ) -> FloatArray:
     """Bring signals (n, c) at instants (n,) to rate_hz from the first one on, with rows of NaN for gaps.
 
@@ -217,8 +217,8 @@ def to_rate(
     return resampled_with_gaps(result, times, min(1.0, rate_hz / grid_hz), log)
 
 
-def rising(
-    time_s: FloatArray, signals: FloatArray, log: Log, has_clocks: bool = False
+def sort_stamps(
+    time_s: FloatArray, signals: FloatArray, log: LogReport, has_clocks: bool = False
 ) -> tuple[FloatArray, FloatArray]:
     """Sort stamps (n,) and their signals (n, c).
 
@@ -268,24 +268,30 @@ def without_jumps(t: FloatArray, gap: int = 1) -> tuple[FloatArray, IntArray]:
 def _is_smoother_on(line: StampLine, time_s: FloatArray, signals: FloatArray) -> bool:
     """Return False if signals (n, c) are clearly smoother at their stamps (n,), because their sampling was uneven."""
     some = slice(0, _KNOTS // 4)  # each channel takes seconds
-    rows_s, knot_hz = line.times_s[some], JUDGED_FRACTION * line.rate_hz
-    at_stamps, on_rows = (_fit(t - t[0], signals[some], np.zeros(1), knot_hz)[1] for t in (time_s[some], rows_s))
+    rows_s, knot_hz = line.times_s[some], TEST_KNOT_FRACTION * line.rate_hz
+    at_stamps, on_rows = (
+        _fit_band_limited(t - t[0], signals[some], np.zeros(1), knot_hz)[1] for t in (time_s[some], rows_s)
+    )
     # Mean over all channels: a torque with power above the band is equally rough at both.
-    return bool(np.exp(np.mean(np.log(np.maximum(at_stamps, 1e-12) / np.maximum(on_rows, 1e-12)))) > SMOOTHER)
+    return bool(
+        np.exp(np.mean(np.log(np.maximum(at_stamps, 1e-12) / np.maximum(on_rows, 1e-12)))) > MAX_ROUGHNESS_RATIO
+    )
 
 
-def _report_gaps(count: int, gaps: IntArray, log: Log) -> None:
+def _report_gaps(count: int, gaps: IntArray, log: LogReport) -> None:
     if count:
         text = f"{count} samples are missing in {gaps.size} gaps of the stamps of {', '.join(log.names)}"
         log.report(GAPS, count, f"{text}, the first after {log.time_of(gaps[0])}")
 
 
-def _report_resampling(time_s: FloatArray, n: int, rate_hz: float, knot_hz: float, log: Log, error: str = "") -> None:
+def _report_resampling(
+    time_s: FloatArray, n: int, rate_hz: float, knot_hz: float, log: LogReport, error: str = ""
+) -> None:
     text = f"the time of {', '.join(log.names)} has {describe_steps(time_s)}; resampled to {rate_hz:g} Hz, exact up to"
     log.report(RESAMPLED, n, f"{text} {PASSBAND * min(knot_hz, rate_hz):.3g} Hz{error}")
 
 
-def _check_band(knot_hz: float, rate_hz: float, time_s: FloatArray, log: Log) -> None:
+def _check_band(knot_hz: float, rate_hz: float, time_s: FloatArray, log: LogReport) -> None:
     """Raise DataError if the rate of the knots of stamps (n,) is too low for the band of rate_hz."""
     if knot_hz < MIN_RATE_FRACTION * rate_hz:
         unit = 10.0 ** (np.floor(np.log10(knot_hz)) - 1)
@@ -295,19 +301,19 @@ def _check_band(knot_hz: float, rate_hz: float, time_s: FloatArray, log: Log) ->
         raise log.error("records/clock", f"{text} {remedy}. Set rate_hz: {advised_hz:g}")
 
 
-def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> FloatArray:
+def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: LogReport) -> FloatArray:
     """Resample signals from instants (n,) in s to a grid from 0 on."""
     steps_s = np.diff(time_s)
     if not np.median(steps_s) > 0:
         text = f"{int((steps_s <= 0).sum())} of {len(time_s)} time stamps do not increase"
-        raise log.error("records/clock", f"{text}. Log each sample once")
+        raise log.error("records/clock", f"{text}. LogReport each sample once")
     gaps = np.flatnonzero(steps_s > MIN_GAP * np.median(steps_s))
     knot_steps = np.delete(steps_s, gaps)
     row = min(8, len(knot_steps))  # steps, whose mean no knots are closer than
     knot_hz = 1 / float(np.convolve(knot_steps, np.full(row, 1 / row), mode="valid").max())
     _check_band(knot_hz, rate_hz, time_s, log)
     grid_s = np.arange(int(time_s[-1] * rate_hz + 1e-6) + 1) / rate_hz
-    result, ratio = _fit(time_s, signals, grid_s, min(knot_hz, rate_hz))
+    result, ratio = _fit_band_limited(time_s, signals, grid_s, min(knot_hz, rate_hz))
     in_gaps = np.isin(np.searchsorted(time_s, grid_s, side="right") - 1, gaps)
     result[in_gaps] = np.nan
     error = f". Residual/signal rms = {ratio.max(initial=0.0):.2g} (noise, or higher frequencies)"
@@ -316,7 +322,9 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
     return result
 
 
-def _fit(time_s: FloatArray, signals: FloatArray, grid_s: FloatArray, knot_hz: float) -> tuple[FloatArray, FloatArray]:
+def _fit_band_limited(
+    time_s: FloatArray, signals: FloatArray, grid_s: FloatArray, knot_hz: float
+) -> tuple[FloatArray, FloatArray]:
     """Interpolate signals (m, c) at grid_s; return the ratio (c,) of rms residual to rms signal with them, 0 without.
 
     NaN in blocks of knots without samples, as in a long pause.
@@ -335,8 +343,8 @@ def _fit(time_s: FloatArray, signals: FloatArray, grid_s: FloatArray, knot_hz: f
             if not valid.any():
                 continue
             knots = _knots(t[valid], s[valid], low, high)
-            result[rows, i] = at_times(knots[:, None], grid[rows] - low)[:, 0]
-            residual = s[inside] - at_times(knots[:, None], t[inside] - low)[:, 0]
+            result[rows, i] = resample_at(knots[:, None], grid[rows] - low)[:, 0]
+            residual = s[inside] - resample_at(knots[:, None], t[inside] - low)[:, 0]
             squares[i] += float(np.nansum(residual**2))
     has_samples = np.isfinite(signals).any(axis=0)
     size = np.maximum(np.nanstd(signals[:, has_samples], axis=0), 1e-300)
@@ -351,7 +359,7 @@ def _knots(t: FloatArray, s: FloatArray, low: int, high: int) -> FloatArray:
     from scipy.sparse.linalg import lsmr
 
     start = np.interp(np.arange(low, high + 1.0), t, s)
-    nearest, weights = kernel(t - low)
+    nearest, weights = sinc_weights(t - low)
     columns = np.clip(nearest[:, None] + np.arange(-HALF_WIDTH, HALF_WIDTH + 1), 0, high - low)
     row_starts = np.arange(0, columns.size + 1, columns.shape[1])
     K = csr_array((weights.ravel(), columns.ravel(), row_starts), shape=(len(t), high - low + 1))

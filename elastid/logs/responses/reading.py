@@ -1,4 +1,4 @@
-"""A file with a frequency response -> Response on the link side, whatever its format.
+"""Frequency responses in files of any format, converted to SI on the link side.
 
     G = f_y / (f_u H) (j omega)^k G_file
 
@@ -16,19 +16,26 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, laplace_var
 from elastid.base.errors import DataError, Note, Severity
 from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
 from elastid.experiment.specs.logs import ResponsesSpec
-from elastid.logs.files.formats import opened_log
+from elastid.logs.files.formats import open_log
 from elastid.logs.files.text import TextLog
 from elastid.logs.files.text_format import guess_format
 from elastid.logs.files.universal import is_universal_file, time_histories
 from elastid.logs.repair import MAX_WRONG_FRACTION
-from elastid.logs.responses.table import ResponseTable, dataset_table, struct_table, structs_in, table_error, text_table
-from elastid.logs.responses.universal_files import uff_contents, uff_table
+from elastid.logs.responses.table import (
+    ResponseTable,
+    dataset_table,
+    find_structs,
+    struct_table,
+    table_error,
+    text_table,
+)
+from elastid.logs.responses.universal_files import describe_uff_responses, uff_table
 from elastid.logs.units_and_sides import MAX_COMPUTABLE, link_side_factor, to_joints
 from elastid.record import MOTION_ORDER, Configuration, Motion, ZohTorque, zero_order_hold
 from elastid.response import Covariance, Response
 
-# Zeros of an element from which on it has no response; magnitude of a line over both neighbours that no mode has whose
-# damping the lines show.
+# Fraction of zeros above which an element has no response; magnitude of a line over both neighbours above which it is
+# no resonance that the lines resolve.
 MAX_ZERO_FRACTION, MIN_SPIKE_RATIO = 0.5, 100.0
 
 
@@ -36,20 +43,20 @@ def read_table(path: Path, spec: ResponsesSpec, response: str) -> ResponseTable:
     """Read the frequency response in a file; raise DataError without one of that name."""
     if os.path.isfile(path) and is_universal_file(path):
         return uff_table(path, spec.channels)
-    with opened_log(path, spec.text) as log:
+    with open_log(path, spec.text) as log:
         if isinstance(log, TextLog):
             return text_table(path, log, spec)
-        if structs_in(log.arrays) or (path.suffix.lower() == ".mat" and spec.columns.response not in log.arrays):
+        if find_structs(log.arrays) or (path.suffix.lower() == ".mat" and spec.columns.response not in log.arrays):
             return struct_table(path, log.arrays, response)
         return dataset_table(path, log.arrays, spec)
 
 
-def contents_of(path: Path) -> tuple[str, ...]:
+def describe_responses(path: Path) -> tuple[str, ...]:
     """Return a line for each frequency response in a file."""
     if is_universal_file(path):
-        return () if time_histories(path) else uff_contents(path)
-    with opened_log(path, guess_format(path)) as log:
-        tables = [(name, struct_table(path, log.arrays, name)) for name in structs_in(log.arrays)]
+        return () if time_histories(path) else describe_uff_responses(path)
+    with open_log(path, guess_format(path)) as log:
+        tables = [(name, struct_table(path, log.arrays, name)) for name in find_structs(log.arrays)]
     return tuple(
         f"response {name or '(its own variables)'}: {table.G.shape[1]} outputs x {table.G.shape[2]} inputs, "
         f"{len(table.freq)} lines, {table.freq[0]:g} to {table.freq[-1]:g} {table.frequency_unit or '(no unit)'}"
@@ -109,7 +116,7 @@ def link_side_response(
 
 
 def _is_spike(size: FloatArray) -> BoolArray:
-    """Flag lines of magnitudes (F, ...) far above both neighbours, if few: of no mode that the lines resolve."""
+    """Flag lines of magnitudes (F, ...) far above both neighbours, where these are few: no resonance that the lines resolve."""
     result = np.zeros(size.shape, dtype=np.bool_)
     if len(size) > 2:
         result[1:-1] = size[1:-1] > MIN_SPIKE_RATIO * np.maximum(size[:-2], size[2:])

@@ -123,21 +123,21 @@ def _columns(path: Path, log: TextLog, names: list[str]) -> FloatArray:
     return log.columns([log.headings.index(name) for name in names])
 
 
-def structs_in(leaves: Mapping[str, StoredArray]) -> tuple[str, ...]:
+def find_structs(leaves: Mapping[str, StoredArray]) -> tuple[str, ...]:
     """List variables with a frequency response; an empty text for a struct whose fields are variables themselves."""
     names = (re.fullmatch(rf"(?:(.+)\.)?{_DATA}(?:\.(?:real|imag))?", key) for key in leaves)
     return tuple(dict.fromkeys(match.group(1) or "" for match in names if match))
 
 
-def responses_in(leaves: Mapping[str, StoredArray]) -> list[str]:
+def find_responses(leaves: Mapping[str, StoredArray]) -> list[str]:
     """Return structs and complex arrays that hold a frequency response, by name."""
     arrays = (name for name, array in leaves.items() if array.dtype.kind == "c" and max(array.shape, default=0) > 2)
-    return [name or _DATA for name in dict.fromkeys((*structs_in(leaves), *arrays))]
+    return [name or _DATA for name in dict.fromkeys((*find_structs(leaves), *arrays))]
 
 
 def struct_table(path: Path, leaves: Mapping[str, StoredArray], name: str) -> ResponseTable:
     """Read the response in a struct; DataError where it or one of its fields is missing."""
-    structs = structs_in(leaves)
+    structs = find_structs(leaves)
     name = structs[0] if not name and len(structs) == 1 else name
     if name not in structs:
         names = ", ".join(struct or "its own variables" for struct in structs) or f"none; {HOW_TO_SAVE}"
@@ -146,7 +146,7 @@ def struct_table(path: Path, leaves: Mapping[str, StoredArray], name: str) -> Re
     if f"{prefix}Frequency" not in leaves:
         raise table_error(path, f"{prefix}{_DATA} has no {prefix}Frequency. Save the frequencies, too")
     data = complex_array(leaves, f"{prefix}{_DATA}")
-    assert data is not None  # it is listed by structs_in
+    assert data is not None  # it is listed by find_structs
     G = np.moveaxis(data.reshape(data.shape + (1,) * (3 - data.ndim)), 2, 0)
     keys = (prefix + key for key in ("FrequencyUnit", "Units", "TimeUnit"))
     unit, alternative, time = (leaves[key].text if key in leaves else "" for key in keys)

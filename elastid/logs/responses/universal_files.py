@@ -19,7 +19,7 @@ from elastid.base.errors import Note
 from elastid.base.units import dimension_and_size
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.logs.files.universal import FUNCTIONS, UFF_QUANTITIES, dof_name, is_universal_file, sets_of
+from elastid.logs.files.universal import FUNCTIONS, UFF_QUANTITIES, dof_name, is_universal_file, read_data_sets
 from elastid.logs.responses.table import ResponseTable, label, table_error
 from elastid.modal.spec import GeometrySpec
 
@@ -48,7 +48,7 @@ def uff_table(path: Path, channels: tuple[ChannelSpec, ...]) -> ResponseTable:
     return ResponseTable(path, freq, "Hz", G * in_si, outputs, inputs, notes=notes)
 
 
-def uff_contents(path: Path) -> tuple[str, ...]:
+def describe_uff_responses(path: Path) -> tuple[str, ...]:
     """Return one line for each response of a universal file."""
     return tuple(
         f"response of {dof_name(data_set, 'rsp')} ({_quantity(data_set) or 'unknown quantity'}) "
@@ -83,7 +83,7 @@ def uff_geometry(path: Path, channels: Sequence[ChannelSpec], locations: Sequenc
     metre = _length_and_force(path)[0]
     points = {
         str(int(node)): (metre * x, metre * y, metre * z)
-        for nodes in sets_of(path, 15, 2411)
+        for nodes in read_data_sets(path, 15, 2411)
         for node, x, y, z in zip(nodes["node_nums"], nodes["x"], nodes["y"], nodes["z"], strict=True)
     }
     motion = dict[str, tuple[str, str]]()
@@ -94,14 +94,14 @@ def uff_geometry(path: Path, channels: Sequence[ChannelSpec], locations: Sequenc
             motion.setdefault(at, (match[1], f"{'-' if sign < 0 else ''}{match[2]}"))
     if not motion:
         return None
-    traces = [[str(int(node)) for node in line["nodes"]] for line in sets_of(path, 82)]
+    traces = [[str(int(node)) for node in line["nodes"]] for line in read_data_sets(path, 82)]
     lines = [pair for trace in traces for pair in pairwise(trace) if points.keys() >= set(pair)]
     return GeometrySpec(points=points, lines=tuple(lines), motion=motion)
 
 
 def _length_and_force(path: Path) -> tuple[float, float]:
     """Return units of length in m and force in N from data set 164, by default SI."""
-    units = sets_of(path, 164)
+    units = read_data_sets(path, 164)
     if not units:
         return 1.0, 1.0
     from scipy import constants
@@ -130,7 +130,7 @@ def _in_si(
 
 
 def _responses(path: Path) -> list[dict[str, Any]]:
-    sets = sets_of(path, 58)
+    sets = read_data_sets(path, 58)
     responses = [data_set for data_set in sets if int(data_set["func_type"]) == 4]
     if not responses:
         counts = Counter(int(data_set["func_type"]) for data_set in sets)

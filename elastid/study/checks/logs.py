@@ -16,16 +16,16 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ToolSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
 from elastid.logs.channel_doubts import channel_doubts
-from elastid.logs.channels import driver_columns, gather_channels
-from elastid.logs.clocks import BACKWARDS, MAX_SAMPLES, is_clock, rate_of, stamp_size, stamps_of, time_units
-from elastid.logs.files.formats import is_log, opened_log
-from elastid.logs.files.log import Log as OpenLog
-from elastid.logs.files.text_format import WRITTEN_OTHERWISE
+from elastid.logs.channels import excitation_columns, gather_channels
+from elastid.logs.clocks import MAX_SAMPLES, RUNS_BACKWARDS, is_clock, read_stamps, stamp_rate, stamp_size, time_units
+from elastid.logs.files.formats import is_log, open_log
+from elastid.logs.files.log import Log
+from elastid.logs.files.text_format import FORMAT_HINT
 from elastid.logs.headings import is_time
-from elastid.logs.repair import Log
+from elastid.logs.repair import LogReport
 from elastid.logs.repair.periodicity import check_complete, check_repeat, grid_samples
 from elastid.logs.repair.time_stamps import without_jumps
-from elastid.logs.units_and_sides import channel_refusals, without_placeholders
+from elastid.logs.units_and_sides import find_channel_errors, without_placeholders
 from elastid.store.files import content_hash
 from elastid.study.checks.names import refusal_of, unknown
 from elastid.study.messages import NO_LOG, Problem
@@ -154,7 +154,7 @@ def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> I
 
 def check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath) -> Iterator[Problem]:
     """Check that channels are on the robot, have units of their quantity, and are different signals."""
-    for i, key, text in channel_refusals(channels, study.places):
+    for i, key, text in find_channel_errors(channels, study.places):
         yield Problem((*path, "channels", i, key), text)
 
 
@@ -198,16 +198,16 @@ def _check_log(study: Study, recorded: RecordedSpec, i: int, base: Path) -> Iter
             continue
         members = [k for k, channel in enumerate(recorded.channels) if channel.file == number]
         try:
-            with opened_log(base / name, recorded.text) as log:
+            with open_log(base / name, recorded.text) as log:
                 absences = list(_check_names(log, recorded, members))
                 yield from absences
                 if number == 1 and not absences:
                     yield from _check_content(study, recorded, file, path, log, base / name)
         except ElastidError as error:
-            yield Problem((*_RECORDED, "text") if WRITTEN_OTHERWISE in str(error) else key_path, str(error))
+            yield Problem((*_RECORDED, "text") if FORMAT_HINT in str(error) else key_path, str(error))
 
 
-def _check_names(log: OpenLog, recorded: RecordedSpec, members: Sequence[int]) -> Iterator[Problem]:
+def _check_names(log: Log, recorded: RecordedSpec, members: Sequence[int]) -> Iterator[Problem]:
     """Yield channels that are missing in their file; DataError if all are."""
     first = slice(0, 2)
     refusals = [(k, text) for k in members if (text := refusal_of(log.values, [recorded.channels[k]], first))]
@@ -222,7 +222,7 @@ def _check_names(log: OpenLog, recorded: RecordedSpec, members: Sequence[int]) -
 
 
 def _check_content(
-    study: Study, recorded: RecordedSpec, file: FileSpec, path: KeyPath, log: OpenLog, place: Path
+    study: Study, recorded: RecordedSpec, file: FileSpec, path: KeyPath, log: Log, place: Path
 ) -> Iterator[Problem]:
     members = [k for k, c in enumerate(recorded.channels) if c.file == 1 and c.rate_hz is None]
     members = [k for k in members if log.time_of(recorded.channels[k]) == log.time_of(recorded.channels[members[0]])]
@@ -239,7 +239,7 @@ def _check_content(
     rates = list(_check_rate(recorded, log))
     yield from rates
     if isinstance(period, float) and not rates and not recorded.time and len(values) > 1:
-        yield from _check_period(recorded, file, path, values[:, driver_columns(channels)], period, place)
+        yield from _check_period(recorded, file, path, values[:, excitation_columns(channels)], period, place)
     if recorded.rate_hz != "unknown":
         doubts = channel_doubts(channels, values, recorded.known_rate_hz, study.places)
         for doubt in (doubt for doubt in doubts if not rates or doubt.channel is not None):
@@ -257,14 +257,14 @@ def _check_period(
     try:
         N = grid_samples(period, recorded.half_wave)
         check_complete(drivers, place)
-        check_repeat(drivers, N, recorded.half_wave, Log(str(place), (), known_hz))
+        check_repeat(drivers, N, recorded.half_wave, LogReport(str(place), (), known_hz))
     except ElastidError as error:
         keys = [key for key in ("period", "period_samples") if getattr(file, key) is not None]
         key = "period" if recorded.period is not None else "period_samples"
         yield Problem((*path, keys[0]) if keys else (*_RECORDED, key), str(error))
 
 
-def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
+def _check_rate(recorded: RecordedSpec, log: Log) -> Iterator[Problem]:
     """Compare the rate with the time channel of the log, as named by the study, by a typical name, or by the format."""
     if recorded.rate_hz == "unknown":
         return
@@ -272,14 +272,16 @@ def _check_rate(recorded: RecordedSpec, log: OpenLog) -> Iterator[Problem]:
     clocks = {log.time_of(channel) for channel in recorded.channels if channel.file == 1 and not channel.rate_hz} - {""}
     names = [recorded.time] if recorded.time else sorted(clocks) or [name for name in log.shapes() if is_time(name)]
     for name in names:
-        stamps = stamps_of(log, name)[0]
+        stamps = read_stamps(log, name)[0]
         t, _ = without_jumps(stamps)
         steps = np.diff(t)
         if is_clock(-stamps):
-            yield Problem((*_RECORDED, "time") if recorded.time else where, f"{name} {BACKWARDS}. Sort the rows by it")
+            yield Problem(
+                (*_RECORDED, "time") if recorded.time else where, f"{name} {RUNS_BACKWARDS}. Sort the rows by it"
+            )
         if not len(steps) or not steps.min() > 0 or np.all(steps == 1):  # a counter of samples shows no rate
             continue
-        hz = rate_of(t), 1 / float(np.median(steps))
+        hz = stamp_rate(t), 1 / float(np.median(steps))
         rates = {unit: (hz[0] / s, hz[1] / s) for unit, s in time_units(stamps).items()}
         unit, _ = stamp_size(stamps, rate_hz)
         if recorded.time and rates[unit][0] < 0.7 * rate_hz:

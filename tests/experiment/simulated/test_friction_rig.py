@@ -9,7 +9,7 @@ from plants.friction_axis import LAW, axis, rig
 from plants.refusals import refused
 
 from elastid.experiment.plan.friction import pass_reference
-from elastid.experiment.simulated.friction_rig import heat_of
+from elastid.experiment.simulated.friction_rig import heating_history
 from elastid.experiment.specs.simulated import HeatSpec, NoiseSpec, TorqueRippleSpec
 from elastid.friction_study import spec
 from elastid.friction_study.constant_velocity import estimate_friction_curve, passes_of
@@ -80,7 +80,7 @@ def test_warm_up_follows_heat_and_lowers_viscous_friction() -> None:
     spec = FrictionSpec(rate_hz=500.0, constant_velocity=PASSES, warm_up=WarmUpSpec(1.0, time=1800.0, test_every=600.0))
     simulated = rig(spec, axis(law=WARM), heat=heat)
     (log,) = simulated.warm_ups()
-    time_s, T, power = heat_of(simulated.plan, axis(law=WARM), heat, "1")
+    time_s, T, power = heating_history(simulated.plan, axis(law=WARM), heat, "1")
     assert T[0] == 22.0
     fade = np.exp(-np.diff(time_s) / 600.0)
     np.testing.assert_allclose(T[1:], 20.0 + (T[:-1] - 20.0) * fade + power / 0.5 * (1 - fade), rtol=1e-12)

@@ -24,7 +24,7 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec, TextFormatSpec
 from elastid.logs.channels import gather_channels
 from elastid.logs.files import binary_formats, reader_process, ros_bag
-from elastid.logs.files.formats import Format, contents, opened_log, read_channels
+from elastid.logs.files.formats import Format, contents, open_log, read_channels
 from elastid.logs.files.log import ArrayLog, StoredArray
 
 
@@ -222,7 +222,7 @@ def test_formats_give_same_record_in_si_link_side(
         (write_npz, binary_formats.open_numpy),
         (write_tdms, binary_formats.open_tdms),
         (write_parquet, binary_formats.open_parquet),
-        (write_bag_folder, ros_bag.opened),
+        (write_bag_folder, ros_bag.open_ros_bag),
     ],
 )
 def test_file_reads_equal_here_and_in_reader_process(
@@ -230,7 +230,7 @@ def test_file_reads_equal_here_and_in_reader_process(
 ) -> None:
     """Names, shapes, units, rates and values, whole and in pieces."""
     path = tmp_path / write(tmp_path, log).as_recorded().files[0].path
-    with opened(path, TEXT) as here, opened_log(path, TEXT) as there:
+    with opened(path, TEXT) as here, open_log(path, TEXT) as there:
         assert here.shapes() == there.shapes()
         for name, ours in here.arrays.items():
             theirs = there.arrays[name]
@@ -363,6 +363,6 @@ def test_a_system_without_memory_limits_is_stated_once(
     monkeypatch.setattr(reader_process, "_readers", {})
     for name in ("one.mat", "two.mat"):
         savemat(tmp_path / name, {"q": np.arange(10.0)})
-        with opened_log(tmp_path / name, TextFormatSpec()) as log:
+        with open_log(tmp_path / name, TextFormatSpec()) as log:
             assert len(log.arrays) == 1
     assert [record.name for record in caplog.records] == [reader_process.__name__]

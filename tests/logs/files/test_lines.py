@@ -9,7 +9,7 @@ from plants.refusals import refused
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.files import lines, text
-from elastid.logs.files.formats import opened_log, size_in_pieces
+from elastid.logs.files.formats import open_log, size_in_pieces
 
 CHANNEL = ChannelSpec("y", "motor 1", "pos", quantity="position", unit="rad")
 
@@ -33,7 +33,7 @@ def test_part_of_large_text_equals_text_in_memory(count: int, end: str, last: st
     path, form = tmp_path / "log.csv", TextFormatSpec(";", ",")
     path.write_bytes((end.join(rows) + last).encode())
     assert size_in_pieces(path, [CHANNEL], form)[0] == count
-    with opened_log(path, form) as log:
+    with open_log(path, form) as log:
         assert isinstance(log, text.TextLog)
         assert log.is_large
         assert (log.headings, log.units) == (("Zeit", "pos"), ("s", "rad"))
@@ -45,7 +45,7 @@ def test_part_of_large_text_equals_text_in_memory(count: int, end: str, last: st
 def test_wrong_cell_of_large_text_has_its_row(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("pos\n" + "".join("oops\n" if i in (33, 34, 35) else f"{i}\n" for i in range(60)))
-    with opened_log(path, TextFormatSpec()) as log:
+    with open_log(path, TextFormatSpec()) as log:
         with refused("records/text", holds="35"):
             log.values([CHANNEL])
         assert log.values([CHANNEL], slice(0, 33)).sum() == sum(range(33))

@@ -11,7 +11,7 @@ from plants.refusals import refused
 from plants.waves import CLEAN, LINES, LOG, NOISE, N, P, outcome, wave
 
 from elastid.base.arrays import FloatArray
-from elastid.logs.repair import Findings, Log
+from elastid.logs.repair import Findings, LogReport
 from elastid.logs.repair.masks import (
     CLIPPED,
     MASKED,
@@ -96,7 +96,7 @@ def test_zeros_of_a_position_beside_a_noisy_torque_are_missing() -> None:
     t, rest = np.arange(6500) / 500, 1.0 + 1e-4 * (np.arange(6500) % 100 == 7)
     q, u = 2 + 0.5 * np.sin(t), 10 * np.sign(np.cos(t)) + 0.05 * np.random.default_rng(0).standard_normal(len(t))
     is_lost = np.arange(len(t)) % 1300 // 40 == 15
-    log = Log("log.csv", ("angle", "torque", "other angle"))
+    log = LogReport("log.csv", ("angle", "torque", "other angle"))
     result = without_dropouts(np.stack([np.where(is_lost, 0.0, q), u, rest], axis=1), log)
     assert np.array_equal(np.isnan(result), is_lost[:, None] & [True, False, False])
 
@@ -173,7 +173,9 @@ def test_incomplete_period_is_discarded_or_refused() -> None:
     with refused("records/missing-samples", holds=("log.csv: angle", "18 of 3000", "sample 40")):
         fill_gaps(everywhere, N, 1, LOG)
     with refused("records/missing-samples", holds=("angle", "1500 of 3000")):
-        fill_gaps(np.where(np.arange(P * N)[:, None] < 1500, np.nan, CLEAN), N, 1, Log("log.csv", ("angle", "torque")))
+        fill_gaps(
+            np.where(np.arange(P * N)[:, None] < 1500, np.nan, CLEAN), N, 1, LogReport("log.csv", ("angle", "torque"))
+        )
     two = CLEAN[: 2 * N].copy()
     two[100:200] = np.nan
     with refused("records/missing-samples", place="log.csv", holds="1 of 2"):

@@ -11,14 +11,14 @@ from plants.waves import wave
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
-from elastid.logs.repair import Findings, Log
+from elastid.logs.repair import Findings, LogReport
 from elastid.logs.repair.masks import MASKED, step
 from elastid.logs.repair.missing import repair
 from elastid.logs.repair.outliers import OUTVOTED
 from elastid.record import Configuration, Record
 
 N, P = 1000, 3
-LOG, ROLES = Log("log.csv", ("torque", "angle"), 1000.0), {"r": [], "u": [0], "y": [1]}
+LOG, ROLES = LogReport("log.csv", ("torque", "angle"), 1000.0), {"r": [], "u": [0], "y": [1]}
 LINES = np.arange(2, 60)
 KINDS = ("missing", "gap", "zero", "repeated", "spike", "count", "pair")
 APART, MOST_PAIRS = 13, 25  # phases of pairs, which are fewer: two samples each, below 2 % of a channel
@@ -175,7 +175,7 @@ def test_equal_disturbances_of_two_periods_are_not_denied() -> None:
     x = x / x.std(axis=0) + 1e-3 * np.random.default_rng(0).normal(size=x.shape)
     counts = []
     for periods, size in (((0, 1), 0.5), ((0,), 20.0), ((0, 1), 20.0)):
-        damaged, log = x.copy(), Log("log.csv", LOG.names, 1000.0)
+        damaged, log = x.copy(), LogReport("log.csv", LOG.names, 1000.0)
         damaged[300 + N * np.array(periods), 0] += size
         repair(damaged, ROLES, float(N), False, log, lambda drivers: None)
         counts.append((log.findings.repairs[MASKED], log.findings.repairs[OUTVOTED]))

@@ -12,17 +12,17 @@ from plants.refusals import refused
 from plants.waves import CLEAN, DRIFT, LOG, N, P, outcome, wave
 
 from elastid.base.arrays import FloatArray
-from elastid.logs.repair import Findings, Log
-from elastid.logs.repair.clock_drift import delay, resample_to_generator
+from elastid.logs.repair import Findings, LogReport
+from elastid.logs.repair.clock_drift import estimate_delay, resample_to_generator
 from elastid.logs.repair.time_stamps import (
     GAPS,
     JITTER,
     SET_BACK,
     describe_steps,
     even_grid,
+    resample_to_rate,
     sampling_times,
     stamp_line,
-    to_rate,
     without_jumps,
 )
 
@@ -37,8 +37,8 @@ def waves(t: FloatArray, highest_hz: float) -> FloatArray:
     return np.stack(sines, axis=1) + np.outer(t, [0.0, 2.0])
 
 
-def on_grid(t: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -> FloatArray:
-    return to_rate(*sampling_times(t, signals, log), rate_hz, log)
+def on_grid(t: FloatArray, signals: FloatArray, rate_hz: float, log: LogReport) -> FloatArray:
+    return resample_to_rate(*sampling_times(t, signals, log), rate_hz, log)
 
 
 def test_gaps_in_even_times_become_missing_samples() -> None:
@@ -190,10 +190,10 @@ def test_delay_between_logs_is_exact_to_hundredth_sample(tau: float, noise: floa
     rng = np.random.default_rng(1)
     a, b = wave(np.arange(P * N))[:, 0], wave(np.arange(P * N) - tau)[:, 0]
     a, b = (x + noise * rng.normal(size=x.shape) for x in (a, b))
-    lag, correlation = delay(a, b, N)
+    lag, correlation = estimate_delay(a, b, N)
     assert lag == pytest.approx(tau, abs=0.03 if noise else 1e-6)
     assert correlation > 0.9
-    assert delay(a, rng.normal(size=P * N), N)[1] < 0.5
+    assert estimate_delay(a, rng.normal(size=P * N), N)[1] < 0.5
 
 
 @pytest.mark.parametrize("drift", [0.0, 1.0])
