@@ -29,7 +29,7 @@ from elastid.logs.files.formats import is_text, open_log
 from elastid.logs.files.text_format import describe_format, guess_format
 from elastid.logs.files.universal import is_universal_file, time_histories
 from elastid.logs.headings import is_time
-from elastid.logs.log_signals import cell_error, read_varying_signals
+from elastid.logs.log_signals import cell_error, read_signals
 from elastid.logs.repair.periodicity import find_period, repetition
 from elastid.robot import Robot
 from elastid.study.robots import Servos
@@ -70,7 +70,7 @@ def texts_from_logs(
         return texts_from_universal(logs, folder)
     form = guess_format(first)
     with open_log(first, form) as log:
-        clock, signals, shapes = find_clock(log), read_varying_signals(log, MAX_SAMPLES), log.shapes()
+        clock, signals, shapes = find_clock(log), read_signals(log, MAX_SAMPLES), log.shapes()
         wrong = cell_error(log, [signal.name for signal, _ in signals], MAX_SAMPLES)
     if texts := texts_from_responses(logs, folder, robot):
         return texts
@@ -193,7 +193,7 @@ def _unlike(
     """Return the difference of a log from the first one in channels, rate or controller gains; empty without one."""
     form = guess_format(path)
     with open_log(path, form) as log:
-        rate_hz, signals = find_clock(log).rate_hz or math.nan, read_varying_signals(log, MAX_SAMPLES)
+        rate_hz, signals = find_clock(log).rate_hz or math.nan, read_signals(log, MAX_SAMPLES)
     if {g.key for pair in guess_commands(signals, rate_hz) for g in pair} != {g.key for pair in pairs for g in pair}:
         return f"its commands and positions are other channels than in {first}"
     if not abs(rate_hz / (clock.rate_hz or math.nan) - 1) < _SAME_RATE:

@@ -17,7 +17,7 @@ from elastid.base.errors import DataError, StudyError
 from elastid.base.value_range import format_values, value_range
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.clocks import is_clock
-from elastid.logs.files.formats import is_log, name_file_in_errors, open_log
+from elastid.logs.files.formats import is_log, naming_file, open_log
 from elastid.logs.files.log import StoredArray
 from elastid.logs.files.text import BLOCK_LINES, TextLog
 from elastid.logs.files.text_format import describe_format, guess_format
@@ -100,7 +100,7 @@ def describe_file(path: Path) -> str:
         raise StudyError("files/kind", "a folder, but no ROS bag; name a file in it", path)
     if path.is_file() and (not is_intact(path) or is_as_written(path) is False):
         raise DataError("files/damaged", "its content has changed since it was written; run its stage again", path)
-    with name_file_in_errors(path, "damaged, or no file that elastid reads; copy or export it again"):
+    with naming_file(path, "damaged, or no file that elastid reads; copy or export it again"):
         return "\n".join(_lines(path))
 
 

@@ -18,7 +18,7 @@ from elastid.logs.channel_guess import LogGuess
 from elastid.logs.channel_names import DRIVES, ChannelGuess, guess_by_name
 from elastid.logs.clocks import MAX_SAMPLES, find_clock
 from elastid.logs.files.formats import open_log
-from elastid.logs.log_signals import read_varying_signals
+from elastid.logs.log_signals import read_signals
 
 Signals: TypeAlias = list[tuple[ChannelGuess, FloatArray]]
 # Words before the numbers of hit points and of sensor locations; of others, the responses decide.
@@ -60,7 +60,7 @@ def in_two_files(logs: Sequence[Path], form: TextFormatSpec) -> tuple[list[tuple
     for (_, quantity), paths in kinds.items():
         with open_log(paths[0], form) as log:
             clock = find_clock(log)
-            signals = [(g, x) for g, x in read_varying_signals(log, MAX_SAMPLES) if g.name != clock.name]
+            signals = [(g, x) for g, x in read_signals(log, MAX_SAMPLES) if g.name != clock.name]
         by_file = quantity if is_alike else ""
         parts.append((paths, [(replace(g, quantity=by_file or g.quantity or quantity), x) for g, x in signals]))
     parts.sort(key=lambda part: not any(g.quantity in DRIVES for g, _ in part[1]))
@@ -124,7 +124,7 @@ def _points_by_response(logs: Sequence[Path], form: TextFormatSpec, guess: LogGu
     responses, points = list[ComplexArray](), list[str]()
     for path in logs:
         with open_log(path, form) as log:
-            signals = {g.key: x for g, x in read_varying_signals(log, MAX_SAMPLES)}
+            signals = {g.key: x for g, x in read_signals(log, MAX_SAMPLES)}
         if not signals.keys() >= set(keys):
             return [""] * len(logs)
         G = _response(signals[keys[0]], np.stack([signals[key] for key in keys[1:]], axis=1))

@@ -10,8 +10,7 @@ The covariance follows from the residual, for one input from the coherence,
           \sigma^2_H = |H|^2 \frac{1 - \gamma^2}{\gamma^2 (K_e - 1)}
 
 where K_e is the number of independent segments equivalent to K overlapping ones (Welch, IEEE Trans. Audio
-Electroacoust. 15, 1967).  This covariance is `noise`.  The window of a segment smooths the cross spectra over lines
-(leakage),
+Electroacoust. 15, 1967).  This covariance is `noise`.  The window of a segment smooths cross spectra (leakage),
 
 .. math:: E[S_{yu}(f)] = \int |W(f - \nu)|^2\, H(\nu)\, S_{uu}(\nu)\, d\nu, \qquad
           \beta_k = \sum_l \frac{|W_l|^2}{\sum_m |W_m|^2} H_{k+l} - H_k

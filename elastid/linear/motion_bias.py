@@ -31,7 +31,7 @@ from elastid.base.matrices import inverse
 from elastid.base.statistics import interpolate
 from elastid.linear.equilibrium import equilibrium, free_coordinates
 from elastid.linear.linear_model import LinearModel
-from elastid.linear.response.transfer import response_change_by_angles
+from elastid.linear.response.transfer import change_by_angles
 from elastid.model.elastic import ElasticModel
 from elastid.model.evaluation import evaluate_rows
 from elastid.model.loop_closure import RANK_TOLERANCE
@@ -72,9 +72,7 @@ def estimate_motion_bias(
         bias = _MotionBias.of(expansion, motion, measured, at, mean, max_lines)
         nodes = omega[np.unique(np.linspace(0, len(omega) - 1, max_lines).astype(np.int64))]
         changes = interpolate(omega, nodes, np.stack([bias.change(node) for node in nodes]))
-        return response_change_by_angles(
-            linear, theta, lines_hz, expansion.response_change(omega, changes)[:, :, inputs]
-        )
+        return change_by_angles(linear, theta, lines_hz, expansion.response_change(omega, changes)[:, :, inputs])
 
     if noise is not None:
         subset = np.unique(np.linspace(0, response.n_lines - 1, _MIN_LINES).astype(np.int64))

@@ -52,12 +52,8 @@ def doubts_by_names(channels: Sequence[ChannelSpec]) -> Iterator[ChannelDoubt]:
     families: dict[tuple[str, str, str], list[int]] = {}
     for i, (channel, guess) in enumerate(zip(channels, guesses, strict=True)):
         for earlier in channels[:i]:
-            is_same_signal = (channel.channel, channel.column, channel.file) == (
-                earlier.channel,
-                earlier.column,
-                earlier.file,
-            )
-            if is_same_signal and "t" not in (channel.role, earlier.role):
+            keys = [(c.channel, c.column, c.file) for c in (channel, earlier)]
+            if keys[0] == keys[1] and "t" not in (channel.role, earlier.role):
                 text = f"{channel.name_in_file} is the {earlier.quantity} at {earlier.at} (role {earlier.role}), and"
                 text += f" cannot be the {channel.quantity} at {channel.at} (role {channel.role}), too"
                 yield ChannelDoubt(i, "channel" if channel.channel else "column", text)
@@ -130,7 +126,7 @@ class JointSignals:
         """Return quantity and name of a motion."""
         return f"{self.channels[i].quantity} {self.channels[i].name_in_file}"
 
-    def correction_factors(self, i: int) -> list[tuple[float, str]]:
+    def factors(self, i: int) -> list[tuple[float, str]]:
         """Return factors by which the signal is too large for other units or sides, with the keys to give."""
         channel, unit = self.channels[i], QUANTITY_UNIT[self.channels[i].quantity]
         dimension = of_translation(unit) if self.joint.slides and channel.side == "link" else unit
@@ -175,9 +171,7 @@ def _travel_doubts(joint: JointSignals) -> Iterator[ChannelDoubt]:
         if not np.isfinite(limit):
             limit = np.inf if joint.joint.slides or abs(joint.ratio) < MAX_TURNS else 2 * np.pi * MAX_TURNS
         if extent > 1.2 * limit:
-            candidates = [
-                keys for factor, keys in joint.correction_factors(i) if factor > 1 and extent / factor < limit
-            ]
+            candidates = [keys for factor, keys in joint.factors(i) if factor > 1 and extent / factor < limit]
             text = f"joint {joint.joint.name} would move over {extent:.4g} {joint.joint.unit}; its range is {limit:.4g}"
             remedy = f"Set {' or '.join(candidates) or 'the unit of its sensor'}"
             yield ChannelDoubt(i, "side" if candidates == ["side: motor"] else "unit", f"{text}. {remedy}")
@@ -239,9 +233,7 @@ def _sensor_doubts(joint: JointSignals) -> Iterator[ChannelDoubt]:
         gain, std = inertias[0] / max(inertias[1], 1e-300), 0.0 if min(inertias) > 0 else np.inf
     is_other = abs(np.log(gain)) > MAX_LOG_LOSS if is_certain else gain < np.exp(-MAX_LOG_LOSS)
     if MIN_GAIN_OVER_STD * std < gain and is_other and joint.channels[joint.torque].quantity != "current":
-        for distance, keys in sorted(
-            [(abs(np.log(gain * factor)), keys) for factor, keys in joint.correction_factors(i)]
-        )[:1]:
+        for distance, keys in sorted([(abs(np.log(gain * factor)), keys) for factor, keys in joint.factors(i)])[:1]:
             text = f"the motor torque is {gain:.3g} times the sensor's ({names})"
             if distance < MAX_LOG_LOSS or not is_certain:
                 yield ChannelDoubt(i, keys.partition(":")[0], f"{text}; with {keys} they are consistent")
@@ -259,7 +251,7 @@ def _torque_relation(joint: JointSignals, i: int) -> TorqueRelation:
 def _gain_doubts(joint: JointSignals, a: int, b: int, gain: float, order: int) -> Iterator[ChannelDoubt]:
     """Yield `ChannelDoubt` of unit or side of two inconsistent motions, of the gear ratio, or of the rate."""
     text = f"{joint.describe(b)} is {gain:.4g} times the value computed from {joint.describe(a)}"
-    factors = [(x**sense, i, keys) for i, sense in ((b, 1), (a, -1)) for x, keys in joint.correction_factors(i)]
+    factors = [(x**sense, i, keys) for i, sense in ((b, 1), (a, -1)) for x, keys in joint.factors(i)]
     candidates = [(i, keys) for x, i, keys in factors if abs(np.log(gain / x)) <= MAX_LOG_FACTOR]
     for i, keys in sorted(candidates, key=lambda pair: not pair[1].startswith("side"))[:1]:
         yield ChannelDoubt(i, keys.partition(":")[0], f"{text}; with {keys} both are consistent")

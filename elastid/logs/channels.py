@@ -55,7 +55,7 @@ class GatheredChannels:
 
 
 @dataclass(frozen=True)
-class _ChannelGroup:
+class _Group:
     """Channels of one file with the same rate and clock: indices in the study's list, signals (n, c), and rows.
 
     first_s: the first time stamp, None where none was logged.
@@ -70,7 +70,7 @@ class _ChannelGroup:
 
 
 @dataclass(frozen=True)
-class _ExperimentLogs:
+class _LogSet:
     recorded: RecordedSpec
     file: FileSpec
     paths: tuple[Path, ...]
@@ -121,7 +121,7 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: P
     read, never change, or belong to logs without a common excitation, and for a period that is not found.
     """
     channels, rate_hz = recorded.channels, recorded.known_rate_hz
-    experiment = _ExperimentLogs(recorded, file, tuple(base / path for path in (file.path, *file.also)))
+    experiment = _LogSet(recorded, file, tuple(base / path for path in (file.path, *file.also)))
     members = experiment.members()
     keys = sorted(members, key=lambda key: (key[0], key[1] != rate_hz))
     has_clocks = len({time for number, _, time in keys if number == 1}) > 1
@@ -191,7 +191,7 @@ def period_samples_of_channel(period_s: float, rate_hz: float, recorded: Recorde
     return samples
 
 
-def _period_s(groups: Sequence[_ChannelGroup], experiment: _ExperimentLogs) -> float | None:
+def _period_s(groups: Sequence[_Group], experiment: _LogSet) -> float | None:
     """Return the period in s (samples if the rate is unknown), stated or detected in torques; None without one."""
     recorded, members = experiment.recorded, [i for group in groups if group.file == 1 for i in group.members]
     drivers = [members[j] for j in excitation_columns([recorded.channels[i] for i in members])]
@@ -204,7 +204,7 @@ def _period_s(groups: Sequence[_ChannelGroup], experiment: _ExperimentLogs) -> f
     return None if samples is None else samples / group.rate_hz
 
 
-def _read(experiment: _ExperimentLogs, key: _Key, members: Sequence[int], has_clocks: bool) -> FloatArray:
+def _read(experiment: _LogSet, key: _Key, members: Sequence[int], has_clocks: bool) -> FloatArray:
     """Return values (n, c) of channels, and in the last column their time if they have one.
 
     has_clocks: the range of samples is that of the common clock of the first file.
@@ -222,9 +222,7 @@ def _read(experiment: _ExperimentLogs, key: _Key, members: Sequence[int], has_cl
     return values
 
 
-def _resample_to_grids(
-    experiment: _ExperimentLogs, parts: Mapping[_Key, tuple[list[int], FloatArray]]
-) -> list[_ChannelGroup]:
+def _resample_to_grids(experiment: _LogSet, parts: Mapping[_Key, tuple[list[int], FloatArray]]) -> list[_Group]:
     """Bring signals to their rates. If a file has several clocks, cut all signals to the start of the last one."""
     groups, time_series, file = [], dict[_Key, tuple[FloatArray, FloatArray]](), experiment.file
     full_names = [channel.full_name for channel in experiment.recorded.channels]
@@ -251,7 +249,7 @@ def _resample_to_grids(
                 first_s += file.samples[0] / experiment.recorded.known_rate_hz
                 on_grid = on_grid[experiment.range_at(rate_hz, len(on_grid))]
         signals = without_placeholders(np.where(np.isfinite(on_grid), on_grid, np.nan))
-        groups.append(_ChannelGroup(number, rate_hz, tuple(members), signals, rows, first_s))
+        groups.append(_Group(number, rate_hz, tuple(members), signals, rows, first_s))
     return groups
 
 
@@ -265,9 +263,7 @@ def _stamps_s(t: FloatArray, name: str, rate_hz: float, log: LogReport) -> Float
     return t * stamp_size(t, rate_hz)[1]
 
 
-def _resample_group(
-    group: _ChannelGroup, rate_hz: float, period_s: float | None, experiment: _ExperimentLogs
-) -> _ChannelGroup:
+def _resample_group(group: _Group, rate_hz: float, period_s: float | None, experiment: _LogSet) -> _Group:
     if group.rate_hz == rate_hz:
         return group
     names = [experiment.recorded.channels[i].full_name for i in group.members]
@@ -284,9 +280,7 @@ def _resample_group(
     return replace(group, rate_hz=rate_hz, signals=signals, rows=None)
 
 
-def _align_files(
-    groups: Sequence[_ChannelGroup], period: float | None, experiment: _ExperimentLogs
-) -> list[_ChannelGroup]:
+def _align_files(groups: Sequence[_Group], period: float | None, experiment: _LogSet) -> list[_Group]:
     """Align all parts with the first file, which is cut to the latest start of all logs."""
     paths, channels = experiment.paths, experiment.recorded.channels
     base = [group for group in groups if group.file == 1]
@@ -303,15 +297,13 @@ def _align_files(
                 members[i] = replace(group, signals=resample_at(group.signals, times, period_at_rate))
             text = f"the clocks of {name} and {paths[0].name} differ by {1e6 * (ratio - 1):.1f} ppm: resampled to that"
             log.report("logs at one clock", 1, f"{text} of {paths[0].name}")
-        shift, evidence = _file_delay(
+        shift, clue = _file_delay(
             base[0], members[0], x_1, _complete_signals(members, N, channels), N, paths[number - 1]
         )
         shifts[number] = shift
         other_logs += members
         up_to = "" if N is None else " (up to whole periods)"
-        log.report(
-            "logs shifted", 1, f"{name} lags {paths[0].name} by {shift:.3f} samples{up_to}; aligned by {evidence}"
-        )
+        log.report("logs shifted", 1, f"{name} lags {paths[0].name} by {shift:.3f} samples{up_to}; aligned by {clue}")
     start = max([0, *(math.ceil(-shift) for shift in shifts.values())])
     result = [replace(group, signals=group.signals[start:]) for group in base]
     for group in other_logs:
@@ -354,9 +346,9 @@ def _stack_to_shortest(signals: Sequence[FloatArray]) -> FloatArray:
 
 
 def _file_delay(
-    first: _ChannelGroup, second: _ChannelGroup, x_1: Signals, x_2: Signals, N: int | None, path: Path
+    first: _Group, second: _Group, x_1: Signals, x_2: Signals, N: int | None, path: Path
 ) -> tuple[float, str]:
-    """Return samples by which a file lags the first one, and the evidence in words.
+    """Return samples by which a file lags the first one, and the clue in words.
 
     A signal in both files shows the lag. So do r and u, to whole samples, since the phase of the loop is part of it.
     Otherwise clock or rows do, unless torque and acceleration of the motors contradict them.
@@ -387,7 +379,7 @@ def _file_delay(
     return shift, f"{'row number' if second.first_s is None else 'time stamps'}, since no signal is in both"
 
 
-def _clock_shift(first: _ChannelGroup, second: _ChannelGroup, has_excitation: bool) -> float | None:
+def _clock_shift(first: _Group, second: _Group, has_excitation: bool) -> float | None:
     """Return the lag in samples of a log without excitation, by the clock that stamps both logs, or by their rows.
 
     None where their times do not overlap, or there are none and not as many samples, or where the first one has an
@@ -399,7 +391,7 @@ def _clock_shift(first: _ChannelGroup, second: _ChannelGroup, has_excitation: bo
     return shift if -len(first.signals) < shift < len(second.signals) else None
 
 
-def _complete_signals(groups: Sequence[_ChannelGroup], N: int | None, channels: Sequence[ChannelSpec]) -> Signals:
+def _complete_signals(groups: Sequence[_Group], N: int | None, channels: Sequence[ChannelSpec]) -> Signals:
     """Complete signals of at least a period, if there is one, by role, location and, for motions, quantity."""
     signals = {
         (channels[i].role, channels[i].at, channels[i].quantity if channels[i].is_motion else ""): column

@@ -20,7 +20,7 @@ from elastid.logs.clocks import MAX_SAMPLES, find_clock
 from elastid.logs.files.formats import open_log, read_channels
 from elastid.logs.files.log import Log
 from elastid.logs.files.text_format import guess_format
-from elastid.logs.log_signals import read_varying_signals
+from elastid.logs.log_signals import read_signals
 from elastid.logs.repair import LogReport, interpolate_linearly
 from elastid.logs.units_and_sides import link_side, on_one_side, to_joints
 from elastid.robot import Robot
@@ -71,7 +71,7 @@ def read_command_log(path: Path, joints: Sequence[str], rate_hz: float | None = 
     """
     form = guess_format(path)
     with open_log(path, form) as log:
-        clock, members = find_clock(log), read_varying_signals(log, MAX_SAMPLES, with_constant=True)
+        clock, members = find_clock(log), read_signals(log, MAX_SAMPLES, with_constant=True)
         kp, kd = (read_gains(log, name, len(joints)) for name in ("kp", "kd"))
     members = [(guess, x) for guess, x in members if guess.name != clock.name]
     with_unit = {g.key: g for pair in guess_commands(members, rate_hz or clock.rate_hz or 1.0) for g in pair}

@@ -31,9 +31,7 @@ _MAX_GRAVITY_ERROR = 0.1  # of an accelerometer, relative
 _MIN_COUNTS = 50  # minimum range of whole numbers that may be counts
 
 
-def read_varying_signals(
-    log: Log, max_samples: int, with_constant: bool = False
-) -> list[tuple[ChannelGuess, FloatArray]]:
+def read_signals(log: Log, max_samples: int, with_constant: bool = False) -> list[tuple[ChannelGuess, FloatArray]]:
     """Return varying signals (n,) of the most frequent length, matrices by column, each with the guess by its name.
 
     with_constant: include constant signals.
@@ -50,9 +48,8 @@ def read_varying_signals(
         for column in columns if frequent and max(shape) == frequent[0][0] else ():
             number = column if len(columns) > 1 else None
             try:
-                x = log.values([ChannelSpec("y", "any", name, number, quantity="position")], slice(0, max_samples))[
-                    :, 0
-                ]
+                spec = ChannelSpec("y", "any", name, number, quantity="position")
+                x = log.values([spec], slice(0, max_samples))[:, 0]
             except DataError:  # words
                 continue
             x = np.where(np.abs(x) < MAX_COMPUTABLE, x, np.nan)
@@ -61,9 +58,8 @@ def read_varying_signals(
             if guess.quantity == "position" and np.isfinite(x).any():
                 x = np.where(far_outside(x), np.nan, x)
             if np.isfinite(x).all() and len(x) > MIN_SAMPLES:  # a wrong cell is missing
-                x = without_lone_spikes(
-                    x[:, None], LogReport("", ("",)), [True] if guess.quantity == "position" else []
-                )[:, 0]
+                are_motions = [True] if guess.quantity == "position" else []
+                x = without_lone_spikes(x[:, None], LogReport("", ("",)), are_motions)[:, 0]
             is_measured = np.isnan(x).sum() < MAX_MISSING_FRACTION * len(x)
             if is_measured and (np.ptp(complete := interpolate_linearly(x)) > 0 or with_constant):
                 result.append((replace(_with_counts(guess, complete), name=name), complete))

@@ -25,7 +25,7 @@ from elastid.experiment.specs.channels import ChannelSpec, Places, input_units
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.logs.channels import GatheredChannels, gather_channels, report_unused_references
-from elastid.logs.files.formats import name_file_in_errors, size_in_pieces
+from elastid.logs.files.formats import naming_file, size_in_pieces
 from elastid.logs.repair import LogReport
 from elastid.logs.repair.clock_drift import MIN_DELAY_CORRELATION, estimate_delay
 from elastid.logs.repair.masks import STOPPED
@@ -77,9 +77,7 @@ class RecordedRig:
         files, records = self._files(experiment), []
         for file in files:
             path = self.base / file.path
-            with name_file_in_errors(
-                path, f"its values cannot be used as a log. Check them with `elastid inspect {path}`"
-            ):
+            with naming_file(path, f"its values cannot be used as a log. Check them with `elastid inspect {path}`"):
                 record = self._in_pieces(experiment, file) if len(files) == 1 else None
                 records.append(record or self._whole_record(experiment, file, len(files) > 1))
         return records[0] if len(records) == 1 else join_periods(records, [file.path for file in files])
@@ -124,16 +122,16 @@ class RecordedRig:
         if record is None:
             return None
         end = LogReport("", ())
-        report_lost_end(log.n - record.n_samples, log.n, record.repeat_samples, end)
+        report_cut(log.n - record.n_samples, log.n, record.repeat_samples, end)
         return replace(record, notes=(*record.notes, *end.findings.at(f"record {record.name}")))
 
-    def _whole_record(self, experiment: Experiment, file: FileSpec, is_one_of_several: bool = False) -> Record:
+    def _whole_record(self, experiment: Experiment, file: FileSpec, has_others: bool = False) -> Record:
         recorded = self._recorded
         gathered = gather_channels(recorded, file, self.base, self.robot)
         channels, location = gathered.channels, f"record {experiment.name}"
-        location += f", {file.path}" if is_one_of_several else ""
+        location += f", {file.path}" if has_others else ""
         roles, locations = _columns_of_roles(channels), [channel.at for channel in channels]
-        signals, N, rate_hz = repair_signals(gathered, recorded, is_one_of_several)
+        signals, N, rate_hz = repair_signals(gathered, recorded, has_others)
         log, repairs = gathered.log, gathered.log.findings.repairs
         report_unused_references(channels, log, roles["r"] or roles["u"])
         report_drives(channels, signals, N, log)
@@ -141,9 +139,7 @@ class RecordedRig:
             report_unstated_period(signals[:, roles["r"] or roles["u"]], log)
         elif N is not None and STOPPED not in repairs:
             n = len(gathered.signals)
-            report_lost_end(
-                int(n * N / (gathered.period or N)) - len(signals), n, N // 2 if recorded.half_wave else N, log
-            )
+            report_cut(int(n * N / (gathered.period or N)) - len(signals), n, N // 2 if recorded.half_wave else N, log)
         signals = without_step_images(signals, channels, roles, recorded, rate_hz, self.robot, log)
         signals, _ = on_one_side(channels, signals, to_joints(channels, self.robot))
         hold_lengths = hold_samples(recorded, channels, rate_hz)
@@ -185,7 +181,7 @@ def _columns_of_roles(channels: Sequence[ChannelSpec]) -> dict[str, list[int]]:
 
 
 def repair_signals(
-    gathered: GatheredChannels, recorded: RecordedSpec, is_one_of_several: bool = False
+    gathered: GatheredChannels, recorded: RecordedSpec, has_others: bool = False
 ) -> tuple[FloatArray, int | None, float]:
     """Return the repaired signals, the samples of their period (None without one), and their rate."""
     period, half_wave, log = gathered.period, recorded.half_wave, gathered.log
@@ -197,7 +193,7 @@ def repair_signals(
         signals = repair_without_period(gathered.signals, log)
         return before_channels(signals, gathered.rate_hz, errors), None, gathered.rate_hz
     N = grid_samples(period, half_wave)
-    check = partial(check_repeat, N=N, half_wave=half_wave, log=log, is_one_of_several=is_one_of_several)
+    check = partial(check_repeat, N=N, half_wave=half_wave, log=log, has_others=has_others)
     signals = repair(gathered.signals, _columns_of_roles(gathered.channels), period, half_wave, log, check)
     rate_hz = gathered.rate_hz if period == N else gathered.rate_hz * N / period
     return before_channels(signals, rate_hz, errors), N, rate_hz
@@ -263,7 +259,7 @@ def _read_rows(signal: FloatArray, first: int, last: int) -> FloatArray:
     return rows
 
 
-def report_lost_end(excess: int, n: int, repeat: int, log: LogReport) -> None:
+def report_cut(excess: int, n: int, repeat: int, log: LogReport) -> None:
     """Report the samples of a log of n that are lost after its last whole repetition, if there are any."""
     text = f"the last {excess} of {n} samples are discarded, as they are no whole period of {repeat} samples"
     if excess > 0:

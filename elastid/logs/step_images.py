@@ -31,7 +31,7 @@ from elastid.response import STEP_IMAGES, Response
 from elastid.robot import Robot
 
 _MIN_EXPLAINED = 0.25  # of the power of the torques, by the controller
-_MIN_RATE_FRACTION = 0.05  # of the rate: images are compared above, since they are small and friction dominates below
+_MIN_RATE = 0.05  # of the rate: images are compared above, since they are small and friction dominates below
 _LAG_STD_S, _GAIN_STD = 1.5e-4, 0.15  # of the torques' lag with the delay of the log, and relative, of the gains
 _REGULARISATION = 0.01  # of |C_ff F_r|^2: at half the rate images cancel it, and no torque shows its reference
 
@@ -60,11 +60,8 @@ def without_step_images(
         return signals
     U, R = np.fft.rfft(signals[:, u], axis=0), _without_jump(signals[:, roles["r"]])
     Q = _without_jump(signals[:, [positions[channels[i].at] for i in u]]) if has_positions else None
-    match = (
-        match_torques(drives, freq_hz, U, R, Q, _MIN_RATE_FRACTION * rate_hz if has_images else 0.0)
-        if is_referenced
-        else None
-    )
+    lowest_hz = _MIN_RATE * rate_hz if has_images else 0.0
+    match = match_torques(drives, freq_hz, U, R, Q, lowest_hz) if is_referenced else None
     if match is not None and Q is not None:
         report_controller(match, log)
     if not has_images:

@@ -16,17 +16,15 @@ _EDGE_SAMPLES = 2048  # extension at each end; the error of a delayed step is in
 
 def log_signal(signals: FloatArray, rate_hz: float, channels: Sequence[Sequence[Channel]]) -> FloatArray:
     """Return signals (n, c) as logged at rate_hz; channels: in series for each column, possibly none."""
-    return _pass_channels(signals, rate_hz, channels, 1)
+    return _apply(signals, rate_hz, channels, 1)
 
 
 def before_channels(signals: FloatArray, rate_hz: float, channels: Sequence[Sequence[Channel]]) -> FloatArray:
     """Return the true signals (n, c) of logged signals, the inverse of `log_signal`."""
-    return _pass_channels(signals, rate_hz, channels, -1)
+    return _apply(signals, rate_hz, channels, -1)
 
 
-def _pass_channels(
-    signals: FloatArray, rate_hz: float, channels: Sequence[Sequence[Channel]], power: int
-) -> FloatArray:
+def _apply(signals: FloatArray, rate_hz: float, channels: Sequence[Sequence[Channel]], power: int) -> FloatArray:
     if not any(channels):
         return signals
     return np.stack([_filter(x, rate_hz, chain, power) for x, chain in zip(signals.T, channels, strict=True)], axis=1)

@@ -233,9 +233,8 @@ class Friction:
 
         LuGre with constant sigma_1 is passive if f >= sigma_1 (F_s - F_c) / F_c, since |sigma_0 z| <= F_s gives
         sigma_1 v z' >= -sigma_1 v^2 (F_s - F_c) / F_c, and sigma_0 z v >= (sigma_0 z^2 / 2)'. With less f, a jump from
-        slow sliding to a high v supplies energy. LuGre with decreasing sigma_1 is passive if
-        v_d <= 4 sqrt(2 e) F_c / sigma_1, because sigma_0^2 |v| z^2 / g - sigma_0 sigma_1 |v| v z / g + sigma_1 v^2 >=
-        0.
+        slow sliding to a high v supplies energy. LuGre with decreasing sigma_1 is passive if v_d <= 4 sqrt(2 e) F_c /
+        sigma_1, because sigma_0^2 |v| z^2 / g - sigma_0 sigma_1 |v| v z / g + sigma_1 v^2 >= 0.
         """
         difference = 0.0 if self.directions is None else abs(self.directions.viscous)
         if difference > viscous:

@@ -16,7 +16,7 @@ from elastid.base.execution import Execution
 from elastid.experiment.specs.experiment import ToolSpec
 from elastid.experiment.specs.logs import RecordedSpec, ResponseFileSpec
 from elastid.frf.spec import EstimatorSpec
-from elastid.logs.files.formats import name_file_in_errors
+from elastid.logs.files.formats import naming_file
 from elastid.logs.responses.reading import link_side_response, read_table
 from elastid.nonlinear.compensate_friction import estimate_net_response, shaft_couplings, to_shafts
 from elastid.nonlinear.compensated_friction import CompensatedFriction, friction_rows
@@ -144,9 +144,7 @@ def imported_responses(study: Study, base: Path) -> Iterator[Response]:
             if not spec.channels:
                 text = "the inputs and outputs of this file are not stated. List them in experiment.responses.channels"
                 raise StudyError("study/invalid", text, path)
-            with name_file_in_errors(
-                path, f"its values are no frequency response; look at them with `elastid inspect {path}`"
-            ):
+            with naming_file(path, f"its values are no frequency response; look at them with `elastid inspect {path}`"):
                 table = read_table(path, spec, file.response)
                 response = link_side_response(table, spec, configuration, study.places, estimator.quantity)
         if estimator.band_hz is not None:

@@ -140,7 +140,7 @@ class FrfResiduals(WorkerConstant):
 
     def linearised(self, model: LinearModel) -> "FrfResiduals":
         """Return the residuals of the same data and weights with another linear model."""
-        return replace(self, columns=Columns(replace(self.kernel, model=model, images_at=model.theta_ref)))
+        return replace(self, columns=Columns(replace(self.kernel, model=model, aliases_at=model.theta_ref)))
 
     def residual(self, G: ComplexArray, mixing: ComplexArray | None) -> ComplexArray:
         """Return r (F, n_y, n_u) at a response G of the model; real and imaginary parts have unit variance each.

@@ -126,8 +126,7 @@ class LocalFit:
 class _Solution:
     """Weighted problem of the last iteration: regressors Q L, weighted Z and X = r^p Z, and a = A_1 ... A_d (f, d).
 
-    Z (f, rows, n_z), X (f, d, rows, n_z).  V, V_X: their residuals.  scale (f, n_z): of the outputs in the estimate of
-    A.
+    Z (f, rows, n_z), X (f, d, rows, n_z).  V, V_X: their residuals.  scale (f, n_z): of outputs, for A.
     """
 
     Q: ComplexArray

@@ -4,8 +4,7 @@ r"""Closed-loop responses of motions to references: sampled joint controllers ar
           P = H (G_m + aliases)
 
 G_y, G_m: outputs and motor angles by torques, with aliases of the hold H of the controllers, which make P the exact
-pulse response. C_fb, C_ff: diagonal feedback and feedforward. Derivatives have the same factors as the derivatives of
-G,
+pulse response. C_fb, C_ff: diagonal feedback and feedforward. Derivatives have the same factors as those of G,
 
 .. math:: dT = (dG_y - L\, dG_m)\, A, \qquad L = Y S C_{fb}, \qquad A = H S C_{ff}
 

@@ -136,9 +136,7 @@ def reference_aliases(model: LinearModel, theta: FloatArray, freq_hz: FloatArray
     return np.asarray(images * np.array(model.hold.sampled)[:, None])
 
 
-def response_change_by_angles(
-    model: LinearModel, theta: FloatArray, freq_hz: FloatArray, change: ComplexArray
-) -> ComplexArray:
+def change_by_angles(model: LinearModel, theta: FloatArray, freq_hz: FloatArray, change: ComplexArray) -> ComplexArray:
     """Return dG by a change (F, n_y, n_u) of the angles per torque; with loops (F, n_y + n_m, n_m), motors last."""
     s = laplace_variable(freq_hz)
     of_outputs, of_inputs = model.channel_factors(theta, s)

@@ -81,9 +81,7 @@ FORMATS = (
     ),
     Format("HDF5", is_hdf5, binary_formats.open_hdf5, "copy it or export it again"),
     Format("MATLAB", is_matlab, guard_reads(binary_formats.open_matlab), "copy it or save it again with -v7"),
-    Format(
-        "universal", universal.is_universal_file, guard_reads(universal.open_universal), "copy it or export it again"
-    ),
+    Format("universal", universal.is_universal_file, guard_reads(universal.open_uff), "copy it or export it again"),
     Format("text", lambda path, head: True, text.open_text, "copy it or export it again"),
 )
 
@@ -178,6 +176,6 @@ def _refuse_errors(message: Callable[[Exception], str]) -> Iterator[None]:
         raise DataError("files/damaged", message(error)) from error
 
 
-def name_file_in_errors(path: Path, advice: str) -> AbstractContextManager[None]:
+def naming_file(path: Path, advice: str) -> AbstractContextManager[None]:
     """Raise DataError with the file and the next step instead of any exception that is no message for the user yet."""
     return _refuse_errors(lambda e: f"{path}: {advice} ({type(e).__name__}{f': {e}' if str(e) else ''})")

@@ -141,7 +141,7 @@ class ArrayLog:
         if len(set(lengths)) > 1:
             table = ", ".join(f"{c.name_in_file} {n}" for c, n in zip(channels, lengths, strict=True))
             advice = "Choose channels of one recording, or state rate_hz of those at another rate"
-            raise self._channel_error(f"the channels have different lengths: {table} samples. {advice}")
+            raise self._error(f"the channels have different lengths: {table} samples. {advice}")
         return np.stack(signals).T  # each signal in one piece, as all that follows takes them
 
     def time_of(self, channel: ChannelSpec) -> str:
@@ -158,7 +158,7 @@ class ArrayLog:
             raise DataError("records/channels", missing_channel_text(self.path, channel, shapes))
         if name not in shapes:
             kind = f"not a signal but {self.arrays[name].dtype} of shape {self.arrays[name].shape}"
-            raise self._channel_error(f"channel {name} is {kind}; there are {', '.join(shapes) or 'none'}")
+            raise self._error(f"channel {name} is {kind}; there are {', '.join(shapes) or 'none'}")
         return name, self.arrays[name]
 
     def _signal(self, channel: ChannelSpec, span: slice, cache: dict[str, FloatArray]) -> FloatArray:
@@ -175,7 +175,7 @@ class ArrayLog:
             return self._column(channel, name, values.reshape(len(values), -1))
         if values.ndim > 2:
             problem = f"channel {name} has {values.ndim} axes {values.shape}; at most 2 are allowed"
-            raise self._channel_error(f"{problem}. Choose another variable")
+            raise self._error(f"{problem}. Choose another variable")
         # Samples outnumber signals: a matrix with its samples along a row is transposed.
         matrix = np.atleast_2d(values).T if values.ndim == 1 or values.shape[0] < values.shape[1] else values
         return self._column(channel, name, matrix)[span]
@@ -183,18 +183,16 @@ class ArrayLog:
     def _column(self, channel: ChannelSpec, name: str, matrix: FloatArray) -> FloatArray:
         n, columns = matrix.shape
         if 0 in matrix.shape:
-            raise self._channel_error(f"channel {name} contains no samples. Measure again")
+            raise self._error(f"channel {name} contains no samples. Measure again")
         if channel.column is None and columns > 1:
             text = f"channel {name} contains {columns} signals of {n} samples"
-            raise self._channel_error(f"{text}. Give column: 1 to {columns}")
+            raise self._error(f"{text}. Give column: 1 to {columns}")
         column = channel.column or 1
         if column > columns:
-            raise self._channel_error(
-                f"channel {name} has {columns} columns, counted from 1, not {column}. Correct column"
-            )
+            raise self._error(f"channel {name} has {columns} columns, counted from 1, not {column}. Correct column")
         return matrix[:, column - 1]
 
-    def _channel_error(self, text: str) -> DataError:
+    def _error(self, text: str) -> DataError:
         return DataError("records/channels", text, self.path)
 
 

@@ -84,7 +84,7 @@ def time_histories(path: Path) -> dict[str, dict[str, Any]]:
 
 
 @contextmanager
-def open_universal(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+def open_uff(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
     """Return time histories as a log, with rate and unit; raise DataError without any."""
     histories = time_histories(path)
     if not histories:

@@ -143,22 +143,16 @@ def without_standstill(signals: FloatArray, L: int, log: LogReport) -> FloatArra
         gaps = [(a, b) for a, b in runs(np.asarray(x == 0)) if a > 0 and b < len(x)]
         min_leap = LEAP * float(np.nanquantile(np.abs(np.diff(x)), 0.99)) if gaps else 0.0
         gaps = [(a, b) for a, b in gaps if min(abs(x[a - 1]), abs(x[b])) > min_leap]  # of many zeros few are leapt to
-        gaps = [
-            (a, b)
-            for a, b in gaps
-            if min((np.abs(o).min() for o in _other_repetitions(x, a, b, L)), default=0) > min_leap
-        ]
+        gaps = [(a, b) for a, b in gaps if min((np.abs(o).min() for o in _repeats(x, a, b, L)), default=0) > min_leap]
         stops = runs(is_constant[:, c] & ~alike, MIN_RUN - 1).tolist()
         moving = max(MIN_RANGE * float(np.nanstd(x)), MIN_STEPS * step(x)) if stops else 0.0
         # The first value may be a measured one.
-        gaps += [
-            (a + 1, b + 1) for a, b in stops if min(map(np.ptp, _other_repetitions(x, a, b + 1, L)), default=0) > moving
-        ]
+        gaps += [(a + 1, b + 1) for a, b in stops if min(map(np.ptp, _repeats(x, a, b + 1, L)), default=0) > moving]
         _mask_constant(result, c, gaps, "periods", log)
     return result
 
 
-def _other_repetitions(x: FloatArray, start: int, end: int, L: int) -> list[FloatArray]:
+def _repeats(x: FloatArray, start: int, end: int, L: int) -> list[FloatArray]:
     return [x[a : a + end - start] for a in range(start % L, len(x) - end + start + 1, L) if a != start]
 
 

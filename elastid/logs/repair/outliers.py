@@ -259,7 +259,9 @@ def _spikes(
     beside = maximum_filter(d, MEDIAN_WINDOW) / MIN_RATIO
     short = [(a, b) for a, b in runs(d > np.maximum(threshold, beside)).tolist() if b - a <= max_run]
     is_spike = np.zeros(len(e), dtype=np.bool_)
-    straight, scale = np.copy(e), _min_spike_distance(d)
+    sections = d[: len(d) // SECTIONS * SECTIONS].reshape(SECTIONS, -1)
+    usual_distance = float(np.median(np.quantile(sections, USUAL_FRACTION, axis=1)))
+    straight = np.copy(e)
     for first, end in short:
         straight[first:end] = np.nan
     straight = interpolate_linearly(straight)
@@ -270,7 +272,7 @@ def _spikes(
         sides = np.r_[max(0, first - 2 * n) : first - 1, end + 1 : min(len(e), end + 1 + 2 * n)]
         around = np.quantile(d[sides], quantile)
         distance, scatter = _parabola_distance(e, straight, first, end, quantile)
-        is_lone = d[first:end].max() > max(MIN_RATIO * around, scale)
+        is_lone = d[first:end].max() > max(MIN_RATIO * around, MIN_OVER_USUAL * usual_distance)
         if is_lone and distance > max(threshold[first], MIN_RATIO * scatter):
             is_spike[first:end] = True
     return is_spike & is_tested
@@ -290,12 +292,6 @@ def _lost_messages(x: FloatArray, q: float) -> tuple[BoolArray, BoolArray]:
             if by_chance < MAX_BY_CHANCE or is_equal.sum() > MIN_OVER_CHANCE * (by_chance + 2):
                 repeats |= is_equal
     return repeats, is_rare
-
-
-def _min_spike_distance(d: FloatArray) -> float:
-    """Compute the least distance of a spike from typical distances (n,) in sections of a log."""
-    sections = d[: len(d) // SECTIONS * SECTIONS].reshape(SECTIONS, -1)
-    return MIN_OVER_USUAL * float(np.median(np.quantile(sections, USUAL_FRACTION, axis=1)))
 
 
 def _parabola_distance(e: FloatArray, beside: FloatArray, first: int, end: int, quantile: float) -> tuple[float, float]:

@@ -70,9 +70,7 @@ def repetition(signals: FloatArray, lag: int, sign: int = 1) -> Repetition:
     ones.  Means and ramps of each lag are removed first: a position that drifts still repeats.
     """
     results = [_repetition(x, lag, sign) for x in signals.T if _varies(x)]
-    return max(
-        results, key=lambda result: (result.matches_stated_period, result.best_correlation), default=_NO_REPETITION
-    )
+    return max(results, key=lambda r: (r.matches_stated_period, r.best_correlation), default=_NO_REPETITION)
 
 
 def find_period(signals: FloatArray) -> Repetition:
@@ -272,16 +270,14 @@ def round_samples(samples: float) -> float:
     return float(N) if abs(samples - N) <= 1e-6 * samples else samples
 
 
-def check_repeat(
-    excitation: FloatArray, N: int, half_wave: bool, log: LogReport, is_one_of_several: bool = False
-) -> None:
+def check_repeat(excitation: FloatArray, N: int, half_wave: bool, log: LogReport, has_others: bool = False) -> None:
     """Raise DataError where the excitation (n, n_u), NaN where missing, does not repeat as stated, or not often enough.
 
-    is_one_of_several: another log shows if one period repeats.
+    has_others: another log shows if one period repeats.
     """
     n = len(excitation)
     repeat, sign = (N // 2, -1) if half_wave else (N, 1)
-    if is_one_of_several and N <= n < MIN_PERIODS * repeat:
+    if has_others and N <= n < MIN_PERIODS * repeat:
         return
     if n < MIN_PERIODS * repeat:
         minimum = "one is" if half_wave else "two are"

@@ -37,7 +37,7 @@ MIN_GAP = 1.9
 MIN_RATE_FRACTION = 0.75
 # Residuals at the stamps over residuals on an even grid, below which the samples were taken at the stamps; knots per
 # sample of this test: with fewer, the error of the band limit exceeds the effect of the jitter.
-MAX_ROUGHNESS_RATIO, TEST_KNOT_FRACTION = 0.8, 0.9
+MAX_ROUGHNESS, TEST_FRACTION = 0.8, 0.9
 # Samples at rate_hz over those of the log, or the inverse: beyond, stamps are not in s, or jump.
 MAX_RATE_RATIO = 20.0
 # Smallest mean resultant length of the phases of uniform stamps (1: no jitter); stamps for the first period estimate.
@@ -268,14 +268,10 @@ def without_jumps(t: FloatArray, gap: int = 1) -> tuple[FloatArray, IntArray]:
 def _is_smoother_on(line: StampLine, time_s: FloatArray, signals: FloatArray) -> bool:
     """Return False if signals (n, c) are clearly smoother at their stamps (n,), because their sampling was uneven."""
     some = slice(0, _KNOTS // 4)  # each channel takes seconds
-    rows_s, knot_hz = line.times_s[some], TEST_KNOT_FRACTION * line.rate_hz
-    at_stamps, on_rows = (
-        _fit_band_limited(t - t[0], signals[some], np.zeros(1), knot_hz)[1] for t in (time_s[some], rows_s)
-    )
+    rows_s, knot_hz = line.times_s[some], TEST_FRACTION * line.rate_hz
+    at_stamps, on_rows = (_fit_knots(t - t[0], signals[some], np.zeros(1), knot_hz)[1] for t in (time_s[some], rows_s))
     # Mean over all channels: a torque with power above the band is equally rough at both.
-    return bool(
-        np.exp(np.mean(np.log(np.maximum(at_stamps, 1e-12) / np.maximum(on_rows, 1e-12)))) > MAX_ROUGHNESS_RATIO
-    )
+    return bool(np.exp(np.mean(np.log(np.maximum(at_stamps, 1e-12) / np.maximum(on_rows, 1e-12)))) > MAX_ROUGHNESS)
 
 
 def _report_gaps(count: int, gaps: IntArray, log: LogReport) -> None:
@@ -313,7 +309,7 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
     knot_hz = 1 / float(np.convolve(knot_steps, np.full(row, 1 / row), mode="valid").max())
     _check_band(knot_hz, rate_hz, time_s, log)
     grid_s = np.arange(int(time_s[-1] * rate_hz + 1e-6) + 1) / rate_hz
-    result, ratio = _fit_band_limited(time_s, signals, grid_s, min(knot_hz, rate_hz))
+    result, ratio = _fit_knots(time_s, signals, grid_s, min(knot_hz, rate_hz))
     in_gaps = np.isin(np.searchsorted(time_s, grid_s, side="right") - 1, gaps)
     result[in_gaps] = np.nan
     error = f". Residual/signal rms = {ratio.max(initial=0.0):.2g} (noise, or higher frequencies)"
@@ -322,7 +318,7 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
     return result
 
 
-def _fit_band_limited(
+def _fit_knots(
     time_s: FloatArray, signals: FloatArray, grid_s: FloatArray, knot_hz: float
 ) -> tuple[FloatArray, FloatArray]:
     """Interpolate signals (m, c) at grid_s; return the ratio (c,) of rms residual to rms signal with them, 0 without.

@@ -116,7 +116,7 @@ def link_side_response(
 
 
 def _is_spike(size: FloatArray) -> BoolArray:
-    """Flag lines of magnitudes (F, ...) far above both neighbours, where these are few: no resonance that the lines resolve."""
+    """Flag lines of magnitudes (F, ...) far above both neighbours, if these are few: no resonance in them."""
     result = np.zeros(size.shape, dtype=np.bool_)
     if len(size) > 2:
         result[1:-1] = size[1:-1] > MIN_SPIKE_RATIO * np.maximum(size[:-2], size[2:])

@@ -11,7 +11,7 @@ from plants.refusals import refused
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.files.formats import contents, read_channels
-from elastid.logs.files.text import opened
+from elastid.logs.files.text import open_text
 from elastid.logs.files.text_format import guess_format
 
 
@@ -63,7 +63,7 @@ def test_text_in_number_column_is_refused_with_row(tmp_path: Path, log: Signals)
                 with refused("records/text", holds=("log.csv, row 102", place)):
                     measured(tmp_path, study_of("log.csv"))
                 continue
-            with opened(tmp_path / "log.csv", TextFormatSpec()) as few:
+            with open_text(tmp_path / "log.csv", TextFormatSpec()) as few:
                 values = few.columns(range(4))
             assert np.argwhere(~np.isfinite(values).all(axis=1)).ravel().tolist() == [100]
 
@@ -121,7 +121,7 @@ def test_units_are_read_below_the_headings(units: str, tmp_path: Path) -> None:
     """As loggers write them; a unit that is none of the table stays as it is, to be asked for."""
     path = tmp_path / "a.csv"
     path.write_text(f"bench 4;;\nZeit;Moment;Winkel\n{units}\n" + "0;1,5;2,5\n1;2,5;3,5\n", encoding="cp1252")
-    with opened(path, TextFormatSpec(";", ",")) as log:
+    with open_text(path, TextFormatSpec(";", ",")) as log:
         assert log.headings == ("Zeit", "Moment", "Winkel")
         assert log.units[1] in ("Nm", "N*m")
         assert log.units[0] == units.split(";")[0].strip("[]")
@@ -141,7 +141,7 @@ def test_separators_of_thousands_are_no_decimals(
 ) -> None:
     path = tmp_path / "a.csv"
     path.write_text("\n".join([cells] * 3) + "\n", encoding="utf-8")
-    with opened(path, TextFormatSpec(delimiter, decimal)) as log:
+    with open_text(path, TextFormatSpec(delimiter, decimal)) as log:
         names = [ChannelSpec("y", "any", column=i + 1, quantity="position") for i in range(len(values))]
         assert log.values(names, slice(None))[0].tolist() == list(values)
 
@@ -157,6 +157,6 @@ def test_properties_above_data_are_skipped_and_scope_times_named(tmp_path: Path)
     path = tmp_path / "scope.csv"
     path.write_text("\n".join(rows) + "\n")
     form = guess_format(path)
-    with opened(path, form) as log:
+    with open_text(path, form) as log:
         assert log.headings == ("time 1 [ms]", "ActTorque", "time 3 [ms]", "ActPos")
         np.testing.assert_array_equal(log.columns([0, 3]), [[2 * i, -i] for i in range(30)])

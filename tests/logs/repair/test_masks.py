@@ -173,9 +173,7 @@ def test_incomplete_period_is_discarded_or_refused() -> None:
     with refused("records/missing-samples", holds=("log.csv: angle", "18 of 3000", "sample 40")):
         fill_gaps(everywhere, N, 1, LOG)
     with refused("records/missing-samples", holds=("angle", "1500 of 3000")):
-        fill_gaps(
-            np.where(np.arange(P * N)[:, None] < 1500, np.nan, CLEAN), N, 1, LogReport("log.csv", ("angle", "torque"))
-        )
+        fill_gaps(np.where(np.arange(P * N)[:, None] < 1500, np.nan, CLEAN), N, 1, LogReport("", ("angle", "torque")))
     two = CLEAN[: 2 * N].copy()
     two[100:200] = np.nan
     with refused("records/missing-samples", place="log.csv", holds="1 of 2"):
