@@ -42,7 +42,7 @@ PERTURBATION, DELAY_STEP_S = 1e-3, 2e-4
 # Iterations and step factor of the short searches; iterations of the search, least decrease of the mean cost, and least
 # eigenvalue of an identifiable direction, whose sum over all directions is their number.
 START_ITERATIONS, START_COARSENESS, MAX_ITERATIONS, TOLERANCE, MIN_CURVATURE = 8, 4, 30, 1e-5, 1e-12
-DAMPINGS = np.append(0.0, 10.0 ** np.arange(-4, 4))
+DAMPINGS = np.append(0.0, 10.0 ** np.arange(-3, 4, 2))
 # Effects near zero velocity and their parameters.  Start values of SOFT: stick time, s, and creep; of BRISTLES: s F_c
 # over the rms speed, s, and damping time, s; of STRIBECK: F_s / F_c - 1, and nu_s over the rms speed.
 # Each row is a sequence of effects to be tried.
@@ -203,11 +203,18 @@ def fit_commanded(
     """
     problem = _Problem.of(logs)
     if start is None:
-        problem, theta, delay_s = _initial_estimate(problem)
+        problem, theta, delay_s, _ = _select_effects(*_initial_estimate(problem))
     else:
         theta, delay_s = _parameters(start, problem.joints)
         kinds = [sum((row for row in EFFECTS if {*row} & {*start[joint].names}), ()) for joint in problem.joints]
         problem = replace(problem, effects=tuple(kinds))
+    return _select_effects(replace(problem, coarseness=1), theta, delay_s)[-1]
+
+
+def _select_effects(
+    problem: _Problem, theta: FloatArray, delay_s: float
+) -> tuple[_Problem, FloatArray, float, dict[str, CommandedJoint]]:
+    """Minimise the cost, and omit insignificant effects. Return problem, theta (m, 12), delay, s, and estimates."""
     while True:
         theta, delay_s = _minimise(problem, theta, delay_s, MAX_ITERATIONS)
         problem = problem.with_steps(theta)
@@ -217,7 +224,7 @@ def fit_commanded(
             for joint, names in zip(problem.joints, problem.effects, strict=True)
         )
         if effects == problem.effects:
-            return fits
+            return problem, theta, delay_s, fits
         problem = replace(problem, effects=effects)
         theta[~problem.is_free] = 0.0
 
@@ -373,7 +380,7 @@ def _initial_estimate(problem: _Problem) -> tuple[_Problem, FloatArray, float]:
     choices = costs.argmin(axis=0)
     effects = tuple(variants[k].effects[i] for i, k in enumerate(choices))
     theta = np.array([candidates[k][i] for i, k in enumerate(choices)])
-    return replace(problem, effects=effects, coarseness=1), theta, delays[costs.sum(axis=1).argmin()]
+    return replace(problem, effects=effects), theta, delays[costs.sum(axis=1).argmin()]
 
 
 def _add_effect(
