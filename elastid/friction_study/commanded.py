@@ -79,6 +79,8 @@ class CommandedJoint(Estimate):
     @property
     def misfit(self) -> str:
         """Reason why positions or parameters contradict the model; empty without a contradiction."""
+        if not self.position_std:
+            return "the position is constant. Omit the joint, or record a motion"
         if self.relative_error > MAX_RELATIVE_ERROR:
             return (
                 f"positions simulated from the commands have an error of {self.relative_error:.0%} of their std; "

@@ -42,7 +42,7 @@ PERTURBATION, DELAY_STEP_S = 1e-3, 2e-4
 # Iterations and step factor of the short searches; iterations of the search, least decrease of the mean cost, and least
 # eigenvalue of an identifiable direction, whose sum over all directions is their number.
 START_ITERATIONS, START_COARSENESS, MAX_ITERATIONS, TOLERANCE, MIN_CURVATURE = 8, 4, 30, 1e-5, 1e-12
-DAMPINGS = np.append(0.0, 10.0 ** np.arange(-3, 4, 2))
+DAMPINGS = np.append(0.0, 10.0 ** np.arange(-4, 4))
 # Effects near zero velocity and their parameters.  Start values of SOFT: stick time, s, and creep; of BRISTLES: s F_c
 # over the rms speed, s, and damping time, s; of STRIBECK: F_s / F_c - 1, and nu_s over the rms speed.
 # Each row is a sequence of effects to be tried.
@@ -135,9 +135,10 @@ class _Problem:
 
     @property
     def speed(self) -> FloatArray:
-        """Root mean square of the velocity of each joint (m,)."""
+        """Root mean square of the velocity of each joint (m,), at least 1e-9 rad/s for joints at rest."""
         squares = np.concatenate([np.sum(np.diff(q, axis=0) ** 2, axis=0) for q in self.measured])
-        return np.sqrt(np.bincount(self.index, squares) / self.counts) * self.commanded.rate_hz / self.window
+        rms = np.sqrt(np.bincount(self.index, squares) / self.counts)
+        return np.maximum(rms * self.commanded.rate_hz / self.window, 1e-9)
 
     @cached_property
     def measured(self) -> list[FloatArray]:
@@ -156,9 +157,9 @@ class _Problem:
 
     @cached_property
     def upper_bounds(self) -> FloatArray:
-        """Upper bounds (m, 12): UPPER_BOUNDS, and the largest torque of friction, beyond which a joint never slides."""
+        """Upper bounds (m, 12): UPPER_BOUNDS; friction is at most the largest torque, beyond which no joint slides."""
         torque, bounds = np.zeros(len(self.joints)), [UPPER_BOUNDS.get(name, np.inf) for name in PARAMETERS]
-        peaks = [np.abs(log.command - log.kp * log.position).max(axis=0) for log in self.logs]
+        peaks = [(np.abs(log.command - log.kp * log.position) + np.abs(log.load)).max(axis=0) for log in self.logs]
         np.maximum.at(torque, self.index, np.concatenate(peaks))
         is_torque = np.isin(PARAMETERS, ("coulomb", "excess_stiction"))
         return np.where(is_torque, torque[:, None], np.array(bounds))
@@ -293,7 +294,7 @@ def _costs(problem: _Problem, candidates: FloatArray, delays: FloatArray) -> Flo
 def _mean_squares(problem: _Problem, errors: Sequence[FloatArray]) -> FloatArray:
     with np.errstate(over="ignore"):  # a candidate may diverge
         squares = np.concatenate([np.sum(error**2, axis=0) for error in errors])
-    return np.maximum(np.bincount(problem.index, squares) / problem.counts, 1e-300)
+    return np.maximum(np.bincount(problem.index, squares) / problem.counts, 1e-20)  # joints at rest have no errors
 
 
 @dataclass(frozen=True)
@@ -331,7 +332,7 @@ class _Linearisation:
 
 def _eigensystem(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return eigenvalues of a normal matrix with a unit diagonal, and eigenvectors in the units of parameters."""
-    size = np.sqrt(np.maximum(np.diag(normal), 1e-200))
+    size = np.sqrt(np.where(np.diag(normal) > 1e-200, np.diag(normal), 1.0))  # 1: no step if nothing is sensitive
     eigenvalues, vectors = np.linalg.eigh(normal / np.outer(size, size))
     return eigenvalues, vectors / size[:, None]
 

@@ -218,6 +218,17 @@ def test_commands_in_degrees_are_a_misfit(tmp_path: Path) -> None:
     assert alone(positions(one_joint, r, 0.005), np.degrees(r), tmp_path).status == "misfit"
 
 
+def test_a_joint_at_rest_changes_no_other_estimate(tmp_path: Path) -> None:
+    """Its positions are exactly constant, as in a simulator, and show no parameter."""
+    r = references(600, 1, 0.35, 4.0)
+    q = positions(one_joint, r, 0.005, steps=10) + np.random.default_rng(3).normal(0, 1e-4, r.shape)
+    body = ONE_ROBOT[ONE_ROBOT.index("  - name") :].replace("arm", "rest").replace("name: 1", "name: 2")
+    records = log(np.hstack([q, 0 * q]), np.hstack([r, 0 * r]), np.array(GAINS)[[0, 0]])
+    fits = commanded(found(robot_of(ONE_ROBOT + body, tmp_path), records))
+    assert_recovered(fits["1"], 0, 0.005)
+    assert (bool(fits["1"].misfit), bool(fits["2"].misfit)) == (False, True)
+
+
 def test_friction_of_a_joint_without_friction_is_zero(tmp_path: Path) -> None:
     """Coulomb friction at its bound 0 is no reason against a friction model; positions of a linear system by SciPy."""
     (kp, kd), J, f, r = GAINS[0], TRUE["inertia"][0], TRUE["viscous"][0], references(600, 1, 0.35, 4.0)
