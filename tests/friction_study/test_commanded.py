@@ -56,6 +56,11 @@ def log(
     )  # fmt: skip
 
 
+def noisy(q: FloatArray, std: float) -> FloatArray:
+    """Positions with white noise."""
+    return np.asarray(q + np.random.default_rng(3).normal(0, std, q.shape))
+
+
 def found(robot: Robot, *logs: tuple[FrictionRecord, ...]) -> FrictionResult:
     """The result of a study of all joints."""
     measured = FrictionRecords(tuple(record for records in logs for record in records))
@@ -87,7 +92,7 @@ def assert_recovered(fit: CommandedJoint, i: int, delay_s: float) -> None:
 def test_one_joint_is_recovered_at_every_delay(delay_s: float, tmp_path: Path) -> None:
     """A regression on k_p (r - q) - k_d q' is off by +55 % in J and +171 % in f at 10 ms."""
     r = references(600, 1, 0.35, 4.0)
-    q = positions(one_joint, r, delay_s, steps=10) + np.random.default_rng(3).normal(0, 1e-4, r.shape)
+    q = noisy(positions(one_joint, r, delay_s, steps=10), 1e-4)
     result = alone(q, r, tmp_path)
     assert result.status == "identified"
     assert_recovered(commanded(result)["1"], 0, delay_s)
@@ -108,7 +113,7 @@ def test_friction_as_a_soft_constraint_is_recovered(in_steps: bool, tmp_path: Pa
     """A joint creeps while it sticks: under a chirp, and under steps, between which it mostly sticks."""
     r = references(1200, 1, 0.35, 4.0)
     r = 0.2 * np.array([0, 1, -0.6, 0.4, -1]).repeat(240)[:, None] if in_steps else r
-    q = positions(one_joint, r, 0.005, steps=10, soft=(0.02, 0.1)) + np.random.default_rng(3).normal(0, 1e-5, r.shape)
+    q = noisy(positions(one_joint, r, 0.005, steps=10, soft=(0.02, 0.1)), 1e-5)
     result = alone(q, r, tmp_path)
     fit = commanded(result)["1"]
     assert result.status == "identified"
@@ -122,7 +127,7 @@ def test_friction_as_a_soft_constraint_is_recovered(in_steps: bool, tmp_path: Pa
 def test_bristles_are_recovered(damping_s: float, tmp_path: Path) -> None:
     """With a model that sticks exactly, J is 36 % and f 109 % too high without damping of the bristles."""
     r, compliance = references(1200, 1, 0.35, 2.0), 0.01
-    q = positions_with_bristles(r, compliance, damping_s) + np.random.default_rng(3).normal(0, 1e-5, r.shape)
+    q = noisy(positions_with_bristles(r, compliance, damping_s), 1e-5)
     fit = commanded(alone(q, r, tmp_path))["1"]
     assert_recovered(fit, 0, 0.0)
     assert fit["bristle_compliance"] == pytest.approx(compliance, rel=0.02)
@@ -136,8 +141,8 @@ def test_stiction_is_recovered_from_commands(tmp_path: Path) -> None:
     s = np.clip(t % 1 / 0.6, 0, 1)
     corners = 0.3 * np.array([0, 1, -0.6, 0.4, -1, 0.2, 0])
     r = (corners[t.astype(int)] + np.diff(corners)[t.astype(int)] * s**2 * (3 - 2 * s))[:, None]
-    q = positions_with_bristles(r, 1e-3, 0.003, 0.3, 0.05) + np.random.default_rng(3).normal(0, 1e-5, r.shape)
-    fit = commanded(found(robot_of(ONE_ROBOT, tmp_path), log(q, r, np.array(GAINS[:1]))))["1"]
+    q = noisy(positions_with_bristles(r, 1e-3, 0.003, 0.3, 0.05), 1e-5)
+    fit = commanded(alone(q, r, tmp_path))["1"]
     assert_recovered(fit, 0, 0.0)
     assert (fit["stiction"], fit["stribeck_velocity"]) == pytest.approx((0.3, 0.05), rel=0.05)
     law, _ = fit.to_friction()
@@ -147,7 +152,7 @@ def test_stiction_is_recovered_from_commands(tmp_path: Path) -> None:
 def test_a_joint_that_never_reverses_shows_the_sum_of_friction_and_offset(tmp_path: Path) -> None:
     """Neither is identifiable alone: the solution of least norm gives F_c / 2 to each, with too small intervals."""
     r = references(600, 1, 0.02, 2.0) + np.arange(600)[:, None] / RATE_HZ
-    q = positions(one_joint, r, 0.005, steps=10) + np.random.default_rng(3).normal(0, 1e-5, r.shape)
+    q = noisy(positions(one_joint, r, 0.005, steps=10), 1e-5)
     fit = commanded(alone(q, r, tmp_path))["1"]
     assert min(fit.std("coulomb"), fit.std("offset")) > TRUE["coulomb"][0]
     assert fit["coulomb"] + fit["offset"] == pytest.approx(TRUE["coulomb"][0], rel=0.02)
@@ -221,7 +226,7 @@ def test_commands_in_degrees_are_a_misfit(tmp_path: Path) -> None:
 def test_a_joint_at_rest_changes_no_other_estimate(tmp_path: Path) -> None:
     """Its positions are exactly constant, as in a simulator, and show no parameter."""
     r = references(600, 1, 0.35, 4.0)
-    q = positions(one_joint, r, 0.005, steps=10) + np.random.default_rng(3).normal(0, 1e-4, r.shape)
+    q = noisy(positions(one_joint, r, 0.005, steps=10), 1e-4)
     body = ONE_ROBOT[ONE_ROBOT.index("  - name") :].replace("arm", "rest").replace("name: 1", "name: 2")
     records = log(np.hstack([q, 0 * q]), np.hstack([r, 0 * r]), np.array(GAINS)[[0, 0]])
     fits = commanded(found(robot_of(ONE_ROBOT + body, tmp_path), records))
@@ -234,7 +239,7 @@ def test_friction_of_a_joint_without_friction_is_zero(tmp_path: Path) -> None:
     (kp, kd), J, f, r = GAINS[0], TRUE["inertia"][0], TRUE["viscous"][0], references(600, 1, 0.35, 4.0)
     A, B, C = np.array([[0, 1], [-kp / J, -(f + kd) / J]]), np.array([[0], [kp / J]]), np.array([[1, 0]])
     loop = cont2discrete((A, B, C, np.zeros((1, 1))), 1 / RATE_HZ)
-    q = dlsim(loop, r)[1] + np.random.default_rng(3).normal(0, 1e-5, r.shape)
+    q = noisy(dlsim(loop, r)[1], 1e-5)
     result = alone(q, r, tmp_path)
     fit = commanded(result)["1"]
     assert result.status == "identified"
@@ -271,7 +276,7 @@ def test_wrong_position_gains_contradict_the_masses_of_the_robot_model(tmp_path:
 def test_a_slow_chirp_gives_the_sum_of_delay_and_friction(tmp_path: Path) -> None:
     """T_d + f / k_p is known, T_d and f are not: below k_p / (f + k_d) friction is a delay."""
     r = references(3000, 1, 0.35, 0.6)
-    q = positions(one_joint, r, 0.010) + np.random.default_rng(3).normal(0, 1e-3, r.shape)
+    q = noisy(positions(one_joint, r, 0.010), 1e-3)
     result = alone(q, r, tmp_path)
     fit, last = commanded(result)["1"], [-1, 1]
     (known,) = identifiable_combinations(fit.values[last], fit.covariance[np.ix_(last, last)])
