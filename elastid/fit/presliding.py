@@ -51,10 +51,10 @@ Springs: TypeAlias = Mapping[RelaxingSpring, tuple[float, float]]  # s, N m/rad,
 
 
 def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
-    """Find relaxing springs at motors: all motors if V or the distortion exceeds the noise, else compensated ones.
+    """Find relaxing springs at all motors if V or the distortion exceeds the noise, else at compensated motors.
 
-    Returns the assembly with springs and its start x (n_x,). Returns None if no spring is significant or another cause
-    has better odds, for references, forces at the tool and load tests, and without measured noise.
+    Return the assembly with springs and its start x (n_x,), or None: if no spring is significant, if another cause has
+    better odds, without measured noise, and for references, forces at the tool and load tests.
     """
     assembly, result, dof = evidence.assembly, evidence.result, max(evidence.result.cost_dof, 1.0)
     is_large = result.cost > result.cost_expected * chi_square_limit(dof, MAX_P_VALUE) / dof

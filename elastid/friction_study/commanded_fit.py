@@ -9,12 +9,13 @@ biased: k_p T_d appears in viscous friction.
 
 Errors of simulated positions are not white. The covariance of the estimates therefore follows from the long-run
 covariance of each log's scores on slow cosines (`least_squares.long_run`): over time, or over the angle if it is
-larger, because model errors repeat with the angle. If the influences d_k of m logs scatter significantly more, the
-diagonal of Sigma replaces the variances; the correlations remain:
+larger, because model errors repeat with the angle. If the influences d_k of the m logs of a joint scatter significantly
+more, the diagonal of Sigma replaces the variances; the correlations remain:
 
 .. math:: \Sigma = \frac{m}{m - 1} \sum_k d_k d_k^T
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -39,23 +40,26 @@ MIN_MEANS_HZ, MEANS_PER_PERIOD = 40.0, 12.0
 SETTLING_CONSTANTS, SMOOTH_S = 15.0, 0.06
 # Perturbation of a parameter for its sensitivity, relative to its scale, and perturbation of the delay in s.
 PERTURBATION, DELAY_STEP_S = 1e-3, 2e-4
-# Iterations and step factor of the short searches; iterations of the search, least decrease of the mean cost, and least
-# eigenvalue of an identifiable direction, whose sum over all directions is their number.
-START_ITERATIONS, START_COARSENESS, MAX_ITERATIONS, TOLERANCE, MIN_CURVATURE = 8, 4, 30, 1e-5, 1e-12
+# Iterations of the short searches, the factor and the upper limit (s) of their simulation steps.
+START_ITERATIONS, START_COARSENESS, MAX_COARSE_STEP_S = 8, 4, 2e-3
+# Iterations of the full search; least decrease of the cost per average; least eigenvalue of an identifiable direction.
+# The eigenvalues sum to the number of directions.
+MAX_ITERATIONS, TOLERANCE, MIN_CURVATURE = 30, 1e-5, 1e-12
 DAMPINGS = np.append(0.0, 10.0 ** np.arange(-4, 4))
-# Effects near zero velocity and their parameters.  Start values of SOFT: stick time, s, and creep; of BRISTLES: s F_c
-# over the rms speed, s, and damping time, s; of STRIBECK: F_s / F_c - 1, and nu_s over the rms speed.
-# Each row is a sequence of effects to be tried.
+# Effects near zero velocity and their parameters. SOFT is not combined with STRIBECK: MuJoCo has no stiction.
 EFFECTS = SOFT, BRISTLES, STRIBECK = PARAMETERS[6:8], PARAMETERS[8:10], PARAMETERS[10:]
+# Each row: effects that are added one after another.  Start values of SOFT: stick time, s, and creep; of BRISTLES:
+# s F_c over the rms speed, s, and damping time, s; of STRIBECK: F_s / F_c - 1, and nu_s over the rms speed.
 START_EFFECTS = (
     ((SOFT, (0.01, 0.1)),),
     ((SOFT, (0.02, 0.6)),),
     ((STRIBECK, (0.3, 0.1)), (BRISTLES, (2e-4, 0.001))),
     ((BRISTLES, (2e-3, 0.001)), (STRIBECK, (0.3, 0.1))),
 )
-# A joint has an effect if Coulomb friction and the parameters of the effect exceed STICKING_STDS standard deviations,
-# and creep is below MAX_CREEP. Stick times count beyond one step of the simulation, and stiction beyond F_c.
-STICKING_STDS, MAX_CREEP = 5.0, 0.9
+# A joint has SOFT or BRISTLES if F_c and the parameters of the effect together exceed EFFECT_STDS standard deviations;
+# SOFT requires a creep below MAX_CREEP, and its stick time counts beyond one simulation step. STRIBECK requires that
+# F_s - F_c exceeds EFFECT_STDS standard deviations.
+EFFECT_STDS, MAX_CREEP = 5.0, 0.9
 UPPER_BOUNDS = {"creep": MAX_CREEP, "stick_time": 0.5, "bristle_time": 0.5}
 SIGNIFICANCE_LEVEL = 0.1  # F-test of the scatter between logs against the scatter within logs
 
@@ -101,7 +105,8 @@ class _Problem:
     def with_steps(self, theta: FloatArray) -> "_Problem":
         """Return the problem with the number of simulation steps that theta (..., m, 12) requires."""
         steps = self.commanded.steps_per_sample(theta[..., self.index, :])
-        return replace(self, steps=max(2, steps // self.coarseness))
+        coarse_steps = max(2, steps // self.coarseness, math.ceil(1 / (self.commanded.rate_hz * MAX_COARSE_STEP_S)))
+        return replace(self, steps=min(steps, coarse_steps))
 
     @property
     def step_s(self) -> float:
@@ -151,13 +156,16 @@ class _Problem:
 
     @property
     def lower_bounds(self) -> FloatArray:
-        """Lower bounds (m, 12): 0 of friction and sticking, one step of a stick time (shorter ones have no effect)."""
+        """Lower bounds (m, 12): 0 of F_c and effects, one step of a stick time, a thousandth of the speed of nu_s."""
         bounds = np.where(np.isin(PARAMETERS, ("coulomb", *PARAMETERS[6:])), 0.0, -np.inf)
-        return np.asarray(bounds + self.step_s * (np.isin(PARAMETERS, SOFT[0]) & self.is_free))
+        least = self.step_s * np.isin(PARAMETERS, SOFT[0]) + 1e-3 * np.outer(
+            self.speed, np.isin(PARAMETERS, STRIBECK[1])
+        )
+        return np.asarray(bounds + least * self.is_free)  # below, the parameters have no effect
 
     @cached_property
     def upper_bounds(self) -> FloatArray:
-        """Upper bounds (m, 12): UPPER_BOUNDS; friction is at most the largest torque, beyond which no joint slides."""
+        """Upper bounds (m, 12): UPPER_BOUNDS; for F_c and F_s - F_c, the largest |u - k_p q| + |load|."""
         torque, bounds = np.zeros(len(self.joints)), [UPPER_BOUNDS.get(name, np.inf) for name in PARAMETERS]
         peaks = [(np.abs(log.command - log.kp * log.position) + np.abs(log.load)).max(axis=0) for log in self.logs]
         np.maximum.at(torque, self.index, np.concatenate(peaks))
@@ -200,22 +208,25 @@ def fit_commanded(
 ) -> dict[str, CommandedJoint]:
     """Estimate the parameters of each joint from logs at one rate; raise DataError if the simulation diverges.
 
-    start: estimates from which the search starts; None: it starts from a regression.
+    start: estimates from which the search starts; effects are omitted, not added. None: it starts from a regression.
     """
     problem = _Problem.of(logs)
     if start is None:
-        problem, theta, delay_s, _ = _select_effects(*_initial_estimate(problem))
+        problem, theta, delay_s, _ = _omit_insignificant_effects(*_initial_estimate(problem))
     else:
         theta, delay_s = _parameters(start, problem.joints)
         kinds = [sum((row for row in EFFECTS if {*row} & {*start[joint].names}), ()) for joint in problem.joints]
         problem = replace(problem, effects=tuple(kinds))
-    return _select_effects(replace(problem, coarseness=1), theta, delay_s)[-1]
+    return _omit_insignificant_effects(replace(problem, coarseness=1), theta, delay_s)[-1]
 
 
-def _select_effects(
+def _omit_insignificant_effects(
     problem: _Problem, theta: FloatArray, delay_s: float
 ) -> tuple[_Problem, FloatArray, float, dict[str, CommandedJoint]]:
-    """Minimise the cost, and omit insignificant effects. Return problem, theta (m, 12), delay, s, and estimates."""
+    """Minimise the cost, omit the last insignificant effect of each joint, and repeat while one is insignificant.
+
+    Return the problem, theta (m, 12), the delay, s, and the estimates.
+    """
     while True:
         theta, delay_s = _minimise(problem, theta, delay_s, MAX_ITERATIONS)
         problem = problem.with_steps(theta)
@@ -238,16 +249,17 @@ def _without_insignificant_effect(fit: CommandedJoint, names: tuple[str, ...], s
 
 
 def _is_significant(fit: CommandedJoint, effect: tuple[str, ...], step_s: float) -> bool:
+    """Return True if an effect is significant (EFFECT_STDS); step_s: simulation step."""
     if effect == STRIBECK:
         excess_stiction, std = fit.combination({"stiction": 1.0, "coulomb": -1.0})
-        return excess_stiction > STICKING_STDS * std
+        return excess_stiction > EFFECT_STDS * std
     least = [step_s if name == "stick_time" else 0.0 for name in effect]
     excess = np.array([max(fit[name] - bound, 0.0) for name, bound in zip(effect, least, strict=True)])
     indices, free = np.array([fit.names.index(name) for name in effect]), excess > 0
     covariance = fit.covariance[np.ix_(indices[free], indices[free])]
     squared_stds = float(excess[free] @ np.linalg.pinv(covariance) @ excess[free])  # Wald's statistic
     stds = min(fit["coulomb"] / max(fit.std("coulomb"), 1e-300), np.sqrt(squared_stds))
-    return bool(stds > STICKING_STDS and not (effect == SOFT and fit["creep"] >= MAX_CREEP))
+    return bool(stds > EFFECT_STDS and not (effect == SOFT and fit["creep"] >= MAX_CREEP))
 
 
 def _minimise(problem: _Problem, theta: FloatArray, delay_s: float, iterations: int) -> tuple[FloatArray, float]:
@@ -365,10 +377,10 @@ def _linearise(problem: _Problem, theta: FloatArray, delay_s: float) -> _Lineari
 
 
 def _initial_estimate(problem: _Problem) -> tuple[_Problem, FloatArray, float]:
-    """Return the problem with the best effects of each joint, start values (m, 12) and their delay, s.
+    """Return the problem with the best effects of each joint, their start values (m, 12) and the delay, s.
 
-    A regression selects the best of START_DELAYS. A short search follows for each effect of START_EFFECTS.  An effect
-    must reduce the cost by more than chance.
+    A regression selects the best of START_DELAYS. Each row of START_EFFECTS adds its effects one after another, with a
+    short search after each. Each parameter of an effect costs EFFECT_STDS^2. The delay is that of the least total cost.
     """
     regressions = np.stack([_regress(problem, delay) for delay in START_DELAYS.tolist()])
     problem = replace(problem, coarseness=START_COARSENESS).with_steps(regressions)
@@ -377,7 +389,7 @@ def _initial_estimate(problem: _Problem) -> tuple[_Problem, FloatArray, float]:
     optima = [optimum for effects in START_EFFECTS for optimum in accumulate(effects, _add_effect, initial=start)]
     variants, candidates, delays = zip(*optima, strict=True)
     costs = _costs(problem.with_steps(np.array(candidates)), np.array(candidates), np.array(delays))
-    costs += STICKING_STDS**2 * np.array([len(variant.effects[0]) for variant in variants])[:, None]
+    costs += EFFECT_STDS**2 * np.array([len(variant.effects[0]) for variant in variants])[:, None]
     choices = costs.argmin(axis=0)
     effects = tuple(variants[k].effects[i] for i, k in enumerate(choices))
     theta = np.array([candidates[k][i] for i, k in enumerate(choices)])
@@ -387,13 +399,13 @@ def _initial_estimate(problem: _Problem) -> tuple[_Problem, FloatArray, float]:
 def _add_effect(
     optimum: tuple[_Problem, FloatArray, float], effect: tuple[tuple[str, ...], tuple[float, ...]]
 ) -> tuple[_Problem, FloatArray, float]:
-    """Search the optimum with one effect more, which starts from typical values."""
+    """Add an effect to all joints, with typical start values, and search its optimum briefly."""
     problem, theta, delay_s = optimum
     (names, values), start, speed = effect, theta.copy(), problem.speed
     torque = np.maximum(theta[:, 2], _scales(problem)[:, 2] / 100)
-    units = {"bristle_compliance": speed / torque, "excess_stiction": torque, "stribeck_velocity": speed}
+    start_scales = {"bristle_compliance": speed / torque, "excess_stiction": torque, "stribeck_velocity": speed}
     for name, value in zip(names, values, strict=True):
-        start[:, PARAMETERS.index(name)] = value * units.get(name, 1.0)
+        start[:, PARAMETERS.index(name)] = value * start_scales.get(name, 1.0)
     problem = replace(problem, effects=tuple(effects + names for effects in problem.effects))
     return problem, *_minimise(problem, start, delay_s, START_ITERATIONS)
 
@@ -447,12 +459,16 @@ def _estimates(problem: _Problem, theta: FloatArray, delay_s: float) -> dict[str
 def _covariance(linearisation: _Linearisation, problem: _Problem, names: Sequence[tuple[str, str]]) -> FloatArray:
     """Return the covariance (n_x, n_x) with the largest variances: over time, over the angle or between logs."""
     inverse, null_space = linearisation.inverses()
-    m, rate_hz = len(linearisation.scores), problem.commanded.rate_hz / problem.window
-    counts = [cosine_count(len(score) / rate_hz, m) for score in linearisation.scores]
-    meat = sum(long_run(score, count) for score, count in zip(linearisation.scores, counts, strict=True))
-    dof = float(sum(counts))
-    covariance = inverse @ meat @ inverse * small_sample_factors(dof) ** 2
-    variance, dofs, scores = np.diag(covariance).copy(), np.full(len(covariance), dof), np.vstack(linearisation.scores)
+    rate_hz = problem.commanded.rate_hz / problem.window
+    is_in_log = np.array([[joint in ("", *log.joints) for log in problem.logs] for joint, _ in names])
+    m = is_in_log.sum(axis=1).astype(np.float64)  # number of logs of each parameter
+    counts = [
+        cosine_count(len(score) / rate_hz, int(m[is_in_log[:, k]].min()))
+        for k, score in enumerate(linearisation.scores)
+    ]
+    meat, dofs = sum(map(long_run, linearisation.scores, counts)), is_in_log @ np.array(counts, np.float64)
+    covariance = inverse @ meat @ inverse * np.outer(small_sample_factors(dofs), small_sample_factors(dofs))
+    variance, scores = np.diag(covariance).copy(), np.vstack(linearisation.scores)
     factor = np.ones(len(covariance))
     for joint in problem.joints:
         indices = [i for i, (of, _) in enumerate(names) if of == joint]
@@ -460,9 +476,8 @@ def _covariance(linearisation: _Linearisation, problem: _Problem, names: Sequenc
         angles = [q[:, log.joints.index(joint)] if joint in log.joints else np.zeros(len(q)) for log, q in pairs]
         state = np.concatenate(angles)[:, None]
         factor[indices] = state_widening(inverse, scores, state, variance, dofs)[indices]
-    if m > 1:
-        d = np.array([score.sum(axis=0) for score in linearisation.scores]) @ inverse
-        ratio = m / (m - 1) * np.sum(d**2, axis=0) / np.maximum(variance, 1e-300)
-        exceeds = ratio > np.maximum(fdtri(m - 1, dof, 1 - SIGNIFICANCE_LEVEL), factor**2)
-        factor = np.where(exceeds, np.maximum(np.sqrt(ratio) * small_sample_factors(m - 1.0), factor), factor)
+    d, between = np.array([score.sum(axis=0) for score in linearisation.scores]) @ inverse, np.maximum(m - 1, 1)
+    ratio = m / between * np.sum(d**2, axis=0) / np.maximum(variance, 1e-300)
+    exceeds = (m > 1) & (ratio > np.maximum(fdtri(between, dofs, 1 - SIGNIFICANCE_LEVEL), factor**2))
+    factor = np.where(exceeds, np.maximum(np.sqrt(ratio) * small_sample_factors(between), factor), factor)
     return covariance * np.outer(factor, factor) + null_space

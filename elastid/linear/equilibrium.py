@@ -27,9 +27,9 @@ MAX_STEP = 0.3  # rad or m, so that a soft spring does not lead to another branc
 CONVERGED_STEP = 1e-12  # rad or m; convergence is quadratic, the remaining error is far below
 ROUNDING_STEP = 1e-6  # rad or m, below which rounding errors dominate the slope of V
 HALVINGS = 30
-ROUNDING_GAP = 1e-9  # m or rad, residual of a constraint by rounding errors
+ROUNDING_GAP = 1e-9  # m or rad, largest residual of a constraint that rounding errors explain
 MAX_DEFLECTION = 1.0  # rad or m, above which a spring has tipped over
-MIN_INERTIA = 1e-12  # eigenvalue of M, scaled to a unit diagonal, by rounding errors
+MIN_INERTIA = 1e-12  # largest eigenvalue of M, scaled to a unit diagonal, that rounding errors explain
 FLANK_WIDTHS = 2.0  # number of flank widths beyond a gap, after which its spring has 95 % of its stiffness
 
 

@@ -17,7 +17,7 @@ from elastid.linear.equilibrium import OperatingPoint
 from elastid.linear.linear_model import LinearModel
 from elastid.model.elastic import ElasticModel
 
-RIGID_RATE = 1e-6  # |lambda| of a rigid-body mode relative to the largest one, by rounding errors of a double zero
+RIGID_RATE = 1e-6  # largest |lambda| of a rigid-body mode over the largest |lambda|: rounding splits a double zero
 
 
 @frozen_value

@@ -17,7 +17,7 @@ from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpe
 from elastid.logs.channel_names import DRIVES, guess_by_name
 from elastid.logs.headings import in_brackets
 from elastid.logs.motion_relations import (
-    MAX_LOG_LOSS,
+    MAX_LN_LOSS,
     MIN_CORRELATION,
     MIN_GAIN_OVER_STD,
     TorqueRelation,
@@ -98,8 +98,8 @@ def _family_doubts(
 
 # Limits of warnings about channels. 150 clean logs cause none (scripts/studies/results.csv).
 # Largest |log| of the ratio of a gain to its stated value, and to a known factor.
-MAX_LOG_GAIN, MAX_LOG_FACTOR = 0.3, 0.1
-MAX_LOG_SPRING_GAIN = 1.0  # |log| of a gain of two positions of a joint, whose spring may lie between them
+MAX_LN_GAIN, MAX_LN_FACTOR = 0.3, 0.1
+MAX_LN_SPRING_GAIN = 1.0  # |log| of a gain of two positions of a joint, whose spring may lie between them
 MAX_TURNS = 4.0  # that no joint behind a gear makes
 MIN_SAMPLES = 200
 _UNUSUAL_UNITS = ("arcmin", "arcsec", "mrad", "rev", "rev/s")  # that no log has, unless it says so
@@ -138,7 +138,7 @@ class JointSignals:
         # A motor turns further than its joint, with less torque.
         ratio = abs(self.ratio) ** (1 if (channel.side == "link") == channel.is_motion else -1)
         side = "side: motor" if channel.side == "link" else "side: link"
-        return [(ratio, side), *units] if abs(np.log(ratio)) > MAX_LOG_GAIN else units
+        return [(ratio, side), *units] if abs(np.log(ratio)) > MAX_LN_GAIN else units
 
 
 def channel_doubts(
@@ -193,7 +193,7 @@ def _motion_doubts(joint: JointSignals) -> Iterator[ChannelDoubt]:
             return
         if abs(at_order.correlation) < MIN_CORRELATION:
             continue
-        if abs(np.log(gain)) > MAX_LOG_GAIN:
+        if abs(np.log(gain)) > MAX_LN_GAIN:
             yield from _gain_doubts(joint, a, b, gain, stated_order)
             return
         if at_order.gain < 0:
@@ -231,11 +231,11 @@ def _sensor_doubts(joint: JointSignals) -> Iterator[ChannelDoubt]:
     if not is_certain:  # the sensor measures an inertia, which is a part of the motor's
         inertias = [relation.inertia for relation in relations]
         gain, std = inertias[0] / max(inertias[1], 1e-300), 0.0 if min(inertias) > 0 else np.inf
-    is_other = abs(np.log(gain)) > MAX_LOG_LOSS if is_certain else gain < np.exp(-MAX_LOG_LOSS)
+    is_other = abs(np.log(gain)) > MAX_LN_LOSS if is_certain else gain < np.exp(-MAX_LN_LOSS)
     if MIN_GAIN_OVER_STD * std < gain and is_other and joint.channels[joint.torque].quantity != "current":
         for distance, keys in sorted([(abs(np.log(gain * factor)), keys) for factor, keys in joint.factors(i)])[:1]:
             text = f"the motor torque is {gain:.3g} times the sensor's ({names})"
-            if distance < MAX_LOG_LOSS or not is_certain:
+            if distance < MAX_LN_LOSS or not is_certain:
                 yield ChannelDoubt(i, keys.partition(":")[0], f"{text}; with {keys} they are consistent")
 
 
@@ -252,10 +252,10 @@ def _gain_doubts(joint: JointSignals, a: int, b: int, gain: float, order: int) -
     """Yield `ChannelDoubt` of unit or side of two inconsistent motions, of the gear ratio, or of the rate."""
     text = f"{joint.describe(b)} is {gain:.4g} times the value computed from {joint.describe(a)}"
     factors = [(x**sense, i, keys) for i, sense in ((b, 1), (a, -1)) for x, keys in joint.factors(i)]
-    candidates = [(i, keys) for x, i, keys in factors if abs(np.log(gain / x)) <= MAX_LOG_FACTOR]
+    candidates = [(i, keys) for x, i, keys in factors if abs(np.log(gain / x)) <= MAX_LN_FACTOR]
     for i, keys in sorted(candidates, key=lambda pair: not pair[1].startswith("side"))[:1]:
         yield ChannelDoubt(i, keys.partition(":")[0], f"{text}; with {keys} both are consistent")
-    if not candidates and order == 0 and abs(np.log(gain)) > MAX_LOG_SPRING_GAIN:
+    if not candidates and order == 0 and abs(np.log(gain)) > MAX_LN_SPRING_GAIN:
         ratio = f"motor.ratio of joint {joint.joint.name} in the robot's file ({joint.ratio:g})"
         yield ChannelDoubt(b, "scale", f"{text}. Check {ratio}, and unit and scale of both")
     elif not candidates and order > 0:

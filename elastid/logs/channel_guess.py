@@ -16,7 +16,7 @@ from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT
 from elastid.logs.channel_names import DRIVES, ChannelGuess, ChannelKey
 from elastid.logs.clocks import is_clock
 from elastid.logs.motion_relations import (
-    MAX_LOG_LOSS,
+    MAX_LN_LOSS,
     MIN_CORRELATION,
     MIN_GAIN_OVER_STD,
     REST_TRAVEL_M,
@@ -52,7 +52,7 @@ class JointGuess:
     def sensor_doubt(self) -> str:
         """Contradiction of sensor and torque in size; empty without one."""
         gain = self.sensor_gain * self.torque.ratio
-        if self.sensor is None or abs(np.log(gain)) < MAX_LOG_LOSS:
+        if self.sensor is None or abs(np.log(gain)) < MAX_LN_LOSS:
             return ""
         return f"{self.torque.name} is {gain:.3g} times {self.sensor.name}. State unit, and side or ratio, of both"
 

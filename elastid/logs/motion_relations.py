@@ -26,7 +26,7 @@ MIN_BY_INERTIA = 0.2
 # Ratio of accelerations above which another joint may drive this one; fraction that viscous friction must then explain.
 MIN_MOVING, MIN_EXPLAINED_OF_MOVED = 0.1, 0.9
 # |log| of the gain from sensor to motor torque that losses of a gear explain, and gain over its standard error.
-MAX_LOG_LOSS, MIN_GAIN_OVER_STD = 0.8, 5.0
+MAX_LN_LOSS, MIN_GAIN_OVER_STD = 0.8, 5.0
 # Travel below which a joint is held by its controller, in m where it slides and in rad.
 REST_TRAVEL_M, REST_TRAVEL_RAD = 1e-3, 5e-3
 MIN_UNEXPLAINED_VARIANCE = 0.03  # of the variance of an acceleration, that the other columns do not explain

@@ -22,9 +22,10 @@ Every number that can be identified has a name:
   rounding); f_1 (viscous friction of joint 1); Jm_1, fm_1 (inertia and viscous friction of its motor); km_1, dm_1
   (shaft)
 - kc_cyl, L0_cyl (coil of compensator cyl); F0_cyl, L0_cyl, h0_cyl, kappa_cyl (gas: force and column at length L0,
-exponent) - m_arm, c_arm_x, I_arm_xx, or I_arm for an isotropic inertia; m_payload, c_payload_x, I_payload - m_l, a_l
-(location of the centre of mass), I_l, k_l, d_l (rod of loop l) - geometry in m, only if a study names it: p_arm_x
-(placement of body arm), pj_1_x (point on the axis of joint 1),
+  exponent)
+- m_arm, c_arm_x, I_arm_xx, or I_arm for an isotropic inertia; m_payload, c_payload_x, I_payload
+- m_l, a_l (location of the centre of mass), I_l, k_l, d_l (rod of loop l)
+- geometry in m, only if a study names it: p_arm_x (placement of body arm), pj_1_x (point on the axis of joint 1),
   pc1_cyl_x, pc2_cyl_x (ends of compensator cyl), p1_l_x, p2_l_x, l_l (ends and rod of loop l); zero_1 in rad (zero
   offset)
 - gains of channels, only if a study names them: gain_y_joint_1, gain_u_motor_1

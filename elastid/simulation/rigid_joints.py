@@ -54,7 +54,7 @@ class CommandedJoints:
     """Commands of S joints over n samples of one clock at rate_hz; S counts each joint of each log.
 
     command (n, S): k_p r + k_d r' + feed-forward torque, Nm.  kp, kd (S,): gains, Nm/rad and Nms/rad.
-    position, velocity (S,): at the first sample.  load (n, S): torque of the rest of the robot against the motion.
+    position, velocity (S,): at the first sample.  load (n, S): torque m of the rest of the robot in g.
     coupled_inertia (S,): inertia in addition to J, kg m^2; `load` excludes its torque.
     is_zoh: true if the command is constant between samples, false if it is linear between samples.
     """
@@ -134,7 +134,7 @@ class CommandedJoints:
 
     @cached_property
     def _load(self) -> CubicSpline:
-        """Load (S,) as a function of the sample number; between samples, linear values would be too small."""
+        """Load (S,) as a function of the sample number: linear interpolation underestimates its peaks."""
         return CubicSpline(np.arange(len(self.load)), self.load)
 
     @cached_property

@@ -63,7 +63,7 @@ class Limits:
     load_std: float = 1.0  # prior std of the logarithms of its mass and inertia, and of its position in m
     # Static load tests and tool responses.
     unidentifiable_std: float = 30.0  # std of x in a direction that is not identifiable from the motors' responses
-    max_factor_error: float = 0.9  # |factor - 1| above which a wrong channel interpretation is the cause
+    min_channel_factor_error: float = 0.9  # |factor - 1| above which a wrong channel interpretation is the cause
 
 
 LIMITS = Limits()

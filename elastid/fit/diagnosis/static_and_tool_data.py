@@ -162,7 +162,7 @@ def tool_agreement(assembly: Assembly, motor_fit: Result) -> ToolAgreement:
             for responses, remedy in _interpretations(assembly.responses)
         }
         remedy = min(costs, key=costs.__getitem__)
-        if cost_with_factor < costs[remedy] and abs(result.ratio - 1) < LIMITS.max_factor_error:
+        if cost_with_factor < costs[remedy] and abs(result.ratio - 1) < LIMITS.min_channel_factor_error:
             cause = "check unit and calibration of hammer and sensor, and the torque constants of the motors: all "
             result = replace(result, cause=f"{cause}responses at the tool are {result.ratio:.4g} times as large")
         elif is_misread := explains_excess(source, result.chi_square, costs[remedy]):

@@ -41,7 +41,10 @@ def close_loop(
     model: LinearModel, theta: FloatArray, freq_hz: FloatArray, plain: ComplexArray, motors: ComplexArray,
     plain_aliases: ComplexArray | float = 0.0, motor_aliases: ComplexArray | float = 0.0,
 ) -> "ClosedLoop":  # fmt: skip
-    """Close the loops around the responses of `open_loops` at freq_hz (F,); aliases: of both, if separate."""
+    """Close the loops around the responses of `open_loops` at freq_hz (F,).
+
+    plain_aliases, motor_aliases: aliases of G_y and G_m, 0 if the responses include them.
+    """
     assert model.controller is not None
     loop, names = model.controller.at(freq_hz), model.controller.motors
     H = zero_order_hold(freq_hz / loop.rate_hz)[:, None, None]

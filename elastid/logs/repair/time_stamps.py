@@ -178,7 +178,7 @@ def sampling_times(
         log.report(JITTER, len(time_s), text)
     elif has_clocks and away_ms * line.rate_hz > 2e3 * MAX_GRID_DEVIATION:
         text += f" are rounded: the delay to other clocks is uncertain by +-{away_ms / 2:.2g} ms, "
-        text += "an error that the intervals of inertia and viscous friction do not include. LogReport more decimals"
+        text += "an error that the intervals of inertia and viscous friction do not include. Log more decimals"
         log.note("records/clock", text)
     return line.times_s, signals
 
@@ -302,7 +302,7 @@ def _at_instants(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: L
     steps_s = np.diff(time_s)
     if not np.median(steps_s) > 0:
         text = f"{int((steps_s <= 0).sum())} of {len(time_s)} time stamps do not increase"
-        raise log.error("records/clock", f"{text}. LogReport each sample once")
+        raise log.error("records/clock", f"{text}. Log each sample once")
     gaps = np.flatnonzero(steps_s > MIN_GAP * np.median(steps_s))
     knot_steps = np.delete(steps_s, gaps)
     row = min(8, len(knot_steps))  # steps, whose mean no knots are closer than
