@@ -1,7 +1,7 @@
 """Values from groups of HDF5, and their content as text: the one reader of all artefacts, by the types written.
 
-Whatever a file holds ends in a value of that type or in an exception, which `open_artefact` makes a sentence of: types are
-those of the reader and never of the file, and no count in a file is believed that its data do not have.
+Whatever a file holds ends in a value of that type or in an exception, which `open_artefact` makes a sentence of: types
+are those of the reader and never of the file, and no count in a file is believed that its data do not have.
 """
 
 import json
