@@ -49,7 +49,7 @@ class _File:
     path: Path
     version: tuple[tuple[str, int, int, int], ...]
 
-    def open(self) -> AbstractContextManager[ArrayLog]:
+    def open_arrays(self) -> AbstractContextManager[ArrayLog]:
         """Return the log, in the process that reads."""
         os.chdir(self.folder)
         opener: Opener = getattr(import_module(self.module), self.name)
@@ -147,7 +147,7 @@ def serve() -> None:
         try:
             if file != last:
                 opened.close()
-                last, signals = None, dict(opened.enter_context(file.open()).arrays)
+                last, signals = None, dict(opened.enter_context(file.open_arrays()).arrays)
                 last = file
             rows = ((n, (x.shape, x.dtype, x.units, x.rate_hz, x.rows is not None, x.time)) for n, x in signals.items())
             reply = _values(signals[name], span) if name else dict(rows)
