@@ -381,7 +381,11 @@ def _initial_estimate(problem: _Problem) -> tuple[_Problem, FloatArray, float]:
 
     A regression selects the best of START_DELAYS. Each row of START_EFFECTS adds its effects one after another, with a
     short search after each. Each parameter of an effect costs EFFECT_STDS^2. The delay is that of the least total cost.
+    These searches use the first logs, as many as contain all joints.
     """
+    logs = problem.logs
+    n = max(next(k for k, log in enumerate(logs, start=1) if joint in log.joints) for joint in problem.joints)
+    whole, problem = problem, _Problem.of(logs[:n])
     regressions = np.stack([_regress(problem, delay) for delay in START_DELAYS.tolist()])
     problem = replace(problem, coarseness=START_COARSENESS).with_steps(regressions)
     best = int(_costs(problem, regressions, START_DELAYS).sum(axis=1).argmin())
@@ -393,7 +397,7 @@ def _initial_estimate(problem: _Problem) -> tuple[_Problem, FloatArray, float]:
     choices = costs.argmin(axis=0)
     effects = tuple(variants[k].effects[i] for i, k in enumerate(choices))
     theta = np.array([candidates[k][i] for i, k in enumerate(choices)])
-    return replace(problem, effects=effects), theta, delays[costs.sum(axis=1).argmin()]
+    return replace(whole, effects=effects, coarseness=START_COARSENESS), theta, delays[costs.sum(axis=1).argmin()]
 
 
 def _add_effect(
