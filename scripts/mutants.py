@@ -236,7 +236,7 @@ class Judge:
 
 
 def limit_s(seconds: float) -> int:
-    """Return the time limit, s, of tests with a mutant, which may not end; seconds: duration without a mutant."""
+    """Return the time limit, s, of tests with a mutant; seconds: their duration without a mutant."""
     return LIMIT_S + round(10 * seconds)
 
 

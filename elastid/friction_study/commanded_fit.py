@@ -158,9 +158,8 @@ class _Problem:
     def lower_bounds(self) -> FloatArray:
         """Lower bounds (m, 12): 0 of F_c and effects, one step of a stick time, a thousandth of the speed of nu_s."""
         bounds = np.where(np.isin(PARAMETERS, ("coulomb", *PARAMETERS[6:])), 0.0, -np.inf)
-        least = self.step_s * np.isin(PARAMETERS, SOFT[0]) + 1e-3 * np.outer(
-            self.speed, np.isin(PARAMETERS, STRIBECK[1])
-        )
+        speeds = np.outer(self.speed / 1e3, np.isin(PARAMETERS, STRIBECK[1]))
+        least = np.where(np.isin(PARAMETERS, SOFT[0]), self.step_s, speeds)
         return np.asarray(bounds + least * self.is_free)  # below, the parameters have no effect
 
     @cached_property
@@ -169,8 +168,7 @@ class _Problem:
         torque, bounds = np.zeros(len(self.joints)), [UPPER_BOUNDS.get(name, np.inf) for name in PARAMETERS]
         peaks = [(np.abs(log.command - log.kp * log.position) + np.abs(log.load)).max(axis=0) for log in self.logs]
         np.maximum.at(torque, self.index, np.concatenate(peaks))
-        is_torque = np.isin(PARAMETERS, ("coulomb", "excess_stiction"))
-        return np.where(is_torque, torque[:, None], np.array(bounds))
+        return np.where(np.isin(PARAMETERS, ("coulomb", "excess_stiction")), torque[:, None], bounds)
 
     @cached_property
     def is_free(self) -> BoolArray:
@@ -344,7 +342,8 @@ class _Linearisation:
 
 def _eigensystem(normal: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return eigenvalues of a normal matrix with a unit diagonal, and eigenvectors in the units of parameters."""
-    size = np.sqrt(np.where(np.diag(normal) > 1e-200, np.diag(normal), 1.0))  # 1: no step if nothing is sensitive
+    squares = np.diag(normal)
+    size = np.sqrt(np.where(squares > 1e-40 * squares.max(), squares, 1.0))  # 1: parameters without effect
     eigenvalues, vectors = np.linalg.eigh(normal / np.outer(size, size))
     return eigenvalues, vectors / size[:, None]
 
