@@ -9,7 +9,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.large_arrays import release
-from elastid.base.workers import WorkerConstant
+from elastid.base.messages import WorkerConstant
 
 CovarianceForm: TypeAlias = Literal["diagonal", "kronecker", "full"]
 

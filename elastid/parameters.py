@@ -14,9 +14,9 @@ from typing import Annotated
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, frozen, named
+from elastid.base.arrays import BoolArray, FloatArray, frozen, values_by_name
 from elastid.base.display import Display, as_html, as_text
-from elastid.base.errors import Named, index_of
+from elastid.base.errors import NamedValues, index_of
 from elastid.base.names import posture_of
 from elastid.base.section import Key, section
 
@@ -312,13 +312,13 @@ class Parameters:
     def as_dict(self, x: FloatArray | None = None) -> dict[str, float]:
         """Return SI values by name, at the start or at x; ratios and stand-ins come last."""
         x = self.x if x is None else x
-        free = named(self.free_names, self.natural(x))
+        free = values_by_name(self.free_names, self.natural(x))
         outside = {p.name: free.get(p.name, p.value) for p in self.parameters if not p.is_of_model}
-        return Named("parameter", self.numbers(x) | outside)
+        return NamedValues("parameter", self.numbers(x) | outside)
 
     def numbers(self, x: FloatArray, configuration: str = "") -> dict[str, float]:
         """Return SI values of the model's parameters by name in a configuration, the delay of torques included."""
-        return named(self.names, self.expand(x, configuration))
+        return values_by_name(self.names, self.expand(x, configuration))
 
 
 @dataclass(frozen=True)

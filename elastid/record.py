@@ -17,7 +17,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, frozen, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import Note
-from elastid.base.units import of_translation
+from elastid.base.units import translation_unit
 
 Hold: TypeAlias = Literal["band-limited", "zero-order"]
 Motion: TypeAlias = Literal["position", "velocity", "acceleration"]
@@ -32,12 +32,12 @@ def motion_unit(quantity: Motion, slides: bool) -> str:
     >>> motion_unit("acceleration", True)
     'm/s^2'
     """
-    return of_translation(MOTION_UNIT[quantity]) if slides else MOTION_UNIT[quantity]
+    return translation_unit(MOTION_UNIT[quantity]) if slides else MOTION_UNIT[quantity]
 
 
 def drive_unit(slides: bool) -> str:
     """Return the SI unit of the drive of a motion: a force where it translates, else a torque."""
-    return of_translation("N*m") if slides else "N*m"
+    return translation_unit("N*m") if slides else "N*m"
 
 
 @frozen_value

@@ -16,7 +16,7 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_valu
 from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import Note, check_kind, index_of, require_package
 from elastid.base.escape import control_labels
-from elastid.base.workers import WorkerConstant
+from elastid.base.messages import WorkerConstant
 from elastid.covariance import Covariance as Covariance
 from elastid.covariance import scale_covariance
 from elastid.record import (

@@ -389,7 +389,7 @@ def fleet(fleet: Path, **options: Any) -> None:
     from elastid.app.console import Console
     from elastid.app.fleet import run_fleet
     from elastid.app.run import all_cores
-    from elastid.base.execution import on_dask
+    from elastid.base.dask_cluster import on_dask
     from elastid.study.fleet import load_fleet
 
     loaded = load_fleet(fleet)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from elastid.base.display import Display, number
 from elastid.base.errors import Note, group_notes
 from elastid.base.escape import printable
-from elastid.base.execution import Progress, silent
+from elastid.base.execution import Progress, no_progress
 from elastid.base.files import open_regular_file
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ class Console:
     def progress(self, title: str) -> Iterator[Progress]:
         """Show a bar with the remaining time on a terminal, and a message from time to time elsewhere."""
         if self.verbosity < 0:
-            yield silent
+            yield no_progress
         elif sys.stderr.isatty():
             with _bar(title) as progress:
                 yield progress

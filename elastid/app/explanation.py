@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from elastid.app.target_table import explain_targets, tags
-from elastid.base.display import capital
+from elastid.base.display import capitalise
 from elastid.fit.diagnosis.hypotheses import explain_causes
 from elastid.nonlinear.basis_functions import SHEET
 from elastid.store.friction_study import read_friction_result
@@ -23,12 +23,12 @@ def explain_name(name: str, study: Path | None = None, folder: Path | None = Non
     result = read_fit(fit) if folder is not None and not friction.is_file() else None
     robot = result.robot if result is not None else None if study is None else load(study).study.robot
     texts = [e.meaning for e in SHEET if re.fullmatch(rf"{e.prefix}([\d.]+_)?(?<=[_m])\w+", name)]  # e2_1 has an order
-    rows = [explain_parameter(name, robot) or "".join(f"{capital(meaning)}. Link side." for meaning in texts)]
+    rows = [explain_parameter(name, robot) or "".join(f"{capitalise(meaning)}. Link side." for meaning in texts)]
     if result is not None and name in result.values:
         verdict = dict(zip(result, result.verdicts, strict=False)).get(name, "nuisance parameter")
         fixed = f"fixed at {result.values[name]:g}"
         rows.append(f"In this run: {f'{result[name]} ({verdict})' if name in result else fixed}.")
-        rows.append(f"{capital(remark)}." if (remark := result.base_remarks.get(name)) else "")
+        rows.append(f"{capitalise(remark)}." if (remark := result.base_remarks.get(name)) else "")
     if result is not None and (gear_result := read_gears(gears if gears.is_file() else None)) is not None:
         rows += [f"Stage gears: {row.sentence}." for row in gear_result.numbers if row.name == name]
     if folder is not None and friction.is_file():

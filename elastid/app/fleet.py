@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 from elastid.app.console import Console
 from elastid.app.run import Run, logged_in, run_all, software
 from elastid.base.errors import ElastidError, FitError, MisfitError, StudyError
-from elastid.base.execution import surviving
+from elastid.base.execution import map_isolated
 from elastid.base.files import path_below, replacing
 from elastid.base.statistics import ONE_SIDED_95
 from elastid.report.fleet import Outcome, answer_of_fleet, drawings_of_fleet
@@ -107,7 +107,7 @@ def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[
         if todo and attempt:
             console.warn(f"fleet: workers died at {', '.join(member.label for member in todo)}; second attempt")
         with console.progress(f"fleet of {len(fleet.members)}") as progress:
-            for index, outcome in surviving(work, todo, jobs, progress):
+            for index, outcome in map_isolated(work, todo, jobs, progress):
                 if outcome is not None:
                     outcomes[todo[index].name] = outcome
     return tuple(outcomes.get(m.name, Outcome(m.robot, m.date, "died", DEATH_MESSAGE)) for m in fleet.members)

@@ -13,7 +13,7 @@ import numpy as np
 from elastid.app.study_lines import channel_line, file_line, head_lines, joined, mapping, quote, relative_paths
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError
-from elastid.base.units import of_translation
+from elastid.base.units import translation_unit
 from elastid.experiment.specs.channels import QUANTITY_UNIT
 from elastid.logs.channel_names import ChannelGuess, guess_by_name
 from elastid.logs.files.formats import open_log
@@ -60,7 +60,7 @@ def texts_from_universal(paths: Sequence[Path], folder: Path) -> dict[str, str]:
     quantities = [*(("u", at, "torque" if "r" in at else "force") for at in inputs)]
     quantities += [("y", at, quantity) for at, quantity in outputs.items()]
     for role, at, quantity in quantities:
-        unit = QUANTITY_UNIT[quantity] if "r" in at else of_translation(QUANTITY_UNIT[quantity])
+        unit = QUANTITY_UNIT[quantity] if "r" in at else translation_unit(QUANTITY_UNIT[quantity])
         lines.append(channel_line(role, at, ChannelGuess(at, None, quantity, unit, 0, "SI")))
     files = zip(relative_paths(paths, folder), names, strict=True)
     return {"study.yml": joined([*lines, "    files:", *(file_line(path, configuration=name) for path, name in files)])}
@@ -112,7 +112,7 @@ def _channels(table: _Table, drives: Sequence[str]) -> Iterator[str]:
     for i, guess in enumerate(table.outputs):
         location = f"motor {drives[i]}" if i < len(drives) else guess.name or f"output {i + 1}"
         if not guess.quantity:
-            unit = QUANTITY_UNIT[by_slope] if drives else of_translation(QUANTITY_UNIT[by_slope])
+            unit = QUANTITY_UNIT[by_slope] if drives else translation_unit(QUANTITY_UNIT[by_slope])
             guess = replace(guess, quantity=by_slope, unit=unit, why=f"|G| is proportional to f^{slope:.2g}")
         yield channel_line("y", location, guess)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
-from elastid.base.units import dimension_and_size, of_translation
+from elastid.base.units import dimension_and_size, translation_unit
 from elastid.experiment.specs.channels import QUANTITY_UNIT, ChannelSpec
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.channel_guess import JointGuess, LogGuess
@@ -80,7 +80,7 @@ def at_joint(joint: Joint, motion: ChannelGuess) -> ChannelGuess:
     """Return a motion channel at a joint of the robot, in a unit of length if the joint slides."""
     unit, why = motion.unit, motion.why
     if joint.slides and dimension_and_size(unit)[0].startswith("rad"):
-        unit = of_translation(dimension_and_size(unit)[0])
+        unit = translation_unit(dimension_and_size(unit)[0])
         why = f"{why.removesuffix('; rad is assumed')}; {unit}, since the joint slides"
     elif not joint.slides and "assumed" in why:
         unit = QUANTITY_UNIT[motion.quantity]

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from elastid.base.escape import unused
+from elastid.base.escape import unique_name
 from elastid.logs.files.reader_process import limit_memory
 from elastid.robot import BASE, Body, Frame, Joint, Limits, Motor, Placement, Robot, Spring
 from elastid.robot.body import six_numbers
@@ -49,7 +49,7 @@ def robot_of(model: Any, name: str) -> Robot:
     for i in range(model.nsite):
         body, R, p = seats[int(model.site_bodyid[i])]
         placement = Placement.of(R @ _rotation(model.site_quat[i]), p + R @ model.site_pos[i])
-        name_of_site = unused(model.site(i).name or f"site {i}", [frame.name for frame in frames])
+        name_of_site = unique_name(model.site(i).name or f"site {i}", [frame.name for frame in frames])
         frames.append(Frame(name_of_site, body, placement))
     name_in_file = model.names[: model.names.index(b"\0")].decode("utf-8", "replace")
     return Robot(name_in_file or name, tuple(bodies), tuple(model.opt.gravity.tolist()), "", tuple(frames))
@@ -126,8 +126,8 @@ def _without_looks(spec: Any) -> None:
         if geom.meshname and adds_none and not is_always_by_geometry:
             spec.delete(geom)
     mesh_names = {geom.meshname for geom in spec.geoms}
-    unused = (mesh for mesh in spec.meshes if mesh.name not in mesh_names)
-    for asset in (*spec.skins, *spec.materials, *spec.textures, *unused):
+    unique_name = (mesh for mesh in spec.meshes if mesh.name not in mesh_names)
+    for asset in (*spec.skins, *spec.materials, *spec.textures, *unique_name):
         spec.delete(asset)
 
 

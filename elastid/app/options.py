@@ -93,7 +93,7 @@ def run_of(study: Path, options: dict[str, Any]) -> "Run":
     """Return the run of a study, and remove its options from the options of a command."""
     from elastid.app.console import Console
     from elastid.app.run import Run, all_cores
-    from elastid.base.execution import on_dask
+    from elastid.base.dask_cluster import on_dask
     from elastid.study import load
 
     click.get_current_context().with_resource(on_dask(options.pop("dask", "")))

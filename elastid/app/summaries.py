@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from elastid.app.run import Write
-from elastid.base.arrays import named
+from elastid.base.arrays import values_by_name
 from elastid.base.errors import Note, group_notes, notes_of
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.result import Result
@@ -317,8 +317,8 @@ def _friction_section(
                 for shape, torque, std in rows
                 if shape.place == row.place and torque > 0
             ],
-            "before": named(friction.configurations, friction.before[:, i]),
-            "after": named(friction.configurations, friction.after[:, i]),
+            "before": values_by_name(friction.configurations, friction.before[:, i]),
+            "after": values_by_name(friction.configurations, friction.after[:, i]),
             "residual_power_ratio": row.residual_power_ratio,
         }
         for i, row in enumerate(friction_rows(friction, springs))

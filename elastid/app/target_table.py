@@ -39,10 +39,10 @@ def targets(tag: str) -> tuple["Target", ...]:
 
 def explain_targets(tag: str = "") -> str:
     """Explain a target, or all of them: the files' content and the arguments of its function."""
-    from elastid.base.display import capital
+    from elastid.base.display import capitalise
 
     rows = [row for name in ([tag] if tag else tags()) for row in targets(name)]
-    texts = (f"{capital(row.content)}.\n  Arguments of its function: {', '.join(row.arguments)}." for row in rows)
+    texts = (f"{capitalise(row.content)}.\n  Arguments of its function: {', '.join(row.arguments)}." for row in rows)
     return "\n".join(f"{row.tag}\n  {text}" for row, text in zip(rows, texts, strict=True))
 
 

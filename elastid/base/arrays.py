@@ -1,4 +1,4 @@
-"""Array types of signatures, and frozen dataclasses of arrays whose fields have labels: meaning, unit and axes."""
+"""Array types, elementary functions of arrays, and frozen dataclasses of read-only arrays with labels."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -8,6 +8,63 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastid.base.large_arrays import LargeArray
+
+FloatArray: TypeAlias = NDArray[np.float64]
+ComplexArray: TypeAlias = NDArray[np.complex128]
+BoolArray: TypeAlias = NDArray[np.bool_]
+IntArray: TypeAlias = NDArray[np.int64]
+Signals = TypeVar("Signals", FloatArray, ComplexArray)
+NEIGHBOURS = 9  # rows over which powers and noise are averaged
+
+
+def laplace_variable(freq_hz: NDArray[np.floating[Any]]) -> ComplexArray:
+    """Return s = 2 pi j f in rad/s, of the shape of the frequencies."""
+    return (2j * np.pi * freq_hz).astype(np.complex128)
+
+
+def quotient(a: FloatArray | float, b: FloatArray, otherwise: float = 0.0) -> FloatArray:
+    """Return a / b where b is positive, else `otherwise`."""
+    out = np.full(np.broadcast_shapes(np.shape(a), b.shape), otherwise)
+    return np.asarray(np.divide(a, b, out=out, where=b > 0))
+
+
+def fold_periods(x: Signals, N: int) -> Signals:
+    """Return the whole periods (P, N, ...) of N rows each in x (n, ...), without the remainder at the end."""
+    P = len(x) // N
+    return x[: P * N].reshape(P, N, *x.shape[1:])
+
+
+def values_by_name(names: Iterable[str], values: FloatArray) -> dict[str, float]:
+    """Return values (n,) by their names."""
+    return dict(zip(names, values.tolist(), strict=True))
+
+
+def true_runs(flags: BoolArray, min_length: int = 1) -> IntArray:
+    """Return the first index and the end (k, 2) of each run of at least `min_length` true flags (n,)."""
+    bounds = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]]))).reshape(-1, 2)
+    return bounds[bounds[:, 1] - bounds[:, 0] >= min_length]
+
+
+def smallest_step(x: FloatArray) -> float:
+    """Return the smallest difference between values of x (n,) that exceeds 1e-7 of its range; 0 for equal values."""
+    steps = np.diff(np.unique(x))
+    return float(np.min(steps[steps > 1e-7 * np.ptp(x)])) if len(steps) else 0.0
+
+
+def mean_of_neighbours(values: Signals, width: int = NEIGHBOURS) -> Signals:
+    """Return the moving mean (F, ...) of values (F, ...) over an odd number of rows, over fewer rows at both ends."""
+    F, half = len(values), width // 2
+    total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
+    first, end = np.maximum(np.arange(F) - half, 0), np.minimum(np.arange(F) + half + 1, F)
+    return np.asarray((total[end] - total[first]) / (end - first).reshape(-1, *(1,) * (values.ndim - 1)))
+
+
+def interpolate(x: FloatArray | IntArray, lines: FloatArray | IntArray, values: Signals) -> Signals:
+    """Interpolate values (F, ...) at increasing `lines` (F,) linearly to x (K,); extrapolate beyond the ends."""
+    right = np.clip(np.searchsorted(lines, x), 1, len(lines) - 1)
+    fraction = (x - lines[right - 1]) / np.maximum(lines[right] - lines[right - 1], 1e-300)
+    fraction = fraction.reshape(-1, *(1,) * (values.ndim - 1))
+    return (1 - fraction) * values[right - 1] + fraction * values[right]
 
 
 @dataclass(frozen=True)
@@ -50,39 +107,8 @@ def unit_of_name(name: str) -> str:
     return _UNIT_OF_ENDING.get(name.rpartition("_")[2], "") if "_" in name else ""
 
 
-FloatArray: TypeAlias = NDArray[np.float64]
-ComplexArray: TypeAlias = NDArray[np.complex128]
-BoolArray: TypeAlias = NDArray[np.bool_]
-IntArray: TypeAlias = NDArray[np.int64]
-
-
-def laplace_variable(freq_hz: NDArray[np.floating[Any]]) -> ComplexArray:
-    """Return s = 2 pi j f in rad/s, of the shape of the frequencies."""
-    return (2j * np.pi * freq_hz).astype(np.complex128)
-
-
-def quotient(a: FloatArray | float, b: FloatArray, otherwise: float = 0.0) -> FloatArray:
-    """Return a / b where b is positive, else `otherwise`."""
-    out = np.full(np.broadcast_shapes(np.shape(a), b.shape), otherwise)
-    return np.asarray(np.divide(a, b, out=out, where=b > 0))
-
-
-Signals = TypeVar("Signals", FloatArray, ComplexArray)
-
-
-def folded(x: Signals, N: int) -> Signals:
-    """Return X (P, N, ...): x (n, ...) in P whole periods of N rows each, without the remainder at the end."""
-    P = len(x) // N
-    return x[: P * N].reshape(P, N, *x.shape[1:])
-
-
-def named(names: Iterable[str], values: FloatArray) -> dict[str, float]:
-    """Return values (n,) by their names."""
-    return dict(zip(names, values.tolist(), strict=True))
-
-
 def frozen(array: Any, dtype: Any = np.float64) -> NDArray[Any]:
-    """Return a read-only copy of an array; the array itself if it is such a copy, a slice of one, or mapped."""
+    """Return a read-only copy of an array; the array itself if it is such a copy, a slice of a copy, or mapped."""
     if isinstance(array, LargeArray):
         return cast("NDArray[Any]", array)
     if isinstance(array, np.ndarray) and not array.flags.writeable and array.dtype == dtype:

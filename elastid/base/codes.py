@@ -1,4 +1,4 @@
-"""Codes of errors and notes, with meaning and remedy (codes.toml), and public names that changed (renamed.toml)."""
+"""Codes of errors and notes with meaning and remedy (codes.toml), and renamed public names (renamed.toml)."""
 
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -26,12 +26,12 @@ def codes() -> Mapping[str, Code]:
 
 @cache
 def renamed_names() -> Mapping[str, str]:
-    """Return old public names -> new: `section.key`, `key=value`, words of the command line, codes."""
+    """Return the new name by old public name: `section.key`, `key=value`, words of the command line, codes."""
     return _table("renamed.toml")
 
 
 def new_code(old: str) -> str:
-    """Answer an old name by `renamed to NEW`, any other by an empty text.
+    """Return `renamed to NEW` for an old name, an empty text for any other.
 
     >>> new_code("friction.passes"), new_code("friction.law")
     ('renamed to constant_velocity', '')
@@ -40,7 +40,7 @@ def new_code(old: str) -> str:
 
 
 def renamed_key(path: Sequence[str | int]) -> str:
-    """Answer the old name of a key at a path of names and indices, any other by an empty text.
+    """Return `renamed to NEW` for an old key at a path of names and indices, an empty text for any other.
 
     >>> renamed_key(("experiment", "recorded", "files", 0, "level"))
     'renamed to amplitude'

@@ -1,4 +1,4 @@
-"""Values as text and HTML for a prompt, a notebook or a table: titles, short tables, numbers with their digits."""
+"""Display of values as text and HTML: tables with titles, answers of commands, and numbers with their digits."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -14,7 +14,7 @@ MAX_ROWS = 20  # a longer table shows its first rows and the number of the other
 
 @dataclass(frozen=True)
 class Display:
-    """A title of one sentence, and rows of cells below their headings."""
+    """Table of text cells with headings and a title of one sentence."""
 
     title: str
     headings: tuple[str, ...] = ()
@@ -49,15 +49,14 @@ class Display:
             yield f"  ... and {len(self.rows) - MAX_ROWS} more rows"
 
 
-# Questions of an answer, each with its sentences.
-Questions: TypeAlias = tuple[tuple[str, tuple[str, ...]], ...]
+Questions: TypeAlias = tuple[tuple[str, tuple[str, ...]], ...]  # each question with its sentences
 
 
 @dataclass(frozen=True)
 class Answer:
-    """Answer of a command on its page and on the terminal: title, questions with sentences, tables with titles.
+    """Answer of a command on its page and on the terminal: questions with sentences, and tables.
 
-    notes: below the tables of the page alone.  text: to copy.
+    notes: printed on the page only, below the tables.  text: to copy.
     """
 
     title: str
@@ -77,7 +76,7 @@ def _html(text: str) -> str:
 
 
 def columns(rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    """Format the rows of a table in columns of plain text, to the left."""
+    """Format the rows of a table as lines of plain text with left-aligned columns."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
         yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
@@ -132,10 +131,10 @@ def digits(value: float, std: float) -> int:
     return min(max(_exponent(value) - _exponent(std) + 2, 2), 8)
 
 
-def interval_of(ends: tuple[float, float], digits: int = 4) -> tuple[str, str]:
+def format_interval(ends: tuple[float, float], digits: int = 4) -> tuple[str, str]:
     """Format both ends of an interval; zero and infinity for an unidentifiable positive number.
 
-    >>> interval_of((0.8, 1.2), 2), interval_of((1e-128, 1e142)), interval_of((-3.0, 2e9), 2)
+    >>> format_interval((0.8, 1.2), 2), format_interval((1e-128, 1e142)), format_interval((-3.0, 2e9), 2)
     (('0.80', '1.2'), ('0', '∞'), ('-3.0', '2.0e+09'))
     """
     low, high = ends
@@ -155,7 +154,7 @@ def percent(value: float | None, digits: int = 2) -> str:
     return f"{number(value, digits)} times" if abs(value) > 2 else f"{number(100 * value, digits)} %"
 
 
-def capital(text: str) -> str:
+def capitalise(text: str) -> str:
     """Capitalise the first letter of a sentence that does not begin with a name such as k_1."""
     return text if "_" in text.partition(" ")[0] else text[:1].upper() + text[1:]
 

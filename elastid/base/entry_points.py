@@ -1,4 +1,4 @@
-"""Rows that other packages add to a list of elastid by an entry point."""
+"""Entry points by which installed packages extend a list of elastid: log formats, export targets, causes."""
 
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -11,17 +11,17 @@ Row = TypeVar("Row")
 
 @cache
 def group_entries(group: str) -> tuple[EntryPoint, ...]:
-    """Return the entry points of a group; cached, since the look-up reads a file of every installed package."""
+    """Return the entry points of a group. The look-up reads a file of every installed package."""
     return tuple(entry_points(group=group))
 
 
 def registry(group: str, kind: type[Row]) -> tuple[Row, ...]:
-    """Return the rows of a group; StudyError for an entry point that cannot be loaded or is of another type."""
+    """Load the rows of a group; raises StudyError as `load_row`."""
     return tuple(load_row(point, kind) for point in group_entries(group))
 
 
 def load_row(point: EntryPoint, kind: type[Row]) -> Row:
-    """Return the row of an entry point; StudyError if it cannot be loaded or is of another type."""
+    """Load the row of an entry point; StudyError if it cannot be loaded or is not of type `kind`."""
     try:
         row = point.load()
         problem = f"has type {type(row).__name__}; expected: {kind.__module__}.{kind.__qualname__}"

@@ -1,6 +1,6 @@
-"""Failures of a command, which `cli` turns into message and exit code, and notes.
+"""Errors, which the command line turns into a message and an exit code, and notes on data and results.
 
-Each has a code of `base.codes`, with its meaning and remedy: `elastid explain CODE`.
+Each has a code of `base.codes`; `elastid explain CODE` prints meaning and remedy.
 """
 
 import re
@@ -15,10 +15,10 @@ T = TypeVar("T")
 
 
 class ElastidError(Exception):
-    """A failure that the user can act on: the message states fault, place, reason and remedy.
+    """Failure that the user can correct: the message states fault, location, reason and remedy.
 
-    code: of `base.codes`, for programs ("records/period-mismatch").  text: one sentence with its
-    numbers filled in.  place: the file, line, key, configuration or channel that it is about, printed in front.
+    code: of `base.codes`, for programs ("records/period-mismatch").  text: one sentence with its numbers.  place: the
+    file, line, key, configuration or channel, printed before the text.
     """
 
     exit_code = 1
@@ -52,11 +52,11 @@ class MisfitError(FitError):
 
 
 class ProgramError(RuntimeError):
-    """A fault of elastid in another process, with its traceback as text: a report of a bug, and no message."""
+    """Fault of elastid itself in another process, with its traceback as text."""
 
 
 def is_program_fault(error: BaseException) -> bool:
-    """True for an error of the program itself, such as a TypeError raised by its own code, whatever the data."""
+    """Return True for a fault of elastid itself, such as a TypeError that its code raises."""
     if isinstance(error, ProgramError):
         return True
     trace = error.__traceback__
@@ -71,13 +71,13 @@ class UnknownNameError(KeyError):
     """Unknown name; the message lists the existing names."""
 
     def __str__(self) -> str:
-        return str(self.args[0])  # without the quotes that KeyError puts around it
+        return str(self.args[0])  # without the quotes of KeyError
 
 
-class Named(dict[str, T]):
-    """Values by name; a name that is not there is refused with those there are.
+class NamedValues(dict[str, T]):
+    """Values by name; UnknownNameError lists the existing names.
 
-    >>> Named("parameter", {"k_1": 2.0})["k_2"]
+    >>> NamedValues("parameter", {"k_1": 2.0})["k_2"]
     Traceback (most recent call last):
     elastid.base.errors.UnknownNameError: no parameter k_2; there are k_1
     """
@@ -89,7 +89,7 @@ class Named(dict[str, T]):
     def __missing__(self, name: str) -> T:
         raise UnknownNameError(f"no {self._noun} {name}; there are {', '.join(self) or 'none'}")
 
-    def __reduce__(self) -> "tuple[type[Named[T]], tuple[str, dict[str, T]]]":
+    def __reduce__(self) -> "tuple[type[NamedValues[T]], tuple[str, dict[str, T]]]":
         return type(self), (self._noun, dict(self))
 
 
@@ -121,9 +121,9 @@ def check_theta(theta: Sized, names: Sequence[str]) -> None:
 
 
 def did_you_mean(name: str, valid: Iterable[str], further_names: Iterable[str] = ()) -> str:
-    """Suggest the valid name nearest to an unknown one, or else list all: the end of a message.
+    """Return the end of a message on an unknown name: the most similar valid name, or else a list of `valid`.
 
-    further_names: valid names that are too many to be listed.
+    further_names: valid names that are too many for the list.
 
     >>> did_you_mean("bamd_hz", ["band_hz", "period"])
     "did you mean 'band_hz'?"
@@ -140,10 +140,8 @@ def require_package(module: str, extra: str, place: object = "") -> Any:
     try:
         return import_module(module)
     except ImportError:
-        text = (
-            f"{module.partition('.')[0]} is not installed; install it with `uv sync --extra {extra}` (or `pip install "
-        )
-        raise StudyError("install/missing-package", f"{text}'elastid[{extra}]'`)", place) from None
+        text = f"{module.partition('.')[0]} is not installed; install it with `uv sync --extra {extra}`"
+        raise StudyError("install/missing-package", f"{text} (or `pip install 'elastid[{extra}]'`)", place) from None
 
 
 Severity: TypeAlias = Literal["information", "warning"]
@@ -151,10 +149,7 @@ Severity: TypeAlias = Literal["information", "warning"]
 
 @dataclass(frozen=True)
 class Note:
-    """code: kind of finding, for programs ("clipped-channel"). text: one sentence with its numbers.
-
-    place: the file, record, configuration, channel or parameter that it is about; printed in front of the text.
-    """
+    """Note on data, a plan or a result, with the code, text and place of an `ElastidError`."""
 
     code: str
     text: str
@@ -167,7 +162,7 @@ class Note:
 
 @dataclass(frozen=True)
 class NoteGroup:
-    """One note from `places`: one code, and texts that differ at most in their numbers."""
+    """Notes of one code whose texts differ at most in their numbers: the first note, and the places of all."""
 
     first: Note
     places: tuple[str, ...]
@@ -194,10 +189,7 @@ def group_notes(notes: Iterable[Note]) -> tuple[NoteGroup, ...]:
     """
     groups: dict[tuple[str, str, bool], dict[Note, None]] = {}
     for note in notes:
-        # A note without a place is about one thing only: another number there is another thing.
+        # Notes without a place are grouped only if their texts are equal, numbers included.
         key = (note.code, re.sub(r"\d+(\.\d+)?", "#", note.text) if note.place else note.text, bool(note.place))
         groups.setdefault(key, {})[note] = None
-    return tuple(
-        NoteGroup(next(iter(members)), tuple(dict.fromkeys(note.place for note in members)))
-        for members in groups.values()
-    )
+    return tuple(NoteGroup(next(iter(n)), tuple(dict.fromkeys(note.place for note in n))) for n in groups.values())

@@ -1,8 +1,7 @@
-"""Escapes: a text as it is written into a target, so that it is nothing but a text there.
+"""Escapes of texts by target (terminal, YAML, C, XML, CSV, HDF5 ...), so that no program interprets a text.
 
-Every text that leaves a study goes through the escape of its target. Names are printable lines already (`base.names`);
-the escapes hold for free texts and for what other programs have written, too. XML and HTML of whole documents are
-written by ElementTree and Jinja2, which escape markup; JSON in a page by `embedded_json`.
+Every text of a study is written through the escape of its target, also free texts and texts of other programs. (Names
+are printable lines, see `base.names`.) ElementTree and Jinja2 escape the markup of whole XML and HTML documents.
 """
 
 import json
@@ -10,16 +9,13 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
-# A spreadsheet takes a cell that begins with one of these for a formula.
-_FORMULA = tuple("=+-@\t\r")
-# Double underscores and keywords are not allowed in names of CasADi's functions, and a prefix keeps keywords out.
+_FORMULA = tuple("=+-@\t\r")  # a spreadsheet interprets a cell that begins with one of these as a formula
+# CasADi allows neither double underscores nor keywords in names of functions; the prefix `joint` prevents keywords.
 _NOT_IN_IDENTIFIER = re.compile(r"[\W_]+", re.ASCII)
 
 
 def printable(text: str) -> str:
-    r"""Escape a text for a terminal, log or prompt: control characters and marks of writing direction.
-
-    Tabs and line feeds stay.
+    r"""Escape control characters and marks of writing direction for a terminal; tabs and line feeds stay.
 
     >>> printable("red \x1b[31m")
     'red \\x1b[31m'
@@ -39,12 +35,12 @@ def one_line(text: str) -> str:
 
 
 def comment_lines(text: str) -> str:
-    """Return rows of a YAML comment, each behind `# `."""
+    """Return a YAML comment: each row of the text after `# `."""
     return "".join(f"# {one_line(line)}\n" for line in text.split("\n"))
 
 
 def c_comment(lines: Iterable[str]) -> str:
-    r"""Return a comment of C and C++ of several rows, which no text within can end or nest.
+    r"""Return a comment of C and C++ of several rows; no text within ends the comment or nests another.
 
     >>> print(c_comment(["x*/ #error"]), end="")
     /* x* / #error
@@ -55,7 +51,7 @@ def c_comment(lines: Iterable[str]) -> str:
 
 
 def xml_comment(text: str) -> str:
-    """Return the inside of an XML comment, which has no double hyphen and does not end in a hyphen.
+    """Return the content of an XML comment, without double hyphens and without a hyphen at the end.
 
     >>> xml_comment("a---b")
     'a- - -b'
@@ -79,11 +75,11 @@ def c_identifiers(joints: Iterable[str]) -> dict[str, str]:
     identifiers: dict[str, str] = {}
     for name in joints:
         base = "_".join(filter(None, ("joint", *_NOT_IN_IDENTIFIER.split(name))))
-        identifiers[name] = unused(base, identifiers.values(), "_")
+        identifiers[name] = unique_name(base, identifiers.values(), "_")
     return identifiers
 
 
-def unused(name: str, names: Iterable[str], separator: str = " ") -> str:
+def unique_name(name: str, names: Iterable[str], separator: str = " ") -> str:
     """Return the name, with a number behind it if another name differs from it at most in case."""
     lower_names = {name.casefold() for name in names}
     number = 1

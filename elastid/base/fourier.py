@@ -1,4 +1,4 @@
-"""Discrete Fourier transforms of real signals: in C (`base/kernels/fourier.c`), or with NumPy."""
+"""Discrete Fourier transform (DFT) of real signals: in C (`base/kernels/fourier.c`), or with NumPy."""
 
 from functools import lru_cache
 
@@ -28,13 +28,16 @@ def real_dft(x: FloatArray, lines: IntArray | None = None, out: ComplexArray | N
 
 @lru_cache(maxsize=4)
 def _plan(N: int) -> tuple[IntArray, IntArray, ComplexArray] | None:
-    """Return the factors of N / 2, digit-reversed places of lines (N / 2 + 1,), roots; None with large factors."""
+    """Return the factors of N / 2, digit-reversed indices of the lines (N / 2 + 1,) and roots of unity.
+
+    None if N is odd or too large, or a factor exceeds 13.
+    """
     factors, order, quotient = [], np.zeros(1, np.int64), N // 2
     for factor in (8, 4, *range(2, 14)):
         while quotient and quotient % factor == 0:
             factors.append(factor)
             quotient //= factor
-    if N % 2 or quotient != 1 or not factors or N > 1 << 19:  # work space of 64 MB and more
+    if N % 2 or quotient != 1 or not factors or N > 1 << 19:  # work space above 64 MB
         return None
     for factor in reversed(factors):
         order = (order[:, None] + len(order) * np.arange(factor)).ravel()

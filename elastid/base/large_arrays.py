@@ -1,4 +1,4 @@
-"""Arrays in files: mapped, to share them between processes, or read by rows, if they are too large for memory."""
+"""Arrays in files: mapped and shared between processes, or read by rows if they are too large for memory."""
 
 import mmap
 import os
@@ -15,15 +15,14 @@ from numpy.typing import NDArray
 
 MIN_LARGE_VALUES = 1 << 25  # larger arrays are not read into memory
 PIECE_VALUES = 1 << 20  # values that are read from a file at once
-# A smaller array is mapped as well, if the array and its file have at least so many bytes.
-MIN_MAPPED_BYTES, MIN_LARGE_FILE = 1 << 15, 1 << 26
+MIN_MAPPED_BYTES, MIN_LARGE_FILE = 1 << 15, 1 << 26  # a smaller array of this size is mapped if its file is large
 
 
 @dataclass(frozen=True, eq=False)
 class LargeArray:
     """An array (n, c) too large for memory: x[a:b] reads these rows, in double precision.
 
-    dtype: of the numbers in the file.  rows: function that reads the rows from a first to before a last one.
+    dtype: of the numbers in the file.  rows(first, end): reads these rows.
     """
 
     shape: tuple[int, int]
@@ -63,7 +62,7 @@ def release(array: NDArray[Any] | LargeArray | None) -> None:
     """Release the memory of an array in a file, which keeps its values; an array in memory stays as it is."""
     pages = getattr(array, "_mmap", None)
     if pages is not None and hasattr(mmap, "MADV_DONTNEED"):
-        # Pages that were written stay with the system: the mapping is shared.
+        # The system keeps written pages, because the mapping is shared.
         pages.madvise(mmap.MADV_DONTNEED)
 
 
@@ -112,8 +111,7 @@ class FileArray(np.memmap):
         return (move_to_file, (self.folder, values)) if hasattr(self, "folder") else values.__reduce__()
 
 
-# Arrays share files of this size, in bytes: each file takes a descriptor, and there may be thousands of arrays.
-SHARED_FILE_BYTES = 1 << 28
+SHARED_FILE_BYTES = 1 << 28  # arrays share files, since each file needs a descriptor
 
 
 class _SharedFile:

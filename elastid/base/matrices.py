@@ -1,4 +1,4 @@
-"""Stacks of matrices (F, n, m), one for each line: in C (`base/kernels/matrices.c`), or with NumPy."""
+"""Products, inverses and singular values of stacks of matrices (F, n, m), one matrix per line: in C, or with NumPy."""
 
 from collections.abc import Sequence
 from functools import reduce
@@ -9,8 +9,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.kernels import call, is_compiled
 
-# One stack for each block.
-Stacks: TypeAlias = Sequence[ComplexArray]
+Stacks: TypeAlias = Sequence[ComplexArray]  # one stack for each block of data
 
 
 def squared_magnitude(A: ComplexArray) -> FloatArray:
@@ -19,7 +18,7 @@ def squared_magnitude(A: ComplexArray) -> FloatArray:
 
 
 def power(A: ComplexArray) -> FloatArray:
-    """Return diagonal (F, n) of each positive semidefinite matrix: real, and no less than zero but for rounding."""
+    """Return the real diagonal (F, n) of each positive semidefinite matrix, with 0 for negative rounding errors."""
     return np.asarray(np.maximum(np.einsum("fii->fi", A).real, 0.0))
 
 
@@ -74,7 +73,7 @@ def positive(A: ComplexArray) -> ComplexArray:
 
 
 def _sum_of_products(A: Stacks, B: Stacks, sign: int, G: ComplexArray | None = None) -> ComplexArray:
-    """Return sum over blocks of A B^H, or of A B^T where sign is -1; with G of D D^H, D = A - G B."""
+    """Return the sum over blocks of A B^H (sign 1) or A B^T (sign -1); with G the sum of D D^H, D = A - G B."""
     k, (F, n, _), m = [a.shape[2] for a in A], A[0].shape, B[0].shape[1]
     total, gain = np.empty((F, n, m if G is None else n), np.complex128), None if G is None else _memory([G])
     call("sum_of_products", F, n, m, len(A), max(k), np.array(k), _memory(A), _memory(B), gain, sign, total)
@@ -82,7 +81,7 @@ def _sum_of_products(A: Stacks, B: Stacks, sign: int, G: ComplexArray | None = N
 
 
 def _memory(stacks: Stacks) -> IntArray:
-    """Return place of each stack: its address, and the numbers from line to line, row to row and column to column."""
+    """Return the address of each stack, and its strides by line, row and column, in numbers; TypeError by dtype."""
     if any(stack.dtype != np.complex128 for stack in stacks):
         raise TypeError(f"the kernels read complex128, not {', '.join(str(stack.dtype) for stack in stacks)}")
     return np.array([(stack.ctypes.data, *(stride // stack.itemsize for stride in stack.strides)) for stack in stacks])

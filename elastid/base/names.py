@@ -1,8 +1,7 @@
-"""Names that a study gives to joints, bodies, configurations and the like, and the patterns that choose among them.
+"""Names in a study (joints, bodies, configurations ...): their rules, and the patterns that select them.
 
-A name is one line of printable characters, so that it is nothing but a name in a terminal, a file or a program. Within
-one list, names differ in more than case. A name always stands for itself, whatever characters it has; only where no
-name is equal to it, a text is a pattern (`*`, `?`, `[...]`).
+A name is one line of printable characters, so that no terminal, file or program interprets it. Names in one list differ
+in more than case. A text that equals a name selects this name; any other text is a pattern (`*`, `?`, `[...]`).
 """
 
 import re
@@ -13,27 +12,21 @@ from functools import lru_cache
 from typing import Annotated, Any, TypeAlias
 from unicodedata import normalize
 
-# Of a place on a robot, too.
 MAX_NAME_LENGTH = 100
-# Names of files are those of configurations with a number, a stamp and an ending; systems end at 255 bytes.
-MAX_FILE_NAME_BYTES = 200
-# Between the name of a parameter, which ends in that of a part of the robot, and its group.
-SEPARATOR = "@"
-
-# Behind the name of a configuration that is measured at several amplitudes, from the second one on.
-_AMPLITUDE = re.compile(r" amplitude [1-9][0-9]*$")
-
+MAX_FILE_NAME_BYTES = 200  # systems allow 255; file names add a number, a stamp and an extension
+SEPARATOR = "@"  # between the name of a parameter and its group
+_AMPLITUDE = re.compile(r" amplitude [1-9][0-9]*$")  # second and further amplitudes of a configuration
 _NOT_IN_FILE_NAMES = '/\\:*?"<>|'
-# Names of devices on Windows, with any ending.
+# Windows reserves these names, with any extension.
 _DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{port}{i}" for port in ("COM", "LPT") for i in range(1, 10))}
 
 
 @dataclass(frozen=True)
 class NameRule:
-    """Marks a text of a section as a name, which is checked however the section is made.
+    """Rule of a field that is a name, in its annotation.
 
-    is_file: it also names a file or a folder.  without: characters that have a meaning next to it.  is_optional: it may
-    be empty.
+    is_file: the name is also the name of a file or folder.  without: characters that are not allowed.  is_optional: the
+    name may be empty.
     """
 
     is_file: bool = False
@@ -53,7 +46,7 @@ class NameRule:
         return name
 
     def _problem(self, name: str) -> str:
-        """Return the reason why a text is no name: a blank end or unprintable characters; empty for a valid name."""
+        """Return the reason why a text is not a valid name; empty for a valid name."""
         if not 0 < len(name) <= MAX_NAME_LENGTH:
             return f"has {len(name)} characters; give 1 to {MAX_NAME_LENGTH}"
         if not name.isprintable():
@@ -72,22 +65,21 @@ class NameRule:
         return ""
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        """How pydantic validates the field; imported here so that value types stay free of pydantic."""
-        from pydantic_core import core_schema
+        """Return the pydantic schema of the field."""
+        from pydantic_core import core_schema  # value types stay free of pydantic
 
         return core_schema.no_info_after_validator_function(self.check, handler(source))
 
 
 Name: TypeAlias = Annotated[str, NameRule()]
-# Of a part of the robot: names of parameters end in it.
+# Name of a part of the robot, which is the end of the names of its parameters.
 PartName: TypeAlias = Annotated[str, NameRule(without=SEPARATOR)]
-# Default names.
 OptionalName: TypeAlias = Annotated[str, NameRule(without=SEPARATOR, is_optional=True)]
 FileName: TypeAlias = Annotated[str, NameRule(is_file=True)]
 
 
 def at_amplitude(posture: str, number: int) -> str:
-    """Name of a configuration at one amplitude, counted from 1; the first has the name of the configuration.
+    """Return the name of a configuration at an amplitude, counted from 1; at the first amplitude it is unchanged.
 
     >>> at_amplitude("bent", 1), at_amplitude("bent", 2)
     ('bent', 'bent amplitude 2')
@@ -96,7 +88,7 @@ def at_amplitude(posture: str, number: int) -> str:
 
 
 def posture_of(configuration: str) -> str:
-    """Name of a configuration without its amplitude; settings of a study apply to all amplitudes.
+    """Return the name of a configuration without its amplitude; settings of a study apply to all amplitudes.
 
     >>> posture_of("bent amplitude 2")
     'bent'
@@ -110,7 +102,7 @@ def _normalise(name: str) -> str:
 
 
 def check_different(noun: str, names: Iterable[str]) -> None:
-    """Raise ValueError for a name that is given twice, or differs from another in case or blanks alone.
+    """Raise ValueError for equal names, and for names that differ only in case or blanks.
 
     >>> check_different("joint", ["arm", "Arm"])
     Traceback (most recent call last):
@@ -122,13 +114,12 @@ def check_different(noun: str, names: Iterable[str]) -> None:
         if earlier == name:
             raise ValueError(f"{noun} {name} is given twice; leave one out")
         if earlier is not None:
-            raise ValueError(
-                f"{noun} '{name}' differs from '{earlier}' in case or in a blank alone; give it a name of its own"
-            )
+            text = f"{noun} '{name}' differs from '{earlier}' in case or in a blank alone"
+            raise ValueError(f"{text}; give it a name of its own")
 
 
 def is_match(name: str, pattern: str) -> bool:
-    """True if a pattern matches a name.
+    """Return True if a pattern matches a name.
 
     >>> is_match("k_axis [1]", "k_axis [1]"), is_match("k_1", "k_*")
     (True, True)
@@ -136,13 +127,13 @@ def is_match(name: str, pattern: str) -> bool:
     return name == pattern or fnmatchcase(name, pattern)
 
 
-def matching(pattern: str, names: Iterable[str]) -> tuple[str, ...]:
+def match_names(pattern: str, names: Iterable[str]) -> tuple[str, ...]:
     """Return the name equal to a text, or else all names that match it as a pattern.
 
-    >>> matching("k_[1]", ["k_1", "k_[1]"])
+    >>> match_names("k_[1]", ["k_1", "k_[1]"])
     ('k_[1]',)
-    >>> matching("k_[1]", ["k_1", "d_1"])
+    >>> match_names("k_[1]", ["k_1", "d_1"])
     ('k_1',)
     """
-    known_names = tuple(names)
-    return (pattern,) if pattern in known_names else tuple(name for name in known_names if fnmatchcase(name, pattern))
+    all_names = tuple(names)
+    return (pattern,) if pattern in all_names else tuple(name for name in all_names if fnmatchcase(name, pattern))

@@ -1,6 +1,6 @@
-"""`@section`, a frozen dataclass that can be read from a study, unknown keys refused, and `Key`, the text of a field.
+"""Sections of a study: frozen dataclasses (`@section`) whose fields are keys with texts and bounds (`Key`).
 
-Each section of a study lives in the room that uses it and knows no YAML; `study` only gathers them.
+Each section is declared in the package that uses it and is independent of YAML; `elastid.study` collects them.
 """
 
 from collections.abc import Iterator
@@ -8,14 +8,15 @@ from contextvars import ContextVar, copy_context
 from dataclasses import dataclass, field, fields
 from functools import cache, wraps
 from itertools import pairwise
+from operator import ge, gt, le, lt
 from typing import Any, TypeVar, dataclass_transform, get_args, get_origin
 
 from elastid.base.names import check_different
 
 T = TypeVar("T")
 
-_in_validator = ContextVar("_in_validator", default=False)  # not in an adapter that makes texts or a JSON schema
-# A name such as 1 needs no quotes.
+_in_validator = ContextVar("_in_validator", default=False)  # False while pydantic makes texts or a JSON schema
+# coerce_numbers_to_str: a name such as 1 needs no quotes.
 _CONFIG = {"extra": "forbid", "coerce_numbers_to_str": True, "allow_inf_nan": False}
 
 
@@ -38,41 +39,37 @@ class Key:
     rising: bool = False
     filled: bool = False
 
-    def checked(self, value: Any) -> Any:
+    def check(self, value: Any) -> Any:
         """Return the value of the key; ValueError for a number out of bounds and for names that are almost equal."""
         if isinstance(value, dict):
             check_different("name", map(str, value))
         if self.filled and value == ():
             raise ValueError("it is empty; list at least one entry")
         if self.distinct and isinstance(value, tuple) and len({*value}) < len(value):
-            twice = next(entry for entry in value if value.count(entry) > 1)
-            raise ValueError(f"{twice} is given twice; leave one out")
+            repeated = next(entry for entry in value if value.count(entry) > 1)
+            raise ValueError(f"{repeated} is given twice; leave one out")
         if self.rising and value is not None and any(not low < high for low, high in pairwise(value)):
             raise ValueError("the numbers must increase, as [lowest, highest]")
+        bounds = (("above", self.above, gt), ("at least", self.least, ge), ("at most", self.most, le))
         for number in _numbers(value):
-            if self.above is not None and not number > self.above:
-                raise ValueError(f"it must be above {self.above:g}")
-            if self.least is not None and not number >= self.least:
-                raise ValueError(f"it must be at least {self.least:g}")
-            if self.most is not None and not number <= self.most:
-                raise ValueError(f"it must be at most {self.most:g}")
-            if self.below is not None and not number < self.below:
-                raise ValueError(f"it must be below {self.below:g}")
+            for words, bound, is_within in (*bounds, ("below", self.below, lt)):
+                if bound is not None and not is_within(number, bound):
+                    raise ValueError(f"it must be {words} {bound:g}")
         return value
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         """Return the pydantic schema of the field; a nested section has a separate validator, built at first use."""
         from pydantic_core import core_schema  # value types stay free of pydantic
 
-        parts = (source, *get_args(source))
-        # A section that exists, or None where allowed, needs no validator, which takes time to build.
-        valid = () if get_origin(source) in (tuple, dict) else parts
+        types = (source, *get_args(source))
+        # An instance of a section, or None where allowed, needs no validator, which takes time to build.
+        valid_types = () if get_origin(source) in (tuple, dict) else types
         nested = core_schema.no_info_plain_validator_function(
-            lambda value: value if type(value) in valid else validator(source).validate_python(value)
+            lambda value: value if type(value) in valid_types else validator(source).validate_python(value)
         )
-        has_section = any(hasattr(part, "__pydantic_config__") for part in parts)
+        has_section = any(hasattr(type_, "__pydantic_config__") for type_ in types)
         schema = nested if has_section and _in_validator.get() else handler(source)
-        return core_schema.no_info_after_validator_function(self.checked, schema)
+        return core_schema.no_info_after_validator_function(self.check, schema)
 
 
 def _numbers(value: Any) -> Iterator[float]:
@@ -87,16 +84,16 @@ def _numbers(value: Any) -> Iterator[float]:
 def section(cls: type[T]) -> type[T]:
     """Make a frozen dataclass whose fields are the keys of a section, with types checked by their annotations.
 
-    In Python it accepts the values of a study, and an array for a tuple; ValueError names the first field
-    that is wrong.
+    In Python it accepts the values of a study, and an array for a tuple; ValueError names the first invalid field.
     """
     section_class: Any = dataclass(frozen=True)(cls)
-    by_default, requires = section_class.__init__, any(f.default is f.default_factory for f in fields(section_class))
+    plain_init = section_class.__init__
+    has_required_keys = any(f.default is f.default_factory for f in fields(section_class))  # both are MISSING
 
-    @wraps(by_default)  # the signature that a prompt shows
+    @wraps(plain_init)  # the signature that a prompt shows
     def __init__(self: T, *values: Any, **keys: Any) -> None:
-        if not (values or keys or requires):
-            by_default(self)
+        if not (values or keys or has_required_keys):
+            plain_init(self)
             return
         from pydantic_core import ArgsKwargs, ValidationError
 
@@ -105,7 +102,7 @@ def section(cls: type[T]) -> type[T]:
         except ValidationError as error:
             first = error.errors()[0]
             message, steps = first["msg"].removeprefix("Value error, "), list(first["loc"])
-            if steps and isinstance(steps[0], int):  # given without its name
+            if steps and isinstance(steps[0], int):  # a positional argument
                 steps[0] = section_class.__match_args__[steps[0]]
             text = f"{'.'.join(map(str, steps))}: {message} (got {first['input']!r:.60})" if steps else message
             raise ValueError(text) from None
@@ -117,8 +114,8 @@ def section(cls: type[T]) -> type[T]:
 
 @cache
 def validator(section: Any) -> Any:
-    """Return pydantic's validator of a section, or of a union with sections, built at the first use: it takes time."""
-    from pydantic import TypeAdapter  # value types stay free of pydantic until one is made
+    """Return pydantic's validator of a section, or of a union with sections; building one takes time."""
+    from pydantic import TypeAdapter  # a slow import
 
     context = copy_context()
     context.run(_in_validator.set, True)

@@ -1,4 +1,4 @@
-"""Units of a study: a plain number is SI, a text such as '2.5 kN*m/rad' comes from a closed table.
+"""Units of a study: conversion of numbers (SI) and texts such as '2.5 kN*m/rad' by a closed table.
 
 `Annotated[float, InUnit("N*m/rad")]` makes a dataclass field read both and refuse every other dimension; with
 `InUnit("N*m/rad", "N/m")` it takes either, as a `Measured` number that keeps its dimension for its owner to check.
@@ -63,10 +63,10 @@ _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)
 
 
 @cache
-def usual_spelling(unit: str) -> str:
-    """Return the spelling in the table of a unit.
+def table_unit(unit: str) -> str:
+    """Return the name of a unit in the table, for any spelling; an unknown unit stays as it is.
 
-    >>> usual_spelling("Nm")
+    >>> table_unit("Nm")
     'N*m'
     """
     return unit if unit in TABLE else next((name for name, text in SPELLINGS.items() if re.fullmatch(text, unit)), unit)
@@ -78,7 +78,7 @@ def dimension_and_size(unit: str) -> tuple[str, float]:
     >>> dimension_and_size("mNm")
     ('N*m', 0.001)
     """
-    return TABLE.get(usual_spelling(unit), ("", 1.0))
+    return TABLE.get(table_unit(unit), ("", 1.0))
 
 
 def units_of(dimension: str) -> list[str]:
@@ -86,10 +86,10 @@ def units_of(dimension: str) -> list[str]:
     return [name for name, (measures, _) in TABLE.items() if measures == dimension]
 
 
-def factor(unit: str, *dimensions: str) -> float:
+def si_factor(unit: str, *dimensions: str) -> float:
     """Return the number of SI units in one `unit`; ValueError for an unknown unit or another dimension.
 
-    >>> factor("rpm", "rad/s") == 2 * math.pi / 60
+    >>> si_factor("rpm", "rad/s") == 2 * math.pi / 60
     True
     """
     measures, scale = dimension_and_size(unit)
@@ -103,7 +103,7 @@ def factor(unit: str, *dimensions: str) -> float:
 def to_si(value: Any, *dimensions: str) -> float:
     """Convert a number (SI) or a text '2.5 kN*m/rad' to SI; ValueError lists the units that fit.
 
-    Of several dimensions a text with a unit keeps its own.
+    If several dimensions are allowed, a text with a unit keeps its dimension.
 
     >>> to_si("2.5 kN*m/rad", "N*m/rad")
     2500.0
@@ -119,7 +119,7 @@ def to_si(value: Any, *dimensions: str) -> float:
         if match is None:
             raise ValueError(f"'{value}' is not a number with a unit; write for example '1 {dimensions[0]}'")
         unit = (match[2] or "").strip()
-        value = float(match[1]) * (factor(unit, *dimensions) if unit else 1.0)
+        value = float(match[1]) * (si_factor(unit, *dimensions) if unit else 1.0)
     if not math.isfinite(value):
         raise ValueError(f"expected a finite number in {expected_units}")
     return Measured(value, dimension_and_size(unit)[0]) if unit and len(dimensions) > 1 else float(value)
@@ -131,7 +131,7 @@ class Measured(float):
     dimension: str
 
     def __new__(cls, value: float, dimension: str) -> "Measured":
-        """The number and its dimension."""
+        """Make a number with its dimension."""
         number = super().__new__(cls, value)
         number.dimension = dimension
         return number
@@ -140,28 +140,28 @@ class Measured(float):
         return float(self), self.dimension
 
 
-def of_translation(unit: str) -> str:
+def translation_unit(unit: str) -> str:
     """Return the unit of a translation that corresponds to a unit of a rotation.
 
-    >>> of_translation("N*m*s/rad")
+    >>> translation_unit("N*m*s/rad")
     'N*s/m'
     """
     return unit.replace("N*m", "N").replace("rad", "m")
 
 
 class InUnit:
-    """Marks a float field with its SI unit; the study loader reads numbers and texts with units through it.
+    """SI unit of a float field, in its annotation; by it the study loader reads numbers and texts with units.
 
-    others: further dimensions that the field may have instead.  is_finite: False where an infinite number says that
-    there is no limit.
+    others: further dimensions that the field may have instead.  is_finite: False if infinity is a valid value (no
+    limit).
     """
 
     def __init__(self, unit: str, *others: str, is_finite: bool = True) -> None:
         self.unit, self.units, self.is_finite = unit, (unit, *others), is_finite
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        """How pydantic validates the field; imported here so that value types stay free of pydantic."""
-        from pydantic_core import core_schema
+        """Return the pydantic schema of the field."""
+        from pydantic_core import core_schema  # value types stay free of pydantic
 
         # JSON has no infinite numbers.
         serializer = core_schema.plain_serializer_function_ser_schema(lambda x: x if math.isfinite(x) else str(x))

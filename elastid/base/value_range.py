@@ -1,4 +1,4 @@
-"""Summary of an array: first value, range and number of missing values."""
+"""Range of the values of an array as numbers and as text."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class ValueRange:
-    """First value, range low to high of finite values (NaN if all are missing), and number of missing values."""
+    """First value, lowest and highest finite value (NaN without any), and number of values that are not finite."""
 
     first: float
     low: float
@@ -19,7 +19,7 @@ class ValueRange:
 
 
 def value_range(blocks: Iterable[NDArray[Any]]) -> ValueRange:
-    """Return the range of an array that is given in blocks; magnitudes for complex numbers.
+    """Compute the range of an array that is given in blocks; magnitudes for complex numbers.
 
     >>> value_range([np.array([2.0, 1.0]), np.array([np.nan, 5.0])])
     ValueRange(first=2.0, low=1.0, high=5.0, missing=1)

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, named
+from elastid.base.arrays import FloatArray, values_by_name
 from elastid.base.errors import Note, StudyError
 from elastid.base.execution import Execution
 from elastid.design.configuration_selection import choose_configurations
@@ -122,7 +122,7 @@ def _expected_responses(
         _, _, travel = prospect.reversals(configuration, problem.parameters.x)
         model = replace(prospect, parameters=parameters, presliding=tuple(springs))
         expected = model.expected(configuration, parameters.x)
-        std = local_ratio_std(robot, named(robot.motor_locations, travel))
+        std = local_ratio_std(robot, values_by_name(robot.motor_locations, travel))
         responses.append(replace(expected, response=with_ratio_std(replace(expected.response, ratio_std=std), robot)))
     return responses
 

@@ -14,7 +14,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, frozen_value, labelled, quotient
 from elastid.base.errors import Note, StudyError
 from elastid.base.statistics import correlation_of
-from elastid.base.units import of_translation
+from elastid.base.units import translation_unit
 from elastid.excitation.grids import line_count_refusal
 from elastid.fit.combinations import conditional_covariance, correlated_combinations
 from elastid.fit.problem.least_squares import as_real
@@ -213,4 +213,4 @@ class LimitUse:
 
 def unit_of(kind: int, slides: bool) -> str:
     """Return the SI unit of one of QUANTITIES, of a motor whose joint turns or slides."""
-    return of_translation(UNITS[kind]) if slides else UNITS[kind]
+    return translation_unit(UNITS[kind]) if slides else UNITS[kind]

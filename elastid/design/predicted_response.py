@@ -17,9 +17,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray, laplace_variable, quotient
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, laplace_variable, mean_of_neighbours, quotient
 from elastid.base.errors import StudyError
-from elastid.base.statistics import mean_of_neighbours
 from elastid.design.optimal import PowerSource
 from elastid.excitation.multisine import synthesise
 from elastid.experiment.plan.plan import Plan

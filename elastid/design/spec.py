@@ -8,7 +8,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError, did_you_mean
-from elastid.base.names import FileName, Name, matching
+from elastid.base.names import FileName, Name, match_names
 from elastid.base.section import Key, section
 from elastid.base.units import JointPosition, Length, Time
 from elastid.excitation.spec import MultisineSpec
@@ -101,7 +101,7 @@ def interest(names: Sequence[str], patterns: Sequence[str]) -> FloatArray:
 
 def identified_names(pattern: str, names: Sequence[str]) -> tuple[str, ...]:
     """Return the names of parameters that match a pattern; StudyError if no name does."""
-    if not (matches := matching(pattern, names)):
+    if not (matches := match_names(pattern, names)):
         raise StudyError("design/goal", f"the fit does not identify '{pattern}'; {did_you_mean(pattern, list(names))}")
     return matches
 

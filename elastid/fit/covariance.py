@@ -261,7 +261,9 @@ def sum_up(
     prior_J = np.diag(np.concatenate([fit.parameters.prior_slopes, np.ones(len(factors))]))
     configurations = list(zip(fit.frfs, responses, weights, strict=True))
     R = np.vstack([prior_J, static_J])
-    for block in home.at_home(partial(triangle, bare, x, factors), chunked(configurations)):  # R of the stacked J = Q R
+    for block in home.with_affinity(
+        partial(triangle, bare, x, factors), chunked(configurations)
+    ):  # R of the stacked J = Q R
         R = np.asarray(np.linalg.qr(np.vstack([R, block]), mode="r"))
     H, singular_values, unidentifiable = inverse_information(R)
     line_sums, pulls = list[LineSums](), dict[tuple[str, str, int], ComplexArray]()

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value, labelled
-from elastid.base.errors import Named, Note, UnknownNameError, did_you_mean, require_package
-from elastid.base.names import matching
+from elastid.base.errors import NamedValues, Note, UnknownNameError, did_you_mean, require_package
+from elastid.base.names import match_names
 from elastid.base.statistics import QUANTILE_95, correlation_of, exceeds_cost_limit
 from elastid.fit.load_tests import StaticAgreement, ToolAgreement
 from elastid.fit.problem.least_squares import LocalOptimum
@@ -176,7 +176,7 @@ class FitValues:
     def _in_si(self, std: FloatArray) -> dict[str, float]:
         """Convert standard deviations (n,) of the first n variables of x to SI, by name (first order)."""
         free = zip(self.parameters.free, self.x, std, strict=False)
-        return Named("free parameter", {p.name: float(s * (np.exp(xi) if p.log else 1.0)) for p, xi, s in free})
+        return NamedValues("free parameter", {p.name: float(s * (np.exp(xi) if p.log else 1.0)) for p, xi, s in free})
 
     def interval(self, name: str) -> tuple[float, float]:
         """Return the 95 % interval of a free parameter in SI, by profile likelihood if computed, else symmetric in x.
@@ -212,7 +212,7 @@ class FitValues:
 
     def __getitem__(self, name: str) -> Any:
         """Return the estimate of a parameter, or a dictionary for a pattern (`k_*`); else raise UnknownNameError."""
-        if name not in self and (names := matching(name, self.keys())):
+        if name not in self and (names := match_names(name, self.keys())):
             return {key: self[key] for key in names}
         low, high = self.interval(name)
         return Estimate(name, self.values[name], self.std[name], low, high, self.parameters[name].unit)

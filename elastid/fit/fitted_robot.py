@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, named
+from elastid.base.arrays import ComplexArray, FloatArray, values_by_name
 from elastid.base.errors import index_of
 from elastid.fit.parameter_selection import group_labels, tolerances_of
 from elastid.fit.problem.frf_residuals import linear_model
@@ -162,7 +162,7 @@ def remaining_tolerances(result: Result, robot: Robot) -> Tolerances | Exact | N
     """
     if not isinstance(robot.tolerances, Tolerances) or not result.has_tolerances:
         return robot.tolerances
-    deviation = named(result.parameters.free_names, result.std_of_x)
+    deviation = values_by_name(result.parameters.free_names, result.std_of_x)
     owners = {*(body.name for body in robot.all_bodies), *(loop.name for loop in robot.loops)}
     posterior: dict[str, dict[str, float]] = {}
     for tolerance in tolerances_of(robot):

@@ -19,7 +19,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, Note, StudyError, notes_of
-from elastid.base.execution import HERE, Execution
+from elastid.base.execution import SERIAL, Execution
 from elastid.fit.problem.frf_residuals import ElasticFit, FrfResiduals, linear_model, map_chunks
 from elastid.fit.problem.inertia_barrier import free_inertias
 from elastid.fit.problem.least_squares import (
@@ -81,13 +81,13 @@ class Assembly:
     spec: FitSpec
     model: ModelSpec = EXACT
     loads: "StaticLoads | None" = None
-    home: Execution = HERE
+    home: Execution = SERIAL
 
     @classmethod
     def of(
         cls, responses: Sequence[Response], robot: Robot, spec: FitSpec, parameters: Parameters,
         model: ModelSpec = EXACT, loads: "Sequence[PlacedTest]" = (), weights: Sequence[Weights] | None = None,
-        home: Execution = HERE, presliding: tuple[RelaxingSpring, ...] = (),
+        home: Execution = SERIAL, presliding: tuple[RelaxingSpring, ...] = (),
     ) -> "Assembly":  # fmt: skip
         """Build the model, and compute the weights of the responses unless they are given."""
         weights = tuple(weights or (weigh(response, spec) for response in responses))

@@ -22,7 +22,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg import block_diag
 
-from elastid.base.arrays import FloatArray, frozen_value, named
+from elastid.base.arrays import FloatArray, frozen_value, values_by_name
 from elastid.fit.robust_covariance import LineSums
 
 # rad; angles that transmission errors do not tell apart.
@@ -78,7 +78,7 @@ def scatter_of_ratios(
         drop = float(2 * h @ e - e @ N @ e)
     explains = is_excess and s.max() <= LARGEST_STD and drop > MIN_EXPLAINED_FRACTION * (cost - expected_cost)
     s = np.ones(len(s)) if is_excess and not explains else np.maximum(s, min_std)
-    return RatioScatter((s[:, None] * shifts).T @ (s[:, None] * shifts), named(names, s), explains)
+    return RatioScatter((s[:, None] * shifts).T @ (s[:, None] * shifts), values_by_name(names, s), explains)
 
 
 def _same_angles(joints: Sequence[tuple[str, float]]) -> list[tuple[str, int]]:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, named
+from elastid.base.arrays import ComplexArray, FloatArray, values_by_name
 from elastid.base.errors import DataError, FitError, StudyError, check_kind, notes_of
 from elastid.base.execution import Execution, persistent_workers
 from elastid.fit.covariance import Uncertainty, estimate_uncertainty
@@ -308,7 +308,7 @@ def free_nuisance_parameters(
     parameters = with_tolerances(assembly.parameters, robot, assembly.spec)
 
     def widen(x: FloatArray) -> FloatArray:
-        return parameters.x_with(named(assembly.parameters.free_names, x))
+        return parameters.x_with(values_by_name(assembly.parameters.free_names, x))
 
     ends = [replace(start, x_start=widen(start.x_start), x=widen(start.x)) for start in starts]
     nuisance = Assembly.of(

@@ -30,7 +30,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import FitError, Note, StudyError, did_you_mean
 from elastid.base.execution import Execution
-from elastid.base.names import is_match, matching
+from elastid.base.names import is_match, match_names
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.frf_problem import RelinearisedOptimum
 from elastid.fit.problem.frf_residuals import ElasticFit, FrfResiduals
@@ -197,7 +197,7 @@ def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, e
         notes += [Note("fit/profile", text, severity="information")] if names else []
     else:
         free = result.parameters.free_names
-        if unknown := next((key for key in spec.profile if not matching(key, free)), ""):
+        if unknown := next((key for key in spec.profile if not match_names(key, free)), ""):
             text = f"no free parameter is {unknown}; {did_you_mean(unknown, free)}"
             raise StudyError("fit/parameters", text, "fit.profile")
         names = tuple(name for name in free if any(is_match(name, key) for key in spec.profile))

@@ -26,7 +26,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError, did_you_mean
-from elastid.base.names import SEPARATOR, matching, posture_of
+from elastid.base.names import SEPARATOR, match_names, posture_of
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec
 from elastid.parameters import DELAY, Parameter, Parameters, Prior, Tie
 from elastid.robot import BASE, CHANNEL_NUMBERS, MAX_DELAY_S, Robot, Rod, Spring, Tolerances, channel_name, unit_axis
@@ -141,7 +141,7 @@ def named_geometry(rules: Mapping[str, ParameterSpec], robot: Robot) -> tuple[st
     keys = [key for key in rules if key[:1].isalpha()]
     keys += [rule.tie.to for rule in rules.values() if rule.tie is not None and rule.tie.to in robot.geometry]
     candidates = tuple(robot.numbers) + tuple(robot.geometry)
-    names = {name for key in keys for name in matching(key, candidates)}
+    names = {name for key in keys for name in match_names(key, candidates)}
     return tuple(name for name in robot.geometry if name in names)
 
 
@@ -149,7 +149,7 @@ def named_on_demand(rules: Mapping[str, ParameterSpec], robot: Robot) -> tuple[s
     """Return the names of robot.on_demand in fit.parameters: geometry, and values of channels (gain_kp_*)."""
     keys = [key for key in rules if re.match(rf"({'|'.join(CHANNEL_NUMBERS)})_(kp|kd|[uyr])(_|$)", key)]
     keys += [rule.tie.to for rule in rules.values() if rule.tie is not None]
-    names = {name for key in keys for name in matching(key, robot.channel_numbers)}
+    names = {name for key in keys for name in match_names(key, robot.channel_numbers)}
     return (*named_geometry(rules, robot), *(name for name in robot.channel_numbers if name in names))
 
 
@@ -158,7 +158,7 @@ def _match(
 ) -> dict[str, ParameterSpec]:
     rules_of: dict[str, ParameterSpec] = {}
     for key, rule in rules.items():
-        names = matching(key, table)
+        names = match_names(key, table)
         if not names:
             near = did_you_mean(key, table, on_demand)
             raise StudyError("fit/parameters", f"the robot has no parameter {key}; {near}", "fit.parameters")
@@ -257,7 +257,7 @@ def with_tolerances(parameters: Parameters, robot: Robot, spec: FitSpec) -> Para
     tolerances = {prior.name: prior for prior in tolerances_of(robot) if not prior.name.startswith(prefixes)}
     by_name = {parameter.name: parameter for parameter in parameters}
     of_study = {p.stands_for for p in parameters if p.is_free or p.tie is not None}
-    of_study |= {n for key, rule in spec.parameters.items() if rule.fixed for n in matching(key, parameters.names)}
+    of_study |= {n for key, rule in spec.parameters.items() if rule.fixed for n in match_names(key, parameters.names)}
     numbers: list[Parameter] = []
     factors: dict[str, Parameter] = {}
     for name, (value, unit) in robot.parameters((*parameters.names, *tolerances)).items():

@@ -16,9 +16,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, laplace_variable, named
+from elastid.base.arrays import FloatArray, laplace_variable, values_by_name
 from elastid.base.errors import FitError, Note, notes_of
-from elastid.base.execution import HERE
+from elastid.base.execution import SERIAL
 from elastid.base.statistics import chi_square_limit
 from elastid.fit.diagnosis.hypothesis import Evidence
 from elastid.fit.diagnosis.limits import LIMITS
@@ -71,7 +71,7 @@ def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
     with_springs = with_presliding(
         assembly, dict(sorted(last.springs.items(), key=lambda pair: joints.index(pair[0].joint)))
     )
-    return with_springs, with_springs.parameters.x_with(named(last.fit.parameters.free_names, last.x))
+    return with_springs, with_springs.parameters.x_with(values_by_name(last.fit.parameters.free_names, last.x))
 
 
 def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:
@@ -181,7 +181,7 @@ class _State:
         for spring, stiffness, a in self.starts(joint):
             hypothesis = {**self.springs, spring: (stiffness, a)}
             assembly = with_presliding(self.base, hypothesis)
-            start = assembly.parameters.x_with(named(self.fit.parameters.free_names, self.x))
+            start = assembly.parameters.x_with(values_by_name(self.fit.parameters.free_names, self.x))
             fit, _ = _on_line_subset(assembly, start)
             try:
                 end = solve(fit.problem, start, ROUGH, 2 * LIMITS.iterations)
@@ -212,7 +212,7 @@ def _with_all(state: _State, joints: Sequence[str]) -> _State:
 def _on_line_subset(assembly: Assembly, x: FloatArray) -> tuple[ElasticFit, float]:
     """Return the fit linearised at x (n_x,) on some lines, and their fraction of all residuals."""
     whole = assembly.at(x, assembly.spec.criterion)
-    fit = replace(whole, frfs=tuple(map_chunks(line_subset(whole, RESIDUALS), whole.frfs, assembly.home)), home=HERE)
+    fit = replace(whole, frfs=tuple(map_chunks(line_subset(whole, RESIDUALS), whole.frfs, assembly.home)), home=SERIAL)
     return fit, fit.n_residuals / max(whole.n_residuals, 1)
 
 
@@ -284,7 +284,7 @@ def are_identified(result: Result, springs: Sequence[RelaxingSpring]) -> bool:
 
     Not the rate: without relaxation, or for a pure damper, the rate is not identifiable.
     """
-    std = named(result.parameters.free_names, result.std_of_x)
+    std = values_by_name(result.parameters.free_names, result.std_of_x)
     return any(std[s.names[0]] < MAX_STD for s in springs)
 
 
@@ -336,7 +336,7 @@ def _has_effect(previous: Result, current: Result) -> bool:
 def _presliding(result: Result, spring: RelaxingSpring, assembly: Assembly) -> Presliding:
     values, free, location = result.values, result.parameters.free_names, f"motor {spring.joint}"
     s, a = values[spring.names[0]], 1 / values[relaxation(spring.joint)]
-    std = named(free, result.std_of_x)
+    std = values_by_name(free, result.std_of_x)
     times = [time for response in assembly.responses for time in _between_reversals(response, location)]
     unit = "N/m" if assembly.linearisation.model.robot.sliding((location,)) else "N*m/rad"
     stds = std[spring.names[0]] * s, std[relaxation(spring.joint)] * a

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value, labelled
-from elastid.base.display import digits, interval_of, number
+from elastid.base.display import digits, format_interval, number
 from elastid.linear.presliding import RelaxingSpring
 
 NO_NUMBERS, NO_TABLE, NO_PAIRS = (partial(np.zeros, shape) for shape in (0, (0, 0), (0, 2)))
@@ -121,5 +121,5 @@ class Estimate:
 
     def __str__(self) -> str:
         n_digits = digits(self.value, self.std)
-        ends = " to ".join(interval_of(self.interval, n_digits))
+        ends = " to ".join(format_interval(self.interval, n_digits))
         return f"{self.name} = {number(self.value, n_digits)} {self.unit}, 95 % {ends}"

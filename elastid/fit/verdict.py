@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from elastid.base.display import Display, capital, digits, interval_of, number, percent
+from elastid.base.display import Display, capitalise, digits, format_interval, number, percent
 from elastid.base.errors import Note
 from elastid.base.statistics import QUANTILE_95, max_cost_ratio
 from elastid.fit.fit_values import FitValues
@@ -42,7 +42,7 @@ class Verdict(FitValues):
         for p in self.parameters.of_interest:
             n_digits = digits(values[p.name], std[p.name])
             cells = [number(column[p.name], 2) for column in columns.values()]
-            ends = " to ".join(interval_of(self.interval(p.name), n_digits))
+            ends = " to ".join(format_interval(self.interval(p.name), n_digits))
             rows.append((p.name, number(values[p.name], n_digits), *cells, ends, p.unit))
         headings = ("parameter", "value", *columns, "95 % interval", "unit")
         return Display(f"Fit: {self.message}", headings, rows)
@@ -55,7 +55,7 @@ class Verdict(FitValues):
         if self.status != "converged":
             return MEANING[self.status]
         bias = ", some biased (see their verdicts)" if BIASED in "".join(self.verdicts) else ""
-        test, remark = self.residual_test.partition(":")[0], capital(self.cause[0]) or self.coverage
+        test, remark = self.residual_test.partition(":")[0], capitalise(self.cause[0]) or self.coverage
         return f"{self._counts}{bias}; {test}. {remark}"
 
     @property

@@ -22,9 +22,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.arrays import BoolArray, FloatArray, interpolate
 from elastid.base.errors import DataError, Note
-from elastid.base.statistics import interpolate
 from elastid.frf.local.fitted_response import local_mean
 from elastid.frf.period_selection import TRANSIENT_DISCARDED
 from elastid.frf.spec import Method

@@ -17,10 +17,9 @@ from itertools import starmap
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, IntArray
+from elastid.base.arrays import BoolArray, FloatArray, IntArray, true_runs
 from elastid.base.errors import DataError, Note
 from elastid.base.matrices import inverse, singular_values, squared_magnitude
-from elastid.base.statistics import runs
 from elastid.frf.experiment_blocks import Block, MeanSpectra
 from elastid.frf.lines import MIN_SNR, smoothed_noise
 from elastid.record import Record
@@ -220,7 +219,7 @@ def pulses(u: FloatArray) -> IntArray | None:
         return None
     x = np.abs(u - np.median(u))
     is_pulse = x > PULSE_START * x.max(initial=0.0)
-    return runs(is_pulse) if 0 < is_pulse.mean() <= PULSE_FRACTION else None
+    return true_runs(is_pulse) if 0 < is_pulse.mean() <= PULSE_FRACTION else None
 
 
 def hit_notes(record: Record) -> Iterator[Note]:
@@ -244,10 +243,10 @@ def hit_notes(record: Record) -> Iterator[Note]:
                 "some milliseconds, and record until the response has decayed"
             )
             yield Note("frf/hits", text, place)
-        overloads[name] = len(runs(np.abs(u) == np.abs(u).max(), CLIPPED_RUN))
+        overloads[name] = len(true_runs(np.abs(u) == np.abs(u).max(), CLIPPED_RUN))
     for name, y in zip(record.outputs, record.y.T, strict=True):
         ends = (y.max(), y.min()) if overloads and np.ptp(y) > 0 else ()
-        visits = sum(len(runs(y == end, CLIPPED_RUN)) for end in ends)
+        visits = sum(len(true_runs(y == end, CLIPPED_RUN)) for end in ends)
         overloads |= {name: visits} if visits > 1 else {}  # a single run can be zero motion
     if names := [f"{name} ({count} times)" for name, count in overloads.items() if count]:
         text = (

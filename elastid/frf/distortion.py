@@ -32,11 +32,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, interpolate
 from elastid.base.fourier import real_dft
 from elastid.base.large_arrays import release
 from elastid.base.matrices import positive, power
-from elastid.base.statistics import interpolate
 from elastid.frf.estimators import equation_error
 from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.spectra import RecordSpectra

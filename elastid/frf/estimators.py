@@ -24,10 +24,9 @@ from functools import cached_property
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray
+from elastid.base.arrays import ComplexArray, mean_of_neighbours
 from elastid.base.errors import DataError
 from elastid.base.matrices import added_cross_products, added_error_products, added_products, power, squared_magnitude
-from elastid.base.statistics import mean_of_neighbours
 from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.response import Covariance
 

@@ -5,9 +5,8 @@ from typing import Literal
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, mean_of_neighbours
 from elastid.base.errors import DataError, StudyError
-from elastid.base.statistics import mean_of_neighbours
 from elastid.excitation.grids import grid_lines
 from elastid.frf.experiment_blocks import FullSum, add_periods
 from elastid.frf.spec import EstimatorSpec

@@ -16,9 +16,9 @@ from itertools import pairwise, starmap
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, IntArray
+from elastid.base.arrays import BoolArray, FloatArray, IntArray, mean_of_neighbours
 from elastid.base.errors import DataError, Note
-from elastid.base.statistics import STD_OVER_MAD, mean_of_neighbours
+from elastid.base.statistics import STD_OVER_MAD
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra
 from elastid.record import Record

@@ -1,6 +1,6 @@
 """Logs of commands and positions without torque, and the friction estimated from them (`commanded_fit`)."""
 
-from elastid.base.arrays import BoolArray, FloatArray, frozen_value, named
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value, values_by_name
 from elastid.friction_study.least_squares import Estimate
 from elastid.friction_study.static_model_fit import friction_of
 from elastid.robot import Friction, MeasuredRange
@@ -100,4 +100,6 @@ class CommandedJoint(Estimate):
         if self["viscous"] < MIN_STDS * self.std("viscous"):
             raise ValueError(f"viscous friction is {self['viscous']:.3g}, below 0: velocity_gain is too large")
         positive = {"coulomb": max(self["coulomb"], self.std("coulomb") / 1e3)}
-        return friction_of(named(self.names, self.values) | positive, 20.0, MeasuredRange(self.speeds, None, None))
+        return friction_of(
+            values_by_name(self.names, self.values) | positive, 20.0, MeasuredRange(self.speeds, None, None)
+        )

@@ -25,7 +25,7 @@ import numpy as np
 from scipy.signal import savgol_filter
 from scipy.special import fdtri
 
-from elastid.base.arrays import BoolArray, FloatArray, folded, named
+from elastid.base.arrays import BoolArray, FloatArray, fold_periods, values_by_name
 from elastid.base.errors import DataError
 from elastid.base.statistics import small_sample_factors
 from elastid.friction_study.commanded import DELAY, CommandedJoint, CommandedLog
@@ -148,7 +148,7 @@ class _Problem:
     @cached_property
     def measured(self) -> list[FloatArray]:
         """Averaged measured positions (n_k, m_k) of each log."""
-        return [folded(log.position, self.window).mean(axis=1)[self._steady_means(log)] for log in self.logs]
+        return [fold_periods(log.position, self.window).mean(axis=1)[self._steady_means(log)] for log in self.logs]
 
     def _steady_means(self, log: CommandedLog) -> slice:
         first = min(float(np.max(SETTLING_CONSTANTS * log.kd / log.kp)) * log.rate_hz, 0.2 * len(log.position))
@@ -188,7 +188,7 @@ def simulate_commanded(log: CommandedLog, joints: Mapping[str, CommandedJoint]) 
 
 def _parameters(fits: Mapping[str, CommandedJoint], joints: Sequence[str]) -> tuple[FloatArray, float]:
     """Return the estimated parameters (m, 12) of joints, and the delay, s."""
-    values = [named(fits[joint].names, fits[joint].values) for joint in joints]
+    values = [values_by_name(fits[joint].names, fits[joint].values) for joint in joints]
     excess = [{"excess_stiction": row.get("stiction", row["coulomb"]) - row["coulomb"]} for row in values]
     rows = [row | last for row, last in zip(values, excess, strict=True)]
     return np.array([[row.get(name, 0.0) for name in PARAMETERS] for row in rows]), values[0][DELAY]

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, folded, frozen_value
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, fold_periods, frozen_value
 from elastid.base.errors import DataError, Note
 from elastid.friction.static import Conditions
 from elastid.friction_record import FrictionRecord
@@ -97,11 +97,11 @@ class PassRegression:
             indices = [pair, n_k + pair, *(2 * n_k + i for i in (0, 1, 2 + load, 3 + load))]
             if not loads:
                 indices, columns = indices[:4], columns[:4]
-            torques.append(folded(run.torque, step).mean(axis=1))
+            torques.append(fold_periods(run.torque, step).mean(axis=1))
             X = np.zeros((len(torques[-1]), 2 * n_k + 2 + 2 * len(loads)))
-            X[:, indices] = folded(np.stack(columns, axis=1), step).mean(axis=1)
+            X[:, indices] = fold_periods(np.stack(columns, axis=1), step).mean(axis=1)
             rows.append(X)
-            waves.append(folded(turn_waves(q, s, turn, wave_numbers), step).mean(axis=1))
+            waves.append(fold_periods(turn_waves(q, s, turn, wave_numbers), step).mean(axis=1))
         gravity = [f"gravity.{wave}.{load}".rstrip(".") for load in loads for wave in ("cos", "sin")]
         y, pass_index = np.concatenate(torques), np.repeat(np.arange(len(torques)), [len(torque) for torque in torques])
         regression = cls(np.vstack(rows), y, pass_index, np.vstack(waves), ("inertia", "slope", *gravity))

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value, smallest_step
 from elastid.base.errors import DataError, Note, StudyError
-from elastid.base.execution import Progress, silent
-from elastid.base.statistics import QUANTILE_95, smallest_step
+from elastid.base.execution import Progress, no_progress
+from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import PlacedLaw, frictions
 from elastid.friction_record import FrictionRecord
 from elastid.friction_study.extended_kalman_filter import (
@@ -124,7 +124,7 @@ def track_joints(
     joints: Sequence[JointFriction],
     records: Sequence[FrictionRecord],
     spec: FilterSpec,
-    progress: Progress = silent,
+    progress: Progress = no_progress,
 ) -> tuple[tuple[TrackedFriction, ...], tuple[Note, ...]]:
     """Return the friction of joints over the records in which each moves alone; notes on those that cannot be followed.
 

@@ -32,7 +32,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.polynomial.legendre import legval
 
-from elastid.base.arrays import FloatArray, named
+from elastid.base.arrays import FloatArray, values_by_name
 from elastid.base.errors import DataError, Note
 from elastid.friction_study.constant_velocity import NEGATIVE
 from elastid.friction_study.least_squares import FALSE_ALARM, Equations, Regression, shift_between, solve, with_delays
@@ -139,7 +139,7 @@ class MotionFriction:
         fit, terms, speeds = self.regression, self.terms, [abs(plateau.velocity) for plateau in self.plateaus]
         measured = MeasuredRange((min(speeds), max(speeds)), None, terms.measured) if speeds else None
         numbers = {"exponent": terms.exponent, "temperature.decay": terms.decay}
-        numbers |= named(fit.names, fit.values)
+        numbers |= values_by_name(fit.names, fit.values)
         return friction_of(numbers, terms.reference, measured)
 
 

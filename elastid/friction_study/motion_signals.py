@@ -22,9 +22,8 @@ from scipy.interpolate import BSpline
 from scipy.ndimage import correlate1d, maximum_filter1d, spline_filter1d
 from scipy.signal import butter, cont2discrete, lfilter, resample_poly, sosfiltfilt, upfirdn
 
-from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value, true_runs
 from elastid.base.errors import DataError
-from elastid.base.statistics import runs
 from elastid.friction_record import FrictionRecord
 from elastid.model.formulation import ElasticJoint
 
@@ -71,7 +70,7 @@ def find_plateaus(velocity: FloatArray, acceleration: FloatArray, rate_hz: float
     steady &= np.abs(acceleration) * SHORTEST_S < MAX_STEADY_CHANGE * speed
     return tuple(
         Plateau(start, stop, float(velocity[start:stop].mean()))
-        for start, stop in runs(steady).tolist()
+        for start, stop in true_runs(steady).tolist()
         if stop - start >= SHORTEST_S * rate_hz
     )
 
@@ -157,7 +156,7 @@ def _way_plateau(position: FloatArray, start: int, stop: int, rate_hz: float) ->
         return None
     steps = q[first + w : last] - q[first : last - w]  # travels over one window
     change, travel = np.abs(steps[w:] - steps[:-w]), np.abs(steps[w:] + steps[:-w]) / 2
-    steady = runs(change < MAX_STEADY_CHANGE * travel, w).tolist()
+    steady = true_runs(change < MAX_STEADY_CHANGE * travel, w).tolist()
     if not steady:
         return None
     begin, end = max(steady, key=lambda run: run[1] - run[0])

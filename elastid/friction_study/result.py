@@ -15,7 +15,7 @@ from typing import Literal, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 
-from elastid.base.display import Display, as_html, as_text, digits, interval_of, number
+from elastid.base.display import Display, as_html, as_text, digits, format_interval, number
 from elastid.base.errors import DataError, FitError, Note, index_of
 from elastid.base.statistics import QUANTILE_95
 from elastid.friction.robot_friction import frictions
@@ -158,7 +158,7 @@ class FrictionResult:
         rows = []
         for row in self.numbers:
             n_digits = digits(row.value, row.std)
-            value, ends = number(row.value, n_digits), " to ".join(interval_of((row.low, row.high), n_digits))
+            value, ends = number(row.value, n_digits), " to ".join(format_interval((row.low, row.high), n_digits))
             rows.append((row.name, row.meaning, f"{value} {row.unit}", ends))
         return Display(f"Friction {self.status}: {self.message}", ("number", "meaning", "value", "95 % interval"), rows)
 

@@ -22,7 +22,7 @@ from scipy.interpolate import CubicSpline
 from elastid.base.arrays import FloatArray
 from elastid.base.display import digits, number
 from elastid.base.errors import DataError, Note, notes_of
-from elastid.base.execution import Progress, silent
+from elastid.base.execution import Progress, no_progress
 from elastid.base.statistics import QUANTILE_95, identifiable_combinations
 from elastid.friction_record import FrictionRecord, FrictionRecords, Purpose
 from elastid.friction_study.commanded import DELAY, CommandedJoint, CommandedLog, equivalent_gains
@@ -56,7 +56,7 @@ STILL = ("presliding_loops", "presliding_test")
 
 
 def identify_sliding_friction(
-    robot: Robot, joints: Sequence[Joint], measured: FrictionRecords, progress: Progress = silent
+    robot: Robot, joints: Sequence[Joint], measured: FrictionRecords, progress: Progress = no_progress
 ) -> tuple[SlidingFriction, ...]:
     """Identify friction curve and motion of each joint; DataError for a joint without a usable record."""
     progress(0, 1 + len(joints))

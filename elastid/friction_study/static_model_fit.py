@@ -14,7 +14,7 @@ from itertools import product, starmap
 import numpy as np
 from scipy.special import chdtrc, ndtri, stdtrit
 
-from elastid.base.arrays import FloatArray, named
+from elastid.base.arrays import FloatArray, values_by_name
 from elastid.base.errors import FitError
 from elastid.friction.static import FALLING, Conditions, columns, slopes
 from elastid.friction_study.constant_velocity import MAX_RELATIVE_STD, FrictionCurve
@@ -168,7 +168,7 @@ def fit_curve(curve: FrictionCurve, terms: Terms) -> StaticLaw:
     eta = search.eta(x)
     linear, residual = search.project(eta)
     cost, dof = float(residual @ residual), curve.n_conditions - n_numbers
-    values = named(terms.linear, linear) | eta
+    values = values_by_name(terms.linear, linear) | eta
     J = derivative(curve.conditions, terms, values, T_0) / curve.std[:, None]
     return StaticLaw(curve, terms, T_0, values, inverse_normal(J) * excess(cost, dof), cost, dof)
 
@@ -194,7 +194,7 @@ class _Search:
 
     def eta(self, x: FloatArray) -> dict[str, float]:
         """Return the nonlinear numbers at their logarithms x (n,), fixed ones included."""
-        eta = dict(self.terms.fixed) | named(self.terms.searched, np.exp(x))
+        eta = dict(self.terms.fixed) | values_by_name(self.terms.searched, np.exp(x))
         if "temperature.stribeck_velocity" in self.terms.searched:
             cold, hot = eta["stribeck_velocity"], eta["temperature.stribeck_velocity"]
             degc = self.curve.measured_temperatures - self.T_0

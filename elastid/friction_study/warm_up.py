@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_banded
 
-from elastid.base.arrays import FloatArray, IntArray, frozen_value, named
+from elastid.base.arrays import FloatArray, IntArray, frozen_value, values_by_name
 from elastid.base.errors import DataError, FitError, Note
 from elastid.friction_record import FrictionRecord, WarmUpLog
 from elastid.friction_study.constant_velocity import PassRegression, passes_of
@@ -101,7 +101,7 @@ class _Problem:
 
     def thermal_parameters(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, float, float]:
         """Return time constants (nodes,), s, fractions (nodes,) of thermometer and friction torques, h, start, degC."""
-        value, log = named(self.names, x), self.warm_up.log
+        value, log = values_by_name(self.names, x), self.warm_up.log
         ratio = math.exp(value.get("ratio", 0.0))
         constants = math.exp(value["constant"]) * np.array([1.0, ratio])[: self.nodes]
         first = np.array([[value.get(name, 1.0)] for name in ("share", "level_share")]) / max(1 - ratio, 1e-9)

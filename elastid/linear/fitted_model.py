@@ -27,7 +27,7 @@ from scipy.linalg import block_diag
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.display import Display, as_html, as_text, degrees, number
 from elastid.base.errors import StudyError
-from elastid.base.statistics import By, principal_axes, propagate
+from elastid.base.propagation import ErrorMethod, principal_axes, propagate
 from elastid.linear.linear_model import LinearModel, StateSpace, state_space
 from elastid.linear.modes import Modes, modes, robot_shapes
 from elastid.linear.response.derivatives import Columns
@@ -190,7 +190,7 @@ class ResponseBand:
     pointwise: FloatArray
     simultaneous: FloatArray
     probability: float
-    by: By
+    by: ErrorMethod
 
     @property
     def freq_hz(self) -> FloatArray:
@@ -217,7 +217,7 @@ class FrameStiffness:
     std: FloatArray
     frame: str
     axes: Axes
-    by: By
+    by: ErrorMethod
 
     __repr__, _repr_html_ = as_text, as_html
 

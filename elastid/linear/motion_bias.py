@@ -26,9 +26,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, interpolate
 from elastid.base.matrices import inverse
-from elastid.base.statistics import interpolate
 from elastid.linear.equilibrium import equilibrium, free_coordinates
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.response.transfer import change_by_angles

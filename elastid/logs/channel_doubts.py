@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.units import dimension_and_size, of_translation, units_of, usual_spelling
+from elastid.base.units import dimension_and_size, table_unit, translation_unit, units_of
 from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT, ChannelSpec, Places
 from elastid.logs.channel_names import DRIVES, guess_by_name
 from elastid.logs.headings import in_brackets
@@ -129,9 +129,9 @@ class JointSignals:
     def factors(self, i: int) -> list[tuple[float, str]]:
         """Return factors by which the signal is too large for other units or sides, with the keys to give."""
         channel, unit = self.channels[i], QUANTITY_UNIT[self.channels[i].quantity]
-        dimension = of_translation(unit) if self.joint.slides and channel.side == "link" else unit
+        dimension = translation_unit(unit) if self.joint.slides and channel.side == "link" else unit
         size = dimension_and_size(channel.unit or dimension)[1]
-        is_clear = channel.unit and usual_spelling(channel.unit) == guess_by_name(channel.channel, channel.column).unit
+        is_clear = channel.unit and table_unit(channel.unit) == guess_by_name(channel.channel, channel.column).unit
         other_units = () if is_clear else (unit for unit in units_of(dimension) if unit not in _UNUSUAL_UNITS)
         factors = [(size / dimension_and_size(unit)[1], f"unit: {unit}") for unit in other_units]
         units = [pair for pair in factors if pair[0] != 1]

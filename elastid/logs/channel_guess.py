@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.units import dimension_and_size, of_translation
+from elastid.base.units import dimension_and_size, translation_unit
 from elastid.experiment.specs.channels import MOTIONS, QUANTITY_UNIT
 from elastid.logs.channel_names import DRIVES, ChannelGuess, ChannelKey
 from elastid.logs.clocks import is_clock
@@ -257,7 +257,7 @@ def _with_unit(
     if motion.quantity == "position" and not (slides or is_counted) and range_without_spikes(x) > 8 * np.pi:
         return replace(motion, unit="deg", why=f"{motion.why}; deg since it covers {range_without_spikes(x):.3g}")
     unit = QUANTITY_UNIT[motion.quantity]
-    unit = of_translation(unit) if slides else unit
+    unit = translation_unit(unit) if slides else unit
     return replace(motion, unit=unit, why=f"{motion.why}; {unit} is assumed")
 
 

@@ -11,10 +11,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.arrays import BoolArray, FloatArray, true_runs
 from elastid.base.errors import DataError, Note, StudyError
-from elastid.base.execution import Progress, silent
-from elastid.base.statistics import runs
+from elastid.base.execution import Progress, no_progress
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
@@ -52,7 +51,7 @@ def read_friction_logs(
     base: Path,
     joints: Sequence[str],
     payloads: Mapping[str, float],
-    progress: Progress = silent,
+    progress: Progress = no_progress,
 ) -> FrictionRecords:
     """Read the records of all logs, whose paths are relative to base.
 
@@ -280,7 +279,7 @@ def _segments(gathered: GatheredChannels) -> tuple[GatheredChannels, ...]:
     The first part has the notes and findings, and one on the gaps.
     """
     has_gap = np.asarray(~np.isfinite(gathered.signals).all(axis=1))
-    gaps = runs(has_gap, MAX_BRIDGED + 1)
+    gaps = true_runs(has_gap, MAX_BRIDGED + 1)
     bounds = zip([0, *gaps[:, 1].tolist()], [*gaps[:, 0].tolist(), len(has_gap)], strict=True)
     min_samples, log = MIN_SEGMENT_S * gathered.rate_hz, gathered.log
     inner = [_without_ends(has_gap, first, end) for first, end in bounds]

@@ -3,13 +3,13 @@
 import re
 from dataclasses import dataclass
 
-from elastid.base.units import SPELLINGS, TABLE, dimension_and_size, of_translation, units_of, usual_spelling
+from elastid.base.units import SPELLINGS, TABLE, dimension_and_size, table_unit, translation_unit, units_of
 from elastid.experiment.specs.channels import QUANTITY_UNIT
 
 # Too short to be units elsewhere than as the last word, or in brackets.
 _LAST, _IN_BRACKETS = ("g", "kN", "daN", "mN", "N"), ("a", "v", "kv", "m", "rev", "turn")
 _UNITS = sorted(
-    {"g", *(name for unit in QUANTITY_UNIT.values() for name in (*units_of(unit), *units_of(of_translation(unit))))},
+    {"g", *(name for unit in QUANTITY_UNIT.values() for name in (*units_of(unit), *units_of(translation_unit(unit))))},
     key=lambda unit: (unit in _LAST, -len(unit), unit),
 )
 # Words in brackets that are no unit.
@@ -34,7 +34,7 @@ class HeadingUnit:
         if self.unit == "g":
             return "acceleration"
         dimension = dimension_and_size(self.unit)[0]
-        quantities = [name for name, unit in QUANTITY_UNIT.items() if dimension in (unit, of_translation(unit))]
+        quantities = [name for name, unit in QUANTITY_UNIT.items() if dimension in (unit, translation_unit(unit))]
         return min(quantities, key=lambda name: QUANTITY_UNIT[name] != dimension, default="")  # N: a force first
 
     @property
@@ -90,6 +90,6 @@ def unit_of_text(text: str) -> str:
     >>> unit_of_text("N·m"), unit_of_text("U/min"), unit_of_text("Arms")
     ('N*m', 'rpm', '')
     """
-    text = usual_spelling(text.strip())
+    text = table_unit(text.strip())
     units = (unit for unit in _UNITS if re.fullmatch(SPELLINGS[unit], text, re.IGNORECASE))
     return text if text in TABLE else next(units, "")

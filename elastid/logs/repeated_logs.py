@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, folded
+from elastid.base.arrays import FloatArray, fold_periods
 from elastid.base.errors import DataError, Note, notes_of
 from elastid.logs.repair.clock_drift import MAX_CLOCK_ERROR, estimate_delay
 from elastid.logs.repair.resampling import resample_at
@@ -88,7 +88,7 @@ def _repetition_error(a: FloatArray, b: FloatArray, noise: float) -> str:
 
 def _mean_with_variance(signals: FloatArray, N: int) -> tuple[FloatArray, FloatArray]:
     """Compute the mean period (N, c) of signals without its mean, and its variance (c,), NaN for one period."""
-    X = folded(signals, N)
+    X = fold_periods(signals, N)
     X = X[1:] if len(X) > 2 else X  # the first holds the transient
     P, mean = len(X), X.mean(axis=0)
     variance = np.mean((X - mean) ** 2, axis=(0, 1)) / (P - 1) if P > 1 else np.full(X.shape[2], np.nan)

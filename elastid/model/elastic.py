@@ -31,7 +31,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from elastid.base.arrays import FloatArray, IntArray, frozen_value, named
+from elastid.base.arrays import FloatArray, IntArray, frozen_value, values_by_name
 from elastid.base.errors import StudyError
 from elastid.robot import FRAME_AXES, Robot
 from elastid.robot.robot import split_location
@@ -178,7 +178,7 @@ class ElasticModel:
 
 @lru_cache(maxsize=8)
 def _robot_at(model: ElasticModel, theta: bytes) -> Robot:
-    values = named(model.parameters, np.frombuffer(theta))
+    values = values_by_name(model.parameters, np.frombuffer(theta))
     try:
         return model.robot.with_parameters({name: values[name] for name in model.geometry})
     except ValueError as error:

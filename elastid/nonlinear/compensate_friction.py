@@ -22,9 +22,8 @@ from functools import partial
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray, laplace_variable
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, interpolate, laplace_variable
 from elastid.base.errors import DataError, Note, StudyError
-from elastid.base.statistics import interpolate
 from elastid.fit.parameter_selection import local_ratio_std
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec

@@ -25,8 +25,7 @@ import numpy as np
 from numpy.fft import irfft, rfft
 from scipy.sparse.linalg import LinearOperator, gmres
 
-from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.statistics import mean_of_neighbours
+from elastid.base.arrays import ComplexArray, FloatArray, mean_of_neighbours
 from elastid.nonlinear.basis_functions import GearEffect, GearMotion, Place, along_period, forces, transmission_error
 from elastid.nonlinear.period_model import DriveLines
 from elastid.nonlinear.spectra import PeriodLines

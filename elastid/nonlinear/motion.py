@@ -8,8 +8,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.fft import irfft, rfft
 
-from elastid.base.arrays import ComplexArray, FloatArray, frozen
-from elastid.base.statistics import NEIGHBOURS, mean_of_neighbours
+from elastid.base.arrays import NEIGHBOURS, ComplexArray, FloatArray, frozen, mean_of_neighbours
 from elastid.record import MOTION_ORDER, Record
 
 # Cells of the fine grid in a sample, since reversals of friction fall between samples.

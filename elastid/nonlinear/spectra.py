@@ -7,9 +7,16 @@ from functools import cached_property
 import numpy as np
 from numpy.fft import irfft, rfft
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, laplace_variable
+from elastid.base.arrays import (
+    BoolArray,
+    ComplexArray,
+    FloatArray,
+    IntArray,
+    interpolate,
+    laplace_variable,
+    smallest_step,
+)
 from elastid.base.errors import DataError
-from elastid.base.statistics import interpolate, smallest_step
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.lines import analysed_lines
 from elastid.frf.period_selection import select_periods, without_transient

@@ -24,8 +24,7 @@ from functools import partial
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, IntArray, quotient
-from elastid.base.statistics import mean_of_neighbours
+from elastid.base.arrays import BoolArray, FloatArray, IntArray, mean_of_neighbours, quotient
 from elastid.nonlinear.friction_basis import BasisFunction, Kind
 from elastid.nonlinear.motion import Motion, motion_of
 from elastid.nonlinear.spectra import ConfigurationSpectra, compensation_torque

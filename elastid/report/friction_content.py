@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from elastid.base.display import Questions, digits, interval_of, number, percent
+from elastid.base.display import Questions, digits, format_interval, number, percent
 from elastid.base.errors import NoteGroup, group_notes, notes_of
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_study.friction_tracking import TrackedFriction
@@ -201,6 +201,6 @@ NUMBER_HEADINGS = ("number", "symbol", "value", "std", "95 % interval", "unit", 
 def number_cells(row: FrictionNumber) -> tuple[str, ...]:
     """Format one identified number under NUMBER_HEADINGS."""
     places = digits(row.value, row.std)
-    ends = " … ".join(interval_of((row.low, row.high), places))
+    ends = " … ".join(format_interval((row.low, row.high), places))
     cells = number(row.value, places), number(row.std, 2), ends
     return row.name, row.symbol, *cells, row.unit, row.learnt_from

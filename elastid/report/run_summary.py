@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elastid.base.display import Questions, capital, number, percent
+from elastid.base.display import Questions, capitalise, number, percent
 from elastid.base.statistics import QUANTILE_95
 from elastid.fit.result import Result
 from elastid.fit.status_terms import (
@@ -94,7 +94,7 @@ def widest(rows: Sequence[ParameterRow]) -> ParameterRow | None:
 
 def verdict_sentence(result: Result, rows: Sequence[ParameterRow], agreements: Sequence[FrfError] = ()) -> str:
     """State the verdict of the fit, its message if it did not converge, and the accuracy of the estimates."""
-    return ". ".join(map(capital, filter(None, (_status_clause(result, agreements), accuracy(result, rows)))))
+    return ". ".join(map(capitalise, filter(None, (_status_clause(result, agreements), accuracy(result, rows)))))
 
 
 def accuracy(result: Result, rows: Sequence[ParameterRow]) -> str:
@@ -103,7 +103,7 @@ def accuracy(result: Result, rows: Sequence[ParameterRow]) -> str:
     inside = sum(row.interval[0] <= row.truth <= row.interval[1] for row in with_truth if row.truth is not None)
     count = f"All {inside}" if inside == len(with_truth) else f"{inside} of {len(with_truth)}"
     truths = f"{count} true values are inside their intervals" if with_truth else ""
-    return ". ".join(filter(None, ("" if is_wrong(result) else capital(_widths_clause(rows)), truths)))
+    return ". ".join(filter(None, ("" if is_wrong(result) else capitalise(_widths_clause(rows)), truths)))
 
 
 def is_wrong(result: Result) -> bool:
@@ -122,7 +122,7 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
             requirement, is_number, _ = result.cause[0].removeprefix(REQUIRED).strip().partition(" instead of ")
             value = requirement if is_number else "the value that the data require"
             return f"Only if {value} is correct. The robot model states a different value."
-        return f"{'No' if is_wrong(result) else 'Not yet'}. {capital(result.meaning.partition('. ')[0])}."
+        return f"{'No' if is_wrong(result) else 'Not yet'}. {capitalise(result.meaning.partition('. ')[0])}."
     if widest_row is None:
         return "No parameter was identified."
     poor = [row for row in rows if row.verdict.startswith((BIASED, UNCERTAIN))]
@@ -146,7 +146,7 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
     but = f", except {with_coulomb} (may include Coulomb friction, which is not compensated)" if with_coulomb else ""
     if any(row.truth is not None for row in rows):  # a simulated robot is exactly its file
         return f"Yes{but}."
-    base = next((f" {capital(row.base)}." for row in rows if row.base), "")
+    base = next((f" {capitalise(row.base)}." for row in rows if row.base), "")
     is_exact = any(note.code == FIXED_VALUES for note in result.notes)
     return f"Yes{but}{', if the fixed values of the robot model are exact' * is_exact}.{base}"
 
@@ -178,13 +178,13 @@ def residual_sentence(result: Result, agreements: Sequence[FrfError]) -> str:
     """State the result of the residual test and the first cause of a model error."""
     if not result.noise_is_known:
         return "Unknown: without a measured noise no residual test is possible."
-    test = f" {capital(result.residual_test)}."
+    test = f" {capitalise(result.residual_test)}."
     if cause := result.cause[0]:
         if cause.startswith(REQUIRED):
             ratio = result.residual_test.partition(": residuals ")[2]
             users = "The fit" + " and the validation" * any(agreement.is_validation for agreement in agreements)
-            return f"{capital(cause)}. {users} used the value required by the data: residuals {ratio}."
-        return f"{capital(cause)}.{test if result.exceeds_noise else ''}"
+            return f"{capitalise(cause)}. {users} used the value required by the data: residuals {ratio}."
+        return f"{capitalise(cause)}.{test if result.exceeds_noise else ''}"
     if "error" in (noise := _noise_and_error(result, agreements)):
         return f"No error beyond {noise}.{test}"
     if DISTORTED in result.verdicts:

@@ -19,7 +19,7 @@ from elastid.base.units import (
     Stiffness,
     Temperature,
     TemperatureRise,
-    of_translation,
+    translation_unit,
 )
 
 
@@ -244,7 +244,7 @@ class Friction:
             )
         if self.lugre is None or self.lugre.damping == 0:
             return
-        speed, damper = (of_translation(unit) if slides else unit for unit in ("rad/s", "N*m*s/rad"))
+        speed, damper = (translation_unit(unit) if slides else unit for unit in ("rad/s", "N*m*s/rad"))
         max_velocity = MAX_DAMPING_VELOCITY_RATIO * self.coulomb / self.lugre.damping
         if self.lugre.damping_velocity is not None:
             if self.lugre.damping_velocity > max_velocity:

@@ -7,7 +7,7 @@ times and dampings n^2 times as large. `TERMS` lists the names: Fc_m1 is Coulomb
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from elastid.base.units import of_translation
+from elastid.base.units import translation_unit
 from elastid.robot.friction import Friction
 from elastid.robot.joint import Joint
 from elastid.robot.placement import Path, number_at, replaced
@@ -40,7 +40,7 @@ class FrictionTerm:
 
     def unit_at(self, slides: bool) -> str:
         """Return the unit of the number on the link side."""
-        return of_translation(self.unit) if slides and self.unit else self.unit
+        return translation_unit(self.unit) if slides and self.unit else self.unit
 
 
 def _term(row: str) -> FrictionTerm:

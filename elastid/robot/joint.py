@@ -7,7 +7,7 @@ from typing import Annotated, Literal, TypeAlias
 
 from elastid.base.names import PartName
 from elastid.base.section import Key, section
-from elastid.base.units import Angle, Damping, Inertia, InUnit, JointPosition, Measured, Torque, of_translation
+from elastid.base.units import Angle, Damping, Inertia, InUnit, JointPosition, Measured, Torque, translation_unit
 from elastid.robot.friction import Friction
 from elastid.robot.gear_effects import Gear
 from elastid.robot.placement import Axis, Numbers, Vector3, below, coordinates, unit_axis
@@ -227,7 +227,7 @@ class Joint:
         motor = below("motor", self.motor.numbers(self.name)) if self.motor is not None else {}
         across = spring | {f"f_{self.name}": ("N*m*s/rad", ("viscous",))}
         if self.slides:
-            across = {name: (of_translation(unit), path) for name, (unit, path) in across.items()}
+            across = {name: (translation_unit(unit), path) for name, (unit, path) in across.items()}
         return across | motor
 
     @property
@@ -301,8 +301,8 @@ def _turns(dimension: str) -> bool:
 
 def _convert_dimension(dimension: str) -> str:
     if _turns(dimension):
-        return of_translation(dimension)
-    return next(unit for unit in _OF_ROTATION if of_translation(unit) == dimension)
+        return translation_unit(dimension)
+    return next(unit for unit in _OF_ROTATION if translation_unit(unit) == dimension)
 
 
 _OF_ROTATION = (

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from elastid.base.errors import StudyError
-from elastid.base.escape import unused
+from elastid.base.escape import unique_name
 from elastid.robot.body import Body
 from elastid.robot.connections import Loop
 from elastid.robot.joint import Joint
@@ -127,5 +127,5 @@ def with_point_mass(robot: Robot, mass: float) -> Robot:
             f"`frames: [{{name: tool, body: {robot.bodies[-1].name}}}]`",
         )
     seat = robot.frames[-1]
-    name = unused("point_mass", [body.name for body in robot.all_bodies])
+    name = unique_name("point_mass", [body.name for body in robot.all_bodies])
     return replace(robot, bodies=(*robot.bodies, Body(name, seat.body, seat.placement, mass=mass)))

@@ -15,7 +15,8 @@ import h5py
 import numpy as np
 
 from elastid.base.errors import DataError, ElastidError, StudyError
-from elastid.base.files import check_self_contained, replacing
+from elastid.base.files import replacing
+from elastid.base.hdf5_check import check_self_contained
 from elastid.store.files import USER_BLOCK, is_intact, once_per_version, write_checksum
 
 # Version of the layout of all artefacts; a reader reads files of its own version.

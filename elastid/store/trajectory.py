@@ -10,7 +10,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.escape import csv_cell
-from elastid.base.units import of_translation
+from elastid.base.units import translation_unit
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.plan.reference_trajectory import Reference, references
 from elastid.experiment.specs.simulated import SimulatedSpec
@@ -43,7 +43,7 @@ def write_run(
     signals = [(name, unit, getattr(reference, name)) for name, unit in _MOTION]
     signals += [] if injected is None else [("injected torque", "N*m", injected)]
     headings = [
-        f"{name} of {location} ({of_translation(unit) if location in sliding else unit}, link side)"
+        f"{name} of {location} ({translation_unit(unit) if location in sliding else unit}, link side)"
         for name, unit, _ in signals
         for location in inputs
     ]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from elastid.base.errors import StudyError
-from elastid.base.files import read_table
+from elastid.base.tables import read_table
 from elastid.study.messages import Problem, make_error, validate
 from elastid.study.sections import FleetSpec, MemberSpec
 from elastid.study.source import read_source

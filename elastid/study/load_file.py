@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from elastid.base.errors import StudyError, did_you_mean
-from elastid.base.files import name_and_unit, read_table
+from elastid.base.tables import name_and_unit, read_table
 from elastid.robot import Robot
 from elastid.study.source import KeyPath, Place, YamlSource
 

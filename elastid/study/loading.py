@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.escape import comment_lines, printable
-from elastid.base.names import SEPARATOR, at_amplitude, is_match, matching
+from elastid.base.names import SEPARATOR, at_amplitude, is_match, match_names
 from elastid.base.units import Quantity, to_si
 from elastid.fit.parameter_selection import choose, named_on_demand
 from elastid.fit.spec import ParameterSpec
@@ -60,7 +60,7 @@ def _convert_parameter(
 ) -> ParameterSpec:
     """Convert a specification to SI. table: parameters. all_numbers: including geometry and gains that no key names."""
     path = (*_FIT, pattern)
-    names = list(matching(pattern, table))
+    names = list(match_names(pattern, table))
 
     def number(value: Quantity, *keys: str | int) -> float:
         return _convert(value, names, (*path, *keys), table, problems)

@@ -12,7 +12,7 @@ from typing import Any, get_args, get_origin
 from pydantic import TypeAdapter
 
 from elastid.base.codes import codes, new_code, renamed_key
-from elastid.base.display import capital
+from elastid.base.display import capitalise
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.section import Key
 from elastid.robot import Robot
@@ -231,7 +231,7 @@ def explain_parameter(name: str, robot: Robot | None = None) -> str:
     unit, steps = ({} if robot is None else robot.numbers | robot.geometry).get(name, ("", ()))
     meaning = channel_meaning(name)
     if meaning and not steps:
-        return f"{capital(meaning)}."
+        return f"{capitalise(meaning)}."
     family, _, rest = name.partition("_")
     path = ".".join(str(step) for step in steps if not isinstance(step, int)) or (rest and _FAMILIES.get(family, ""))
     for key in list_keys() if path else ():
@@ -244,7 +244,7 @@ def explain_parameter(name: str, robot: Robot | None = None) -> str:
                 item = item[step] if isinstance(step, int) else getattr(item, step)
                 owners += [f"{type(item).__name__.lower()} {item.name}"] if hasattr(item, "name") else []
             origin = f" Of {', '.join(owners)}; nominal {item:g} {unit} ({'.'.join(map(str, steps))})." if steps else ""
-            return f"{f'{capital(meaning)}.' if meaning else key.text}{side}{origin}"
+            return f"{f'{capitalise(meaning)}.' if meaning else key.text}{side}{origin}"
     if name == "delay":
         return "Time delay of all outputs relative to the inputs, s."
     terms = [term.meaning for term in TERMS.values() if name.startswith(f"{term.prefix}_m")]

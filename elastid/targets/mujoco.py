@@ -33,7 +33,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from elastid.base.arrays import FloatArray, named
+from elastid.base.arrays import FloatArray, values_by_name
 from elastid.base.errors import StudyError
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
@@ -241,7 +241,7 @@ def _keyframes(
 
 
 def _positions(model: FittedRobot, point: OperatingPoint) -> Positions:
-    angles = named(model.model.coordinates, point.q)
+    angles = values_by_name(model.model.coordinates, point.q)
     positions: Positions = {}
     for joint in model.robot.joints:
         angle = angles[f"joint {joint.name}"]

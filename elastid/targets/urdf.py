@@ -12,7 +12,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from elastid.base.errors import StudyError
-from elastid.base.escape import unused, xml_comment
+from elastid.base.escape import unique_name, xml_comment
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction.robot_friction import joint_laws
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
@@ -80,7 +80,7 @@ def _body(root: ET.Element, robot: Robot, body: Body, parent: str, seat: Placeme
 def _link_name(root: ET.Element, robot: Robot, name: str) -> str:
     """Return a unique name for a link that is no body: a body and a frame may share a name, two links may not."""
     bodies = [BASE, *(body.name for body in robot.all_bodies)]
-    return unused(name, [*bodies, *(link.get("name", "") for link in root.iter("link"))])
+    return unique_name(name, [*bodies, *(link.get("name", "") for link in root.iter("link"))])
 
 
 def _joint(root: ET.Element, robot: Robot, joint: Joint, parent: str, child: str, pose: Placement) -> None:
@@ -100,7 +100,7 @@ def _joint(root: ET.Element, robot: Robot, joint: Joint, parent: str, child: str
 
 def _fixed(root: ET.Element, name: str, parent: str, child: str, pose: Placement) -> None:
     names = [joint.get("name", "") for joint in root.iter("joint")]
-    _joint_element(root, unused(f"{name} fixed", names), "fixed", parent, child, pose)
+    _joint_element(root, unique_name(f"{name} fixed", names), "fixed", parent, child, pose)
 
 
 def _joint_element(root: ET.Element, name: str, kind: str, parent: str, child: str, pose: Placement) -> ET.Element:

@@ -6,7 +6,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
-from elastid.base.statistics import principal_axes
+from elastid.base.propagation import principal_axes
 from elastid.fit.result import Result
 from elastid.parameters import DELAY
 from elastid.robot import Robot

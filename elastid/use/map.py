@@ -19,7 +19,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value, labelled, laplace_variable
 from elastid.base.errors import StudyError
-from elastid.base.execution import HERE, Execution
+from elastid.base.execution import SERIAL, Execution
 from elastid.base.kernels import is_compiled
 from elastid.base.large_arrays import empty_in_file, release
 from elastid.base.matrices import singular_values
@@ -348,7 +348,7 @@ def map_workspace(
     lines_hz: FloatArray | None = None,
     name: str = "",
     is_path: bool = False,
-    execution: Execution = HERE,
+    execution: Execution = SERIAL,
 ) -> WorkspaceMap:
     """Map postures (N, n_u), rad or m, of a fitted robot; StudyError if none of them has an equilibrium.
 

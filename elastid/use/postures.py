@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import DataError, StudyError
-from elastid.base.files import name_and_unit, read_table
 from elastid.base.large_arrays import empty_in_file, release
-from elastid.base.units import factor
+from elastid.base.tables import name_and_unit, read_table
+from elastid.base.units import si_factor
 from elastid.model.closed_posture import are_closed, follow_angles, rates
 from elastid.model.kinematics import frame_jacobians, frame_poses
 from elastid.robot import Robot
@@ -185,7 +185,7 @@ class Table:
         columns = [self.names.index(name) for name in dimensions]
         units = [name_and_unit(self.heads[column])[1] for column in columns]
         try:
-            scale = [factor(unit or si, si) for unit, si in zip(units, dimensions.values(), strict=True)]
+            scale = [si_factor(unit or si, si) for unit, si in zip(units, dimensions.values(), strict=True)]
         except ValueError as error:
             raise DataError("use/path", str(error), self.path) from None
         return self.values[:, columns] * scale

@@ -15,7 +15,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import DataError
-from elastid.base.execution import Progress, silent
+from elastid.base.execution import Progress, no_progress
 from elastid.experiment.simulated.plant import Plant, true_plant
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.linear.equilibrium import equilibrium
@@ -174,7 +174,7 @@ class MoveRobots:
     error_m: float
 
 
-def tune_move(robots: MoveRobots, move: Move, name: str, progress: Progress = silent) -> TunedMove:
+def tune_move(robots: MoveRobots, move: Move, name: str, progress: Progress = no_progress) -> TunedMove:
     """Tune the references of a move, with its outcomes; a move without a duration takes the shortest time.
 
     DataError where no motion keeps the limits, or none is as exact as it should be in any time.

@@ -38,7 +38,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import ElastidError, StudyError
-from elastid.base.names import matching, posture_of
+from elastid.base.names import match_names, posture_of
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import fit_parameters
 from elastid.fit.parameter_selection import choose
@@ -263,8 +263,8 @@ def restrict(spec: FitSpec, variant: Robot, robot: Robot) -> FitSpec:
     variant_names, own_names = variant.parameters(variant.on_demand), robot.parameters(robot.on_demand)
 
     def is_gone(key: str) -> bool:
-        is_remaining = key in variant_names if key in own_names else matching(key, variant_names)
-        return bool(matching(key, own_names)) and not is_remaining
+        is_remaining = key in variant_names if key in own_names else match_names(key, variant_names)
+        return bool(match_names(key, own_names)) and not is_remaining
 
     parameters = {key: entry for key, entry in spec.parameters.items() if not is_gone(key)}
     if spec.parameters and not parameters:  # an empty list would mean every stiffness

@@ -17,7 +17,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.base.display import Display, as_html, as_text
-from elastid.base.statistics import LEVEL
+from elastid.base.propagation import PROBABILITY
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.problem.weights import vec
 from elastid.fit.result import Result
@@ -91,7 +91,9 @@ def predict_response(result: Result, measured: Response, is_fitted: bool = False
 
     request = PredictionPorts(*locations, motors, quantity=measured.quantity, controller=measured.loop)
     family = result.family(request, measured.configuration.name)
-    band = family.at(as_configuration(measured.configuration, family.robot, ())).response_band(measured.freq_hz, LEVEL)
+    band = family.at(as_configuration(measured.configuration, family.robot, ())).response_band(
+        measured.freq_hz, PROBABILITY
+    )
     predicted = replace(band.response, configuration=measured.configuration)
     return PredictedResponse(measured, predicted, band.std, band.pointwise, motors, band.by, is_fitted)
 

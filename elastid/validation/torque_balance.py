@@ -23,7 +23,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, named
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, values_by_name
 from elastid.excitation.grids import line_frequencies
 from elastid.excitation.multisine import synthesise
 from elastid.fit.fitted_robot import FittedRobot
@@ -110,7 +110,7 @@ def model_parts(fitted: FittedRobot, rigid: Linearisation, configuration: str) -
     if not set(model.inputs) <= set(model.outputs):
         return None
     motors = model.with_outputs([model.outputs.index(index) for index in model.inputs])
-    numbers = named(model.parameters, theta)
+    numbers = values_by_name(model.parameters, theta)
     free = numbers | {name: 0.0 for name, (_, path) in fitted.robot.numbers.items() if path[-1] == "viscous"}
     values = {name: value for name, (value, _) in rigid.model.robot.parameters().items()} | free
     rigid_theta = np.array([values[name] for name in (*rigid.model.parameters, DELAY)])

@@ -11,7 +11,8 @@ import pytest
 from plants.marks import slow
 from plants.refusals import refused
 
-from elastid.base.execution import Execution, on_dask, persistent_workers
+from elastid.base.dask_cluster import on_dask
+from elastid.base.execution import Execution, persistent_workers
 
 pytestmark = pytest.mark.slow  # clusters of several processes
 distributed = pytest.importorskip("distributed")
@@ -40,7 +41,7 @@ def test_cluster_work_returns_ordered_values_and_errors(monkeypatch):
         return submit(*given, **options)
 
     monkeypatch.setattr(distributed.Client, "submit", closed_once)
-    monkeypatch.setattr("elastid.base.execution.WORKERS_S", 0.5)
+    monkeypatch.setattr("elastid.base.dask_cluster.WORKERS_S", 0.5)
     with (
         distributed.LocalCluster(
             n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None, silence_logs=50
@@ -78,7 +79,7 @@ class DyingOnce:
 @pytest.mark.filterwarnings("default")
 def test_work_outlives_the_only_worker_of_a_cluster(tmp_path, monkeypatch):
     """And with it the function that the items share: its successor is given both."""
-    monkeypatch.setattr("elastid.base.execution.ANSWER_S", 2.0)
+    monkeypatch.setattr("elastid.base.dask_cluster.ANSWER_S", 2.0)
     alone = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": 50}
     with distributed.LocalCluster(**alone) as cluster, on_dask(cluster.scheduler_address):
         assert Execution(1).ordered(DyingOnce(tmp_path), list(range(6))) == [0, 1, 4, 9, 16, 25]
@@ -92,20 +93,20 @@ def process(item: int) -> int:
 @pytest.mark.filterwarnings("default")
 def test_cluster_items_go_to_workers_that_have_them(address, tmp_path, monkeypatch):
     """Each at one of them; one that dies is followed by another."""
-    monkeypatch.setattr("elastid.base.execution.ANSWER_S", 2.0)
+    monkeypatch.setattr("elastid.base.dask_cluster.ANSWER_S", 2.0)
     with on_dask(address), persistent_workers():
         there, large = Execution(), [np.zeros(n) for n in (200_000, 1000, 100)]
         for array in large:
             array.flags.writeable = False
-        processes = list(there.at_home(process, large))
+        processes = list(there.with_affinity(process, large))
         assert processes[0] != processes[1] == processes[2]
-        assert list(there.at_home(process, large)) == processes
-        assert list(there.at_home(len, large)) == [200_000, 1000, 100]
-        assert list(there.at_home(DyingOnce(tmp_path), [1, 3, 5])) == [1, 9, 25]
+        assert list(there.with_affinity(process, large)) == processes
+        assert list(there.with_affinity(len, large)) == [200_000, 1000, 100]
+        assert list(there.with_affinity(DyingOnce(tmp_path), [1, 3, 5])) == [1, 9, 25]
         assert (tmp_path / "died").exists()
-        assert list(there.at_home(len, large)) == [200_000, 1000, 100]
+        assert list(there.with_affinity(len, large)) == [200_000, 1000, 100]
         with pytest.raises(TypeError, match=r"string pattern|expected string"):
-            list(there.at_home(re.compile("x").match, [1, 2]))
+            list(there.with_affinity(re.compile("x").match, [1, 2]))
 
 
 @pytest.mark.filterwarnings("default")
@@ -114,7 +115,7 @@ def test_cluster_items_go_to_workers_that_have_them(address, tmp_path, monkeypat
 )
 def test_address_without_scheduler_is_refused_before_work(address, monkeypatch):
     """Nor one that needs certificates, where none are configured; no client is left, which would stop the next one."""
-    monkeypatch.setattr("elastid.base.execution.ANSWER_S", 0.5)
+    monkeypatch.setattr("elastid.base.dask_cluster.ANSWER_S", 0.5)
     with refused("workers/cluster"):
         on_dask(address).__enter__()
     assert not any(isinstance(value, distributed.Client) and value.status != "closed" for value in gc.get_objects())

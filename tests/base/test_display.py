@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from elastid.base.display import Display, capital, digits, interval_of, number, percent
+from elastid.base.display import Display, capitalise, digits, format_interval, number, percent
 
 
 @pytest.mark.parametrize(
@@ -25,13 +25,12 @@ def test_a_standard_deviation_leaves_two_to_eight_digits():
 
 
 def test_an_interval_over_twelve_decades_is_unbounded():
-    assert interval_of((1.0, 0.9e12)) == ("1.000", "9.000e+11")
-    assert interval_of((1.0, 1.1e12)) == ("0", "∞")
+    assert format_interval((1.0, 0.9e12)) == ("1.000", "9.000e+11")
+    assert format_interval((1.0, 1.1e12)) == ("0", "∞")
 
 
 def test_long_tables_are_cut_and_sentences_capitalised():
     """Twenty rows, then a row with the number of further rows; a name such as k_1 is not capitalised."""
-    lengths = [len(Display("title", ("n",), [(str(i),) for i in range(n)]).text.splitlines()) for n in (20, 21, 30)]
-    assert lengths == [22, 23, 23]
-    assert (capital("motor k_1"), capital("k_1 is")) == ("Motor k_1", "k_1 is")
+    assert [Display("", ("n",), [("1",)] * n).text.count("\n") for n in (20, 21, 30)] == [21, 22, 22]
+    assert (capitalise("motor k_1"), capitalise("k_1 is")) == ("Motor k_1", "k_1 is")
     assert (percent(2.0), percent(-2.5), percent(math.nan)) == ("200 %", "-2.5 times", "–")

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from plants.refusals import refused
 
-from elastid.base.execution import Execution, surviving
+from elastid.base.execution import Execution, map_isolated
 
 
 def test_script_without_main_guard_is_refused_in_workers(tmp_path: Path):
@@ -35,7 +35,7 @@ def killed_at_two(item: int) -> int:
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_dead_worker_costs_only_its_item(jobs: int):
     """None in its place, and all others as they are."""
-    assert dict(surviving(killed_at_two, [1, 2, 3, 4, 5], jobs)) == {0: 1, 1: None, 2: 9, 3: 16, 4: 25}
+    assert dict(map_isolated(killed_at_two, [1, 2, 3, 4, 5], jobs)) == {0: 1, 1: None, 2: 9, 3: 16, 4: 25}
 
 
 def dying_once(item: tuple[int, str]) -> int:
@@ -71,7 +71,5 @@ def test_checkpoint_spares_finished_items_and_progress_counts_them():
     assert execution.resumed(abs, [-1, -2, -3], ["a", "b", "c"]) == [1, 20, 3]
     assert steps == [(1, 3), (2, 3), (3, 3)]
     assert finished == {"a": 1, "b": 20, "c": 3}
-    assert [Execution(jobs).is_shared(count) for jobs, count in ((0, 9), (1, 9), (2, 1), (2, 2))] == [False] * 3 + [
-        True
-    ]
+    assert [Execution(jobs).is_shared(n) for jobs, n in ((0, 9), (1, 9), (2, 1), (2, 2))] == [0, 0, 0, 1]
     assert pickle.loads(pickle.dumps(Execution(4))).jobs == 0

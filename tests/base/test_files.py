@@ -14,16 +14,9 @@ from hypothesis import given, settings, strategies
 from plants.refusals import refused
 
 from elastid.base.errors import ElastidError
-from elastid.base.files import (
-    RENAME_PAUSES_S,
-    check_self_contained,
-    clear_folder,
-    name_and_unit,
-    open_regular_file,
-    path_below,
-    read_table,
-    write_atomically,
-)
+from elastid.base.files import RENAME_PAUSES_S, clear_folder, open_regular_file, path_below, write_atomically
+from elastid.base.hdf5_check import check_self_contained
+from elastid.base.tables import name_and_unit, read_table
 
 
 @pytest.fixture
@@ -45,7 +38,7 @@ def test_a_link_on_the_way_is_refused_at_every_depth(tmp_path: Path, elsewhere: 
         for work in (path_below, clear_folder):
             with refused("files/folder"):
                 work(run, *names)
-    assert [path.name for path in elsewhere.iterdir()] == ["victim"]
+    assert os.listdir(elsewhere) == ["victim"]
     assert not (tmp_path / "not there yet").exists()
 
 

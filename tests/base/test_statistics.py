@@ -6,17 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies
 
-from elastid.base.statistics import (
-    correlation_of,
-    f_test,
-    identifiable_combinations,
-    interpolate,
-    mean_of_neighbours,
-    principal_axes,
-    propagate,
-    runs,
-    smallest_step,
-)
+from elastid.base.arrays import interpolate, mean_of_neighbours, smallest_step, true_runs
+from elastid.base.propagation import principal_axes, propagate
+from elastid.base.statistics import correlation_of, f_test, identifiable_combinations
 
 
 def test_f_test_rejects_null_column_at_stated_rate() -> None:
@@ -84,7 +76,7 @@ def test_runs_means_and_interpolation_equal_definitions(seed: int, n: int, half:
     rng = np.random.default_rng(seed)
     flags, x = rng.random(n) < 0.6, rng.standard_normal((n, 3)) + 1j * rng.standard_normal((n, 3))
     spans = [match.span() for match in re.finditer("x+", "".join(" x"[flag] for flag in flags.astype(int)))]
-    assert runs(flags, half).tolist() == [[first, end] for first, end in spans if end - first >= half]
+    assert true_runs(flags, half).tolist() == [[first, end] for first, end in spans if end - first >= half]
     means = [x[max(0, i - half) : i + half + 1].mean(axis=0) for i in range(n)]
     np.testing.assert_allclose(mean_of_neighbours(x, 2 * half + 1), means, atol=1e-12)
     lines = np.cumsum(0.1 + rng.random(n))

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from elastid.base.units import TABLE, dimension_and_size, to_si, units_of, usual_spelling
+from elastid.base.units import TABLE, dimension_and_size, table_unit, to_si, units_of
 
 
 @given(st.sampled_from(sorted(TABLE)), st.floats(-1e6, 1e6))
@@ -46,5 +46,5 @@ def test_text_without_quantity_is_refused_with_valid_units(value: object, dimens
 def test_units_are_read_as_logs_and_data_sheets_spell_them(spelt: str, usual: str) -> None:
     """With the factor of the usual spelling, the one that messages list."""
     assert dimension_and_size(spelt) == TABLE[usual]
-    assert usual_spelling(spelt) == usual
+    assert table_unit(spelt) == usual
     assert spelt not in units_of(TABLE[usual][0])

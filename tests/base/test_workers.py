@@ -17,8 +17,10 @@ import numpy as np
 import pytest
 
 from elastid.base import workers
-from elastid.base.execution import Execution, persistent_workers, surviving
-from elastid.base.workers import _NAMES, REST, End, LostError, WorkerConstant, WorkerState
+from elastid.base.execution import Execution, map_isolated, persistent_workers
+from elastid.base.large_arrays import move_to_file
+from elastid.base.messages import _NAMES, LostError, PipeEnd, WorkerConstant
+from elastid.base.workers import REST, WorkerState
 
 LOADING = """
 import os, signal, sys
@@ -70,10 +72,10 @@ def large(item: int) -> bytes:
 def test_workers_terminated_amid_answer_are_not_awaited():
     """A pool of the standard library waits for ever for the rest of the answer."""
     for _ in range(5):
-        survivors = surviving(large, list(range(30)), 2)
+        survivors = map_isolated(large, list(range(30)), 2)
         assert {index for index, _ in islice(survivors, 4)}
         survivors.close()
-    assert dict(surviving(large, [0, 1], 2)) == {0: None, 1: bytes(20_000_000)}
+    assert dict(map_isolated(large, [0, 1], 2)) == {0: None, 1: bytes(20_000_000)}
 
 
 class Unsendable(Exception):
@@ -140,7 +142,7 @@ def test_lasting_workers_stay_for_the_next_work_and_no_longer(tmp_path: Path):
         killed = min(first)
         os.kill(killed, signal.SIGKILL)
         wait_for_end([killed])
-        assert dict(surviving(abs, [-1, -2, -3], 2)) == {0: 1, 1: 2, 2: 3}
+        assert dict(map_isolated(abs, [-1, -2, -3], 2)) == {0: 1, 1: 2, 2: 3}
         with pytest.raises(ZeroDivisionError):
             Execution(2).ordered((1).__divmod__, [1, 0])
         assert Execution(2).ordered(abs, [-1, 2]) == [1, 2]
@@ -208,37 +210,39 @@ def test_value_goes_to_a_process_once_and_never_back(sent):
     items = [data(n) for n in (10_000, 20_000, 30_000)]
     with persistent_workers():
         there = Execution(2)
-        assert list(there.at_home(length, items)) == [10_000, 20_000, 30_000]
+        assert list(there.with_affinity(length, items)) == [10_000, 20_000, 30_000]
         assert 0 < sum(sent) - sum(item.values.nbytes for item in items) < 5 * 500
         sent.clear()
-        (first, one), (second, other), (third, again) = there.at_home(processes, items)
+        (first, one), (second, other), (third, again) = there.with_affinity(processes, items)
         assert (first, second, third) == (one, other, again)
         assert one != other == again != os.getpid()
-        twice = list(there.at_home(doubled, items))
-        assert list(there.at_home(length, twice)) == [20_000, 40_000, 60_000]
+        twice = list(there.with_affinity(doubled, items))
+        assert list(there.with_affinity(length, twice)) == [20_000, 40_000, 60_000]
         assert sum(sent) < 15 * 500
         os.kill(one, signal.SIGKILL)
         with pytest.raises(ArithmeticError, match="no sum of 10000"):
-            list(there.at_home(without_sum, items))
-        assert list(there.at_home(length, items)) == [10_000, 20_000, 30_000]
+            list(there.with_affinity(without_sum, items))
+        assert list(there.with_affinity(length, items)) == [10_000, 20_000, 30_000]
 
 
-def test_unknown_name_from_other_end_is_refused():
-    item, here, there = data(10_000), End(keeps=False), End(keeps=True)
-    arrived = there.unpacked(here.packed([item, item.values]))
+def test_unknown_name_from_other_end_is_refused(tmp_path: Path):
+    """Also for an array in a temporary file; the second message contains its name alone."""
+    item, here, there = data(10_000), PipeEnd(keeps=False), PipeEnd(keeps=True)
+    stored = move_to_file(tmp_path, item.values)
+    arrived = there.unpack(here.pack([item, item.values, stored]))
     assert arrived[1] is arrived[0].values
-    named = bytes(here.packed(item))
+    named = bytes(here.pack([item, stored]))
     assert len(named) < 500
-    assert there.unpacked(named) is item
+    assert there.unpack(named)[0] is item
     with pytest.raises(LostError):
-        there.unpacked(named.replace(_NAMES[id(item)], bytes(8)))
+        there.unpack(named.replace(_NAMES[id(item)], bytes(8)))
 
 
 def test_worker_keeps_function_until_it_rests():
     """The first message contains the function; after the rest, an item without a function is refused."""
-    here, served = End(keeps=False), WorkerState()
-    assert here.unpacked(served.answer(here.packed((abs, -2), True))).result == 2
-    assert here.unpacked(served.answer(here.packed((None, -3)))).result == 3
+    here, served = PipeEnd(keeps=False), WorkerState()
+    assert here.unpack(served.answer(here.pack((abs, -2), True))).result == 2
+    assert here.unpack(served.answer(here.pack((None, -3)))).result == 3
     assert served.answer(REST) is None
     with pytest.raises(LostError):
-        served.answer(here.packed((None, -3)))
+        served.answer(here.pack((None, -3)))

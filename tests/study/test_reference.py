@@ -39,7 +39,7 @@ def test_a_number_below_the_bound_of_its_key_is_refused(bound: str) -> None:
     path, _, value = bound.partition(" ")
     key = next(mark for mark in KEYS[*path.split(".")].annotation.__metadata__ if isinstance(mark, Key))
     with pytest.raises(ValueError, match=r"^it must be "):
-        key.checked(float(value))
+        key.check(float(value))
 
 
 def test_the_schema_shows_the_texts() -> None:

@@ -9,7 +9,7 @@ from plants.arm import result, robot
 from plants.fitted_models import fitted_model
 from plants.refusals import refused
 
-from elastid.base.statistics import propagate
+from elastid.base.propagation import propagate
 from elastid.fit.parameter_selection import choose, with_tolerances
 from elastid.fit.posture import PredictionPorts
 from elastid.fit.result import Result

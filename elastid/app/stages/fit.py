@@ -13,7 +13,7 @@ from elastid.app.identified_robot import robot_files
 from elastid.app.parameter_truth import contents, truth
 from elastid.app.run import Artefacts, Run, Work, Write, text
 from elastid.app.summaries import as_json, failure, modes_of, summary
-from elastid.base.display import capital
+from elastid.base.display import capitalise
 from elastid.base.errors import FitError, MisfitError, notes_of
 from elastid.base.names import SEPARATOR
 from elastid.fit.combinations import COMBINATION, combination_notes, loop_note
@@ -133,7 +133,7 @@ def current_fit(run: Run) -> Result:
 def warn_of_distrust(run: Run, command: str, result: Result) -> None:
     """Warn if the fit that a command uses has a significant model error or no usable optimum."""
     if result.status not in TRUSTED:
-        run.console.warn(f"{command}: do not use this fit. {capital(result.message)}")
+        run.console.warn(f"{command}: do not use this fit. {capitalise(result.message)}")
 
 
 def conclude(run: Run) -> None:
@@ -164,7 +164,7 @@ def conclude(run: Run) -> None:
     run.say_files([*run.stages["report"].leaves, run.stages["fit"].leaves[1]])
     status, meaning = result.status.replace("_", " "), result.meaning
     # Above this line the answers have the cause.
-    failure = meaning if run.console.verbosity >= 0 else f"{result.message.partition('. ')[0]}. {capital(meaning)}"
+    failure = meaning if run.console.verbosity >= 0 else f"{result.message.partition('. ')[0]}. {capitalise(meaning)}"
     if result.status == "misfit":
         raise MisfitError("fit/misfit", failure, status)
     if result.status not in TRUSTED:

@@ -1,8 +1,8 @@
-"""Kernels in C: a library that is built with the package, each kernel for several levels of processor.
+"""Numerical kernels in C: a library that is built with the package, each kernel for several processor levels.
 
-`scripts/kernels_hook.py` compiles the C files of this folder when a wheel or an editable installation is made. Where no
-C compiler was there, NumPy does the same work instead, equal to rounding. Which of the two it is depends on
-the installation and the processor alone.
+`scripts/kernels_hook.py` compiles the C files of this folder when a wheel or an editable installation is made. Without
+a C compiler NumPy is used instead; results then agree to rounding. The choice depends only on the installation and the
+processor.
 """
 
 import ctypes
@@ -25,7 +25,7 @@ _log = logging.getLogger(__name__)
 
 
 def is_compiled() -> bool:
-    """True if kernels run in C."""
+    """Return True if kernels run in C."""
     return _library() is not None
 
 
@@ -42,11 +42,11 @@ def description() -> str:
 def call(name: str, *arguments: int | npt.NDArray[Any] | None) -> None:
     """Call a kernel with 64-bit integers and contiguous arrays; raise MemoryError if it runs out of memory.
 
-    None is a null pointer. Arrays that are not contiguous are copied: output arrays must be. RuntimeError without the
-    library.
+    None is a null pointer. Arrays that are not contiguous are copied, so output arrays must be contiguous.
+    RuntimeError without the library.
     """
     contiguous = [np.ascontiguousarray(value) if isinstance(value, np.ndarray) else value for value in arguments]
-    if _kernel(name)(*map(_as_c, contiguous)):
+    if _kernel(name)(*map(_c_argument, contiguous)):
         raise MemoryError(f"no memory is left for the kernel {name}")
 
 
@@ -85,11 +85,10 @@ def _processor_level() -> str:
 
 @cache
 def _kernel(name: str) -> Callable[..., int]:
-    instructions = _processor_level()
-    return getattr(_library(), f"{name}_{instructions}")  # type: ignore[no-any-return]
+    return getattr(_library(), f"{name}_{_processor_level()}")  # type: ignore[no-any-return]
 
 
-def _as_c(argument: int | npt.NDArray[Any] | None) -> object:
+def _c_argument(argument: int | npt.NDArray[Any] | None) -> object:
     if not isinstance(argument, np.ndarray):
         return argument if argument is None else ctypes.c_int64(argument)
     if argument.size and argument.flags.writeable:

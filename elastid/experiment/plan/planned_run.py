@@ -6,7 +6,7 @@ compared by the correlation of their mean periods over the excited lines, means 
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, folded
+from elastid.base.arrays import FloatArray, fold_periods
 from elastid.base.display import number
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.plan.reference_trajectory import Rehearsal
@@ -72,4 +72,4 @@ def _first_inconsistent_motor(
 
 def mean_period(signals: FloatArray, N: int) -> FloatArray:
     """Return the mean (N, c) of the whole periods of signals (n, c)."""
-    return np.asarray(folded(signals, N).mean(axis=0))
+    return np.asarray(fold_periods(signals, N).mean(axis=0))

@@ -15,10 +15,10 @@ from elastid.base.units import (
     Time,
     TorqueConstant,
     dimension_and_size,
-    factor,
-    of_translation,
+    si_factor,
+    table_unit,
+    translation_unit,
     units_of,
-    usual_spelling,
 )
 from elastid.record import MOTION_UNIT, Hold, drive_unit
 from elastid.robot import MAX_DELAY_S, Channel, Robot
@@ -140,7 +140,7 @@ class ChannelSpec:
         unit = QUANTITY_UNIT[self.quantity]
         if self.unit == "g" and self.quantity == "acceleration":
             raise ValueError("unit 'g' is the gram. For multiples of gravity set scale: 9.80665 and unit: m/s^2")
-        return factor(self.unit, of_translation(unit) if slides else unit) if self.unit else 1.0
+        return si_factor(self.unit, translation_unit(unit) if slides else unit) if self.unit else 1.0
 
     @property
     def offset(self) -> float:
@@ -149,14 +149,14 @@ class ChannelSpec:
 
     @property
     def _temperature(self) -> tuple[float, float]:
-        unit = usual_spelling(self.unit or "degC")
+        unit = table_unit(self.unit or "degC")
         if unit not in TEMPERATURES:
             raise ValueError(f"unit '{unit}' measures no temperature; units that fit here: {', '.join(TEMPERATURES)}")
         return TEMPERATURES[unit]
 
 
 # SI units of what translates.
-_TRANSLATIONS = {drive_unit(True), *map(of_translation, MOTION_UNIT.values())}
+_TRANSLATIONS = {drive_unit(True), *map(translation_unit, MOTION_UNIT.values())}
 
 
 @dataclass(frozen=True)
@@ -228,7 +228,7 @@ def channel_refusal(channel: ChannelSpec, channels: Sequence[ChannelSpec], place
     if channel.side == "motor":
         return "side", "without a robot, side has no meaning. Remove side; use scale instead"
     turning = QUANTITY_UNIT[channel.quantity]
-    dimensions = (of_translation(turning), turning)
+    dimensions = (translation_unit(turning), turning)
     if not channel.unit and dimensions[0] != turning:
         choice = f"give unit: {dimensions[0]} or {turning}"
         return "unit", f"without a robot, '{channel.at}' may rotate or translate. {choice}"

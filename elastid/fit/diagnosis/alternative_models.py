@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, named
+from elastid.base.arrays import FloatArray, values_by_name
 from elastid.base.errors import ElastidError
 from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, Scores, with_refit
 from elastid.fit.diagnosis.limits import LIMITS
@@ -217,7 +217,7 @@ def _carrying(
           for n, v in zip(names, centre, strict=True)),
         Parameter("I_payload", inertia, "kg*m^2", log=True, prior=Prior(inertia, LIMITS.load_std)),
     )  # fmt: skip
-    file, estimates = study.parameters, named(study.parameters.free_names, evidence.result.x)
+    file, estimates = study.parameters, values_by_name(study.parameters.free_names, evidence.result.x)
     by_name = {p.name: p for p in (*file, *numbers)}
     in_order = tuple(by_name.pop(name) for name in robot.parameters(by_name) if name in by_name)
     parameters = Parameters((*in_order, *by_name.values()))
@@ -231,6 +231,6 @@ def _carrying(
         cost = assembly.at(x, study.spec.criterion).evaluate(x).cost
     except (ElastidError, np.linalg.LinAlgError):  # no equilibrium along the search, or V has no derivative
         return None
-    values = named(parameters.free_names, x)
+    values = values_by_name(parameters.free_names, x)
     p = np.array([math.exp(values["m_payload"]), *(values.get(name, 0.0) for name in names)])
     return cost, p, np.array([values[name] for name in file.free_names])

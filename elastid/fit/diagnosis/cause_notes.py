@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from elastid.base.display import capital, percent
+from elastid.base.display import capitalise, percent
 from elastid.base.errors import Note
 from elastid.fit.diagnosis.hypothesis import Evidence, hypothesis_of_index
 from elastid.fit.diagnosis.limits import LIMITS
@@ -93,7 +93,7 @@ def _remedy(index: ModificationIndex, evidence: Evidence) -> str:
     if name == "low_pass":  # of all positions; a negative time constant is a low pass of all torques
         name = "low_pass_y" if index.steps[0] > 0 else "low_pass_u"
     size = percent(usual) if index.log and index.log[0] else f"{usual:g} {index.units[0] if index.units else ''}"
-    return capital(advice.format(name=name, where=index.name.partition("_")[2], usual=usual, size=size))
+    return capitalise(advice.format(name=name, where=index.name.partition("_")[2], usual=usual, size=size))
 
 
 def _is_motor_friction(index: ModificationIndex) -> bool:

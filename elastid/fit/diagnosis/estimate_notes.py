@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
-from elastid.base.display import capital, percent
+from elastid.base.display import capitalise, percent
 from elastid.base.errors import Note
 from elastid.base.names import posture_of
 from elastid.base.statistics import max_cost_ratio
@@ -144,7 +144,7 @@ def contradictions(result: Result) -> tuple[Note, ...]:
     return tuple(
         Note(
             code,
-            f"{source} contradict the responses of the motors ({comparison.sentence}). {capital(comparison.cause)}. "
+            f"{source} contradict the responses of the motors ({comparison.sentence}). {capitalise(comparison.cause)}. "
             "The estimates are from the motors alone",
         )
         for code, source, comparison in sources

@@ -18,7 +18,7 @@ from functools import partial
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, named
+from elastid.base.arrays import ComplexArray, FloatArray, values_by_name
 from elastid.base.errors import ElastidError
 from elastid.fit.diagnosis.refit import EvaluatedResponse
 from elastid.fit.frf_problem import Assembly
@@ -72,8 +72,8 @@ class ExtendedModel:
     def theta(self, parameters: Parameters, x: FloatArray, configuration: str) -> FloatArray:
         """Return the numbers (n,) in SI for the estimate x (n_x,)."""
         model = self.linearisation.model
-        estimates = named(parameters.names, parameters.expand(x, configuration))
-        nominal = named(model.parameters, model.theta)
+        estimates = values_by_name(parameters.names, parameters.expand(x, configuration))
+        nominal = values_by_name(model.parameters, model.theta)
         return np.array([estimates.get(name, nominal.get(name, 0.0)) for name in self.parameters])
 
     def at(self, parameters: Parameters, measured: LinearModel, x: FloatArray) -> tuple[LinearModel, FloatArray]:
@@ -98,7 +98,7 @@ def _loads(assembly: Assembly) -> dict[str, dict[str, float]]:
     model, configurations = assembly.linearisation.model, [G.configuration for G in assembly.responses]
     equilibrium_of = partial(equilibrium, model, assembly.parameters.theta[: len(model.parameters)])
     points, joints = map_chunks(equilibrium_of, configurations, assembly.home), model.robot.driven_names
-    return {point.configuration.name: named(joints, point.u) for point in points}
+    return {point.configuration.name: values_by_name(joints, point.u) for point in points}
 
 
 def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:

@@ -19,7 +19,7 @@ import math
 from dataclasses import replace
 from itertools import pairwise
 
-from elastid.base.display import capital, percent
+from elastid.base.display import capitalise, percent
 from elastid.base.entry_points import registry
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.fit.diagnosis.alternative_models import find_alternatives
@@ -244,7 +244,7 @@ def explain_causes(family: str = "") -> str:
     if not rows:
         families = dict.fromkeys(row.family for row in all_hypotheses() if row.summary)
         raise StudyError("study/unknown-key", f"no cause '{family}'; {did_you_mean(family, tuple(families))}")
-    return "\n".join(f"{row.family}: {row.summary}\n  {_typical(row)}{capital(_remedy(row))}." for row in rows)
+    return "\n".join(f"{row.family}: {row.summary}\n  {_typical(row)}{capitalise(_remedy(row))}." for row in rows)
 
 
 def _typical(row: Hypothesis) -> str:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, named
+from elastid.base.arrays import BoolArray, FloatArray, values_by_name
 from elastid.base.errors import FitError
 from elastid.fit.diagnosis.extended_model import ExtendedModel
 from elastid.fit.diagnosis.hypothesis import Evidence, Scores, with_refit
@@ -63,7 +63,7 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
     time_constants = [spring.damping / spring.stiffness for spring in springs if spring.damping > 0]
     subset = on_line_subset(replace(optimum.fit, frfs=optimum.fit.frfs[selection]), LIMITS.n_refit_residuals)
     ratio = float(np.median(time_constants)) if time_constants else 1e-3
-    V, estimates = sum(frf_costs(evaluate(subset, x))), named(assembly.parameters.free_names, x)
+    V, estimates = sum(frf_costs(evaluate(subset, x))), values_by_name(assembly.parameters.free_names, x)
     for name in extended.rigid:
         trials = []
         for k in _stiffnesses(name, models, subset).tolist():
@@ -107,7 +107,7 @@ def _with_spring(
 ) -> ElasticFit:
     """Return the fit with an elastic coordinate: its stiffness is free, other new parameters are fixed."""
     fitted, damping = {p.name: p for p in assembly.parameters}, f"d{name[1:]}"
-    values = named(models[0].parameters, models[0].theta_ref)
+    values = values_by_name(models[0].parameters, models[0].theta_ref)
     of_model = {key: Parameter(key, value, free=False) for key, value in values.items()}
     of_model |= {key: fitted[key] for key in values if key in fitted}
     of_model[name] = Parameter(name, k, "N*m/rad", log=True)
@@ -130,7 +130,7 @@ def _fit_spring(spring: _Spring, evidence: Evidence, scores: Scores) -> Modifica
     drop = min(cost, scores.cost) - end.cost
     if not drop > 0:
         return None
-    estimates = named(fit.parameters.free_names, end.x)
+    estimates = values_by_name(fit.parameters.free_names, end.x)
     k = math.exp(estimates[spring.name])
     i = fit.parameters.free_names.index(spring.name)
     variance = np.linalg.pinv(fit.evaluate(end.x).hessian / 2, hermitian=True)[i, i]

@@ -24,7 +24,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, named
+from elastid.base.arrays import FloatArray, values_by_name
 from elastid.base.errors import Note
 from elastid.base.execution import Execution
 from elastid.fit.covariance import Uncertainty
@@ -146,7 +146,7 @@ def _fixed_numbers(
     """Return the fixed numbers, and dp / d ln p (n_h,), 1 for linear ones."""
     assembly, robot = evidence.assembly, extended.linearisation.model.robot
     theta = extended.theta(assembly.parameters, x, assembly.responses[0].configuration.name)
-    values = named(extended.parameters, theta)
+    values = values_by_name(extended.parameters, theta)
     units = {name: unit for name, (_, unit) in robot.parameters(extended.linearisation.model.parameters).items()}
     numbers, scale = [], []
     turning = (joint for joint in robot.joints if not joint.slides and f"k_{joint.name}" not in extended.rigid)

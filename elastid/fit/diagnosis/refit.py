@@ -15,7 +15,7 @@ from typing import TypeAlias
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.base.execution import HERE
+from elastid.base.execution import SERIAL
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.problem.frf_residuals import ElasticFit, FrfResiduals
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares, as_real
@@ -80,7 +80,7 @@ def on_line_subset(fit: ElasticFit, residuals: int = 8_000) -> ElasticFit:
 
     Without static load tests, which do not depend on the channels of the responses.
     """
-    return replace(fit, frfs=tuple(map(line_subset(fit, residuals), fit.frfs)), loads=None, home=HERE)
+    return replace(fit, frfs=tuple(map(line_subset(fit, residuals), fit.frfs)), loads=None, home=SERIAL)
 
 
 def line_subset(fit: ElasticFit, residuals: int) -> Callable[[FrfResiduals], FrfResiduals]:

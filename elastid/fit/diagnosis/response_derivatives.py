@@ -15,7 +15,7 @@ from itertools import permutations
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable, named
+from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable, values_by_name
 from elastid.fit.diagnosis.extended_model import ModelResponse
 from elastid.parameters import DELAY
 from elastid.robot import Body, Robot, channel_name
@@ -39,7 +39,7 @@ def channel_delays(response: ModelResponse) -> dict[str, ComplexArray]:
 def gear_ratios(response: ModelResponse) -> dict[str, ComplexArray]:
     """Return the derivatives with respect to the logarithm of each gear ratio."""
     robot, model, G, slopes = response.robot, response.model, response.G, response.slopes
-    values = named(model.parameters, response.theta)
+    values = values_by_name(model.parameters, response.theta)
     inverse, columns = np.linalg.inv(robot.mixing), {}
     for i, joint in enumerate(robot.driven):
         turn = np.outer(inverse[:, i], robot.mixing[i])

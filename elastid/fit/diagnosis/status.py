@@ -22,9 +22,9 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
-from elastid.base.display import capital, percent
+from elastid.base.display import capitalise, percent
 from elastid.base.errors import notes_of
-from elastid.base.names import matching
+from elastid.base.names import match_names
 from elastid.fit.covariance import Uncertainty
 from elastid.fit.diagnosis.cause_notes import fault, phrase
 from elastid.fit.diagnosis.estimate_notes import contradictions, is_weak, join_names
@@ -48,12 +48,12 @@ def with_status(evidence: Evidence) -> Result:
     fit_quality = f"the model explains {percent(max(evidence.explained, 0.0))} of the measured responses"
 
     def conclude(status: Status, message: str) -> Result:
-        return replace(result, status=status, message=f"{message}. {capital(result.residual_test)}; {starts}")
+        return replace(result, status=status, message=f"{message}. {capitalise(result.residual_test)}; {starts}")
 
     channel_families = {SCALE, *(h.family for h in evidence.hypotheses if h.changes is not None)}
     readings = [index for index in result.indices if index.place and index.group in channel_families]
     if evidence.is_suspect and readings:
-        return conclude("model_error", f"{fit_quality}. {capital(fault(readings[0], evidence))}")
+        return conclude("model_error", f"{fit_quality}. {capitalise(fault(readings[0], evidence))}")
     too_large = result.inflation_factor > LARGE or not result.noise_is_known
     if too_large and evidence.explained < LIMITS.majority_fraction:
         return conclude("model_error", f"{fit_quality}. Check channels, gear ratios, bounds and the robot model")
@@ -68,7 +68,7 @@ def with_status(evidence: Evidence) -> Result:
     result = replace(result, verdicts=_verdicts(evidence))
     by_blocks, cause = _by_blocks(evidence), evidence.cause
     if by_blocks and cause is not None and cause.explained_fraction >= LIMITS.min_cause_fraction:
-        by_blocks = f"{fault(cause, evidence)}. {capital(by_blocks)}"
+        by_blocks = f"{fault(cause, evidence)}. {capitalise(by_blocks)}"
     misfit = _by_fixed_number(evidence) or _beyond_declared(evidence)
     # The intervals include ratios that differ from angle to angle.
     if not evidence.uncertainty.ratios.explains:
@@ -129,7 +129,7 @@ def _shifts(evidence: Evidence) -> FloatArray:
 
 def _decides(evidence: Evidence) -> BoolArray:
     names, patterns = [p.name for p in evidence.result.parameters.of_interest], evidence.assembly.spec.focus
-    of_interest = {name for key in patterns for name in matching(key, names)}
+    of_interest = {name for key in patterns for name in match_names(key, names)}
     return np.array([name in of_interest or not of_interest for name in names])
 
 

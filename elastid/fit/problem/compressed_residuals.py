@@ -28,7 +28,7 @@ import numpy.typing as npt
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.kernels import call
 from elastid.base.large_arrays import move_beside, release
-from elastid.base.workers import WorkerConstant
+from elastid.base.messages import WorkerConstant
 from elastid.fit.problem.least_squares import ResidualKind
 from elastid.fit.problem.weights import Whitening
 from elastid.linear.response.derivatives import AnyComplex, Columns, Sensitivity

@@ -18,8 +18,8 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.base.errors import DataError
-from elastid.base.execution import HERE, Execution, Item, Value
-from elastid.base.workers import WorkerConstant
+from elastid.base.execution import SERIAL, Execution, Item, Value
+from elastid.base.messages import WorkerConstant
 from elastid.fit.problem.compressed_residuals import CompressedResiduals, NormalEquations
 from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares, ResidualKind, difference, error_gain
@@ -196,12 +196,12 @@ def chunk_execution(responses: Sequence[Response], execution: Execution) -> Exec
     """Return the execution of chunks: other processes if there are many chunks; else processes share the starts."""
     is_large = sum(response.n_lines for response in responses) >= MIN_LINES
     is_large &= len(chunked(responses)) >= 2 * execution.jobs
-    return Execution(execution.jobs) if is_large and execution.is_shared(len(responses)) else HERE
+    return Execution(execution.jobs) if is_large and execution.is_shared(len(responses)) else SERIAL
 
 
 def map_chunks(function: Callable[[Item], Value], items: Sequence[Item], home: Execution) -> Iterator[Value]:
     """Apply a function to each configuration's item, in the process that already has the data of its chunk."""
-    return chain.from_iterable(home.at_home(partial(_map_chunk, function), chunked(items)))
+    return chain.from_iterable(home.with_affinity(partial(_map_chunk, function), chunked(items)))
 
 
 def _map_chunk(function: Callable[[Item], Value], chunk: Sequence[Item]) -> list[Value]:
@@ -220,7 +220,7 @@ class ElasticFit:
     frfs: tuple[FrfResiduals, ...]
     inertias: tuple[BodyInertia, ...] = ()
     loads: "StaticLoads | None" = None
-    home: Execution = HERE
+    home: Execution = SERIAL
 
     def evaluated_by(self, execution: Execution) -> Execution:
         """Return the execution of repeated evaluations: sequential if the chunks are distributed over processes."""
@@ -240,7 +240,7 @@ class ElasticFit:
     def evaluate(self, x: FloatArray, precision: type[np.floating[Any]] = np.float64) -> Evaluation:
         """Return V, its gradient and 2 J^T J at x (n_x,); V is infinite where the model has no response."""
         try:
-            chunk_sums = self.home.at_home(partial(Chunk.sums, x=x, precision=precision), self.chunks)
+            chunk_sums = self.home.with_affinity(partial(Chunk.sums, x=x, precision=precision), self.chunks)
             V, g, A = (sum(terms) for terms in zip(*chunk_sums, strict=True))  # in the order of the chunks
             r, J = self.static(x)
         except np.linalg.LinAlgError:

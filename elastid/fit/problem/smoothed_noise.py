@@ -40,8 +40,8 @@ from scipy.special import fdtr, gammainc
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, quotient
 from elastid.base.large_arrays import move_beside
 from elastid.base.matrices import inverse
+from elastid.base.messages import WorkerConstant
 from elastid.base.statistics import chi_square_limit
-from elastid.base.workers import WorkerConstant
 from elastid.record import MOTION_ORDER, Motion
 from elastid.response import Covariance, Response
 

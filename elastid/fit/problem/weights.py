@@ -11,8 +11,8 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen, frozen_value, quotient
 from elastid.base.errors import DataError, Note, StudyError, did_you_mean
 from elastid.base.matrices import inverse
+from elastid.base.messages import WorkerConstant
 from elastid.base.names import posture_of
-from elastid.base.workers import WorkerConstant
 from elastid.covariance import kronecker
 from elastid.fit.problem.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.spec import TYPICAL_MODEL_ERROR, FactorSpec, FitSpec, find_unknown_names

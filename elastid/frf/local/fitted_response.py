@@ -28,9 +28,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, quotient
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, mean_of_neighbours, quotient
 from elastid.base.matrices import power
-from elastid.base.statistics import mean_of_neighbours
 from elastid.frf.estimators import kronecker
 from elastid.frf.local.least_squares import LocalFit
 from elastid.frf.quality import coherences_of_powers, quality_of

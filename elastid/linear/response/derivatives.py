@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from elastid.base.workers import WorkerConstant
+from elastid.base.messages import WorkerConstant
 from elastid.linear.response.kernel import Kernel
 
 AnyComplex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]

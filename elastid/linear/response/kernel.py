@@ -26,7 +26,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.kernels import call, is_compiled
-from elastid.base.workers import WorkerConstant
+from elastid.base.messages import WorkerConstant
 from elastid.linear.linear_model import TORQUE_LAG, LinearModel
 from elastid.linear.response.closed_loop import GAINS, ClosedLoop, close_loop, open_loops
 from elastid.linear.response.transfer import factor, reference_aliases, zoh_aliases

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastid.base.errors import require_package
-from elastid.base.files import check_self_contained
+from elastid.base.hdf5_check import check_self_contained
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.files.log import ArrayLog, StoredArray, seconds
 

@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
-from elastid.base.units import TABLE, usual_spelling
+from elastid.base.units import TABLE, table_unit
 from elastid.experiment.specs.logs import TextFormatSpec
 from elastid.logs.files.cells import is_number, split_line
 
@@ -62,6 +62,6 @@ def find_units(head: Sequence[str], text: TextFormatSpec, headings: Sequence[str
         rows = [fields for fields in rows if fields[0] == "Unit"]
     for fields in rows:
         units = tuple((field.partition(" (")[0] if is_scope else field).strip("[]()") for field in fields)
-        if fields != list(headings) and any(usual_spelling(unit) in TABLE for unit in units):
+        if fields != list(headings) and any(table_unit(unit) in TABLE for unit in units):
             return tuple("" if unit in ("None", "Unit") else unit for unit in units) if is_scope else units
     return ()

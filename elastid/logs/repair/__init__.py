@@ -10,7 +10,7 @@ from typing import SupportsInt
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, IntArray, folded
+from elastid.base.arrays import FloatArray, IntArray, fold_periods
 from elastid.base.errors import DataError, Note, Severity
 
 MAX_WRONG_FRACTION = 0.01  # largest fraction of wrong samples, cells or time steps that are treated as missing
@@ -80,7 +80,7 @@ class LogReport:
 
 def blocks(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
     """Fold to X (P, L): the whole repetitions of a signal (n,), every second one with opposite sign if sign is -1."""
-    X = folded(x, L)
+    X = fold_periods(x, L)
     return X * float(sign) ** np.arange(len(X))[:, None]
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray, folded
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, fold_periods
 from elastid.logs.repair import LogReport, detrend_repetitions
 from elastid.logs.repair.resampling import RESAMPLED, resample_at
 
@@ -63,7 +63,7 @@ def _spectra(signals: Sequence[FloatArray], N: int | None) -> tuple[list[Complex
     if N is None:
         N = 2 * max(map(len, signals))
         signals = [np.pad(x - x.mean(axis=0), ((0, N - len(x)), (0, 0))) for x in signals]
-    return [np.fft.rfft(folded(x, N).mean(axis=0), axis=0) for x in signals], N
+    return [np.fft.rfft(fold_periods(x, N).mean(axis=0), axis=0) for x in signals], N
 
 
 def _peak(C: ComplexArray, N: int) -> float:

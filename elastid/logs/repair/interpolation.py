@@ -18,8 +18,8 @@ from statistics import NormalDist
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, IntArray
-from elastid.base.statistics import STD_OVER_MAD, runs
+from elastid.base.arrays import FloatArray, IntArray, true_runs
+from elastid.base.statistics import STD_OVER_MAD
 
 # Degree of the polynomial, and samples on each side of the gap that it is fitted to.
 _POLYNOMIALS = ((0, 16), (3, 2), (1, 2))
@@ -49,7 +49,7 @@ def interpolations(x: FloatArray, L: int, sign: int) -> Iterator[tuple[slice, In
     """
     steps = np.abs(np.diff(x))
     max_step = float(np.nanmax(steps)) if np.isfinite(steps).any() else np.inf
-    for start, end in runs(~np.isfinite(x)):
+    for start, end in true_runs(~np.isfinite(x)):
         yield slice(start, end), _interpolation(x, start, end, L, sign, max_step)
 
 

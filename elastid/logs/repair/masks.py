@@ -16,8 +16,7 @@ from functools import partial
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, folded
-from elastid.base.statistics import runs
+from elastid.base.arrays import BoolArray, FloatArray, fold_periods, true_runs
 from elastid.logs.repair import LogReport, detrend_repetitions, without_line
 
 MASKED, STOPPED = "samples taken as missing", "stops"
@@ -70,7 +69,7 @@ def without_dropouts(signals: FloatArray, log: LogReport) -> FloatArray:
         q = step(x)
         min_leap = max(LEAP * float(np.quantile(usual, 0.99)), MIN_STEPS * q)
         beside = _leaps_of_zeros(x, q, max(float(np.median(usual)), 1e-300), min_leap)
-        constant = [(a, b + 1) for a, b in runs(changes == 0, MIN_RUN - 1).tolist() if a > 0 and b < len(changes)]
+        constant = [(a, b + 1) for a, b in true_runs(changes == 0, MIN_RUN - 1).tolist() if a > 0 and b < len(changes)]
         speed = np.nansum(np.delete(moves, c, axis=1), axis=0) / max(len(moves), 1) / MIN_RUN
         if sum(b - a for a, b in constant) > MAX_MISSING_FRACTION * len(x):  # piecewise constant torque
             constant, beside = [], {(a, b): leap for (a, b), leap in beside.items() if b - a < MIN_RUN}
@@ -79,7 +78,7 @@ def without_dropouts(signals: FloatArray, log: LogReport) -> FloatArray:
             travel = np.ptp(np.delete(signals[a + 2 : b - 2], c, axis=1), axis=0)
             if max(changes[b - 1], beside.get((a, b), 0)) > min_leap and np.any(travel > MIN_RANGE * (b - a) * speed):
                 gaps.append((a + (x[a] != 0), b))
-        gaps += runs(far_outside(x)).tolist()
+        gaps += true_runs(far_outside(x)).tolist()
         _mask_constant(result, c, gaps, "channels", log)
     return result
 
@@ -89,7 +88,7 @@ def _leaps_of_zeros(x: FloatArray, q: float, usual: float, min_leap: float) -> d
 
     q: step of the converter.  usual: median step of the signal.  min_leap: smallest leap.
     """
-    zeros, size = [(a, b) for a, b in runs(x == 0).tolist()], np.abs(x[np.isfinite(x) & (x != 0)])
+    zeros, size = [(a, b) for a, b in true_runs(x == 0).tolist()], np.abs(x[np.isfinite(x) & (x != 0)])
     leaps = {(a, b): min(abs(x[a - 1]), abs(x[b])) for a, b in zeros if a > 0 and b < len(x)}
     by_chance = np.sum(size <= usual) * q / (2 * usual)
     min_size = max(MIN_RANGE * float(np.median(size)), MIN_STEPS * q)  # largest sample next to a zero crossing
@@ -103,7 +102,7 @@ def far_outside(x: FloatArray) -> BoolArray:
     low, middle, high = np.nanquantile(x, [MAX_FRACTION, 0.5, 1 - MAX_FRACTION])
     limit = MIN_OVER_USUAL * (high - low) or np.inf  # no limit for a constant channel
     result = np.asarray(np.abs(x - middle) > limit)
-    for start, end in runs(result, MIN_RUN):
+    for start, end in true_runs(result, MIN_RUN):
         result[start:end] = False
     return result
 
@@ -122,7 +121,7 @@ def samples_before_motion(torques: FloatArray) -> int:
     width = max(MIN_WINDOW, len(torques) // START_WINDOWS)
     if len(torques) < 3 * width:
         return 0
-    scatter = np.stack([_scatter(folded(x, width)) for x in torques.T])
+    scatter = np.stack([_scatter(fold_periods(x, width)) for x in torques.T])
     # The largest may be a spike.
     scale = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=1)[:, -2, None]
     return int(np.argmax(np.any((scatter > MAX_STATIONARY_FRACTION * scale) & (scale > 0), axis=0))) * width
@@ -140,11 +139,11 @@ def without_standstill(signals: FloatArray, L: int, log: LogReport) -> FloatArra
     is_constant = np.diff(signals, axis=0) == 0
     alike = is_constant.all(axis=1)
     for c, x in enumerate(signals.T):
-        gaps = [(a, b) for a, b in runs(np.asarray(x == 0)) if a > 0 and b < len(x)]
+        gaps = [(a, b) for a, b in true_runs(np.asarray(x == 0)) if a > 0 and b < len(x)]
         min_leap = LEAP * float(np.nanquantile(np.abs(np.diff(x)), 0.99)) if gaps else 0.0
         gaps = [(a, b) for a, b in gaps if min(abs(x[a - 1]), abs(x[b])) > min_leap]  # of many zeros few are leapt to
         gaps = [(a, b) for a, b in gaps if min((np.abs(o).min() for o in _repeats(x, a, b, L)), default=0) > min_leap]
-        stops = runs(is_constant[:, c] & ~alike, MIN_RUN - 1).tolist()
+        stops = true_runs(is_constant[:, c] & ~alike, MIN_RUN - 1).tolist()
         moving = max(MIN_RANGE * float(np.nanstd(x)), MIN_STEPS * step(x)) if stops else 0.0
         # The first value may be a measured one.
         gaps += [(a + 1, b + 1) for a, b in stops if min(map(np.ptp, _repeats(x, a, b + 1, L)), default=0) > moving]
@@ -232,7 +231,7 @@ def report_clipping(signals: FloatArray, L: int, log: LogReport) -> None:
     for c, name in enumerate(log.names):
         x = signals[:, c]
         is_clipped = np.zeros(len(x), dtype=np.bool_)
-        for start, end in runs(_at_limit(x), MIN_EQUAL):
+        for start, end in true_runs(_at_limit(x), MIN_EQUAL):
             is_clipped[start:end] = True
         fraction, n_clipped = float(is_clipped.mean()), int(is_clipped.sum())
         if fraction < MIN_REPORTED_FRACTION or _count_visits(x, is_clipped) < MIN_PLACES * max(1, len(x) // L):

@@ -12,8 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray
-from elastid.base.statistics import runs
+from elastid.base.arrays import BoolArray, FloatArray, true_runs
 from elastid.logs.repair import MAX_WRONG_FRACTION, LogReport, interpolate_linearly
 from elastid.logs.repair.clock_drift import resample_to_generator
 from elastid.logs.repair.interpolation import MAX_BRIDGED, interpolations, period_noise
@@ -123,7 +122,7 @@ def bridge_gaps(signals: FloatArray, log: LogReport, max_fraction: float = MAX_W
     is_refused = ~np.isfinite(result).all(axis=0) | (np.mean(~good, axis=0) > max_fraction)
     for c in np.flatnonzero(is_refused)[:1]:
         _, text = _missing_samples(good[:, c], log, int(c))
-        first, last = map(log.number, max(runs(np.asarray(good.all(axis=1))), key=np.ptp, default=(0, 0)))
+        first, last = map(log.number, max(true_runs(np.asarray(good.all(axis=1))), key=np.ptp, default=(0, 0)))
         text += ", and a record without a period cannot be interpolated. Use the longest range without gaps"
         raise log.error("records/missing-samples", f"{text} (samples: [{first}, {last}])" + ", or measure again")
     return result

@@ -23,8 +23,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, IntArray
-from elastid.base.statistics import runs
+from elastid.base.arrays import BoolArray, FloatArray, IntArray, true_runs
 from elastid.logs.repair import LogReport, blocks, detrend_repetitions, interpolate_linearly
 from elastid.logs.repair.interpolation import MAX_BRIDGED, QUIET_FRACTION, QUIET_STD, interpolations, period_noise
 from elastid.logs.repair.masks import MASKED, MAX_FRACTION, MIN_OVER_USUAL, step
@@ -257,7 +256,7 @@ def _spikes(
         return np.zeros(len(e), dtype=np.bool_)
     # A spike changes the running median next to it, but little if e is smooth.
     beside = maximum_filter(d, MEDIAN_WINDOW) / MIN_RATIO
-    short = [(a, b) for a, b in runs(d > np.maximum(threshold, beside)).tolist() if b - a <= max_run]
+    short = [(a, b) for a, b in true_runs(d > np.maximum(threshold, beside)).tolist() if b - a <= max_run]
     is_spike = np.zeros(len(e), dtype=np.bool_)
     sections = d[: len(d) // SECTIONS * SECTIONS].reshape(SECTIONS, -1)
     usual_distance = float(np.median(np.quantile(sections, USUAL_FRACTION, axis=1)))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, folded
+from elastid.base.arrays import FloatArray, fold_periods
 from elastid.base.errors import DataError
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec
 from elastid.logs.repair import LogReport, detrend_repetitions
@@ -316,7 +316,7 @@ def _sample_shift(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] 
     if not np.isfinite(x).all():
         return None
     power = np.mean((x[N:] - sign * x[:-N]) ** 2, axis=1)
-    change = np.array([*folded(power, N).mean(axis=1), power[-N:].mean()])
+    change = np.array([*fold_periods(power, N).mean(axis=1), power[-N:].mean()])
     if len(x) >= 4 * N and change.max() < MIN_OVER_USUAL * np.median(change):
         return None
     lags, starts = list[int](), range(0, len(x) - N - L - max_shift, L)

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from elastid.base.arrays import FloatArray
-from elastid.base.display import digits, interval_of, number, percent
+from elastid.base.display import digits, format_interval, number, percent
 from elastid.base.errors import group_notes
 from elastid.base.execution import Execution
 from elastid.base.files import clear_folder, write_atomically
@@ -275,7 +275,7 @@ def _environment() -> Environment:
     )
     environment.trim_blocks = environment.lstrip_blocks = True
     environment.filters |= {
-        "number": number, "digits": digits, "percent": percent, "interval_of": interval_of, "grouped": group_notes,
+        "number": number, "digits": digits, "percent": percent, "interval_of": format_interval, "grouped": group_notes,
         "friction_rows": friction_rows, "coded": _code_markup, "gear_table": gear_table, "gear_line": gear_line,
         "seen_words": seen_words,
     }  # fmt: skip

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from elastid.base.errors import StudyError, did_you_mean
-from elastid.base.names import is_match, matching
+from elastid.base.names import is_match, match_names
 from elastid.fit.load_tests import LoadTest
 from elastid.fit.parameter_selection import choose
 from elastid.fit.problem.inertia_barrier import free_inertias, impossible_inertias
@@ -31,7 +31,7 @@ def check_fit(study: Study) -> Iterator[Problem]:
     free, profile = [parameter.name for parameter in parameters.free], study.fit.profile
     for section, focus in (("focus", study.fit.focus), ("profile", () if isinstance(profile, str) else profile)):
         for i, key in enumerate(focus):
-            if key not in FitSpec().focus and not matching(key, free):
+            if key not in FitSpec().focus and not match_names(key, free):
                 message = f"no identified parameter is called {key}; {did_you_mean(key, free)}"
                 yield Problem(("fit", section, i), message)
     # The start of a body's inertias is one that a body can have.

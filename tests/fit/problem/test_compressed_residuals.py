@@ -13,7 +13,7 @@ from plants.two_mass import circular
 
 import elastid.fit.problem.frf_residuals as chunks
 from elastid.base import large_arrays
-from elastid.base.execution import HERE, Execution, persistent_workers
+from elastid.base.execution import SERIAL, Execution, persistent_workers
 from elastid.base.kernels import is_compiled
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.parameter_selection import choose
@@ -205,7 +205,7 @@ def test_sums_of_workers_equal_one_process_for_other_models(responses):
 @pytest.mark.slow
 def test_weights_of_workers_equal_one_process(responses):
     """The smoothed covariance as well; of a response that cannot be weighed the first in order is named."""
-    here, there = (map_chunks(partial(weigh, spec=NO_FLOOR), responses, home) for home in (HERE, Execution(2)))
+    here, there = (map_chunks(partial(weigh, spec=NO_FLOOR), responses, home) for home in (SERIAL, Execution(2)))
     for one, other in zip(here, there, strict=True):
         assert other.noise.measured is one.noise.measured
         assert (other.noise.smooth is other.noise.measured) == (one.noise.smooth is one.noise.measured)
