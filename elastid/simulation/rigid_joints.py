@@ -28,13 +28,15 @@ With implicit Euler for w, the velocity at the end of the step is a root of a qu
 """
 
 import math
+from collections.abc import Callable
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.arrays import FloatArray, IntArray, frozen_value
+from elastid.base.kernels import call, is_compiled
 from elastid.model.evaluation import evaluated
 
 # Parameters of a joint, link side, in the order of the last axis of arrays: J, f, F_c, o, G, H, tau, c, s, T,
@@ -45,8 +47,8 @@ PARAMETERS = (
 )  # fmt: skip
 # Limits: phase of the fastest mode in a step; steps in a sample; frequency of the bristles over the control loop's.
 STEP_RAD, MAX_STEPS, MAX_BRISTLE_RATIO = 0.05, 64, 4.0
-# Steps in one call of the compiled function. Building this function takes as long as some thousand steps.
-BLOCK_STEPS = 500
+# Steps in one call of the compiled function.
+BLOCK_STEPS = 2000
 
 
 @frozen_value
@@ -85,17 +87,15 @@ class CommandedJoints:
         """
         (n, S), K = self.command.shape, len(delay_s)
         theta = np.broadcast_to(theta, (K, S, len(PARAMETERS)))
-        step, block = self._step_function(theta, 1 / self.rate_hz / steps), max(1, BLOCK_STEPS // steps)
-        simulate_block, sums = step.mapaccum(block * steps), np.zeros((n // window, K, S))
+        advance, block = self._advance(theta, steps), max(1, BLOCK_STEPS // steps)
+        delays, candidates = np.unique(delay_s, return_inverse=True)
+        sums = np.zeros((n // window, K, S))
         state = np.broadcast_to(np.stack([self.position, self.velocity])[:, None], (2, K, S))
         state = np.concatenate([state, self._initial_friction(theta)[None]])
         for first in range(0, len(sums) * window, block):
-            torque = self._torque(first, first + block, steps, delay_s) - theta[..., 3]
-            (states,) = evaluated(simulate_block, (state, torque), [(len(torque), *state.shape)])
+            positions, state = advance(state, self._torque(first, first + block, steps, delays), candidates)
             samples = np.arange(first, min(first + block, len(sums) * window))
-            at_samples = np.concatenate([state[None, 0], states[steps - 1 :: steps, 0]])[: len(samples)]
-            np.add.at(sums, samples // window, at_samples)
-            state = states[-1]
+            np.add.at(sums, samples // window, positions[: len(samples)])
         return sums / window
 
     def _initial_friction(self, theta: FloatArray) -> FloatArray:
@@ -105,25 +105,42 @@ class CommandedJoints:
         torque = self.command[0] - gravity - self.kp * self.position - (f + self.kd) * self.velocity
         return np.asarray(np.clip(torque, -F_c - excess, F_c + excess))
 
-    def _step_function(self, theta: FloatArray, h: float) -> ca.Function:
-        """Build the function that advances q, q', w (3 K S,) by h seconds under a torque (K S,)."""
-        J, f, F_c, _, G, H, tau, creep, s, T, excess, nu_s = np.moveaxis(theta, -1, 0)
+    def _coefficients(self, theta: FloatArray, h: float) -> FloatArray:
+        """Return the coefficients (14, K S) of steps of h seconds.
+
+        Their order: b / a, h / a, h k_p / a, 1 - c, exp(-h / tau), o, G, H, F_c, F_s - F_c, nu_s, s, T, T / a.
+        """
+        J, f, F_c, o, G, H, tau, creep, s, T, excess, nu_s = np.moveaxis(theta, -1, 0)
         J = np.maximum(J + self.coupled_inertia, 0.0)  # delayed feedback reduces the inertia
         a = J + h / 2 * (f + self.kd) + h * h / 4 * self.kp
-        rows = [(2 * J - a) / a, h / a, h / a * self.kp, 1 - creep, np.exp(-h / np.maximum(tau, 1e-300)), G, H]
-        b, gain, spring, stick_fraction, decay, G, H = (ca.DM(row.ravel()) for row in rows)
-        x, v, w, torque = (ca.SX.sym(name, a.size) for name in ("x", "v", "w", "torque"))
-        middle, friction = x + h / 2 * v, ca.SX(ca.DM(F_c.ravel()))
-        if np.any(excess > 0):
-            friction += ca.DM(excess.ravel()) * ca.exp(-((v / ca.DM(np.maximum(nu_s, 1e-12).ravel())) ** 2))
-        free = b * v + gain * (torque - G * ca.cos(middle) - H * ca.sin(middle)) - spring * x
-        v_next = free - ca.fmax(ca.fmin(stick_fraction * (free - decay * v), gain * friction), -gain * friction)
-        w_next = w
-        if np.any(s > 0):
-            v_bristles, w_next = _step_bristles(free, w, h, friction, *(ca.DM(row.ravel()) for row in (a, s, T)))
-            v_next = ca.if_else(ca.DM(s.ravel() > 0), v_bristles, v_next)
-        next_state = ca.vertcat(x + h / 2 * (v + v_next), v_next, w_next)
-        return ca.Function("step", [ca.vertcat(x, v, w), torque], [next_state])
+        T = T - h / 2 * s / (s + h * h / a)  # w at the end of a step leads its mean by h / 2; no correction for s -> 0
+        rows = [(2 * J - a) / a, h / a, h / a * self.kp, 1 - creep, np.exp(-h / np.maximum(tau, 1e-300)), o, G, H]
+        rows += [F_c, excess, np.maximum(nu_s, 1e-12), s, T, T / a]
+        return np.stack(rows).reshape(len(rows), -1)
+
+    def _advance(self, theta: FloatArray, steps: int) -> Callable[..., tuple[FloatArray, FloatArray]]:
+        """Return the function that advances the state (3, K, S) by a block of torques (N, D, S), candidates (K,).
+
+        It returns the positions (samples, K, S) at the start of each sample, and the last state. candidates: index of
+        the delay D of each candidate.
+        """
+        h = 1 / self.rate_hz / steps
+        rows = self._coefficients(theta, h)
+        step = None if is_compiled() else _step_function(rows, h)
+
+        def advance(state: FloatArray, torque: FloatArray, candidates: IntArray) -> tuple[FloatArray, FloatArray]:
+            positions = np.empty((len(torque) // steps, *state.shape[1:]))
+            if step is None:
+                state = state.copy()
+                columns = candidates[:, None] * torque.shape[2] + np.arange(torque.shape[2])
+                sizes = columns.size, len(positions), steps, torque[0].size
+                call("rigid_joints", *sizes, np.array([h]), rows, columns, torque, state, positions)
+                return positions, state
+            blocks = step.mapaccum(len(torque))
+            (states,) = evaluated(blocks, (state, torque[:, candidates]), [(len(torque), *state.shape)])
+            return np.concatenate([state[None, 0], states[steps - 1 : -1 : steps, 0]]), states[-1]
+
+        return advance
 
     def _torque(self, first: int, last: int, steps: int, delay_s: FloatArray) -> FloatArray:
         """Return the mean delayed command minus the load (N, K, S) in each step from sample `first` to `last`."""
@@ -155,13 +172,16 @@ class CommandedJoints:
         return np.asarray(integral[k] + fraction * linear + quadratic)
 
 
-def _step_bristles(
-    free: ca.SX, w: ca.SX, h: float, F_c: ca.SX, a: ca.DM, s: ca.DM, T: ca.DM
-) -> tuple[ca.SX, ca.SX]:  # fmt: skip
-    """Return q' and w after a step of h seconds, where `free` is q' without friction."""
-    T -= h / 2 * s / (s + h * h / a)  # w at the end of a step leads its mean by h / 2; no correction for s -> 0
-    excess, direction = free - h / a * w, ca.sign(free - h / a * w)
-    B = F_c * (s + h * (h + T) / a) - h * direction * (free + T / a * w)
-    speed = (ca.sqrt(B * B + 4 * h * F_c * s * ca.fabs(excess)) - B) / (2 * h)
-    v = direction * speed
-    return v, F_c * (s * w + h * v) / ca.fmax(F_c * s + h * speed, 1e-300)
+def _step_function(rows: FloatArray, h: float) -> ca.Function:
+    """Build the function that advances q, q', w (3 K S,) by h seconds under a torque (K S,), without a C compiler."""
+    b, gain, spring, stick_fraction, decay, o, G, H, F_c, excess, nu_s, s, T, T_gain = map(ca.DM, rows)
+    x, v, w, torque = (ca.SX.sym(name, rows.shape[1]) for name in ("x", "v", "w", "torque"))
+    middle, friction = x + h / 2 * v, F_c + excess * ca.exp(-((v / nu_s) ** 2))
+    free = b * v + gain * (torque - o - G * ca.cos(middle) - H * ca.sin(middle)) - spring * x
+    v_rigid = free - ca.fmax(ca.fmin(stick_fraction * (free - decay * v), gain * friction), -gain * friction)
+    slip, direction = free - gain * w, ca.sign(free - gain * w)
+    B = friction * (s + gain * (h + T)) - h * direction * (free + T_gain * w)
+    speed = (ca.sqrt(B * B + 4 * h * friction * s * ca.fabs(slip)) - B) / (2 * h)
+    w_bristles = friction * (s * w + h * direction * speed) / ca.fmax(friction * s + h * speed, 1e-300)
+    v_next, w_next = ca.if_else(s > 0, direction * speed, v_rigid), ca.if_else(s > 0, w_bristles, w)
+    return ca.Function("step", [ca.vertcat(x, v, w), torque], [ca.vertcat(x + h / 2 * (v + v_next), v_next, w_next)])

@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from elastid.base.arrays import FloatArray
+from elastid.simulation import rigid_joints
 from elastid.simulation.rigid_joints import PARAMETERS, CommandedJoints
 
 J, f, kp, kd = 0.02, 0.1, 20.0, 1.0
@@ -96,13 +97,17 @@ def test_stiff_bristles_stick_exactly() -> None:
     assert np.max(np.abs(moved[:, 0] - moved[:, 1])) < 1e-5
 
 
-def test_candidates_move_as_each_alone() -> None:
-    """Together and alone they are the same to rounding; means over windows are means of samples."""
+def test_candidates_move_as_each_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Candidates are the same together, alone and without a C compiler; means over windows are means of samples."""
     commanded = joints(0.3 * np.sin(np.arange(300) / 15))
     rows = [[J, f, 0.1, 0, 0, 0, 0.01, 0.1, 0, 0, 0, 0], [J / 4, 2 * f, 0.2, 0, 0.3, 0, 0, 0, 0.01, 0.001, 0.1, 0.2]]
     numbers, delays = np.array(rows)[:, None], [0.0, 0.01]
     steps = commanded.steps_per_sample(numbers)
     together = commanded.simulate(numbers, np.array(delays), steps)
+    with monkeypatch.context() as without_compiler:
+        without_compiler.setattr(rigid_joints, "is_compiled", lambda: False)
+        by_casadi = commanded.simulate(numbers, np.array(delays), steps)
+    np.testing.assert_allclose(by_casadi, together, atol=1e-12)
     for k in range(2):
         alone = commanded.simulate(numbers[k : k + 1], np.array(delays[k : k + 1]), steps)
         np.testing.assert_allclose(together[:, k], alone[:, 0], atol=1e-14)
