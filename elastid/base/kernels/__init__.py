@@ -1,8 +1,8 @@
 """Numerical kernels in C: a library that is built with the package, each kernel for several processor levels.
 
 `scripts/kernels_hook.py` compiles the C files of this folder when a wheel or an editable installation is made. Without
-a C compiler NumPy or CasADi is used instead; results then agree to rounding. The choice depends only on the installation
-and the processor.
+a C compiler NumPy or CasADi is used instead; results then agree to rounding. The choice depends only on the
+installation and the processor.
 """
 
 import ctypes
