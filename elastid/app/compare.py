@@ -21,9 +21,10 @@ from elastid.fit.spec import FitSpec
 from elastid.model.formulation import elastic_joints_within, inert_parameters
 from elastid.response import Responses
 from elastid.robot.simplified import elastic_coordinates, with_stiff_joints, without_motor_coupling
+from elastid.store.checkpoint import Checkpoint
 from elastid.store.files import keep_checksums
 from elastid.store.measured import read_responses
-from elastid.store.results import Checkpoint, write_comparison
+from elastid.store.results import write_comparison
 from elastid.study import LoadedStudy, Study, load
 from elastid.validation.comparison import (
     ComparedModel,

@@ -24,7 +24,7 @@ from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 from elastid import __version__
 from elastid.app.console import Console
@@ -36,6 +36,7 @@ from elastid.base.files import path_below
 from elastid.base.workers import load_for_workers
 from elastid.fit.status_terms import CODES_WITH_CAUSE
 from elastid.store.artefacts import Stamp, read_stamp
+from elastid.store.checkpoint import Checkpoint
 from elastid.store.files import (
     changed_texts,
     content_hash,
@@ -48,9 +49,6 @@ from elastid.store.files import (
     write_text,
 )
 from elastid.study import LoadedStudy, Study, load_with_logs
-
-if TYPE_CHECKING:
-    from elastid.store.results import Checkpoint
 
 # Writes a file at a path, with its stamp where it carries one.
 Write: TypeAlias = Callable[[Path, Stamp], Any]
@@ -92,20 +90,18 @@ class Work:
         return tuple(note for note in notes if not (self.has_gears and note.code in CODES_WITH_CAUSE))
 
     @contextmanager
-    def execution(self, checkpoint: "Checkpoint | None" = None) -> Iterator[Execution]:
+    def execution(self, checkpoint: Checkpoint | None = None) -> Iterator[Execution]:
         """Return the execution of the stage's work, with progress on the console."""
         with self.console.progress(self.stage) as progress:
             yield Execution(self.jobs, progress, {} if checkpoint is None else checkpoint)
 
-    def checkpoint(self) -> "Checkpoint":
+    def checkpoint(self) -> Checkpoint:
         """Return finished parts of the interrupted stage, if values, code and input files are unchanged."""
-        from elastid.store.results import Checkpoint  # brings the solvers, which most stages do not need
-
         key = hash_of([self.stamp.inputs, self.stamp.code, [file_hash(path) for path in self.sources.values()]])
         remove_leftovers(self.parts)
         finished_parts = Checkpoint(self.parts, key)
-        if finished_parts:
-            self.console.say(f"{self.stage}: resumed from {finished_parts.description}")
+        if n := len(finished_parts):
+            self.console.say(f"{self.stage}: resumed from {n} parts")
         return finished_parts
 
 

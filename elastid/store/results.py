@@ -1,20 +1,13 @@
-"""fit.h5, gears.h5, validation.h5, compare.json, map.h5, tune.h5, loops.h5: results of a study.
+"""fit.h5, gears.h5, validation.h5, compare.json, map.h5, tune.h5, loops.h5: results of a study."""
 
-The checkpoint of an interrupted stage: a file for each finished part of its work, which the next run reads.
-"""
-
-import hashlib
 import json
 import math
-from collections import UserDict
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
 from itertools import chain
 from pathlib import Path
 from pkgutil import resolve_name
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
-from urllib.parse import quote, unquote
 
 import numpy as np
 
@@ -24,9 +17,9 @@ from elastid.fit.result import Result
 from elastid.nonlinear.gear_result import GearResult
 from elastid.response import Response
 from elastid.store.artefacts import NO_STAMP, Stamp
-from elastid.store.files import write_rows, write_text
+from elastid.store.files import write_rows
 from elastid.store.reading import read_part, reader
-from elastid.store.values import SCHEMA, from_json, json_value, or_text, write_artefact, write_json, writer
+from elastid.store.values import SCHEMA, from_json, or_text, write_artefact, write_json, writer
 from elastid.validation.frf_error import Validation
 from elastid.validation.log_comparison import NO_COMPARISON, LogComparison
 from elastid.validation.measured_modes import MeasuredModes
@@ -143,45 +136,3 @@ def read_comparison(path: Path, stamp: Stamp) -> "Comparison | None":
     except (OSError, ValueError, TypeError, KeyError, AttributeError):  # missing or damaged
         return None
     return comparison
-
-
-# Types of the parts by their kind in a file.
-_TYPES = {
-    "local optimum": "elastid.fit.problem.least_squares:LocalOptimum",
-    "refit": "elastid.validation.comparison:Refit",
-}
-_KIND_OF = {place.partition(":")[2]: kind for kind, place in _TYPES.items()}
-
-
-class Checkpoint(UserDict[str, Any]):
-    """Finished local optima and refits by name, each in a file of the folder that is whole or absent.
-
-    key: hash of everything that they depend on; parts under another key are not there. Numbers are kept to the last
-    bit. A part that is damaged or of another key or type is not there either.
-    """
-
-    def __init__(self, folder: Path, key: str) -> None:
-        super().__init__()
-        self.folder, self.key = folder, key
-        for path in sorted(folder.glob("*.json")):
-            with suppress(OSError, ValueError, TypeError, AttributeError, KeyError):
-                content = json.loads(path.read_bytes())
-                if content["key"] == key and content["sha256"] == _digest(content["value"]):
-                    type_ = resolve_name(_TYPES[content["kind"]])
-                    super().__setitem__(unquote(path.stem), from_json(content["value"], type_))
-
-    def __setitem__(self, name: str, value: Any) -> None:
-        content = {"key": self.key, "kind": _KIND_OF[type(value).__name__], "value": json_value(value, float)}
-        path = self.folder / f"{quote(name, safe=' ')}.json"
-        write_text(path, json.dumps(content | {"sha256": _digest(content["value"])}))
-        super().__setitem__(name, value)
-
-    @property
-    def description(self) -> str:
-        """Their number, or an empty text."""
-        return f"{n} finished parts" if (n := len(self)) else ""
-
-
-def _digest(value: Any) -> str:
-    """Return SHA-256 of the fields of a part: a bit that flips in a number leaves valid JSON, and another result."""
-    return hashlib.sha256(json.dumps(value).encode()).hexdigest()

@@ -180,6 +180,8 @@ def from_json(content: Any, annotation: Any) -> Any:
             return None if content is None else from_json(content, kind.parts[0])
         case "scalar":
             return math.nan if kind.type is float and content is None else kind.type(content)
+        case "array" if isinstance(content, np.ndarray):
+            return content
         case "array" if isinstance(content, list):
             return np.array([math.nan if number is None else number for number in content], kind.type)
         case "array":

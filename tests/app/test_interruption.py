@@ -1,6 +1,5 @@
 """A fit that is interrupted while it searches: finished parts are kept, and it is resumed to the very same end."""
 
-import json
 import os
 import shutil
 import signal
@@ -8,6 +7,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from zipfile import is_zipfile
 
 import pytest
 from plants.runs import run_of
@@ -59,11 +59,11 @@ def stopped(command: list[str], folder: Path, parts: str, number: signal.Signals
 @pytest.mark.parametrize(
     ("parts", "number", "jobs"),
     [
-        ("start-*.json", signal.SIGINT, "1"),
-        ("start-*.json", signal.SIGINT, "2"),
-        ("bootstrap-*.json", signal.SIGTERM, "2"),
-        ("start-*.json", signal.SIGKILL, "1"),
-        ("start-*.json", signal.SIGKILL, "2"),
+        ("start-*.npz", signal.SIGINT, "1"),
+        ("start-*.npz", signal.SIGINT, "2"),
+        ("bootstrap-*.npz", signal.SIGTERM, "2"),
+        ("start-*.npz", signal.SIGKILL, "1"),
+        ("start-*.npz", signal.SIGKILL, "2"),
     ],
 )
 def test_an_interrupted_fit_is_resumed(
@@ -74,11 +74,11 @@ def test_an_interrupted_fit_is_resumed(
     command = [sys.executable, "-m", "elastid", "run", str(whole / "study.yml"), "fit", "--run", str(unfitted)]
     command += ["--jobs", jobs, *options]
     code, complained = stopped(command, unfitted / "fit.partial", parts, number)
-    kept = {path.name: path.read_bytes() for path in (unfitted / "fit.partial").glob("*.json")}
+    kept = {path.name: path.read_bytes() for path in (unfitted / "fit.partial").glob("*.npz")}
     assert len([name for name in kept if name.startswith(parts.partition("-")[0])]) >= 3
     assert len(kept) < 60 + 60 + 1 + 200
     assert not (unfitted / "fit.h5").exists()
-    assert all(json.loads(text) for text in kept.values()), "a half-written part"
+    assert all(is_zipfile(unfitted / "fit.partial" / name) for name in kept), "a half-written part"
     if number != signal.SIGKILL:
         assert code == 130
         assert not list(unfitted.rglob(".*"))

@@ -195,7 +195,7 @@ def test_a_stopped_measurement_goes_on_where_it_was(
         patch.setattr(measuring, "SimulatedRig", Interrupting)
         with pytest.raises(KeyboardInterrupt):
             run_all(run, ["measure"])
-    assert sorted(p.name for p in (run.partial("measure")).iterdir()) == ["a-r0-e0.h5", "a-r1-e0.h5"]
+    assert sorted(p.name for p in (run.partial("measure")).iterdir()) == ["a-r0-e0.npz", "a-r1-e0.npz"]
     assert not run.path("measure").exists()
     measured = []
     inner = SimulatedRig.measure

@@ -70,10 +70,8 @@ def simulate_motions(study: Study, work: Work) -> Artefacts:
     """Simulate the motions of a friction study, each in a process: records.h5."""
     plan = stored.read_friction_plan(work.sources["design"])
     rig = SimulatedFrictionRig(study.as_robot(), study.experiment, plan, study.seed)
+    records, report = measure_parts(work, rig.plan.motions, rig.measure)
     write = stored.write_friction_records
-    records, report = measure_parts(
-        work, rig.plan.motions, rig.measure, lambda path: stored.read_friction_records(path).records, write, "motions"
-    )
     return Artefacts({"records.h5": lambda path, stamp: write(path, records, stamp, rig.warm_ups())}, report)
 
 

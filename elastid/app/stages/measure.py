@@ -4,7 +4,6 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -23,9 +22,8 @@ from elastid.model.formulation import formulate
 from elastid.record import Record
 from elastid.response import Response
 from elastid.robot.robot import with_frames
-from elastid.store.artefacts import Stamp, read_stamp
-from elastid.store.files import remove_leftovers
-from elastid.store.measured import read_records, write_records
+from elastid.store.checkpoint import Checkpoint
+from elastid.store.measured import write_records
 from elastid.store.plan import read_plan
 from elastid.study import Study
 
@@ -47,53 +45,36 @@ def import_logs(study: Study, work: Work) -> Artefacts:
 def _measure(
     rig: SimulatedRig | RecordedRig, work: Work, is_large: Callable[[Any], bool] = lambda part: False
 ) -> Artefacts:
-    records, report = measure_parts(
-        work, rig.experiments, rig.measure, read_records, write_records, "experiments", is_large
-    )
+    records, report = measure_parts(work, rig.experiments, rig.measure, is_large)
     return Artefacts({"records.h5": lambda path, stamp: write_records(path, records, stamp)}, report)
 
 
 def measure_parts(
-    work: Work,
-    parts: Sequence[Any],
-    measure: Callable[[Any], R],
-    read: Callable[[Path], Iterable[R]],
-    write: Callable[[Path, Iterable[R], Stamp], None],
-    noun: str,
-    is_large: Callable[[Any], bool] = lambda item: False,
+    work: Work, parts: Sequence[Any], measure: Callable[[Any], R], is_large: Callable[[Any], bool] = lambda item: False
 ) -> tuple[Iterator[R], Callable[[Console], None]]:
-    """Measure each experiment or motion into its own file; keep the files of an interrupted run.
+    """Measure each experiment or motion into a part of the checkpoint; keep the parts of an interrupted run.
 
     A worker writes the record itself: no record travels between processes.  is_large: true of a part whose record goes
-    straight to the result, as it is measured: a file of its own would be written, hashed and read once more.
+    straight to the result, as it is measured, in pieces.
     Returns the records in the order of the parts, one at a time, and the report on them once they have been gathered.
     """
-    work.parts.mkdir(parents=True, exist_ok=True)
-    remove_leftovers(work.parts)
-    files = {item.name: work.parts / f"{item.name}.h5" for item in parts if not is_large(item)}
-    stamps = {name: read_stamp(path) for name, path in files.items()}
-    done_names = [name for name, stamp in stamps.items() if stamp is not None and stamp.is_of(work.stamp)]
-    remaining = [(files[p.name], p) for p in parts if p.name in files and p.name not in done_names]
-    if done_names:
-        work.console.say(f"measure: resumed, {len(done_names)} of {len(parts)} {noun} kept")
+    finished, notes = work.checkpoint(), list[Note]()
+    remaining = [part for part in parts if not is_large(part) and part.name not in finished]
     with work.execution() as execution:
-        execution.ordered(partial(_measure_part, measure, write, work.stamp), remaining)
-    notes: list[Note] = []
+        execution.ordered(partial(_measure_part, measure, finished), remaining)
 
     def gathered() -> Iterator[R]:
-        for item in parts:
-            for record in read(files[item.name]) if item.name in files else [measure(item)]:
-                notes.extend(record.notes)
-                yield record
+        for part in parts:
+            record = finished.get(part.name)
+            record = measure(part) if record is None else record
+            notes.extend(record.notes)
+            yield record
 
     return gathered(), partial(report_count, notes, len(parts))
 
 
-def _measure_part(
-    measure: Callable[[Any], R], write: Callable[[Path, Iterable[R], Stamp], None], stamp: Stamp, file: tuple[Path, Any]
-) -> None:
-    path, part = file
-    write(path, [measure(part)], stamp)
+def _measure_part(measure: Callable[[Any], R], finished: Checkpoint, part: Any) -> None:
+    finished[part.name] = measure(part)
 
 
 def report_count(notes: Iterable[Note], count: int, console: Console) -> None:
