@@ -5,7 +5,9 @@ r"""Unmodelled payload: the point mass on a body that reduces the cost V most.
           (\mu, \rho) = \arg\min\; 2 g^T \delta + \delta^T S\, \delta + \text{priors}
 
 rho: vector from the centre of mass of the body to the payload; g, S: gradient and information of the score test.  The
-result is exact for any mass, because M is affine in m, m c and the inertia about the origin of the body.
+result is exact for any mass, because M is affine in m, m c and the inertia about the origin of the body. The search
+varies rho alone: delta is linear in mu, whose optimum for each rho has a closed form (variable projection: Golub and
+Pereyra, SIAM J. Numerical Analysis 10, 1973).
 """
 
 from __future__ import annotations
@@ -23,7 +25,8 @@ MASS_KG, DISTANCE_M = 5.0, 0.3  # typical mass of a payload and distance from th
 
 MIN_MASS_FRACTION = 1e-3  # of the body's mass, below which a payload is not considered
 
-STARTS = [(3.0, DISTANCE_M * axis) for axis in (*np.eye(3), np.array([-1.0, 0.0, 0.0]))]
+MIN_CHANGE, MAX_DISTANCE_M = -0.9, 3.0  # bounds of the mass relative to the body's, and of a coordinate
+STARTS = DISTANCE_M * np.vstack([np.eye(3), [-1.0, 0.0, 0.0]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,30 +59,57 @@ def find_load(test: ScoreTest, candidate: Candidate, variance: float, min_drop: 
     target = (turn[:, is_significant].T @ (g / scale)) / root
     if float(target @ target) < min_drop:
         return None
+    priors, A = math.sqrt(variance) / np.array([2 * MASS_KG, *3 * [2 * DISTANCE_M]]), _parameter_changes(numbers)
+    mu, rho, J = _search(L @ A, target, priors, MIN_CHANGE * mass)
+    if abs(mu) < MIN_MASS_FRACTION * mass:
+        return None
+    change, steps = mu * A @ _moments(rho), load_steps(numbers, np.array([mu, *rho]))
+    return Load(mu, rho, steps, max(float(-change @ (2 * g + S @ change)), 0.0), J.T @ J)
+
+
+def _search(
+    A: FloatArray, target: FloatArray, priors: FloatArray, min_mass: float
+) -> tuple[float, FloatArray, FloatArray]:  # fmt: skip
+    """Return the mu of at least `min_mass` and rho (3,) of least |mu A m(rho) + target|^2 + |priors (mu, rho)|^2.
+
+    m: `_moments`.  Return also the derivatives (n, 4) of the first residuals to (mu, rho).
+    """
     from scipy.optimize import least_squares  # slow to load, and seldom needed
 
-    priors = math.sqrt(variance) / np.array([2 * MASS_KG, *3 * [2 * DISTANCE_M]])
+    def project(rho: FloatArray) -> tuple[float, FloatArray, FloatArray, FloatArray]:
+        """Return mu, its derivative (3,) to rho, and the residuals of 1 kg with their derivatives to rho."""
+        a, da = A @ _moments(rho), A @ _moment_slopes(rho)
+        norm = float(a @ a) + priors[0] ** 2
+        mu = -float(a @ target) / norm
+        if mu < min_mass:
+            return min_mass, np.zeros(3), a, da
+        return mu, -(target @ da + 2 * mu * (a @ da)) / norm, a, da
 
-    A = _parameter_changes(numbers)
-    LA = L @ A
+    def residual(rho: FloatArray) -> FloatArray:
+        mu, _, a, _ = project(rho)
+        return np.concatenate([mu * a + target, priors * [mu, *rho]])
 
-    def residual(p: FloatArray) -> FloatArray:
-        return np.concatenate([LA @ _moments(p) + target, priors * p])
+    def jacobian(rho: FloatArray) -> FloatArray:
+        mu, slope, a, da = project(rho)
+        return np.vstack([mu * da + np.outer(a, slope), priors[0] * slope, np.diag(priors[1:])])
 
-    bounds, scales = ([-0.9 * mass, -3, -3, -3], [np.inf, 3, 3, 3]), [1.0, 0.1, 0.1, 0.1]
-    ends = [least_squares(residual, [mu, *rho], bounds=bounds, x_scale=scales) for mu, rho in STARTS]
-    best = min(ends, key=lambda end: float(end.cost))
-    p, J = best.x, best.jac[: len(target)]
-    if abs(p[0]) < MIN_MASS_FRACTION * mass:
-        return None
-    change = A @ _moments(p)
-    return Load(float(p[0]), p[1:], load_steps(numbers, p), max(float(-change @ (2 * g + S @ change)), 0.0), J.T @ J)
+    limits = -MAX_DISTANCE_M, MAX_DISTANCE_M
+    ends = [least_squares(residual, rho, jacobian, limits, x_scale=0.1, ftol=1e-6) for rho in STARTS]
+    rho = min(ends, key=lambda end: float(end.cost)).x
+    mu, _, a, da = project(rho)
+    return mu, rho, np.column_stack([a, mu * da])
 
 
-def _moments(p: FloatArray) -> FloatArray:
-    """Return the moments mu (1, x, y, z, xx, yy, zz, xy, xz, yz) (10,) of p = (mu, rho) (4,)."""
-    mu, x, y, z = p
-    return np.asarray(mu * np.array([1.0, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z]))
+def _moments(rho: FloatArray) -> FloatArray:
+    """Return the moments (1, x, y, z, xx, yy, zz, xy, xz, yz) (10,) of 1 kg at rho = (x, y, z)."""
+    x, y, z = rho
+    return np.array([1.0, x, y, z, x * x, y * y, z * z, x * y, x * z, y * z])
+
+
+def _moment_slopes(rho: FloatArray) -> FloatArray:
+    """Return the derivatives (10, 3) of the moments to rho."""
+    x, y, z = rho
+    return np.vstack([np.zeros(3), np.eye(3), 2 * np.diag(rho), [y, x, 0.0], [z, 0.0, x], [0.0, z, y]])
 
 
 def _parameter_changes(numbers: list[FixedNumber]) -> FloatArray:
@@ -103,7 +133,7 @@ def _parameter_changes(numbers: list[FixedNumber]) -> FloatArray:
 def load_steps(numbers: list[FixedNumber], p: FloatArray) -> FloatArray:
     """Return the changes (n_m,) of mass, common centre and inertia by a load p (4,), of ln p if log."""
     mass = numbers[0].value
-    changes, new_fraction = _parameter_changes(numbers) @ _moments(p), mass / (mass + p[0])
+    changes, new_fraction = p[0] * _parameter_changes(numbers) @ _moments(p[1:]), mass / (mass + p[0])
     changes = changes * np.where([n.name.startswith(("c_", "I_")) for n in numbers], new_fraction, 1.0)
     log = np.array([n.log for n in numbers])
     return np.where(log, np.log1p(np.where(log, np.maximum(changes, -0.99), 0.0)), changes)
