@@ -1,4 +1,4 @@
-"""The command line: each word calls one function. Heavy imports stay inside the bodies.
+"""Command line: each command calls one function. Slow imports are inside the functions.
 
 Exit codes: 0 done; 1 error in the data or the fit; 2 error in usage or study; 3 done and written, but a misfit (a
 significant model error); 130 interrupted.
@@ -22,10 +22,11 @@ from elastid.app.options import (
     POSITIVE,
     RATE,
     Finite,
-    insisting,
+    call_with_run,
     libraries_off_terminal,
     numbers_of,
     options_of,
+    repeated_interrupts,
     run_of,
     stage_options,
     study_argument,
@@ -39,10 +40,10 @@ from elastid.base.escape import printable
 
 def main() -> None:
     """Run the program `elastid`."""
-    # A program that was started without them (`>&-`) has None here, which nothing below expects.
+    # These are None in a program that was started without them (`>&-`).
     sys.stdout = sys.stdout or StringIO()
     sys.stderr = sys.stderr or StringIO()
-    register_error("elastid", _in_ascii)
+    register_error("elastid", _ascii_replacement)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="elastid")
@@ -50,8 +51,8 @@ def main() -> None:
     sys.exit(run_command(sys.argv[1:]))
 
 
-def _in_ascii(error: Any) -> tuple[str, int]:
-    """Replace the first character that a terminal lacks by similar ones (a handler of codecs)."""
+def _ascii_replacement(error: Any) -> tuple[str, int]:
+    """Replace a character that the terminal cannot print by similar characters (an error handler of codecs)."""
     return _ASCII.get(error.object[error.start], "?"), error.start + 1
 
 
@@ -59,18 +60,18 @@ _ASCII = {"±": "+-", "–": "-", "─": "-", "°": "deg", "µ": "u", "²": "^2"
 
 
 def run_command(arguments: Sequence[str]) -> int:
-    """Run a command and return its exit code, however it ends (`elastid.app.cli`)."""
+    """Run a command and return its exit code."""
     try:
-        with libraries_off_terminal(), insisting() as pressed:
+        with libraries_off_terminal(), repeated_interrupts() as pressed:
             cli.main(list(arguments), prog_name="elastid", standalone_mode=False)
     except (KeyboardInterrupt, click.Abort):
         return report_interrupt(arguments)
     except Exception as error:
-        return report_interrupt(arguments) if pressed.is_set() else explained(error, arguments)
+        return report_interrupt(arguments) if pressed.is_set() else report_error(error, arguments)
     return 0
 
 
-# Groups of commands, in the order of the help.
+# Groups of commands in the order of the help.
 _GROUPS = {
     "Start": ("demo", "new", "check", "run"),
     "Look": ("inspect", "explain", "compare", "predict"),
@@ -79,32 +80,32 @@ _GROUPS = {
 }
 
 
-class InGroups(click.Group):
-    """A group whose help lists the commands by purpose, each with its first sentence in full."""
+class GroupedCommands(click.Group):
+    """Group of commands whose help lists them by purpose, each with the first paragraph of its help."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """List the commands in the order of the help."""
         return [name for names in _GROUPS.values() for name in names]
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write names and first sentences, wrapped and uncut."""
+        """Write names and first paragraphs of all commands."""
         for group, names in _GROUPS.items():
             helps = [(name, (self.commands[name].help or "").split("\n\n")[0]) for name in names]
             with formatter.section(group):
                 formatter.write_dl([(name, " ".join(text.split())) for name, text in helps])
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        """Return the command; refuse a stage that is given as a command, with the right command."""
+        """Return the command; for the name of a stage, fail with the command that runs the stage."""
         if name in NAMES:
             ctx.fail(f"{name} is a stage: elastid run STUDY {name}")
         return super().get_command(ctx, name)
 
 
-@click.group(cls=InGroups, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=GroupedCommands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="elastid")
 def cli() -> None:
     """Identify the elasticity and friction of industrial robots, with confidence intervals."""
-    one_blas_thread()  # before any command loads NumPy: several threads add in an order of their own
+    one_blas_thread()  # before NumPy is loaded; with several threads the order of additions varies
 
 
 @cli.command()
@@ -114,10 +115,7 @@ def demo(**options: Any) -> None:
     from elastid.app import scaffold
 
     folder = options["folder"] or Path("runs") / "demo"
-    run = run_of(scaffold.demo(folder), {**options, "folder": folder})
-    from elastid.app.run import run_all
-
-    run_all(run)
+    call_with_run("run:run_all", scaffold.demo(folder), {**options, "folder": folder})
 
 
 @cli.command()
@@ -174,10 +172,8 @@ def run(study: Path, stages: tuple[str, ...], png: bool = False, **options: Any)
     follow    (with filter: {}) friction over time, by a Kalman filter: filter.h5
     report    page and, if requested, figures: report.html, figures/
     """
-    request = run_of(study, options | {"overrides": (*options["overrides"], *["report.formats=[png]"] * png)})
-    from elastid.app.run import run_all
-
-    run_all(request, stages)
+    overrides = (*options["overrides"], *["report.formats=[png]"] * png)
+    call_with_run("run:run_all", study, options | {"overrides": overrides}, stages)
 
 
 @cli.command()
@@ -233,9 +229,9 @@ def predict(
     model explains, by axis and octave, and a simulation along the logs. Without --log the logs are from STUDY.
     """
     if source is not None:
-        from elastid.app import predict_commands
+        from elastid.app import predict_logs
 
-        predict_commands.predict(run_of(model, predict_commands.on_logs(model, logs, options)), source)
+        predict_logs.predict(run_of(model, predict_logs.on_logs(model, logs, options)), source)
         return
     if not logs:
         raise click.UsageError("give the logs with --log, or the result of another run with --with")
@@ -273,10 +269,7 @@ def map_command(study: Path, **options: Any) -> None:
     chatter-free depth of cut, the deflection under a load, and the spring that contributes most. A path is a CSV file
     with a column for each driven joint (rad, or `1 deg`), or with poses x, y, z in m and rx, ry, rz in rad.
     """
-    request = run_of(study, options)
-    from elastid.app.model_commands import map_study
-
-    map_study(request, **options)
+    call_with_run("model_commands:map_study", study, options)
 
 
 @cli.command()
@@ -304,10 +297,7 @@ def tune(study: Path, **options: Any) -> None:
     s. Without t the path starts and ends at zero velocity (two rows are enough), and --time or --fastest sets its
     duration. With t these options stretch it.
     """
-    request = run_of(study, options)
-    from elastid.app.model_commands import tune_study
-
-    tune_study(request, **options)
+    call_with_run("model_commands:tune_study", study, options)
 
 
 @cli.command()
@@ -325,10 +315,7 @@ def loops(study: Path, **options: Any) -> None:
     velocity gains, notch filters and low-pass filters with the largest bandwidth. Its sensitivity peak stays below 6 dB
     in all postures of the study and for 95 % of the posterior samples. loops.yml has the gains as a section of a study.
     """
-    request = run_of(study, options)
-    from elastid.app.model_commands import loops_study
-
-    loops_study(request, **options)
+    call_with_run("model_commands:loops_study", study, options)
 
 
 @cli.command()
@@ -369,10 +356,7 @@ def export(study: Path, target: str, count: int, **options: Any) -> None:
     responses to control, matlab, csv or uff. Further targets come from installed packages, by entry points of the group
     elastid.targets.
     """
-    request = run_of(study, options)
-    from elastid.app.export import export as export_model
-
-    export_model(request, target, count)
+    call_with_run("export:export", study, options, target, count)
 
 
 @cli.command()
@@ -431,13 +415,13 @@ def explain(key: str | None, study: Path | None, folder: Path | None) -> None:
 
 
 def one_blas_thread() -> None:
-    """Ask every BLAS that is loaded from here on, in this process and its workers, for one thread."""
+    """Set one thread for every BLAS that is loaded later in this process and its workers."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
         os.environ.setdefault(name, "1")
 
 
-def explained(error: Exception, arguments: Sequence[str] = ()) -> int:
-    """Print an error that has a message for the user and return its exit code; raise any other error again."""
+def report_error(error: Exception, arguments: Sequence[str] = ()) -> int:
+    """Print an error with a message for the user and return its exit code; raise any other error again."""
     match error:
         case ElastidError():
             return _report_end(f"{error} [{error.code}]", error.exit_code)
@@ -450,7 +434,7 @@ def explained(error: Exception, arguments: Sequence[str] = ()) -> int:
             return error.exit_code
         case MemoryError() | ImportError():
             cause = f"the memory of the process is exhausted ({str(error) or type(error).__name__})"
-            return explained(
+            return report_error(
                 StudyError("run/memory", f"{cause}. Shorten the records, lower --jobs, or raise the limit (ulimit -v)")
             )
         case OSError():
@@ -460,7 +444,7 @@ def explained(error: Exception, arguments: Sequence[str] = ()) -> int:
     raise error
 
 
-# Commands that write at their end alone.
+# Commands that write only at their end.
 WITHOUT_PARTS = {"map", "tune", "loops", "export", "check", "inspect", "new", "predict"}
 
 

@@ -1,4 +1,4 @@
-"""The robot that a friction study by commands has identified: rotors or pendulums, and the delay of the commands."""
+"""Robot that a friction study from commands has identified: rotors or pendulums, and the delay of the commands."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -15,7 +15,7 @@ from elastid.study.robots import yaml_text
 
 
 def rigid_numbers(result: FrictionResult) -> dict[tuple[str, str], float]:
-    """Return the numbers of a friction study that are no friction, by joint and term."""
+    """Return inertia, gravity, offset and delay of a friction study by joint and term."""
     return {
         (joint.joint, path): number.value
         for joint in result.joints
@@ -26,7 +26,7 @@ def rigid_numbers(result: FrictionResult) -> dict[tuple[str, str], float]:
 
 
 def command_delay(result: FrictionResult) -> float | None:
-    """Return the identified delay of the commands in s; None for a friction study without one."""
+    """Return the identified delay of the commands in s; None if the study identified no delay."""
     return next((value for (_, path), value in rigid_numbers(result).items() if path == DELAY), None)
 
 
@@ -46,8 +46,8 @@ def with_armatures(robot: Robot, result: FrictionResult) -> Robot:
 def commanded_robot(robot: Robot, result: FrictionResult) -> Robot:
     """Return the robot with all numbers of a friction study.
 
-    If a study by commands has found the inertia of each joint as a whole, bodies on the base have the inertia and the
-    gravity of the study; the bodies of other robots are replaced by pendulums about y.
+    After a study from commands, which identifies the total inertia of each joint, bodies on the base get the identified
+    inertia and gravity; the bodies of other robots are replaced by pendulums about y.
     """
     if not _has_total_inertias(robot, result):
         return with_armatures(robot, result)
@@ -59,10 +59,7 @@ def commanded_robot(robot: Robot, result: FrictionResult) -> Robot:
 
 
 def robot_of_friction(name: str, robot: Robot, result: FrictionResult) -> str:
-    """Return the text of a robot file with friction, rotor inertias and, for bodies on the base, inertia and gravity.
-
-    name: name of the study.
-    """
+    """Return the robot model of study `name` as text with identified friction, rotor inertias, inertia and gravity."""
     has_total_inertias = _has_total_inertias(robot, result)
     identified = commanded_robot(robot, result) if _is_on_base(robot, result) else with_armatures(robot, result)
     usable_joints = [joint.joint for joint in result.joints if joint.friction is not None and joint.viscous is not None]

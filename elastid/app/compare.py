@@ -1,8 +1,7 @@
-"""compare: several models of one robot on the frequency responses of one run, ranked; file -> value -> file.
+"""`elastid compare`: ranking of several models of one robot, fitted to the frequency responses of one run.
 
-With --search the models come from a search for the elasticity of the robot, step by step: among all gears, joints
-without a motor and rods that `robot.simplified` finds elastic. Both leave the same compare.json. Finished fits are kept
-in compare.partial until all are there, from where an interrupted comparison or search is resumed.
+The models are listed in a study, or come from a stepwise search (--search) over the elastic gears, joints and rods.
+Finished fits are kept in compare.partial, from which an interrupted comparison or search resumes.
 """
 
 import math
@@ -11,7 +10,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TypeAlias
 
-from elastid.app.run import Run, carry_out, hash_of, logged_in
+from elastid.app.run import Run, hash_of, open_run_folder, run_stage
 from elastid.base.display import number
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
@@ -22,7 +21,7 @@ from elastid.model.formulation import elastic_joints_within, inert_parameters
 from elastid.response import Responses
 from elastid.robot.simplified import elastic_coordinates, with_stiff_joints, without_motor_coupling
 from elastid.store.checkpoint import Checkpoint
-from elastid.store.files import keep_checksums
+from elastid.store.files import save_checksums
 from elastid.store.measured import read_responses
 from elastid.store.results import write_comparison
 from elastid.study import LoadedStudy, Study, load
@@ -48,13 +47,13 @@ _Fits: TypeAlias = dict[Elastic, tuple[ComparedVariant, Sequence[Refit]]]
 
 
 def compare(run: Run, studies: Sequence[LoadedStudy] = ()) -> Comparison:
-    """Rank models, and write compare.json and, if the run has one, the report again. Returns the ranking.
+    """Rank models, write compare.json and update the report if there is one; return the ranking.
 
-    studies: further ones whose robots, formulations and parameters are fitted to the responses of `run`, under its
-    weights and criterion.  StudyError where there are no current responses, or but one model.
+    studies: robots, formulations and parameters of further models, which are fitted to the responses of `run` with its
+    weights and criterion.  StudyError without current responses, or for a single model.
     """
     run.require("fit")  # a comparison needs the same files
-    with logged_in(run.folder, run.jobs, run.console):
+    with open_run_folder(run.folder, run.jobs, run.console):
         models = list(variants(run.loaded, studies))
         if len(models) < 2:
             text = "nothing to compare: the study has one model without optional parts"
@@ -68,20 +67,20 @@ def compare(run: Run, studies: Sequence[LoadedStudy] = ()) -> Comparison:
 def finish(run: Run, comparison: Comparison) -> None:
     """Write a comparison, print its verdict, and update the report if there is one."""
     write_comparison(run.folder / RESULT, comparison, run.stamps["estimate"])
-    keep_checksums(run.folder, [RESULT])
+    save_checksums(run.folder, [RESULT])
     clear_folder(run.folder, PARTIAL)
     run.console.table(comparison_table(comparison))
     run.console.say(f"compare: {comparison.verdict}")
     run.console.say(str(run.folder / RESULT))
     if run.path("report").is_file() and all(run.is_current(s) for s in run.stages if s != "report"):
-        carry_out(run, "report")
+        run_stage(run, "report")
 
 
 def variants(loaded: LoadedStudy, studies: Sequence[LoadedStudy] = ()) -> Iterator[ComparedVariant]:
     """Yield the model of the study, its variants and models of other studies; raise StudyError for an invalid one."""
     study = loaded.study
     yield ComparedVariant(study.name, study.as_robot(), study.seeded_fit, study.model)
-    for spec in study.compare.variants or (() if studies else _default(study)):
+    for spec in study.compare.variants or (() if studies else _default_variants(study)):
         try:
             yield variant(loaded, spec)
         except StudyError as error:
@@ -107,24 +106,24 @@ def comparison_table(comparison: Comparison) -> list[list[str]]:
     return rows
 
 
-def _default(study: Study) -> tuple[VariantSpec, ...]:
-    """List variants without single parts, and with other equations of loops, for a study without other models."""
+def _default_variants(study: Study) -> tuple[VariantSpec, ...]:
+    """List the default models: the robot without one of its elements, or with other equations of its loops."""
     robot = study.as_robot()
-    riding = any(joint.motor is not None and joint.motor.on for joint in robot.driven)
-    coupling = [VariantSpec("without motor coupling", motor_coupling=False)] if riding else []
-    # Elastic joints that are not driven make the flexible joint model an extended one.
+    has_coupling = any(joint.motor is not None and joint.motor.on for joint in robot.driven)
+    coupling = [VariantSpec("without motor coupling", motor_coupling=False)] if has_coupling else []
+    # Passive elastic joints distinguish the extended flexible joint model.
     joints = [coordinate.name for coordinate in elastic_coordinates(robot) if coordinate.kind == "joint"]
     return (*_loop_variants(study), *coupling, *[VariantSpec(f"{name} rigid", rigid=(name,)) for name in joints])
 
 
 def _loop_variants(study: Study) -> tuple[VariantSpec, ...]:
-    """List approximations for a robot with loops that omit something, and the exact equations."""
+    """List the exact equations of a robot with loops, and the approximations that differ from them."""
     robot, model = study.as_robot(), study.model
     if not robot.loops:
         return ()
     rods = [loop.rod for loop in robot.loops if loop.rod is not None]
     stretches, bends = any(rod.is_elastic for rod in rods), bool(elastic_joints_within(robot))
-    reasons = {
+    differs = {
         "rigid_loop": stretches or bends,
         "constant_stiffness": stretches and not named_geometry(study.fit.parameters, robot),
         "series_stiffness": stretches,
@@ -135,8 +134,8 @@ def _loop_variants(study: Study) -> tuple[VariantSpec, ...]:
     formulation = VariantSpec(f"exact, {exact}", set=(f"model={{formulation: {exact}}}",))
     approximate = (
         VariantSpec(name.replace("_", " "), set=(f"model={{formulation: minimal, variant: {name}}}",))
-        for name, reason in reasons.items()
-        if reason and name != model.variant
+        for name, is_different in differs.items()
+        if is_different and name != model.variant
     )
     return (formulation, *approximate)
 
@@ -151,7 +150,7 @@ def variant(loaded: LoadedStudy, spec: VariantSpec) -> ComparedVariant:
     if study.model != original.model:
         fit = fix(fit, robot, inert_parameters(robot, study.model.variant))
     choose(fit, robot)
-    # Independent coordinates are a choice for the study's own robot, and without influence on its response.
+    # Independent coordinates are chosen for the robot of the study; they do not influence its response.
     return ComparedVariant(spec.name, robot, fit, replace(study.model, independent=()) if spec.rigid else study.model)
 
 
@@ -166,7 +165,7 @@ def refit_all(run: Run, models: Sequence[ComparedVariant], responses: Responses)
     folds = ((), *split_folds(responses.names, run.study.compare.folds))
     tasks = [(variant, fold) for variant in models for fold in folds]
     checkpoint = Checkpoint(path_below(run.folder, PARTIAL), run.stamps["estimate"].code)
-    # Of everything that a fit depends on except the code.
+    # Hash of everything that a fit depends on, except the code.
     keys = [f"refit-{hash_of([task, run.stamps['estimate'].inputs])[:24]}" for task in tasks]
     if n_finished := sum(key in checkpoint for key in keys):
         run.console.say(f"compare: resumed, {n_finished} of {len(tasks)} fits kept")
@@ -177,12 +176,12 @@ def refit_all(run: Run, models: Sequence[ComparedVariant], responses: Responses)
 
 
 def search_elasticity(run: Run) -> None:
-    """Search for elastic elements; write compare.json with all trials and models and, if it exists, the report again.
+    """Search for elastic elements; write compare.json with all trials and models, and update the report if any.
 
-    StudyError where there are no current responses, those of one configuration only, or nothing to search among.
+    StudyError without current responses, for a single configuration, or for a robot without elastic elements.
     """
     run.require("fit")  # a search needs the same files
-    with logged_in(run.folder, run.jobs, run.console):
+    with open_run_folder(run.folder, run.jobs, run.console):
         coordinates, start = _coordinates(run.loaded)
         responses = read_responses(run.path("estimate"))
         names = responses.names
@@ -192,7 +191,7 @@ def search_elasticity(run: Run) -> None:
         fits: _Fits = {}
 
         def fitted(models: Sequence[Elastic]) -> Mapping[Elastic, ComparedModel]:
-            # The study's own model is fitted first: all others are part of it, and its fit scales QAIC.
+            # The model of the study is fitted first, since all others are submodels and its fit scales QAIC.
             new = [model for model in dict.fromkeys((everything, *models)) if model not in fits]
             fits.update(_fit_variant(run, coordinates, start, new, responses))
             by_name = {row.name: row for row in rank(names, *zip(*fits.values(), strict=True)).rows}
@@ -210,7 +209,7 @@ def search_elasticity(run: Run) -> None:
 
 
 def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
-    """Return coordinates that can be elastic or rigid, label to name, and the labels that start elastic: the gears."""
+    """Return the coordinates that can be elastic (label to name), and the labels of the gears, which start elastic."""
     robot, unknown = loaded.study.as_robot(), inert_parameters(loaded.study.as_robot(), loaded.study.model.variant)
     coordinates = [spring for spring in elastic_coordinates(robot) if f"k_{spring.name}" not in unknown]
     if not coordinates:
@@ -224,8 +223,9 @@ def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
 def _fit_variant(
     run: Run, coordinates: Mapping[str, str], start: Elastic, models: Sequence[Elastic], responses: Responses
 ) -> _Fits:
+    """Fit the robot with only these elements elastic; a model that cannot be fitted gets a failed fit."""
     variants: dict[Elastic, ComparedVariant] = {}
-    cannot: _Fits = {}
+    failures: _Fits = {}
     for model in models:
         name = run.study.name if len(model) == len(coordinates) else f"{', '.join(model) or 'nothing'} elastic"
         rigid = tuple(coordinate for label, coordinate in coordinates.items() if label not in model)
@@ -235,6 +235,6 @@ def _fit_variant(
             if model in (start, tuple(coordinates)):
                 raise StudyError("compare/variants", f"{name}: {error}", "search") from None
             first = ComparedVariant(name, run.study.as_robot(), run.study.fit, run.study.model)
-            cannot[model] = first, 2 * [Refit("failed", str(error), 0, math.inf, 0, {})]
+            failures[model] = first, 2 * [Refit("failed", str(error), 0, math.inf, 0, {})]
     fits = zip(variants.values(), refit_all(run, list(variants.values()), responses), strict=True)
-    return dict(zip(variants, fits, strict=True)) | cannot
+    return dict(zip(variants, fits, strict=True)) | failures

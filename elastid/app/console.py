@@ -1,7 +1,6 @@
-"""Output of a run: words, warnings, tables and progress on the terminal, all but the progress in run.log as well."""
+"""Output of a run on the terminal: messages, warnings, tables and progress; all except progress also in run.log."""
 
 import logging
-import math
 import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
@@ -17,15 +16,12 @@ from elastid.base.execution import Progress, no_progress
 from elastid.base.files import open_regular_file
 
 if TYPE_CHECKING:
-    from elastid.design.forecast import Forecast
     from elastid.friction_study.result import FrictionNumber
     from elastid.report.content import ParameterRow
 
-LOG_NAME = "run.log"
-
 
 class Console:
-    """Terminal and log of a run.  verbosity: -2 only the log, -1 warnings, 0 one message a stage, 1 all details."""
+    """Terminal and log of a run.  verbosity: -2 log only, -1 warnings, 0 a few messages per stage, 1 all details."""
 
     def __init__(self, verbosity: int = 0) -> None:
         self.verbosity = verbosity
@@ -34,14 +30,14 @@ class Console:
         self._log = logging.getLogger("elastid.app.run")
         self._log.propagate = False
         self._log.setLevel(logging.DEBUG)
-        if not self._log.handlers:  # without one Python itself prints what is logged as a warning
+        if not self._log.handlers:  # without a handler Python prints warnings
             self._log.addHandler(logging.NullHandler())
 
     @contextmanager
     def logging_to(self, folder: Path) -> Iterator[None]:
-        """Append to run.log in the folder, warnings of Python included."""
+        """Append messages and warnings of Python to run.log in the folder."""
         folder.mkdir(parents=True, exist_ok=True)
-        handler = _LogFile(folder / LOG_NAME, encoding="utf-8", errors="backslashreplace")
+        handler = _LogFile(folder / "run.log", encoding="utf-8", errors="backslashreplace")
         handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(message)s"))
         python_warnings = logging.getLogger("py.warnings")
         python_warnings.propagate = False
@@ -70,7 +66,7 @@ class Console:
             print(f"  {printable(text)}", flush=True)
 
     def warn(self, text: str) -> None:
-        """Warn of something that must be read and does not stop the work; the same text once."""
+        """Print a warning; the same text only once."""
         if text in self._warned:
             return
         self._warned.add(text)
@@ -79,16 +75,16 @@ class Console:
             print(f"warning: {printable(text)}", file=sys.stderr, flush=True)
 
     def notes(self, notes: Iterable[Note], on_page: bool = False) -> None:
-        """Print notes on data, plan or result, equal notes as one; on_page: the report page contains them, too."""
+        """Print notes, equal notes as one; on_page: True if the report page contains them, too."""
         for group in group_notes(notes):
             (self.warn if group.first.severity == "warning" else self.detail if on_page else self.say)(str(group))
 
     def log(self, text: str) -> None:
-        """Log how the work ended; only the log has it, since the command prints it on the terminal."""
+        """Log the end of the work, which the command itself prints on the terminal."""
         self._log.error(text)
 
     def table(self, rows: Sequence[Sequence[str]]) -> None:
-        """Print headings and rows in columns, numbers to the right; only into the log during a whole run."""
+        """Print headings and rows in columns, numbers right-aligned; during a run of all stages only to the log."""
         widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
         for row in rows:
             cells = [c.ljust(w) if i < 2 else c.rjust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True))]
@@ -99,28 +95,28 @@ class Console:
 
     @contextmanager
     def progress(self, title: str) -> Iterator[Progress]:
-        """Show a bar with the remaining time on a terminal, and a message from time to time elsewhere."""
+        """Show a bar with the remaining time on a terminal, otherwise a message from time to time."""
         if self.verbosity < 0:
             yield no_progress
         elif sys.stderr.isatty():
-            with _bar(title) as progress:
+            with _progress_bar(title) as progress:
                 yield progress
         else:
-            yield _lines(title)
+            yield _progress_messages(title)
 
 
 class _LogFile(logging.FileHandler):
-    """run.log, control characters written out.
+    """run.log, with control characters escaped.
 
-    On a full disk its lines are lost without a word: the result that cannot be written is named.
+    On a full disk its messages are lost; the error names the result that cannot be written.
     """
 
     def format(self, record: logging.LogRecord) -> str:
-        """Format a message for this terminal."""
+        """Format a message and escape its control characters."""
         return printable(super().format(record))
 
     def _open(self) -> TextIOWrapper:
-        """Open the log; ElastidError for a link."""
+        """Open the log; ElastidError if it is a link."""
         return open(self.baseFilename, "a", encoding="utf-8", errors=self.errors, opener=open_regular_file)
 
     def handleError(self, record: logging.LogRecord) -> None:
@@ -132,17 +128,17 @@ class _LogFile(logging.FileHandler):
             super().close()
 
 
-MIN_DONE = 3  # units of work, from which on the remaining time is estimated
+MIN_DONE = 3  # finished items before the remaining time is estimated
 
 
 @contextmanager
-def _bar(title: str) -> Iterator[Progress]:
+def _progress_bar(title: str) -> Iterator[Progress]:
     from rich.console import Console as Terminal
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, Task, TextColumn, TimeRemainingColumn
     from rich.text import Text
 
     class Remaining(TimeRemainingColumn):
-        """The remaining time, empty before some units are done."""
+        """Remaining time, empty before `MIN_DONE` items."""
 
         def render(self, task: Task) -> Text:
             return super().render(task) if task.completed >= MIN_DONE else Text("")
@@ -156,13 +152,13 @@ def _bar(title: str) -> Iterator[Progress]:
 INTERVAL_S = 10.0  # between two lines of progress
 
 
-def _lines(title: str) -> Progress:
+def _progress_messages(title: str) -> Progress:
     start = last = time.monotonic()
 
     def progress(done: int, total: int) -> None:
         nonlocal last, start
         now = time.monotonic()
-        if done == 0:  # a round begins: what was prepared before says nothing about its pace
+        if done == 0:  # preparations before the first item do not count
             start = now
         if now - last >= INTERVAL_S and 0 < done < total:
             last = now
@@ -174,27 +170,9 @@ def _lines(title: str) -> Progress:
 
 
 def result_table(display: Display, rows: "Sequence[ParameterRow | FrictionNumber]") -> list[list[str]]:
-    """Return headings and rows of a result; true values are included if the rig is simulated."""
+    """Return headings and rows of a result, with true values if the rig is simulated."""
     simulated = any(row.truth is not None for row in rows)
     return [
         [*display.headings, *["true"] * simulated],
         *([*cells, *[number(row.truth)] * simulated] for cells, row in zip(display.rows, rows, strict=True)),
     ]
-
-
-def _deviation(std: float, value: float) -> str:
-    relative = 100 * std / abs(value) if value else math.inf
-    return f"{number(relative, 2)} %" if math.isfinite(relative) else number(std, 2)
-
-
-def forecast_table(forecast: "Forecast") -> list[list[str]]:
-    """Return headings, then a row for each parameter: predicted std, contributions of noise and prior, correlation."""
-    columns = {**forecast.std_contributions, "expected std": forecast.std}
-    rows = [["parameter", "unit", "nominal", *columns, "most correlated with"]]
-    for i, name in enumerate(forecast.parameters):
-        partner, correlation = forecast.strongest(name)
-        nominal = float(forecast.nominal[i])
-        deviations = [_deviation(float(std[i]), nominal) for std in columns.values()]
-        partner_text = f"{partner} {correlation:+.2f}" if partner else "–"
-        rows.append([name, forecast.units[i], number(nominal), *deviations, partner_text])
-    return rows

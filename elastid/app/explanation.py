@@ -1,4 +1,4 @@
-"""`elastid explain`: a key, a code, a cause, a target of an export, or a parameter, in a study or a run."""
+"""`elastid explain`: text on a key, a code, a cause, an export target, or a parameter in a study or a run."""
 
 import re
 from pathlib import Path
@@ -22,14 +22,15 @@ def explain_name(name: str, study: Path | None = None, folder: Path | None = Non
     fit, gears, friction = (Path(folder or "") / f"{stage}.h5" for stage in ("fit", "gears", "friction"))
     result = read_fit(fit) if folder is not None and not friction.is_file() else None
     robot = result.robot if result is not None else None if study is None else load(study).study.robot
-    texts = [e.meaning for e in SHEET if re.fullmatch(rf"{e.prefix}([\d.]+_)?(?<=[_m])\w+", name)]  # e2_1 has an order
+    # The name of a transmission error such as e2_1 contains its order.
+    texts = [e.meaning for e in SHEET if re.fullmatch(rf"{e.prefix}([\d.]+_)?(?<=[_m])\w+", name)]
     rows = [explain_parameter(name, robot) or "".join(f"{capitalise(meaning)}. Link side." for meaning in texts)]
     if result is not None and name in result.values:
         verdict = dict(zip(result, result.verdicts, strict=False)).get(name, "nuisance parameter")
         fixed = f"fixed at {result.values[name]:g}"
         rows.append(f"In this run: {f'{result[name]} ({verdict})' if name in result else fixed}.")
         rows.append(f"{capitalise(remark)}." if (remark := result.base_remarks.get(name)) else "")
-    if result is not None and (gear_result := read_gears(gears if gears.is_file() else None)) is not None:
+    if result is not None and (gear_result := read_gears(gears)) is not None:
         rows += [f"Stage gears: {row.sentence}." for row in gear_result.numbers if row.name == name]
     if folder is not None and friction.is_file():
         numbers = [row for row in read_friction_result(friction).numbers if row.name == name]

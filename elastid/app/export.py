@@ -1,4 +1,4 @@
-"""export: results of a run -> export/<target>/ in its folder, for another tool."""
+"""`elastid export`: results of a run -> export/<target>/ in its folder, for another program."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, ClassVar, TypeAlias
 
 from elastid.app.commanded_robot import command_delay, robot_of_friction, with_armatures
-from elastid.app.identified_robot import robot_of_fit, with_findings
+from elastid.app.identified_robot import robot_of_fit, with_identified_effects
 from elastid.app.run import Run
 from elastid.app.stages.fit import gears_of, warn_of_distrust
 from elastid.app.target_table import tags, targets
@@ -32,14 +32,13 @@ from elastid.targets.numbers import interval_lines
 from elastid.targets.target import VALUES
 from elastid.use.draws import draw_robots
 
-# A value of a target by the label of its robot or group of configurations; "" for all.
-Values: TypeAlias = Mapping[str, Any]
+Values: TypeAlias = Mapping[str, Any]  # by label of the robot or group of configurations; "" for all
 
 
 def export(run: Run, tag: str, count: int = 1000) -> tuple[Path, ...]:
-    """Write export/<tag>/ and return its files, in a folder for each robot or group with parameters of its own.
+    """Write export/<tag>/ with a folder for each robot or group that has separate parameters; return the files.
 
-    count: of posterior samples.  Raises StudyError for an unknown target and without current results.
+    count: number of posterior samples.  Raises StudyError for an unknown target or without current results.
     """
     study = run.study
     results = (_Friction if study.friction else _Responses if study.robot is None else _Fit)(run, count)
@@ -61,14 +60,14 @@ def export(run: Run, tag: str, count: int = 1000) -> tuple[Path, ...]:
         run.console.say(f"export: {tag}: {omitted}")
     paths: list[Path] = []
     for label in max(values.values(), key=len):
-        of_group = {need: value.get(label, value.get("")) for need, value in values.items()}
-        paths += target.write(folder / file_name(label), **of_group)
+        arguments = {name: value.get(label, value.get("")) for name, value in values.items()}
+        paths += target.write(folder / file_name(label), **arguments)
     for path in paths:
         run.console.say(f"export: {path}")
     return tuple(paths)
 
 
-# Stages of values that do not depend on the stages of all others.
+# Stages on which a value depends, if they differ from `stages` of its class.
 STAGES: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(("responses", "modes", "geometry"), ("estimate",)),
     "draws": ("fit",), "observers": ("follow",), "name": (), "warn": ()
@@ -77,7 +76,7 @@ STAGES: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class _Results:
-    """Values for targets, a method for each.  count: of posterior samples."""
+    """Values for targets, by methods with the names of `VALUES`.  count: number of posterior samples."""
 
     run: Run
     count: int
@@ -107,7 +106,7 @@ class _Responses(_Results):
 
 
 class _Fit(_Responses):
-    """Identified model of each robot or group of configurations with parameters of its own, by its label."""
+    """Identified model of each robot or group of configurations with separate parameters, by label."""
 
     stages = ("estimate", "fit")
 
@@ -141,7 +140,7 @@ class _Fit(_Responses):
 
     @cached_property
     def linear(self) -> dict[str, FittedRobot]:
-        """Models without the effects of the gears."""
+        """Models without gear effects."""
         return self._models(self.run.study.as_robot(), self.result)
 
     def model(self) -> Values:
@@ -163,7 +162,7 @@ class _Fit(_Responses):
         return {label: interval_lines(m) for label, m in self.linear.items()}
 
     def robot(self) -> Values:
-        return {label: with_findings(m.robot, self.friction, self.gears) for label, m in self.linear.items()}
+        return {label: with_identified_effects(m.robot, self.friction, self.gears) for label, m in self.linear.items()}
 
     def robot_file(self) -> Values:
         contents = {label: (m.name, m.robot, self.friction, interval_lines(m)) for label, m in self.linear.items()}
@@ -177,8 +176,8 @@ class _Fit(_Responses):
     def draws(self) -> Values:
         run, result, samples = self.run, self.result, {}
         if self.gears is not None and result.robot is not None:
-            plain = with_effects(result.robot, self.gears)
-            result = with_terms_of(replace(result, robot=plain), plain)
+            robot = with_effects(result.robot, self.gears)
+            result = with_terms_of(replace(result, robot=robot), robot)
             run.console.say("export: all samples have the same effects of the gears")
         for label, (_, members) in robots_by_group(result, run.study.as_robot(), result.configurations).items():
             samples[label] = draw_robots(result, self.count, run.study.seed, members[0])
@@ -188,7 +187,7 @@ class _Fit(_Responses):
 
 
 class _Friction(_Results):
-    """Identified friction, and the robot with it."""
+    """Identified friction, and the robot with this friction."""
 
     stages = ("friction",)
 
@@ -224,7 +223,7 @@ class _Friction(_Results):
 
 
 def _gains(study: Study) -> tuple[tuple[float, float], ...]:
-    """Return kp and kd of each joint, link side, of a study's controller; none if its gains are not stated."""
+    """Return kp and kd of each joint (link side) of the study's controller; empty without stated gains."""
     simulated, recorded = study.experiment.simulated, study.experiment.recorded
     controller = recorded.controller if recorded else simulated.controller.gains if simulated else None
     if controller is None:

@@ -1,4 +1,4 @@
-"""run, export, compare: a study -> its stages done, their results as values: elastid.run("study.yml").result["k_1"]."""
+"""Functions run, export and compare of Python, and the finished run: `elastid.run("study.yml").result["k_1"]`."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -71,7 +71,7 @@ def run(
     ...     done.responses.names
     ['bench']
     """
-    run = _run_of(study, folder, set, jobs, verbosity)
+    run = _as_run(study, folder, set, jobs, verbosity)
     try:
         run_all(run, stages)
     except FitError:
@@ -116,7 +116,7 @@ def export(
     ...     [path.name for path in export(done, "csv")]
     ['bench-measured.csv', 'modes.csv']
     """
-    return exporting.export(_run_of(study, folder), target, count)
+    return exporting.export(_as_run(study, folder), target, count)
 
 
 def compare(study: "FinishedRun | Path | str", *further: Path | str, folder: Path | str = "") -> Comparison:
@@ -160,10 +160,10 @@ def compare(study: "FinishedRun | Path | str", *further: Path | str, folder: Pat
     ...     sorted(row.name for row in compare(run(study, Path(folder) / "run", "design", "measure", "estimate")).rows)
     ['bench', 'lowband']
     """
-    return comparing.compare(_run_of(study, folder), [load(path) for path in further])
+    return comparing.compare(_as_run(study, folder), [load(path) for path in further])
 
 
-def _run_of(
+def _as_run(
     study: "FinishedRun | Path | str", folder: Path | str, set: Sequence[str] = (), jobs: int = 1, verbosity: int = -1
 ) -> Run:
     if isinstance(study, FinishedRun):
@@ -174,7 +174,7 @@ def _run_of(
 
 @dataclass(frozen=True, repr=False)
 class FinishedRun:
-    """A study whose stages are done; its values are read from the folder of the run when needed.
+    """Study with finished stages; values are read from the folder of the run on demand.
 
     StudyError for a value that this kind of study does not have.
     """
@@ -185,18 +185,18 @@ class FinishedRun:
 
     @property
     def display(self) -> Display:
-        """The study, its folder and the files there."""
+        """Study, and the file of each stage."""
         rows = [(stage, str(self.run.path(stage))) for stage in self.run.stages]
         return Display(f"Study {self.run.study.name}", ("stage", "result"), rows)
 
     @property
     def records(self) -> tuple[Record, ...]:
-        """The records, logs mended."""
+        """Records, with corrected logs."""
         return tuple(read_records(self._path("measure")))
 
     @property
     def responses(self) -> Responses:
-        """The responses, one a configuration: responses["folded"]["motor 1", "motor 2"]."""
+        """Frequency response of each configuration: responses["folded"]["motor 1", "motor 2"]."""
         return read_responses(self._path("estimate"))
 
     @property
@@ -208,12 +208,12 @@ class FinishedRun:
 
     @property
     def validation(self) -> Validation:
-        """The agreement on all configurations, those left out among them."""
+        """Prediction errors in all configurations, including the validation configurations."""
         return read_validation(self._path("validate"))
 
     @property
     def report(self) -> Path:
-        """The page of the run."""
+        """Report page of the run."""
         return self._path("report")
 
     def _path(self, stage: str) -> Path:

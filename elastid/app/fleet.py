@@ -1,7 +1,7 @@
-"""fleet: one study over robots and dates -> a run folder each, fleet.parquet, and a page of differences and drifts.
+"""`elastid fleet`: one study for many robots and dates -> run folders, fleet.parquet, a page of differences and drifts.
 
-Members are independent tasks, on the cores of this machine or on a Dask cluster. Finished members are kept: an
-interrupted fleet continues, and if a worker dies only its present member is repeated.
+Members are independent tasks on this machine or on a Dask cluster. Finished members are kept; if a worker dies, only
+its present member is repeated.
 """
 
 import json
@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from elastid.app.console import Console
-from elastid.app.run import Run, logged_in, run_all, software
+from elastid.app.run import Run, open_run_folder, run_all, software
 from elastid.base.errors import ElastidError, FitError, MisfitError, StudyError
 from elastid.base.execution import map_isolated
 from elastid.base.files import path_below, replacing
@@ -21,33 +21,30 @@ from elastid.base.statistics import ONE_SIDED_95
 from elastid.report.fleet import Outcome, answer_of_fleet, drawings_of_fleet
 from elastid.report.page.page import write_page
 from elastid.report.page.page_of_use import html_of_answer
-from elastid.store.files import changed_texts, keep_checksums, write_rows
+from elastid.store.files import changed_texts, save_checksums, write_rows
 from elastid.study import load
 from elastid.study.fleet import Fleet, Member
 from elastid.study.source import first_of
 from elastid.validation.fleet import FleetValue, find_changes
 
 MEMBERS = "members"
-# Files written next to the members' folders.
-FLEET_FILES = ("fleet.parquet", "fleet.csv", "fleet.html", "figures")
-# Message of a member whose second attempt ended with its worker.
-DEATH_MESSAGE = "its worker died 2 times, perhaps for lack of memory; run it alone, or with fewer --jobs"
-# Statuses of studies whose parameters are compared: elasticity and friction.
+FLEET_FILES = ("fleet.parquet", "fleet.csv", "fleet.html", "figures")  # next to the folder of the members
+# Statuses of members whose parameters are compared, of studies of elasticity and of friction.
 COMPARED = ("converged", "noise_unknown", "at_bound", "identified", "partly")
 
-# A parameter of a member, with its 95 % interval; std, low and high None if it was fixed.  std_noise: contribution of
-# noise alone, since all members share the errors of the robot model.
+# Parameter of a member with its 95 % interval; std, low and high are None if it was fixed.  std_noise: contribution of
+# noise, since all members have the same errors of the robot model.
 Row: TypeAlias = dict[str, Any]
 
 
 def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
-    """Run all members, then write fleet.parquet (fleet.csv without pyarrow), fleet.html and run.log; returns the page.
+    """Run all members, then write fleet.parquet (fleet.csv without pyarrow), fleet.html and run.log; return the page.
 
-    Raises StudyError where the study of a member is wrong, and when all is written FitError where members failed,
-    MisfitError where some are misfits.
+    Raises StudyError if the study of a member is invalid. After all files are written, raises FitError if members
+    failed and MisfitError if members are misfits.
     """
     _check(fleet, folder)
-    with logged_in(folder, jobs, console):
+    with open_run_folder(folder, jobs, console):
         for name in changed_texts(folder, FLEET_FILES):
             console.warn(f"{folder / name} was modified after it was written and is made again")
         outcomes = _outcomes(fleet, folder, jobs, console)
@@ -62,7 +59,7 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
         answer = answer_of_fleet(fleet.name, findings, outcomes, fleet.false_discovery_rate)
         html = partial(html_of_answer, answer, software())
         page = write_page(html, drawings_of_fleet(values, units, findings), folder, ("png",), name="fleet.html")
-        keep_checksums(folder, FLEET_FILES)
+        save_checksums(folder, FLEET_FILES)
         for line in (*(f"fleet: {line}" for line in answer.sentences), str(table), str(page)):
             console.say(line)
         failures = [outcome for outcome in outcomes if outcome.failed or outcome.status not in (*COMPARED, "misfit")]
@@ -75,7 +72,7 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
 
 
 def _check(fleet: Fleet, folder: Path) -> None:
-    """Refuse wrong overrides, and a folder that is not writable, before hours of work; StudyError."""
+    """Raise StudyError for invalid overrides, and ElastidError for a folder that is not writable, before all work."""
     errors: dict[str, list[Member]] = {}
     for member in fleet.members:
         try:
@@ -99,7 +96,7 @@ def _reasons(outcomes: Sequence[Outcome]) -> list[str]:
 
 
 def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[Outcome, ...]:
-    """Run all members, then repeat those whose worker died. Return the outcome of each."""
+    """Run all members, then repeat members whose worker died; return all outcomes."""
     work = partial(_run_member, fleet.study, folder)
     outcomes: dict[str, Outcome] = {}
     for attempt in range(2):
@@ -110,16 +107,17 @@ def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[
             for index, outcome in map_isolated(work, todo, jobs, progress):
                 if outcome is not None:
                     outcomes[todo[index].name] = outcome
-    return tuple(outcomes.get(m.name, Outcome(m.robot, m.date, "died", DEATH_MESSAGE)) for m in fleet.members)
+    message = "its worker died 2 times, perhaps for lack of memory; run it alone, or with fewer --jobs"
+    return tuple(outcomes.get(m.name, Outcome(m.robot, m.date, "died", message)) for m in fleet.members)
 
 
 def _run_member(study: Path, folder: Path, member: Member) -> Outcome:
-    """Run the stages of a member's study that are not current, in its own folder; returns how it ended."""
+    """Run the stages of a member that are not current, in its folder; return the outcome."""
     run = Run(load(study, member.overrides), folder / MEMBERS / member.name, 1, Console(-2))
     try:
         run_all(run)
         message = ""
-    except FitError as error:  # the summary says how the fit ended
+    except FitError as error:  # the summary has the status
         message = str(error)
     except (ElastidError, OSError, MemoryError) as error:
         return Outcome(member.robot, member.date, "failed", str(error))
@@ -136,7 +134,7 @@ def rows_of(folder: Path, member: Member) -> Iterator[Row]:
     summary = _summary(folder / MEMBERS / member.name)
     parameters, gears = summary.get("parameters", {}), (summary.get("gears") or {}).get("numbers", {})
     values = {name: _numbers_of(number) for name, number in parameters.items()}
-    # Ends of ranges differ from robot to robot.
+    # K1, K2 ... are secants over torque ranges, which differ from robot to robot.
     values |= {k: _numbers_of(number) for k, number in gears.items() if k not in parameters and not k.startswith("K")}
     units = {name: number["unit"] for name, number in (gears | parameters).items()}
     for name, numbers in values.items():
@@ -145,7 +143,7 @@ def rows_of(folder: Path, member: Member) -> Iterator[Row]:
 
 
 def _numbers_of(number: Mapping[str, Any]) -> Row:
-    """Return the row of a number; an effect that is not significant is 0, with the std of its one-sided 95 % bound."""
+    """Return the values of a row; an effect that is not significant is 0, with the std of its one-sided 95 % bound."""
     if number["value"] is None:
         bound = number["bound95"]
         std = bound / ONE_SIDED_95
@@ -168,7 +166,7 @@ def _values(rows: Sequence[Row]) -> tuple[FleetValue, ...]:
 
 
 def _write_table(folder: Path, rows: Sequence[Row]) -> Path:
-    """Write fleet.parquet, a row per parameter and member; fleet.csv if no reader of Parquet is installed."""
+    """Write fleet.parquet, a row per parameter and member; fleet.csv if pyarrow is not installed."""
     if find_spec("pyarrow") is None:
         write_rows(path := folder / "fleet.csv", [rows[0].keys(), *(row.values() for row in rows)])
         return path

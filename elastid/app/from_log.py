@@ -1,6 +1,6 @@
-"""`elastid new DIR --from LOG`: a commented study of logs, and a robot where friction is to be found, that run at once.
+"""`elastid new DIR --from LOG`: a commented study of logs that runs without changes, and a robot for a friction study.
 
-Everything that is not in the logs is guessed, and marked so with its reason.
+Values that are not in the logs are guessed and marked with the reason.
 """
 
 import math
@@ -14,9 +14,9 @@ from types import MappingProxyType
 import numpy as np
 
 from elastid.app.from_responses import texts_from_responses, texts_from_universal
-from elastid.app.joint_assignment import MIN_TURN, Positions, at_joint, in_order_of, order_of_names, positions_of
+from elastid.app.joint_assignment import MIN_TURN, Positions, assign_joints, at_joint, order_of_names, positions_of
 from elastid.app.measurements import Run, Signals, headings_of, hit_place, hit_runs, in_two_files, runs_by_name
-from elastid.app.study_lines import channel_line, file_line, head_lines, joined, mapping, quote, relative_paths
+from elastid.app.study_lines import channel_line, file_line, head_lines, join_lines, mapping, quote, relative_paths
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.escape import one_line
@@ -39,13 +39,12 @@ _FIT = (
     "# Inertias of motors are guesses too; leave Jm_* out where robot.yml has those of data sheets.",
     "fit: {parameters: {k_*: {}, d_*: {}, fm_*: {}, Jm_*: {}}}",
 )
-# Names of arrays with the gains of each joint.
-GAINS = ("kp", "kd")
+GAINS = ("kp", "kd")  # names of arrays with the gains of each joint
 
 
 @dataclass(frozen=True)
 class _Logs:
-    """Logs of a study: files of each measurement, with their format, and clock and signals of the first."""
+    """Logs of a study: files of each measurement, format, and clock, signals and shapes of the first log."""
 
     measurements: Sequence[tuple[Path, ...]]
     form: TextFormatSpec
@@ -58,20 +57,20 @@ class _Logs:
 def texts_from_logs(
     folder: Path, logs: Sequence[Path], robot: Robot | None = None, servos: Servos = MappingProxyType({})
 ) -> dict[str, str]:
-    """Draft the files of a study from its first log. Return texts by file name.
+    """Draft the files of a study from its first log; return texts by file name.
 
     folder: of the study.  robot: robot model of the logs.  servos: gains of its position servos by joint.
     Raises StudyError or DataError for a log that is unreadable, has no motion, or belongs to another robot.
     """
     first = logs[0]
-    if absent := [path for path in logs if not path.exists()]:
-        raise StudyError("files/missing", "there is no such file or folder. Give the path of a log", f"{absent[0]}")
+    if missing := [path for path in logs if not path.exists()]:
+        raise StudyError("files/missing", "there is no such file or folder. Give the path of a log", f"{missing[0]}")
     if first.is_file() and is_universal_file(first) and not time_histories(first):
         return texts_from_universal(logs, folder)
     form = guess_format(first)
     with open_log(first, form) as log:
         clock, signals, shapes = find_clock(log), read_signals(log, MAX_SAMPLES), log.shapes()
-        wrong = cell_error(log, [signal.name for signal, _ in signals], MAX_SAMPLES)
+        bad_cell = cell_error(log, [signal.name for signal, _ in signals], MAX_SAMPLES)
     if texts := texts_from_responses(logs, folder, robot):
         return texts
     signals = [(g, x) for g, x in signals if g.name != clock.name]
@@ -81,31 +80,33 @@ def texts_from_logs(
     if guess is None and (pairs := guess_commands(signals, clock.rate_hz or 1.0)):
         return _command_files(source, folder, pairs, robot, servos)
     if guess is None:
-        measurements, of_pair = in_two_files(logs, form)
-        guess = guess_log(of_pair, clock.rate_hz or 1.0)
+        measurements, pair_signals = in_two_files(logs, form)
+        guess = guess_log(pair_signals, clock.rate_hz or 1.0)
         if guess is None:
-            code, text = _without_pair([signal for signal, _ in signals], shapes)
-            raise DataError(code, "; ".join(filter(None, (text, wrong))), first)
-        source = replace(source, measurements=measurements, signals=of_pair, shapes={})
-    guess = replace(guess, is_motion=guess.is_motion and clock.rate_hz is not None)  # without it there is no speed
+            code, text = _channel_problem([signal for signal, _ in signals], shapes)
+            raise DataError(code, "; ".join(filter(None, (text, bad_cell))), first)
+        source = replace(source, measurements=measurements, signals=pair_signals, shapes={})
+    guess = replace(guess, is_motion=guess.is_motion and clock.rate_hz is not None)  # a speed needs a rate
     guess = guess if robot is None and not guess.is_motion else guess.with_separate_motions()
     frame = ""
     if robot is not None and guess.is_impact_test and not robot.driven[0].slides:
         frame = robot.frames[-1].name if robot.frames else "tool"
         robot = None
     positions = {} if guess.is_motion and robot is None else positions_of(source.measurements, form, guess.motions)
-    guess = guess if robot is None else in_order_of(robot, guess, positions)
+    guess = guess if robot is None else assign_joints(robot, guess, positions)
     unused = list(_unused(guess, [signal for signal, _ in source.signals], source.shapes, clock))
     unused += [f"# Torque sensors are not used: {one_line(guess.sensor_doubt)}"] if guess.sensor_doubt else []
-    unused += [f"# First cell without a number: {one_line(wrong.partition('. ')[0])}"] if wrong else []
+    unused += [f"# First cell without a number: {one_line(bad_cell.partition('. ')[0])}"] if bad_cell else []
     if guess.is_motion:
         _columns([measurement[0] for measurement in source.measurements], form, guess, False)
         paths = [relative_paths(measurement, folder) for measurement in source.measurements]
-        content = [*head_lines("friction", first), *_study(guess, robot, clock), text, *_files(paths), *unused]
+        content = [*head_lines("friction", first), *_study_lines(guess, robot, clock), text, *_files(paths), *unused]
         inertias = [(joint.motion.slides, joint.relation.inertia) for joint in guess.joints]
-        return {"study.yml": joined(content), "robot.yml": joined(_robot(inertias, "the torque"))}
+        return {"study.yml": join_lines(content), "robot.yml": join_lines(_robot(inertias, "the torque"))}
     lines = _torque_study_lines(source, folder, guess, robot, frame, positions)
-    return {"study.yml": joined([*head_lines("responses" if robot is None else "elasticity", first), *lines, *unused])}
+    return {
+        "study.yml": join_lines([*head_lines("responses" if robot is None else "elasticity", first), *lines, *unused])
+    }
 
 
 def _torque_study_lines(
@@ -118,7 +119,7 @@ def _torque_study_lines(
     names, configurations = _configurations(len(logs), guess.motions, robot, positions, [run[0] for run in runs])
     is_structure = robot is None and not frame and len(guess.joints) == 1 and not runs
     hits = hit_runs(logs, source.form, guess) if guess.is_impact_test and is_structure and len(logs) > 1 else []
-    yield from _study(
+    yield from _study_lines(
         guess, robot, source.clock, configurations, period, frame, _columns(logs, source.form, guess, bool(hits))
     )
     yield source.text
@@ -134,8 +135,8 @@ def _torque_study_lines(
         yield "estimator: {method: auto} # selects a method that fits logs without a period, or fewer logs than inputs"
 
 
-def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[int, ...]]) -> tuple[str, str]:
-    """Return code and message about a log without an input and its motion."""
+def _channel_problem(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[int, ...]]) -> tuple[str, str]:
+    """Return code and message for a log without an input and its motion."""
     longest = max(map(max, shapes.values()), default=0)
     if 0 < longest <= MIN_SAMPLES:
         text = f"its number of samples is {longest}; more than {MIN_SAMPLES} are needed. Export the whole measurement"
@@ -164,7 +165,7 @@ def _without_pair(signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[in
 
 
 def _columns(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess, may_differ: bool) -> dict[str, int]:
-    """Return the column of each signal of the first log if the logs have different headings; else an empty dictionary.
+    """Return the column of each signal of the first log if the logs have different headings, else an empty dictionary.
 
     may_differ: accept different headings.  Raises DataError for a log without one of the channels.
     """
@@ -173,8 +174,8 @@ def _columns(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess, may_di
     names = {channel.name for channel in channels if channel.file == 1}
     first, *other_heads = (headings_of(path, form) for path in logs)
     for path, row in zip(logs[1:], other_heads, strict=True):
-        if (absent := names - {*row}) and not (may_differ and len(row) == len(first)):
-            problem = f"channel {min(absent)} of {logs[0]} is missing. Rename the column, or write one study per log"
+        if (missing := names - {*row}) and not (may_differ and len(row) == len(first)):
+            problem = f"channel {min(missing)} of {logs[0]} is missing. Rename the column, or write one study per log"
             raise DataError("records/channels", problem, path)
     return {} if all(names <= {*row} for row in other_heads) else {name: i for i, name in enumerate(first, start=1)}
 
@@ -187,10 +188,10 @@ def _controller(path: Path, n_u: int) -> FloatArray | None:
     return np.array(gains) if is_usable else None
 
 
-def _unlike(
+def _log_difference(
     path: Path, first: Path, clock: Clock, pairs: Sequence[tuple[ChannelGuess, ChannelGuess]], gains: FloatArray | None
 ) -> str:
-    """Return the difference of a log from the first one in channels, rate or controller gains; empty without one."""
+    """Describe how a log differs from the first log in channels, rate or controller gains; empty if it does not."""
     form = guess_format(path)
     with open_log(path, form) as log:
         rate_hz, signals = find_clock(log).rate_hz or math.nan, read_signals(log, MAX_SAMPLES)
@@ -208,9 +209,9 @@ def _unlike(
 def _command_files(
     source: _Logs, folder: Path, pairs: Sequence[tuple[ChannelGuess, ChannelGuess]], robot: Robot | None, servos: Servos
 ) -> dict[str, str]:
-    """Draft the files of a study of logs with commands and positions (pairs of channels) and without torques.
+    """Draft the files of a study of logs with commands and positions (pairs of channels) but without torques.
 
-    A study of elasticity if the robot has elastic gears and the commands a period, else of friction.
+    The study is of elasticity if the robot has elastic gears and the commands are periodic, else of friction.
     """
     logs, clock = [files[0] for files in source.measurements], source.clock
     period, commands = list[str](), {reference.key for _, reference in pairs}
@@ -227,7 +228,7 @@ def _command_files(
         raise DataError("records/clock", problem, logs[0])
     gains = _controller(logs[0], len(pairs))
     for path in logs[1:]:
-        if difference := _unlike(path, logs[0], clock, pairs, gains):
+        if difference := _log_difference(path, logs[0], clock, pairs, gains):
             raise DataError("records/channels", f"{difference}. Write a study for each", path)
     why = "kp / kd and kd of the log"
     if gains is None and all(name in servos for name in names):
@@ -238,16 +239,18 @@ def _command_files(
     kp, kd = gains
     numbers = [", ".join(f"{x:.6g}" for x in values) for values in (kp / kd, kd)]
     paths = [[path] for path in relative_paths(logs, folder)]
-    files, end = _files(paths), list[str]()
+    files, last_lines = _files(paths), list[str]()
     if robot is not None and period and "none" not in period[0]:
         runs, motions = runs_by_name(logs), [y for y, _ in pairs]
         positions = positions_of(source.measurements, source.form, motions)
         states, configurations = _configurations(len(logs), motions, robot, positions, [run[0] for run in runs])
         files = _files(paths, states, [Run({}, *run[1:]) for run in runs])
         lines = [*head_lines("elasticity", logs[0]), "robot: robot.yml", "experiment:", *configurations]
-        late = "# The delay of the commands is identified, too, unless stated: delay_r: {start: 5 ms, fixed: true}"
+        delay_line = (
+            "# The delay of the commands is identified, too, unless stated: delay_r: {start: 5 ms, fixed: true}"
+        )
         method_line = "estimator: {method: auto} # one that needs fewer logs than inputs"
-        end = [late, *_FIT, *[method_line] * (len(names) > 1)]
+        last_lines = [delay_line, *_FIT, *[method_line] * (len(names) > 1)]
     else:
         lines, period = list(head_lines("friction", logs[0])), []
         lines += [
@@ -260,20 +263,20 @@ def _command_files(
     for name, (y, reference) in zip(names, pairs, strict=True):
         lines += [channel_line("y", f"motor {name}", y), channel_line("reference", f"motor {name}", reference)]
     lines += [f"    controller: {{position_gain: [{numbers[0]}], velocity_gain: [{numbers[1]}]}} # {why}", source.text]
-    content = {"study.yml": joined([*lines, *files, *end])}
+    content = {"study.yml": join_lines([*lines, *files, *last_lines])}
     inertias = [(y.slides, x) for (y, _), x in zip(pairs, kd**2 / kp / 4, strict=True)]
-    return content if robot is not None else content | {"robot.yml": joined(_robot(inertias, "critical damping"))}
+    return content if robot is not None else content | {"robot.yml": join_lines(_robot(inertias, "critical damping"))}
 
 
 def _time_lines(clock: Clock) -> list[str]:
-    """Return the line of a study that names the time channel of a log with gaps or uneven samples."""
+    """Return the line that names the time channel of a log with gaps or uneven samples; none for an even clock."""
     return [] if clock.is_even else [f"    time: {quote(clock.name)} # time channel; samples are resampled to rate_hz"]
 
 
 def _unused(
     guess: LogGuess, signals: Sequence[ChannelGuess], shapes: Mapping[str, tuple[int, ...]], clock: Clock
 ) -> Iterator[str]:
-    """Yield a comment for each reason why columns of a log are not used."""
+    """Yield a comment with the unused columns of a log for each reason."""
     channels = [channel for joint in guess.joints for channel in (joint.torque, joint.motion, joint.sensor) if channel]
     channels += [*guess.references, *(() if guess.is_motion else guess.other_outputs)]
     used_keys, reasons = {channel.key for channel in channels}, dict[str, list[str]]()
@@ -289,9 +292,9 @@ def _unused(
 def _configurations(
     n: int, motions: Sequence[ChannelGuess], robot: Robot | None, positions: Positions, by_name: list[str]
 ) -> tuple[list[str], list[str]]:
-    """Return the configuration of each of n logs, by names or by motions of joints, and their rows in a study."""
-    nothing = np.zeros((n, 4))  # of motions without a position
-    moments = np.array([motion.to_si * positions.get(motion.key, nothing) for motion in motions])
+    """Return the configuration of each of n logs, by file names or joint positions, and their lines in a study."""
+    no_position = np.zeros((n, 4))
+    moments = np.array([motion.to_si * positions.get(motion.key, no_position) for motion in motions])
     means, scatter = moments[:, :, 2].T, np.abs(moments[:, :, 3]).max(axis=0)
     states = [by_name.index(name) for name in by_name]
     for mean, by in zip(means[len(states) :], scatter[len(states) :], strict=True):
@@ -309,7 +312,7 @@ def _configurations(
     return names, [f"  configurations: # guessed: {why}", *lines]
 
 
-def _study(
+def _study_lines(
     guess: LogGuess,
     robot: Robot | None,
     clock: Clock,
@@ -318,7 +321,7 @@ def _study(
     frame: str = "",
     columns: Mapping[str, int] = MappingProxyType({}),
 ) -> Iterator[str]:
-    """Yield the study file up to its channels. frame: where a hammer hits.  columns: channel numbers by name."""
+    """Yield the lines of a study up to its channels.  frame: that a hammer hits.  columns: channel numbers by name."""
     names = robot.driven_names if robot is not None else []
     if guess.is_motion and robot is None:
         names = [str(i + 1) for i in range(len(guess.joints))]
@@ -364,16 +367,17 @@ def _study(
 
 
 def _place(channel: ChannelGuess, frame: str) -> str:
-    """Name the location of a channel; at a frame by the axis in its name, else x."""
+    """Return the location of a channel; at a frame with the axis in the channel's name, else x."""
     axes = re.findall(r"(?<![a-z])[xyz](?![a-z])", channel.name.lower())
     kind = "force" if channel.quantity == "force" else "accelerometer"
     return f"{kind} {frame} {(*axes, 'x')[0]}" if frame else channel.place
 
 
 def _period(drives: FloatArray) -> list[str]:
+    """Return the lines on the period of the drives (n, n_u)."""
     best, n = find_period(drives), len(drives)
     if best.best_samples:
-        # Within a tenth of a sample generator and log have one clock.
+        # A period within a tenth of a sample of a whole number: generator and log have one clock.
         N = round(best.best_samples)
         samples = N if abs(best.best_samples - N) < 0.1 else best.best_samples
         why = f"the drives repeat (correlation {best.best_correlation:.3f})"
@@ -385,7 +389,7 @@ def _period(drives: FloatArray) -> list[str]:
 
 
 def _files(paths: Sequence[Sequence[str]], states: Sequence[str] = (), runs: Sequence[Run] = ()) -> Iterator[str]:
-    """Yield rows of the measurements, with paths, configurations (none in a friction study) and known runs."""
+    """Yield the lines of the measurements: paths, configurations (none in a friction study), and runs if known."""
     why = " # guessed: each of an excitation of its own; one realisation for further periods of the same"
     why = " # guessed by the names of the files" if runs else why
     if any(run.at for run in runs):
@@ -402,7 +406,7 @@ def _files(paths: Sequence[Sequence[str]], states: Sequence[str] = (), runs: Seq
 
 
 def _robot(joints: Iterable[tuple[bool, float]], source: str) -> Iterator[str]:
-    """Yield rows of a robot of single joints: whether each slides, and its inertia, by the source."""
+    """Yield the lines of a robot model of single joints with (slides, inertia)."""
     yield "# Each joint is alone on the base; give geometry, ratios and inertias."
     yield "name: robot of the logs"
     yield "gravity: [0, 0, -9.81] # guessed: it acts on joints about y; about z it does not"

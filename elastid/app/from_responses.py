@@ -1,6 +1,6 @@
-"""`elastid new DIR --from FILE` of frequency responses: universal files, MATLAB, HDF5 and NumPy arrays, text columns.
+"""`elastid new DIR --from FILE` for frequency responses in universal files, MATLAB, HDF5, NumPy and text files.
 
-Names and units are the file's where it states them; quantities of outputs are else guessed by the slope of |G|.
+Names and units come from the file. Quantities that the file does not state are guessed from the slope of |G|.
 """
 
 import re
@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elastid.app.study_lines import channel_line, file_line, head_lines, joined, mapping, quote, relative_paths
+from elastid.app.study_lines import channel_line, file_line, head_lines, join_lines, mapping, quote, relative_paths
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError
 from elastid.base.units import translation_unit
@@ -27,17 +27,17 @@ from elastid.robot import Robot
 
 _FREQUENCY = re.compile(r"(.*[./_ ])?(f|freq|frequenc(y|ies)|w|omega)([ _./(\[].*)?", re.IGNORECASE)
 _RADIANS = re.compile(r"(.*[./_ ])?(w|omega)([ _./(\[].*)?|.*rad.*", re.IGNORECASE)
-# Words for real and imaginary part, and for magnitude and phase, in the headings of a text.
+# Words in headings for real and imaginary part, and for magnitude and phase.
 _PAIRS = ((("re", "real"), ("im", "imag", "imaginary")), (("mag", "magnitude", "abs"), ("phase", "arg", "angle")))
-# Slope of ln |G| over ln f, below which the outputs are positions, or velocities.
-_POSITION, _VELOCITY = -1.5, -0.5
+_POSITION, _VELOCITY = -1.5, -0.5  # largest slope of ln |G| over ln f of positions, and of velocities
 
 
 @dataclass(frozen=True)
 class _Table:
-    """A file's response as a study names it.
+    """Frequency response of a file, with its keys in a study.
 
-    keys: of experiment.responses.  response: of its file.  outputs, inputs: by name or column; no quantity if unknown.
+    keys: of experiment.responses.  responses: names of all similar responses of the file.  outputs, inputs: channels by
+    name or column, without a quantity if it is unknown.
     """
 
     freq: FloatArray
@@ -49,7 +49,7 @@ class _Table:
 
 
 def texts_from_universal(paths: Sequence[Path], folder: Path) -> dict[str, str]:
-    """Draft the study of universal files; returns texts by file name."""
+    """Draft the study of universal files; return texts by file name."""
     outputs, inputs = uff_locations(paths[0])
     names = ["bench"] if len(paths) == 1 else [f"bench_{i}" for i in range(1, len(paths) + 1)]
     states = ", ".join(f"{name}: []" for name in names)
@@ -63,14 +63,13 @@ def texts_from_universal(paths: Sequence[Path], folder: Path) -> dict[str, str]:
         unit = QUANTITY_UNIT[quantity] if "r" in at else translation_unit(QUANTITY_UNIT[quantity])
         lines.append(channel_line(role, at, ChannelGuess(at, None, quantity, unit, 0, "SI")))
     files = zip(relative_paths(paths, folder), names, strict=True)
-    return {"study.yml": joined([*lines, "    files:", *(file_line(path, configuration=name) for path, name in files)])}
+    return {
+        "study.yml": join_lines([*lines, "    files:", *(file_line(path, configuration=name) for path, name in files)])
+    }
 
 
 def texts_from_responses(paths: Sequence[Path], folder: Path, robot: Robot | None) -> dict[str, str]:
-    """Draft the study of frequency responses; returns texts by file name, none for a file without responses.
-
-    Raises DataError if the robot has another number of motors than the response has inputs.
-    """
+    """Draft the study of responses: texts by file name, none without responses; DataError for an unsuitable robot."""
     if paths[0].is_dir():
         return {}
     form = guess_format(paths[0])
@@ -95,11 +94,11 @@ def texts_from_responses(paths: Sequence[Path], folder: Path, robot: Robot | Non
     ]  # fmt: skip
     for (path, response), name in zip(files, names, strict=True):
         lines.append(file_line(path, configuration=name, response=quote(response) if response else None))
-    return {"study.yml": joined(lines)}
+    return {"study.yml": join_lines(lines)}
 
 
 def _channels(table: _Table, drives: Sequence[str]) -> Iterator[str]:
-    """Return inputs and outputs, at the motors of a robot or at locations named as in the file."""
+    """Yield the lines of inputs and outputs, at the motors of a robot or at locations with the names in the file."""
     for i, guess in enumerate(table.inputs):
         location = f"motor {drives[i]}" if drives else guess.name or f"input {i + 1}"
         quantity = guess.quantity or ("torque" if drives else "force")
@@ -118,19 +117,19 @@ def _channels(table: _Table, drives: Sequence[str]) -> Iterator[str]:
 
 
 def _array_table(path: Path, arrays: Mapping[str, StoredArray]) -> _Table | None:
-    """Return the structs of a file that resemble the first one, else its first complex array with frequencies."""
+    """Return the structs of a file with the size of the first one, else its first complex array with frequencies."""
     names = find_structs(arrays)
     if names:
         first = struct_table(path, arrays, names[0])
-        alike = [name for name in names if struct_table(path, arrays, name).G.shape[1:] == first.G.shape[1:]]
+        similar = [name for name in names if struct_table(path, arrays, name).G.shape[1:] == first.G.shape[1:]]
         prefix = f"{names[0]}." if names[0] else ""
-        outputs = _named(first.outputs, first.G.shape[1], arrays, f"{prefix}OutputUnit")
-        inputs = _named(first.inputs, first.G.shape[2], arrays, f"{prefix}InputUnit")
+        outputs = _guesses(first.outputs, first.G.shape[1], arrays, f"{prefix}OutputUnit")
+        inputs = _guesses(first.inputs, first.G.shape[2], arrays, f"{prefix}InputUnit")
         keys = {} if first.frequency_unit else {"frequency_unit": "Hz # guessed: the file states none"}
-        return _Table(first.freq, first.G, keys, outputs, inputs, tuple(alike) if len(alike) > 1 else ("",))
+        return _Table(first.freq, first.G, keys, outputs, inputs, tuple(similar) if len(similar) > 1 else ("",))
     for name in find_responses(arrays):
         G = complex_array(arrays, name)
-        is_log = any(is_time(key) and arrays[key].is_signal for key in arrays)  # one of complex numbers, too
+        is_log = any(is_time(key) and arrays[key].is_signal for key in arrays)  # also of a log of complex numbers
         axes = [key for key in arrays if not is_log or _FREQUENCY.fullmatch(key)]
         for key in sorted(axes, key=lambda key: (_FREQUENCY.fullmatch(key) is None, key)):
             freq = np.squeeze(np.asarray(arrays[key])) if arrays[key].is_signal else np.zeros(0)
@@ -141,13 +140,13 @@ def _array_table(path: Path, arrays: Mapping[str, StoredArray]) -> _Table | None
             unit = arrays[key].units or ("rad/s" if _RADIANS.fullmatch(key) else "Hz")
             columns = mapping({"response": quote(name), "frequency": quote(key)})
             keys = {"columns": columns, "frequency_unit": f"{unit} # guessed by the name {key}"}
-            outputs, inputs = (_named((), n, arrays, "") for n in matrix.shape[1:])
+            outputs, inputs = (_guesses((), n, arrays, "") for n in matrix.shape[1:])
             return _Table(freq.astype(float), matrix, keys, outputs, inputs)
     return None
 
 
-def _named(names: Sequence[str], n: int, arrays: Mapping[str, StoredArray], units: str) -> tuple[ChannelGuess, ...]:
-    """Return channels with the names and units (cells of an array) in the file, else with their numbers."""
+def _guesses(names: Sequence[str], n: int, arrays: Mapping[str, StoredArray], units: str) -> tuple[ChannelGuess, ...]:
+    """Return n channels with the names and units (cells of an array) in the file, else with their numbers."""
     guesses = []
     for i in range(n):
         cell = next((arrays[key] for key in (f"{units}{{{i + 1}}}", units) if key in arrays), None)
@@ -157,7 +156,7 @@ def _named(names: Sequence[str], n: int, arrays: Mapping[str, StoredArray], unit
 
 
 def _text_table(log: TextLog) -> _Table | None:
-    """Pair columns re_1_1 and im_1_1, or mag_1_1 and phase_1_1, by output and input; one pair needs no numbers."""
+    """Pair columns re_1_1 and im_1_1, or mag_1_1 and phase_1_1, by output and input; a single pair needs no numbers."""
     frequency = next((name for name in log.headings if _FREQUENCY.fullmatch(name)), "")
     for words in _PAIRS if frequency else ():
         patterns = [rf"(?<![a-z])({'|'.join(side)})(?![a-z])" for side in words]

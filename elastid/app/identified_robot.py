@@ -1,4 +1,4 @@
-"""The identified robot: its file, friction in the viscous coefficients, effects of gears."""
+"""Identified robot: the robot model with fitted parameters, friction and gear effects, as a value and as a file."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -15,7 +15,7 @@ from elastid.robot.friction_numbers import law_of, through_gear, with_laws
 from elastid.robot.simplified import without_dry_friction
 from elastid.store.files import write_text
 from elastid.study.robots import yaml_text
-from elastid.targets.numbers import lines_of
+from elastid.targets.numbers import header_lines
 from elastid.targets.target import Target
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ MOTOR_SIDE = "Numbers of friction are on the side of the motor"
 def with_identified_friction(robot: Robot, result: "FrictionResult") -> Robot:
     """Return the study's robot with the friction model of each joint and its measured ranges.
 
-    Bristles and elements that the study did not measure stay as the robot's file has them.
+    Presliding parameters that the study did not measure keep their values in the robot model.
     """
     laws = {
         joint.joint: (_with_presliding(robot, joint.joint, joint.friction, joint.viscous), joint.viscous)
@@ -46,14 +46,14 @@ def robot_files(
     configurations: Sequence[str],
     gears: GearResult | None = None,
 ) -> Iterator[tuple[str, str]]:
-    """Return name and text of identified_robot.yml, or of identified_robot-<group>.yml for each group.
+    """Yield name and text of identified_robot.yml, or of identified_robot-<group>.yml for each group.
 
-    Not robot.yml: a study may lie in its own run folder, together with the robot that it reads.
+    The name robot.yml is avoided, since a study in its own run folder may read a robot model of this name.
     """
     for label, (estimated, members) in robots_by_group(result, robot, configurations).items():
         file = f"identified_robot-{label}.yml" if label else "identified_robot.yml"
         estimated = replace(estimated, tolerances=remaining_tolerances(result, robot))
-        yield file, robot_of_fit(name, estimated, friction, lines_of(result, members[0]), gears)
+        yield file, robot_of_fit(name, estimated, friction, header_lines(result, members[0]), gears)
 
 
 def robot_of_fit(
@@ -63,10 +63,7 @@ def robot_of_fit(
     intervals: tuple[str, ...],
     gears: GearResult | None = None,
 ) -> str:
-    """Return the file of a fitted robot: elastic parameters, friction, and effects of motors and gears.
-
-    intervals: lines on the intervals of its numbers.
-    """
+    """Return a fitted robot as text with friction and gear effects; intervals: lines on its parameters."""
     comments = [f"Robot {robot.name} with the numbers that study {name} has identified."]
     if gears is not None and not gears.refused:
         comments.append(f"{MOTOR_SIDE}, of `gear` on that of the link; friction and gears were found in the records:")
@@ -78,10 +75,12 @@ def robot_of_fit(
     return yaml_text(with_laws(robot, laws), (*comments, *intervals))
 
 
-def with_findings(robot: Robot, friction: CompensatedFriction | None, gears: GearResult | None = None) -> Robot:
-    """Return a fitted robot with everything identified from its records, and without other dry friction.
+def with_identified_effects(
+    robot: Robot, friction: CompensatedFriction | None, gears: GearResult | None = None
+) -> Robot:
+    """Return a fitted robot with the friction and gear effects that were identified from its records.
 
-    The friction of the robot model is in the fitted viscous coefficients if it was not compensated in the responses.
+    Other dry friction is removed: the fitted viscous coefficients contain friction that was not compensated.
     """
     if gears is None or gears.refused:
         return with_laws(without_dry_friction(robot), _compensated_laws(robot, friction))
@@ -95,7 +94,7 @@ def _compensated_laws(robot: Robot, friction: CompensatedFriction | None) -> dic
         joint = motors[row.place]
         if row.coulomb_torque is not None and row.coulomb_torque > 0 and joint.motor is not None:
             law = Friction(row.coulomb_torque)
-            with suppress(ValueError):  # the level alone where the law of the file contradicts it
+            with suppress(ValueError):  # raised if the friction model in the file contradicts the torque
                 law = replace(law_of(robot, joint.name) or law, coulomb=row.coulomb_torque)
             laws[joint.name] = law, joint.motor.link_viscous
     return laws

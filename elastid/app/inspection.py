@@ -1,4 +1,4 @@
-"""The content of a log of another program or of a result: names, shapes, units, rates, first and extreme values."""
+"""Content of a log or a result file for `elastid inspect`: names, shapes, units, rates, first and extreme values."""
 
 import json
 import math
@@ -26,27 +26,27 @@ from elastid.logs.repair.time_stamps import describe_steps, even_grid
 from elastid.logs.responses.reading import describe_responses
 from elastid.logs.responses.table import HOW_TO_SAVE
 from elastid.store.artefacts import kind_of
+from elastid.store.description import describe_artefact
 from elastid.store.files import is_as_written, is_intact
-from elastid.store.reading import describe_artefact
 from elastid.study.robots import yaml_text
 
-_BLOCKS = 16  # of a large text that are read
+_BLOCKS = 16  # blocks of a large text file that are read
 
 
 def _signal_row(
-    name: str, shape: tuple[int, ...], unit: str, pieces: Iterator[NDArray[Any]], rate_hz: float | None = None
+    name: str, shape: tuple[int, ...], unit: str, blocks: Iterator[NDArray[Any]], rate_hz: float | None = None
 ) -> tuple[str, ...]:
-    """Name, shape, unit, first, lowest and highest value; and rate, missing values, or why it cannot be read."""
+    """Return name, shape, unit, first, lowest and highest value, and remarks on rate, values or a read error."""
     cells = (name, " x ".join(map(str, shape)), unit)
     try:
-        first_piece = next(pieces, np.zeros(0))
-        values = value_range(chain([first_piece], pieces))
+        first_block = next(blocks, np.zeros(0))
+        values = value_range(chain([first_block], blocks))
     except DataError as error:
         return (*cells, "", "", "", f"cannot be read: {error}")
     remarks = [f"{values.missing} values are not finite"] if values.missing else []
     if rate_hz is not None:
         remarks.append(f"{rate_hz:.6g} Hz")
-    elif rate := _describe_rate(first_piece):
+    elif rate := _describe_rate(first_block):
         remarks.append(rate)
     return (*cells, f"{values.first:.6g}", f"{values.low:.6g}", f"{values.high:.6g}", "; ".join(remarks))
 
@@ -57,14 +57,14 @@ def _text_rows(log: TextLog) -> list[tuple[str, ...]]:
     if log.is_large:
         signals = [iter(x) for x in _blocks(log, len(columns))]
     else:
-        with suppress(DataError):  # which its column then shows
+        with suppress(DataError):  # which the row of the column then shows
             signals = [iter([column]) for column in log.columns(range(len(columns))).T]
     units = log.units or [""] * len(columns)
     return [_signal_row(*row, unit, x) for row, unit, x in zip(columns, units, signals, strict=True)]
 
 
 def _blocks(log: TextLog, n_columns: int) -> list[list[FloatArray]]:
-    """Return values of each column of a large text in blocks of rows that are evenly spread over it."""
+    """Return the values of each column of a large text file in blocks of rows, evenly spread over the file."""
     n = len(log.number_lines) - log.first
     starts = np.unique(np.linspace(0, max(0, n - BLOCK_LINES), _BLOCKS).astype(int)).tolist()
     columns: list[list[FloatArray]] = [[] for _ in range(n_columns)]
@@ -75,7 +75,7 @@ def _blocks(log: TextLog, n_columns: int) -> list[list[FloatArray]]:
 
 
 def _describe_rate(values: NDArray[Any]) -> str:
-    """Describe the rate of a signal that rises like a time or a counter; empty for any other."""
+    """Describe the rate of a signal that rises like a time or a counter; empty for other signals."""
     t = np.squeeze(values)
     if t.ndim != 1 or t.dtype.kind == "b" or not is_clock(time_s := np.asarray(t - t[:1], dtype=np.float64)):
         return ""

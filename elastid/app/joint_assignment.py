@@ -1,4 +1,4 @@
-"""Assignment of the joints in logs to the driven joints of a robot, with their units and sides."""
+"""Assignment of joints in logs to the driven joints of a robot, with units and sides of the gears."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -21,32 +21,32 @@ from elastid.logs.files.formats import open_log
 from elastid.logs.units_and_sides import without_placeholders
 from elastid.robot import Joint, Robot
 
-MIN_TURN = 0.05  # rad; logs whose joints differ by more belong to different states
-# Extent, mean and standard deviation of a position in n logs (n, 4), in the file's numbers, by name and column.
+MIN_TURN = 0.05  # rad, least difference of joint angles between logs of different configurations
+# Minimum, maximum, mean and standard deviation (n, 4) of a position in n logs, in units of the file, by channel.
 Positions: TypeAlias = Mapping[ChannelKey, FloatArray]
 
 
-def in_order_of(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess:
-    """Select the joints of a guess in the order of the driven joints of the robot, by `order_of_names`.
+def assign_joints(robot: Robot, guess: LogGuess, positions: Positions) -> LogGuess:
+    """Sort the joints of a guess in the order of the driven joints of the robot (`order_of_names`).
 
-    If names state no units or sides of the gears, the first interpretation within all limits of the robot is used.
+    If the names state no units or sides of the gears, use the first interpretation within all limits of the robot.
     """
     names, joints = robot.driven_names, guess.joints
     order, why = order_of_names(names, [joint.torque for joint in joints])
     motions = [replace(joints[i].motion, why=joints[i].motion.why + why) for i in order]
     pairs = zip(robot.driven, order, motions, strict=True)
-    at = tuple(replace(joints[i], motion=at_joint(joint, motion)) for joint, i, motion in pairs)
-    interpretations = [_interpret(robot, at, unit, on_motor) for on_motor in (False, True) for unit in ("", "deg")]
+    ordered = tuple(replace(joints[i], motion=at_joint(joint, motion)) for joint, i, motion in pairs)
+    interpretations = [_interpret(robot, ordered, unit, on_motor) for on_motor in (False, True) for unit in ("", "deg")]
     is_in_limits = partial(_is_in_limits, positions)
     within_limits = [joints for joints in interpretations if all(map(is_in_limits, robot.driven, joints))]
     return replace(guess, joints=(within_limits or interpretations)[0])
 
 
 def order_of_names(joints: Sequence[str], channels: Sequence[ChannelGuess]) -> tuple[list[int], str]:
-    """Return the channel index of each joint: by words and numbers of names, else by number, else in log order.
+    """Return the channel index of each joint: by words and numbers in the names, else by number, else in log order.
 
-    Also returns a text that states an order without confirmation by the names; else an empty text.
-    Raises DataError if the words do not match, or if without words the numbers of channels and joints differ.
+    Also return a text that states the order if the names do not confirm it.  Raises DataError if the words do not
+    match, or if without words the numbers of channels and joints differ.
     """
     patterns = [rf"(?<![a-z0-9]){re.escape(name.lower())}(?![a-z0-9])" for name in joints]
     by_name = [[i for i, guess in enumerate(channels) if re.search(word, guess.name.lower())] for word in patterns]
@@ -57,8 +57,8 @@ def order_of_names(joints: Sequence[str], channels: Sequence[ChannelGuess]) -> t
             return [i for (i,) in order], ""
     has_letters = [any(not word.isdigit() for label in side for word in label) for side in (labels, of_joints)]
     numbers = [[int(word) for word in label if word.isdigit()] for label in labels]
-    is_twice = all(numbers) and len({*map(tuple, numbers)}) < len(numbers)
-    if all(has_letters) or is_twice or len(channels) != len(joints):
+    is_ambiguous = all(numbers) and len({*map(tuple, numbers)}) < len(numbers)
+    if all(has_letters) or is_ambiguous or len(channels) != len(joints):
         columns = ", ".join(guess.name for guess in channels)
         text = f"{columns} do not identify joints {', '.join(joints)}. Log all joints, in columns with their names"
         raise DataError("records/channels", text)
@@ -67,7 +67,7 @@ def order_of_names(joints: Sequence[str], channels: Sequence[ChannelGuess]) -> t
 
 
 def _labels(guesses: Sequence[ChannelGuess]) -> list[list[str]]:
-    """Return the sorted words, then the numbers, of each name without words and leading numbers common to all names."""
+    """Return the sorted words and then the numbers of each name, without common words and common leading numbers."""
     labels = [replace(guess, by_words=True).joint_label.lower().split() for guess in guesses]
     common, numbers = set.intersection(*map(set, labels)), [[*filter(str.isdigit, label)] for label in labels]
     differ = (i for i, of in enumerate(zip(*numbers, strict=False)) if len(set(of)) > 1)
@@ -77,7 +77,7 @@ def _labels(guesses: Sequence[ChannelGuess]) -> list[list[str]]:
 
 
 def at_joint(joint: Joint, motion: ChannelGuess) -> ChannelGuess:
-    """Return a motion channel at a joint of the robot, in a unit of length if the joint slides."""
+    """Return a motion channel with the unit of its joint, a unit of length if the joint slides."""
     unit, why = motion.unit, motion.why
     if joint.slides and dimension_and_size(unit)[0].startswith("rad"):
         unit = translation_unit(dimension_and_size(unit)[0])
@@ -88,11 +88,11 @@ def at_joint(joint: Joint, motion: ChannelGuess) -> ChannelGuess:
 
 
 def _interpret(robot: Robot, joints: Sequence[JointGuess], unit: str, on_motor: bool) -> tuple[JointGuess, ...]:
-    """Interpret all joints with one unit for positions without a unit, and with signals on one side of the gears.
+    """Interpret all joints with one unit for positions without a unit, and all signals on one side of the gears.
 
-    Torques are motor-side if one of them, as a link-side torque, would be too small for the inertia of its rotor.
+    Torques are motor-side if a torque, taken as link-side, is too small for the inertia of its rotor.
     """
-    result, is_before = [], on_motor
+    result, is_motor_side = [], on_motor
     for joint, guess in zip(robot.driven, joints, strict=True):
         motion, ratio = guess.motion, 1.0 if joint.slides else robot.ratio(joint.name)
         if unit and motion.quantity == "position" and not joint.slides and "assumed" in motion.why:
@@ -100,29 +100,29 @@ def _interpret(robot: Robot, joints: Sequence[JointGuess], unit: str, on_motor: 
             motion = replace(motion, unit=unit, why=f"deg{or_motor}: link-side rad exceed the limits of the robot")
         if on_motor and ratio != 1:
             motion = replace(motion, ratio=ratio, why=f"{motion.why}; motor-side: link-side values exceed the limits")
-        is_before |= guess.relation.is_before_gear(joint, ratio, motion.to_si / guess.motion.to_si)
+        is_motor_side |= guess.relation.is_before_gear(joint, ratio, motion.to_si / guess.motion.to_si)
         torque = replace(guess.torque, ratio=ratio, why=guess.torque.why + "; before the gear" * (ratio != 1))
         result.append((guess.torque, replace(guess, torque=torque, motion=motion)))
-    return tuple(g if is_before or g.torque.quantity == "current" else replace(g, torque=t) for t, g in result)
+    return tuple(g if is_motor_side or g.torque.quantity == "current" else replace(g, torque=t) for t, g in result)
 
 
 def _is_in_limits(positions: Positions, joint: Joint, guess: JointGuess) -> bool:
-    """Return True if the motion is within the limits of its joint, to MIN_TURN, in at least one log."""
+    """Return True if the motion is within the limits of its joint, with a tolerance of `MIN_TURN`."""
     extent = guess.motion.to_si * positions.get(guess.motion.key, np.zeros((1, 4)))[:, :2]
     low, high = joint.limits.angle
     return bool(np.min(extent) > low - MIN_TURN and np.max(extent) < high + MIN_TURN)
 
 
 def positions_of(logs: Sequence[Sequence[Path]], form: TextFormatSpec, motions: Sequence[ChannelGuess]) -> Positions:
-    """Return extent, mean and standard deviation (n, 4) of each position signal in n measurements."""
+    """Return `Positions` of each position signal in n measurements."""
     positions = [motion for motion in motions if motion.quantity == "position"]
     moments = np.zeros((len(logs), 4, len(positions)))
     for i, paths in enumerate(logs):
         for number, path in enumerate(paths, start=1):
-            of_file = [k for k, motion in enumerate(positions) if motion.file == number]
-            ys = [ChannelSpec("y", "any", positions[k].name, positions[k].column, quantity="position") for k in of_file]
+            indices = [k for k, motion in enumerate(positions) if motion.file == number]
+            ys = [ChannelSpec("y", "any", positions[k].name, positions[k].column, quantity="position") for k in indices]
             if ys:
                 with open_log(path, form) as log:
                     x = without_placeholders(log.values(ys, slice(0, MAX_SAMPLES)))
-                moments[i][:, of_file] = [of(x, axis=0) for of in (np.nanmin, np.nanmax, np.nanmean, np.nanstd)]
+                moments[i][:, indices] = [moment(x, axis=0) for moment in (np.nanmin, np.nanmax, np.nanmean, np.nanstd)]
     return {motion.key: moments[:, :, i] for i, motion in enumerate(positions)}

@@ -1,8 +1,8 @@
-"""The loop of `live`: fit the logs so far, plan the next experiment, hand it out, check its logs, until the goal.
+"""`elastid live`: plan an experiment, wait for its logs, check and fit them, and repeat until the goal is reached.
 
-DIR/live/x1.h5: the plan of the first experiment; references/x1-r0-e0.csv: a run of it; logs/x1-r0-e0.csv, or of any
-other format that is read: its log; x1: the results of all experiments so far; study.yml, robot.yml: the study of all
-logs. What is there is whole: a killed command leaves nothing that the next has to undo.
+Files in DIR/live: x1.h5, the plan of the first experiment; references/x1-r0-e0.csv, a run of it; logs/x1-r0-e0.csv (or
+another log format), its log; x1/, the results of all experiments so far; study.yml and robot.yml, the study of all
+logs. All files are written whole or not at all, so that a killed command can be repeated.
 """
 
 import math
@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elastid.app.run import Run, carry_out, hash_of, logged_in, run_all
+from elastid.app.run import Run, hash_of, open_run_folder, run_all, run_stage
 from elastid.app.stages.design import movement_of
 from elastid.app.stages.fit import TRUSTED
 from elastid.base.display import degrees, number
@@ -49,23 +49,22 @@ from elastid.study.loading import study_data
 from elastid.study.robots import yaml_text
 from elastid.use.draws import draw_robots
 
-POLL_S = 0.5  # between two looks at a folder
-# Sections of a study that do not depend on its configurations.
+POLL_S = 0.5  # interval between checks for a log
+# Sections of a study that are independent of its configurations.
 STUDY_SECTIONS = ("name", "seed", "model", "estimator", "fit", "gears", "report")
 ROBOT, STUDY = "robot.yml", "study.yml"
-# Bound on the ratio of a true stiffness to its nominal value before the first measurement; data sheets: 1.2 to 1.5.
-SPRING_FACTOR = 1.5
-N_LIMIT_ROBOTS = 2  # robots drawn with twice the std of the fit, for which the limits hold as well
+SPRING_FACTOR = 1.5  # bound on true / nominal stiffness before the first measurement; data sheets: 1.2 to 1.5
+N_LIMIT_ROBOTS = 2  # samples with twice the std of the fit that must keep the limits
 
 
 def live_study(run: Run, goals: Sequence[str], simulate: bool, robot_time: float | None) -> None:
-    """Write DIR/live and the run folder of its logs; raise FitError with the reason if the goal is not reached.
+    """Run a live identification; raise FitError with the reason if the goal is not reached.
 
-    robot_time: in s, None for that of the study's own plan.  StudyError for a study without a plan, or a folder of
+    robot_time: in s, None for the time of the study's plan.  StudyError for a study without a plan, or a folder of
     another study; DataError for a log that contradicts its plan.
     """
     session = Session.of(run, goals, simulate, robot_time)
-    with logged_in(run.folder, run.jobs, run.console), persistent_workers():
+    with open_run_folder(run.folder, run.jobs, run.console), persistent_workers():
         plans, is_reached, end = session.work()
         study = session.write_study(plans)
         run.console.say(f"live: {end}")
@@ -78,10 +77,10 @@ def live_study(run: Run, goals: Sequence[str], simulate: bool, robot_time: float
 
 @dataclass(frozen=True)
 class Session:
-    """A live identification. run: the study with the folder of its results.
+    """Live identification of a study.
 
-    path: the folder `live`.  outputs: measured locations in the logs.  simulate: logs are of the study's simulated rig.
-    budget_s: upper limit of the robot time, s.
+    run: the study and its result folder.  path: the folder `live`.  outputs: measured locations in the logs.  simulate:
+    True if the simulated rig of the study makes the logs.  budget_s: upper limit of the robot time, s.
     """
 
     run: Run
@@ -94,16 +93,16 @@ class Session:
 
     @classmethod
     def of(cls, run: Run, goals: Sequence[str], simulate: bool, robot_time: float | None = None) -> "Session":
-        """Begin the session of a study; StudyError for a study without a plan or a goal that names no parameter."""
+        """Return the session of a study; StudyError for a study without a plan, or a goal without a parameter."""
         study, robot = run.study, run.study.as_robot()
-        require_one_robot_in_any_posture(study)
+        check_study(study)
         assert study.excitation is not None
-        if robot.tolerances is None:  # a simulated rig is as exact as its file
+        if robot.tolerances is None:  # a simulated rig equals its model
             robot = replace(robot, tolerances=EXACT if simulate else Tolerances(torque_constant=EXACT))
         goal = read_goal(goals, choose(study.fit, robot).free_names)
         outputs = study.experiment.as_simulated().outputs or robot.motor_locations
         candidates = study.design.candidates if study.design else CandidateSpec(given=study.experiment.configurations)
-        # Friction, before any log shows it: in one realisation, relative to |G|.
+        # Distortion by friction before the first log: in one realisation, relative to |G|.
         distortion = study.design.distortion if study.design else 0.03 * float(coulomb_torques(robot).any())
         design = DesignSpec(count=1, candidates=candidates, parameters=tuple(goal.widths), distortion=distortion)
         experiment = replace(study.experiment, configurations={}, without_payload=())
@@ -115,13 +114,13 @@ class Session:
 
     @cached_property
     def stamp(self) -> Stamp:
-        """Stamp of all files of the session: the values of the study that a plan depends on, and who makes the logs."""
+        """Stamp of all files of the session: values of the study that determine a plan, and the source of the logs."""
         design = self.run.stamps["design"]
         inputs = hash_of([design.inputs, "simulated"]) if self.simulate else design.inputs
         return replace(design, study="", inputs=inputs)
 
     def work(self) -> tuple[list[Plan], bool, str]:
-        """Run experiments until the goal is reached. Returns the plans, True if it was reached, and how it ended."""
+        """Run experiments until the goal is reached; return the plans, True if it was reached, and the reason."""
         self.path.mkdir(parents=True, exist_ok=True)
         remove_leftovers(self.path)
         plans: list[Plan] = []
@@ -159,7 +158,7 @@ class Session:
         return replace(self.problem, robot=estimated_robot(result), fitted_values=values)
 
     def _design(self, plans: Sequence[Plan]) -> DesignSpec:
-        """Return the section `design` with the distortion in the logs so far, which longer experiments do not lower."""
+        """Return the section `design` with the distortion of all logs, which longer experiments do not reduce."""
         design = self.problem.design
         assert design is not None
         if not plans:
@@ -170,7 +169,7 @@ class Session:
         return replace(design, distortion=math.sqrt(np.mean(ratios)) if ratios else design.distortion)
 
     def _next_plan(self, plans: Sequence[Plan], result: Result | None) -> Plan | str:
-        """Return the next plan, read or new, or the reason why no further plan leads to the goal."""
+        """Read or design the next plan; return the reason if no further plan leads to the goal."""
         step = len(plans) + 1
         path, problem = self.plan(step), self._problem_at(result)
         if path.is_file():
@@ -219,7 +218,7 @@ class Session:
         return int(np.random.SeedSequence([self.problem.seed, step]).generate_state(1)[0])
 
     def _robots(self, result: Result | None, step: int) -> tuple[Robot, ...]:
-        """Return further robots for which the limits must hold: draws from the fit, or springs off by SPRING_FACTOR."""
+        """Return further robots that must keep the limits: samples of the fit, or springs with SPRING_FACTOR."""
         if result is not None:
             twice = replace(result, covariance=4 * result.covariance)
             return draw_robots(twice, N_LIMIT_ROBOTS, self._seed(step)).robots
@@ -229,7 +228,7 @@ class Session:
         return tuple(map(self.problem.robot.with_parameters, ends))
 
     def _refusal(self, proposal: NextExperiment, plans: Sequence[Plan], result: Result | None) -> str:
-        """Return the reason why no further experiment leads to the goal; empty if one may."""
+        """Return the reason why no further experiment leads to the goal; empty otherwise."""
         spent_s = sum(plan.robot_time_s for plan in plans)
         if math.isinf(proposal.option.more_s):
             name, ratio = proposal.option.floor
@@ -247,6 +246,7 @@ class Session:
         )
 
     def _record(self, plan: Plan, step: int) -> None:
+        """Simulate the runs of a plan, or wait for their logs."""
         logs = self.path / "logs"
         logs.mkdir(exist_ok=True)
         to_record = [run for run in plan.experiments if self.log(run) is None]
@@ -268,7 +268,7 @@ class Session:
                 time.sleep(POLL_S)
 
     def _check(self, plan: Plan, records: Path, problem: DesignProblem) -> None:
-        """Refuse a record that contradicts its plan; DataError."""
+        """Raise DataError for a record that contradicts its plan."""
         coulomb = coulomb_torques(problem.robot)
         with self._execution(f"rehearsal of {plan.configurations[0].name}") as execution:
             rehearsals = execution.ordered(problem.rig(plan).rehearse, plan.experiments)
@@ -285,23 +285,24 @@ class Session:
         return -1 if path is None else sum(file.stat().st_size for file in (path, *path.rglob("*")))
 
     def _fit(self, plans: Sequence[Plan], previous: Result | None) -> Result:
+        """Run the stages up to the fit with all logs so far."""
         loaded = load(self.write_study(plans), ("fit.profile=[]", "fit.bootstrap=0"))
         run = replace(self.run, loaded=loaded, folder=self.plan(len(plans)).with_suffix(""))
         for name in ("measure", "estimate", "fit"):
             if name == "estimate" and not run.is_current("fit"):
                 self._check(plans[-1], run.path("measure"), self._problem_at(previous))
             if not run.is_current(name):
-                carry_out(run, name)
+                run_stage(run, name)
         return read_fit(run.path("fit"))
 
     def worst(self, ratios: Mapping[str, float]) -> str:
-        """Describe the parameter that is furthest from its goal."""
+        """Describe the parameter with the largest ratio of interval to goal."""
         name = max(ratios, key=lambda parameter: ratios[parameter])
         goal = 100 * self.goal.widths[name]
         return f"{name} identified to ±{number(ratios[name] * goal, 2)} % (goal {goal:.3g} %)"
 
     def plan(self, step: int) -> Path:
-        """Return the path of the plan of an experiment, from 1; its stem is the folder of the results so far."""
+        """Return the path of the plan of an experiment, counted from 1; its stem is the folder of the results."""
         return self.path / f"x{step}.h5"
 
     def log(self, run: Experiment) -> Path | None:
@@ -327,7 +328,7 @@ class Session:
         return FileSpec(f"logs/{log.name}", run.configuration.name, run.realisation, run.experiment, samples=samples)
 
     def write_study(self, plans: Sequence[Plan]) -> Path:
-        """Write study.yml and robot.yml of the measured periods of all logs that exist for some plans."""
+        """Write study.yml and robot.yml of the measured periods of all logs of some plans; return the study."""
         data, first = study_data(self.run.loaded.path, self.run.loaded.overrides), plans[0]
         files = tuple(self._file(plan, run) for plan in plans for run in plan.experiments)
         period = float(first.period_samples)
@@ -367,8 +368,8 @@ def write_simulated_log(folder: Path, rig: SimulatedRig, run: Experiment) -> Non
     write_signals(folder / f"{run.name}.csv", rig.plan.rate_hz, **signals)
 
 
-def require_one_robot_in_any_posture(study: Study) -> None:
-    """Refuse a study without a plan, or one whose sections name configurations, which `live` chooses; StudyError."""
+def check_study(study: Study) -> None:
+    """Raise StudyError for a study without a plan, or with keys that name configurations, which `live` selects."""
     simulated, motors = study.experiment.as_simulated(), study.as_robot().motor_locations
     per_group = [name for name, parameter in study.fit.parameters.items() if parameter.per is not None]
     unsupported = {

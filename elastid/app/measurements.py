@@ -1,7 +1,7 @@
-"""Measurements of `elastid new --from`: logs that belong together, and their runs and hit points.
+"""Measurements of `elastid new --from`: logs that belong together, their runs and hit points.
 
-Names of files and headings state them, or else the responses of a structure from its hammer: responses to hits at one
-point are equal, so that logs whose responses differ are of different points.
+They follow from file names and headings, or else from the responses to hammer hits: hits at one point have equal
+responses, so that logs with different responses are of different points.
 """
 
 import re
@@ -21,16 +21,16 @@ from elastid.logs.files.formats import open_log
 from elastid.logs.log_signals import read_signals
 
 Signals: TypeAlias = list[tuple[ChannelGuess, FloatArray]]
-# Words before the numbers of hit points and of sensor locations; of others, the responses decide.
+# Words before the numbers of hit points, and of sensor locations, in file names.
 _POINT, _SENSOR = "p|pt|points?|pos|node|loc|location", "s|sens|sensors?|acc|accel|out|output|resp"
-# Power by which responses of different points differ, relative to that of both; lines that are averaged; and power of
-# the force below which a line is not excited, relative to the greatest.
-_MIN_DIFFERENCE, _SMOOTHED_LINES, _MIN_EXCITATION = 0.1, 8, 1e-2
+_MIN_DIFFERENCE = 0.1  # power of the difference of responses of different points, relative to their power
+_SMOOTHED_LINES = 8  # lines that are averaged
+_MIN_EXCITATION = 1e-2  # least power of the force at an excited line, relative to the largest
 
 
 @dataclass(frozen=True)
 class Run:
-    """Numbers of a log in the study, and its locations by the locations of the channels, if they differ."""
+    """Realisation and experiment of a log, and its locations by channel location if they differ (at)."""
 
     at: Mapping[str, str]
     realisation: int
@@ -45,9 +45,9 @@ def runs_by_name(logs: Sequence[Path]) -> list[tuple[str, int, int]]:
 
 
 def in_two_files(logs: Sequence[Path], form: TextFormatSpec) -> tuple[list[tuple[Path, ...]], Signals]:
-    """Return measurements of two files each, inputs first, and the signals of the first one; none for other logs.
+    """Pair logs of inputs with logs of outputs; return the pairs and the signals of the first pair, else empty lists.
 
-    Files are of two kinds by their headings, or by names such as 1_torque.csv.
+    The two kinds differ by their headings, or by names such as 1_torque.csv.
     """
     kinds = dict[tuple[tuple[str, ...], str], list[Path]]()
     for path in logs:
@@ -55,26 +55,26 @@ def in_two_files(logs: Sequence[Path], form: TextFormatSpec) -> tuple[list[tuple
             kinds.setdefault((tuple(log.shapes()), guess_by_name(path.stem, None).quantity), []).append(path)
     if len(kinds) != 2 or len({len(paths) for paths in kinds.values()}) > 1:
         return [], []
-    is_alike = len({headings for headings, _ in kinds}) == 1  # so that they do not distinguish the files
-    parts = list[tuple[list[Path], Signals]]()
+    is_alike = len({headings for headings, _ in kinds}) == 1  # headings do not distinguish the files
+    sides = list[tuple[list[Path], Signals]]()
     for (_, quantity), paths in kinds.items():
         with open_log(paths[0], form) as log:
             clock = find_clock(log)
             signals = [(g, x) for g, x in read_signals(log, MAX_SAMPLES) if g.name != clock.name]
         by_file = quantity if is_alike else ""
-        parts.append((paths, [(replace(g, quantity=by_file or g.quantity or quantity), x) for g, x in signals]))
-    parts.sort(key=lambda part: not any(g.quantity in DRIVES for g, _ in part[1]))
-    signals = [(replace(g, file=i), x) for i, part in enumerate(parts, start=1) for g, x in part[1]]
-    if len({len(x) for _, x in signals}) != 1:  # rows of two clocks
+        sides.append((paths, [(replace(g, quantity=by_file or g.quantity or quantity), x) for g, x in signals]))
+    sides.sort(key=lambda side: not any(g.quantity in DRIVES for g, _ in side[1]))
+    signals = [(replace(g, file=i), x) for i, side in enumerate(sides, start=1) for g, x in side[1]]
+    if len({len(x) for _, x in signals}) != 1:  # different clocks
         return [], []
-    return list(zip(*(paths for paths, _ in parts), strict=True)), signals
+    return list(zip(*(paths for paths, _ in sides), strict=True)), signals
 
 
 def hit_runs(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> list[Run]:
-    """Return runs of logs whose hammer or sensors move between them; none if nothing moves.
+    """Return the runs of logs between which the hammer or the sensors move; none if nothing moves.
 
-    Locations are by headings that differ, by names such as point2_acc3, else by the responses.  guess: of a structure
-    with one input.
+    Locations follow from different headings, from names such as point2_acc3, or else from the responses.  guess: the
+    channels of a structure with one input.
     """
     headings = [headings_of(path, form) for path in logs]
     if len(set(headings)) > 1:
@@ -97,16 +97,16 @@ def headings_of(path: Path, form: TextFormatSpec) -> tuple[str, ...]:
 
 
 def hit_place(guess: LogGuess) -> str:
-    """Return the location of the input, with a name that no output has."""
+    """Return the location of the input; `hammer` if an output has the same location."""
     location = guess.joints[0].torque.place
     return "hammer" if location in {motion.place for motion in guess.motions} else location
 
 
 def _by_names(logs: Sequence[Path], guess: LogGuess) -> list[dict[str, str]]:
-    """Return locations by the names of the logs, empty for names without locations."""
-    parts_of_names = [re.findall(r"([a-z]*)[-_ .]?(\d+)([xyz]?)(?![a-z])", path.stem.lower()) for path in logs]
-    is_alike = len({tuple(word for word, *_ in row) for row in parts_of_names}) == 1
-    moves = [column for column in zip(*parts_of_names, strict=True) if len(set(column)) > 1] if is_alike else []
+    """Return the locations in the names of the logs; empty for names without locations."""
+    words_of_names = [re.findall(r"([a-z]*)[-_ .]?(\d+)([xyz]?)(?![a-z])", path.stem.lower()) for path in logs]
+    is_alike = len({tuple(word for word, *_ in row) for row in words_of_names}) == 1
+    moves = [column for column in zip(*words_of_names, strict=True) if len(set(column)) > 1] if is_alike else []
     result: list[dict[str, str]] = [{} for _ in logs]
     outputs = [motion.place for motion in guess.motions]
     for column in moves:
@@ -119,7 +119,7 @@ def _by_names(logs: Sequence[Path], guess: LogGuess) -> list[dict[str, str]]:
 
 
 def _points_by_response(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> list[str]:
-    """Name of the hit point of each log: the first log with an equal response."""
+    """Return the name of the hit point of each log: the first log with an equal response."""
     keys = [guess.joints[0].torque.key, *(motion.key for motion in guess.motions)]
     responses, points = list[ComplexArray](), list[str]()
     for path in logs:

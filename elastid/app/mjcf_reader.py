@@ -1,8 +1,8 @@
-"""A process of its own that compiles an MJCF file with MuJoCo and prints its robot, as a robot's file has it, in JSON.
+"""Separate process that compiles an MJCF file with MuJoCo and prints the robot model as JSON.
 
     python -m elastid.app.mjcf_reader FILE
 
-MuJoCo trusts the file, which may name any other and ask for any amount of memory; so it works apart, within limits.
+An MJCF file can name any other file and request any amount of memory; the process therefore has a memory limit.
 """
 
 import json
@@ -26,7 +26,7 @@ KINDS = ("free", "ball", "slide", "hinge")  # of joints, by MuJoCo's numbers
 def robot_of(model: Any, name: str) -> Robot:
     """Convert a compiled model to a robot, angles in rad; ValueError for a ball joint, or a free joint inside.
 
-    Bodies that stand on the base, and the trunk of a robot that floats, are frames of the base.
+    Bodies that are fixed to the base, and the trunk of a floating robot, become frames of the base.
     """
     names = [BASE, *(model.body(i).name or f"body {i}" for i in range(1, model.nbody))]
     bodies, frames = [], []
@@ -36,7 +36,7 @@ def robot_of(model: Any, name: str) -> Robot:
         placement = Placement.of(R @ _rotation(model.body_quat[i]), p + R @ model.body_pos[i])
         first, count = int(model.body_jntadr[i]), int(model.body_jntnum[i])
         kinds = {KINDS[kind] for kind in model.jnt_type[first : first + count]}
-        if parent == BASE and kinds <= {"free"}:  # it stands on the base, or is a fixed trunk
+        if parent == BASE and kinds <= {"free"}:  # fixed to the base, or a trunk, which is fixed here
             seats.append((BASE, placement.rotation, np.array(placement.xyz)))
             frames += [Frame(names[i], BASE, placement)] * (names[i] != BASE)
             continue
@@ -73,8 +73,8 @@ def _joint(model: Any, i: int) -> Joint:
         spring = Spring(stiffness, damping)
     ends = model.jnt_range[i].tolist() if model.jnt_limited[i] else (-math.inf, math.inf)
     low, high = (end - float(model.qpos0[model.jnt_qposadr[i]]) for end in ends)
-    strength = sum(abs(gear) * _strength(model, a) for a, gear in gears.items()) or math.inf
-    limits = Limits((low, high), torque=min(_largest(model.jnt_actfrclimited[i], model.jnt_actfrcrange[i]), strength))
+    strength = sum(abs(gear) * _torque_limit(model, a) for a, gear in gears.items()) or math.inf
+    limits = Limits((low, high), torque=min(_limit(model.jnt_actfrclimited[i], model.jnt_actfrcrange[i]), strength))
     x, y, z = model.jnt_pos[i].tolist() if kind == "hinge" else (0.0, 0.0, 0.0)
     return Joint(
         name, tuple(model.jnt_axis[i].tolist()), spring, motor, 0.0 if spring or motor else damping, limits=limits,
@@ -101,14 +101,14 @@ def _gears(model: Any, i: int) -> dict[int, float]:
     return {a: float(model.actuator_gear[a, 0]) for a, (kind, j) in enumerate(at) if kind in (0, 1) and j == i}
 
 
-def _largest(is_limited: bool, ends: Any) -> float:
+def _limit(is_limited: bool, ends: Any) -> float:
     return float(abs(ends).max()) if is_limited else math.inf
 
 
-def _strength(model: Any, a: int) -> float:
+def _torque_limit(model: Any, a: int) -> float:
     is_force = model.actuator_gaintype[a] == 0 == model.actuator_biastype[a] and model.actuator_ctrllimited[a]
-    by_control = _largest(is_force, model.actuator_gainprm[a, 0] * model.actuator_ctrlrange[a])
-    return min(by_control, _largest(model.actuator_forcelimited[a], model.actuator_forcerange[a]))
+    by_control = _limit(is_force, model.actuator_gainprm[a, 0] * model.actuator_ctrlrange[a])
+    return min(by_control, _limit(model.actuator_forcelimited[a], model.actuator_forcerange[a]))
 
 
 def _rotation(quaternion: Any) -> Any:
@@ -116,18 +116,18 @@ def _rotation(quaternion: Any) -> Any:
     return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
 
 
-def _without_looks(spec: Any) -> None:
+def _remove_appearance(spec: Any) -> None:
     """Remove textures, and meshes that add no inertia: their files need not exist."""
     is_always_by_geometry = int(spec.compiler.inertiafromgeom) == 1
     for element in (*spec.geoms, *spec.sites, *spec.tendons):
         element.material = ""
     for geom in spec.geoms:
-        adds_none = geom.parent.name == "world" or geom.parent.explicitinertial or geom.mass == 0
-        if geom.meshname and adds_none and not is_always_by_geometry:
+        has_no_inertia = geom.parent.name == "world" or geom.parent.explicitinertial or geom.mass == 0
+        if geom.meshname and has_no_inertia and not is_always_by_geometry:
             spec.delete(geom)
     mesh_names = {geom.meshname for geom in spec.geoms}
-    unique_name = (mesh for mesh in spec.meshes if mesh.name not in mesh_names)
-    for asset in (*spec.skins, *spec.materials, *spec.textures, *unique_name):
+    unused_meshes = (mesh for mesh in spec.meshes if mesh.name not in mesh_names)
+    for asset in (*spec.skins, *spec.materials, *spec.textures, *unused_meshes):
         spec.delete(asset)
 
 
@@ -137,8 +137,8 @@ def main(path: Path) -> dict[str, Any]:
 
     try:
         spec = mujoco.MjSpec.from_file(str(path))
-        if hasattr(spec, "delete"):  # of newer releases of MuJoCo
-            _without_looks(spec)
+        if hasattr(spec, "delete"):  # a newer release of MuJoCo
+            _remove_appearance(spec)
         model = spec.compile()
         return {"robot": yaml_text(robot_of(model, path.stem)), "gains": gains_of(model)}
     except (ValueError, MemoryError) as error:

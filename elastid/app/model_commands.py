@@ -1,4 +1,4 @@
-"""Commands that use a fit. One runner reads it, computes, writes h5, csv, page and figure, and prints the result."""
+"""Commands map, tune and loops, which use a fitted model: each writes files, a page and a figure, and an answer."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -8,8 +8,8 @@ from typing import Any, TypeAlias
 
 from matplotlib.figure import Figure
 
-from elastid.app.identified_robot import with_findings
-from elastid.app.run import Run, logged_in
+from elastid.app.identified_robot import with_identified_effects
+from elastid.app.run import Run, open_run_folder
 from elastid.app.stages.fit import current_fit, gears_of, warn_of_distrust
 from elastid.base.display import Answer
 from elastid.base.errors import StudyError
@@ -24,7 +24,7 @@ from elastid.report.command_summaries import answer_of_loops, answer_of_map, ans
 from elastid.report.figures.use import loops_figure, move_figure, workspace_figure
 from elastid.report.page.page_of_use import map_data, write_page_of_answer
 from elastid.robot import Robot
-from elastid.store.files import keep_checksums, write_rows, write_text
+from elastid.store.files import save_checksums, write_rows, write_text
 from elastid.store.measured import read_friction
 from elastid.store.results import write_loops, write_map, write_map_table, write_tune
 from elastid.study.robots import yaml_text
@@ -43,7 +43,7 @@ Vector: TypeAlias = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class ModelOutputs:
-    """Files (name in the run folder -> write(path)), figure of the page, and data of an explorable map."""
+    """Answer, files (name -> write(path)), figure of the page, and data of an interactive map."""
 
     answer: Answer
     files: Mapping[str, Callable[[Path], Any]]
@@ -52,15 +52,15 @@ class ModelOutputs:
 
 
 def use_fit(run: Run, name: str, work: Callable[[Result], ModelOutputs]) -> None:
-    """Run a command `name` on the study's fit and write its results; StudyError without a current fit."""
+    """Run the command `name` on the fit of a study, and write and print its results; StudyError without a fit."""
     result = current_fit(run)
-    with logged_in(run.folder, run.jobs, run.console):
-        results, made_by = work(result), run.stamps["fit"].shown["made by"]
+    with open_run_folder(run.folder, run.jobs, run.console):
+        results, made_by = work(result), run.stamps["fit"].entries["made by"]
         for file, write in results.files.items():
             write(run.folder / file)
         write_page_of_answer(results.answer, results.figure, run.folder / f"{name}.html", made_by, results.data)
         names = (*results.files, f"{name}.html", f"{name}.png")
-        keep_checksums(run.folder, names)
+        save_checksums(run.folder, names)
         for table in results.answer.tables:
             run.console.detail(table.text)
         for sentence in (*results.answer.sentences, ", ".join(str(run.folder / name) for name in names)):
@@ -72,7 +72,7 @@ def map_study(
     run: Run, frame: str | None, path: Path | None, grid: int | None, random: int | None, load: Vector, cutting: float,
     normal: Vector | None, force: Vector | None
 ) -> None:  # fmt: skip
-    """Map at the postures of a path, of a grid of so many points along the longest side, or at random."""
+    """Map the stiffness at the postures of a path, on a grid (points along its longest side), or at random."""
     if sum(option is not None for option in (path, grid, random)) > 1:
         raise StudyError("options/invalid", "--path, --grid and --random are exclusive. Give one of them")
     try:
@@ -81,7 +81,7 @@ def map_study(
         raise StudyError("options/invalid", str(error)) from None
 
     def work(fit: Result) -> ModelOutputs:
-        """Map of the fitted robot, with its files."""
+        """Map the fitted robot."""
         ports, seed = posture.PredictionPorts(frame=frame, axes="world"), run.study.seed
         family = with_gears(fit, gears_of(run)).family(ports)
         if path is not None:
@@ -115,7 +115,7 @@ def tune_study(
         raise StudyError("options/invalid", "--time and --fastest are exclusive. Give one of them")
 
     def work(result: Result) -> ModelOutputs:
-        """Move of the fitted robot, with its files."""
+        """Tune the move of the fitted robot."""
         robots = _move_robots(run, result, frame, samples, rate_hz, bandwidth_hz, error_mm / 1e3)
         move = read_move(path, robots.identified, robots.frame, 0.0 if fastest else duration)
         with run.console.progress("tune") as progress:
@@ -136,23 +136,26 @@ def tune_study(
 def _move_robots(
     run: Run, result: Result, frame: str | None, draws: int, rate_hz: float | None, bandwidth_hz: float, error_m: float
 ) -> MoveRobots:
-    """Return the identified robots of a study with the requested frame."""
+    """Return the identified robot, posterior samples and the robot that judges the move, with the requested frame."""
     study, family = run.study, result.family(posture.PredictionPorts(frame=frame))
-    friction = read_friction(run.path("estimate")) if run.path("estimate").exists() else None
+    friction = read_friction(run.path("estimate"))
 
-    def framed(robot: Robot) -> Robot:
+    def with_frame(robot: Robot) -> Robot:
         return replace(robot, frames=family.robot.frames)
 
-    identified = framed(with_findings(estimated_robot(result), friction))
+    identified = with_frame(with_identified_effects(estimated_robot(result), friction))
     judge, judge_name = identified, "simulation with the identified parameters"
     simulated = study.experiment.simulated
     if simulated is not None:
-        judge, judge_name = framed(true_robot(study.as_robot(), simulated.truth)), "simulation with the true parameters"
+        judge, judge_name = (
+            with_frame(true_robot(study.as_robot(), simulated.truth)),
+            "simulation with the true parameters",
+        )
     samples = draw_robots(result, draws, study.seed).robots if draws else ()
-    # Where the rate of the study's controller is not known 500 Hz are usual.
+    # 500 Hz is typical if the study has no rate of the controller.
     study_rate = study.excitation.rate_hz if study.excitation is not None else 500.0
     return MoveRobots(
-        identified, framed(study.as_robot()), judge, judge_name, tuple(map(framed, samples)), family.frame,
+        identified, with_frame(study.as_robot()), judge, judge_name, tuple(map(with_frame, samples)), family.frame,
         rate_hz or study_rate, bandwidth_hz, error_m
     )  # fmt: skip
 
@@ -167,10 +170,7 @@ def write_table(path: Path, tuned_move: TunedMove) -> None:
 
 
 def loops_study(run: Run, rate_hz: float | None, delay: int | None, samples: int) -> None:
-    """Analyse today's joint controllers and design gains of the fitted robot; FitError if no gains keep the limit.
-
-    rate_hz, delay: None for those of the study.
-    """
+    """Analyse and design the joint controllers, by default at the rate and delay of the study."""
     experiment, study_hz, today = run.study.experiment, None, None
     if (recorded := experiment.recorded) is not None:
         study_hz = None if recorded.rate_hz == "unknown" else recorded.known_rate_hz
@@ -183,7 +183,7 @@ def loops_study(run: Run, rate_hz: float | None, delay: int | None, samples: int
         raise StudyError("options/invalid", "the study has no rate of the controller. Give --rate", run.loaded.path)
 
     def work(result: Result) -> ModelOutputs:
-        """Analyse and design the loops of the fitted robot; returns them with their files."""
+        """Analyse and design the loops of the fitted robot."""
         family = PostureFamily.of(result, [linear.configuration for linear in result.linear], hz)
         delay_samples = (0 if today is None else today.delay_samples) if delay is None else delay
         loops = design_loops(run.study.name, result, family, delay_samples, samples, run.study.seed, today, study_hz)

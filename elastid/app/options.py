@@ -1,4 +1,4 @@
-"""Options, arguments and context of commands: the run that they ask for, Ctrl-C that libraries cannot swallow."""
+"""Options and arguments of commands, the run that they request, and the handling of Ctrl-C and library messages."""
 
 import math
 import os
@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import reduce
 from pathlib import Path
+from pkgutil import resolve_name
 from signal import SIGINT, SIGTERM, signal
 from threading import Event, Thread, current_thread, main_thread
 from types import FrameType
@@ -23,7 +24,7 @@ Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
 class Finite(click.FloatRange):
-    """A finite number in a range, which nan is in of itself."""
+    """Range of finite numbers; click accepts nan in any range."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the number; raise the usage error of click for nan and inf."""
@@ -44,7 +45,7 @@ def numbers_of(ctx: click.Context, param: click.Parameter, text: str | None) -> 
 
 
 class Folder(click.Path):
-    """A path that is not empty, which would be the working folder."""
+    """Path that is not empty; an empty path would be the working folder."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the path; raise the usage error of click for an empty text."""
@@ -80,7 +81,7 @@ _OPTIONS: dict[str, Decorator] = {
 
 
 def options_of(*names: str) -> Decorator:
-    """Add the options of the given names, each the same in every command that has it."""
+    """Return the decorator that adds these options to a command."""
 
     return lambda command: reduce(lambda decorated, name: _OPTIONS[name](decorated), reversed(names), command)
 
@@ -90,7 +91,7 @@ stage_options = options_of("run", "set", "jobs", "dask", "verbose", "quiet")
 
 
 def run_of(study: Path, options: dict[str, Any]) -> "Run":
-    """Return the run of a study, and remove its options from the options of a command."""
+    """Return the run of a study, and remove the options of the run from the options of a command."""
     from elastid.app.console import Console
     from elastid.app.run import Run, all_cores
     from elastid.base.dask_cluster import on_dask
@@ -102,52 +103,58 @@ def run_of(study: Path, options: dict[str, Any]) -> "Run":
     return Run(loaded, folder or Path("runs") / loaded.study.name, options.pop("jobs") or all_cores(), console)
 
 
-@contextmanager
-def insisting() -> Iterator[Event]:
-    """Raise KeyboardInterrupt on Ctrl-C or SIGTERM, and every half second until the work inside has ended.
+def call_with_run(function: str, study: Path, options: dict[str, Any], *arguments: Any) -> None:
+    """Call a function `module:name` of `elastid.app` with the run of a study, arguments and the other options."""
+    request = run_of(study, options)
+    resolve_name(f"elastid.app.{function}")(request, *arguments, **options)
 
-    CasADi's wrappers swallow a KeyboardInterrupt that falls into them, or make an error of another kind of it. The
-    event that is yielded is set once that happened: whatever error ends the work then, the user has ended it.
+
+@contextmanager
+def repeated_interrupts() -> Iterator[Event]:
+    """Raise KeyboardInterrupt on Ctrl-C or SIGTERM, and again every half second until the work inside has ended.
+
+    CasADi's wrappers suppress a KeyboardInterrupt or convert it to another error. The yielded event is set after the
+    first interrupt: any later error then means that the user has ended the work.
     """
     pressed, ended = Event(), Event()
 
-    def insist() -> None:
+    def repeat() -> None:
         while not ended.wait(0.5):
             interrupt_main()
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         if os.isatty(2):
-            os.write(2, b"\x1b[?25h")  # the cursor, which a progress bar that ends here may leave hidden
+            os.write(2, b"\x1b[?25h")  # show the cursor, which an interrupted progress bar hides
         if not pressed.is_set():
             pressed.set()
-            Thread(target=insist, daemon=True).start()
+            Thread(target=repeat, daemon=True).start()
         raise KeyboardInterrupt
 
-    def show(unraisable: "sys.UnraisableHookArgs") -> None:
+    def report(unraisable: "sys.UnraisableHookArgs") -> None:
         if not pressed.is_set():
             hook(unraisable)
 
     if current_thread() is not main_thread():  # signals belong to the main thread
         yield pressed
         return
-    # Python prints the traceback of a KeyboardInterrupt that falls into a destructor, and goes on; it comes again.
-    hook, sys.unraisablehook = sys.unraisablehook, show
-    before = {number: signal(number, interrupt) for number in (SIGINT, SIGTERM)}
+    # Python prints and ignores a KeyboardInterrupt in a destructor; the interrupt is repeated anyway.
+    hook, sys.unraisablehook = sys.unraisablehook, report
+    old_handlers = {number: signal(number, interrupt) for number in (SIGINT, SIGTERM)}
     try:
         yield pressed
     finally:
         ended.set()
         sys.unraisablehook = hook
-        for number, handler in before.items():
+        for number, handler in old_handlers.items():
             signal(number, handler)
 
 
 @contextmanager
 def libraries_off_terminal() -> Iterator[None]:
-    """Send warnings of Python and log records of libraries to run.log only, or nowhere without one."""
+    """Send warnings of Python and log messages of libraries to run.log only; without run.log they are dropped."""
     import logging
 
-    nowhere = logging.NullHandler()  # without any handler Python prints the records
+    nowhere = logging.NullHandler()  # without a handler Python prints the messages
     logging.captureWarnings(True)
     logging.getLogger().addHandler(nowhere)
     try:

@@ -1,4 +1,4 @@
-"""The summary that `elastid check` prints of a study without errors: robot, unknowns, experiments, stages."""
+"""Summary of a valid study for `elastid check`: robot, parameters, experiments, questions and stages."""
 
 from collections.abc import Iterator
 
@@ -72,7 +72,7 @@ def _questions(study: Study) -> Iterator[str]:
 
 
 def _margin(study: Study, excitation: MultisineSpec) -> str:
-    from elastid.app.stages.design import problem_of  # brings the model
+    from elastid.app.stages.design import problem_of  # a slow import
     from elastid.design.limits import expected_use
 
     problem = problem_of(study)

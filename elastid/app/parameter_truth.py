@@ -1,4 +1,4 @@
-"""Friction contained in viscous coefficients, and true values of a simulated robot."""
+"""Meaning of fitted parameters: friction contained in viscous coefficients, and true values of a simulated robot."""
 
 from collections.abc import Collection
 
@@ -18,8 +18,8 @@ OF_LOOP = "; an error of k_d of the controller adds to it"
 def mixed_numbers(robot: Robot, is_simulated: bool, friction: CompensatedFriction | None) -> frozenset[str]:
     """List the viscous coefficients that contain dry friction, since a multisine cannot distinguish both.
 
-    A motor's own, and those of a joint that turns rigidly with its motor; where the rig is simulated only with dry
-    friction in the robot model, and never of a motor with compensated friction.
+    These are the coefficients of motors and of joints that are rigidly coupled to their motors, except motors with
+    compensated friction; on a simulated rig only if the robot model has dry friction.
     """
     rigid = {*robot.driven_names} - {joint.name for joint in robot.flexible}
     mixed = {f"fm_{name}" for name in robot.driven_names}
@@ -36,16 +36,16 @@ def _compensated_joints(friction: CompensatedFriction | None) -> list[str]:
     return [] if friction is None else [location.removeprefix("motor ") for location in friction.compensated_motors()]
 
 
-def contents(
+def parameter_contents(
     robot: Robot,
     is_simulated: bool,
     friction: CompensatedFriction | None,
     parameters: Parameters,
     gears: GearResult | None = None,
 ) -> dict[str, str]:
-    """Name the friction that viscous coefficients of motors and other mixed parameters contain.
+    """Describe the friction that viscous coefficients of motors and other mixed parameters contain.
 
-    In responses to references, viscous friction and an error of the controller's k_d are alike.
+    In responses to references, viscous friction cannot be distinguished from an error of the controller's k_d.
     """
     mixed = mixed_numbers(robot, is_simulated, friction)
     of_motors = {f"fm_{name}" for name in robot.driven_names}
@@ -61,13 +61,13 @@ def contents(
     }
 
 
-def truth(
+def true_values(
     robot: Robot,
     simulated: SimulatedSpec | None,
     estimates: Collection[str],
     friction: CompensatedFriction | None = None,
 ) -> dict[str, float] | None:
-    """Return the simulated robot's identifiable parameters by name, in SI; None for logs.
+    """Return the true values of the simulated robot's parameters by name, SI; None for logs.
 
     estimates: parameters of the study.  friction: compensated in the responses; viscous coefficients that contain
     dry friction have no true value.

@@ -1,12 +1,6 @@
-"""predict: prediction.json and prediction.png.
+"""`elastid predict MODEL --log LOG`: simulation of a model along logs from the commands, compared with positions."""
 
-MODEL --log LOG: a model judged on logs by simulation from the commands alone.  STUDY --with RUN: the parameters of one
-study judged on the logs of another: rigid body and friction of a friction study; for elasticity the fitted robot, whose
-responses, torques and motion are compared with those of the logs.
-"""
-
-import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -16,31 +10,28 @@ import numpy as np
 
 from elastid.app.commanded_robot import command_delay, commanded_robot, rigid_numbers
 from elastid.app.console import Console
-from elastid.app.identified_robot import with_findings, with_identified_friction
-from elastid.app.run import Run, carry_out, logged_in
-from elastid.app.scaffold import read_mjcf_servos, read_urdf_model
-from elastid.app.stages.validate import ValidationBasis, judge
-from elastid.app.summaries import predicted, validation_summary
+from elastid.app.from_robot import read_mjcf_servos, read_urdf_model
+from elastid.app.identified_robot import with_identified_effects
+from elastid.app.run import open_run_folder
 from elastid.base.arrays import FloatArray
 from elastid.base.display import number
-from elastid.base.errors import DataError, MisfitError, StudyError
+from elastid.base.errors import MisfitError, StudyError
 from elastid.base.execution import Execution
 from elastid.experiment.specs.logs import RecordedSpec
-from elastid.fit.fitted_robot import FittedRobot, estimated_robot
+from elastid.fit.fitted_robot import estimated_robot
 from elastid.logs.command_log import CommandLog, read_command_log, read_study_log
 from elastid.record import JointLoop
-from elastid.report.figures.fit import command_errors_figure, octaves_figure
+from elastid.report.figures.fit import command_errors_figure
 from elastid.robot import Robot
 from elastid.simulation.controller import loop_of
 from elastid.simulation.spec import ControllerSpec
-from elastid.store.files import keep_checksums
-from elastid.store.friction_study import read_friction_records, read_friction_result
-from elastid.store.measured import read_friction, read_responses
+from elastid.store.files import save_checksums
+from elastid.store.friction_study import read_friction_result
+from elastid.store.kinds import SCHEMA, write_json
+from elastid.store.measured import read_friction
 from elastid.store.results import read_fit, read_gears
-from elastid.store.values import SCHEMA, write_json
 from elastid.study import load_robot
 from elastid.study.robots import Servos
-from elastid.study.source import read_source
 from elastid.validation.command_replay import (
     MAX_REMOVED,
     PREDICTORS,
@@ -54,21 +45,16 @@ from elastid.validation.command_replay import (
     pooled_tests,
     replay,
 )
-from elastid.validation.friction_simulation import predict_logs
-from elastid.validation.log_comparison import LogComparison
-from elastid.validation.spec import ValidationSpec
 
-# Logs on which the numbers of the replay are tested; each test simulates them.
-MAX_TESTED = 3
-# A factor of the clock within this of a multiple of one half is named as that ratio.
-_NEAR = 0.08
+MAX_TESTED = 3  # logs on which clock, delay, gains and signs are tested; each test simulates them
+_NEAR = 0.08  # relative distance within which a clock ratio is rounded to a multiple of one half
 
 
 @dataclass(frozen=True)
 class Model:
-    """A robot with the gains of its actuators by joint, if the model has them.
+    """Robot with the gains of its actuators by joint, if the model has them.
 
-    offsets: constant torques against the joints, link side.  delay_s: of the commands.
+    offsets: constant torques on the joints, link side.  delay_s: delay of the commands.
     """
 
     robot: Robot
@@ -79,9 +65,9 @@ class Model:
 
 @dataclass(frozen=True)
 class CommandSettings:
-    """Options: rate of the logs, gains (N*m/rad, N*m*s/rad; one for all joints or one each), delay of the commands.
+    """Options: rate of the logs, gains (N*m/rad, N*m*s/rad; one for all joints or one per joint), command delay.
 
-    recorded: section of a study, with the channels of the logs and the controller.
+    recorded: section of a study with the channels of the logs and the controller.
     """
 
     rate_hz: float | None = None
@@ -107,15 +93,13 @@ def _robot_of_result(path: Path) -> Model:
     folder = path if path.is_dir() else path.parent
     fit, frf, gears, law = (folder / f"{stage}.h5" for stage in ("fit", "frf", "gears", "friction"))
     if fit.is_file():
-        friction = read_friction(frf) if frf.is_file() else None
-        gear_result = read_gears(gears if gears.is_file() else None)
-        return Model(with_findings(estimated_robot(read_fit(fit)), friction, gear_result))
+        return Model(with_identified_effects(estimated_robot(read_fit(fit)), read_friction(frf), read_gears(gears)))
     if not law.is_file():
         text = "neither fit.h5 nor friction.h5 is there. Run the study first, or give a robot model"
         raise StudyError("files/missing", text, folder)
     result, robot = read_friction_result(law), load_robot(folder / "identified_robot.yml")
     values, delay_s = rigid_numbers(result), command_delay(result)
-    # An offset of a study by torques is that of a sensor.
+    # Without commands, an offset is a sensor error.
     offsets = [values.get((name, "offset"), 0.0) for name in robot.driven_names if delay_s is not None]
     return Model(commanded_robot(robot, result), {}, tuple(offsets), delay_s or 0.0)
 
@@ -123,31 +107,31 @@ def _robot_of_result(path: Path) -> Model:
 def predict_from_commands(
     model_path: Path, logs: Sequence[Path], settings: CommandSettings, folder: Path, jobs: int, console: Console
 ) -> None:
-    """Simulate a model along logs from their commands, compare with trivial predictors, and test the replay.
+    """Simulate a model along logs from their commands, compare with trivial predictors, and test the settings.
 
-    Raises MisfitError, once all is written, if a trivial predictor is as good for a joint, or if another clock, delay,
-    gain or sign explains most of the error.
+    Raises MisfitError, after writing, if a trivial predictor is as good for a joint, or if another clock, delay, gain
+    or sign explains most of the error.
     """
     for path in logs:
         if not path.is_file():
             raise StudyError("files/missing", "no such file, or a folder; give the path of each log", path)
     model = read_model(model_path)
-    with logged_in(folder, jobs, console):
+    with open_run_folder(folder, jobs, console):
         motions = [_motion(model, path, settings, console) for path in logs]
         is_tested = [i < MAX_TESTED for i in range(len(motions))]
         replays = Execution(jobs).ordered(partial(_replay, model.robot), [*zip(motions, is_tested, strict=True)])
         joints, tests = pooled_joints(replays), pooled_tests(replays)
         problem = " ".join(_problems(joints, tests))
-        _show(console, replays, joints, tests)
+        _print(console, replays, joints, tests)
         content = {
             "schema": SCHEMA, "model": str(model_path), "status": "misfit" if problem else "passed", "message": problem,
-            "joints": [_joint(row) for row in joints],
+            "joints": [_joint_content(row) for row in joints],
             "tests": [asdict(t) | {"removed_fraction": t.removed, "in_doubt": t.is_in_doubt} for t in tests],
-            "logs": [_log(row) for row in replays], "rms": _by_predictor(overall(joints)),
+            "logs": [_log_content(row) for row in replays], "rms": _by_predictor(overall(joints)),
         }  # fmt: skip
         write_json(summary := folder / "prediction.json", content)
         command_errors_figure(joints).savefig(folder / "prediction.png")
-        keep_checksums(folder, [summary.name])
+        save_checksums(folder, [summary.name])
         if problem:
             raise MisfitError("predict/misfit", problem, str(summary))
         console.say(f"predict: passed: better than each trivial predictor in all {len(joints)} joints; {summary}")
@@ -176,7 +160,7 @@ def _motion(model: Model, path: Path, settings: CommandSettings, console: Consol
 
 
 def _gains(model: Model, log: CommandLog, settings: CommandSettings, path: Path, console: Console) -> JointLoop:
-    """Return gains of the options, else of the model's servos, else of the log; warn if the last two differ."""
+    """Return the gains of the options, else of the model's servos, else of the log; warn if the last two differ."""
     names = model.robot.driven_names
     gains = []
     servos = np.array([model.servos[name] for name in names]).T if set(names) <= model.servos.keys() else None
@@ -204,18 +188,18 @@ def _numbers(values: FloatArray) -> str:
 
 
 def _problems(joints: Sequence[JointError], tests: Sequence[Tested]) -> Iterator[str]:
-    """Yield the most likely wrong number, and joints that a trivial predictor predicts as well."""
-    doubtful = [test for test in tests if test.is_in_doubt]
-    if doubtful:
-        yield f"Most likely wrong: {_sentence_of_test(doubtful[0])}. Correct it, and repeat the prediction."
+    """Yield the most likely wrong setting, and the joints for which a trivial predictor is as good."""
+    failed_tests = [test for test in tests if test.is_in_doubt]
+    if failed_tests:
+        yield f"Most likely wrong: {_test_sentence(failed_tests[0])}. Correct it, and repeat the prediction."
     if worse := [row.joint for row in joints if row.is_worse]:
         yield f"A trivial predictor is at least as good for {len(worse)} of {len(joints)} joints: {', '.join(worse)}."
-        if not doubtful:
+        if not failed_tests:
             yield "Check their inertia and friction in the model, or identify them: `elastid new DIR --from LOG`."
 
 
-def _sentence_of_test(test: Tested) -> str:
-    """Describe a test: the number, its best value, and the error with the best and with the stated value."""
+def _test_sentence(test: Tested) -> str:
+    """Describe a test: the setting, its best value, and the error with the best and with the stated value."""
     rms, as_given = number(test.rms, 3), number(test.rms_as_given, 3)
     error = f"rms error {rms} instead of {as_given} ({100 * test.removed:.3g} % removed)"
     match test.quantity:
@@ -233,7 +217,7 @@ def _sentence_of_test(test: Tested) -> str:
 
 
 def ratio_words(value: float) -> str:
-    """Describe a ratio of sampling times: as fitted, and the typical ratio near it.
+    """Format a ratio of sampling times: the fitted ratio, and a multiple of one half near it.
 
     >>> ratio_words(2.56), ratio_words(0.41), ratio_words(1.2), ratio_words(1.02)
     ('2.5 (fitted: 2.56)', '1/2.5 (fitted: 0.41)', '1.2', '1.02')
@@ -245,7 +229,7 @@ def ratio_words(value: float) -> str:
     return f"{'1/' * (value < 1)}{nearest:g} (fitted: {value:.3g})"
 
 
-def _show(console: Console, replays: Sequence[Replay], joints: Sequence[JointError], tests: Sequence[Tested]) -> None:
+def _print(console: Console, replays: Sequence[Replay], joints: Sequence[JointError], tests: Sequence[Tested]) -> None:
     console.say("predict: rms error of the positions, simulated from the commands alone, beside trivial predictors")
     heads = ["joint", "unit", *PREDICTORS, "delay of command"]
     rows = [[row.joint, row.unit, *(number(x, 3) for x in row.rms), f"{1e3 * row.delay_s:.1f} ms"] for row in joints]
@@ -257,119 +241,22 @@ def _show(console: Console, replays: Sequence[Replay], joints: Sequence[JointErr
     bands = [[f"{low:.3g} to {high:.3g} Hz", "", *(number(x, 3) for x in errors)] for low, high, errors in octaves]
     console.table([["octave, all joints", "", *PREDICTORS], *bands])
     for test in [test for test in tests if test.is_in_doubt]:
-        console.say(f"predict: test of {_sentence_of_test(test)}")
+        console.say(f"predict: test of {_test_sentence(test)}")
     if removed := {test.quantity: test.removed for test in tests if not test.joint and not test.is_in_doubt}:
         largest = f"{max(removed.values()):.1%} removed at most; limit {MAX_REMOVED:.0%}"
         console.say(f"predict: tests of {', '.join(sorted(removed))}: {largest}")
 
 
-def _joint(row: JointError) -> dict[str, Any]:
+def _joint_content(row: JointError) -> dict[str, Any]:
     octaves = [{"low_hz": low, "high_hz": high, "rms": _by_predictor(errors)} for low, high, errors in row.octaves]
     rms = _by_predictor(row.rms)
     return {"joint": row.joint, "unit": row.unit, "rms": rms, "command_delay_s": row.delay_s, "octaves": octaves}
 
 
-def _log(row: Replay) -> dict[str, Any]:
-    joints = [_joint(joint) for joint in row.joints]
+def _log_content(row: Replay) -> dict[str, Any]:
+    joints = [_joint_content(joint) for joint in row.joints]
     return {"log": row.log, "rate_hz": row.rate_hz, "rms": _by_predictor(overall(row.joints)), "joints": joints}
 
 
 def _by_predictor(errors: Sequence[float]) -> dict[str, float]:
     return dict(zip(PREDICTORS, errors, strict=True))
-
-
-# Keys of a log file that do not apply to other logs with the same channels.
-_OF_ONE_LOG = ("samples", "also", "speed", "temperature", "load")
-
-
-def on_logs(study: Path, logs: Sequence[Path], options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return command-line options by which a study reads these logs instead of its own, in another run folder.
-
-    Log i has the other keys (configuration, realisation ...) of file i; further logs have the keys of the last file.
-    """
-    if not logs:
-        return dict(options)
-    data = read_source(study, str(study)).data
-    experiment = data.get("experiment") if isinstance(data, Mapping) else None
-    recorded = experiment.get("recorded") if isinstance(experiment, Mapping) else None
-    if not isinstance(recorded, Mapping) or not recorded:
-        text = "--log needs the section experiment.recorded, which is missing. Add it with channels and rate_hz"
-        raise StudyError("options/invalid", text, study)
-    files = recorded.get("files") or [{}]
-    entries = [
-        {key: value for key, value in files[min(i, len(files) - 1)].items() if key not in _OF_ONE_LOG}
-        | {"path": str(log.absolute())}
-        for i, log in enumerate(logs)
-    ]
-    overrides = [f"experiment.recorded.files={json.dumps(entries)}"]
-    if (data.get("validation") or {}).get("configurations") and "friction" in data:
-        overrides.append("validation.configurations=[]")
-    folder = options["folder"] or Path("runs") / f"{data.get('name', 'study')}_{logs[0].stem}"
-    return {**options, "overrides": (*options["overrides"], *overrides), "folder": folder}
-
-
-def predict(run: Run, source: Path) -> None:
-    """Validate the parameters of `source` on the logs of a study: prediction.json and prediction.png.
-
-    source: a friction.h5 or fit.h5, or the folder that holds it.  Outdated stages that read the logs run
-    again.  StudyError for a study of the other kind, and where nothing can be predicted.
-    """
-    of_friction = run.study.friction is not None
-    path = _result_of(run, source, "friction.h5" if of_friction else "fit.h5")
-    with logged_in(run.folder, run.jobs, run.console):
-        for name in ("design", "measure", *(() if of_friction else ("estimate",))):
-            if name in run.stages and not run.is_current(name):
-                carry_out(run, name)
-        judgement, content, words = (_of_friction if of_friction else _of_elasticity)(run, path)
-        write_json(summary := run.folder / "prediction.json", content | {"with": str(path)})
-        if judgement.balances:
-            octaves_figure(judgement.balances).savefig(run.folder / "prediction.png")
-        keep_checksums(run.folder, [summary.name])
-        for sentence in (*words, str(summary)):
-            run.console.say(f"predict: {sentence}")
-
-
-def _result_of(run: Run, source: Path, name: str) -> Path:
-    path = source / name if source.is_dir() else source
-    if not path.is_file():
-        kind = "friction" if run.study.friction is not None else "elasticity"
-        text = f"{path.name} is missing. The study identifies {kind}: give the run folder of another study of {kind}"
-        raise StudyError("files/missing", text, f"--with {source}")
-    if path.resolve().parent == run.folder.resolve() and not run.is_current(name.removesuffix(".h5")):
-        text = "this is the run folder of STUDY, whose logs would be replaced. Give another folder with --run"
-        raise StudyError("options/invalid", text, f"--with {source}")
-    run.study.as_robot()
-    return path
-
-
-def _of_friction(run: Run, path: Path) -> tuple[LogComparison, dict[str, Any], Sequence[str]]:
-    result, measured = read_friction_result(path), read_friction_records(run.path("measure"))
-    recorded = run.study.experiment.recorded
-    controller = None if recorded is None else recorded.controller
-    identified = with_identified_friction(run.study.as_robot(), result)
-    prediction = predict_logs(identified, result.joints, measured, controller, Execution(run.jobs))
-    for joint, reason in prediction.missing.items():
-        run.console.warn(f"joint {joint}: no prediction, {reason}")
-    if not prediction.balances:
-        alone = ", which contain no torques. For position references: `elastid predict RUN --log LOG`"
-        why = " (see the warnings above)" if prediction.missing else alone
-        raise DataError("predict/mismatch", f"no joint can be predicted on these logs{why}", f"--with {path}")
-    return prediction, {"schema": SCHEMA, "study": run.study.name, **predicted(prediction)}, prediction.sentences
-
-
-def _of_elasticity(run: Run, path: Path) -> tuple[LogComparison, dict[str, Any], Sequence[str]]:
-    study, responses, result = run.study, read_responses(run.path("estimate")), read_fit(path)
-    robot = study.as_robot()
-    lacking = sorted(set(robot.parameters()) - set(result.parameters.names))
-    if lacking:
-        text = f"the fit of another robot has no {', '.join(lacking[:3])}. Use a fit of this robot"
-        raise DataError("predict/mismatch", text, f"--with {path}")
-    frf, gears_file = path.with_name("frf.h5"), path.with_name("gears.h5")
-    friction = read_friction(frf) if frf.is_file() else None
-    gears = read_gears(gears_file if gears_file.is_file() else None)
-    model = FittedRobot.of(result, robot, responses, study.model)
-    records = run.path("measure") if "measure" in run.stages else None
-    validated = ValidationBasis(replace(study, validation=ValidationSpec()), model, friction, gears)
-    judgement, log_comparison = judge(validated, responses.names, records, run.console, Execution(run.jobs))
-    content = validation_summary(study.name, judgement, log_comparison)
-    return log_comparison, content, [words for words in (judgement.verdict, *log_comparison.sentences) if words]

@@ -1,11 +1,11 @@
-"""Run: a study, the folder of its results, which of them are current, and its stages carried out.
+"""Run of a study: the folder of its results, the stages whose results are current, and the execution of stages.
 
     stage(study: Study, work: Work) -> Artefacts
     inputs = SHA-256(name, that study, contents of its files, inputs of the earlier results that it reads)
 
-The row of a stage in `elastid.app.stage_table` declares the keys of the study that it reads, and `inputs` is the stamp
-of its result. All other keys are at their defaults, so that a key that changes a result changes its stamp. Results do
-not depend on ways of working.
+The row of a stage in `elastid.app.stage_table` declares the keys of the study that it reads. All other keys have their
+defaults in the study that the stage receives, so that every key that can change a result changes its stamp `inputs`.
+Results do not depend on options such as the number of processes.
 """
 
 import hashlib
@@ -42,24 +42,23 @@ from elastid.store.files import (
     content_hash,
     has_checksum,
     is_intact,
-    keep_checksums,
-    lock_folder,
     remove_leftovers,
     remove_texts,
+    save_checksums,
     write_text,
 )
+from elastid.store.lock import lock_folder
 from elastid.study import LoadedStudy, Study, load_with_logs
 
-# Writes a file at a path, with its stamp where it carries one.
-Write: TypeAlias = Callable[[Path, Stamp], Any]
+Write: TypeAlias = Callable[[Path, Stamp], Any]  # writes a file, with its stamp if the format has one
 
 
 @dataclass(frozen=True)
 class Artefacts:
     """Files of a finished stage, and a report to its user.
 
-    files: file or folder of the run folder -> write(path, stamp), in the order of writing.  report(console): called
-    once all are written.  error: raised after that, of a stage that leaves files although it failed.
+    files: file or folder in the run folder -> write(path, stamp), in the order of writing.  report(console): called
+    after writing.  error: raised after the report, if the stage failed.
     """
 
     files: Mapping[str, Write]
@@ -69,11 +68,11 @@ class Artefacts:
 
 @dataclass(frozen=True)
 class Work:
-    """Files of a stage and ways of working on it: processes, progress, parts that an interrupted run has finished.
+    """Files of a stage, and options of its execution.
 
-    parts: folder of finished parts until the result is whole.  stamp: of the result, with the text of the study for a
-    stage that shows it.  base: the folder of files that the study names.  sources: earlier results, by their stages.
-    has_gears: the stage gears estimates the effects that notes of a linear fit and of its responses ask for.
+    parts: folder of finished parts of an interrupted run.  stamp: of the result, with the text of the study if the
+    stage reads it.  base: folder to which file names in the study are relative.  sources: earlier results by stage.
+    has_gears: True if the study has the stage gears, to which notes of the linear fit and its responses refer.
     """
 
     stage: str
@@ -86,12 +85,12 @@ class Work:
     has_gears: bool = False
 
     def unanswered(self, notes: Iterable[Note]) -> tuple[Note, ...]:
-        """Return notes on a fit and its responses, without notes that the stage gears answers or repeats."""
+        """Return the notes on a fit and its responses, except notes that the stage gears resolves or repeats."""
         return tuple(note for note in notes if not (self.has_gears and note.code in CODES_WITH_CAUSE))
 
     @contextmanager
     def execution(self, checkpoint: Checkpoint | None = None) -> Iterator[Execution]:
-        """Return the execution of the stage's work, with progress on the console."""
+        """Yield the execution settings of the stage, with progress on the console."""
         with self.console.progress(self.stage) as progress:
             yield Execution(self.jobs, progress, {} if checkpoint is None else checkpoint)
 
@@ -117,15 +116,14 @@ def file_hash(path: Path) -> str:
     return content_hash(path)
 
 
-# Libraries that results depend on to the last digits.
-LIBRARIES = ("numpy", "scipy", "casadi")
+LIBRARIES = ("numpy", "scipy", "casadi")  # results depend on their versions, to the last digit
 
 
 def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
-    """Return the stamp by stage that a result must have to be current for this study."""
+    """Return, by stage, the stamp of a current result of this study."""
     code, results, hash_of_file = code_hash(), dict[str, Stamp](), cache(file_hash)
     for name, stage in stages_of_study(loaded.study).items():
-        study, text = stage.sees(loaded.study), loaded.text if "text" in stage.keys.split() else ""
+        study, text = stage.select_keys(loaded.study), loaded.text if "text" in stage.keys.split() else ""
         contents = [[path, hash_of_file(loaded.path.parent / path)] for path in files_of(study)]
         earlier = [[source, results[source].inputs] for source in stage.sources if source in results]
         inputs = hash_of([name, study, text, contents, earlier])
@@ -135,17 +133,14 @@ def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
 
 @cache
 def software() -> str:
-    """Return the versions of elastid, Python and the libraries that results depend on, and the platform."""
+    """Return the versions of elastid, Python and `LIBRARIES`, the kernels and the platform as text."""
     names = [f"elastid {__version__}", f"Python {platform.python_version()}"]
     names += [f"{name} {version(name)}" for name in LIBRARIES]
     return ", ".join([*names, kernels.description(), f"{platform.system()} {platform.machine()}"])
 
 
 def code_hash(root: Path | None = None) -> str:
-    """Return the SHA-256 of all files of the package and of the versions of its numerical libraries.
-
-    root: folder of the package.  Only files that Python and editors leave in it do not count.
-    """
+    """Return the SHA-256 of the files of the package (root) and of the versions of `LIBRARIES`."""
     root = Path(str(files("elastid"))) if root is None else root
     digest = hashlib.sha256("".join([__version__, *(version(name) for name in LIBRARIES)]).encode())
     for path in sorted(root.rglob("*")):
@@ -157,7 +152,7 @@ def code_hash(root: Path | None = None) -> str:
 
 
 def hash_of(document: Any) -> str:
-    """Return the SHA-256 of values as JSON. The order of keys counts: configurations and patterns depend on it."""
+    """Return the SHA-256 of values as JSON, including the order of keys, on which configurations depend."""
     return hashlib.sha256(json.dumps(document, default=asdict).encode()).hexdigest()
 
 
@@ -172,17 +167,17 @@ class Run:
 
     @property
     def study(self) -> Study:
-        """The study."""
+        """Study of the run."""
         return self.loaded.study
 
     @cached_property
     def stamps(self) -> dict[str, Stamp]:
-        """The stamp that the result of each stage must carry."""
+        """Stamp of a current result, by stage."""
         return stamps(self.loaded)
 
     @cached_property
     def stages(self) -> dict[str, Stage]:
-        """The stages that this study has, in order."""
+        """Stages of this study, in order."""
         return stages_of_study(self.study)
 
     def path(self, stage: str) -> Path:
@@ -199,15 +194,19 @@ class Run:
         return path_below(self.folder, self.path(stage).with_suffix(".partial").name)
 
     def work(self, stage: str) -> Work:
-        """Return the files of a stage and its ways of working; optional results that are missing are omitted."""
+        """Return the files and options of a stage; optional results that are missing are omitted."""
         row, stamp = self.stages[stage], self.stamps[stage]
-        available = {name: may_miss for name, may_miss in row.sources.items() if name in self.stages}
+        available = {name: is_optional for name, is_optional in row.sources.items() if name in self.stages}
         return Work(
             stage,
             self.partial(stage),
             stamp if "text" in row.keys.split() else replace(stamp, study=""),
             self.loaded.path.parent,
-            {name: self.path(name) for name, may_miss in available.items() if not may_miss or self.has_result(name)},
+            {
+                name: self.path(name)
+                for name, is_optional in available.items()
+                if not is_optional or self.has_result(name)
+            },
             self.jobs,
             self.console,
             "gears" in self.stages,
@@ -227,7 +226,7 @@ class Run:
             return False
         if path.suffix == ".h5":
             stamp = read_stamp(path)
-            return stamp is not None and stamp.is_of(stamp_now) and has_checksum(path)
+            return stamp is not None and stamp.matches(stamp_now) and has_checksum(path)
         text = path.read_text(encoding="utf-8", errors="replace")
         return stamp_now.inputs in text and stamp_now.code in text
 
@@ -252,8 +251,8 @@ class Run:
     def require(self, stage: str) -> None:
         """Raise StudyError with the command to run if the stage or its inputs are missing."""
         self.require_stage(stage)
-        for source, may_miss in self.stages[stage].sources.items():
-            if source in self.stages and not may_miss:
+        for source, is_optional in self.stages[stage].sources.items():
+            if source in self.stages and not is_optional:
                 self.require_result(source)
 
     def require_result(self, name: str) -> None:
@@ -271,8 +270,8 @@ class Run:
 
 
 @contextmanager
-def logged_in(folder: Path, jobs: int, console: Console) -> Iterator[None]:
-    """Write run.log with date, command and versions, and how the work ended; ElastidError for a second writer."""
+def open_run_folder(folder: Path, jobs: int, console: Console) -> Iterator[None]:
+    """Lock the folder, and write run.log with command, versions and errors; ElastidError for a second writer."""
     with lock_folder(folder), console.logging_to(folder):
         command = shlex.join(["elastid", *sys.argv[1:]])
         console.detail(f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC: {command}, {jobs} processes")
@@ -288,9 +287,9 @@ def logged_in(folder: Path, jobs: int, console: Console) -> Iterator[None]:
 
 
 def run_all(run: Run, names: Sequence[str] = ()) -> None:
-    """Run all stages in order except those whose result is current, or run the named stages in any case.
+    """Run all stages whose results are not current, or the named stages in any case.
 
-    FitError where the fit cannot be trusted; StudyError where a result that a named stage reads is missing or outdated.
+    FitError if the fit cannot be trusted; StudyError if a named stage reads a result that is missing or outdated.
     """
     for name in names:
         run.require_stage(name)
@@ -300,41 +299,41 @@ def run_all(run: Run, names: Sequence[str] = ()) -> None:
     modules = [stage.module for name, stage in stages.items() if names or not run.is_current(name)]
     if run.jobs > 1 and modules:
         load_for_workers(modules)
-    with logged_in(run.folder, run.jobs, run.console), persistent_workers():
+    with open_run_folder(run.folder, run.jobs, run.console), persistent_workers():
         run.console.shows_tables = bool(names) or run.console.verbosity > 0
         for name, stage in stages.items():
             if names:
                 run.require(name)
-                carry_out(run, name)
+                run_stage(run, name)
             elif run.is_current(name):
                 run.console.say(f"{name}: up to date, {run.path(name).name} kept")
-                # Of a stage that was killed after its result was written and before it had tidied up.
+                # Left by a run that was killed between writing the result and removing its parts.
                 shutil.rmtree(run.partial(name), ignore_errors=True)
-                keep_checksums(run.folder, stage.texts)
+                save_checksums(run.folder, stage.texts)
             else:
                 path, damaged = run.path(name), [run.folder / file for file in changed_texts(run.folder, stage.texts)]
                 damaged += [path] * (path.suffix == ".h5" and path.is_file() and not is_intact(path))
                 for file in damaged:
                     run.console.warn(f"{file} was modified after it was written and is made again")
-                carry_out(run, name)
+                run_stage(run, name)
         run.console.shows_tables = True
         for conclude in dict.fromkeys(stage.conclude for stage in stages.values() if stage.conclude):
             resolve_name(conclude)(run)
 
 
-def carry_out(run: Run, name: str) -> None:
-    """Run a stage with its inputs, write its files, report, and then raise the error of a stage that failed."""
+def run_stage(run: Run, name: str) -> None:
+    """Run a stage, write its files, report, and then raise its error if it failed."""
     stage, names = run.stages[name], [*run.stages]
     first = names.index(name)
     later_stages = [later for later in names[first:] if later == name or not run.is_current(later)]
     texts = {text for later in later_stages for text in run.stages[later].texts}
-    # Else they would be read as results where this stage fails.
+    # If this stage fails, outdated texts must not remain as results.
     remove_texts(run.folder, texts - {text for earlier in names[:first] for text in run.stages[earlier].texts})
-    artefacts = resolve_name(stage.function)(stage.sees(run.study), run.work(name))
+    artefacts = resolve_name(stage.function)(stage.select_keys(run.study), run.work(name))
     artefact = run.path(name)
     old_paths = list(run.overwritten(name).values())
     if artefacts.error is not None and artefact.name not in artefacts.files:
-        old_paths.append(artefact)  # what a failed stage leaves does not stand beside an older result
+        old_paths.append(artefact)  # an older result does not belong to the summary of the failure
     for result in old_paths:
         result.unlink(missing_ok=True)
     for file, write in artefacts.files.items():
@@ -344,11 +343,11 @@ def carry_out(run: Run, name: str) -> None:
     artefacts.report(run.console)
     if artefacts.error is not None:
         raise artefacts.error
-    keep_checksums(run.folder, stage.texts)
+    save_checksums(run.folder, stage.texts)
     if name == "measure" and run.study.experiment.recorded is not None:
         try:
             load_with_logs(run.loaded.path, run.loaded.overrides)
-        except StudyError as error:  # what `check` refuses, and the import does not
+        except StudyError as error:  # `check` finds errors that the import does not
             run.console.warn(str(error))
 
 

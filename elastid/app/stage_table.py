@@ -1,7 +1,7 @@
-"""The table of stages: for each kind of study the keys that a stage reads, its artefacts and its function.
+"""Table of stages: for each kind of study the keys that a stage reads, its artefacts and its function.
 
-A further stage is a row here and a file below `stages`. Functions stand as text, so that the command line, which knows
-the names of all stages, loads none of them.
+A further stage is a row here and a file in `stages`. Functions are named as text, so that the command line does not
+import them.
 """
 
 from collections.abc import Iterable
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Stage:
-    """A stage of some kinds of study: function(study, work) -> Artefacts, see `elastid.app.run`.
+    """Stage of some kinds of study: function(study, work) -> Artefacts, see `elastid.app.run`.
 
-    leaves: files, folders and patterns; the first file carries the stamp, the second is for programs.
-    keys: of the study, as `fit`, `fit.focus`; without `-fit.starts` of a section; `text` is the study's text.
-    All other keys are at their defaults in the study that the function is handed, but for `experiment`.
-    after: earlier stages whose results it reads, where a study has them; `measure?`: also without its result.
-    needs: a section without which a study has not this stage.  conclude: "module:name", called with the run at its
-    end; it shows the result, FitError where that cannot be trusted.
+    leaves: files, folders and patterns that it writes; the first file has the stamp, the second is for programs.
+    keys: keys of the study that it reads, such as `fit`, `fit.focus`; `-fit.starts` excludes a key of a section; `text`
+    is the text of the study; `experiment` is always included. The function gets defaults for all other keys.
+    after: earlier stages whose results it reads if the study has them; `measure?`: the result may be missing.
+    needs: section that a study with this stage must have.  conclude: "module:name", called with the run at its end;
+    shows the result and raises FitError if it cannot be trusted.
     """
 
     name: str
@@ -35,21 +35,21 @@ class Stage:
 
     @property
     def module(self) -> str:
-        """The module of its function."""
+        """Module of the function."""
         return self.function.partition(":")[0]
 
     @property
     def texts(self) -> tuple[str, ...]:
-        """Files, folders and patterns of its artefacts besides HDF5 files, which carry their own checksums."""
+        """Artefacts except HDF5 files, which contain their checksums."""
         return tuple(name for name in self.leaves if not name.endswith(".h5"))
 
     @property
     def sources(self) -> dict[str, bool]:
-        """Earlier stages that it reads, and True for those that may be missing."""
+        """Earlier stages that it reads, with True if the result may be missing."""
         return {name.removesuffix("?"): name.endswith("?") for name in self.after.split()}
 
-    def sees(self, study: "Study") -> "Study":
-        """Return the study with the keys that the stage reads, all others at their defaults."""
+    def select_keys(self, study: "Study") -> "Study":
+        """Return the study with the keys that the stage reads, and defaults for all others."""
         study_of_name = study if "name" in self.keys.split() else replace(study, name="study")
         selection: Study = _select(study_of_name, ["name", "experiment", *self.keys.split()])
         return selection
@@ -78,20 +78,20 @@ def files_of(study: "Study") -> list[str]:
     return names + [file.path for spec in of_responses if spec is not None for file in spec.files]
 
 
-# Keys of `experiment` that say where its data come from: the kinds of study with a robot.
+# Kinds of study with a robot, by the key of `experiment` that defines the data.
 SIMULATED, RECORDED, RESPONSES = "simulated", "recorded", "responses"
 WITH_A_ROBOT = (SIMULATED, RECORDED, RESPONSES)
-# Studies without a robot: responses of recorded logs alone, or responses from elsewhere.
+# Kinds of study without a robot: responses of logs, or responses of other programs.
 FRF, FRF_RESPONSES = "frf", "frf-responses"
-# Studies of friction.
+# Kinds of friction study.
 FRICTION, FRICTION_RECORDED = "friction", "friction-recorded"
 OF_FRICTION = (FRICTION, FRICTION_RECORDED)
 
-# The robot of stages before the fit, which do not depend on tolerances.
+# Stages before the fit do not depend on tolerances.
 ROBOT = "robot -robot.tolerances"
-# `fit` of a plan, which depends on no key of the search and the intervals.
+# A plan does not depend on the keys of the search for the optimum and of the intervals.
 PLANNED = "fit -fit.starts -fit.start_factor -fit.solver -fit.profile -fit.bootstrap -fit.seed"
-# Keys of everything that is said of a fit.
+# Keys of all stages from the fit on.
 FIT_KEYS = "name robot model fit seed"
 
 # A row: name, kinds, leaves, function, keys, earlier stages; then further properties.
@@ -165,8 +165,7 @@ STAGES = (
 )  # fmt: skip
 
 
-# Every name of a stage, in order.
-NAMES = tuple(dict.fromkeys(stage.name for stage in STAGES))
+NAMES = tuple(dict.fromkeys(stage.name for stage in STAGES))  # of all stages, in order
 
 
 def stages_of(kind: str) -> dict[str, Stage]:

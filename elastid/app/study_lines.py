@@ -1,4 +1,4 @@
-"""Lines of a study that `elastid new --from` writes: head, channels, files; guesses are marked with the reason."""
+"""YAML lines of a study for `elastid new --from`: head, channels, files; guesses are marked with their reason."""
 
 import json
 import os
@@ -13,15 +13,15 @@ DRIVE_UNIT = {"torque": "N*m", "force": "N", "current": "A", "voltage": "V"}
 
 
 def head_lines(kind: str, first: Path) -> Iterator[str]:
-    """Return the head of a study named by its kind, from the first of its files."""
+    """Yield the head of a study that is named by its kind; first: the first log."""
     yield "# yaml-language-server: $schema=study.schema.json"
     yield f"# Written by `elastid new --from` from {one_line(first.name)}. Check the lines marked `guessed`, then"
     yield "# `elastid check study.yml` and `elastid run study.yml`"
     yield f"name: {kind}"
 
 
-def joined(lines: Iterable[str]) -> str:
-    """Join rows that are not empty."""
+def join_lines(lines: Iterable[str]) -> str:
+    """Join lines that are not empty."""
     return "\n".join(filter(None, lines)) + "\n"
 
 
@@ -31,13 +31,13 @@ def relative_paths(paths: Sequence[Path], folder: Path) -> list[str]:
 
 
 def quote(text: str) -> str:
-    """Quote a text for YAML: plain if possible, else as in JSON."""
+    """Quote a text for YAML unless it is a plain word."""
     is_plain = re.fullmatch(r"(?!(?i:null|true|false|yes|no|on|off)$)[A-Za-z]\w*([. ]\w+)*", text)
     return text if is_plain else json.dumps(text, ensure_ascii=False)
 
 
 def channel_line(role: str, place: str, guess: ChannelGuess, of_robot: str = "") -> str:
-    """Return the YAML row of a channel. of_robot: `torque` or `force`, the quantity of a robot's drive; else empty."""
+    """Return the YAML line of a channel. of_robot: `torque` or `force`, the quantity of a robot's drive; else empty."""
     quantity, scale, why = guess.quantity, guess.scale, guess.why
     unit = guess.unit or DRIVE_UNIT.get(quantity, "")
     keys: dict[str, object] = {
@@ -59,10 +59,10 @@ def channel_line(role: str, place: str, guess: ChannelGuess, of_robot: str = "")
 
 
 def file_line(path: str, **keys: object) -> str:
-    """Return the YAML row of a file with its keys."""
+    """Return the YAML line of a file with its keys."""
     return f"      - {mapping({'path': quote(path), **keys})}"
 
 
 def mapping(keys: Mapping[str, object]) -> str:
-    """Return a mapping in one row, without empty keys."""
+    """Return a YAML mapping in one line, without keys that have no value."""
     return f"{{{', '.join(f'{key}: {value}' for key, value in keys.items() if value is not None)}}}"

@@ -1,7 +1,4 @@
-"""Results of an identification as values: modes, and summary.json and validation.json, both of a fixed form.
-
-Sections of them are made of fields and properties of a result; those that are not, replace one in its place.
-"""
+"""Contents of summary.json and validation.json, from fields and properties of results; rows of modes."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -22,7 +19,7 @@ from elastid.nonlinear.compensated_friction import CompensatedFriction, friction
 from elastid.report.content import ParameterRow
 from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
 from elastid.robot import Robot
-from elastid.store.values import SCHEMA, json_value, write_json
+from elastid.store.kinds import SCHEMA, json_value, write_json
 from elastid.validation.frf_error import FrfError, Validation
 from elastid.validation.log_comparison import NO_COMPARISON, BandBalance, LogComparison, TorqueBalance
 
@@ -35,7 +32,7 @@ Content: TypeAlias = dict[str, Any]
 
 
 def modes_of(fitted: FittedRobot) -> tuple[ModeRow, ...]:
-    """Return the modes of the fitted model with free motors, by configuration."""
+    """Return the modes of the fitted model with free motors, a row for each configuration."""
     return tuple(_mode_row(fitted.model, model) for model in fitted.models)
 
 
@@ -46,7 +43,7 @@ def _mode_row(elastic: ElasticModel, model: FittedModel) -> ModeRow:
     energy = strain_energy(elastic, theta[:-1], point, shapes)
     names, n_l = spring_names(robot), len(robot.joints)
     fractions = np.vstack([energy.fraction, energy.load])
-    mask = fractions[-1] < 0.5  # a pendulum under gravity is no mode of springs
+    mask = fractions[-1] < 0.5  # without pendulum modes under gravity
     return ModeRow(
         *(configuration.name, modal.freq_hz[mask], modal.zeta[mask], modal.freq_std[mask], modal.zeta_std[mask]),
         *(elastic.coordinates, shapes[:, mask]),
@@ -62,20 +59,17 @@ def as_json(content: Mapping[str, Any]) -> Write:
 
 
 def section(value: Any, names: str, **of_each: str) -> Content:
-    """Return fields and properties of a value by name, or by `name=attribute` under another name.
-
-    of_each: rows of each entry of a field.
-    """
+    """Return fields and properties of a value (`name=attribute` renames); of_each: names for entries of a field."""
     pairs = (name.partition("=") for name in names.split())
     content = {name: json_value(getattr(value, attribute or name)) for name, _, attribute in pairs}
     return content | {name: [section(row, keys) for row in getattr(value, name)] for name, keys in of_each.items()}
 
 
-_AGAINST = "ratio ratio_std chi_square dof cause"
+_CHECK = "ratio ratio_std chi_square dof cause"
 
 
 def failure(name: str, starts: int, message: str) -> Content:
-    """Return summary.json of a failed fit, by the name of its study: the same keys, no numbers."""
+    """Return summary.json of a failed fit of study `name`: the same keys without numbers."""
     lists = (
         "correlations_above_0.9", "modification_indices", "assumed_rigid", "presliding", "modes", "frf_error",
         "warnings", "notes"
@@ -95,10 +89,7 @@ def summary(
     notes: Sequence[Note],
     friction: CompensatedFriction | None = None,
 ) -> Content:
-    """Return the content of summary.json; notes of fit, friction and measured responses, in this order.
-
-    name, robot: of the study.  rows: of the free parameters.
-    """
+    """Return summary.json of study `name`, with rows of its free parameters and notes of its measured responses."""
     all_notes = (*result.notes, *(friction.notes if friction is not None else ()), *notes)
     names, r, n_of_interest = result.parameters.free_names, result.correlation, len(result.parameters.of_interest)
     above = np.argwhere(np.triu(np.abs(r[:n_of_interest, :n_of_interest]), 1) > 0.9)
@@ -109,7 +100,7 @@ def summary(
             presliding="place unit stiffness stiffness_std rate rate_std amplitude",
         ),
         "parameters": _parameters(result, rows),
-        # Numbers of the robot's file that moved within their tolerances: the file's value, tolerance, and estimate.
+        # Values of the robot model with tolerances: nominal value (file), tolerance, and estimate.
         "nuisance_parameters": {
             p.name: {
                 "value": result.values[p.name],
@@ -139,13 +130,15 @@ def summary(
             | {"changes": dict(zip(names[:n_of_interest], json_value(rigid_part.changes), strict=True))}
             for rigid_part in result.assumed_rigid
         ],
-        # Load tests in m, and responses at the tool, compared with the responses of the motors.
+        # Load tests (m) and responses at the tool, compared with the responses of the motors.
         "static_loads": result.static
         and section(
-            result.static, _AGAINST, readings="configuration frame direction measured std by_responses by_responses_std"
+            result.static,
+            _CHECK,
+            readings="configuration frame direction measured std by_responses by_responses_std",
         ),
         "tool_responses": result.tool
-        and section(result.tool, _AGAINST, responses="configuration motors inputs outputs rms_log_db"),
+        and section(result.tool, _CHECK, responses="configuration motors inputs outputs rms_log_db"),
         "modes": [section(row, "configuration frequency_hz damping_ratio") for row in mode_rows],
         "frf_error": [section(agreement, f"configuration {_ERRORS}") for agreement in agreements],
         "warnings": [str(group) for group in group_notes(all_notes)],
@@ -156,9 +149,8 @@ def summary(
 def validation_summary(name: str, validation: Validation, log_comparison: LogComparison = NO_COMPARISON) -> Content:
     """Return the content of validation.json: validation.h5 without curves.
 
-    configurations: FRF errors, of the fit or, where left_out, of the prediction.  predictions: of responses at the
-    tool.  verdict: the same in words.  torque: shares of the parts of the model.  log_comparison: errors of the model
-    simulated along a record.
+    configurations: FRF errors of the fit or, for validation configurations, of the prediction.  predictions: responses
+    at the tool.  log_comparison: torque fractions of model terms, and errors of the simulation along a record.
     """
     agreement = f"configuration is_validation {_ERRORS}"
     return {
@@ -181,10 +173,10 @@ def friction_study_summary(
     log_comparison: LogComparison = NO_COMPARISON,
     validation: LogComparison = NO_COMPARISON,
 ) -> Content:
-    """Return summary.json of a friction study: parameters with intervals and origin, others with reasons, ranges.
+    """Return summary.json of a friction study.
 
-    log_comparison: fraction of the torque by model term, and simulation errors along the logs.
-    validation: the same quantities for validation logs.  rigid_bodies: base parameters of joints that moved together.
+    log_comparison: torque fractions of model terms, and simulation errors along the logs.  validation: the same for
+    validation logs.
     """
     all_notes = (*result.notes, *notes_of(result.joints))
     measured = {joint.joint: joint.friction and joint.friction.measured for joint in result.joints}
@@ -209,7 +201,7 @@ def friction_study_summary(
         },
         "rigid_bodies": [_rigid_body(body) for body in result.rigid_bodies],
         **_log_comparison(log_comparison),
-        "validation": predicted(validation),
+        "validation": prediction_summary(validation),
         "measured": {
             joint: {name: json_value(ranges and getattr(ranges, name)) for name in ("speed", "load", "temperature")}
             for joint, ranges in measured.items()
@@ -219,8 +211,8 @@ def friction_study_summary(
     }
 
 
-def predicted(prediction: LogComparison) -> Content:
-    """Return torque and simulation of logs that were predicted; not_predicted: reasons by joint."""
+def prediction_summary(prediction: LogComparison) -> Content:
+    """Return the comparison with predicted logs; not_predicted: reasons by joint."""
     return {"not_predicted": dict(prediction.missing)} | _log_comparison(prediction)
 
 
@@ -232,7 +224,7 @@ def _rigid_body(body: "RigidBody") -> Content:
 
 
 def failed_friction(name: str, message: str) -> Content:
-    """Return summary.json of a failed friction study: the same keys without the log comparison, no numbers."""
+    """Return summary.json of a failed friction study: the same keys without numbers and log comparison."""
     return _head(name, "failed", message) | {
         "parameters": {}, "not_identified": [], "motions": {}, "torque": [], "measured": {}, "rigid_bodies": [],
         "validation": None, "warnings": [], "notes": [],
@@ -255,7 +247,7 @@ def list_notes(notes: Iterable[Note]) -> list[Content]:
 
 
 def _log_comparison(log_comparison: LogComparison) -> Content:
-    """Return torque contributions, over all and by octave, and errors of runs, without the signals."""
+    """Return torque fractions, in total and by octave, and errors of simulations, without the signals."""
     signal, fractions = "signal=kind place error", "unexplained_fraction unexplained_without_friction"
     of_band = f"low_hz high_hz power {fractions}"
     return {
@@ -298,9 +290,8 @@ def _friction_section(
 ) -> list[Content] | None:
     """Return the section `friction` of summary.json, one entry per motor; None without compensation.
 
-    Torques in the motor's unit on the link side, thresholds in rad (m) there, of a sign in rad/s (m/s).  before, after:
-    amplitude of the torque that no response explains, by configuration.  coulomb: F_c on the motor side, as the robot's
-    file has it under `motor`.
+    Torques and thresholds are link-side values; thresholds in rad (m), for the kind sign in rad/s (m/s).  before,
+    after: unexplained torque amplitude by configuration.  coulomb: F_c on the motor side, for the robot model.
     """
     if friction is None:
         return None

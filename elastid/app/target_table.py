@@ -1,7 +1,7 @@
-"""Targets of `elastid export`: own rows and rows of installed packages (entry points elastid.targets).
+"""Table of the targets of `elastid export`, with targets of installed packages (entry points elastid.targets).
 
-A further target is a file with a row `Target`, and its tag here. Modules stand as text, so that the command line loads
-none of them.
+A further target is a file with a row `Target`, and its tag here. Modules are named as text, so that the command line
+does not import them.
 """
 
 from importlib import import_module
@@ -47,6 +47,6 @@ def explain_targets(tag: str = "") -> str:
 
 
 def _package_targets() -> "tuple[EntryPoint, ...]":
-    from elastid.base.entry_points import group_entries  # reads files of all packages, which the first lines do without
+    from elastid.base.entry_points import group_entries
 
     return tuple(entry for entry in group_entries(GROUP) if entry.name not in MODULES)

@@ -21,10 +21,7 @@ SCHEDULER: ContextVar[str] = ContextVar("scheduler", default="")
 
 @contextmanager
 def on_dask(address: str) -> Iterator[None]:
-    """Send work inside to the Dask scheduler at `address`; to processes for an empty address.
-
-    Raises ElastidError if Dask is not installed or does not answer.
-    """
+    """Send work inside to a Dask scheduler, or to processes for an empty address; ElastidError without an answer."""
     if address:
         with connect(address):  # a failure now, not after hours of work
             pass

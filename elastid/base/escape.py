@@ -9,7 +9,6 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
-_FORMULA = tuple("=+-@\t\r")  # a spreadsheet interprets a cell that begins with one of these as a formula
 # CasADi allows neither double underscores nor keywords in names of functions; the prefix `joint` prevents keywords.
 _NOT_IN_IDENTIFIER = re.compile(r"[\W_]+", re.ASCII)
 
@@ -105,15 +104,14 @@ def group_name(name: str) -> str:
 
 
 def csv_cell(value: Any) -> Any:
-    """Format a cell of a spreadsheet table. Numbers stay as they are; a text that starts like a formula gets a leading
-    apostrophe, and line breaks are removed.
+    """Format a cell of a spreadsheet: a text that starts like a formula gets an apostrophe, line breaks are escaped.
 
     >>> csv_cell("=1+1"), csv_cell("k_1"), csv_cell(-1.0)
     ("'=1+1", 'k_1', -1.0)
     """
     if not isinstance(value, str):
         return value
-    return f"'{one_line(value)}" if value.startswith(_FORMULA) else one_line(value)
+    return f"'{one_line(value)}" if value.startswith(tuple("=+-@\t\r")) else one_line(value)
 
 
 def uff_text(text: str) -> str:

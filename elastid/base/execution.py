@@ -138,15 +138,16 @@ class Execution:
 
     def resumed(self, function: Callable[[Item], Value], items: Sequence[Item], names: Sequence[str]) -> list[Value]:
         """Return `ordered` without computing values that the checkpoint has by name; add new values to it."""
-        todo = [index for index, name in enumerate(names) if name not in self.checkpoint]
-        n_done = len(items) - len(todo)
+        results = {name: self.checkpoint[name] for name in names if name in self.checkpoint}
+        todo, n_done = [pair for pair in zip(names, items, strict=True) if pair[0] not in results], len(results)
 
         def progress(done: int, total: int) -> None:
             self.progress(done + n_done, total + n_done)
 
-        for i, value in replace(self, progress=progress).unordered(function, [items[index] for index in todo]):
-            self.checkpoint[names[todo[i]]] = value
-        return [self.checkpoint[name] for name in names]
+        for i, value in replace(self, progress=progress).unordered(function, [item for _, item in todo]):
+            name, _ = todo[i]
+            results[name] = self.checkpoint[name] = value
+        return [results[name] for name in names]
 
 
 SERIAL = Execution(0)  # in this process alone

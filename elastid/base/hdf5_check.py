@@ -14,10 +14,7 @@ from elastid.base.errors import DataError
 
 
 def check_self_contained(file: Any) -> None:
-    """Raise DataError, with the location, for an open h5py.File that names data in other files.
-
-    Also for a file whose groups contain themselves or that declares more data than it can contain.
-    """
+    """Raise DataError if an open h5py.File names data in other files, contains itself, or declares too much data."""
     root = file["/"].id
     if next(islice(_members(file.filename, root, "", (_address(root),)), 100_000, None), None) is not None:
         text = "more than 100000 groups and datasets are in it; export fewer signals"
@@ -25,10 +22,7 @@ def check_self_contained(file: Any) -> None:
 
 
 def _members(path: str, group: Any, parent: str, ancestors: tuple[int, ...]) -> Iterator[str]:
-    """Check each member below a group (h5py.h5g.GroupID, twice as fast as h5py.Group), then yield its path.
-
-    ancestors: addresses of the groups that contain it.
-    """
+    """Check each member below a group (h5py.h5g.GroupID), then yield its path; ancestors: addresses of groups."""
     for key in group:
         name = f"{parent}/{key.decode(errors='replace')}"
         if group.links.get_info(key).type == h5l.TYPE_EXTERNAL:

@@ -144,10 +144,7 @@ def move_beside(source: NDArray[Any] | None, values: NDArray[Any]) -> NDArray[An
 
 
 def move_to_file(folder: Path, values: NDArray[Any]) -> NDArray[Any]:
-    """Move values, read-only, into a temporary file of a folder; return `values` if no file can be written there.
-
-    `release` releases their memory.
-    """
+    """Move values, read-only, into a temporary file of a folder; return `values` themselves if this is impossible."""
     if not hasattr(mmap, "MADV_DONTNEED"):
         return values
     values, key = np.ascontiguousarray(values), (os.getpid(), folder)

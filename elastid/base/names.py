@@ -15,8 +15,6 @@ from unicodedata import normalize
 MAX_NAME_LENGTH = 100
 MAX_FILE_NAME_BYTES = 200  # systems allow 255; file names add a number, a stamp and an extension
 SEPARATOR = "@"  # between the name of a parameter and its group
-_AMPLITUDE = re.compile(r" amplitude [1-9][0-9]*$")  # second and further amplitudes of a configuration
-_NOT_IN_FILE_NAMES = '/\\:*?"<>|'
 # Windows reserves these names, with any extension.
 _DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{port}{i}" for port in ("COM", "LPT") for i in range(1, 10))}
 
@@ -60,7 +58,7 @@ class NameRule:
             return ""
         is_long = len(name.encode("utf-8", "surrogatepass")) > MAX_FILE_NAME_BYTES
         is_device = name.split(".")[0].upper() in _DEVICES  # of Windows
-        if is_long or is_device or "." in (name[0], name[-1]) or not {*name}.isdisjoint(_NOT_IN_FILE_NAMES):
+        if is_long or is_device or "." in (name[0], name[-1]) or not {*name}.isdisjoint('/\\:*?"<>|'):
             return f'cannot name a file: no / \\ : * ? " < > |, outer dot, device, or over {MAX_FILE_NAME_BYTES} bytes'
         return ""
 
@@ -93,7 +91,7 @@ def posture_of(configuration: str) -> str:
     >>> posture_of("bent amplitude 2")
     'bent'
     """
-    return _AMPLITUDE.sub("", configuration)
+    return re.sub(r" amplitude [1-9][0-9]*$", "", configuration)
 
 
 @lru_cache(maxsize=4096)

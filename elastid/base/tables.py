@@ -49,11 +49,9 @@ def _with_point(cell: str, separator: str) -> str:
     return cell if separator == "," else re.sub(number, r"\1.\2", cell)
 
 
-_HEADING = re.compile(r"(?:joint\s+)?(.*?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|\s*(°)|\s+(deg|degrees?|rad|m|s))?")
-
-
 def name_and_unit(heading: str) -> tuple[str, str]:
     """Split a column heading into name and unit: `1 deg`, `1 (deg)` and `joint 1 [deg]` are 1 and deg."""
-    match = _HEADING.fullmatch(heading)
+    pattern = r"(?:joint\s+)?(.*?)(?:\s*[\[(]\s*([^\])]*?)\s*[\])]|\s*(°)|\s+(deg|degrees?|rad|m|s))?"
+    match = re.fullmatch(pattern, heading)
     name, *units = match.groups() if match else (heading,)
     return name, next(filter(None, units), "")

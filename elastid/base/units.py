@@ -59,8 +59,6 @@ SPELLINGS = {
     for unit in TABLE
 }
 
-_QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?$")
-
 
 @cache
 def table_unit(unit: str) -> str:
@@ -115,7 +113,7 @@ def to_si(value: Any, *dimensions: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise ValueError(f"expected a number in {expected_units} or a text such as '1 {dimensions[0]}'")
     if isinstance(value, str):
-        match = _QUANTITY.match(value)
+        match = re.match(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?$", value)
         if match is None:
             raise ValueError(f"'{value}' is not a number with a unit; write for example '1 {dimensions[0]}'")
         unit = (match[2] or "").strip()

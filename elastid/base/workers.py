@@ -121,10 +121,7 @@ def outcomes(
 
 
 def load_for_workers(modules: Sequence[str]) -> None:
-    """Preload modules in the fork server, so that workers start with imported modules.
-
-    Returns at once. Has no effect if the fork server runs already.
-    """
+    """Start to preload modules in the fork server, so that workers start with them; no effect if it runs already."""
     if start_method() != "forkserver":
         return
     from multiprocessing import forkserver, resource_tracker  # not on every system
@@ -232,10 +229,7 @@ class WorkerState:
         self._function: Callable[[Any], Any] | None = None
 
     def answer(self, message: bytes) -> Any:
-        """Return the packed outcome of a message's item; None for the message REST.
-
-        Raises LostError for an item without a function: the function went to a process that has died.
-        """
+        """Return the packed outcome of an item, None for REST; LostError if the function went to a dead process."""
         if message == REST:
             self._function = None
             return None

@@ -1,1 +1,1 @@
-"""The report of a study: figures and the page."""
+"""Report of a study: contents, answers in words, figures and the HTML page."""

@@ -1,8 +1,8 @@
-"""Answers of commands that use a fit: a map of the workspace, a move, joint loops."""
+"""Answers of the commands map, tune and loops in sentences and tables."""
 
 import numpy as np
 
-from elastid.base.display import Answer, Display, degrees, number, percent
+from elastid.base.display import Answer, Display, capitalise, degrees, number, percent
 from elastid.report.figures.use import SHOWN
 from elastid.use.closed_loops import LIMIT_DB
 from elastid.use.loops import Loops, LoopState
@@ -12,17 +12,17 @@ from elastid.use.tune import TunedMove
 
 
 def answer_of_map(workspace: WorkspaceMap) -> Answer:
-    """Describe the softness of the robot: where, by which springs, and the softest postures."""
+    """Describe the compliance of the robot: softest postures, and contributions of the springs."""
     m = workspace.sample
     C, order = m["softest_compliance"], m.softest
     soft, stiff = int(order[0]), int(order[-1])
     position = ", ".join(number(float(c), 3) for c in m.position[soft])
-    part, force = float(m.compliance_fraction[soft].max(initial=0.0)), ", ".join(f"{F:g}" for F in m.load)
+    fraction, force = float(m.compliance_fraction[soft].max(initial=0.0)), ", ".join(f"{F:g}" for F in m.load)
     softest = [
         (
-            str(int(m.asked[i]) + 1), degrees(m.angles[i].tolist(), m.sliding), _text(C.value[i], "m/N"),
+            str(int(m.asked[i]) + 1), degrees(m.angles[i].tolist(), m.sliding), _value(C.value[i], "m/N"),
             f"{100 * float(C.relative_std[i]):.2g} %", ", ".join(f"{c:.2f}" for c in m.axes[i, :, 0].tolist()),
-            _text(m["frequency_1"].value[i], "Hz"), _text(m["depth_of_cut"].value[i], "m"), m.limiting_springs[i],
+            _value(m["frequency_1"].value[i], "Hz"), _value(m["depth_of_cut"].value[i], "m"), m.limiting_springs[i],
         )
         for i in order[:N_SOFTEST].tolist()
     ]  # fmt: skip
@@ -34,12 +34,12 @@ def answer_of_map(workspace: WorkspaceMap) -> Answer:
     exclusions = f"; {len(m.refused)} postures without equilibrium excluded" if len(m.refused) else ""
     answers = (
         ("Where is it soft?", (
-            f"{len(workspace)} postures: {_text(C.value[stiff], 'm/N')} to {_text(C.value[soft], 'm/N')} in the "
+            f"{len(workspace)} postures: {_value(C.value[stiff], 'm/N')} to {_value(C.value[soft], 'm/N')} in the "
             f"softest direction. Softest: posture {m.asked[soft] + 1} with {m.frame} at ({position}) m{exclusions}.",
         )),
         ("What limits it, and what helps?", (
             f"The stiffness of {m.limiting_springs[soft]}: 1 % more reduces the compliance in the softest posture "
-            f"by {part:.2g} %.",
+            f"by {fraction:.2g} %.",
         )),
         ("What next?", ("Cut along the stiff direction, in postures with a large chatter-free depth.",)),
     )  # fmt: skip
@@ -56,7 +56,7 @@ def answer_of_map(workspace: WorkspaceMap) -> Answer:
             ),
             Display(
                 "Springs", ("spring", "limits", "part"),
-                [(name, percent(limits), percent(part)) for part, name, limits in sorted(springs)[::-1]],
+                [(name, percent(limits), percent(fraction)) for fraction, name, limits in sorted(springs)[::-1]],
             ),
         ),
         (
@@ -68,24 +68,24 @@ def answer_of_map(workspace: WorkspaceMap) -> Answer:
     )  # fmt: skip
 
 
-def _text(value: float, unit: str) -> str:
+def _value(value: float, unit: str) -> str:
     unit_shown, factor = SHOWN[unit]
     return f"{number(factor * float(value), 3)} {unit_shown}" if np.isfinite(value) else "no limit"
 
 
 def answer_of_move(tuned: TunedMove) -> Answer:
-    """Describe a move: its time, its accuracy against rigid feedforward, its use of the motors' limits."""
+    """Describe a move: duration, path error compared with rigid feedforward, and use of the motor limits."""
     rigid, last, has_samples = tuned.outcomes[0], tuned.outcomes[-1], bool(tuned.samples)
     fractions = np.array([np.abs(getattr(tuned, kind)).max(axis=0) for kind in KINDS]) / tuned.limits
     kind, i = np.unravel_index(int(np.argmax(fractions)), fractions.shape)
     peak = f"{list(KINDS)[kind]} of motor {tuned.joints[i]} reaches {percent(fractions[kind, i], 3)} of its limit"
     sentence = f"Yes. Closest to a limit: {peak}." if fractions.any() else "No limit is given."
-    exact = (
+    accuracy = (
         f"{tuned.duration:.4g} s: largest path error of {tuned.frame} {number(1e3 * last.largest, 3)} mm on the "
         f"{tuned.judge} (rigid feedforward: {number(1e3 * rigid.largest, 3)} mm); residual vibration "
         f"{number(rigid.residual / max(last.residual, 1e-12), 3)} times smaller."
     )
-    on_draws = (
+    sample_sentence = (
         f"{tuned.samples} posterior samples: largest error by elasticity {number(1e3 * float(last.high.max()), 3)} mm "
         f"(95 %), torques up to {100 * (tuned.max_torque / tuned.limits[3]).max():.0f} % of their limits."
         + (
@@ -109,9 +109,9 @@ def answer_of_move(tuned: TunedMove) -> Answer:
     return Answer(
         f"Move of {tuned.name}",
         (
-            ("How exactly does the tool follow?", tuple(filter(None, (exact, on_draws)))),
+            ("How exactly does the tool follow?", tuple(filter(None, (accuracy, sample_sentence)))),
             ("Do the motors keep their limits?", (sentence,)),
-            ("What next?", (advice[0].upper() + advice[1:],)),
+            ("What next?", (capitalise(advice),)),
         ),
         (
             Display("Error of the tool in mm", ("command", "largest", "rms", "static", "vibration"), errors),
@@ -126,15 +126,15 @@ def answer_of_move(tuned: TunedMove) -> Answer:
 
 
 def answer_of_loops(loops: Loops) -> Answer:
-    """Describe both controllers, and the limits of the designed one."""
+    """Describe the present and the designed controller, and the limits of the designed gains."""
     new_loops, old_loops = loops.designed, loops.today
     worst = int(np.argmax(new_loops.peak_db))
-    lines = [f"{new_loops.name}: {_state_words(new_loops)}."]
+    lines = [f"{new_loops.name}: {_loop_sentence(new_loops)}."]
     lines.append(f"Its gain is limited in posture {new_loops.postures[worst]}: {new_loops.limited_by[worst]}.")
     if loops.count:
         rate = 100 * float(np.mean(new_loops.drawn_peaks_db <= LIMIT_DB))
         lines.append(f"{rate:.3g} % of {loops.count} posterior samples stay below {LIMIT_DB:g} dB in all postures.")
-    of_today = f"{old_loops.name}: {_state_words(old_loops)}." if old_loops else "The study has no controller."
+    present = f"{old_loops.name}: {_loop_sentence(old_loops)}." if old_loops else "The study has no controller."
     peaks = [
         (loop.name, posture, number(peak, 3), f"{number(low, 3)} to {number(high, 3)}" if loops.count else "–", cause)
         for loop in loops.states
@@ -157,7 +157,7 @@ def answer_of_loops(loops: Loops) -> Answer:
         f"Joint loops of {loops.name}",
         (
             ("How fast may the loops be?", tuple(lines)),
-            ("How good is the present controller?", (of_today,)),
+            ("How good is the present controller?", (present,)),
             ("What next?", ("Simulate the gains first: add the section of loops.yml to a study and run it.",)),
         ),
         (
@@ -174,7 +174,7 @@ def answer_of_loops(loops: Loops) -> Answer:
     )  # fmt: skip
 
 
-def _state_words(state: LoopState) -> str:
+def _loop_sentence(state: LoopState) -> str:
     if unstable := [name for name, peak in zip(state.postures, state.peak_db, strict=True) if not np.isfinite(peak)]:
         return f"unstable in posture {', '.join(unstable)}"
     lowest = state.bandwidth_hz.min(axis=0)

@@ -1,4 +1,4 @@
-"""The content of a report as one value: parameter rows, lines of the model, results of stages, tables of gears."""
+"""Contents of the report page: results of all stages, rows of parameters and gear effects, curves of the model."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from elastid.response import Response
 from elastid.robot import Robot
 from elastid.validation.log_comparison import NO_COMPARISON, LogComparison
 
-if TYPE_CHECKING:  # most stages need none of what brings these
+if TYPE_CHECKING:  # slow imports
     from elastid.design.forecast import Forecast, LimitUse
     from elastid.experiment.plan.plan import Plan
     from elastid.fit.fitted_robot import FittedRobot
@@ -31,22 +31,20 @@ if TYPE_CHECKING:  # most stages need none of what brings these
     from elastid.validation.measured_modes import MeasuredModes
 
 
-# Types of the values of figures in fit.h5.
+# Types of the values for figures in fit.h5.
 MODES, DENSE = tuple[ModeRow, ...], tuple[tuple[Response, FloatArray], ...]
 
 
 @dataclass(frozen=True)
 class ReportContent:
-    """One identification: its result, the evidence for it, and its provenance.
+    """Content of the page of an identification: result, validation, and provenance.
 
-    verdict: one sentence.  frf: measured and modelled response of each configuration, left-out ones too.
-    truth: parameter names to SI values where the rig is simulated.  plan: None where the excitation was not planned
-    here; forecast and limit_use belong to it, and robot is drawn in its configurations.
-    friction: compensated in the responses.  contents: of viscous coefficients, in words.
-    log_comparison: torque of the motors by part, and simulation along a record.  gears: None without the stage.
-    dense: for each of frf the model on lines of its own, among them the measured ones, and its standard deviation
-    (L, n_y, n_u), due to that of its parameters.
-    provenance: name to text (version, seed, ...), shown as it is; without a date in it the page is reproducible.
+    verdict: one sentence.  frf: measured and modelled response of each configuration, including validation
+    configurations.  truth: true values by parameter (SI) of a simulated rig.  plan, forecast, limit_use: None without a
+    planned excitation.  friction: compensated in the responses.  contents: texts on viscous coefficients.
+    log_comparison: torque balances, and simulation along a record.  gears: None without the stage.  dense: for each
+    response in frf, the model on a denser grid with its standard deviation (L, n_y, n_u).  provenance: text by name,
+    without a date, so that the page is reproducible.
     """
 
     title: str
@@ -77,25 +75,25 @@ class ReportContent:
 
     @property
     def repairs(self) -> dict[str, dict[str, int]]:
-        """Configuration to repairs of its records and findings in them, with their counts; those that have any."""
+        """Counts of repairs and findings in the records, by configuration."""
         return _repairs(measured for measured, _ in self.frf)
 
     @property
     def notes(self) -> tuple[NoteGroup, ...]:
-        """Notes of the fit, its missing modes, then of the measured responses; the same from many places once."""
+        """Notes of the fit, on missing modes, and of the measured responses; equal notes are grouped."""
         notes = tuple(note for measured, _ in self.frf for note in measured.notes)
         notes = notes if self.gears is None else self.gears.unanswered_notes(notes)
         return group_notes((*self.result.shown_notes, *self.missing_modes, *notes))
 
     @property
     def missing_modes(self) -> tuple[Note, ...]:
-        """Notes on missing modes of the model; empty if one cause explains the residuals and shifts modes, too."""
+        """Notes on missing modes of the model; empty if one cause explains the residuals and the modes."""
         return () if self.result.has_single_cause else notes_of(self.measured_modes)
 
 
 @dataclass(frozen=True)
 class ResponsesContent:
-    """Measured responses, their modes, compensated friction, the text of the study and its provenance."""
+    """Content of the page of measured responses without a robot: responses, modes, friction and provenance."""
 
     title: str
     responses: tuple[Response, ...]
@@ -107,17 +105,17 @@ class ResponsesContent:
 
     @property
     def notes(self) -> tuple[NoteGroup, ...]:
-        """Notes of the modes and responses; the same from many places once, with a count."""
+        """Notes of modes and responses; equal notes are grouped."""
         return group_notes((*notes_of(self.modes), *notes_of(self.responses)))
 
     @property
     def mode_rows(self) -> tuple[ModeRow, ...]:
-        """The modes of each response with their shapes, drawn where the geometry has their outputs."""
+        """Modes of each response with their shapes, with a drawing if the geometry has their outputs."""
         return tuple(measured_modes_row(modes, self.geometry) for modes in self.modes)
 
     @property
     def synthesised(self) -> tuple[Response | None, ...]:
-        """Return the modal model of each response; None if it covers only some lines."""
+        """Modal model of each response; None if it covers only some lines."""
         return tuple(
             replace(response, G=modes.synthesis, notes=(), quality=None, noise=None, total=None)
             if modes.n_modes and len(modes.at_hz) == response.n_lines
@@ -127,12 +125,12 @@ class ResponsesContent:
 
     @property
     def repairs(self) -> dict[str, dict[str, int]]:
-        """Configuration to repairs of its records and findings in them, with their counts; those that have any."""
+        """Counts of repairs and findings in the records, by configuration."""
         return _repairs(self.responses)
 
     @property
     def has_rate(self) -> bool:
-        """True where frequencies are in Hz, not in units of the sampling rate."""
+        """True if frequencies are in Hz, and not relative to an unknown sampling rate."""
         return all(response.has_rate for response in self.responses)
 
 
@@ -140,27 +138,26 @@ def _repairs(responses: Iterable[Response]) -> dict[str, dict[str, int]]:
     return {response.configuration.name: dict(response.repairs) for response in responses if response.repairs}
 
 
-# Lines over the whole band, and about each resonance, there at most so many half-widths (damping ratio times f) away.
-N_OVERALL, N_RESONANCE, HALF_WIDTHS = 200, 17, 4.0
-# Of all elements in all configurations together: with them a page of 20 configurations of six axes stays below 10 MB.
-MAX_VALUES = 330_000
+N_OVERALL = 200  # lines over the whole band
+N_RESONANCE, HALF_WIDTHS = 17, 4.0  # lines near each resonance, within so many half-widths (damping ratio times f)
+MAX_VALUES = 330_000  # of all elements and configurations: 20 configurations of six axes give a page below 10 MB
 
 
 def model_lines(
     freq_hz: FloatArray, resonances_hz: Sequence[float], zeta: Sequence[float], max_lines: int = MAX_VALUES
 ) -> FloatArray:
-    """Return rising frequencies: the measured lines freq_hz (F,), lines between them, and more near each resonance.
+    """Return increasing frequencies: the measured lines freq_hz (F,), further lines, and more near each resonance.
 
-    Of more than `max_lines` lines, those that were not measured are thinned.
+    If there are more than `max_lines`, lines that were not measured are omitted evenly.
     """
     low, high = float(freq_hz[0]), float(freq_hz[-1])
-    about = [
+    resonances = [
         f * (1 + max(ratio, 1e-4) * np.linspace(-HALF_WIDTHS, HALF_WIDTHS, N_RESONANCE))
         for f, ratio in zip(resonances_hz, zeta, strict=True)
     ]
     between = np.geomspace(low, high, N_OVERALL) if low > 0 else np.linspace(low, high, N_OVERALL)
-    every = np.unique(np.concatenate([between, *about]))
-    further = np.setdiff1d(every[(every > low) & (every < high)], freq_hz)
+    all_hz = np.unique(np.concatenate([between, *resonances]))
+    further = np.setdiff1d(all_hz[(all_hz > low) & (all_hz < high)], freq_hz)
     n_free = min(max(max_lines - len(freq_hz), 0), len(further))
     return np.union1d(freq_hz, further[np.linspace(0, len(further) - 1, n_free).astype(int)])
 
@@ -183,11 +180,11 @@ WITH_COULOMB = "viscous friction. Coulomb friction of the motor, if any, was not
 
 @dataclass(frozen=True)
 class ParameterRow:
-    """A free parameter in SI: estimate, std, 95 % interval, start, bounds; truth where the rig is simulated.
+    """Free parameter in SI: estimate, std, 95 % interval, start, bounds, and true value of a simulated rig.
 
-    deviation: estimate less truth in standard deviations of the solver's variable, so of ln p for a logarithmic one.
-    contains: in words, of a viscous coefficient that may contain dry friction.  std_contributions:
-    contributions to std, none for an exact robot model.  verdict: of the fit.  base: effect of a typical base.
+    deviation: (estimate - truth) / std of the solver's variable, which may be logarithmic.  contains: text on the
+    friction in a viscous coefficient.  std_contributions: empty for an exact robot model.  verdict: of the fit.  base:
+    effect of a typical base.
     """
 
     name: str
@@ -212,7 +209,7 @@ class ParameterRow:
 
     @property
     def reference(self) -> float:
-        """The reference value: true value, otherwise the estimate, or the start if the estimate is zero."""
+        """Reference value: the first nonzero of true value, estimate and start."""
         candidates = (self.truth, self.estimate, self.start)
         return next((value for value in candidates if value is not None and value != 0), 1.0)
 
@@ -220,7 +217,7 @@ class ParameterRow:
 def parameter_rows(
     result: Result, truth: Mapping[str, float] | None, contents: Mapping[str, str] | None = None
 ) -> tuple[ParameterRow, ...]:
-    """Return a row per parameter of interest, in the order of x; `truth` and `contents` may name only some."""
+    """Return a row per parameter of interest, in the order of x; `truth` and `contents` may be incomplete."""
     truths, estimates, stds = truth or {}, result.values, result.std
     std_x, bases = result.std_of_x, result.base_remarks
     rows = []
@@ -231,33 +228,33 @@ def parameter_rows(
         deviation = None
         if true is not None and std_x[i] > 0:
             deviation = float((result.x[i] - parameter.to_x(true)) / std_x[i])
-        known_of = name, parameter.unit, estimates[name], stds[name], result.interval(name)
-        file, at_bound = (parameter.value, (parameter.lower, parameter.upper)), bool(result.at_bound[i])
-        contained = (contents or {}).get(name, "")
-        parts = {kind: stds_of[name] for kind, stds_of in result.std_contributions.items()}
-        of_base = "" if truths else bases.get(name, "")  # the base of a simulated robot is rigid
-        rows.append(ParameterRow(*known_of, *file, at_bound, true, deviation, contained, parts, verdicts[i], of_base))
+        numbers = name, parameter.unit, estimates[name], stds[name], result.interval(name)
+        start, at_bound = (parameter.value, (parameter.lower, parameter.upper)), bool(result.at_bound[i])
+        content = (contents or {}).get(name, "")
+        contributions = {kind: stds_by_name[name] for kind, stds_by_name in result.std_contributions.items()}
+        base = "" if truths else bases.get(name, "")  # the base of a simulated robot is rigid
+        rows.append(
+            ParameterRow(*numbers, *start, at_bound, true, deviation, content, contributions, verdicts[i], base)
+        )
     return tuple(rows)
 
 
 def gear_table(gears: GearResult, numbers: Sequence[GearNumber] | None = None) -> list[list[str]]:
-    """Return headings, then a row for each number of all gears, or of the given gears, in makers' units.
+    """Return headings and a row for each number of all gears, or for the given numbers, in makers' units.
 
-    Its interval, or the bound below which it lies; share of the joint's rated torque; number of the fit without
-    effects, where there are any.
+    Columns: interval or upper bound, fraction of the rated torque of the joint, and value of the linear fit.
     """
-    rows_of = gears.numbers if numbers is None else numbers
     has_rated = any(math.isfinite(row.rated_fraction) for row in gears.numbers)
     headings = ["parameter", "meaning", "unit", "estimate", "std", "95 % interval"]
     table = [[*headings, *["of rated torque"] * has_rated, "linear fit"]]
-    for row in rows_of:
+    for row in gears.numbers if numbers is None else numbers:
         fraction = f"{number(100 * row.rated_fraction, 2)} %" if math.isfinite(row.rated_fraction) else "–"
         linear = number(row.linear * row.factor, digits(row.value, row.std)) if math.isfinite(row.linear) else "–"
-        table.append([*_cells(row), *[fraction] * has_rated, linear])
+        table.append([*_number_cells(row), *[fraction] * has_rated, linear])
     return table
 
 
-def _cells(row: GearNumber) -> list[str]:
+def _number_cells(row: GearNumber) -> list[str]:
     unit, factor = row.maker_unit or row.unit, row.factor
     if not row.is_significant:
         return [row.name, row.meaning, unit, f"< {number(factor * row.bound, 2)}", "–", "not significant"]
@@ -269,8 +266,8 @@ def _cells(row: GearNumber) -> list[str]:
     return [row.name, meaning, unit, number(value, n), relative, ends]
 
 
-def seen_words(sheet: GearSheet) -> str:
-    """Summarise stiffness and significant effects of a gear."""
+def gear_sentence(sheet: GearSheet) -> str:
+    """Summarise the stiffness and the significant effects of a gear."""
     texts = []
     for row in sheet.numbers:
         if row.is_significant and row.name[0] in "kHeFr" and not row.name.startswith("H_"):

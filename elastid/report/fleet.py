@@ -1,4 +1,4 @@
-"""The answer of a fleet: which robots differ or drift, how every study ended, and a figure of each parameter."""
+"""Answer of a fleet: robots that differ or drift, outcome of each study, and a figure of each parameter."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How the study of a robot on a date ended."""
+    """Outcome of the study of a robot on a date."""
 
     robot: str
     date: str
@@ -27,17 +27,17 @@ class Outcome:
 
     @property
     def failed(self) -> bool:
-        """True where it has no numbers."""
+        """True if there are no parameters."""
         return self.status in ("failed", "died")
 
     @property
     def label(self) -> str:
-        """Name as messages have it."""
+        """Robot and date for messages."""
         return f"{self.robot} on {self.date}"
 
 
 def answer_of_fleet(title: str, findings: Sequence[Finding], outcomes: Sequence[Outcome], rate: float) -> Answer:
-    """Answer three questions as on every page, with findings and every study; rate: false discovery rate."""
+    """Answer the three questions of every page; rate: false discovery rate of the findings."""
     n_robots, failures = len({run.robot for run in outcomes}), [run for run in outcomes if run.failed]
     robots = f"{n_robots} robot{'s' if n_robots > 1 else ''}"
     identified_text = f"{robots}, {len(outcomes) - len(failures)} of {len(outcomes)} measurements identified."
@@ -76,7 +76,7 @@ def _cells(finding: Finding) -> tuple[str, ...]:
 def drawings_of_fleet(
     values: Sequence[FleetValue], units: Mapping[str, str], findings: Sequence[Finding]
 ) -> Iterator[Drawing]:
-    """List a figure of each parameter over robots and dates."""
+    """Yield a figure of each parameter over robots and dates."""
     for count, name in enumerate(dict.fromkeys(value.parameter for value in values), start=1):
         robots = {finding.robot for finding in findings if finding.parameter == name}
         of_name = [value for value in values if value.parameter == name]

@@ -1,4 +1,4 @@
-"""The modes of the identified model in one configuration: numbers, energies, shapes, and stick figures in motion."""
+"""Modes of a model or of measured responses for the page: numbers, energies, shapes and animated stick figures."""
 
 from __future__ import annotations
 
@@ -15,24 +15,22 @@ from elastid.model.spec import StickKind
 from elastid.robot import Body, Joint, Robot, unit_axis
 
 if TYPE_CHECKING:
-    from elastid.modal.modes import Modes  # brings SciPy's linear algebra
+    from elastid.modal.modes import Modes  # slow imports: SciPy's linear algebra and CasADi
     from elastid.modal.spec import GeometrySpec
-    from elastid.model.kinematics import StickFigure  # brings CasADi
+    from elastid.model.kinematics import StickFigure
 
-# Displacement of the point that moves furthest, in sizes of the robot.
-SWING = 0.15
-# Displacements of less, in sizes of the robot for a mode whose largest entry is 1 rad (or 1 m), are rounding.
-MIN_DISPLACEMENT = 1e-6
-# Weight of a view that sees the robot end-on, where one that shows all of it at rest has 1.
-END_ON_WEIGHT = 0.25
+SWING = 0.15  # largest displacement in a drawing, relative to the size of the robot
+MIN_DISPLACEMENT = 1e-6  # relative to the size of the robot, for a mode with the largest entry 1; less is rounding
+END_ON_WEIGHT = 0.25  # weight of a view along the robot; 1 for a view that shows its full extent
 
 
 @frozen_value
 class ModeDrawing:
-    """points (n, 3) at rest in m, links between them, joints among them; moved (n, 3, n_m): displacements in m.
+    """Drawing of modes: points (n, 3) at rest in m, links between points, and points that are joints.
 
-    moved is complex: at the time t of a swing of 1 s a point is at points + Re(moved exp(2 pi j t)), damping left out;
-    at t = 0 and 1/2 it is furthest away. up: the vertical axis of the base; hanging: it points down.
+    moved (n, 3, n_m): complex displacements in m.  At time t of a cycle of 1 s, a point is at
+    points + Re(moved exp(2 pi j t)), without damping; the displacement is largest at t = 0 and 1/2.  up: the vertical
+    axis of the base.  hanging: True if this axis points down.
     """
 
     points: FloatArray
@@ -43,7 +41,7 @@ class ModeDrawing:
     hanging: bool = False
 
     def views(self, mode: int) -> tuple[tuple[int, int], ...]:
-        """Choose axes (right, up) of the view that shows most of a mode, and of a second view unless it is planar."""
+        """Select axes (right, up) of the view that shows most of a mode, and of a second view if it is not planar."""
         across = ((self.up + 1) % 3, (self.up + 2) % 3)
         planes = [(across[0], self.up), (across[1], self.up), across]
         distance, extent = np.abs(self.moved[:, :, mode]), np.ptp(self.points, axis=0) ** 2
@@ -56,15 +54,15 @@ class ModeDrawing:
         planes.sort(key=visible, reverse=True)
         largest = distance.max(axis=0)
         (third,) = set(range(3)) - set(planes[0])
-        # A mode needs a second view where a tenth of its largest motion is out of the best one.
+        # A mode needs a second view if more than a tenth of its motion is normal to the first view.
         return tuple(planes[: 1 if largest[third] <= 0.1 * largest.max() else 2])
 
 
 def mode_drawing(figure: StickFigure, shapes: ComplexArray, gravity: Sequence[float]) -> ModeDrawing | None:
     """Return the drawing of mode shapes (n_l, n_m) in joint coordinates; None if no visible point moves.
 
-    Motors are behind their gears and move no point. Each shape is turned to the phase in which its points are furthest
-    from rest, so that the drawing does not depend on the phase and length of the shape.
+    Motors move no point. Each shape is normalised to the phase and amplitude of its largest displacement, so that the
+    drawing does not depend on the phase and length of the shape.
     """
     size = float(np.ptp(figure.points, axis=0).max())
     motion = np.einsum("pal,lm->pam", figure.jacobian, shapes)
@@ -89,7 +87,7 @@ def measured_modes_row(modes: Modes, geometry: GeometrySpec | None) -> ModeRow:
 
 
 def measured_drawing(modes: Modes, geometry: GeometrySpec) -> ModeDrawing | None:
-    """Return points with the motion of their places in the shapes; None without points."""
+    """Return the drawing of measured mode shapes at the points of a geometry; None without motion."""
     names = list(geometry.points)
     points = np.array([geometry.points[name] for name in names], dtype=float)
     motion = np.zeros((len(names), 3, modes.n_modes), complex)
@@ -108,18 +106,17 @@ def measured_drawing(modes: Modes, geometry: GeometrySpec) -> ModeDrawing | None
     return ModeDrawing(points, links, tuple(range(len(names))), swung)
 
 
-# Written: shares of a mode's energy, coordinates by their motion over the largest, and how many of each.
+# Least energy fraction and least relative motion in a text, and the number of entries.
 MIN_FRACTION, MIN_MOTION, MAX_WRITTEN = 0.05, 0.5, 4
 
 
 @frozen_value
 class ModeRow:
-    """Natural frequencies (n_m,) in Hz and damping ratios (n_m,) of the identified model in one configuration.
+    """Natural frequencies (n_m,) in Hz and damping ratios (n_m,) in one configuration; unknown arrays are empty.
 
-    frequency_std, damping_std (n_m,): by the covariance of the parameters; empty where not known.
-    coordinates (n,), shapes (n, n_m): the largest entry of each mode is 1; empty where not known.
-    stores (n_e,), energy (n_e, n_m): names of the springs and last of the weight, and their shares of each mode's
-    potential energy; empty where not known.  drawing: None where no point of the robot is seen to move.
+    frequency_std, damping_std (n_m,): standard deviations.  coordinates (n,), shapes (n, n_m): the largest entry of
+    each mode is 1.  stores (n_e,), energy (n_e, n_m): names of the springs and of the weight (last), and their
+    fractions of the potential energy of each mode.  drawing: None if no visible point moves.
     """
 
     configuration: str
@@ -149,14 +146,14 @@ class ModeRow:
 
     @property
     def energy_text(self) -> list[str]:
-        """Mode by mode the largest shares of the energy."""
+        """Largest energy fractions of each mode."""
         if not self.stores:
             return [""] * len(self.frequency_hz)
-        return [shares_in_words(self.stores, fractions) for fractions in self.energy.T]
+        return [energy_words(self.stores, fractions) for fractions in self.energy.T]
 
     @property
     def _motion_text(self) -> list[str]:
-        """Coordinates that move at least half as far as the furthest, furthest first, with their direction."""
+        """Coordinates with at least half of the largest motion of each mode, in decreasing order, with signs."""
         if not self.coordinates:
             return [""] * len(self.frequency_hz)
         return [
@@ -168,10 +165,10 @@ class ModeRow:
         ]
 
 
-def shares_in_words(names: Sequence[str], fractions: FloatArray) -> str:
+def energy_words(names: Sequence[str], fractions: FloatArray) -> str:
     """Format the largest energy fractions (n_e,) of a mode, such as '62 % gear 2, 25 % bending b2'.
 
-    >>> shares_in_words(["gear 1", "gear 2", "weight"], np.array([0.104, 0.956, -0.06]))
+    >>> energy_words(["gear 1", "gear 2", "weight"], np.array([0.104, 0.956, -0.06]))
     '96 % gear 2, 10 % gear 1, -6 % weight'
     """
     return ", ".join(f"{100 * fractions[i]:.0f} % {names[i]}" for i in _largest(np.abs(fractions), MIN_FRACTION))
@@ -199,11 +196,10 @@ def load_name(robot: Robot) -> str:
 
 
 def _kind(body: Body, joint: Joint) -> str:
-    """Return bending or torsion if the spring of a passive joint lies in a link, across or along its axis."""
+    """Return bending or torsion for a spring in a link, by the angle between the link and the axis; else joint."""
     along = body.placement.rotation.T @ np.array(body.placement.xyz)
     length = float(np.linalg.norm(along))
     if joint.slides or length == 0 or any(joint_.motor is not None for joint_ in body.joints):
         return "joint"
     cosine = abs(float(along @ unit_axis(joint.axis))) / length
-    # The angle between the link and the axis decides.
     return "torsion" if cosine > 0.9 else "bending" if cosine < 0.5 else "joint"

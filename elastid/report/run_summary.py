@@ -1,8 +1,8 @@
-r"""The first screen of the page as values: verdict, width of each interval, model errors, next action.
+r"""First screen of the page in words: verdict, widths of intervals, model errors, next steps.
 
 .. math:: \sigma_p'^2 = \sigma_p^2 / (1 + s_{qp} (m - 1))
 
-for m times the experiments in a configuration q that holds the share s_qp of the information about p.
+for m times the experiments in a configuration q that has the fraction s_qp of the information about p.
 """
 
 from __future__ import annotations
@@ -34,16 +34,16 @@ from elastid.validation.frf_error import FrfError, noise_p
 from elastid.validation.residual_tests import FALSE_ALARM
 
 if TYPE_CHECKING:
-    from elastid.modal.modes import Modes  # brings SciPy's linear algebra
+    from elastid.modal.modes import Modes  # a slow import: SciPy's linear algebra
 
-# Half-width of a 95 % interval over the estimate, of a number that is known well, fairly, poorly.
+# Limits of classes of the half-width of a 95 % interval over the estimate.
 WIDTH_CLASSES = (0.02, 0.1, 0.5)
 WIDTH_WORDS = ("±2 % or less", "±2 to 10 %", "±10 to 50 %", "wider")
 
 
 @dataclass(frozen=True)
 class Cell:
-    """An element in one configuration: residual over its standard deviation (NaN if unknown), or in dB."""
+    """Residual of an FRF element in one configuration: over its standard deviation (NaN if unknown), or in dB."""
 
     configuration: int
     name: str
@@ -51,16 +51,16 @@ class Cell:
 
     @property
     def level(self) -> int:
-        """0 (noise, or unknown) to 3."""
+        """Class of the value, 0 (noise or unknown) to 3."""
         return int(np.searchsorted((1.3, 2.0, 4.0), self.value)) if math.isfinite(self.value) else 0
 
 
 @dataclass(frozen=True)
 class Strip:
-    """A row of cells per configuration, the quantity (measure) of the cells, and the worst cell.
+    """A row of cells per configuration, the quantity of the cells (measure), and the worst cell.
 
-    kind: the first word that all inputs and outputs share, e.g. motor; outputs, inputs: what follows it, of the titles
-    over the cells; none where configurations have other ones.
+    kind: the first word of all inputs and outputs, for example motor.  outputs, inputs: the other words, as titles of
+    the cells; empty if configurations differ.
     """
 
     rows: tuple[tuple[str, tuple[Cell, ...]], ...]
@@ -78,7 +78,7 @@ def half_width(row: ParameterRow) -> float:
 
 
 def width_class(row: ParameterRow) -> int:
-    """Index of WIDTH_WORDS."""
+    """Return the index of the interval in WIDTH_WORDS."""
     return int(np.searchsorted(WIDTH_CLASSES, half_width(row)))
 
 
@@ -88,7 +88,7 @@ def springs_and_dampers(rows: Sequence[ParameterRow]) -> list[ParameterRow]:
 
 
 def widest(rows: Sequence[ParameterRow]) -> ParameterRow | None:
-    """Return the number with the widest interval among springs and dampers; None without numbers."""
+    """Return the row with the widest interval among springs and dampers; None without rows."""
     return max(springs_and_dampers(rows), key=half_width, default=None)
 
 
@@ -107,7 +107,7 @@ def accuracy(result: Result, rows: Sequence[ParameterRow]) -> str:
 
 
 def is_wrong(result: Result) -> bool:
-    """True where the model is wrong by more than the intervals include, so that their widths mean nothing."""
+    """Return True if the model error exceeds the intervals, so that their widths are meaningless."""
     return result.status in ("misfit", "model_error")
 
 
@@ -126,7 +126,7 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
     if widest_row is None:
         return "No parameter was identified."
     poor = [row for row in rows if row.verdict.startswith((BIASED, UNCERTAIN))]
-    with_verdicts = _with_verdicts(poor)
+    with_verdicts = _verdict_phrases(poor)
     if result.exceeds_noise:
         error = (
             f"assumed model error of {percent(result.model_error)} of each FRF"
@@ -144,14 +144,14 @@ def numbers_answer(result: Result, rows: Sequence[ParameterRow], gears: GearResu
         return f"Not all of them: the interval of {widest_row.name} is wider than ±{percent(WIDTH_CLASSES[-1])}."
     with_coulomb = ", ".join(row.name for row in rows if row.has_coulomb)
     but = f", except {with_coulomb} (may include Coulomb friction, which is not compensated)" if with_coulomb else ""
-    if any(row.truth is not None for row in rows):  # a simulated robot is exactly its file
+    if any(row.truth is not None for row in rows):  # a simulated robot equals its model
         return f"Yes{but}."
     base = next((f" {capitalise(row.base)}." for row in rows if row.base), "")
     is_exact = any(note.code == FIXED_VALUES for note in result.notes)
     return f"Yes{but}{', if the fixed values of the robot model are exact' * is_exact}.{base}"
 
 
-def _with_verdicts(rows: Sequence[ParameterRow]) -> str:
+def _verdict_phrases(rows: Sequence[ParameterRow]) -> str:
     names: dict[str, list[str]] = {}
     for row in rows:
         has_size = row.verdict == UNCERTAIN and row.estimate != 0
@@ -204,7 +204,7 @@ def _widths_clause(rows: Sequence[ParameterRow]) -> str:
     joint_rows = springs_and_dampers(rows)
     kind = "stiffnesses and dampings" if any(row.name.startswith(("k", "d")) for row in joint_rows) else "parameters"
     if any(row.verdict.startswith((BIASED, UNCERTAIN)) for row in joint_rows):
-        return ""  # the verdicts say more
+        return ""  # the verdicts are more specific
     parameters = [row for row in rows if row not in joint_rows and not row.has_coulomb]
     largest = max(map(half_width, parameters), default=math.inf)
     last = f", and all {len(parameters)} other parameters of ±{percent(largest)} or less"
@@ -225,7 +225,7 @@ def _width_clause(rows: Sequence[ParameterRow], kind: str) -> str:
     return ""
 
 
-def strip(agreements: Sequence[FrfError]) -> Strip:
+def residual_strip(agreements: Sequence[FrfError]) -> Strip:
     """Return residual over noise of every element in every configuration; errors in dB if the noise is unknown."""
     has_noise = any(np.isfinite(agreement.rms_sigma).any() for agreement in agreements)
     rows = []
@@ -262,13 +262,13 @@ def summary_line(content: ReportContent) -> str:
     return " · ".join(phrases)
 
 
-# Actions that are shown, and the half-width of an interval that needs no further measurement.
-MOST_ACTIONS, NARROW = 3, 0.005
+MAX_ACTIONS = 3  # on the page
+NARROW = 0.005  # relative half-width of an interval that needs no further measurement
 
 
 @dataclass(frozen=True)
 class Action:
-    """An imperative, the expected change with numbers (gain), and a command or keys to copy (text)."""
+    """Next step: an imperative, the expected improvement (gain), and a command or keys to copy (text)."""
 
     sentence: str
     gain: str
@@ -290,7 +290,7 @@ def next_steps(result: Result, rows: Sequence[ParameterRow]) -> tuple[Action, ..
     """
     poor = widest(rows)
     candidates = [_action_of_cause(result), _action_of_status(result)]
-    if result.cause[0].startswith(NO_CAUSE) or candidates[1] is OPEN_GEARS:  # which a warning names, too
+    if result.cause[0].startswith(NO_CAUSE) or candidates[1] is OPEN_GEARS:  # a warning has the cause, too
         candidates.reverse()
     if poor is not None and half_width(poor) > NARROW and not is_wrong(result):
         candidates.append(
@@ -298,10 +298,10 @@ def next_steps(result: Result, rows: Sequence[ParameterRow]) -> tuple[Action, ..
         )
     if result.is_within_declared:
         candidates.append(Action(f"{OTHER_AMPLITUDE}.", ""))
-    return tuple([action for action in candidates if action is not None][:MOST_ACTIONS] or [USE])
+    return tuple([action for action in candidates if action is not None][:MAX_ACTIONS] or [USE])
 
 
-# Meaning and command line of exports; the page, which is the same wherever it is made, knows no path.
+# Content and command of exports; the page contains no path, so that it is the same wherever it is made.
 COMMANDS = tuple(
     (words, f"elastid export STUDY --run FOLDER --to {target}")
     for words, target in (("robot model with the estimates", "robot"), ("MATLAB", "matlab"), ("MuJoCo", "mujoco"))
@@ -313,19 +313,19 @@ def _action_of_status(result: Result) -> Action | None:
         return OPEN_GEARS
     if result.status == "converged" or (result.status == "misfit" and result.cause[2]):
         return None
-    return Action(f"{result.meaning.partition('. ')[2]}.", "")  # the cause stands above it
+    return Action(f"{result.meaning.partition('. ')[2]}.", "")  # the cause is printed above
 
 
 def _action_of_cause(result: Result) -> Action | None:
     sentence, _, command = result.cause[2].partition(": `")
     first, tied_names = result.indices[:1], {p.tie.to for p in result.parameters if p.tie is not None}
-    # A number to which others are tied is not freed alone.
+    # A parameter to which others are tied cannot be freed alone.
     is_tied = any(tied_names & {*index.members} for index in first)
     text = "" if is_tied and not command.startswith("elastid") else command.rstrip("`")
     return Action(f"{sentence}.", "", text) if sentence else None
 
 
-# Numbers of a robot model that are measured together, by the beginnings of their names.
+# Values of a robot model that are measured together, by the beginnings of their names.
 TOLERANCES = {
     "gain_u_": "Calibrate {} (torque constant)", "Jm_": "Measure {} (motor inertia)", "m_": "Measure {} (mass)",
     "I_": "Measure {} (inertia)", "c_": "Measure {} (centre of mass)", "p": "Measure {} (length)",
@@ -334,7 +334,7 @@ TOLERANCES = {
 
 
 def _action_of_tolerance(result: Result, poor: ParameterRow) -> Action | None:
-    """Advise to measure numbers whose tolerances cause at least half of a variance, C_xn C_nn^-1 C_nx; else None."""
+    """Advise to measure values whose tolerances cause at least half of a variance, C_xn C_nn^-1 C_nx; else None."""
     C, names = result.covariance, result.parameters.free_names
     i, n, fractions = names.index(poor.name), len(result.parameters.of_interest), {}
     for beginning in TOLERANCES:
@@ -360,15 +360,14 @@ def _action_of_experiments(result: Result, poor: ParameterRow) -> Action | None:
     if not result.information_fraction.size or not np.isfinite(result.information_fraction[:, column]).any():
         return None
     q = int(np.nanargmax(result.information_fraction[:, column]))
-    # The robot's file errs in the next measurement as in this one.
-    of_data = float(result.averaging_fraction[column]) if len(result.averaging_fraction) else 1.0
-    fraction, name = of_data * float(result.information_fraction[q, column]), result.configurations[q]
+    # Errors of the robot model do not average out in further measurements.
+    averaging = float(result.averaging_fraction[column]) if len(result.averaging_fraction) else 1.0
+    fraction, name = averaging * float(result.information_fraction[q, column]), result.configurations[q]
     reason = f"The interval of {poor.name} then shrinks"
     return _narrower(f"Measure twice as long in “{name}”.", poor, reason, 1 / math.sqrt(1 + fraction))
 
 
-# Configurations whose modes the first screen names.
-MAX_MODES = 3
+MAX_MODES = 3  # configurations whose modes the first screen lists
 
 
 def questions_of_responses(content: ResponsesContent) -> Questions:
@@ -379,10 +378,10 @@ def questions_of_responses(content: ResponsesContent) -> Questions:
     good += [f"Warnings below: {warnings}."] if warnings else []
     with_modes = [modes for modes in content.modes if modes.n_modes]
     modes = []
-    for of_state in with_modes[:MAX_MODES]:
-        low, high = (number(float(of_state.freq_hz[i]), 4) for i in (0, -1))
-        count = f"{of_state.n_modes} modes from {low} to" if of_state.n_modes > 1 else "one mode at"
-        modes.append(f"{of_state.configuration}: {count} {high} {of_state.frequency_unit}.")
+    for mode_set in with_modes[:MAX_MODES]:
+        low, high = (number(float(mode_set.freq_hz[i]), 4) for i in (0, -1))
+        count = f"{mode_set.n_modes} modes from {low} to" if mode_set.n_modes > 1 else "one mode at"
+        modes.append(f"{mode_set.configuration}: {count} {high} {mode_set.frequency_unit}.")
     n_more = len(with_modes) - MAX_MODES
     modes += [f"{n_more} further configurations: below."] if n_more > 0 else []
     return (

@@ -1,7 +1,7 @@
-"""Artefacts: HDF5 files with provenance, whole or absent; a file that is damaged or not of elastid is refused.
+"""Artefacts: HDF5 files with provenance; damaged files and files of other programs are rejected.
 
-HDF5 cannot close a file that it cannot write: on a full disk it tries again when the process ends, and crashes it.  So
-`DiskFile` keeps the first error of the disk until the file is closed, and reports success to HDF5.
+HDF5 cannot close a file that it cannot write: on a full disk it tries again at the end of the process, which crashes.
+Therefore `DiskFile` keeps the first error until the file is closed, and reports success to HDF5.
 """
 
 import io
@@ -19,8 +19,7 @@ from elastid.base.files import replacing
 from elastid.base.hdf5_check import check_self_contained
 from elastid.store.files import USER_BLOCK, is_intact, once_per_version, write_checksum
 
-# Version of the layout of all artefacts; a reader reads files of its own version.
-FORMAT = 12
+FORMAT = 12  # version of the layout of all artefacts; a reader accepts its own version only
 TEXT = h5py.string_dtype()
 
 
@@ -41,13 +40,13 @@ class Stamp:
     software: str = ""
 
     @property
-    def shown(self) -> dict[str, str]:
-        """Entries of the stamp on a page, by their headings."""
+    def entries(self) -> dict[str, str]:
+        """Entries of the stamp on a page, by heading."""
         hashes = {"hash of the inputs": self.inputs, "hash of the code": self.code}
         return {"made by": self.software or f"elastid {self.version}", "seed": str(self.seed), **hashes}
 
-    def is_of(self, other: "Stamp") -> bool:
-        """Return True if inputs and code equal another stamp."""
+    def matches(self, other: "Stamp") -> bool:
+        """Return True if another stamp has the same inputs and code."""
         return (self.inputs, self.code) == (other.inputs, other.code)
 
 
@@ -56,7 +55,7 @@ NO_STAMP = Stamp()
 
 @contextmanager
 def create_artefact(path: Path | str, kind: str, stamp: Stamp) -> Iterator[Any]:
-    """Open a new HDF5 file to fill; it takes its name only when it is complete and on the disk."""
+    """Open a new HDF5 file; it appears under its name when it is complete and on the disk."""
     with replacing(path) as temporary:
         with DiskFile(temporary) as disk, h5py.File(disk, "w", userblock_size=USER_BLOCK) as file:
             file.attrs["elastid"] = kind
@@ -73,13 +72,13 @@ def create_artefact(path: Path | str, kind: str, stamp: Stamp) -> Iterator[Any]:
 
 @contextmanager
 def open_artefact(path: Path | str, kind: str) -> Iterator[Any]:
-    """Open an artefact, read-only; DataError where it is missing, changed, truncated, damaged or of another kind."""
+    """Open an artefact read-only; StudyError if it is missing or of another kind, DataError if it is damaged."""
     path = Path(path)
     if path.is_dir():
         raise StudyError("files/kind", "is a folder; name one of the files in it", path)
     if not path.is_file():
         raise StudyError("files/missing", "no such file", path)
-    # Before HDF5 looks at it: some damages end the process there.
+    # Before HDF5 opens it, since some kinds of damage end the process.
     if not is_intact(path):
         raise DataError("files/damaged", "its content has changed since it was written; delete it and run again", path)
     try:
@@ -88,7 +87,7 @@ def open_artefact(path: Path | str, kind: str) -> Iterator[Any]:
             yield file
     except (ElastidError, MemoryError):
         raise
-    except Exception as error:  # what a damaged file makes h5py and NumPy raise
+    except Exception as error:  # h5py and NumPy raise various errors for damaged files
         why = (str(error).strip("'\"") or type(error).__name__).splitlines()[0]
         text = f"no HDF5 file of elastid, damaged, or of an older layout ({why}); name another, or make it again"
         raise DataError("files/damaged", text, path) from error
@@ -98,10 +97,9 @@ def _require_kind(path: Path, file: Any, kind: str) -> None:
     _check_self_contained(path)
     file_kind, version = plain(file.attrs.get("elastid")), plain(file.attrs.get("format", 0))
     if file_kind != kind:
-        holds = f"holds {file_kind}" if file_kind else "was not written by elastid"
-        raise StudyError(
-            "files/kind", f"{holds}, expected {kind}; name another; `elastid inspect {path}` shows its content", path
-        )
+        content = f"holds {file_kind}" if file_kind else "was not written by elastid"
+        text = f"{content}, expected {kind}; name another; `elastid inspect {path}` shows its content"
+        raise StudyError("files/kind", text, path)
     if version != FORMAT:
         raise DataError(
             "files/version",
@@ -118,14 +116,14 @@ def _check_self_contained(path: Path) -> None:
 
 
 def read_stamp(path: Path | str) -> Stamp | None:
-    """Return provenance of an artefact; None if it is missing, truncated or foreign."""
+    """Return the provenance of an artefact; None if the file is missing, damaged or of another program."""
     try:
         if not is_intact(Path(path)):
             return None
         with h5py.File(path, "r") as file:
             attributes = {name: plain(value) for name, value in file["provenance"].attrs.items()}
             attributes["study"] = file["provenance/study"].asstr()[()]
-    except Exception:  # what a damaged file makes h5py raise
+    except Exception:  # h5py raises various errors for damaged files
         return None
     names = {field.name for field in fields(Stamp)}
     return Stamp(**attributes) if {"inputs", "code"} <= set(attributes) <= names else None
@@ -137,24 +135,24 @@ def plain(value: Any) -> Any:
 
 
 def kind_of(path: Path | str) -> str | None:
-    """Return kind of artefact in a file; None for other files."""
+    """Return the kind of artefact in a file; None for other files."""
     try:
         with h5py.File(path, "r") as file:
             kind = file.attrs.get("elastid")
-    except Exception:  # no HDF5, or so damaged that h5py raises anything
+    except Exception:  # not HDF5, or damaged
         return None
     return kind if isinstance(kind, str) else None
 
 
 class DiskFile(io.FileIO):
-    """A new binary file for HDF5 to write; nothing more is written after an error of the disk, which `close` raises."""
+    """New binary file for HDF5; after an error nothing more is written, and `close` raises the error."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(path, "w+")
         self._error: OSError | None = None
 
     def write(self, data: Any) -> int:
-        """Write all of it, or none after an error."""
+        """Write all bytes, or none after an error; return their number in any case."""
         remaining = memoryview(data).cast("B")
         total = len(remaining)
         try:
@@ -165,14 +163,14 @@ class DiskFile(io.FileIO):
         return total
 
     def readinto(self, buffer: Any) -> int:
-        """Read the bytes that were written, zeros behind their end."""
+        """Read written bytes, and zeros after the end of the file."""
         view = memoryview(buffer).cast("B")
         count = super().readinto(view) or 0
         view[count:] = bytes(len(view) - count)
         return len(view)
 
     def truncate(self, size: int | None = None) -> int:
-        """Cut or extend the file to a size."""
+        """Change the size of the file."""
         try:
             return 0 if self._error is not None else super().truncate(size)
         except OSError as error:
@@ -180,7 +178,7 @@ class DiskFile(io.FileIO):
             return 0
 
     def close(self) -> None:
-        """Raise OSError where something could not be written."""
+        """Close the file; raise the first OSError of writing."""
         error, self._error = self._error, None
         super().close()
         if error is not None:

@@ -10,9 +10,9 @@ from urllib.parse import quote, unquote
 import numpy as np
 
 from elastid.base.files import replacing
-from elastid.store.values import fields_of, from_json
+from elastid.store.kinds import fields_of, from_json
 
-# Types of the parts, by their names in a file.
+# Type by the name that is stored in a file.
 _TYPES = {
     "LocalOptimum": "elastid.fit.problem.least_squares:LocalOptimum",
     "Refit": "elastid.validation.comparison:Refit",
@@ -22,10 +22,10 @@ _TYPES = {
 
 
 class Checkpoint(MutableMapping[str, Any]):
-    """Finished parts by name, each in a file of the folder that is whole or absent, and is read at each use.
+    """Finished parts by name, each in a file of the folder, which is read at each use.
 
-    key: hash of everything that they depend on. A part that is damaged, or of another key or type, is missing. A file
-    is an archive of NumPy with checksums: JSON, and arrays to the last bit, a tenth of the time of HDF5.
+    key: hash of everything that the parts depend on. Files with another key or type and damaged files are ignored. A
+    file is a NumPy archive (JSON, and arrays with all bits), which takes a tenth of the time of HDF5.
     """
 
     def __init__(self, folder: Path, key: str) -> None:
@@ -38,7 +38,7 @@ class Checkpoint(MutableMapping[str, Any]):
             part = json.loads(arrays["part"].item(), object_hook=lambda entry: arrays.get(entry.get("array"), entry))
             if part["key"] == self.key:
                 return from_json(part["value"], resolve_name(_TYPES[part["type"]]))
-        except Exception:  # what a damaged archive makes NumPy raise
+        except Exception:  # NumPy raises various errors for damaged archives
             pass
         raise KeyError(name)
 

@@ -1,4 +1,4 @@
-"""The artefacts of a friction study: plan.h5, records.h5, constant_velocity.h5, friction.h5 and filter.h5."""
+"""Artefacts of a friction study: plan.h5, records.h5, constant_velocity.h5, friction.h5 and filter.h5."""
 
 from pathlib import Path
 
@@ -9,23 +9,22 @@ from elastid.friction_study.friction_tracking import TrackedFriction
 from elastid.friction_study.result import FrictionNumber, FrictionResult, SlidingFriction
 from elastid.store.artefacts import NO_STAMP, Stamp, open_artefact
 from elastid.store.reading import read_dataclass, reader
-from elastid.store.values import write_artefact, writer
+from elastid.store.writing import write_artefact, writer
 from elastid.validation.log_comparison import NO_COMPARISON, LogComparison
 
 PLAN, RECORDS, CONSTANT_VELOCITY = "friction plan", "friction records", "constant-velocity torques"
 FRICTION, FILTER = "friction", "filter"
 
-
-# plan.h5, constant_velocity.h5 with a group for each joint, and filter.h5 with friction followed over its motions.
+# constant_velocity.h5 and filter.h5 have a group for each joint.
 write_friction_plan, read_friction_plan = writer(PLAN, plan=(None, None)), reader(PLAN, "plan", FrictionPlan)
 write_constant_velocity = writer(CONSTANT_VELOCITY, joints=(tuple[SlidingFriction, ...], ()))
 read_constant_velocity = reader(CONSTANT_VELOCITY, "joints", tuple[SlidingFriction, ...])
 write_filter = writer(FILTER, joints=(tuple[TrackedFriction, ...], ()))
 read_filter = reader(FILTER, "joints", tuple[TrackedFriction, ...])
-# Of friction.h5 the result, its comparison with the logs, and with the validation logs, empty without any.
+# Parts of friction.h5: the result, and its comparisons with the logs of the study and with validation logs.
 read_friction_result = reader(FRICTION, "result", FrictionResult)
 read_simulation, read_validation_logs = (reader(FRICTION, part, LogComparison) for part in ("simulation", "validation"))
-# records.h5: a group for each record, written one at a time, then the logs of warm-ups.
+# records.h5 has a group for each record and for each log of a warm-up.
 write_friction_records = writer(
     RECORDS,
     records=(tuple[FrictionRecord, ...], ()),
@@ -47,7 +46,7 @@ def write_friction_result(
     log_comparison: LogComparison = NO_COMPARISON,
     validation: LogComparison = NO_COMPARISON,
 ) -> None:
-    """Write friction.h5: the numbers of all joints as a table, a group with everything, comparison with logs."""
+    """Write friction.h5: a table of all numbers, the whole result, and its comparisons with logs."""
     groups = {
         "numbers": (result.numbers, tuple[FrictionNumber, ...]),
         "result": (result, FrictionResult),

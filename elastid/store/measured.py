@@ -1,6 +1,6 @@
-"""records.h5, frf.h5 and modes.h5: records, frequency responses and their modes."""
+"""Measured data in files: records.h5, frequency responses (frf.h5) and their modes (modes.h5)."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,16 +10,16 @@ from elastid.record import Record
 from elastid.response import Response, Responses
 from elastid.store.artefacts import NO_STAMP, Stamp, open_artefact
 from elastid.store.files import once_per_version
-from elastid.store.reading import entry_names, read_dataclass, read_part, reader
-from elastid.store.values import write_artefact, writer
+from elastid.store.reading import entry_names, read_dataclass, read_part
+from elastid.store.writing import write_artefact, writer
 
 if TYPE_CHECKING:
     from elastid.modal.modes import Modes
 
 RECORDS, RESPONSES = "records", "frf"
-# A group for each record, written one at a time, uncompressed (reading would cost twice the FFT).
+# A group for each record, uncompressed: decompression would take twice as long as the FFT.
 write_records = writer(RECORDS, {"records": "name"}, records=(tuple[Record, ...], ()))
-# A group for each configuration with G (frequency, output, input) and its covariances, and friction.
+# A group for each configuration with G (F, n_y, n_u) and its covariances, and compensated friction.
 write_responses = writer(
     RESPONSES,
     {"responses": "configuration.name"},
@@ -29,10 +29,7 @@ write_responses = writer(
 
 
 def read_records(path: Path | str, configuration: str | None = None) -> Iterator[Record]:
-    """Yield records of records.h5, of one configuration or all, one at a time; `list(read_records(path))` has all.
-
-    DataError names the configurations that there are where it is none of them.
-    """
+    """Yield the records of one configuration or of all; StudyError for an unknown configuration."""
     with open_artefact(path, RECORDS) as file:
         entries = _entries(path)
         if configuration not in (None, *(name for _, name in entries)):
@@ -46,14 +43,14 @@ def read_records(path: Path | str, configuration: str | None = None) -> Iterator
 
 
 def read_configurations(path: Path | str) -> tuple[str, ...]:
-    """List configurations in records.h5, in the order measured."""
+    """List the configurations in records.h5, in the order of measurement."""
     with open_artefact(path, RECORDS):
         return tuple(dict.fromkeys(name for _, name in _entries(path)))
 
 
 @once_per_version
 def _entries(path: Path) -> tuple[tuple[str, str], ...]:
-    """Return names of the records and of their configurations in an intact records.h5."""
+    """Return the name of each record and the name of its configuration."""
     with open_artefact(path, RECORDS) as file:
         records = file["records"]
         return tuple((name, str(records[name]["configuration"].attrs["name"])) for name in entry_names(records))
@@ -64,21 +61,21 @@ def read_responses(path: Path | str) -> Responses:
     return Responses(read_part(path, RESPONSES, "responses", tuple[Response, ...]))
 
 
-# The friction that was taken out of the responses in frf.h5; None where the study asked for none.
-read_friction: Callable[[Path | str], CompensatedFriction | None] = reader(
-    RESPONSES, "friction", CompensatedFriction, may_miss=True
-)
+def read_friction(path: Path | str) -> CompensatedFriction | None:
+    """Read the friction that was compensated in the responses of frf.h5; None without it or without the file."""
+    friction = CompensatedFriction | None
+    return read_part(path, RESPONSES, "friction", friction) if Path(path).is_file() else None  # type: ignore[arg-type]
 
 
 def write_modes(path: Path | str, modes: "tuple[Modes, ...]", stamp: Stamp = NO_STAMP) -> None:
     """Write modes.h5: the modes of each response, with shapes, synthesis and stabilisation diagram."""
-    from elastid.modal.modes import Modes  # brings SciPy's linear algebra
+    from elastid.modal.modes import Modes  # a slow import: SciPy's linear algebra
 
     write_artefact(path, "modes", stamp, {"modes": (modes, tuple[Modes, ...])}, {"modes": "configuration"})
 
 
 def read_modes(path: Path | str) -> "tuple[Modes, ...]":
     """Read the modes of each response in modes.h5."""
-    from elastid.modal.modes import Modes  # as above
+    from elastid.modal.modes import Modes
 
     return read_part(path, "modes", "modes", tuple[Modes, ...])

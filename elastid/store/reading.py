@@ -1,11 +1,11 @@
-"""Values from groups of HDF5, and their content as text: the one reader of all artefacts, by the types written.
+"""Reader of all HDF5 artefacts: values from groups, by the annotations of frozen dataclasses (see `store.writing`).
 
-Whatever a file holds ends in a value of that type or in an exception, which `open_artefact` makes a sentence of: types
-are those of the reader and never of the file, and no count in a file is believed that its data do not have.
+The types are always the reader's, never the file's, and lengths are those of the data. Any content of a file gives a
+value of the type or an exception, from which `open_artefact` makes a message.
 """
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any, TypeVar
@@ -15,17 +15,17 @@ import numpy as np
 
 from elastid.base.arrays import NO_LABEL, Label
 from elastid.base.escape import group_name
-from elastid.base.large_arrays import PIECE_VALUES, map_dataset
-from elastid.base.value_range import format_range, format_values, value_range
-from elastid.store.artefacts import kind_of, open_artefact, plain
-from elastid.store.values import NAMES, Kind, fields_of, from_json, from_text, kind_of_annotation, needs_groups
+from elastid.base.large_arrays import map_dataset
+from elastid.store.artefacts import open_artefact, plain
+from elastid.store.kinds import Kind, fields_of, from_json, from_text, kind_of_annotation, needs_groups
+from elastid.store.writing import NAMES
 
 T = TypeVar("T")
 _NUMBERS = {bool: "b", int: "iu", float: "f"}
 
 
 def read_value(group: Any, name: str, annotation: Any, label: Label = NO_LABEL) -> Any:
-    """Read the value of a type below a group; KeyError, TypeError or ValueError where it is not one of that type."""
+    """Read a value by its annotation below a group; KeyError, TypeError or ValueError for another type."""
     kind = kind_of_annotation(annotation)
     if kind.form == "optional":
         return read_value(group, name, kind.parts[0], label) if name in group or name in group.attrs else None
@@ -42,7 +42,7 @@ def read_dataclass(group: Any, kind: type[T]) -> T:
 
 
 def entry_names(group: Any) -> tuple[str, ...]:
-    """Return names of the entries of a group, in the order of writing."""
+    """Return the names of the entries of a group, in the order of writing."""
     if NAMES in group:
         return tuple(group_name(name) for name in group[NAMES].asstr()[:].tolist())
     return tuple(str(i) for i in range(len(group)))
@@ -57,10 +57,10 @@ def _scalar(value: Any, kind: Kind) -> Any:
 
 
 def _read_array(dataset: Any, *_: Any) -> Any:
-    """Read an array, read-only so that nobody copies it; a large one stays in the file."""
-    in_place = map_dataset(Path(dataset.file.filename), dataset)
-    if in_place is not None:
-        return in_place
+    """Read an array, read-only, so that it is not copied; a large array stays in the file."""
+    mapped_values = map_dataset(Path(dataset.file.filename), dataset)
+    if mapped_values is not None:
+        return mapped_values
     values = np.asarray(dataset)
     values.flags.writeable = False
     return values
@@ -135,66 +135,18 @@ def _numbers(dataset: Any, number: type, shape: tuple[int, ...] | None = None) -
 
 
 def read_part(path: Path | str, kind: str, name: str, annotation: type[T]) -> T:
-    """Read one part of a file of a kind; raise DataError if it is absent, unless its annotation allows None."""
+    """Read one part of an artefact; DataError if it is missing, unless its annotation allows None."""
     with open_artefact(path, kind) as file:
         value: T = read_value(file, name, annotation)
         return value
 
 
-def reader(kind: str, name: str, annotation: type[T] | str, may_miss: bool = False) -> Callable[[Path | str], T]:
-    """Make the reader of a part of a file of a kind; annotation: "module:name" of a module loaded for it alone."""
+def reader(kind: str, name: str, annotation: type[T] | str, is_optional: bool = False) -> Callable[[Path | str], T]:
+    """Return the reader of a part of artefacts of a kind; annotation: "module:name" if the import is slow."""
 
     def read(path: Path | str) -> T:
         annotation_type: Any = resolve_name(annotation) if isinstance(annotation, str) else annotation
-        value: T = read_part(path, kind, name, annotation_type | None if may_miss else annotation_type)
+        value: T = read_part(path, kind, name, annotation_type | None if is_optional else annotation_type)
         return value
 
     return read
-
-
-def describe_artefact(path: Path | str) -> str:
-    """Return groups, variables with axes, shapes, units and values, and the provenance of a file."""
-    kind = kind_of(path) or ""
-    with open_artefact(path, kind) as file:
-        return "\n".join([f"{path}: {kind}, written by elastid", *_content_lines(file, 1)])
-
-
-def _content_lines(group: Any, depth: int) -> Iterator[str]:
-    indent = "  " * depth
-    for name, value in group.attrs.items():
-        if name not in ("elastid", "study"):
-            yield f"{indent}{name} = {plain(value)}"
-    for name, item in group.items():
-        if isinstance(item, h5py.Group):
-            yield f"{indent}{name}/"
-            yield from _content_lines(item, depth + 1)
-        elif name != "study":
-            yield f"{indent}{name} {_axes(item)}{_label_text(item)}{_format_values(item)}"
-
-
-def _axes(dataset: Any) -> str:
-    if dataset.attrs.get("CLASS") == b"DIMENSION_SCALE":
-        return f"({dataset.size})"
-    # Not by `dataset.dims`: HDF5 takes the type of this attribute on trust, and a damaged one ends the process.
-    labels = np.asarray(dataset.attrs.get("DIMENSION_LABELS", []))
-    if labels.shape != (dataset.ndim,):
-        labels = np.full(dataset.ndim, "")
-    axis_names = (label.decode(errors="replace") if isinstance(label, bytes) else str(label) for label in labels)
-    return "(" + ", ".join(f"{word} {n}".strip() for word, n in zip(axis_names, dataset.shape, strict=True)) + ")"
-
-
-def _label_text(dataset: Any) -> str:
-    units, long_name = dataset.attrs.get("units"), dataset.attrs.get("long_name", "")
-    return (f": {long_name}" if long_name else "") + (f" [{units}]" if units else "")
-
-
-def _format_values(dataset: Any) -> str:
-    if not dataset.size:
-        return ""
-    if dataset.dtype.kind not in "fiubc":
-        return f" = {format_values(np.asarray(dataset.asstr()[()]))}"
-    if dataset.size <= PIECE_VALUES:
-        return f" = {format_values(np.asarray(dataset[()]))}"
-    n = max(1, PIECE_VALUES * len(dataset) // dataset.size)
-    blocks = (dataset[start : start + n] for start in range(0, len(dataset), n))
-    return f" = {format_range(value_range(blocks), dataset.dtype.kind == 'c')}"

@@ -1,4 +1,4 @@
-"""fit.h5, gears.h5, validation.h5, compare.json, map.h5, tune.h5, loops.h5: results of a study."""
+"""Results of a study in files: fit.h5, gears.h5, validation.h5, compare.json, map.h5, tune.h5 and loops.h5."""
 
 import json
 import math
@@ -18,8 +18,9 @@ from elastid.nonlinear.gear_result import GearResult
 from elastid.response import Response
 from elastid.store.artefacts import NO_STAMP, Stamp
 from elastid.store.files import write_rows
+from elastid.store.kinds import SCHEMA, from_json, or_text, write_json
 from elastid.store.reading import read_part, reader
-from elastid.store.values import SCHEMA, from_json, or_text, write_artefact, write_json, writer
+from elastid.store.writing import write_artefact, writer
 from elastid.validation.frf_error import Validation
 from elastid.validation.log_comparison import NO_COMPARISON, LogComparison
 from elastid.validation.measured_modes import MeasuredModes
@@ -32,11 +33,10 @@ if TYPE_CHECKING:
 
 FIT, GEARS, VALIDATION, MAP = "fit", "gears", "validation", "map"
 
-
 read_fit, read_validation = reader(FIT, "fit", Result), reader(VALIDATION, "validation", Validation)
 write_gears, write_map = writer(GEARS, gears=(None, None)), writer(MAP, map=(None, None))
 write_tune, write_loops = writer("tune", tune=(None, None)), writer("loops", loops=(None, None))
-# FRF errors of each configuration, comparison with logs, and modes of the measured responses.
+# FRF errors by configuration, comparison with logs, and modes of the measured responses.
 write_validation = writer(
     VALIDATION,
     validation=(Validation, None),
@@ -46,21 +46,21 @@ write_validation = writer(
 read_simulation = reader(VALIDATION, "simulation", LogComparison)
 read_measured_modes = reader(VALIDATION, "measured_modes", tuple[MeasuredModes, ...])
 read_map: "Callable[[Path | str], WorkspaceMap]" = reader(MAP, "map", "elastid.use.map:WorkspaceMap")
-# Responses of the fitted model; None in a file that `elastid.save` wrote.
-read_modelled = reader(FIT, "modelled", tuple[Response, ...], may_miss=True)
-# These bring the simulation, which a fit does without.
+# Responses of the fitted model; None in a file of `elastid.save`.
+read_modelled = reader(FIT, "modelled", tuple[Response, ...], is_optional=True)
+# By name, since these types import the simulation.
 read_tune: "Callable[[Path | str], TunedMove]" = reader("tune", "tune", "elastid.use.tune:TunedMove")
 read_loops: "Callable[[Path | str], Loops]" = reader("loops", "loops", "elastid.use.loops:Loops")
 
 
 def read_gears(path: Path | str | None) -> GearResult | None:
-    """Read the effects in gears.h5; None without such a file."""
-    return None if path is None else read_part(path, GEARS, "gears", GearResult)
+    """Read the gear effects in gears.h5; None for no path or a missing file."""
+    return None if path is None or not Path(path).is_file() else read_part(path, GEARS, "gears", GearResult)
 
 
 @frozen_value
 class Numbers:
-    """The table of a fit for readers of HDF5 alone: identified numbers in SI, std in parts, 95 % intervals."""
+    """Table of the identified parameters in fit.h5, in SI, for other readers of HDF5."""
 
     name: tuple[str, ...]
     unit: tuple[str, ...]
@@ -74,13 +74,10 @@ class Numbers:
 
     @classmethod
     def of(cls, result: Result) -> "Numbers":
-        """Select the requested numbers."""
+        """Return the table of the parameters of interest."""
         focus = result.parameters.of_interest
-        parts = (*result.std_contributions.values(),) or (dict.fromkeys(result.std, math.nan),) * 3
-        rows = [
-            (result.values[p.name], result.std[p.name], *(stds[p.name] for stds in parts), *result.interval(p.name))
-            for p in focus
-        ]  # fmt: skip
+        stds = (result.std, *(result.std_contributions.values() or (dict.fromkeys(result.std, math.nan),) * 3))
+        rows = [(result.values[p.name], *(std[p.name] for std in stds), *result.interval(p.name)) for p in focus]
         return cls(tuple(p.name for p in focus), tuple(p.unit for p in focus), *np.array(rows).reshape(-1, 7).T)
 
 
@@ -91,9 +88,9 @@ def write_fit(
     modelled: tuple[Response, ...] | None = None,
     figures: Mapping[str, tuple[Any, Any]] = MappingProxyType({}),
 ) -> None:
-    """Write fit.h5: parameters, estimate with covariance, every start, modification indices, linear models; a table.
+    """Write fit.h5: the result, the table `Numbers`, responses of the fitted model, and values of figures.
 
-    modelled: responses of the fitted model at the lines of each measured one.  figures: values and types of the page.
+    modelled: at the lines of each measured response.  figures: value and type by name.  TypeError for another result.
     """
     check_kind(result, Result, "result", "elastid.identify(...) and elastid.load(path) give one")
     contents: dict[str, tuple[Any, Any]] = {"fit": (result, Result), "numbers": (Numbers.of(result), Numbers)}
@@ -106,14 +103,14 @@ def write_map_table(path: Path, workspace: "WorkspaceMap") -> None:
     heads = ["posture", *(f"joint {name}" for name in workspace.joints), "x", "y", "z", "limiting spring"]
     heads += [f"{q.name}{end}" for q in workspace.quantities for end in ("", " std", " low", " high")]
     n, step = len(workspace), 1000
-    pieces = (workspace.subset(np.arange(first, min(n, first + step))) for first in range(0, n, step))
+    blocks = (workspace.subset(np.arange(first, min(n, first + step))) for first in range(0, n, step))
 
-    def rows(piece: "WorkspaceMap") -> Iterator[tuple[Any, ...]]:
-        numbers = [column for q in piece.quantities for column in (q.value, q.std, *q.interval)]
-        columns = [piece.asked + 1, *piece.angles.T, *piece.position.T, piece.limiting_springs, *numbers]
+    def rows(block: "WorkspaceMap") -> Iterator[tuple[Any, ...]]:
+        numbers = [column for q in block.quantities for column in (q.value, q.std, *q.interval)]
+        columns = [block.asked + 1, *block.angles.T, *block.position.T, block.limiting_springs, *numbers]
         return zip(*(np.asarray(column).tolist() for column in columns), strict=True)
 
-    write_rows(path, chain([heads], chain.from_iterable(map(rows, pieces))))
+    write_rows(path, chain([heads], chain.from_iterable(map(rows, blocks))))
 
 
 def write_comparison(path: Path, comparison: "Comparison", stamp: Stamp) -> None:
@@ -130,9 +127,9 @@ def read_comparison(path: Path, stamp: Stamp) -> "Comparison | None":
         content = json.loads(path.read_bytes())
         if (content["schema"], content["responses"]) != (SCHEMA, stamp.inputs):
             return None
-        names = {"configurations": "configurations", "verdict": "verdict", "rows": "models", "trials": "search"}
-        of_file = {name: content[key] for name, key in names.items()}
-        comparison: Comparison = from_json(of_file, resolve_name("elastid.validation.comparison:Comparison"))
-    except (OSError, ValueError, TypeError, KeyError, AttributeError):  # missing or damaged
+        keys = {"configurations": "configurations", "verdict": "verdict", "rows": "models", "trials": "search"}
+        values = {name: content[key] for name, key in keys.items()}
+        comparison: Comparison = from_json(values, resolve_name("elastid.validation.comparison:Comparison"))
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):  # a missing or damaged file
         return None
     return comparison

@@ -1,4 +1,4 @@
-"""References for robot controllers: CSV, and JointTrajectory in YAML (trajectory_msgs/msg, `ros2 topic pub`)."""
+"""Reference trajectories and torques for robot controllers: CSV, and JointTrajectory of ROS 2 in YAML."""
 
 import csv
 import json
@@ -21,7 +21,10 @@ _MOTION = (("position", "rad"), ("velocity", "rad/s"), ("acceleration", "rad/s^2
 
 
 def write_trajectory(path: Path, joints: Sequence[str], time_s: FloatArray, **signals: FloatArray) -> Path:
-    """Write signals (n, n_u) such as positions or velocities, in SI, link side, at times (n,) from the first one."""
+    """Write signals (n, n_u), SI, link side, at times (n,) as trajectory_msgs/msg/JointTrajectory; return the path.
+
+    signals: by the keys of the points, such as positions and velocities. Times are relative to the first one.
+    """
     nanoseconds = np.rint((time_s - time_s[0]) * 1e9).astype(np.int64).tolist()
     rows = zip(nanoseconds, *(signal.tolist() for signal in signals.values()), strict=True)
     lines = ["header: {stamp: {sec: 0, nanosec: 0}, frame_id: ''}", f"joint_names: {json.dumps([*joints])}", "points:"]
@@ -38,7 +41,7 @@ def write_run(
 ) -> None:  # fmt: skip
     """Write the reference trajectory of a whole run as CSV; the first period begins at time 0.
 
-    sliding: inputs that translate.  injected (n, n_u): injected torque; None: write the scale of its period.
+    sliding: inputs that translate.  injected (n, n_u): injected torque; None: write its scale factor instead.
     """
     signals = [(name, unit, getattr(reference, name)) for name, unit in _MOTION]
     signals += [] if injected is None else [("injected torque", "N*m", injected)]
@@ -65,7 +68,7 @@ def write_references(path: Path, plan: Plan, experiment: Experiment, simulated: 
     differences) for the interpolation `spline`.
     """
     spec = simulated.controller.reference
-    assert spec is not None  # only a plan with references is written here
+    assert spec is not None  # the plan has references
     rows, counts = references(plan, simulated.carrier, experiment), simulated.noise.encoder_counts
     rate_hz, first = plan.rate_hz / plan.cycle_samples, plan.first_sample // plan.cycle_samples
     side = "motor" if spec.unit == "increments" else spec.side

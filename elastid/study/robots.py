@@ -93,7 +93,7 @@ def yaml_text(value: Any, comments: tuple[str, ...] = ()) -> str:
 def _plain(value: Any) -> Any:
     """Return mappings, lists, numbers and texts; a number keeps all its digits."""
     if is_dataclass(value):
-        from elastid.store.values import text_of  # brings h5py
+        from elastid.store.kinds import text_of  # brings h5py
 
         return _plain(json.loads(text_of(value)))
     if isinstance(value, dict):

@@ -1,11 +1,11 @@
-r"""Snippets of joint numbers for simulators: MJCF, Isaac Lab, URDF, SDF (Gazebo), Drake and ROS 2, with their mapping.
+r"""Joint parameters as snippets for simulators: MJCF, Isaac Lab, URDF, SDF (Gazebo), Drake and ROS 2.
 
 All numbers are on the link side:
 
 .. math:: J_a = n^2 J_m, \qquad f = n^2 f_m + f_j, \qquad F_c = |n| F_{c,m} + F_{c,j}, \qquad F_s \ge F_c
 
-n: ratio, m: motor, j: joint. A simulator has a place for some of them; README.md lists the mapping of each, and the
-parts of the identified model that it loses.
+n: ratio, m: motor, j: joint. Each simulator supports some of these numbers; README.md lists the mapping of each and the
+omitted parts of the identified model.
 """
 
 import math
@@ -25,12 +25,11 @@ from elastid.nonlinear.compensated_friction import CompensatedFriction, friction
 from elastid.robot import Friction, Joint, Robot
 from elastid.robot.friction_numbers import TERMS, law_of
 from elastid.store.files import write_text
-from elastid.targets.numbers import known_numbers
+from elastid.targets.numbers import exported_numbers
 from elastid.targets.target import Target
 
-# Ends of 95 % intervals by joint and quantity.
-Intervals: TypeAlias = Mapping[tuple[str, str], tuple[float, float]]
-# Quantities with their units where a joint turns and where it slides.
+Intervals: TypeAlias = Mapping[tuple[str, str], tuple[float, float]]  # 95 %, by joint and quantity
+# Units of each quantity for a rotating and for a sliding joint.
 UNITS: Final = {
     "armature": ("kg*m^2", "kg"), "viscous": ("N*m*s/rad", "N*s/m"), "coulomb": ("N*m", "N"), "stiction": ("N*m", "N"),
     "stribeck_velocity": ("rad/s", "m/s"), "stiffness": ("N*m/rad", "N/m"), "damping": ("N*m*s/rad", "N*s/m"),
@@ -40,10 +39,10 @@ UNITS: Final = {
 
 @dataclass(frozen=True)
 class Actuator:
-    """Numbers of a driven joint, link side, SI; stiffness and damping of its gear, None if it is rigid.
+    """Parameters of a driven joint, link side, SI; stiffness and damping of its gear, None if it is rigid.
 
     rotor_inertia: motor side.  kp, kd, delay: of the joint controller, None if unknown.  lost: parts of the model that
-    no snippet has.
+    no snippet contains.
     """
 
     joint: str
@@ -67,18 +66,19 @@ class Actuator:
 
 @dataclass(frozen=True)
 class Actuators:
-    """All driven joints of a robot, with the intervals of their numbers, for one robot or group of configurations."""
+    """Parameters of all driven joints with intervals, for one robot or group of configurations."""
 
     name: str
     rows: tuple[Actuator, ...]
     intervals: Intervals
 
     def interval_text(self, row: Actuator, *quantities: str) -> str:
-        """Return intervals of quantities of a joint in a line; empty without any."""
-        phrases = []
-        for quantity in quantities:
-            if ends := self.intervals.get((row.joint, quantity)):
-                phrases.append(f"{quantity} {ends[0]:.6g} to {ends[1]:.6g} {UNITS[quantity][row.slides]}")
+        """Return the intervals of quantities of a joint in one line; empty without intervals."""
+        phrases = [
+            f"{quantity} {ends[0]:.6g} to {ends[1]:.6g} {UNITS[quantity][row.slides]}"
+            for quantity in quantities
+            if (ends := self.intervals.get((row.joint, quantity)))
+        ]
         return f"95 %: {', '.join(phrases)}" if phrases else ""
 
 
@@ -88,15 +88,15 @@ Gains: TypeAlias = Sequence[tuple[float, float]]
 def actuators_of(
     name: str, robot: Robot, intervals: Intervals, gains: Gains = (), delay_s: float | None = None
 ) -> Actuators:
-    """Collect the numbers of the driven joints of a robot.  gains: kp and kd of each joint, empty if unknown."""
-    of_joints: Sequence[tuple[float | None, float | None]] = gains or [(None, None)] * len(robot.driven)
-    rows = (_actuator(robot, joint, *pair, delay_s) for joint, pair in zip(robot.driven, of_joints, strict=True))
+    """Collect the parameters of the driven joints of a robot.  gains: kp and kd of each joint, empty if unknown."""
+    pairs: Sequence[tuple[float | None, float | None]] = gains or [(None, None)] * len(robot.driven)
+    rows = (_actuator(robot, joint, *pair, delay_s) for joint, pair in zip(robot.driven, pairs, strict=True))
     return Actuators(name, tuple(rows), intervals)
 
 
 def _actuator(robot: Robot, joint: Joint, kp: float | None, kd: float | None, delay_s: float | None) -> Actuator:
     ratio, motor, law, spring = robot.ratio(joint.name), joint.motor, law_of(robot, joint.name), joint.spring
-    assert motor is not None  # of a driven joint
+    assert motor is not None  # the joint is driven
     laws = [friction for friction in (law, joint.friction) if friction is not None]
     coulomb, stiction = (sum(getattr(friction, key) for friction in laws) for key in ("coulomb", "break_away"))
     return Actuator(
@@ -127,8 +127,11 @@ def _parts_without_snippet(joint: Joint, law: Friction | None) -> Iterator[str]:
 
 
 def fit_intervals(model: FittedRobot, friction: CompensatedFriction | None) -> Intervals:
-    """Return intervals of the numbers of a fit and of its Coulomb friction, on the link side."""
-    numbers = {number.name: number for number in known_numbers(model) if math.isfinite(number.std)}
+    """Return the intervals of the parameters of a fit and of its Coulomb friction, link side.
+
+    The interval of a sum of parameters p with factors c is the root of the sum of the squares of c (p - end).
+    """
+    numbers = {number.name: number for number in exported_numbers(model) if math.isfinite(number.std)}
     interval_of = {row.place: row.interval for row in (friction_rows(friction) if friction else ()) if row.interval}
     intervals: dict[tuple[str, str], tuple[float, float]] = {}
     for joint in model.robot.driven:
@@ -139,7 +142,9 @@ def fit_intervals(model: FittedRobot, friction: CompensatedFriction | None) -> I
         ):  # fmt: skip
             if free := [(numbers[part], scale) for part, scale in scale_of.items() if part in numbers]:
                 value = float(joint.all_viscous) if quantity == "viscous" else free[0][0].value * free[0][1]
-                down, up = (math.hypot(*(k * (n.value - getattr(n, end)) for n, k in free)) for end in ("low", "high"))
+                down, up = (
+                    math.hypot(*(k * (n.value - getattr(n, end)) for n, k in free)) for end in ("lower_95", "upper_95")
+                )
                 intervals[name, quantity] = value - down, value + up
         if ends := interval_of.get(f"motor {name}"):
             intervals[name, "coulomb"] = ends
@@ -147,27 +152,24 @@ def fit_intervals(model: FittedRobot, friction: CompensatedFriction | None) -> I
 
 
 def with_total_inertias(actuators: Actuators, result: FrictionResult) -> Actuators:
-    """Return the same numbers, with the total inertia (with links), gravity and offset of each joint listed as lost."""
+    """Add the identified total inertia (with links), gravity and offset of each joint to the omitted parts."""
 
-    def row_of(row: Actuator) -> Actuator:
+    def with_omissions(row: Actuator) -> Actuator:
         values = {n.name: n.value for joint in result.joints if joint.joint == row.joint for n in joint.numbers}
         total = values.get(RIGID_TERMS["inertia"].name(row.joint))
         if total is None:
             return row
         unit = UNITS["armature"][row.slides]
-        note_text = (
+        text = (
             f"total inertia {total:.6g} {unit} with the links (the armature is from the robot model and not identified)"
         )
-        return replace(row, lost=(*row.lost, note_text, "identified gravity and offset of the torque"))
+        return replace(row, lost=(*row.lost, text, "identified gravity and offset of the torque"))
 
-    return replace(actuators, rows=tuple(row_of(row) for row in actuators.rows))
+    return replace(actuators, rows=tuple(map(with_omissions, actuators.rows)))
 
 
 def friction_intervals(result: FrictionResult) -> Intervals:
-    """Return intervals of the numbers of a friction study; none of a number that differs by direction.
-
-    All joints share the delay, which is among the numbers of the first.
-    """
+    """Return the intervals of friction parameters that are equal in both directions, and of the common delay."""
     all_terms = {**TERMS, "armature": RIGID_TERMS["armature"], "delay": RIGID_TERMS[DELAY]}
     terms = {quantity: all_terms[quantity] for quantity in UNITS if quantity in all_terms}
     intervals = {
@@ -177,12 +179,12 @@ def friction_intervals(result: FrictionResult) -> Intervals:
         for number in joint.numbers
         if number.name == term.name(joint.joint)
     }
-    late = [ends for (_, quantity), ends in intervals.items() if quantity == "delay"]
-    return intervals | {(joint.joint, "delay"): late[0] for joint in result.joints if late}
+    delays = [ends for (_, quantity), ends in intervals.items() if quantity == "delay"]
+    return intervals | {(joint.joint, "delay"): delays[0] for joint in result.joints if delays}
 
 
 def write_actuators(folder: Path, actuators: Actuators) -> tuple[Path, ...]:
-    """Write one snippet for each simulator, and README.md with the mapping and the lost parts."""
+    """Write one snippet for each simulator, and README.md with the mapping and the omitted parts."""
     writers = {
         "mjcf.xml": _mjcf, "isaac_lab.py": _isaac_lab, "urdf.xml": _urdf, "sdf.xml": _sdf, "drake.xml": _drake,
         "ros2_control.yaml": _ros2, "README.md": _readme,
@@ -215,14 +217,16 @@ def _mjcf(actuators: Actuators) -> str:
         _add_comment(defaults, actuators.interval_text(row, "armature", "viscous", "coulomb", "kp", "kd", "delay"))
         if row.delay is not None:
             _add_comment(defaults, f"delay {row.delay:g} s: attribute of actuators in new MuJoCo, else delay ctrl")
-        of_joint = ET.SubElement(defaults, "default", {"class": row.joint})
-        ET.SubElement(of_joint, "joint", _numbers(armature=row.armature, damping=row.viscous, frictionloss=row.coulomb))
+        joint_class = ET.SubElement(defaults, "default", {"class": row.joint})
+        ET.SubElement(
+            joint_class, "joint", _numbers(armature=row.armature, damping=row.viscous, frictionloss=row.coulomb)
+        )
         if row.kp is not None:
-            ET.SubElement(of_joint, "position", _numbers(kp=row.kp, kv=row.kd))
+            ET.SubElement(joint_class, "position", _numbers(kp=row.kp, kv=row.kd))
         if row.stiffness is not None:
             _add_comment(defaults, actuators.interval_text(row, "stiffness", "damping"))
-            of_gear = ET.SubElement(defaults, "default", {"class": f"{row.joint} gear"})
-            ET.SubElement(of_gear, "joint", _numbers(stiffness=row.stiffness, damping=row.damping))
+            gear_class = ET.SubElement(defaults, "default", {"class": f"{row.joint} gear"})
+            ET.SubElement(gear_class, "joint", _numbers(stiffness=row.stiffness, damping=row.damping))
     return _document(
         root, actuators, '<include file="mjcf.xml"/>, then class="JOINT" for a joint and its <position> actuator.',
         'An elastic gear is a second joint on the same body and axis, of class="JOINT gear"; target mujoco has both.',
@@ -235,7 +239,7 @@ def _isaac_lab(actuators: Actuators) -> str:
     for row in actuators.rows:
         interval = actuators.interval_text(row, "armature", "coulomb", "stiction", "viscous", "kp", "kd", "delay")
         lines += [f"    # {one_line(interval)}"] * bool(interval)
-        expression = re.escape(row.joint).replace("\\ ", " ")  # matches the name alone
+        expression = re.escape(row.joint).replace("\\ ", " ")  # matches this name only
         delay = row.delay or 0.0
         fields = {
             "joint_names_expr": f"[{expression!r}]", "stiffness": row.kp, "damping": row.kd, "armature": row.armature,

@@ -1,4 +1,4 @@
-"""Export to python-control: the state space of every configuration in one .npz without pickles, and how to load it."""
+"""Export to python-control: state-space models of all configurations in an .npz file, and a script that loads it."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +11,7 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.modal.modes import Modes
 from elastid.response import Response
 from elastid.store.files import write_text
-from elastid.targets.numbers import known_numbers
+from elastid.targets.numbers import exported_numbers
 from elastid.targets.target import Target
 
 
@@ -55,11 +55,11 @@ def _write(data: Path, arrays: dict[str, np.ndarray], loader: Path, name: str, f
 def write_control(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """Write model.npz and load_model.py; arrays <configuration>/A, B, C, D, angles (rad), delay (s), freq_hz, G, std.
 
-    parameters, units (p,): names and SI units.  known (p, 6): value, std, ends of the 95 % interval, and contributions
-    of noise and of the robot model's tolerances to std.  free (m,), covariance (m, m): of the free parameters, SI.
+    parameters, units (p,): names and SI units.  known (p, 7): value, std, ends of the 95 % interval, and the three
+    contributions to std.  free (m,), covariance (m, m): names and covariance of the free parameters, SI.
     """
     systems = [plant.state_space() for plant in model.models]
-    first_system, numbers = systems[0], known_numbers(model)
+    first_system, numbers = systems[0], exported_numbers(model)
     free, C = model.result.parameters.free, model.result.covariance
     slopes = np.where([p.log for p in free], model.result.parameters.natural(model.result.x), 1.0)
     arrays = {

@@ -1,6 +1,6 @@
-"""Export to CSV: parameters, modes of a model or of measured responses, a frequency response for each configuration.
+"""Export to CSV: parameters, modes, friction, and the frequency response of each configuration.
 
-The responses can be read back as `experiment.responses` of a study: columns freq_hz, re_<y>_<u>, im_<y>_<u>.
+A study can read the responses as `experiment.responses`: columns freq_hz, re_<y>_<u>, im_<y>_<u>.
 """
 
 import math
@@ -17,33 +17,33 @@ from elastid.friction_study.result import FrictionResult
 from elastid.modal.modes import Modes
 from elastid.response import Response
 from elastid.store.files import write_rows
-from elastid.targets.numbers import known_numbers
+from elastid.targets.numbers import exported_numbers
 from elastid.targets.target import Target
 
 
 def write_modes_csv(path: Path, modes: Sequence[Modes]) -> Path:
     """Write one row for each mode of each response; frequencies in Hz, or in units of an unknown sampling rate.
 
-    Shapes, the largest entry 1, as re_<place>, im_<place> and std_<place>; empty where another response has it.
+    Mode shapes, with the largest entry 1: re_<place>, im_<place> and std_<place>, empty without this place.
     """
     return write_rows(path, _measured_modes(modes))
 
 
 def _measured_modes(modes: Sequence[Modes]) -> Iterable[Sequence[Any]]:
-    locations = list(dict.fromkeys(place for basis in modes for place in basis.places))
+    places = list(dict.fromkeys(place for mode_set in modes for place in mode_set.places))
     columns = "frequency", "frequency_std", "damping_ratio", "damping_ratio_std", "phase_collinearity"
-    yield "configuration", *columns, *(f"{part}_{place}" for place in locations for part in ("re", "im", "std"))
-    for basis in modes:
-        shapes, std = basis.place_shapes
-        numbers = zip(basis.freq_hz, basis.freq_std, basis.zeta, basis.zeta_std, basis.collinearity, strict=True)
-        for r, row in enumerate(numbers):
-            entries = zip(basis.places, shapes[:, r].real, shapes[:, r].imag, std[:, r], strict=True)
-            by_place = {place: numbers for place, *numbers in entries}
-            yield basis.configuration, *row, *(x for place in locations for x in by_place.get(place, ("", "", "")))
+    yield "configuration", *columns, *(f"{kind}_{place}" for place in places for kind in ("re", "im", "std"))
+    for mode_set in modes:
+        shapes, std = mode_set.place_shapes
+        numbers = mode_set.freq_hz, mode_set.freq_std, mode_set.zeta, mode_set.zeta_std, mode_set.collinearity
+        for r, row in enumerate(zip(*numbers, strict=True)):
+            entries = zip(mode_set.places, shapes[:, r].real, shapes[:, r].imag, std[:, r], strict=True)
+            by_place = {place: entry for place, *entry in entries}
+            yield mode_set.configuration, *row, *(x for place in places for x in by_place.get(place, ("", "", "")))
 
 
 def write_csv(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
-    """Write parameters.csv, modes.csv, <configuration>-fitted.csv and <configuration>-measured.csv, numbers in full."""
+    """Write parameters.csv, modes.csv, <configuration>-fitted.csv and <configuration>-measured.csv."""
     paths = [write_rows(folder / "parameters.csv", _parameters(model)), write_rows(folder / "modes.csv", _modes(model))]
     for plant, G in zip(model.models, model.measured, strict=True):
         fitted, std = plant.response(G.freq_hz, sampled=True).G, plant.response_std(G.freq_hz)
@@ -62,7 +62,7 @@ def write_responses_csv(
 def write_friction_csv(folder: Path, friction_result: FrictionResult) -> tuple[Path, ...]:
     """Write parameters.csv of friction, and base_parameters.csv of each rigid body.
 
-    Its columns after the numbers: how much of each other number of the regressor a base parameter contains.
+    The last columns are the coefficients of the regressor's parameters in each base parameter.
     """
     rows = [(n.name, n.unit, n.value, n.std, n.low, n.high) for n in friction_result.numbers]
     head = "parameter", "unit", "value", "std"
@@ -81,9 +81,9 @@ def _measured(folder: Path, G: Response) -> Path:
 
 
 def _parameters(model: FittedRobot) -> Iterable[Sequence[Any]]:
-    numbers = known_numbers(model)
+    numbers = exported_numbers(model)
     yield "parameter", "unit", *numbers[0].row
-    for number in numbers:  # a fixed number has no std, not one of 0
+    for number in numbers:  # a fixed number has no std
         yield number.name, number.unit, *("" if math.isnan(value) else value for value in number.row.values())
 
 
@@ -93,7 +93,7 @@ def _modes(model: FittedRobot) -> Iterable[Sequence[Any]]:
         modal = plant.modes()
         columns = (column.tolist() for column in (modal.freq_hz, modal.zeta, modal.freq_std, modal.zeta_std))
         for i, (*values, freq_std, zeta_std) in enumerate(zip(*columns, strict=True), start=1):
-            # A mode of fixed numbers alone has no std.
+            # A mode that depends only on fixed parameters has no std.
             yield plant.linear.configuration.name, i, *values, freq_std or "", zeta_std or ""
 
 

@@ -1,14 +1,14 @@
-r"""C code of friction: a function for each joint that follows it, and its compensation at a velocity.
+r"""Friction in C: an observer (extended Kalman filter) for each joint, and the compensation torque of each motor.
 
-A sample is one call: states and covariance are replaced, nothing else is stored, no memory is allocated. Numbers of the
-joint and of the noise are inside; all torques and angles are on the link side, SI.
+The observer has one call per sample, which updates the states and the covariance and allocates no memory. Parameters
+of the joint and of the noise are constants; torques and angles are link-side values, SI.
 
-The compensation is the torque of each motor's friction at a velocity, as C and as a table,
+The compensation is the friction torque of each motor as a function of velocity, in C and as a table,
 
 .. math:: u_f(v) = g(v) \tanh(v / v_s) + \alpha_3 v |v| + \alpha_2 v
 
-the identified law in steady sliding with viscous friction, turning around over v_s = 0.01 rad/s so that noise of a
-velocity near 0 does not reverse the torque. Link side, SI.
+the identified model in steady sliding with viscous friction. v_s = 0.01 rad/s smooths the reversal, so that velocity
+noise near 0 does not reverse the torque. Link side, SI.
 """
 
 from collections.abc import Iterable, Mapping
@@ -31,7 +31,7 @@ from elastid.use.trajectory_optimisation import SLIDING
 
 
 def write_observers(folder: Path, observers: Mapping[str, TrackedFriction]) -> tuple[Path, ...]:
-    """Write observer.c and observer.h: <joint>_start and <joint>_follow of each joint by its name."""
+    """Write observer.c and observer.h with functions <joint>_start and <joint>_follow for each joint."""
     identifiers = c_identifiers(observers)
     steps = {name: _step(identifiers[name], observer) for name, observer in observers.items()}
     equations = c_sources("equations", steps.values())["equations.c"]
@@ -43,7 +43,7 @@ def write_observers(folder: Path, observers: Mapping[str, TrackedFriction]) -> t
 
 
 def _step(name: str, observer: TrackedFriction) -> ca.Function:
-    """Return (x, P, u, g, y) -> (x, P, innovation, variance) with the noise's numbers."""
+    """Return the filter step (x, P, u, g, y) -> (x, P, innovation, variance) with the identified noise."""
     step = filter_step(observer.filtered, observer.rate_hz)
     x, P, u, g, y = step.sx_in()[:5]
     results = step(x, P, u, g, y, observer.noise.vector(observer.filtered, observer.rate_hz))
@@ -87,7 +87,7 @@ def _header(observers: Mapping[str, TrackedFriction], identifiers: Mapping[str, 
         "x[i] +- 1.96 sqrt(P[i * n + i]). The band includes the errors of the fixed numbers. For each of these,",
         *("P ends with n cross covariances of the states, divided by its standard deviation.", "", "States:", ""),
     ]
-    declared = []
+    declarations = []
     for name, observer in observers.items():
         states, key = observer.filtered.states, identifiers[name]
         n, size = len(states), len(states) * (len(states) + len(observer.filtered.consider_parameters))
@@ -95,16 +95,16 @@ def _header(observers: Mapping[str, TrackedFriction], identifiers: Mapping[str, 
         lines.append(f"{name} ({key}) at {observer.rate_hz:g} Hz: {meanings}")
         stds = [f"{name} {observer.filtered.tolerances[name]:.2g}" for name in observer.filtered.consider_parameters]
         lines += [f"  fixed, with relative std: {', '.join(stds) or 'nothing'}"]
-        lines += [f"  starts with 95 % bands {_starts(observer.filtered)}"]
-        declared.append(f"void {key}_start(double x[{n}], double P[{size}], double angle, double load);")
-        declared.append(
+        lines += [f"  starts with 95 % bands {_initial_bands(observer.filtered)}"]
+        declarations.append(f"void {key}_start(double x[{n}], double P[{size}], double angle, double load);")
+        declarations.append(
             f"void {key}_follow(double x[{n}], double P[{size}], double torque, double load, double angle,\n"
             f"{' ' * (len(key) + 13)}double *innovation, double *variance);"
         )
-    return c_comment(lines) + "\n".join(["#ifndef OBSERVER_H", "#define OBSERVER_H", *declared, "#endif"]) + "\n"
+    return c_comment(lines) + "\n".join(["#ifndef OBSERVER_H", "#define OBSERVER_H", *declarations, "#endif"]) + "\n"
 
 
-def _starts(joint: TrackedJoint) -> str:
+def _initial_bands(joint: TrackedJoint) -> str:
     bands, (x, P) = list[str](), first_estimate(joint, 0.0)
     std = np.sqrt(np.diag(P))
     for i, state in enumerate(joint.states):
@@ -116,7 +116,7 @@ def _starts(joint: TrackedJoint) -> str:
 
 
 def compensation(robot: Robot) -> ca.Function:
-    """Return v (n_u,) -> u_f (n_u,): motor torque in addition to the frictionless robot."""
+    """Return the function v (n_u,) -> u_f (n_u,), the friction torque of each motor, link side."""
     v = ca.SX.sym("v", len(robot.driven))
     laws = {law.place: law for law in frictions(robot)}
     torques = []
@@ -132,10 +132,7 @@ def compensation(robot: Robot) -> ca.Function:
 
 
 def write_compensation(folder: Path, robot: Robot, title: str, known: Iterable[str]) -> tuple[Path, ...]:
-    """Write friction.c and friction.h with `friction_torque(v, u)`, and friction.csv with torque over velocity.
-
-    known: lines on the intervals of the numbers.
-    """
+    """Write friction.c and .h with `friction_torque(v, u)`, and friction.csv.  known: lines on the intervals."""
     function, m = compensation(robot), len(robot.driven)
     entries = ", ".join(f"[{i}] motor {joint.name}" for i, joint in enumerate(robot.driven))
     lines = [f"{title}: friction_torque, the torque u of the motors' friction at velocities v, link side, SI.", entries]
@@ -155,17 +152,17 @@ void friction_torque(const double v[{m}], double u[{m}]) {{
     header = (
         f"#ifndef FRICTION_H\n#define FRICTION_H\nvoid friction_torque(const double v[{m}], double u[{m}]);\n#endif\n"
     )
-    source, declared, table = (folder / f"friction.{end}" for end in ("c", "h", "csv"))
+    source, header_file, table = (folder / f"friction.{end}" for end in ("c", "h", "csv"))
     write_text(source, comment + equations + call)
-    write_text(declared, comment + header)
+    write_text(header_file, comment + header)
     write_rows(table, [("motor", "velocity", "torque"), *_rows(robot, function)])
-    return source, declared, table
+    return source, header_file, table
 
 
 def _rows(robot: Robot, function: ca.Function) -> Iterable[tuple[str, float, float]]:
-    # The table of a joint without a limit of velocity goes to 3 rad/s (m/s).
+    # Without a velocity limit the table ends at 3 rad/s (m/s).
     fastest = [joint.limits.velocity if np.isfinite(joint.limits.velocity) else 3.0 for joint in robot.driven]
-    # Denser about standstill, where friction turns around.
+    # Denser near zero velocity, where friction reverses.
     grid = np.sinh(np.linspace(-6, 6, 201)) / np.sinh(6)
     v = np.outer(fastest, grid)
     u = function.map(v.shape[1])(v).full()

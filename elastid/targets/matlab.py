@@ -1,4 +1,4 @@
-"""Export to MATLAB: a .mat with every configuration's matrices and responses, and a script that loads them."""
+"""Export to MATLAB: a MAT-file with state-space models and responses of all configurations, and a loading script."""
 
 import io
 from collections.abc import Mapping, Sequence
@@ -17,12 +17,11 @@ from elastid.fit.posture import PredictionPorts, default_frame
 from elastid.response import Response
 from elastid.robot import FRAME_AXES
 from elastid.store.files import write_text
-from elastid.targets.numbers import known_numbers
+from elastid.targets.numbers import exported_numbers
 from elastid.targets.target import Target
 
-# Fields of a struct of MATLAB.
-Fields: TypeAlias = dict[str, Any]
-# A MAT-file of version 5 begins with 116 bytes of free text, in which SciPy writes the time.
+Fields: TypeAlias = dict[str, Any]  # of a MATLAB struct
+# A MAT-file of version 5 begins with 116 bytes of text, into which SciPy writes the time.
 HEADING = b"MATLAB 5.0 MAT-file, written by elastid".ljust(116)
 
 
@@ -30,15 +29,14 @@ def write_matlab(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """Write model.mat (version 5) with struct arrays `model`, `measured`, `fitted`, `parameters`, `tool`; load_model.m.
 
     measured and fitted have the fields of an idfrd: ResponseData (n_y, n_u, F), Frequency, FrequencyUnit,
-    CovarianceData; that of fitted is due to the parameters. tool has A, B, C, D (.., .., Q) from forces and torques at
-    the frame to its motion, motors locked, in the Q postures. The script runs in MATLAB and in Octave, and without
-    toolboxes as far as they go.
+    CovarianceData (fitted: of the parameters). tool has A, B, C, D (.., .., Q) from forces and torques at the frame to
+    its motion with locked motors, in Q postures. The script runs in MATLAB and Octave; toolboxes are optional.
     """
     fitted = [
         _response(plant.response(G.freq_hz, sampled=True).G, G, plant.response_std(G.freq_hz) ** 2)
         for plant, G in zip(model.models, model.measured, strict=True)
     ]
-    numbers = [{"name": number.name, **number.row, "unit": number.unit} for number in known_numbers(model)]
+    numbers = [{"name": number.name, **number.row, "unit": number.unit} for number in exported_numbers(model)]
     measured, systems = list(map(_measured, model.measured)), [_system(plant.state_space()) for plant in model.models]
     content = {"model": systems, "measured": measured, "fitted": fitted, "parameters": numbers, "tool": [_tool(model)]}
     data, script = folder / "model.mat", folder / "load_model.m"
@@ -63,7 +61,7 @@ def _write(data: Path, content: dict[str, list[Fields]], script: Path, name: str
 
 
 def write_mat(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a MAT-file of version 5, the same bytes at any time."""
+    """Write a MAT-file of version 5 without the time, so that equal content gives equal bytes."""
     buffer = io.BytesIO()
     savemat(buffer, content, do_compression=True)
     write_atomically(path, HEADING + buffer.getvalue()[len(HEADING) :])
@@ -86,19 +84,19 @@ def _system(system: Any) -> Fields:
 
 
 def _tool(model: FittedRobot) -> Fields:
-    """Return the robot at a frame with its motors locked, in all postures; only the names for a rigid robot."""
+    """Return state-space models at a frame with locked motors in all postures; only the names for a rigid robot."""
     configurations = [linear.configuration for linear in model.linear]
-    named = {"configurations": np.array([posture.name for posture in configurations], dtype=object)}
+    names = {"configurations": np.array([posture.name for posture in configurations], dtype=object)}
     frame = default_frame(model.robot)
     ports = tuple(f"{kind} {frame} {axis}" for kind in ("force", "torque") for axis in "xyz")
     tool = PredictionPorts(ports, tuple(f"frame {frame} {axis}" for axis in FRAME_AXES), axes="world")
     try:
         systems = [model.result.family(tool, posture.name).at(posture).state_space() for posture in configurations]
     except StudyError:
-        return named
+        return names
     stacks = {name: np.stack([getattr(system, name) for system in systems], axis=2) for name in "ABCD"}
     first = systems[0]
-    return named | stacks | {
+    return names | stacks | {
         "frame": frame,
         "InputName": np.array(first.inputs, dtype=object),
         "OutputName": np.array(first.outputs, dtype=object),
@@ -106,7 +104,7 @@ def _tool(model: FittedRobot) -> Fields:
 
 
 def _response(G: Any, measured: Response, variance: FloatArray | None) -> Fields:
-    """Return fields of an idfrd; CovarianceData (n_y, n_u, F, 2, 2): half of the variance in each real component."""
+    """Return the fields of an idfrd; CovarianceData (n_y, n_u, F, 2, 2) has half of the variance per real component."""
     half = None if variance is None else np.moveaxis(variance, 0, 2) / 2
     return {
         "configuration": measured.configuration.name,

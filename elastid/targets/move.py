@@ -1,6 +1,6 @@
-"""Export of a tuned move: tables with their interpolation in C, a ROS 2 JointTrajectory as YAML, a MAT-file.
+"""Export of a tuned move: C code with tables and interpolation, a ROS 2 JointTrajectory in YAML, and a MAT-file.
 
-All on the link side, in SI, over time from the first sample, at rest before and after.
+Link-side values, SI, over the time from the first sample; the robot is at rest before and after the move.
 """
 
 from pathlib import Path
@@ -17,7 +17,7 @@ from elastid.use.tune import TunedMove
 
 
 def write_move_c(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
-    """Write move.c and move.h: `move_at(t, q, v, u)`, which returns 1 from the last sample on."""
+    """Write move.c and move.h with `move_at(t, q, v, u)`, which returns 1 after the last sample."""
     texts = move_sources(tuned)
     for name, text in texts.items():
         write_text(folder / name, text)
@@ -48,7 +48,7 @@ def move_sources(tuned: TunedMove) -> dict[str, str]:
 
 
 def write_move(folder: Path, tuned: TunedMove) -> tuple[Path, ...]:
-    """Write the move for C, ROS 2 and MATLAB; `export.fmu` contains the move with a robot.
+    """Write the move for C, ROS 2 and MATLAB; `fmu.write_move_fmu` writes it together with a robot.
 
     trajectory.yaml: a trajectory_msgs/msg/JointTrajectory for `ros2 topic pub`, with torques as effort.  move.mat
     (version 5): time, position, velocity, acceleration, torque, joints; load_move.m reads it.

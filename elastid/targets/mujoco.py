@@ -1,4 +1,4 @@
-r"""Export to MuJoCo: the fitted robot as MJCF, elasticity and rotors included, a keyframe for each configuration.
+r"""Export to MuJoCo: the fitted robot as MJCF with elasticity and rotors, and a keyframe for each configuration.
 
 A flexible joint becomes two hinges (or slides) of one axis on one body, motor angle and twist of the gear, so that
 q_a = q_m + twist:
@@ -6,19 +6,18 @@ q_a = q_m + twist:
 .. math:: V = \tfrac12 k\, twist^2, \quad R = \tfrac12 d\, \dot{twist}^2 + \tfrac12 f_m \dot q_m^2
           + \tfrac12 f (\dot q_m + \dot{twist})^2, \quad T_m = \tfrac12 J_m \dot q_m^2
 
-Rotors are armatures, named frames sites, viscous friction of the arm a damped tendon. Everything is on the link side:
-an actuator exerts link-side torque. The keyframes are the equilibria, controls included.
+Rotors are armatures, frames are sites, viscous link-side friction is a damped tendon. All values are link-side values,
+also the torques of the actuators. The keyframes are equilibria with their controls.
 
-A gear with backlash b and inner stiffness k_i is the stiffness k_i of the twist and a tendon over the twist, of
-stiffness k - k_i, that is slack within +-b (`springlength`): lost motion with sharp ends.
+For a gear with backlash b and inner stiffness k_i, the twist has the stiffness k_i, and a tendon over the twist has the
+stiffness k - k_i and is slack within +-b (`springlength`): lost motion with sharp ends.
 
-Rods of loops are bodies on ball joints, closed by equality constraints between sites. A rod that stretches evenly has
-its mass in two points, one at its first end and one at the part f of its length, which moves with the part f of its
-elongation s:
+Rods of loops are bodies on ball joints, closed by equality constraints between sites. A rod with uniform strain has its
+mass in two points: one at its first end, and one at the fraction f of its length, which moves by f s (elongation s):
 
 .. math:: f = a + \frac{I}{m a L^2}, \qquad m_f = m a / f, \qquad m_0 = m - m_f
 
-so that mass, centre, inertia across it and all terms of s in T are those of the rod itself,
+Mass, centre, transverse inertia and all terms of s in T then equal the values of the rod,
 :math:`T = \tfrac12 m |(1-a) \dot p_1 + a \dot p_2|^2 + \tfrac12 (I / L^2) |\dot p_2 - \dot p_1|^2`.
 """
 
@@ -41,37 +40,31 @@ from elastid.model.kinematics import frame_poses
 from elastid.robot import BASE, Body, Joint, Loop, Placement, Robot, Rod, unit_axis
 from elastid.robot.body import six_numbers
 from elastid.store.files import write_text
-from elastid.targets.numbers import in_full, known_numbers
+from elastid.targets.numbers import exported_numbers, in_full
 from elastid.targets.target import Target
 
-# MuJoCo refuses a moving body without mass or without inertia: negligible kg and kg m^2 of any robot.
-MIN_INERTIA = 1e-12
-# Bodies that may be given an element for a joint: the element, and the body's axes in it.
-Elements = Mapping[str, tuple[ET.Element, Placement]]
-# Of joints by name.
-Positions: TypeAlias = dict[str, list[float]]
-# A constraint that is closed within two steps of 0.5 ms, and as hard as the engine takes it.
+MIN_INERTIA = 1e-12  # kg and kg m^2, negligible; MuJoCo requires mass and inertia of a moving body
+# Element to which the joints of a body are added, and the placement of the body's axes in it.
+Elements: TypeAlias = Mapping[str, tuple[ET.Element, Placement]]
+Positions: TypeAlias = dict[str, list[float]]  # of joints by name
+# Constraints settle within two steps of 0.5 ms and are as stiff as MuJoCo allows.
 _HARD = {"solref": "0.001 1", "solimp": "0.9999 0.99999 0.001"}
-_ALONG = np.array([1.0, 0.0, 0.0])  # a rod, in its own axes
+_ALONG = np.array([1.0, 0.0, 0.0])  # direction of a rod in its own axes
+NO_RODS: "Mapping[str, RodPose]" = MappingProxyType({})  # for a robot without loops
 _NO_GAP: Mapping[str, Any] = {"backlash": None, "inner_stiffness": 0.0}
-# Of a robot without loops.
-NO_RODS: "Mapping[str, RodPose]" = MappingProxyType({})
 
 
 def write_mujoco(folder: Path, linear_model: FittedRobot, geared: Robot | None = None) -> tuple[Path, ...]:
-    """Write robot.xml with Coulomb friction and lost motion of the robot `geared`.
-
-    Raises StudyError if MJCF cannot represent the robot.
-    """
+    """Write robot.xml with friction and lost motion of `geared`; StudyError if MJCF cannot represent the robot."""
     model = linear_model
     points = [equilibrium(model.model, model.theta[:-1], linear.configuration) for linear in model.linear]
     start = rod_poses(model.robot, points[0].q[: len(model.robot.joints)])
     root = mjcf(model.robot, start)
     if geared is not None:
-        _rub(root, geared)
+        _add_friction(root, geared)
         _add_lost_motion(root, geared)
-    _intervals(root, model)
-    _keyframes(root, model, points, start)
+    _add_intervals(root, model)
+    _add_keyframes(root, model, points, start)
     ET.indent(root)
     path = folder / "robot.xml"
     write_text(path, ET.tostring(root, encoding="unicode") + "\n")
@@ -79,11 +72,11 @@ def write_mujoco(folder: Path, linear_model: FittedRobot, geared: Robot | None =
 
 
 def mjcf(robot: Robot, rods: "Mapping[str, RodPose]" = NO_RODS) -> ET.Element:
-    """Return the robot without keyframes; StudyError if MJCF cannot represent it.  rods: their drawn poses."""
+    """Return the robot without keyframes; StudyError if MJCF cannot represent it.  rods: their poses in the file."""
     _check(robot)
     root = ET.Element("mujoco", model=robot.name)
     ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", balanceinertia="false")
-    # An implicit step keeps stiff gears stable; MuJoCo's default would not.
+    # Stiff gears need implicit time steps, which are not MuJoCo's default.
     ET.SubElement(root, "option", gravity=in_full(robot.gravity), integrator="implicit", timestep="0.0005")
     elements = _bodies(ET.SubElement(root, "worldbody"), robot)
     add_loops(root, elements, robot, rods)
@@ -99,6 +92,7 @@ def mjcf(robot: Robot, rods: "Mapping[str, RodPose]" = NO_RODS) -> ET.Element:
 
 
 def _check(robot: Robot) -> None:
+    """Raise StudyError for a robot that MJCF cannot represent."""
     omissions = [
         f"the spring of joint {j.name}" for j in robot.joints if j.spring and not replace(j.spring, **_NO_GAP).is_linear
     ]
@@ -121,19 +115,19 @@ def _bodies(world: ET.Element, robot: Robot) -> Elements:
     elements = {BASE: (world, Placement())}
     for body in robot.all_bodies:
         parent, mounted = elements[body.parent]
-        element = ET.SubElement(parent, "body", {"name": body.name} | _seat(mounted, body.placement))
+        element = ET.SubElement(parent, "body", {"name": body.name} | _pose(mounted, body.placement))
         if body.mass or np.any(body.inertia_matrix):
             _inertial(element, body)
         for joint in body.joints:
-            _hinges(element, joint)
+            _add_joints(element, joint)
         elements[body.name] = element, body.mounting
     for frame in robot.frames:
         parent, mounted = elements[frame.body]
-        ET.SubElement(parent, "site", {"name": frame.name} | _seat(mounted, frame.placement))
+        ET.SubElement(parent, "site", {"name": frame.name} | _pose(mounted, frame.placement))
     return elements
 
 
-def _seat(first: Placement, second: Placement) -> dict[str, str]:
+def _pose(first: Placement, second: Placement) -> dict[str, str]:
     R = first.rotation
     return {"pos": in_full(np.array(first.xyz) + R @ second.xyz), "quat": in_full(quaternion(R @ second.rotation))}
 
@@ -147,32 +141,32 @@ def _inertial(element: ET.Element, body: Body) -> None:
     ET.SubElement(element, "inertial", pos=in_full(center), mass=repr(mass), fullinertia=entries)
 
 
-def _hinges(element: ET.Element, joint: Joint) -> None:
+def _add_joints(element: ET.Element, joint: Joint) -> None:
     axis = {"axis": in_full(unit_axis(joint.axis)), "type": "slide" if joint.slides else "hinge"}
     axis |= {"pos": in_full(joint.point)} if any(joint.point) else {}
     armature = friction = 0.0
     if (motor := joint.motor) is not None:
         armature, friction = motor.ratio**2 * motor.inertia, motor.ratio**2 * motor.viscous
     if joint.spring is None:
-        _hinge(element, _driven(joint), axis, armature=armature, damping=friction + joint.viscous)
+        _add_joint(element, _joint_name(joint), axis, armature=armature, damping=friction + joint.viscous)
     elif joint.motor is None:
         k, d = joint.spring.stiffness, joint.spring.damping
-        _hinge(element, f"joint {joint.name}", axis, stiffness=k, damping=d + joint.viscous)
+        _add_joint(element, f"joint {joint.name}", axis, stiffness=k, damping=d + joint.viscous)
     else:
-        _hinge(element, f"motor {joint.name}", axis, armature=armature, damping=friction)
-        _hinge(element, f"twist {joint.name}", axis, stiffness=joint.spring.stiffness, damping=joint.spring.damping)
+        _add_joint(element, f"motor {joint.name}", axis, armature=armature, damping=friction)
+        _add_joint(element, f"twist {joint.name}", axis, stiffness=joint.spring.stiffness, damping=joint.spring.damping)
 
 
-def _hinge(element: ET.Element, name: str, axis: dict[str, str], **numbers: float) -> None:
+def _add_joint(element: ET.Element, name: str, axis: dict[str, str], **numbers: float) -> None:
     ET.SubElement(element, "joint", {"name": name} | axis | {key: repr(float(n)) for key, n in numbers.items()})
 
 
-def _driven(joint: Joint) -> str:
+def _joint_name(joint: Joint) -> str:
     return f"joint {joint.name}" if joint.motor is None else f"motor {joint.name}"
 
 
 def _tendon(root: ET.Element, joint: Joint) -> ET.Element:
-    """Return the tendon of motor angle plus twist of a flexible joint; adds it if it is missing."""
+    """Return the tendon over motor angle plus twist of a flexible joint; add it if it is missing."""
     tendons = _tendon_list(root)
     fixed = next((tendon for tendon in tendons if tendon.get("name") == f"joint {joint.name}"), None)
     if fixed is None:
@@ -183,17 +177,18 @@ def _tendon(root: ET.Element, joint: Joint) -> ET.Element:
 
 
 def _tendon_list(root: ET.Element) -> ET.Element:
+    """Return the element of all tendons; add it if it is missing."""
     tendons = root.find("tendon")
     return ET.SubElement(root, "tendon") if tendons is None else tendons
 
 
-def _named_joints(root: ET.Element) -> dict[str | None, ET.Element]:
+def _joints_by_name(root: ET.Element) -> dict[str | None, ET.Element]:
     return {element.get("name"): element for element in root.iter("joint")}
 
 
 def _add_lost_motion(root: ET.Element, robot: Robot) -> None:
-    """Add tendons over the springs with backlash, slack within the gap; the hinges keep the inner stiffness."""
-    hinges = _named_joints(root)
+    """Add tendons over the springs with backlash, slack within the gap; the joints keep the inner stiffness."""
+    hinges = _joints_by_name(root)
     for joint in robot.joints:
         spring = joint.spring
         if spring is None or spring.backlash is None:
@@ -205,8 +200,8 @@ def _add_lost_motion(root: ET.Element, robot: Robot) -> None:
         ET.SubElement(ET.SubElement(_tendon_list(root), "fixed", names), "joint", joint=name, coef="1")
 
 
-def _rub(root: ET.Element, robot: Robot) -> None:
-    hinges = _named_joints(root)
+def _add_friction(root: ET.Element, robot: Robot) -> None:
+    hinges = _joints_by_name(root)
     for joint in robot.driven:
         if joint.motor is not None and joint.motor.dry_friction is not None:
             torque = abs(joint.motor.ratio) * joint.motor.dry_friction.coulomb
@@ -215,22 +210,22 @@ def _rub(root: ET.Element, robot: Robot) -> None:
             _tendon(root, joint).set("frictionloss", repr(float(joint.friction.coulomb)))
 
 
-def _intervals(root: ET.Element, model: FittedRobot) -> None:
+def _add_intervals(root: ET.Element, model: FittedRobot) -> None:
     custom = ET.SubElement(root, "custom")
     legend = "of each number that was identified: value, standard deviation, ends of the 95 % interval; SI"
     if model.result.has_tolerances:
         legend += "; then the parts of the deviation by noise and by the tolerances of the robot's file"
     ET.SubElement(custom, "text", name="numeric", data=legend)
-    for parameter in known_numbers(model):
+    for parameter in exported_numbers(model):
         if math.isfinite(parameter.std):
             row = in_full(value for value in parameter.row.values() if math.isfinite(value))
             ET.SubElement(custom, "numeric", name=parameter.name, data=row)
 
 
-def _keyframes(
+def _add_keyframes(
     root: ET.Element, model: FittedRobot, points: Sequence[OperatingPoint], start: "Mapping[str, RodPose]"
 ) -> None:
-    """Add a keyframe at rest for every configuration, the joints in the order of the file, which is the engine's."""
+    """Add a keyframe at equilibrium for each configuration, with the joints in the order of the file."""
     keys = ET.SubElement(root, "keyframe")
     joints = [element.get("name", "") for element in root.findall("worldbody//joint")]
     for point in points:
@@ -249,24 +244,24 @@ def _positions(model: FittedRobot, point: OperatingPoint) -> Positions:
             motor = angles[f"motor {joint.name}"]
             positions |= {f"motor {joint.name}": [motor], f"twist {joint.name}": [angle - motor]}
         else:
-            positions[_driven(joint) if joint.spring is None else f"joint {joint.name}"] = [angle]
+            positions[_joint_name(joint) if joint.spring is None else f"joint {joint.name}"] = [angle]
     return positions
 
 
 @dataclass(frozen=True)
 class RodPose:
-    """A rod in a posture: its direction (3,) in the axes of its first body, and its elongation."""
+    """Pose of a rod: its direction (3,) in the axes of its first body, and its elongation, m."""
 
     direction: FloatArray
     elongation: float
 
 
 def rod_poses(robot: Robot, q: FloatArray) -> dict[str, RodPose]:
-    """Return poses of rods by loop, with the joints at q (n_l,)."""
+    """Return the poses of the rods by loop, with the joints at q (n_l,)."""
     poses = {}
     for loop in robot.loops:
         if loop.rod is not None:
-            (R, p), (R_2, p_2) = (_frame(robot, q, end.body) for end in loop.ends)
+            (R, p), (R_2, p_2) = (_body_pose(robot, q, end.body) for end in loop.ends)
             gap = p_2 + R_2 @ np.array(loop.ends[1].point) - p - R @ np.array(loop.ends[0].point)
             length = float(np.linalg.norm(gap))
             poses[loop.name] = RodPose(R.T @ gap / length, length - loop.rod.length)
@@ -274,7 +269,7 @@ def rod_poses(robot: Robot, q: FloatArray) -> dict[str, RodPose]:
 
 
 def add_loops(root: ET.Element, elements: Elements, robot: Robot, start: Mapping[str, RodPose]) -> None:
-    """Add rods below their first bodies, sites at the ends, and constraints.  start: poses in which rods are drawn."""
+    """Add rods below their first bodies, sites at the ends, and constraints.  start: poses in the model file."""
     if not robot.loops:
         return
     equality = ET.SubElement(root, "equality")
@@ -292,17 +287,18 @@ def add_loops(root: ET.Element, elements: Elements, robot: Robot, start: Mapping
 
 
 def rod_positions(start: Mapping[str, RodPose], rods: Mapping[str, RodPose], robot: Robot) -> Positions:
-    """Return positions of the joints of all rods by name: a quaternion from the drawn pose, and slides."""
+    """Return the joint positions of all rods by name: a quaternion relative to the pose `start`, and slides, m."""
     positions: Positions = {}
     for loop in robot.loops:
         if loop.rod is None:
             continue
-        rotation = _turn(_ALONG, start[loop.name].direction)
-        turn = rotation.T @ _turn(start[loop.name].direction, rods[loop.name].direction) @ rotation
+        direction = start[loop.name].direction
+        rotation = _rotation_between(_ALONG, direction)
+        turn = rotation.T @ _rotation_between(direction, rods[loop.name].direction) @ rotation
         positions[f"turn {loop.name}"] = quaternion(turn).tolist()
         if loop.rod.is_elastic:
             s = rods[loop.name].elongation
-            positions |= {f"stretch {loop.name}": [s], f"part {loop.name}": [_part(loop.rod) * s]}
+            positions |= {f"stretch {loop.name}": [s], f"part {loop.name}": [_mass_location(loop.rod) * s]}
     return positions
 
 
@@ -310,21 +306,21 @@ def _add_rod(equality: ET.Element, elements: Elements, loop: Loop, rod: Rod, dir
     parent, mounted = elements[loop.ends[0].body]
     R = mounted.rotation
     seat = np.array(mounted.xyz) + R @ np.array(loop.ends[0].point)
-    pose = {"pos": in_full(seat), "quat": in_full(quaternion(R @ _turn(_ALONG, direction)))}
+    pose = {"pos": in_full(seat), "quat": in_full(quaternion(R @ _rotation_between(_ALONG, direction)))}
     body = ET.SubElement(parent, "body", {"name": f"rod {loop.name}"} | pose)
-    text = _part(rod)
-    moving = rod.mass * rod.center / text if text > 0 else 0.0
-    _point_mass(body, rod.mass - moving, 0.0)
+    f = _mass_location(rod)
+    moving_mass = rod.mass * rod.center / f if f > 0 else 0.0
+    _point_mass(body, rod.mass - moving_mass, 0.0)
     ET.SubElement(body, "joint", name=f"turn {loop.name}", type="ball")
     middle = ET.SubElement(body, "body", name=f"rod {loop.name} middle")
-    _point_mass(middle, moving, text * rod.length)
+    _point_mass(middle, moving_mass, f * rod.length)
     end = ET.SubElement(body, "body", name=f"rod {loop.name} end")
     _point_mass(end, 0.0, rod.length)
     if rod.is_elastic:
         slide = {"type": "slide", "axis": "1 0 0"}
         ET.SubElement(middle, "joint", {"name": f"part {loop.name}"} | slide)
         ET.SubElement(end, "joint", {"name": f"stretch {loop.name}"} | slide)
-        coupled = {"joint1": f"part {loop.name}", "joint2": f"stretch {loop.name}", "polycoef": f"0 {text!r} 0 0 0"}
+        coupled = {"joint1": f"part {loop.name}", "joint2": f"stretch {loop.name}", "polycoef": f"0 {f!r} 0 0 0"}
         ET.SubElement(equality, "joint", {"name": f"{loop.name} stretch"} | coupled | _HARD)
     ET.SubElement(end, "site", name=f"{loop.name} end 1", pos=in_full((rod.length, 0.0, 0.0)))
     _site(*elements[loop.ends[1].body], f"{loop.name} end 2", loop.ends[1].point)
@@ -334,7 +330,7 @@ def _add_rod(equality: ET.Element, elements: Elements, loop: Loop, rod: Rod, dir
 def add_rod_springs(root: ET.Element, elements: Elements, robot: Robot) -> None:
     """Add the springs of elastic rods as tendons between their two bodies.
 
-    A spring in the rod's own slide would act on its massless end, and time steps do not take such a spring implicitly.
+    A spring in the slide of the rod would act on its massless end, which the implicit time steps do not treat.
     """
     for loop in robot.loops:
         if loop.rod is None or not loop.rod.is_elastic:
@@ -347,16 +343,15 @@ def add_rod_springs(root: ET.Element, elements: Elements, robot: Robot) -> None:
             ET.SubElement(spatial, "site", site=site)
 
 
-def _part(rod: Rod) -> float:
-    """Return f: relative location of the moving part of a rod's mass, 0 to 1; 1 without mass."""
+def _mass_location(rod: Rod) -> float:
+    """Return f, the relative location of the moving mass of a rod; 1 without mass."""
     return rod.center + rod.inertia / (rod.mass * rod.center * rod.length**2) if rod.mass * rod.center > 0 else 1.0
 
 
 def _point_mass(body: ET.Element, mass: float, x: float) -> None:
-    """Add a mass (kg) at a distance (m) along the rod, at least 1 g, since the engine refuses zero."""
-    # The massless end of a rod and its spin: time steps need more of them (kg, kg m^2) than the response.
-    least, inertia = max(mass, 1e-3), in_full([1e-4] * 3)
-    ET.SubElement(body, "inertial", pos=in_full((x, 0.0, 0.0)), mass=repr(float(least)), diaginertia=inertia)
+    """Add a mass (kg) at a distance (m) along the rod; at least 1 g and 1e-4 kg m^2, which time steps need."""
+    inertia = in_full([1e-4] * 3)
+    ET.SubElement(body, "inertial", pos=in_full((x, 0.0, 0.0)), mass=repr(float(max(mass, 1e-3))), diaginertia=inertia)
 
 
 def _site(element: ET.Element, mounted: Placement, name: str, point: Sequence[float] | FloatArray) -> None:
@@ -367,15 +362,15 @@ def _connect(equality: ET.Element, name: str, first: str, second: str) -> None:
     ET.SubElement(equality, "connect", {"name": name, "site1": first, "site2": second} | _HARD)
 
 
-def _frame(robot: Robot, q: FloatArray, body: str) -> tuple[FloatArray, FloatArray]:
-    """Return rotation (3, 3) and origin (3,) of a body, the base included, with the joints at q."""
+def _body_pose(robot: Robot, q: FloatArray, body: str) -> tuple[FloatArray, FloatArray]:
+    """Return the rotation (3, 3) and the origin (3,) of a body or the base, with the joints at q."""
     if body == BASE:
         return np.eye(3), np.zeros(3)
     poses = frame_poses(robot, q[None], body)
     return np.asarray(poses.rotation[0]), np.asarray(poses.position[0])
 
 
-def _turn(first: FloatArray, second: FloatArray) -> FloatArray:
+def _rotation_between(first: FloatArray, second: FloatArray) -> FloatArray:
     """Return the smallest rotation (3, 3) that takes one direction to another."""
     return np.asarray(Rotation.align_vectors([second], [first])[0].as_matrix())
 

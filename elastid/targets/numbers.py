@@ -1,4 +1,4 @@
-"""Parameters in exported files, in full precision, with intervals if fitted."""
+"""Parameters of a fitted model in exported files, in full precision, with intervals."""
 
 import math
 from collections.abc import Iterable
@@ -21,13 +21,16 @@ def c_row(values: Iterable[float]) -> str:
     return "{" + in_full(values, ", ") + "}"
 
 
-@dataclass(frozen=True)
-class KnownNumber:
-    """A number of the model in SI with its std and 95 % interval, NaN if it was fixed or tied.
+# Columns of a table of numbers in all files.
+COLUMNS = ("value", "std", "lower_95", "upper_95", "std_noise", "std_prior", "std_systematic")
 
-    name: of the number in the model.  std_noise, std_prior, std_systematic: contributions to std; NaN: exact robot
-    model.
-    interval_text: its interval, or why there is none.
+
+@dataclass(frozen=True)
+class ExportedNumber:
+    """Parameter of the model in SI with std and 95 % interval, NaN if it was fixed or tied.
+
+    interval_text: the interval, or the reason why there is none.  std_noise, std_prior, std_systematic: contributions
+    to std, NaN for an exact robot model.
     """
 
     name: str
@@ -35,34 +38,32 @@ class KnownNumber:
     value: float
     interval_text: str
     std: float = math.nan
-    low: float = math.nan
-    high: float = math.nan
+    lower_95: float = math.nan
+    upper_95: float = math.nan
     std_noise: float = math.nan
     std_prior: float = math.nan
     std_systematic: float = math.nan
 
     @property
     def row(self) -> dict[str, float]:
-        """The columns of a table of numbers, as all files name them."""
-        names = ("value", "std", "lower_95", "upper_95", "std_noise", "std_prior", "std_systematic")
-        numbers = (self.value, self.std, self.low, self.high, self.std_noise, self.std_prior, self.std_systematic)
-        return dict(zip(names, numbers, strict=True))
+        """Values by `COLUMNS`."""
+        return {name: getattr(self, name) for name in COLUMNS}
 
 
-def known_numbers(model: FittedRobot) -> tuple[KnownNumber, ...]:
-    """Return numbers of every parameter of a fitted model, in the order of the fit."""
-    return tuple(_known_number(model.result, parameter) for parameter in model.parameters)
+def exported_numbers(model: FittedRobot) -> tuple[ExportedNumber, ...]:
+    """Return every parameter of a fitted model, in the order of the fit."""
+    return tuple(_exported_number(model.result, parameter) for parameter in model.parameters)
 
 
 def interval_lines(model: FittedRobot) -> tuple[str, ...]:
-    """Return `lines_of` a fitted model."""
-    return lines_of(model.result, model.measured[0].configuration.name)
+    """Return the `header_lines` of a fitted model."""
+    return header_lines(model.result, model.measured[0].configuration.name)
 
 
-def lines_of(result: Result, configuration: str) -> tuple[str, ...]:
-    """Return the header of an exported file: status of the fit, then a row per free parameter."""
-    candidates = [_known_number(result, parameter) for parameter in parameters_of(result, configuration)]
-    numbers = [number for number in candidates if number.interval_text != FIXED]
+def header_lines(result: Result, configuration: str) -> tuple[str, ...]:
+    """Return the header of an exported file: status of the fit, then a line per free parameter of a configuration."""
+    all_numbers = [_exported_number(result, parameter) for parameter in parameters_of(result, configuration)]
+    numbers = [number for number in all_numbers if number.interval_text != FIXED]
     status = result.status.replace("_", " ")
     head = f"Numbers of the fit ({status}), SI, with standard deviation and 95 % interval; all others were fixed:"
     rows = [f"  {number.name} = {number.value:.9g} {number.unit}, {number.interval_text}" for number in numbers]
@@ -75,17 +76,17 @@ def lines_of(result: Result, configuration: str) -> tuple[str, ...]:
     return head, *rows, *presliding
 
 
-def _known_number(result: Result, parameter: Parameter) -> KnownNumber:
+def _exported_number(result: Result, parameter: Parameter) -> ExportedNumber:
     number = parameter.stands_for, parameter.unit, result.values[parameter.name]
     if not parameter.is_free:
         tie = parameter.tie
         words = FIXED if tie is None else f"tied to {tie.to}{f' and {tie.by}' if tie.by else ''}"
-        return KnownNumber(*number, words)
+        return ExportedNumber(*number, words)
     std, (low, high) = result.std[parameter.name], result.interval(parameter.name)
     words = f"std {std:.3g}, {low:.6g} to {high:.6g}" if math.isfinite(std) else "free, but not constrained by the data"
     if parameter.is_nuisance:
-        return KnownNumber(*number, f"within its tolerance, {words}", std, low, high)
+        return ExportedNumber(*number, f"within its tolerance, {words}", std, low, high)
     stds = [stds_of[parameter.name] for stds_of in result.std_contributions.values()]
     if stds:
         words = "{} (noise {:.3g}, prior {:.3g}, systematic {:.3g})".format(words, *stds)
-    return KnownNumber(*number, words, std, low, high, *stds)
+    return ExportedNumber(*number, words, std, low, high, *stds)

@@ -1,10 +1,10 @@
-"""Target: a row of `elastid export`, as each file of this room declares it and a package of a user may."""
+"""Target of `elastid export`: a row that a file of this package or an installed package declares."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-# Values that `write` of a target may take by name, and the meaning of each.
+# Arguments that the function `write` of a target can have, and their meanings.
 VALUES = {
     "model": "FittedRobot with the identified parameters, of one robot or group of configurations",
     "linear_model": "FittedRobot with the stiffness of each gear at zero torque",
@@ -27,11 +27,11 @@ VALUES = {
 
 @dataclass(frozen=True)
 class Target:
-    """Target of an export from a study whose results have all of its arguments.
+    """Target of an export, for studies whose results have all of its arguments.
 
-    tag: name on the command line; several rows may share it, and the first whose values a study has is written.
-    arguments: names from `VALUES`.  content: parts of the identified model in the files.  write(folder, **values) ->
-    the files, in a folder that it makes.  has_gear_effects: the files contain all effects of stage gears.
+    tag: name on the command line; if several rows have it, the first row that is possible is used.  arguments: names
+    from `VALUES`.  content: parts of the identified model in the files.  write(folder, **values): makes the folder,
+    writes the files and returns their paths.  has_gear_effects: the files contain all effects of stage gears.
     """
 
     tag: str

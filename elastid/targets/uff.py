@@ -1,9 +1,8 @@
-"""Export to universal files by pyuff (the extra `uff`): responses (data set 58), modes (55), and for known points units
-(164), nodes (15) and trace lines (82).
+"""Export to universal files (UFF): responses (data set 58), modes (55), and geometry (units 164, nodes 15, lines 82).
 
-A data set has room for ten letters of a name, so places become nodes: `3z` (or `tip 3z`) is node 3 along z, `tip x` the
-next free node, that of `tip y` as well, along x, any other name the next free one, without a direction. A geometry says
-at which point and along which direction a place is. nodes.csv lists them.
+Names in a data set have at most ten letters, so places become nodes: `3z` (or `tip 3z`) is node 3 along z; `tip x` is
+the next free node along x, and `tip y` the same node along y; any other name is the next free node without a direction.
+A geometry defines the point and the direction of a place. nodes.csv lists all nodes. Needs pyuff (the extra `uff`).
 """
 
 import re
@@ -25,13 +24,12 @@ from elastid.response import Response
 from elastid.store.files import write_rows
 from elastid.targets.target import Target
 
-# Node and direction of each place.
-Nodes: TypeAlias = dict[str, tuple[int, int]]
+Nodes: TypeAlias = dict[str, tuple[int, int]]  # node and direction of each place
 _DIRECTIONS = ("", "x", "y", "z", "rx", "ry", "rz")
-# Types of ordinate of data set 58, by quantity and by the unit of an input; 0 is unknown.
+# Ordinate types of data set 58 by quantity; inputs are forces or unknown.
 _ORDINATES: dict[Motion, int] = {"position": 8, "velocity": 11, "acceleration": 12}
 _FORCE, _UNKNOWN = 13, 0
-# Of data set 55: structural, complex eigenvalues of first order, translations.
+# Codes of data set 55: structural model, complex eigenvalues of first order, translations.
 _STRUCTURAL, _COMPLEX_MODES, _TRANSLATIONS = 1, 3, 2
 _FREQUENCY, _FREQUENCY_RESPONSE, _COMPLEX_DOUBLE = 18, 4, 6
 
@@ -43,21 +41,21 @@ def write_uff(
     modes: Sequence[Modes] = (),
     geometry: GeometrySpec | None = None,
 ) -> tuple[Path, ...]:
-    """Write <configuration>.uff for each response, with its modes where given, and nodes.csv; StudyError without pyuff.
+    """Write <configuration>.uff for each response, with its modes if there are any, and nodes.csv.
 
-    geometry: points and lines of the structure, which each file gets.
+    geometry: points and lines of the structure, written to each file.  StudyError if pyuff is not installed.
     """
     pyuff = require_package("pyuff", "uff")
     locations = dict.fromkeys(location for response in responses for location in (*response.outputs, *response.inputs))
-    nodes, points = _located(list(locations), geometry)
+    nodes, points = _node_axes(list(locations), geometry)
     folder.mkdir(parents=True, exist_ok=True)
     paths, mode_sets = [], {basis.configuration: basis for basis in modes}
     for response in responses:
         path = folder / f"{file_name(response.configuration.name)}.uff"
         with replacing(path) as temporary, warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            # Written as text: pyuff overwrites binary files with headers alone.
-            sets = [*_geometry_sets(geometry, points), *_sets(name, response, nodes)]
+            # Text files, since pyuff overwrites binary files with their headers only.
+            sets = [*_geometry_sets(geometry, points), *_response_sets(name, response, nodes)]
             if response.configuration.name in mode_sets:
                 sets += _mode_sets(name, mode_sets[response.configuration.name], nodes)
             pyuff.UFF(str(temporary)).write_sets(sets, "overwrite")
@@ -69,7 +67,7 @@ def write_uff(
 
 
 def nodes_of(locations: Iterable[str]) -> Nodes:
-    """Return node and direction (0 none, 1 to 3 along x, y, z, 4 to 6 about them) of each place, all different."""
+    """Return a unique node and direction of each place: 0 none, 1 to 3 along x, y, z, 4 to 6 about x, y, z."""
     names = list(dict.fromkeys(locations))
     matches = {name: re.fullmatch(r"(?:.*\D)?(\d{1,9})(r?[xyz])", name) for name in names}
     nodes = {name: (int(m[1]), _DIRECTIONS.index(m[2])) for name, m in matches.items() if m}
@@ -84,21 +82,21 @@ def nodes_of(locations: Iterable[str]) -> Nodes:
     return nodes
 
 
-def _located(places: Sequence[str], geometry: GeometrySpec | None) -> tuple[Nodes, dict[str, int]]:
-    """Return node and direction of each place, negative against an axis, and the node of each point of the geometry."""
+def _node_axes(places: Sequence[str], geometry: GeometrySpec | None) -> tuple[Nodes, dict[str, int]]:
+    """Return the node and the signed direction of each place, and the node of each point of the geometry."""
     if geometry is None:
         return nodes_of(places), {}
 
     def at(point: str, direction: str) -> str:
         return f"{point}{direction}" if point.isdigit() else f"{point} {direction}"
 
-    where = {place: spot for place in places if (spot := geometry.direction_of(place)) is not None}
-    names = {place: at(point, direction.lstrip("+-")) for place, (point, direction) in where.items()}
+    axes = {place: axis for place in places if (axis := geometry.direction_of(place)) is not None}
+    names = {place: at(point, direction.lstrip("+-")) for place, (point, direction) in axes.items()}
     nodes = nodes_of((*(names.get(place, place) for place in places), *(at(point, "x") for point in geometry.points)))
-    signs = {place: -1 if direction.startswith("-") else 1 for place, (_, direction) in where.items()}
+    signs = {place: -1 if direction.startswith("-") else 1 for place, (_, direction) in axes.items()}
     node_of = {place: nodes[names.get(place, place)] for place in places}
-    axes = {place: (node, signs.get(place, 1) * code) for place, (node, code) in node_of.items()}
-    return axes, {point: nodes[at(point, "x")][0] for point in geometry.points}
+    signed_nodes = {place: (node, signs.get(place, 1) * code) for place, (node, code) in node_of.items()}
+    return signed_nodes, {point: nodes[at(point, "x")][0] for point in geometry.points}
 
 
 def _geometry_sets(geometry: GeometrySpec | None, points: dict[str, int]) -> Iterable[dict[str, Any]]:
@@ -115,7 +113,7 @@ def _geometry_sets(geometry: GeometrySpec | None, points: dict[str, int]) -> Ite
         yield {"type": 82, "trace_num": i, "n_nodes": 2, "id": f"line {i}", "nodes": nodes}
 
 
-def _sets(name: str, response: Response, nodes: Nodes) -> Iterable[dict[str, Any]]:
+def _response_sets(name: str, response: Response, nodes: Nodes) -> Iterable[dict[str, Any]]:
     for i, output in enumerate(response.outputs):
         for j, input_ in enumerate(response.inputs):
             yield {
@@ -132,7 +130,7 @@ def _sets(name: str, response: Response, nodes: Nodes) -> Iterable[dict[str, Any
 
 
 def _mode_sets(name: str, modes: Modes, nodes: Nodes) -> Iterable[dict[str, Any]]:
-    """Return mode shapes along x, y and z of the nodes, without rotations and outputs without a direction."""
+    """Yield mode shapes along x, y and z of the nodes; rotations and outputs without a direction are omitted."""
     translating = [(i, *nodes[place]) for i, place in enumerate(modes.places) if 1 <= abs(nodes[place][1]) <= 3]
     numbers = sorted({node for _, node, _ in translating})
     for r in range(modes.n_modes if numbers else 0):

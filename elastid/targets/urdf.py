@@ -1,8 +1,8 @@
-"""Export to URDF: the rigid part of the fitted robot, which is all that the format can carry.
+"""Export to URDF: the fitted robot as rigid bodies, since the format has no elasticity.
 
-Driven and passive joints with their axes, limits, viscous and Coulomb friction (link side), bodies with mass, centre
-and inertia, named frames. Springs, elastic joints (rigid here), rotors and gears are not of the format: the head of the
-file names them, with the targets that carry them.
+Driven and passive joints with axes, limits, viscous and Coulomb friction (link side), bodies with mass, centre of mass
+and inertia, and frames. The comment of the file names the omitted springs, elastic joints (rigid here), rotors and
+gears, and the targets that contain them.
 """
 
 import math
@@ -22,17 +22,17 @@ from elastid.targets.target import Target
 
 
 def write_urdf(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
-    """Write robot.urdf; StudyError where the robot has loops, since a URDF is a tree."""
+    """Write robot.urdf; StudyError if the robot has loops, since a URDF is a tree."""
     root = urdf(model.robot)
     ET.indent(root)
     path = folder / "robot.urdf"
-    comment = xml_comment("\n".join([_left_out(model.robot), *interval_lines(model)]))
+    comment = xml_comment("\n".join([_omissions(model.robot), *interval_lines(model)]))
     write_text(path, f'<?xml version="1.0"?>\n<!-- {comment} -->\n{ET.tostring(root, encoding="unicode")}\n')
     return (path,)
 
 
 def urdf(robot: Robot) -> ET.Element:
-    """Return the rigid robot; StudyError where it has loops."""
+    """Return the rigid robot; StudyError if it has loops."""
     if robot.loops:
         raise StudyError(
             "export/not-representable",
@@ -41,7 +41,7 @@ def urdf(robot: Robot) -> ET.Element:
         )
     root = ET.Element("robot", name=robot.name)
     ET.SubElement(root, "link", name=BASE)
-    # Of each body the link that has it, and the pose of the body's axes in that link.
+    # The link of each body, and the pose of the body's axes in this link.
     seats = {BASE: (BASE, Placement())}
     for body in robot.all_bodies:
         seats[body.name] = _body(root, robot, body, *seats[body.parent])
@@ -49,7 +49,7 @@ def urdf(robot: Robot) -> ET.Element:
         link, seat = seats[frame.body]
         name = _link_name(root, robot, frame.name)
         ET.SubElement(root, "link", name=name)
-        _fixed(root, name, link, name, seat.then(frame.placement))
+        _fixed_joint(root, name, link, name, seat.then(frame.placement))
     return root
 
 
@@ -69,7 +69,7 @@ def _body(root: ET.Element, robot: Robot, body: Body, parent: str, seat: Placeme
         parent, pose = name, Placement((-x, -y, -z))
     if not joints:
         ET.SubElement(root, "link", name=body.name)
-        _fixed(root, body.name, parent, body.name, pose)
+        _fixed_joint(root, body.name, parent, body.name, pose)
         parent, pose = body.name, Placement()
     seat = pose.then(body.mounting)
     if body.mass or np.any(body.inertia_matrix):
@@ -91,14 +91,14 @@ def _joint(root: ET.Element, robot: Robot, joint: Joint, parent: str, child: str
     ET.SubElement(element, "axis", xyz=in_full(unit_axis(joint.axis)))
     limits = {"effort": joint.limits.torque, "velocity": joint.limits.velocity}
     limits |= {"lower": low, "upper": high} if is_limited else {}
-    # The format asks for limits where a robot's file has none.
+    # The format requires limits.
     finite = {key: math.copysign(min(abs(value), 1e6), value) for key, value in limits.items()}
     ET.SubElement(element, "limit", {key: repr(value) for key, value in finite.items()})
     coulomb = sum(float(law.curve()[0]) for law in joint_laws(robot, joint.name))
     ET.SubElement(element, "dynamics", damping=repr(float(joint.all_viscous)), friction=repr(float(coulomb)))
 
 
-def _fixed(root: ET.Element, name: str, parent: str, child: str, pose: Placement) -> None:
+def _fixed_joint(root: ET.Element, name: str, parent: str, child: str, pose: Placement) -> None:
     names = [joint.get("name", "") for joint in root.iter("joint")]
     _joint_element(root, unique_name(f"{name} fixed", names), "fixed", parent, child, pose)
 
@@ -126,7 +126,7 @@ def _origin(element: ET.Element, placement: Placement) -> None:
     ET.SubElement(element, "origin", xyz=in_full(placement.xyz), rpy=in_full(placement.rpy))
 
 
-def _left_out(robot: Robot) -> str:
+def _omissions(robot: Robot) -> str:
     springs = [joint.name for joint in robot.joints if joint.spring is not None]
     parts = [f"springs of the joints {', '.join(springs)}" if springs else "", "rotors, gears and their ripple"]
     parts += ["compensators"] if robot.compensators else []

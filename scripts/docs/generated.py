@@ -17,7 +17,7 @@ from plain_text import escape, list_table, to_rst
 import elastid
 from elastid.app.cli import cli, run_command
 from elastid.app.target_table import MODULES, targets
-from elastid.store.reading import describe_artefact
+from elastid.store.description import describe_artefact
 from elastid.study.reference import StudyKey, explain, keys_of, list_keys
 from elastid.study.sections import Study
 from elastid.targets.target import VALUES

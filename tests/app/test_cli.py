@@ -17,7 +17,7 @@ import pytest
 
 from elastid.app import cli
 from elastid.app import run as running
-from elastid.app.cli import insisting, run_command
+from elastid.app.cli import repeated_interrupts, run_command
 from elastid.app.stage_table import SIMULATED, stages_of
 
 
@@ -140,7 +140,7 @@ def test_usage_errors_and_missing_files_end_with_code_2(arguments, here, capsys)
 
 def test_signs_that_a_terminal_lacks_are_letters() -> None:
     """One after the other; no letter is lost."""
-    codecs.register_error("letters", cli._in_ascii)
+    codecs.register_error("letters", cli._ascii_replacement)
     assert "5±2 µm at 3°".encode("ascii", "letters") == b"5+-2 um at 3deg"
 
 
@@ -247,7 +247,7 @@ def test_ctrl_c_is_raised_again_where_it_was_swallowed() -> None:
     """As CasADi's wrappers do; it does not wait for the work to end by itself."""
 
     def swallowing() -> None:
-        with insisting() as pressed:
+        with repeated_interrupts() as pressed:
             with contextlib.suppress(KeyboardInterrupt):
                 signal.raise_signal(signal.SIGINT)
             assert pressed.is_set()
@@ -314,7 +314,7 @@ def _descendants(pid: int) -> list[int]:
 @pytest.mark.parametrize("error", [MemoryError(), ImportError("failed to map segment from shared object")])
 def test_exhausted_memory_is_named_with_a_code(error: Exception, capsys: pytest.CaptureFixture[str]) -> None:
     """An allocator gives no text, and a library that finds no room an import error."""
-    assert cli.explained(error) == 2
+    assert cli.report_error(error) == 2
     text = capsys.readouterr().err
     assert "[run/memory]" in text
     assert (str(error) or "MemoryError") in text

@@ -16,7 +16,7 @@ import pytest
 
 from elastid.app.cli import run_command
 from elastid.app.fleet import _values, rows_of
-from elastid.store.files import keep_checksums
+from elastid.store.files import save_checksums
 from elastid.study.fleet import Member
 from elastid.validation.fleet import MEANINGS, find_changes
 
@@ -121,7 +121,7 @@ def test_members_that_fail_are_named_and_the_others_go_on(
     shutil.copytree(folder / "members", tmp_path / "members")
     summary = tmp_path / "members" / "r1_2026-01-31" / "summary.json"
     summary.write_text(summary.read_text().replace('"converged"', '"misfit"', 1))
-    keep_checksums(summary.parent, [summary.name])  # as written so by a fit, not damaged
+    save_checksums(summary.parent, [summary.name])  # as written so by a fit, not damaged
     assert run_command(["fleet", str(path), "--run", str(tmp_path), "--jobs", "2"]) == 3
     output = capsys.readouterr()
     assert "1 of 6 " in output.err

@@ -7,8 +7,9 @@ import pytest
 from plants.mjcf_arm import ARM
 from plants.refusals import refused
 
+from elastid.app.from_robot import read_mjcf_servos
 from elastid.app.mjcf_reader import robot_of
-from elastid.app.scaffold import new_from_logs, read_mjcf_servos
+from elastid.app.scaffold import new_from_logs
 from elastid.model.formulation import serial
 from elastid.model.kinematics import frame_poses
 from elastid.model.rigid_body import inverse_dynamics

@@ -10,7 +10,7 @@ from plants.moving_arm import ARM, motion
 from plants.runs import summary_of
 
 from elastid.app import cli
-from elastid.app.predict_commands import on_logs
+from elastid.app.predict_logs import on_logs
 from elastid.study.robots import yaml_text
 
 STUDY = """

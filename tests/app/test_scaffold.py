@@ -10,7 +10,8 @@ from plants import arm
 from plants.refusals import refused
 
 from elastid.app.cli import run_command
-from elastid.app.scaffold import from_robot, new_from_logs
+from elastid.app.from_robot import from_robot
+from elastid.app.scaffold import new_from_logs
 from elastid.robot import Limits
 from elastid.robot.gears import GearCoupling
 from elastid.study import load

@@ -103,7 +103,7 @@ def test_key_changes_stages_that_read_it_and_their_successors(studies: dict[str,
         except (ValueError, KeyError, TypeError):  # a section that is made again refuses such a value
             continue
         for name, stage in stages.items():
-            same = stage.sees(other.study) == stage.sees(loaded.study)
+            same = stage.select_keys(other.study) == stage.select_keys(loaded.study)
             assert same is not is_within_declared(stage, path), (path, name)
             sources = [source for source in stage.sources if source in stages]
             upstream = any(after[source].inputs != before[source].inputs for source in sources)

@@ -73,7 +73,7 @@ def test_workers_terminated_amid_answer_are_not_awaited():
     """A pool of the standard library waits for ever for the rest of the answer."""
     for _ in range(5):
         survivors = map_isolated(large, list(range(30)), 2)
-        assert {index for index, _ in islice(survivors, 4)}
+        assert [*islice(survivors, 4)]
         survivors.close()
     assert dict(map_isolated(large, [0, 1], 2)) == {0: None, 1: bytes(20_000_000)}
 

@@ -9,7 +9,7 @@ import pytest
 from plants.refusals import refused
 
 import elastid
-from elastid.app.console import forecast_table
+from elastid.app.stages.design import forecast_table
 from elastid.base.arrays import FloatArray
 from elastid.design.design import design, presliding, sticking_notes
 from elastid.design.forecast import Forecast

@@ -25,7 +25,7 @@ from elastid.nonlinear.compensate_friction import estimate_net_response
 from elastid.nonlinear.identify_friction import identify_motor_friction
 from elastid.response import MotorMotion, Response
 from elastid.robot import Tolerances
-from elastid.targets.numbers import lines_of
+from elastid.targets.numbers import header_lines
 
 TRUE = {"k_1": 3e4, "k_2": 2e4, "d_1": 60.0, "d_2": 40.0}
 SPRINGS = {RelaxingSpring("1", -1): (2e4, 80.0), RelaxingSpring("2"): (6e3, 30.0)}
@@ -111,7 +111,7 @@ def test_springs_of_motors_are_found_with_their_numbers(is_exact: bool) -> None:
         assert abs(result.values[name] - value) < 3 * result.std[name]
     assert all(name.split("_")[0] not in ("presliding", "sliding", "relaxation") for name in result.values)
     assert "fit/presliding" in {note.code for note in result.notes}
-    comments = [line for line in lines_of(result, "c0") if "presliding" in line]
+    comments = [line for line in header_lines(result, "c0") if "presliding" in line]
     assert ["motor 2" in line for line in comments] == [True]  # a negative one is of the compensation
 
 

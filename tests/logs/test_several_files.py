@@ -23,7 +23,7 @@ from elastid.logs.repeated_logs import join_periods
 from elastid.logs.rig import RecordedRig
 from elastid.record import Record
 from elastid.response import Response
-from elastid.store.reading import describe_artefact
+from elastid.store.description import describe_artefact
 
 N, RATE = 240, 100.0
 LINES = np.arange(5, 81, 4)

@@ -16,16 +16,8 @@ from plants.refusals import refused
 from elastid.app.inspection import describe_file
 from elastid.base.errors import ElastidError
 from elastid.store.artefacts import read_stamp
-from elastid.store.files import (
-    CHECKSUMS,
-    LOCK,
-    USER_BLOCK,
-    changed_texts,
-    has_checksum,
-    is_intact,
-    keep_checksums,
-    lock_folder,
-)
+from elastid.store.files import CHECKSUMS, USER_BLOCK, changed_texts, has_checksum, is_intact, save_checksums
+from elastid.store.lock import LOCK, lock_folder
 from elastid.store.results import read_fit, write_fit
 
 FLIPS = 60
@@ -87,7 +79,7 @@ def folder(tmp_path) -> Path:
     for name in ("summary.json", "figures/a.png", "references/a.csv"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_text(json.dumps({"stiffness": 12345.678}))
-    keep_checksums(tmp_path, NAMES)
+    save_checksums(tmp_path, NAMES)
     return tmp_path
 
 
@@ -114,14 +106,14 @@ def test_a_damaged_list_never_vouches_for_a_damaged_text(folder: Path) -> None:
         spoilt[place] ^= 1 << place % 8
         path.write_bytes(spoilt)
         assert len(changed_texts(folder, NAMES)) <= 1
-    keep_checksums(folder, NAMES)
+    save_checksums(folder, NAMES)
     assert changed_texts(folder, NAMES) == ()
 
 
 HOLDS = """
 import sys, time
 from pathlib import Path
-from elastid.store.files import lock_folder
+from elastid.store.lock import lock_folder
 with lock_folder(Path(sys.argv[1])):
     print("mine", flush=True)
     time.sleep(60)
@@ -166,7 +158,7 @@ def test_many_that_come_at_once_take_turns(tmp_path: Path) -> None:
 import sys, time
 from pathlib import Path
 from elastid.base.errors import ElastidError
-from elastid.store.files import lock_folder
+from elastid.store.lock import lock_folder
 folder, turns = Path(sys.argv[1]), 0
 while turns < 15:
     try:

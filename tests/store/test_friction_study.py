@@ -7,13 +7,13 @@ from plants.friction_study import friction_result
 
 from elastid.base.errors import Note
 from elastid.friction_record import FrictionRecord, WarmUpLog
+from elastid.store.description import describe_artefact
 from elastid.store.friction_study import (
     read_friction_records,
     read_friction_result,
     write_friction_records,
     write_friction_result,
 )
-from elastid.store.reading import describe_artefact
 
 
 def test_every_part_of_a_result_comes_back(tmp_path: Path) -> None:

@@ -21,8 +21,9 @@ from typing_extensions import TypeAliasType
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen_value, labelled
 from elastid.base.errors import DataError
 from elastid.store.files import write_checksum
+from elastid.store.kinds import from_json, json_value, or_text
 from elastid.store.reading import read_part
-from elastid.store.values import from_json, json_value, or_text, write_artefact, write_value
+from elastid.store.writing import write_artefact, write_value
 
 QUICK = settings(deadline=None, max_examples=15)
 

@@ -6,7 +6,7 @@ import pytest
 from plants.refusals import refused
 from plants.two_axes import ROBOT, STUDY
 
-from elastid.app.run import Run, carry_out
+from elastid.app.run import Run, run_stage
 from elastid.base.errors import StudyError
 from elastid.study import load
 
@@ -212,5 +212,5 @@ def test_load_tests_of_a_table_are_those_of_the_study(study: Path) -> None:
 def test_what_cannot_be_designed_or_simulated_the_first_stage_refuses(study: Path, override: str, code: str) -> None:
     run = Run(load(study, [override]), study.parent / "run", 1)
     with refused(code):
-        carry_out(run, "design")
-        carry_out(run, "measure")
+        run_stage(run, "design")
+        run_stage(run, "measure")

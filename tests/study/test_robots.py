@@ -9,7 +9,7 @@ from plants.paths import ROOT
 
 from elastid.robot import Limits
 from elastid.robot.simplified import with_joints
-from elastid.store.values import from_text, text_of
+from elastid.store.kinds import from_text, text_of
 from elastid.study import load_robot
 from elastid.study.robots import yaml_text
 

@@ -17,7 +17,7 @@ from elastid.targets.control import write_control
 from elastid.targets.csv import write_csv
 from elastid.targets.matlab import write_matlab
 from elastid.targets.mujoco import write_mujoco
-from elastid.targets.numbers import known_numbers
+from elastid.targets.numbers import exported_numbers
 
 EXACT = fitted_model("bench")
 
@@ -43,7 +43,7 @@ def test_every_export_has_the_numbers_of_the_fit(model: FittedRobot, tmp_path: P
             std, (0.8, 0.27**0.5, 0.3) if result.has_tolerances and not p.is_nuisance else (np.nan,) * 3
         )
         expected[p.name] = [result.values[p.name], std, low, high, *parts.tolist()]
-    assert [number.name for number in known_numbers(model)] == [*expected]
+    assert [number.name for number in exported_numbers(model)] == [*expected]
     write_csv(tmp_path, model)
     with (tmp_path / "parameters.csv").open(encoding="utf-8") as file:
         rows = [[*row.values()] for row in csv.DictReader(file)]

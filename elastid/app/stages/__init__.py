@@ -1,1 +1,1 @@
-"""One file a stage: file -> value -> file in the run folder of a study. Their table is `elastid.app.stage_table`."""
+"""Stages of a study, one per file; `elastid.app.stage_table` lists them."""

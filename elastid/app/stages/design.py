@@ -1,15 +1,18 @@
-"""design: a study -> plan.h5 with its forecast, and references/*.csv for a robot controller."""
+"""Stage design: a study -> plan.h5 with its forecast, and references/*.csv for a robot controller."""
 
+import math
 import shutil
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from elastid.app.console import Console, forecast_table
+from elastid.app.console import Console
 from elastid.app.run import Artefacts, Work
+from elastid.base.display import number
 from elastid.base.errors import StudyError
 from elastid.design.design import design as design_experiments
+from elastid.design.forecast import Forecast
 from elastid.design.problem import DesignProblem
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.plan.reference_trajectory import Reference, reference
@@ -26,9 +29,8 @@ from elastid.study import Study
 def design(study: Study, work: Work) -> Artefacts:
     """Design the experiments: plan.h5 with its forecast, and references/*.csv within the robot's limits.
 
-    <experiment>.csv: one period of torque to inject, with <configuration>-movement.csv of a whole run with its ramps;
-    or the references of the whole run.
-    Raises StudyError for a design without a solution.
+    <experiment>.csv: one period of injected torque, with <configuration>-movement.csv for the whole run; or, for
+    injected references, the references of the whole run.  Raises StudyError for a design without a solution.
     """
     problem = problem_of(study)
     robot = problem.robot
@@ -52,7 +54,7 @@ def design(study: Study, work: Work) -> Artefacts:
         if plan.inject == "torque":
             signals = "one period of the torque signals per experiment. Add them to the controller's torques and play"
             signals += f" {plan.periods + plan.transient_periods} periods without a gap"
-        # A run of all stages simulates the experiment: only a user who measures plays the signals.
+        # A run of all stages simulates the experiment and does not need the files.
         say = console.say if console.shows_tables else console.detail
         say(f"design: {limit_use.closest}")
         say(f"design: largest peaks in percent of the limits: {limit_use.by_quantity}")
@@ -89,7 +91,7 @@ def problem_of(study: Study) -> DesignProblem:
 
 
 def movement_of(plan: Plan, carrier: CarrierSpec | None, robot: Robot, configuration: Configuration) -> Reference:
-    """Plan the movement in one configuration; builds the equations itself, since they do not pickle."""
+    """Plan the movement in one configuration. The equations are built here, because they do not pickle."""
     return reference(plan, carrier, feed_forward_of(model_of(robot.carrying(configuration.has_payload))), configuration)
 
 
@@ -103,3 +105,21 @@ def _write_configuration(folder: Path, problem: DesignProblem, plan: Plan, movem
             write_torque(path, plan, experiment)
         elif experiment.configuration.name == configuration:
             write_references(path, plan, experiment, problem.simulated, problem.robot)
+
+
+def forecast_table(forecast: Forecast) -> list[list[str]]:
+    """Return headings and a row per parameter: predicted std with its contributions, largest correlation."""
+    columns = {**forecast.std_contributions, "expected std": forecast.std}
+    rows = [["parameter", "unit", "nominal", *columns, "most correlated with"]]
+    for i, name in enumerate(forecast.parameters):
+        partner, correlation = forecast.strongest(name)
+        nominal = float(forecast.nominal[i])
+        deviations = [_deviation(float(std[i]), nominal) for std in columns.values()]
+        partner_text = f"{partner} {correlation:+.2f}" if partner else "–"
+        rows.append([name, forecast.units[i], number(nominal), *deviations, partner_text])
+    return rows
+
+
+def _deviation(std: float, value: float) -> str:
+    relative = 100 * std / abs(value) if value else math.inf
+    return f"{number(relative, 2)} %" if math.isfinite(relative) else number(std, 2)

@@ -1,4 +1,4 @@
-"""estimate: records, or responses of other programs -> frf.h5, one response for each configuration."""
+"""Stage estimate: records, or responses of other programs -> frf.h5, a response for each configuration."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -31,7 +31,7 @@ from elastid.study import Study
 
 
 def estimate(study: Study, work: Work) -> Artefacts:
-    """Estimate frf.h5 from records.h5; each process has one configuration in memory at a time."""
+    """Estimate the frequency responses: frf.h5; each process has one configuration in memory at a time."""
     robot, estimator, records = study.robot, study.estimator, work.sources["measure"]
     lines = read_plan(work.sources["design"]).lines if "design" in work.sources else None
     names, friction, recorded = read_configurations(records), None, study.experiment.recorded
@@ -43,13 +43,13 @@ def estimate(study: Study, work: Work) -> Artefacts:
     with work.execution() as execution:
         estimates = execution.ordered(estimate_one, names)
     responses = [response for response, _ in estimates]
-    all_notes = {note for _, notes in estimates for note in notes}  # when the records were measured
-    notes = [note for note in notes_of(responses) if note not in all_notes]
+    record_notes = {note for _, notes in estimates for note in notes}  # printed by the stage measure
+    notes = [note for note in notes_of(responses) if note not in record_notes]
     return _artefacts(responses, work.unanswered(notes), friction)
 
 
 def import_responses(study: Study, work: Work) -> Artefacts:
-    """Import frf.h5 from files of other programs, or from another run."""
+    """Import frequency responses of other programs or of another run: frf.h5."""
     responses = list(imported_responses(study, work.base))
     return _artefacts(responses, notes_of(responses))
 
@@ -63,15 +63,15 @@ def estimate_configuration(
     configuration: str,
     recorded: RecordedSpec | None = None,
 ) -> tuple[Response, set[Note]]:
-    """Estimate the response of one configuration; returns it with the notes of its records.
+    """Estimate the response of one configuration; return it with the notes of its records.
 
-    friction: compensated in the torque before.  robot: with the gears of the motors, or None.  recorded: logs, with
-    the controller of their references if it is known.
+    friction: compensated in the torque before the estimation.  robot: with the gears of the motors, or None.
+    recorded: section of the logs, which may have the controller of their references.
     """
     records = tuple(read_records(path, configuration))
     response = estimate_net_response(records, friction, spec, lines, shaft_couplings(robot), robot)
     if recorded is not None and recorded.controller is not None and robot is not None:
-        from elastid.logs.reference_loop import with_reference_loop  # these bring CasADi
+        from elastid.logs.reference_loop import with_reference_loop  # slow imports: CasADi
         from elastid.logs.step_images import with_image_errors
 
         if recorded.has_no_torque:
@@ -84,7 +84,7 @@ def estimate_configuration(
 
 @dataclass(frozen=True)
 class RecordsOnShafts:
-    """The records of a configuration in records.h5 on the motors' shafts, read again at each iteration."""
+    """Records of a configuration in records.h5 with the signals of the motor shafts, read at each iteration."""
 
     path: Path
     configuration: str
@@ -103,7 +103,7 @@ def _artefacts(
         console.notes(note for note in notes if note.code != "frf/method")
         lines = {r.configuration.name: r.n_lines for r in responses}
         plural = "s" * (len(responses) != 1)
-        sizes = f"(DFT lines: {list_notes(lines)})"
+        sizes = f"(DFT lines: {list_values(lines)})"
         if len({*lines.values()}) == 1:
             sizes = f"with {responses[0].n_lines} DFT lines{' each' * bool(plural)}"
         console.say(f"estimate: FRF{plural} of {len(responses)} configuration{plural} {sizes}")
@@ -111,8 +111,8 @@ def _artefacts(
         if rows:
             torques = {row.place: f"{row.coulomb_torque:.4g} {row.unit} (std {row.std:.2g})" for row in rows}
             motors = "Coulomb friction of the motors (link-side values)"
-            console.say(f"estimate: {motors} subtracted from the torque: {list_notes(torques)}")
-        for note in () if friction is None else friction.notes:  # warnings were printed before
+            console.say(f"estimate: {motors} subtracted from the torque: {list_values(torques)}")
+        for note in () if friction is None else friction.notes:  # warnings are printed already
             if note.severity == "information" and note.code != "nonlinear/friction-compensated":
                 console.say(f"estimate: {note.text}")
 
@@ -120,18 +120,15 @@ def _artefacts(
     return Artefacts({"frf.h5": frf}, report)
 
 
-def list_notes(values: Mapping[str, object]) -> str:
-    """Join names and values to a text."""
+def list_values(values: Mapping[str, object]) -> str:
+    """Return names and values as text."""
     return ", ".join(f"{name} {value}" for name, value in values.items())
 
 
 def imported_responses(study: Study, base: Path) -> Iterator[Response]:
-    """Read one response per file of the experiment, in their order, in the estimator's quantity and band.
-
-    Raises StudyError where channels or configuration and file do not fit, DataError where a file cannot be used.
-    """
+    """Read a response per file; StudyError if channels or configurations do not fit, DataError for an unusable file."""
     spec, estimator = study.experiment.responses, study.estimator
-    assert spec is not None  # the kind of the experiment is `responses`
+    assert spec is not None
     configurations = study.experiment.postures
     for file in spec.files:
         path, configuration = base / file.path, configurations[file.configuration]
@@ -157,7 +154,7 @@ def imported_responses(study: Study, base: Path) -> Iterator[Response]:
 
 
 def tool_responses(tool: ToolSpec | None, study: Study, base: Path) -> list[Response]:
-    """Read the responses to forces at the tool, which may be measured beside any rig."""
+    """Read the responses to forces at the tool, which may complement any experiment."""
     if tool is None:
         return []
     experiment = replace(study.experiment, simulated=None, recorded=None, responses=tool.responses)
@@ -175,9 +172,9 @@ def _response_of_another_run(
         raise DataError("responses/table", f"no response of configuration {name} in it; there are {names}", path)
     response = responses[name]
     angles, planned = response.configuration.angles, configuration.angles
-    if robot is None or not angles.size:  # at least one of the two studies has no robot
+    if robot is None or not angles.size:  # one of the studies has no robot
         return replace(response, configuration=configuration)
-    # Angles that differ by more than 1e-3 rad (positions: 1e-3 m) are another configuration.
+    # Angles of one configuration agree within 1e-3 rad (positions: 1e-3 m).
     if angles.shape != planned.shape or np.any(np.abs(angles - planned) > 1e-3):
         text = f"{name} was measured at {angles.tolist()}, the study's {configuration.name} is at {planned.tolist()}"
         raise DataError("responses/table", f"{text}; correct experiment.configurations", path)

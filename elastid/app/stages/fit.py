@@ -1,4 +1,4 @@
-"""fit: responses -> fit.h5 and summary.json, and the table of parameters at the end of a run."""
+"""Stage fit: responses -> fit.h5 and summary.json, and the table of parameters at the end of a run."""
 
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
@@ -10,7 +10,7 @@ import numpy as np
 
 from elastid.app.console import Console, result_table
 from elastid.app.identified_robot import robot_files
-from elastid.app.parameter_truth import contents, truth
+from elastid.app.parameter_truth import parameter_contents, true_values
 from elastid.app.run import Artefacts, Run, Work, Write, text
 from elastid.app.summaries import as_json, failure, modes_of, summary
 from elastid.base.display import capitalise
@@ -50,42 +50,42 @@ TRUSTED = ("converged", "noise_unknown", "at_bound")
 
 
 def fit(study: Study, work: Work) -> Artefacts:
-    """Fit the elastic model: fit.h5, summary.json, identified_robot.yml; a failed fit leaves a summary and FitError.
+    """Fit the elastic model: fit.h5, summary.json, identified_robot.yml; a failed fit gives a summary and FitError.
 
-    An interrupted fit leaves its finished starts in fit.partial, from where the next is resumed.
+    Finished starts of an interrupted fit are kept in fit.partial, from which the next fit resumes.
     """
     robot, spec, validation = study.as_robot(), study.seeded_fit, study.validation.configurations
     responses, friction = read_responses(work.sources["estimate"]), read_friction(work.sources["estimate"])
     recorded, loop = study.experiment.recorded, None
     if recorded is not None and recorded.has_no_torque and recorded.controller is not None:
-        from elastid.simulation.controller import loop_of  # for logs of references
+        from elastid.simulation.controller import loop_of  # a slow import
 
         loop = loop_of(recorded.controller, len(robot.driven))
     tests: Sequence[PlacedTest] = ()
-    tapped: list[Response] = []
+    tool_frfs: list[Response] = []
     if study.loads is not None:
-        from elastid.app.stages.measure import tests_of  # brings the rig and readers of logs
+        from elastid.app.stages.measure import tests_of  # a slow import: rig and readers of logs
 
         tests = tests_of(study, study.loads, responses)
     if study.tool is not None:
-        from elastid.app.stages.estimate import tool_responses  # brings readers of logs and estimators
+        from elastid.app.stages.estimate import tool_responses  # a slow import: readers and estimators
 
-        tapped = [
+        tool_frfs = [
             replace(G, configuration=replace(G.configuration, name=G.configuration.name + AT_TOOL))
             for G in tool_responses(study.tool, study, work.base)
             if G.configuration.name not in validation
         ]
     try:
         with work.execution(work.checkpoint()) as execution:
-            all_responses = [*study.fitted(responses), *tapped]
+            all_responses = [*study.fitted(responses), *tool_frfs]
             result, effects = identify_with_motion_bias(all_responses, robot, spec, study.model, execution, loads=tests)
     except FitError as error:
         return Artefacts({"summary.json": as_json(failure(study.name, spec.starts, str(error)))}, error=error)
-    # The fixed values and the base of a simulated robot are exact.
+    # Fixed values and base of a simulated robot are exact.
     exact = () if study.experiment.simulated is None else (FIXED_VALUES, "fit/assumed-rigid")
     remarks = [note for note in result.notes if note.code not in exact]
     loop_notes = () if loop is None else loop_note(result, robot, loop)
-    result = replace(result, notes=(*remarks, *notes_of(tapped), *loop_notes, *combination_notes(result)))
+    result = replace(result, notes=(*remarks, *notes_of(tool_frfs), *loop_notes, *combination_notes(result)))
     model_of_all = FittedRobot.of(result, robot, responses, study.model)
     modelled = model_of_all.responses_by(effects)
     agreements = [agreement(m, G, m.configuration.name in validation) for m, G in zip(responses, modelled, strict=True)]
@@ -97,7 +97,7 @@ def fit(study: Study, work: Work) -> Artefacts:
 
     def report(console: Console) -> None:
         all_notes = work.unanswered(result.shown_notes)
-        # The end of the run has the first cause.
+        # The last lines of the run contain the first cause.
         is_last = console.verbosity >= 0 and not work.has_gears and bool(result.cause[0])
         first = "".join(result.cause) if is_last else ""
         console.notes((note for note in all_notes if str(note) != first), on_page=True)
@@ -118,8 +118,10 @@ def fitted_rows(
 ) -> tuple[ParameterRow, ...]:
     """Return a row for each parameter, with its true value if the rig is simulated."""
     robot, simulated = study.as_robot(), study.experiment.simulated
-    true = truth(robot, simulated, study.fit.parameters, friction)
-    return parameter_rows(result, true, contents(robot, simulated is not None, friction, result.parameters, gears))
+    true = true_values(robot, simulated, study.fit.parameters, friction)
+    return parameter_rows(
+        result, true, parameter_contents(robot, simulated is not None, friction, result.parameters, gears)
+    )
 
 
 def current_fit(run: Run) -> Result:
@@ -137,15 +139,15 @@ def warn_of_distrust(run: Run, command: str, result: Result) -> None:
 
 
 def conclude(run: Run) -> None:
-    """Show the parameters, three answers as on the page, the files, and in the last line the meaning of the status.
+    """Print the parameters, three answers as on the page, the files, and in the last line the status.
 
-    MisfitError for a significant model error, FitError for a fit without a usable optimum.
+    Raises MisfitError for a significant model error, FitError for a fit without a usable optimum.
     """
-    gear_result = read_gears(run.path("gears")) if "gears" in run.stages and run.path("gears").exists() else None
+    gear_result = read_gears(run.path("gears") if "gears" in run.stages else None)
     linear, say = read_fit(run.path("fit")), run.console.say
     result = linear if gear_result is None else with_gears(linear, gear_result)
-    estimated = run.path("estimate").exists()  # a kept fit does not need it
-    friction = read_friction(run.path("estimate")) if estimated else None
+    has_responses = run.path("estimate").exists()  # not required by a fit that is kept
+    friction = read_friction(run.path("estimate"))
     rows = fitted_rows(run.study, result, friction, gear_result)
     run.console.table(result_table(result.display, rows))
     for line in _legend(run.study.as_robot(), result, rows, friction):
@@ -156,14 +158,14 @@ def conclude(run: Run) -> None:
     for note in result.notes:
         if note.code == COMBINATION:
             say(note.text)
-    if estimated and (with_coulomb := ", ".join(row.name for row in rows if row.has_coulomb)):
+    if has_responses and (with_coulomb := ", ".join(row.name for row in rows if row.has_coulomb)):
         say(f"{with_coulomb}: {WITH_COULOMB}")
     has_new_status = result.status != linear.status
     for line in _with_gears(result, rows, gear_result) if has_new_status else _answers(run, result, rows, gear_result):
         say(line)
     run.say_files([*run.stages["report"].leaves, run.stages["fit"].leaves[1]])
     status, meaning = result.status.replace("_", " "), result.meaning
-    # Above this line the answers have the cause.
+    # The answers above contain the cause.
     failure = meaning if run.console.verbosity >= 0 else f"{result.message.partition('. ')[0]}. {capitalise(meaning)}"
     if result.status == "misfit":
         raise MisfitError("fit/misfit", failure, status)
@@ -174,7 +176,7 @@ def conclude(run: Run) -> None:
 
 OF_JOINTS = {"k": "stiffness", "d": "damping"}
 OF_BEARINGS = {"f": "viscous friction"}
-# Owner, whether it is a joint with a motor, and families of parameters.
+# Owner, True for a joint with a motor (None: any), and families of parameters.
 SYMBOLS = (
     ("joint {} between motor and link (link side)", True, OF_JOINTS),
     ("joint {} behind the gear (link side)", True, OF_BEARINGS),
@@ -237,7 +239,7 @@ def _with_gears(result: Result, rows: Sequence[ParameterRow], gears: GearResult 
 
 
 def _answers(run: Run, result: Result, rows: Sequence[ParameterRow], gears: GearResult | None) -> Iterator[str]:
-    is_linear = gears is None or not gears.explains_misfit  # the responses of a validation are of a linear model
+    is_linear = gears is None or not gears.explains_misfit  # a validation is of the linear model
     judged = read_validation(run.path("validate")).configurations if is_linear and run.is_current("validate") else ()
     detail = "" if is_wrong(result) else accuracy(result, rows)
     yield f"Are the numbers good? {numbers_answer(result, rows, gears)}{detail and f' {detail}.'}"
@@ -253,7 +255,7 @@ def _answers(run: Run, result: Result, rows: Sequence[ParameterRow], gears: Gear
 
 
 def gears_of(run: Run) -> GearResult | None:
-    """Read the gear effects if the study asks for them and they were estimated; else None."""
+    """Return the gear effects if the study requests them and they were estimated, else None."""
     if "gears" not in run.stages:
         return None
     run.require_result("gears")

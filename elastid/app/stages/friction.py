@@ -1,4 +1,4 @@
-"""The stages of a friction study, from its plan to its page; `follow` follows friction by a Kalman filter."""
+"""Stages of a friction study: plan, records, constant-velocity torques, friction model, Kalman filter and page."""
 
 import shutil
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ from elastid.friction_study.spec import FilterSpec
 from elastid.friction_study.static_model_fit import NOT_ASKED
 from elastid.logs.friction_logs import read_friction_logs
 from elastid.report.figures.drawings import friction_study_drawings
-from elastid.report.friction_content import FrictionContent, part_words, refusals
+from elastid.report.friction_content import FrictionContent, refusals, term_name
 from elastid.report.page.page_of_friction import html_of_friction
 from elastid.store import friction_study as stored
 from elastid.store.artefacts import NO_STAMP, Stamp
@@ -89,7 +89,7 @@ def import_motions(study: Study, work: Work) -> Artefacts:
 
 
 def constant_velocity(study: Study, work: Work) -> Artefacts:
-    """Estimate friction torque by speed, load and temperature, and the regression of motions: constant_velocity.h5."""
+    """Estimate friction torques by speed, load and temperature, and regressions of motions: constant_velocity.h5."""
     measured, _ = stored.read_friction_records(work.sources["measure"]).divided(study.validation.configurations)
     joints = [joint for joint in study.friction_joints if joint.name in measured.joints]
     with work.execution() as execution:
@@ -99,14 +99,14 @@ def constant_velocity(study: Study, work: Work) -> Artefacts:
         notes = notes_of(measured.records)
         console.notes(note for note in notes_of(joint_fits) if note not in notes)
         for fit in joint_fits:
-            console.say(f"constant_velocity: joint {fit.joint}: {_level_words(fit)}")
+            console.say(f"constant_velocity: joint {fit.joint}: {_fit_sentence(fit)}")
 
     file = {"constant_velocity.h5": lambda path, stamp: stored.write_constant_velocity(path, joint_fits, stamp)}
     return Artefacts(file, report)
 
 
 def friction(study: Study, work: Work) -> Artefacts:
-    """Fit friction: friction.h5, summary.json, identified_robot.yml; a failure leaves a summary and FitError."""
+    """Fit friction: friction.h5, summary.json, identified_robot.yml; a failure gives a summary and FitError."""
     name, robot, validation_names = study.name, study.as_robot(), study.validation.configurations
     joint_fits = stored.read_constant_velocity(work.sources["constant_velocity"])
     measured, validation = stored.read_friction_records(work.sources["measure"]).divided(validation_names)
@@ -116,23 +116,22 @@ def friction(study: Study, work: Work) -> Artefacts:
         result = identify_friction(robot, joint_fits, measured, study.as_friction(), truth)
     except FitError as error:
         return Artefacts({"summary.json": as_json(failed_friction(name, str(error)))}, error=error)
-    # Along the first log of each group of joints that moved together.
     full_robot, controller = with_identified_friction(robot, result), None if recorded is None else recorded.controller
     with work.execution() as execution:
-        log_comparison = compare_friction_logs(full_robot, result.joints, measured, controller, execution)
-        judged = predict_logs(full_robot, result.joints, validation, controller, execution)
+        comparison = compare_friction_logs(full_robot, result.joints, measured, controller, execution)
+        prediction = predict_logs(full_robot, result.joints, validation, controller, execution)
     joint_notes = notes_of(joint_fits)
 
     def report(console: Console) -> None:
         console.notes(note for note in notes_of(result.joints) if note not in joint_notes)
         console.say(f"friction: {result.message}")
-        for words in (*log_comparison.sentences, *(f"validation: {words}" for words in judged.sentences)):
+        for words in (*comparison.sentences, *(f"validation: {words}" for words in prediction.sentences)):
             console.say(f"friction: {words}")
 
     files: dict[str, Write] = {
-        "summary.json": as_json(friction_study_summary(name, result, log_comparison, judged)),
+        "summary.json": as_json(friction_study_summary(name, result, comparison, prediction)),
         "identified_robot.yml": text(robot_of_friction(name, robot, result)),
-        "friction.h5": lambda path, stamp: stored.write_friction_result(path, result, stamp, log_comparison, judged),
+        "friction.h5": lambda path, stamp: stored.write_friction_result(path, result, stamp, comparison, prediction),
     }
     return Artefacts(files, report)
 
@@ -149,22 +148,22 @@ def _content(name: str, files: Mapping[str, Path], stamp: Stamp = NO_STAMP) -> F
     filters = stored.read_filter(files["follow"]) if "follow" in files else ()
     result, log_comparison = stored.read_friction_result(files["friction"]), stored.read_simulation(files["friction"])
     left_out = stored.read_validation_logs(files["friction"])
-    return FrictionContent(name, result, stamp.study, stamp.shown, plan, filters, log_comparison, left_out)
+    return FrictionContent(name, result, stamp.study, stamp.entries, plan, filters, log_comparison, left_out)
 
 
 def conclude(run: Run) -> None:
-    """Show the numbers, the files, and in the last line the parts that were not identified."""
+    """Print the parameters, the answers, the files, and in the last line the parts that were not identified."""
     content = _content(run.study.name, {"friction": run.path("friction")})
     result = content.result
     run.console.table(result_table(result.display, result.numbers))
     for refusal in refusals(result):
         if refusal.reason != NOT_ASKED:
             joints = f"joint{'s' if len(refusal.joints) > 1 else ''} {', '.join(refusal.joints)}"
-            run.console.detail(f"{joints}: no {refusal.part}: {refusal.reason}")
+            run.console.detail(f"{joints}: no {refusal.term}: {refusal.reason}")
     for question, sentences in content.short_questions:
         run.console.say(f"{question} {' '.join(sentences)}")
     run.say_files([*run.stages["report"].leaves, *run.stages["friction"].leaves[1:]])
-    gaps = [f"joint {joint.joint}: {part_words(term)}" for joint in result.joints for term in joint.missing]
+    gaps = [f"joint {joint.joint}: {term_name(term)}" for joint in result.joints for term in joint.missing]
     if result.status == "failed":
         raise FitError("friction/no-record", f"{result.message} (see the notes above)", "no friction was identified")
     if result.status == "misfit":
@@ -176,7 +175,7 @@ def conclude(run: Run) -> None:
     run.console.say(f"{result.status}: {meaning}")
 
 
-def _level_words(joint: SlidingFriction) -> str:
+def _fit_sentence(joint: SlidingFriction) -> str:
     unit = "m/s" if joint.slides else "rad/s"
     parts = []
     if (curve := joint.constant_velocity) is not None:
@@ -191,7 +190,7 @@ def _level_words(joint: SlidingFriction) -> str:
 
 
 def track_friction(study: Study, work: Work) -> Artefacts:
-    """Write filter.h5: tracked friction of each joint over time with bands, and the consistency of the filter."""
+    """Track friction of each joint over time by a Kalman filter: filter.h5."""
     measured = stored.read_friction_records(work.sources["measure"])
     result = stored.read_friction_result(work.sources["friction"])
     with work.execution() as execution:

@@ -1,6 +1,6 @@
-"""gears: records, responses and a fit -> gears.h5, and the fit's summary.json and robot file with the effects.
+"""Stage gears: records, responses and a fit -> gears.h5; adds the effects to summary.json and the robot model.
 
-k and d of the linear fit apply at the amplitude of the records; k beside the effects applies at zero torque.
+k and d of the linear fit apply at the amplitude of the records; k in gears.h5 applies at zero torque.
 """
 
 import json
@@ -32,22 +32,22 @@ from elastid.report.content import ParameterRow, gear_line
 from elastid.response import Response
 from elastid.robot import Robot
 from elastid.robot.simplified import with_straight_springs
+from elastid.store.kinds import json_value
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.plan import read_plan
 from elastid.store.results import read_fit, write_gears
-from elastid.store.values import json_value
 from elastid.study import Study
 
 
 def gears(study: Study, work: Work) -> Artefacts:
-    """Write gears.h5, and add the effects to summary.json and identified_robot.yml of the fit."""
+    """Estimate the gear effects: gears.h5, and the effects in summary.json and identified_robot.yml of the fit."""
     robot, model, files_of = study.as_robot(), study.model, work.sources
     measured, friction = read_responses(files_of["estimate"]), read_friction(files_of["estimate"])
     responses, result = study.fitted(measured), read_fit(files_of["fit"])
     plan_lines = read_plan(files_of["design"]).lines if "design" in files_of else None
     records = [RecordsOnShafts(files_of["measure"], response.configuration.name, None) for response in responses]
     with work.execution() as execution:
-        start = on_straight_springs(robot, responses, result, model, study.seeded_fit, execution)
+        start = fit_with_linear_springs(robot, responses, result, model, study.seeded_fit, execution)
         spec = study.gears or GearsSpec()
         gear_result = identify_gears(records, responses, *start, study.estimator, spec, execution, model, plan_lines)
     final, summary = with_gears(result, gear_result), _summary(files_of["fit"].with_name("summary.json"))
@@ -63,19 +63,19 @@ def gears(study: Study, work: Work) -> Artefacts:
         linear = [*result.notes, *notes_of(responses)]
         console.notes(gear_result.unanswered_notes(note for note in linear if note.code in CODES_WITH_CAUSE))
         console.notes(gear_result.notes)
-        if gear_result.refused:  # the end of the run has the effects
+        if gear_result.refused:  # otherwise the end of the run prints the effects
             console.warn(f"gears: {gear_line(gear_result)}")
 
     return Artefacts(files, report)
 
 
-def on_straight_springs(
+def fit_with_linear_springs(
     robot: Robot, responses: Sequence[Response], result: Result, model: ModelSpec, spec: FitSpec, execution: Execution
 ) -> tuple[Result, Robot]:
-    """Return a fit and robot without the model's spring characteristics, which the stage estimates anew.
+    """Return fit and robot with linear springs, since the stage estimates the spring characteristics.
 
-    About rest within a gap of the file k would show in no response.  StudyError where a term of a law was fitted: its
-    number would act twice.
+    Within a gap of the robot model, k would not influence the responses.  StudyError if the fit has a free parameter of
+    a spring characteristic, which would act twice.
     """
     straight = with_straight_springs(robot)
     if straight == robot:
@@ -102,8 +102,8 @@ def with_gear_section(
 ) -> dict[str, Any]:
     """Add the section `gears` to summary.json, and the parameters that were estimated together with the effects.
 
-    rows: of these; those of the linear fit stand in them as `linear`.  numbers: by name, SI and in makers' units; value
-    is null of what was not seen, which lies below `bound95`.  refused: why nothing was looked for.
+    rows: of these parameters, which get the linear fit as `linear`.  The section has numbers by name, in SI and makers'
+    units (value null and `bound95` if not significant), and the reason if nothing was estimated (`refused`).
     """
     parameters = dict(content["parameters"])
     for row in rows if not gears.refused else ():
@@ -118,7 +118,7 @@ def with_gear_section(
     }
     final = with_gears(result, gears)
     changes = section(final, "status message")
-    changes |= {} if final.indices else {"modification_indices": []}  # the gears explain what these would
+    changes |= {} if final.indices else {"modification_indices": []}  # explained by the gear effects
     if gears.explains_misfit and not final.indices:
         is_unanswered = [note["code"] not in CODES_WITH_CAUSE for note in content["notes"]]
         changes |= {name: list(compress(content[name], is_unanswered)) for name in ("warnings", "notes")}

@@ -1,4 +1,4 @@
-"""measure: a plan and a rig, or logs -> records.h5; an interrupted measurement is resumed. Static load tests."""
+"""Stage measure: simulated experiments or logs -> records.h5, and simulated deflections of static load tests."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -31,13 +31,13 @@ R = TypeVar("R", Record, FrictionRecord)
 
 
 def simulate(study: Study, work: Work) -> Artefacts:
-    """Simulate the plan: records.h5."""
+    """Simulate the experiments of the plan: records.h5."""
     plan = read_plan(work.sources["design"])
     return _measure(SimulatedRig(study.as_robot(), study.experiment, plan, study.seed), work)
 
 
 def import_logs(study: Study, work: Work) -> Artefacts:
-    """Import the logs that the study names: records.h5."""
+    """Import the logs of the study: records.h5."""
     rig = RecordedRig(study.places, study.experiment, work.base)
     return _measure(rig, work, rig.is_large)
 
@@ -52,25 +52,25 @@ def _measure(
 def measure_parts(
     work: Work, parts: Sequence[Any], measure: Callable[[Any], R], is_large: Callable[[Any], bool] = lambda item: False
 ) -> tuple[Iterator[R], Callable[[Console], None]]:
-    """Measure each experiment or motion into a part of the checkpoint; keep the parts of an interrupted run.
+    """Measure each experiment or motion (part) to the checkpoint; finished parts of an interrupted run are kept.
 
-    A worker writes the record itself: no record travels between processes.  is_large: true of a part whose record goes
-    straight to the result, as it is measured, in pieces.
-    Returns the records in the order of the parts, one at a time, and the report on them once they have been gathered.
+    Workers write the records, so that no record is sent between processes.  is_large: True for a part whose record is
+    written directly to the result.  Return an iterator of the records in the order of the parts, and the report, which
+    is complete after the iteration.
     """
     finished, notes = work.checkpoint(), list[Note]()
     remaining = [part for part in parts if not is_large(part) and part.name not in finished]
     with work.execution() as execution:
         execution.ordered(partial(_measure_part, measure, finished), remaining)
 
-    def gathered() -> Iterator[R]:
+    def collected() -> Iterator[R]:
         for part in parts:
             record = finished.get(part.name)
             record = measure(part) if record is None else record
             notes.extend(record.notes)
             yield record
 
-    return gathered(), partial(report_count, notes, len(parts))
+    return collected(), partial(report_count, notes, len(parts))
 
 
 def _measure_part(measure: Callable[[Any], R], finished: Checkpoint, part: Any) -> None:
@@ -86,10 +86,9 @@ def report_count(notes: Iterable[Note], count: int, console: Console) -> None:
 
 
 def tests_of(study: Study, loads: LoadsSpec, responses: Sequence[Response]) -> tuple[PlacedTest, ...]:
-    """Load tests of a study in the configurations of its responses or experiment.
+    """Return the load tests of a study in the configurations of its responses or experiment.
 
-    On a simulated rig a test without a deflection is measured, with the error that it states; the same seed gives the
-    same readings.
+    On a simulated rig, tests without a deflection get a simulated deflection with their stated errors.
     """
     experiment = study.experiment
     measured = {response.configuration.name: response.configuration for response in responses}

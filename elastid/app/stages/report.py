@@ -1,4 +1,4 @@
-"""report: all results of a run -> report.html and figures/, of each kind of study."""
+"""Stage report: all results of a run -> report.html and figures/, for each kind of study with responses."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
@@ -8,7 +8,7 @@ from types import MappingProxyType
 import numpy as np
 
 from elastid.app.console import Console
-from elastid.app.parameter_truth import contents, truth
+from elastid.app.parameter_truth import parameter_contents, true_values
 from elastid.app.run import Artefacts, Work, Write
 from elastid.nonlinear.gear_result import with_gears
 from elastid.report.content import DENSE, MODES, ReportContent
@@ -43,8 +43,8 @@ def report(study: Study, work: Work) -> Artefacts:
     final = result if gears is None else with_gears(result, gears)
     content = ReportContent(
         *(study.name, validation.verdict, final, tuple(zip(responses, modelled, strict=True)), validation),
-        *(read_modes(files["fit"]), work.stamp.study, work.stamp.shown),
-        truth=truth(robot, simulated, study.fit.parameters, friction),
+        *(read_modes(files["fit"]), work.stamp.study, work.stamp.entries),
+        truth=true_values(robot, simulated, study.fit.parameters, friction),
         plan=None if plan is None else read_plan(plan),
         forecast=None if plan is None else read_forecast(plan),
         limit_use=None if plan is None else read_peaks(plan),
@@ -53,7 +53,7 @@ def report(study: Study, work: Work) -> Artefacts:
         dense=read_dense(files["fit"]),
         friction=friction,
         log_comparison=read_simulation(validated),
-        contents=contents(robot, simulated is not None, friction, result.parameters, gears),
+        contents=parameter_contents(robot, simulated is not None, friction, result.parameters, gears),
         gears=gears,
         measured_modes=read_measured_modes(validated),
     )
@@ -69,7 +69,7 @@ def page_artefacts(
     files: Mapping[str, Write] = MappingProxyType({}),
     lines: Sequence[str] = (),
 ) -> Artefacts:
-    """Return a page with its figures, to be written after other files; messages are printed before its path."""
+    """Return a page with its figures, written after other files; lines: printed before the path of the page."""
     pages: list[Path] = []
 
     def write(path: Path, stamp: Stamp) -> None:
@@ -79,7 +79,7 @@ def page_artefacts(
     def report(console: Console) -> None:
         for line in lines:
             console.say(line)
-        for page in pages:  # the end of a run of all stages names the page
+        for page in pages:  # the end of a run of all stages prints the path, too
             (console.say if console.shows_tables else console.detail)(f"report: {page}")
 
     return Artefacts({**files, "report.html": write}, report)
@@ -87,7 +87,7 @@ def page_artefacts(
 
 def report_responses(study: Study, work: Work) -> Artefacts:
     """Write page, figures, modes.csv and modes.h5 of responses without a robot."""
-    # SciPy's linear algebra, which comes with the modes, takes long to load, and the page of a fit does without.
+    # Slow imports (SciPy's linear algebra), which the page of a fit does not need.
     from elastid.logs.responses.universal_files import geometry_of_files
     from elastid.modal.estimate import estimate_all_modes
     from elastid.report.content import ResponsesContent
@@ -97,14 +97,14 @@ def report_responses(study: Study, work: Work) -> Artefacts:
     estimates, modal = work.sources["estimate"], study.modal
     responses, friction = read_responses(estimates), read_friction(estimates)
     modes = estimate_all_modes(responses, modal)
-    # Compensated or explicitly requested friction; `auto` finds none in most structures.
+    # With `auto`, friction is shown only if it was compensated.
     if friction is not None and study.estimator.friction == "auto" and not friction.shapes:
         friction = None
     geometry = modal.geometry or geometry_of_files(study.experiment, work.base)
     of_band = [np.isin(G.freq_hz, mode_set.at_hz) for G, mode_set in zip(responses, modes, strict=True)]
     shown_responses = tuple(G.lines(band) if band.any() else G for G, band in zip(responses, of_band, strict=True))
     stamp = work.stamp
-    content = ResponsesContent(study.name, shown_responses, modes, stamp.study, stamp.shown, friction, geometry)
+    content = ResponsesContent(study.name, shown_responses, modes, stamp.study, stamp.entries, friction, geometry)
     lines = []
     for mode_set in modes:
         frequencies = ", ".join(f"{freq_hz:.4g}" for freq_hz in mode_set.freq_hz)

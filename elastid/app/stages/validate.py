@@ -1,4 +1,4 @@
-"""validate: responses, records and a fit -> validation.h5 and validation.json."""
+"""Stage validate: responses, records and a fit -> validation.h5 and validation.json."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -7,7 +7,7 @@ from itertools import chain
 from pathlib import Path
 
 from elastid.app.console import Console
-from elastid.app.identified_robot import with_findings
+from elastid.app.identified_robot import with_identified_effects
 from elastid.app.run import Artefacts, Work, Write
 from elastid.app.stages.estimate import tool_responses
 from elastid.app.summaries import as_json, validation_summary
@@ -35,7 +35,7 @@ from elastid.validation.torque_balance import Part, elastic_balances, model_part
 
 @dataclass(frozen=True)
 class ValidationBasis:
-    """A study and its fitted robot; gears: for the simulation alone."""
+    """Study, fitted robot and friction; gears: used in the simulation only."""
 
     study: Study
     fitted: FittedRobot
@@ -44,10 +44,7 @@ class ValidationBasis:
 
 
 def validate(study: Study, work: Work) -> Artefacts:
-    """Validate the fit: validation.h5 and validation.json with prediction errors, on validation configurations if any.
-
-    Without records, which may not be kept, nothing is simulated.
-    """
+    """Validate the fit: validation.h5 and validation.json with errors of FRFs and, if records exist, simulations."""
     responses, result = read_responses(work.sources["estimate"]), read_fit(work.sources["fit"])
     fitted = FittedRobot.of(result, study.as_robot(), responses, study.model)
     gears = read_gears(work.sources.get("gears"))
@@ -58,46 +55,43 @@ def validate(study: Study, work: Work) -> Artefacts:
         work.console.say("validate: no simulation in time, because records.h5 is missing or outdated")
     validation_names = study.validation.configurations
     with work.execution() as execution:
-        judged, log_comparison = judge(basis, validation_names, records, work.console, execution)
+        validation, comparison = validate_model(basis, validation_names, records, work.console, execution)
     has_tool = result.tool is not None and not result.tool.disagrees
     predictions = [predict_response(result, G) for G in tool_responses(study.validation.tool, study, work.base)]
     predictions += [
         predict_response(result, G, is_fitted=has_tool and G.configuration.name not in validation_names)
         for G in tool_responses(study.tool, study, work.base)
     ]
-    verdict = judged.verdict
-    if result.cause[0].startswith(REQUIRED):  # of a value other than the nominal one
+    verdict = validation.verdict
+    if result.cause[0].startswith(REQUIRED):  # a value that differs from the nominal value
         value = result.cause[0].removeprefix(REQUIRED).partition(";")[0].strip()
         verdict = verdict.replace(". The model", f" with {value}. The model", 1)
-    judged = replace(judged, predictions=tuple(predictions), verdict=verdict)
+    validation = replace(validation, predictions=tuple(predictions), verdict=verdict)
 
     def report(console: Console) -> None:
-        verdict = judged.verdict.removeprefix("Validation ")
+        verdict = validation.verdict.removeprefix("Validation ")
         console.say(f"validate: {verdict[:1].lower()}{verdict[1:]}")
-        for prediction in judged.predictions:
+        for prediction in validation.predictions:
             console.say(f"validate: {'fitted' if prediction.is_fitted else 'predicted'}: {prediction.sentence}")
-        worst = sorted(log_comparison.balances, key=lambda balance: balance.unexplained_fraction)[-1:]
-        for sentence in replace(log_comparison, balances=tuple(worst)).sentences:
+        worst = sorted(comparison.balances, key=lambda balance: balance.unexplained_fraction)[-1:]
+        for sentence in replace(comparison, balances=tuple(worst)).sentences:
             console.detail(f"validate: {sentence}")
 
     files: dict[str, Write] = {
-        "validation.json": as_json(validation_summary(study.name, judged, log_comparison)),
-        "validation.h5": lambda p, stamp: write_validation(p, judged, stamp, log_comparison, measured_modes(fitted)),
+        "validation.json": as_json(validation_summary(study.name, validation, comparison)),
+        "validation.h5": lambda p, stamp: write_validation(p, validation, stamp, comparison, measured_modes(fitted)),
     }
     return Artefacts(files, report)
 
 
-def judge(
+def validate_model(
     basis: ValidationBasis,
     validation_names: Sequence[str],
     records: Path | None,
     console: Console,
     execution: Execution,
 ) -> tuple[Validation, LogComparison]:
-    """Compute errors of all responses, those for validation with the interval of a prediction, and of the simulation.
-
-    That is its torques part by part, and its motion along a record; nothing without records, or torques in them.
-    """
+    """Compute the errors of all responses and, for records with torques, the torque balance and a simulation."""
     log_comparison, fitted = NO_COMPARISON, basis.fitted
     if records is not None and all(response.controller is None for response in fitted.measured):
         log_comparison = LogComparison(_balances(basis, records, console, execution), _simulations(basis, records))
@@ -110,9 +104,9 @@ def judge(
 
 
 def _balances(basis: ValidationBasis, path: Path, console: Console, execution: Execution) -> tuple[TorqueBalance, ...]:
-    """Balance the torque of each motor in the first record of every configuration of records.h5.
+    """Compute the torque balance of each motor in the first record of every configuration of records.h5.
 
-    It is not divided into parts where the robot cannot be rigid, or a motor's motion was not measured.
+    None for a robot that cannot be rigid, or a motor whose motion was not measured.
     """
     fitted, names, E = basis.fitted, read_configurations(path), shaft_couplings(basis.study.robot)
     try:
@@ -145,7 +139,7 @@ def _simulations(basis: ValidationBasis, path: Path) -> tuple[LogSimulation, ...
     if not responses:
         return ()
     ((robot, _),) = robots_by_group(result, basis.study.as_robot(), [name_of_posture]).values()
-    plant = with_findings(robot, basis.friction, basis.gears)
+    plant = with_identified_effects(robot, basis.friction, basis.gears)
     record = next(iter(read_records(path, name_of_posture)))
     band_hz = float(responses[0].freq_hz[0]), float(responses[0].freq_hz[-1])
     delay_s = result.parameters.numbers(result.x, name_of_posture).get(DELAY, 0.0)

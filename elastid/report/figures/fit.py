@@ -15,6 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.display import degrees
 from elastid.design.forecast import QUANTITIES, Forecast, LimitUse
 from elastid.fit.result import Result
 from elastid.nonlinear.gear_result import ARCMIN, GearResult, GearSheet
@@ -167,7 +168,7 @@ def configuration_title(measured: Response, left_out: bool) -> str:
     """Return the name, angles of the driven joints, and whether it was fitted; for a structure only the name."""
     if not measured.configuration.angles.size:
         return measured.configuration.name
-    angles = ", ".join(f"{angle:.4g}°" for angle in np.degrees(measured.configuration.angles))
+    angles = degrees(measured.configuration.angles.tolist())
     return f"{measured.configuration.name} ({angles}), {'left out of the fit' if left_out else 'fitted'}"
 
 

@@ -32,9 +32,9 @@ from elastid.report.content import (
     ReportContent,
     ResponsesContent,
     gear_line,
+    gear_sentence,
     gear_table,
     parameter_rows,
-    seen_words,
 )
 from elastid.report.figures import style
 from elastid.report.figures.drawings import Drawing
@@ -134,7 +134,7 @@ def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapp
         "width_class": run_summary.width_class,
         "width_counts": [(label, i, classes.count(i)) for i, label in enumerate(run_summary.WIDTH_WORDS)],
         "counted": "point" if robot else "parameter",
-        "strip": run_summary.strip(content.validation.configurations),
+        "strip": run_summary.residual_strip(content.validation.configurations),
         "residuals": run_summary.residual_sentence(content.result, content.agreements),
         "actions": run_summary.next_steps(content.result, rows),
         "commands": run_summary.COMMANDS,
@@ -277,7 +277,7 @@ def _environment() -> Environment:
     environment.filters |= {
         "number": number, "digits": digits, "percent": percent, "interval_of": format_interval, "grouped": group_notes,
         "friction_rows": friction_rows, "coded": _code_markup, "gear_table": gear_table, "gear_line": gear_line,
-        "seen_words": seen_words,
+        "seen_words": gear_sentence,
     }  # fmt: skip
     return environment
 

@@ -15,7 +15,7 @@ from plants.two_mass_gear import LINES, Gear, records, robot
 from ruamel.yaml import YAML
 
 from elastid.app import cli
-from elastid.app.stages.gears import on_straight_springs, with_gear_section
+from elastid.app.stages.gears import fit_with_linear_springs, with_gear_section
 from elastid.base.execution import Execution
 from elastid.fit.identify import identify
 from elastid.fit.result import Result
@@ -152,7 +152,7 @@ def test_lost_motion_is_identified_beside_backlash_of_robot_file() -> None:
     fit = FitSpec(parameters={name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}, starts=1)
     worn = with_spring(backlash=1e-4, inner_stiffness=0.3 * gear.k)
     result = identify([response], worn, fit)
-    start = on_straight_springs(worn, [response], result, EXACT, fit, Execution())
+    start = fit_with_linear_springs(worn, [response], result, EXACT, fit, Execution())
     found = identify_gears([measured], [response], *start, spec, GearsSpec(), planned=LINES)
     numbers = {number.name: number for number in found.numbers if number.is_significant}
     assert numbers["k_1"].value == pytest.approx(gear.k, rel=1e-3)
@@ -166,9 +166,9 @@ def test_a_term_of_a_spring_is_not_fitted_and_found() -> None:
     none = np.zeros(2, bool)
     result = Result(free, free.x, np.eye(2), 1.0, 1, 1.0, "converged", "", (), 1, none, np.ones(2), "complex")
     with refused("fit/parameters"):
-        on_straight_springs(hard, [], result, EXACT, fit, Execution())
+        fit_with_linear_springs(hard, [], result, EXACT, fit, Execution())
     straight = robot(Gear())
-    assert on_straight_springs(straight, [], result, EXACT, fit, Execution()) == (result, straight)
+    assert fit_with_linear_springs(straight, [], result, EXACT, fit, Execution()) == (result, straight)
 
 
 def test_the_summary_has_numbers_of_gears_in_makers_units_too() -> None:
