@@ -31,14 +31,13 @@ from elastid.validation.comparison import (
     Comparison,
     Elastic,
     Refit,
-    describe_search,
     fix,
     rank,
     refit,
     restrict,
-    search,
     split_folds,
 )
+from elastid.validation.elastic_search import describe_search, search
 from elastid.validation.spec import VariantSpec
 
 RESULT = "compare.json"

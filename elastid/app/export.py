@@ -20,7 +20,8 @@ from elastid.fit.result import Result
 from elastid.friction_study.result import FrictionResult
 from elastid.logs.responses.universal_files import geometry_of_files
 from elastid.nonlinear.compensated_friction import CompensatedFriction
-from elastid.nonlinear.gear_result import GearResult, with_effects, with_gears, with_linear_springs, with_terms_of
+from elastid.nonlinear.gear_result import GearResult, with_gears
+from elastid.nonlinear.robot_with_gears import with_effects, with_linear_springs, with_terms_of
 from elastid.robot import Robot
 from elastid.simulation.controller import loop_of
 from elastid.store.friction_study import read_filter, read_friction_result

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from elastid.fit.fitted_robot import remaining_tolerances, robots_by_group
 from elastid.fit.result import Result
 from elastid.nonlinear.compensated_friction import CompensatedFriction, friction_rows
-from elastid.nonlinear.gear_result import GearResult, with_effects
+from elastid.nonlinear.gear_result import GearResult
+from elastid.nonlinear.robot_with_gears import with_effects
 from elastid.robot import Friction, Robot
 from elastid.robot.friction_numbers import law_of, through_gear, with_laws
 from elastid.robot.simplified import without_dry_friction

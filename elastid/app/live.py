@@ -180,7 +180,7 @@ class Session:
                 raise StudyError("live/study", f"{text}. {advice} {path.parent} to begin again")
             plan = read_plan(path)
         else:
-            design, prior = self._design(plans), PriorEstimate.before(problem)
+            design, prior = self._design(plans), PriorEstimate.of(problem)
             if result is not None:
                 prior = PriorEstimate(result.parameters, result.x, result.covariance)
             problem = replace(problem, design=design)

@@ -30,12 +30,13 @@ from elastid.store.results import write_loops, write_map, write_map_table, write
 from elastid.study.robots import yaml_text
 from elastid.targets.fmu import write_move_fmu
 from elastid.targets.move import write_move
-from elastid.use.closed_loops import PostureFamily
 from elastid.use.draws import draw_robots
 from elastid.use.loops import Loops, design_loops
 from elastid.use.map import Cut, map_workspace
 from elastid.use.moves import read_move
-from elastid.use.postures import grid_postures, random_postures, read_path
+from elastid.use.path_table import read_path
+from elastid.use.plants import PostureFamily
+from elastid.use.postures import grid_postures, random_postures
 from elastid.use.tune import MoveRobots, TunedMove, tune_move
 
 Vector: TypeAlias = tuple[float, float, float]

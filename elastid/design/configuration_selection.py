@@ -1,4 +1,4 @@
-"""The choice of configurations: admissible candidates, optimal shares (`optimal`), rounded to whole experiments."""
+"""Selection of configurations: admissible candidates and D-optimal numbers of experiments (`optimal`) of each."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,44 +22,45 @@ from elastid.robot import Robot
 
 @dataclass(frozen=True)
 class Candidates:
-    """Admissible configurations, and how many were refused for which reason."""
+    """Admissible configurations, and the number of refused candidates by reason."""
 
     configurations: tuple[Configuration, ...]
     refused: Mapping[str, int]
 
     @property
     def reasons(self) -> str:
-        """The reasons with their counts, for a message."""
+        """Reasons with their counts, for a message."""
         return ", ".join(f"{count} {reason}" for reason, count in self.refused.items())
 
 
 def draw_candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float | FloatArray = 0.0) -> Candidates:
-    """Return the admissible candidates of a study; the same seed draws the same.
+    """Return the admissible candidates of a study.
 
-    swing: rad or m that each joint moves to either side, one number or (n_u,).  StudyError for a wrong number of angles
-    or an unknown body, for a slide without limits, and where no candidate is left, with the reasons.
+    swing: excursion of each joint to either side, rad (m), one number or (n_u,).  StudyError for a wrong number of
+    angles, a sliding joint without limits, and without an admissible candidate.
     """
     low, high = _range(robot, swing)
     names, angles = _proposed_angles(spec, robot, *_range(robot, swing + spec.margin), seed)
     reasons = [("are outside the joints' limits", ((angles < low - 1e-9) | (angles > high + 1e-9)).any(axis=1))]
     reasons += list(collisions(spec, robot, angles))
-    allowed = np.ones(len(angles), dtype=np.bool_)
+    is_admissible = np.ones(len(angles), dtype=np.bool_)
     counts: dict[str, int] = {}
-    for reason, bad in reasons:
-        if (allowed & bad).any():
-            counts[reason] = int((allowed & bad).sum())
-        allowed &= ~bad
-    if not allowed.any():
+    for reason, is_bad in reasons:
+        if (is_admissible & is_bad).any():
+            counts[reason] = int((is_admissible & is_bad).sum())
+        is_admissible &= ~is_bad
+    if not is_admissible.any():
         raise StudyError(
             "design/candidates",
             f"none of {len(angles)} candidates is admissible: {Candidates((), counts).reasons}. Give others, or "
             "relax the constraints that reject them",
             "design.candidates",
         )
-    return Candidates(tuple(Configuration(names[i], angles[i]) for i in np.flatnonzero(allowed).tolist()), counts)
+    return Candidates(tuple(Configuration(names[i], angles[i]) for i in np.flatnonzero(is_admissible).tolist()), counts)
 
 
 def _range(robot: Robot, swing: float | FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the lowest and highest angles (n_u,) with an excursion to either side; StudyError for an empty range."""
     limits = np.array([joint.limits.angle for joint in robot.driven])
     endless = [j.name for j in robot.driven if j.slides and not np.isfinite(j.limits.angle).all()]
     if endless:
@@ -86,6 +87,7 @@ def _range(robot: Robot, swing: float | FloatArray) -> tuple[FloatArray, FloatAr
 def _proposed_angles(
     spec: CandidateSpec, robot: Robot, low: FloatArray, high: FloatArray, seed: int
 ) -> tuple[Sequence[str], FloatArray]:
+    """Return names (Q,) and angles (Q, n_u) of the listed, grid or random candidates between low and high (n_u,)."""
     n = len(robot.driven)
     if spec.given:
         for name, position in spec.given.items():
@@ -108,7 +110,7 @@ def _proposed_angles(
 
 
 def collisions(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> Iterator[tuple[str, BoolArray]]:
-    """Yield reason and flags (Q,) of candidates whose moving points or links between them reach the floor or a box."""
+    """Yield reason and flags (Q,) of candidates with moving points or links in the floor or a box; angles (Q, n_u)."""
     if spec.floor is None and not spec.boxes:
         return
     points = _link_points(skeleton(robot, angles))
@@ -127,7 +129,7 @@ def upwards(robot: Robot) -> FloatArray:
 
 
 def _link_points(skeleton: Skeleton) -> FloatArray:
-    """Return the points that move and points on the links between two that do (Q, n, 3)."""
+    """Return the moving points and points on the links between them (Q, n, 3)."""
     points = [skeleton.points[:, skeleton.moves]]
     for a, b in skeleton.links:
         if skeleton.moves[a] and skeleton.moves[b]:
@@ -137,17 +139,17 @@ def _link_points(skeleton: Skeleton) -> FloatArray:
 
 
 def choose_configurations(
-    criterion: DesignCriterion, prospect: Prospect, count: int, elsewhere: FloatArray,
+    criterion: DesignCriterion, prospect: Prospect, count: int, prior: FloatArray,
     configurations: Sequence[Configuration], reserved: Sequence[str], execution: Execution,
 ) -> tuple[tuple[DesignedConfiguration, ...], str]:  # fmt: skip
-    """Select the best `count` whole experiments among candidate configurations; returns them and a sentence on them.
+    """Select the best `count` whole experiments among candidate configurations; return them and a sentence.
 
-    elsewhere (n_x, n_x): information without them (given configurations, earlier measurements, priors).  reserved:
-    names that other configurations have.  StudyError where no candidate informs any parameter.
+    prior (n_x, n_x): information of given configurations, earlier measurements and priors.  reserved: names of other
+    configurations.  StudyError if no candidate informs a parameter of interest.
     """
     H, rows = informations(prospect, configurations, prospect.parameters.x, execution)
-    visible_parameters, ground = identifiable(criterion, H, elsewhere, prospect.parameters)
-    numbers, efficiency = best_experiments(H[None], count, visible_parameters, (elsewhere + ground)[None])
+    of_identifiable, regularisation = identifiable(criterion, H, prior, prospect.parameters)
+    numbers, efficiency = best_experiments(H[None], count, of_identifiable, (prior + regularisation)[None])
     selection = _name_choices([configurations[i] for i in rows], numbers, prospect.realisations, reserved)
     names = ", ".join(f"{c.configuration.name} ({c.realisations} realisations)" for c in selection)
     best = f"{100 * efficiency:.1f} % of the best possible allocation"
@@ -157,11 +159,11 @@ def choose_configurations(
 def informations(
     prospect: Prospect, configurations: Sequence[Configuration], x: FloatArray, execution: Execution
 ) -> tuple[FloatArray, IntArray]:
-    """Return H (Q, n_x, n_x) at x (n_x,) of the configurations that have an equilibrium, and which these are.
+    """Return H (Q, n_x, n_x) at x (n_x,) of the configurations with an equilibrium, and their indices (Q,).
 
-    StudyError or DataError of the first where none has.
+    Raises the StudyError or DataError of the first configuration if none has an equilibrium.
     """
-    if len(configurations) < 400:  # less work than it takes to start other processes
+    if len(configurations) < 400:  # the start of other processes would take longer
         execution = replace(execution, jobs=1)
     blocks = execution.ordered(partial(_information, prospect, x), configurations)
     informative = {i: H for i, H in enumerate(blocks) if H is not None}
@@ -171,7 +173,7 @@ def informations(
 
 
 def _information(prospect: Prospect, x: FloatArray, configuration: Configuration) -> FloatArray | None:
-    """Return information H (n_x, n_x); None without an equilibrium."""
+    """Return the information H (n_x, n_x) of a configuration; None without an equilibrium."""
     try:
         return prospect.information(configuration, x)
     except (StudyError, DataError):
@@ -181,13 +183,16 @@ def _information(prospect: Prospect, x: FloatArray, configuration: Configuration
 def identifiable(
     criterion: DesignCriterion, H: FloatArray, prior: FloatArray, parameters: Parameters
 ) -> tuple[DesignCriterion, FloatArray]:
-    """Return the criterion on parameters that the candidates inform, and information (n_x, n_x) for the others."""
+    """Return the criterion for the identifiable parameters, and a regularising information (n_x, n_x) for the others.
+
+    H (Q, n_x, n_x): of candidates.  StudyError if no parameter of interest is identifiable.
+    """
     total = H.mean(axis=0) + prior
     length = np.sqrt(np.maximum(np.diag(total), 0.0))
     length[length == 0] = 1.0
     eigenvalues, V = np.linalg.eigh(total / np.outer(length, length))
-    blind = V[:, eigenvalues < 1e-12]  # relative to the best known direction
-    is_identifiable = np.abs(blind).max(axis=1, initial=0.0) < 1e-3
+    null_space = V[:, eigenvalues < 1e-12]  # relative to the best known direction
+    is_identifiable = np.abs(null_space).max(axis=1, initial=0.0) < 1e-3
     columns = criterion.interest[:, [is_identifiable[int(np.argmax(column))] for column in criterion.interest.T]]
     if columns.shape[1] == 0:
         names = ", ".join(parameters.free_names[i] for i in np.flatnonzero(criterion.interest.sum(axis=1)))
@@ -197,13 +202,14 @@ def identifiable(
             "depends on it, fix it or add an output (experiment.simulated.outputs)",
             "design",
         )
-    return replace(criterion, interest=columns), (blind * length[:, None]) @ (blind * length[:, None]).T
+    null_space = null_space * length[:, None]
+    return replace(criterion, interest=columns), null_space @ null_space.T
 
 
 def _name_choices(
     configurations: Sequence[Configuration], numbers: IntArray, realisations: int, reserved: Sequence[str]
 ) -> tuple[DesignedConfiguration, ...]:
-    """Return the chosen configurations in the order of the candidates; unnamed ones are called c1, c2 ..."""
+    """Return the selected configurations in the order of the candidates; unnamed ones are called c1, c2 ..."""
     selection: list[DesignedConfiguration] = []
     names = {*reserved, *(c.name for c in configurations if not c.name.startswith("candidate"))}
     free = (name for name in (f"c{i}" for i in range(1, len(names) + len(configurations) + 2)) if name not in names)

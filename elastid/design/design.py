@@ -1,8 +1,7 @@
-"""The design of an experiment: configurations chosen if the study asks for it, a plan within limits, its forecast."""
+"""Design of an experiment: selection of configurations, a plan within the robot's limits, and its forecast."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from elastid.base.execution import Execution
 from elastid.design.configuration_selection import choose_configurations
 from elastid.design.forecast import COULOMB_RATIO, Forecast, LimitUse, check_line_count, forecast
 from elastid.design.limits import within_limits
-from elastid.design.predicted_response import ExpectedResponse, Prospect
+from elastid.design.predicted_response import ExpectedResponse
 from elastid.design.problem import DesignProblem, Measurement, best_spectra_of, with_torques, with_typical_spectrum
 from elastid.design.spec import DesignSpec, n_free_configurations, unit_time_s
 from elastid.experiment.plan.plan import DesignedConfiguration, Plan
@@ -30,11 +29,11 @@ from elastid.robot import Robot
 def sticking_notes(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Note, ...]:
     """Return a note for each motor whose Coulomb friction exceeds a third of its rms torque (Nm, link side).
 
-    No notes with a carrier, under which the joints slide with any multisine.
+    With a carrier (superimposed slow motion) the joints always slide, and there is no note.
     """
     if carrier is not None:
         return ()
-    # Friction holds shafts, which gears may couple.
+    # Friction acts on shafts, which gears may couple.
     power = np.sum(np.abs(plan.R @ np.linalg.inv(robot.mixing)) ** 2, axis=3) / 2
     rms = np.sqrt(power.sum(axis=(0, 1, 2)) / len(plan.experiments))
     notes = []
@@ -53,7 +52,7 @@ def sticking_notes(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tup
 def presliding(measurements: Sequence[Measurement], robot: Robot) -> tuple[Presliding, ...]:
     """Return the presliding friction of motors with 0.2 to 4 presliding distances between two expected reversals.
 
-    Presliding distance: F_c / sigma_0 of the motor's friction model.  Its rate is E|w| divided by this distance.
+    The presliding distance is F_c / sigma_0 of the motor's friction model; the rate is E|w| over this distance.
     """
     distance, speed, _ = np.median([model.reversals(c, model.parameters.x) for model, c in measurements], axis=0)
     laws = {law.place: law for law in frictions(robot) if law.spec.lugre or law.spec.maxwell_slip}
@@ -62,9 +61,9 @@ def presliding(measurements: Sequence[Measurement], robot: Robot) -> tuple[Presl
         if (law := laws.get(location := robot.motor_locations[i])) is None:
             continue
         stiffness, unit = law.at_rest()[0], "N/m" if joint.slides else "N*m/rad"
-        bending = float(law.curve()[0]) / stiffness
-        if AMPLITUDES[0] < distance[i] / bending < AMPLITUDES[1]:
-            rows.append(Presliding(location, unit, stiffness, 0.0, speed[i] / bending, 0.0, distance[i] / bending))
+        scale = float(law.curve()[0]) / stiffness
+        if AMPLITUDES[0] < distance[i] / scale < AMPLITUDES[1]:
+            rows.append(Presliding(location, unit, stiffness, 0.0, speed[i] / scale, 0.0, distance[i] / scale))
     return tuple(rows)
 
 
@@ -79,7 +78,7 @@ def _presliding_note(friction: Presliding) -> Note:
 
 @dataclass(frozen=True)
 class Design:
-    """A plan within the robot's limits, its forecast, and its use of the limits."""
+    """Plan within the robot's limits, its forecast, and its use of the limits."""
 
     plan: Plan
     forecast: Forecast
@@ -87,15 +86,12 @@ class Design:
 
 
 def design(problem: DesignProblem, execution: Execution | None = None) -> Design:
-    """Choose configurations, plan, keep within limits, forecast.
-
-    Raises StudyError for a problem without a solution, with the reason.
-    """
+    """Select configurations, plan, scale to the limits, and forecast; StudyError for a problem without a solution."""
     execution = execution or Execution()
     excitation, experiment = problem.excitation, problem.experiment
     completed = completed_problem(problem)
     selection, choice = ((), "") if problem.design is None else _choose(completed, problem.design, execution)
-    # Plan and rehearsal take the problem as it was given: the rehearsal has Coulomb friction itself.
+    # Plan and simulation use the given problem, because the simulation has Coulomb friction itself.
     plan = problem.plan(experiment, selection, best_spectra_of(completed, experiment, selection, excitation.torque_rms))
     check_line_count(plan.freq_hz, completed.parameters)
     plan, limit_use = within_limits(problem.rig(plan), excitation, execution)
@@ -112,7 +108,7 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
 def _expected_responses(
     problem: DesignProblem, measurements: Sequence[Measurement], friction: Sequence[Presliding]
 ) -> list[ExpectedResponse]:
-    """Return responses with the tolerances of the robot's file and its gears, and with presliding friction."""
+    """Return expected responses with the tolerances of the robot model, and with presliding friction."""
     robot, freq_hz = problem.robot, measurements[0][0].plan.freq_hz
     springs = {row.spring: (row.stiffness, row.rate) for row in friction}
     tolerant = with_tolerances(problem.parameters, robot, problem.fit)
@@ -133,15 +129,18 @@ def completed_problem(problem: DesignProblem) -> DesignProblem:
 
 
 def with_friction_damping(problem: DesignProblem) -> DesignProblem:
-    """Add the damping by Coulomb friction under this excitation to the viscous friction of the robot.
+    """Add the equivalent damping of Coulomb friction under this excitation to the viscous friction of the robot.
 
-    Averaged over the configurations given and some candidates; repeated, since damping reduces the motion.
+    It is the mean over the given configurations and some candidates, iterated because damping reduces the motion.
     """
     with_damping = problem
     probe = problem.probe(problem.experiment)
     previous = np.zeros(len(problem.robot.driven))
+
+    def damping(q: int, configuration: Configuration) -> FloatArray:
+        return with_damping.prospect(probe, q).equivalent_damping(configuration, with_damping.parameters.x)
+
     for _ in range(20):
-        damping = partial(_equivalent_damping, with_damping, probe)
         d = np.mean(with_damping.at_equilibria(probe, damping, problem.experiment.configurations), axis=0)
         if np.all(np.abs(d - previous) <= 0.01 * d):
             break
@@ -149,14 +148,10 @@ def with_friction_damping(problem: DesignProblem) -> DesignProblem:
     return with_damping
 
 
-def _equivalent_damping(problem: DesignProblem, probe: Plan, q: int, configuration: Configuration) -> FloatArray:
-    return problem.prospect(probe, q).equivalent_damping(configuration, problem.parameters.x)
-
-
 def _with_damping(problem: DesignProblem, d: FloatArray) -> DesignProblem:
-    """Return the problem with d (n_u,) in Nms/rad more viscous friction in the motors, link side."""
-    pairs = [(joint.name, joint.motor, more) for joint, more in zip(problem.robot.driven, d.tolist(), strict=True)]
-    values = {f"fm_{name}": motor.viscous + more / motor.ratio**2 for name, motor, more in pairs if motor is not None}
+    """Return the problem with viscous friction of the motors that is larger by d (n_u,), Nms/rad, link side."""
+    pairs = [(joint.name, joint.motor, d_i) for joint, d_i in zip(problem.robot.driven, d.tolist(), strict=True)]
+    values = {f"fm_{name}": motor.viscous + d_i / motor.ratio**2 for name, motor, d_i in pairs if motor is not None}
     unknown = {name: value for name, value in values.items() if name not in dict(problem.fitted_values)}
     return replace(
         problem, robot=problem.robot.with_parameters(values), fitted_values=(*problem.fitted_values, *unknown.items())
@@ -166,6 +161,7 @@ def _with_damping(problem: DesignProblem, d: FloatArray) -> DesignProblem:
 def _choose(
     problem: DesignProblem, spec: DesignSpec, execution: Execution
 ) -> tuple[tuple[DesignedConfiguration, ...], str]:
+    """Select configurations among the candidates of a `design` section; return them and a sentence."""
     candidates = problem.candidates(spec)
     sections = problem.excitation, problem.experiment, len(problem.robot.driven)
     count = n_free_configurations(spec, *sections)
@@ -186,16 +182,11 @@ def _choose(
             + f"; lower count to {n}, give more candidates, or more realisations of each",
         )
     names = tuple(problem.experiment.configurations)
-    prospect, prior = _prospect(problem)
-    return choose_configurations(criterion, prospect, count, prior, candidates.configurations, names, execution)
-
-
-def _prospect(problem: DesignProblem) -> tuple[Prospect, FloatArray]:
-    """Return the prospect of a candidate, and the information (n_x, n_x) of the configurations given."""
     probe = problem.probe(problem.experiment)
     check_line_count(probe.freq_hz, problem.parameters)
     prior = problem.prior_information()
     for q, configuration in enumerate(probe.configurations):
-        if configuration.name in set(problem.experiment.configurations) - set(problem.excluded_configurations):
+        if configuration.name in set(names) - set(problem.excluded_configurations):
             prior = prior + problem.prospect(probe, q).information(configuration, problem.parameters.x)
-    return problem.prospect(probe, -1), prior
+    prospect = problem.prospect(probe, -1)
+    return choose_configurations(criterion, prospect, count, prior, candidates.configurations, names, execution)

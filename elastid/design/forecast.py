@@ -1,9 +1,9 @@
-r"""The forecast of a plan: standard deviations, correlations, undetermined directions, use of the robot's limits.
+r"""Forecast of a plan: standard deviations, correlations and unidentifiable directions; its use of the robot's limits.
 
 .. math:: cov(x) = A^{-1} \Big[ \tfrac12 \mathrm{Re} \sum_k J_k^H S_k J_k \Big] A^{-1}, \qquad A = \sum_q \sum_k A_{qk}
 
-the covariance that the fit itself will state (`fit.covariance`) for the expected responses. The share
-c^T A_qk c / c^T A c, c = A^-1 e_p, of the information about parameter p comes from line k of configuration q.
+This covariance of the fit (`fit.covariance`) is evaluated for the expected responses. A fraction c^T A_qk c / c^T A c,
+c = A^-1 e_p, of the information about parameter p comes from line k of configuration q.
 """
 
 from collections.abc import Sequence
@@ -23,20 +23,18 @@ from elastid.parameters import Parameters
 if TYPE_CHECKING:
     from elastid.design.predicted_response import ExpectedResponse
 
-# Limits of the notes about a plan. False-alarm rates: not measured, a forecast has no noise.
-MIN_COMPONENT = 0.2  # of an undetermined direction, from which on a parameter is named
-COULOMB_RATIO = 1 / 3  # to the rms torque: a multisine of peaks of three rms still slides
+# Limits of notes; they have no false-alarm rate, because a forecast has no noise.
+MIN_COMPONENT = 0.2  # least component of an unidentifiable direction whose parameter is named
+COULOMB_RATIO = 1 / 3  # largest Coulomb friction over the rms torque: a multisine has peaks of three rms
 
 
 @frozen_value
 class Forecast:
-    """Expected uncertainty of the free parameters (n,), at their nominal values.
+    """Expected uncertainty of the free parameters (n,), at their nominal values (SI).
 
-    nominal (n,) and units: SI.  log (n,): whether covariance is of ln p.  covariance (n, n): of the solver's variables,
-    inf on the diagonal where a parameter is undetermined.  information_fraction (Q, F, n): sums to 1 for
-    each parameter.  configurations: those that the fit uses.
-    notes: to be read before the robot moves.  choice: how the configurations were chosen.  noise (n, n): the part of
-    covariance with the numbers of the robot's file known; without rows where the file is exact.
+    covariance (n, n): of the solver's variables, ln p where log (n,) is True; inf on the diagonal of an unidentifiable
+    parameter.  information_fraction (Q, F, n): sums to 1 for each parameter.  configurations: those of the fit.
+    choice: sentence on the selection of configurations.  variance_fractions (3, n): empty for an exact robot model.
     """
 
     parameters: tuple[str, ...] = labelled("parameter that the fit identifies")
@@ -69,17 +67,17 @@ class Forecast:
 
     @property
     def relative(self) -> FloatArray:
-        """Standard deviations (n,) relative to the nominal values; NaN where that is zero."""
+        """Standard deviations (n,) over the nominal values; NaN for a value of 0."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(self.nominal != 0, self.std / np.abs(self.nominal), np.nan)
 
     @property
     def correlation(self) -> FloatArray:
-        """Correlations (n, n); NaN off the diagonal for undetermined parameters."""
+        """Correlations (n, n); NaN off the diagonal for unidentifiable parameters."""
         return correlation_of(self.covariance)
 
     def strongest(self, name: str) -> tuple[str, float]:
-        """Return the most correlated parameter and the correlation; '' without one."""
+        """Return the most correlated parameter and its correlation; '' without one."""
         row = self.parameters.index(name)
         strength = np.nan_to_num(np.abs(self.correlation[row]))
         strength[row] = 0.0
@@ -90,16 +88,16 @@ class Forecast:
 
 
 def forecast(expected: "Sequence[ExpectedResponse]", x: FloatArray, is_compensated: bool = False) -> Forecast:
-    """Return the forecast for parameters near x (n_x,) from the expected responses of a plan, all on the same lines.
+    """Forecast the uncertainty of parameters near x (n_x,) from the expected responses of a plan on common lines.
 
-    is_compensated: friction will be, of the torques.
-    Raises StudyError where the plan has fewer lines than there are unknowns, or its responses drown in noise.
+    is_compensated: the estimator will compensate friction.
+    Raises StudyError if the plan has fewer lines than unknowns, or no response exceeds its noise.
     """
     parameters = expected[0].parameters
     free, freq_hz = parameters.of_interest, expected[0].response.freq_hz
-    n = len(free)  # parameters of interest; in x they are followed by nuisance parameters, which have priors
+    n = len(free)  # nuisance parameters, which have priors, follow in x
     check_line_count(freq_hz, parameters)
-    from elastid.design.predicted_response import expected_fit  # a page reads the values alone
+    from elastid.design.predicted_response import expected_fit  # pages use this file without the model
     from elastid.fit.covariance import estimate_uncertainty
 
     fit = expected_fit(expected)
@@ -116,13 +114,13 @@ def forecast(expected: "Sequence[ExpectedResponse]", x: FloatArray, is_compensat
     names, units, log = (tuple(getattr(p, kind) for p in free) for kind in ("name", "unit", "log"))
     nominal = np.array([parameters.as_dict(x)[p.name] for p in free])
     configurations = tuple(e.response.configuration.name for e in expected)
-    notes = tuple(_undetermined(_blind(np.asarray(R), parameters, x), names))
+    notes = tuple(_unidentifiable_notes(_unidentifiable_directions(np.asarray(R), parameters, x), names))
     by_noise = conditional_covariance(covariance, n)
     a, p = uncertainty.averaging_fraction[:n], uncertainty.persistent_fraction[:n]
     fractions = np.nan_to_num([a, p, np.maximum(1 - a - p, 0.0)])
-    values = names, units, nominal, log, covariance[:n, :n], configurations, freq_hz, fraction
-    by_source = fractions if n < len(x) else np.zeros((0, 0))
-    return Forecast(*values, (*notes, *correlated_combinations(names, by_noise)), variance_fractions=by_source)
+    notes = (*notes, *correlated_combinations(names, by_noise))
+    values = names, units, nominal, log, covariance[:n, :n], configurations, freq_hz, fraction, notes
+    return Forecast(*values, variance_fractions=fractions if n < len(x) else np.zeros((0, 0)))
 
 
 def check_line_count(freq_hz: FloatArray, parameters: Parameters) -> None:
@@ -131,10 +129,11 @@ def check_line_count(freq_hz: FloatArray, parameters: Parameters) -> None:
         raise StudyError("excitation/power", f"{refusal}, or fix some of fit.parameters", "excitation")
 
 
-def _blind(R: FloatArray, parameters: Parameters, x: FloatArray) -> FloatArray:
-    """Return directions (n_b, n) of relative changes that move the expected responses by less than their noise.
+def _unidentifiable_directions(R: FloatArray, parameters: Parameters, x: FloatArray) -> FloatArray:
+    """Return directions (n_b, n) of relative changes whose effect on the expected responses is below the noise.
 
-    They are of the n parameters of interest: nuisance parameters have priors, and move with each direction.
+    R (n_x, n_x): square root of the information.  The n parameters of interest span the directions; nuisance
+    parameters, which have priors, adapt to each direction.
     """
     of_interest = parameters.of_interest
     n = len(of_interest)
@@ -145,22 +144,20 @@ def _blind(R: FloatArray, parameters: Parameters, x: FloatArray) -> FloatArray:
     return Vt[singular_values < 1]
 
 
-def _undetermined(blind: FloatArray, names: Sequence[str]) -> list[Note]:
-    """Return a note for each undetermined direction (n_b, n)."""
+def _unidentifiable_notes(directions: FloatArray, names: Sequence[str]) -> list[Note]:
+    """Return a note for each unidentifiable direction (n_b, n)."""
     notes = []
-    for direction in blind:
+    for direction in directions:
         members = [i for i in np.argsort(-np.abs(direction), kind="stable") if abs(direction[i]) > MIN_COMPONENT]
         terms = " ".join(f"{direction[i] * np.sign(direction[members[0]]):+.2f} {names[i]}" for i in members)
-        unknown = names[members[0]] if len(members) == 1 else f"the combination {terms} (relative changes)"
-        text = (
-            f"this plan does not identify {unknown}. Fix or tie one parameter, or measure an output that depends on it"
-        )
-        notes.append(Note("fit/not-identifiable", text))
+        subject = names[members[0]] if len(members) == 1 else f"the combination {terms} (relative changes)"
+        cure = "Fix or tie one parameter, or measure an output that depends on it"
+        notes.append(Note("fit/not-identifiable", f"this plan does not identify {subject}. {cure}"))
     return notes
 
 
-# `turning back`: how far a motor's speed falls below that of a carrier of constant velocity, which is the limit, in the
-# measured periods.  The last three are of injected references, which robots check as well.
+# `turning back`: largest decrease of a motor's speed below a carrier's constant velocity, which is its limit, in the
+# measured periods.  The last three apply to injected references, which robots check as well.
 QUANTITIES = (
     *("torque", "position", "velocity", "acceleration", "turning back"),
     *("reference position", "reference velocity", "reference acceleration"),
@@ -170,12 +167,11 @@ UNITS = ("N*m", "rad", "rad/s", "rad/s^2", "rad/s", "rad", "rad/s", "rad/s^2")
 
 @frozen_value
 class LimitUse:
-    """Largest values, and the limits: peak, limit (Q, 8, n_u) for QUANTITIES, infinite where none.
+    """Largest values and limits (Q, 8, n_u) of QUANTITIES, infinite if not given.
 
-    peak: as rehearsed, of runs far from all limits as expected by the linear response.
-    position: about the configuration, to either side, its limit the room to the nearer end.  factor (Q, n_u): by which
-    the amplitudes of the study were multiplied.  notes: one for every configuration that was scaled down.  sliding:
-    inputs that translate, in N and m.
+    peak: by simulation, of runs far from all limits by the linear response.  Positions are relative to the
+    configuration, with the distance to the nearer limit.  factor (Q, n_u): on the amplitudes of the study.
+    notes: on configurations that are scaled down.  sliding: inputs that translate, in N and m.
     """
 
     configurations: tuple[str, ...]
@@ -189,12 +185,12 @@ class LimitUse:
 
     @property
     def used(self) -> FloatArray:
-        """Part of each limit that is used (Q, 8, n_u)."""
+        """Used fraction (Q, 8, n_u) of each limit."""
         return self.peak / self.limit
 
     @property
     def closest(self) -> str:
-        """A sentence about the limit of which most is used."""
+        """Sentence on the limit with the largest used fraction."""
         if not np.isfinite(self.limit).any():
             return "no limits are given"
         q, kind, i = np.unravel_index(np.argmax(self.used), self.used.shape)
@@ -206,11 +202,11 @@ class LimitUse:
 
     @property
     def by_quantity(self) -> str:
-        """Largest part of a limit of each quantity that is limited, in words."""
-        used, is_limited = self.used.max(axis=(0, 2)), np.any(np.isfinite(self.limit), axis=(0, 2))
-        return ", ".join(f"{QUANTITIES[i]} {used[i]:.0%}" for i in np.flatnonzero(is_limited))
+        """List of the limited quantities, each with the largest used fraction."""
+        fraction, is_limited = self.used.max(axis=(0, 2)), np.any(np.isfinite(self.limit), axis=(0, 2))
+        return ", ".join(f"{QUANTITIES[i]} {fraction[i]:.0%}" for i in np.flatnonzero(is_limited))
 
 
 def unit_of(kind: int, slides: bool) -> str:
-    """Return the SI unit of one of QUANTITIES, of a motor whose joint turns or slides."""
+    """Return the SI unit of one of QUANTITIES (index) for a joint that turns or slides."""
     return translation_unit(UNITS[kind]) if slides else UNITS[kind]

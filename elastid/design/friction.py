@@ -1,7 +1,7 @@
 """Plan of a friction study: speeds and order of constant-velocity runs, presliding torques, and warm-ups.
 
-Speeds are D-optimal over the laws that the joint may have (with a certificate), windows and ramps those that the
-joint's limits leave; impossible motions are refused by name.
+Speeds are D-optimal over the plausible friction models of a joint, with a bound on their efficiency.  Windows and ramps
+are within the joint's limits; a StudyError names impossible motions.
 """
 
 import math
@@ -45,9 +45,9 @@ LINEAR, SEARCHED = ("coulomb", "stiction", "viscous"), ("stribeck_velocity", "ex
 
 @dataclass(frozen=True)
 class StribeckGuess:
-    """A law as it may be: F_c, F_s, viscous friction, nu_s and the exponent, SI of one side.
+    """Prior estimate of a friction model: F_c, F_s, viscous friction, nu_s and exponent, SI units of one side.
 
-    is_from_file: true if the robot's file has it, else of common gears.
+    is_from_file: from the robot model, not from common gears.
     """
 
     coulomb: float
@@ -59,17 +59,17 @@ class StribeckGuess:
 
     @property
     def spread(self) -> "tuple[StribeckGuess, ...]":
-        """The laws that a design must serve: the Stribeck velocity is the number that is known least."""
+        """Models for which a design must be good: the Stribeck velocity is the least known number."""
         nu_s = self.stribeck_velocity
         return tuple(replace(self, stribeck_velocity=factor * nu_s) for factor in (0.4, 1.0, 2.5))
 
     def torque(self, speed: float) -> float:
-        """Return the friction torque F(v), Nm, at a speed."""
-        fall = math.exp(-float((speed / self.stribeck_velocity) ** self.exponent))
-        return self.coulomb + (self.stiction - self.coulomb) * fall + self.viscous * speed
+        """Return the friction torque F(v), Nm (N), at a speed."""
+        decay = math.exp(-float((speed / self.stribeck_velocity) ** self.exponent))
+        return self.coulomb + (self.stiction - self.coulomb) * decay + self.viscous * speed
 
     def slope(self, speed: float) -> float:
-        """Return the slope dF / dv, Nms/rad, negative where friction falls with speed."""
+        """Return the slope dF / dv, Nms/rad (Ns/m); it is negative if friction decreases with speed."""
         x = float((speed / self.stribeck_velocity) ** self.exponent)
         return self.viscous - (self.stiction - self.coulomb) * self.exponent * x * math.exp(-x) / speed
 
@@ -77,10 +77,10 @@ class StribeckGuess:
 def optimal_speeds(
     guesses: Sequence[StribeckGuess], lowest: float, highest: float, count: int
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Return speeds (n,), lowest first, passes (n,) at each, and their efficiency, (det M / det M*)^(1 / d).
+    """Return D-optimal speeds (n,), ascending, passes (n,) at each, and their efficiency (det M / det M*)^(1 / d).
 
-    `count` passes between two speeds identify all five numbers of a Stribeck curve best, over all guesses, if every
-    friction torque has the same std.
+    `count` passes identify the five numbers of a Stribeck curve, averaged over the guesses, if all friction torques
+    have the same std.
     """
     speeds, d = np.geomspace(lowest, highest, 200), len(LINEAR) + len(SEARCHED)
     H = np.stack([_information(guess, speeds) for guess in guesses])
@@ -90,7 +90,7 @@ def optimal_speeds(
 
 
 def _information(guess: StribeckGuess, speeds: FloatArray) -> FloatArray:
-    """Return J^T J (n, d, d) of one friction torque at each speed, by the numbers relative to themselves."""
+    """Return J^T J (n, d, d) of one friction torque at each speed (n,), by relative changes of the numbers."""
     zeros = np.zeros_like(speeds)
     conditions = Conditions(speeds, zeros, zeros, np.full_like(speeds, np.nan))
     linear = {"coulomb": guess.coulomb, "stiction": guess.stiction, "viscous": guess.viscous}
@@ -102,10 +102,10 @@ def _information(guess: StribeckGuess, speeds: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class CommonGear:
-    """Friction and limits, with defaults if the robot model lacks them.
+    """Typical friction and limits of gears, for robot models without them.
 
-    LiTH-ISY-R-2948 has F_c of 3 % of the rating and nu_s of 5 % of the speed; its viscous friction at full speed is
-    three times F_c.
+    LiTH-ISY-R-2948 has F_c of 3 % of the rated torque, nu_s of 5 % of the speed, and viscous friction of 3 F_c at full
+    speed.
     """
 
     coulomb: float = 0.03  # of the largest torque
@@ -120,10 +120,9 @@ GEAR = CommonGear()
 
 
 def guess_friction(robot: Robot, joint: Joint, inertia: float) -> StribeckGuess:
-    """Return the friction of a driven joint, link side, as far as the file has it.
+    """Return the friction of a driven joint, link side, with values of `CommonGear` if the robot model lacks them.
 
-    inertia: of the joint in kg m^2, link side, from which that of a joint without limits follows.  Stiction and
-    Stribeck velocity that the file does not have are those of common gears.
+    inertia: of the joint, kg m^2 (kg), link side; gives the friction of a joint without limits.
     """
     speed = joint.limits.velocity if math.isfinite(joint.limits.velocity) else GEAR.speed
     torque = joint.limits.torque if math.isfinite(joint.limits.torque) else GEAR.torque_rate * inertia
@@ -139,9 +138,9 @@ def guess_friction(robot: Robot, joint: Joint, inertia: float) -> StribeckGuess:
 
 @dataclass(frozen=True)
 class Axis:
-    """A driven joint in one posture, link side: limits of passes, largest |holding torque|, inertia, k_d, the guess.
+    """Driven joint in one posture, link side.
 
-    index: among the driven joints.
+    index: among the driven joints.  holding: largest |holding torque| in the window.  damping: k_d of the loop.
     """
 
     joint: Joint
@@ -153,23 +152,23 @@ class Axis:
     guess: StribeckGuess
 
     def peak_torque(self, speed: float) -> float:
-        """Return |u| that a pass at a speed takes at most: gravity, ramps, friction."""
+        """Return the largest |u| of a pass at a speed: gravity, ramps, friction."""
         friction = max(self.guess.torque(speed), self.guess.stiction)
         return self.holding + self.inertia * self.limits.acceleration + friction
 
     def sticks_at(self, speed: float) -> bool:
-        """Return True if friction falls faster with speed than the loop brakes: k_d + dF/dv < 0."""
+        """Return whether friction decreases faster with speed than the loop damps: k_d + dF/dv < 0."""
         return self.damping + self.guess.slope(speed) <= 0
 
     @property
     def slowest(self) -> float:
-        """The slowest speed at which the joint slides steadily; below 0.03 nu_s passes only take more time."""
+        """Slowest speed at which the joint slides steadily, at least 0.03 nu_s: lower speeds only take more time."""
         lowest, highest = (factor * self.guess.stribeck_velocity for factor in (0.03, 20.0))
         return 1.05 * max([v for v in np.geomspace(lowest, highest, 200).tolist() if self.sticks_at(v)], default=lowest)
 
     @property
     def fastest(self) -> float:
-        """The highest speed that fits into the window and whose torque is not clipped; 0 without room."""
+        """Highest speed that is possible in the window without clipping the torque; 0 without one."""
         max_speed = fastest_speed(self.limits)
         if max_speed <= 0:
             return 0.0
@@ -177,13 +176,13 @@ class Axis:
         return max([v for v in speeds if self.peak_torque(v) <= self.joint.limits.torque], default=0.0)
 
     def check_speeds(self, speeds: FloatArray) -> None:
-        """Raise StudyError for the first speed that sticks and slips, or whose torque would be clipped."""
-        place, unit, largest = self.limits.place, f"{self.limits.unit}/s", self.joint.limits.torque
+        """Raise StudyError for the first speed with stick-slip or clipped torque."""
+        unit, largest = f"{self.limits.unit}/s", self.joint.limits.torque
         for speed in speeds.tolist():
             if self.sticks_at(speed) or self.peak_torque(speed) > largest:
                 raise StudyError(
                     "friction/plan",
-                    f"{place} would stick and slip at {speed:.4g} {unit}, or saturate. Choose speeds from "
+                    f"{self.limits.place} would stick and slip at {speed:.4g} {unit}, or saturate. Choose speeds from "
                     f"{self.slowest:.3g} to {self.fastest:.3g} {unit}, raise "
                     "experiment.simulated.controller.bandwidth_hz, or choose a posture with less gravity torque",
                     "friction.constant_velocity.speeds",
@@ -193,7 +192,7 @@ class Axis:
 def axis_of(
     robot: Robot, joint: Joint, posture: Configuration, passes: ConstantVelocitySpec, controller: ControllerSpec
 ) -> Axis:
-    """Return a joint of the nominal robot in a posture; StudyError without an equilibrium or torque beside gravity."""
+    """Return a joint of the nominal robot in a posture; StudyError without an equilibrium or a torque margin."""
     index = robot.driven_names.index(joint.name)
     window = passes.window or default_window(joint)
     middle = _middle(robot, index, posture.name, tuple(posture.angles.tolist()), sum(window) / 2)
@@ -214,7 +213,7 @@ def axis_of(
 
 
 def default_window(joint: Joint) -> tuple[float, float]:
-    """Return the middle half of the joint's limits; without limits 1 rad or 0.25 m to either side of zero."""
+    """Return the middle half of the range of a joint; without limits 1 rad or 0.25 m to either side of zero."""
     low, high = joint.limits.angle
     if not (math.isfinite(low) and math.isfinite(high)):
         half_width = 0.5 if joint.slides else 2.0
@@ -230,14 +229,14 @@ def _middle(robot: Robot, index: int, name: str, angles: tuple[float, ...], angl
 
 
 def _acceleration(joint: Joint, holding: float, inertia: float, guess: StribeckGuess) -> float:
-    """Return the ramp acceleration: joint limit, 0.4 s to full speed, 90 % of torque less gravity and stiction."""
+    """Return the ramp acceleration by the joint limit, 0.4 s to full speed, and 90 % of the available torque."""
     limits = joint.limits
     speed = limits.velocity if math.isfinite(limits.velocity) else 1.0
     limit = min(limits.acceleration, RAMP_PEAK * speed / 0.4)
     if not math.isfinite(limits.torque):
         return limit
-    room = 0.9 * limits.torque - holding - guess.stiction
-    if room <= 0:
+    available = 0.9 * limits.torque - holding - guess.stiction
+    if available <= 0:
         unit = drive_unit(joint.slides)
         raise StudyError(
             "friction/plan",
@@ -246,8 +245,8 @@ def _acceleration(joint: Joint, holding: float, inertia: float, guess: StribeckG
             "gravity torque, or correct limits.torque",
             "friction.constant_velocity",
         )
-    # Viscous friction at full speed takes its part while the ramp ends.
-    return min(limit, max(0.2 * room, room - guess.viscous * speed) / inertia)
+    # At the end of a ramp viscous friction needs some of the torque.
+    return min(limit, max(0.2 * available, available - guess.viscous * speed) / inertia)
 
 
 def passes_of(
@@ -257,22 +256,22 @@ def passes_of(
     design: JointPassDesign,
     seed: int,
 ) -> tuple[PlannedMotion, ...]:
-    """Plan the passes under every load, in its posture, each set in an order of its own."""
-    every, joint = np.repeat(design.speed, design.passes.astype(int)).tolist(), design.joint
+    """Plan the passes under every load, in its posture, each load with another random order."""
+    speeds, joint = np.repeat(design.speed, design.passes.astype(int)).tolist(), design.joint
     return tuple(
         PlannedMotion(
             "-".join(filter(None, (f"j{joint}", load.name, plan.name))),
             joint, "constant_velocity", posture, load.name, load.payload, planned=plan,
         )
         for i, (load, posture) in enumerate(zip(loads, postures, strict=True))
-        for plan in plan_passes(every, spec.repeat, design.limits, seed + i, spec.reference_every)
+        for plan in plan_passes(speeds, spec.repeat, design.limits, seed + i, spec.reference_every)
     )  # fmt: skip
 
 
-def standstill_of(
+def presliding_of(
     spec: FrictionSpec, axis: Axis, posture: Configuration, rng: np.random.Generator
 ) -> tuple[PlannedMotion, ...]:
-    """Plan growing loops and small multisines of the torque in the middle of the window."""
+    """Plan presliding loops of growing torque and small multisines in the middle of the window."""
     joint, law = axis.joint.name, axis.guess
     middle, motions = posture.with_angle(axis.index, sum(axis.limits.window) / 2), list[PlannedMotion]()
     if (loops := spec.presliding_loops) is not None:
@@ -296,7 +295,7 @@ def standstill_of(
 def schedule(
     motions: Iterable[PlannedMotion], limits: PassLimits, start_s: float, rate_hz: float
 ) -> tuple[tuple[PlannedMotion, ...], float]:
-    """Return the motions one after the other from start_s on, and the end of the last."""
+    """Return the motions in sequence from start_s, and the end of the last one, s."""
     started, clock = list[PlannedMotion](), start_s
     for motion in motions:
         started.append(replace(motion, start_s=clock))
@@ -310,15 +309,15 @@ def schedule(
 def warm_up_of(
     spec: WarmUpSpec, axis: Axis, design: JointPassDesign, posture: Configuration, start_s: float
 ) -> tuple[PlannedWarmUp, tuple[PlannedMotion, ...], float]:
-    """Plan motion to and fro over the window, interrupted by groups of test passes; return its end, too."""
+    """Plan back-and-forth motion over the window with groups of test passes; return these and the end, s."""
     joint, limits = axis.joint.name, axis.limits
     speed_pass = planned_pass(spec.speed, 0, limits)
     warm_up = PlannedWarmUp(joint, posture, speed_pass.start, speed_pass.stop, spec.speed, start_s, spec.time)
-    # A slow, a medium and the highest speed of the passes.
+    # A low, a medium and the highest speed of the passes.
     indices = sorted({round(quantile * (len(design.speed) - 1)) for quantile in (0.3, 0.65, 1.0)})
     tests = list[PlannedMotion]()
     for number in range(int(spec.time / spec.test_every) + 1):
-        passes = [planned_pass(design.speed[quantile], number, limits) for quantile in indices]
+        passes = [planned_pass(design.speed[i], number, limits) for i in indices]
         motions = (
             PlannedMotion(f"j{joint}-test-{p.name}", joint, "constant_velocity", posture, planned=p, is_warm_up=True)
             for p in passes
@@ -330,10 +329,7 @@ def warm_up_of(
 def design_friction(
     spec: FrictionSpec, joints: Sequence[Joint], experiment: ExperimentSpec, robot: Robot, seed: int
 ) -> FrictionPlan:
-    """Plan a friction study of `joints`, one after the other.
-
-    Raises StudyError that names joint, speed and numbers where limits, window or loop do not allow a pass.
-    """
+    """Plan a friction study of `joints` in sequence; StudyError if limits, window or loop do not allow a pass."""
     plans, end_s = list[FrictionPlan](), 0.0
     for number, joint in enumerate(joints):
         plans.append(_planned_motion(spec, joint, experiment, robot, (seed, number), end_s))
@@ -358,14 +354,14 @@ def _planned_motion(
         axis_of(with_point_mass(robot, load.payload), joint, posture, passes, controller)
         for load, posture in zip(loads, postures, strict=True)
     ]
-    # The load that takes most of the torque decides ramps and speeds of all.
+    # The load with the largest holding torque determines ramps and speeds of all loads.
     axis = max(axes, key=lambda axis: axis.holding)
     design = JointPassDesign(joint.name, axis.limits, *_speeds(passes, axis))
     axis.check_speeds(design.speed)
     draws = np.random.SeedSequence(seed).spawn(2)
     trajectory = (
         *passes_of(passes, loads, postures, design, int(draws[0].generate_state(1)[0])),
-        *standstill_of(spec, axis, postures[0], np.random.default_rng(draws[1])),
+        *presliding_of(spec, axis, postures[0], np.random.default_rng(draws[1])),
     )
     motions, end_s = schedule(trajectory, axis.limits, start_s, spec.rate_hz)
     warm_ups: tuple[PlannedWarmUp, ...] = ()
@@ -376,7 +372,7 @@ def _planned_motion(
 
 
 def _posture(experiment: ExperimentSpec, robot: Robot, name: str | None) -> Configuration:
-    """Return a configuration by name, by default the first; without any, every joint at zero or the nearest limit."""
+    """Return a configuration by name, default the first; without any, all joints at zero or the nearest limit."""
     configurations = experiment.configurations
     if configurations:
         configuration = name or next(iter(configurations))
@@ -385,7 +381,7 @@ def _posture(experiment: ExperimentSpec, robot: Robot, name: str | None) -> Conf
 
 
 def _speeds(passes: ConstantVelocitySpec, axis: Axis) -> tuple[FloatArray, FloatArray, float]:
-    """Return speeds, passes at each, and efficiency; StudyError for a range without room."""
+    """Return speeds (n,), passes (n,) and efficiency; StudyError for too narrow a range."""
     (lowest, highest), unit = passes.speeds or (axis.slowest, axis.fastest), axis.limits.unit
     min_count = 4 if passes.spacing == "optimal" else 1
     if not 0 < lowest < highest / min_count:

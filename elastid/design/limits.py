@@ -3,10 +3,10 @@ r"""Amplitudes within the robot's limits, scaled by linear prediction and checke
 .. math:: |x_{movement}| + |x_{multisine}| \le (1 - margin)\, limit, \qquad
           x = torque, position, velocity, acceleration
 
-The movement's peaks (holding torque, friction, carrier, ramps) come from a simulation without multisine, the peaks of
-the multisine from the linear response of the closed loop. Runs near a limit, and the nearest run in any case, are then
-simulated as a whole with the nominal robot, its friction and noise, and the configuration is scaled again until all
-peaks are within the limits.
+A simulation without multisine gives the peaks of the movement (holding torque, friction, carrier, ramps). The linear
+response of the closed loop gives the peaks of the multisine. Runs near a limit, at least the nearest run, are then
+simulated completely with the nominal robot, friction and noise. The configuration is scaled again until all peaks are
+within the limits.
 """
 
 from collections.abc import Mapping
@@ -30,7 +30,7 @@ from elastid.record import Configuration
 
 
 def limits_of(rig: SimulatedRig, configuration: Configuration) -> FloatArray:
-    """Return limits (8, n_u) in a configuration, in the order of QUANTITIES."""
+    """Return the limits (8, n_u) of QUANTITIES in a configuration."""
     limits, carrier = [joint.limits for joint in rig.robot.driven], rig.simulated.carrier
     distance = [min(x.angle[1] - q, q - x.angle[0]) for x, q in zip(limits, configuration.angles, strict=True)]
     v = np.full(len(limits), np.inf)
@@ -42,7 +42,10 @@ def limits_of(rig: SimulatedRig, configuration: Configuration) -> FloatArray:
 
 
 def expected_peaks(rig: SimulatedRig, factor: FloatArray, base: FloatArray, q: int) -> dict[str, FloatArray]:
-    """Return peaks of all runs of the q-th configuration, from its base (8, n_u), by the linear response."""
+    """Predict the peaks (8, n_u) of every run of the q-th configuration by linear superposition on `base` (8, n_u).
+
+    factor (Q, n_u): on the amplitudes of the plan.
+    """
     plan, response, peaks = rig.plan, _response(rig, q), {}
     for run in plan.experiments:
         if run.configuration.name == plan.configurations[q].name:
@@ -52,13 +55,13 @@ def expected_peaks(rig: SimulatedRig, factor: FloatArray, base: FloatArray, q: i
 
 
 def _by_quantity(largest: FloatArray, like: FloatArray) -> FloatArray:
-    """Return largest values (8, n_u) of signals (C, K, n_u) of `_response`; turning back is by the velocity."""
+    """Return the values (8, n_u) of QUANTITIES from signals (C, K, n_u) of `_response`; turning back is velocity."""
     peak: FloatArray = largest.max(axis=0)
     return np.concatenate([peak[:4], peak[2:3], peak[4:], np.zeros((7 - len(peak), like.shape[1]))])
 
 
 def largest_peaks(plan: Plan, runs: Mapping[str, FloatArray]) -> FloatArray:
-    """Return largest peaks (Q, 8, n_u) of the runs in each configuration."""
+    """Return the largest peaks (Q, 8, n_u) of all runs in each configuration."""
     return np.array([
         np.max([runs[e.name] for e in plan.experiments if e.configuration.name == c.name], axis=0)
         for c in plan.configurations
@@ -66,9 +69,9 @@ def largest_peaks(plan: Plan, runs: Mapping[str, FloatArray]) -> FloatArray:
 
 
 def peaks_of_movement(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
-    """Return peaks (8, n_u) without multisine; StudyError if a motor leaves its configuration even so.
+    """Return the peaks (8, n_u) without multisine, by the rigid robot without friction if there is no limit.
 
-    Of the rigid robot without friction where there is no limit.
+    StudyError if a motor leaves its configuration.
     """
     if not np.isfinite(limits_of(rig, experiment.configuration)).any():
         return _rigid_peaks(rig, experiment)
@@ -79,7 +82,7 @@ def peaks_of_movement(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
 
 
 def _rigid_peaks(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
-    """Return peaks (8, n_u) of the movement of the rigid robot without friction."""
+    """Return the peaks (8, n_u) of the movement of the rigid robot without friction."""
     torque, configuration = feed_forward_of(model_of(rig.robot)), experiment.configuration
     path = reference(rig.plan, rig.simulated.carrier, torque, configuration)
     motion = path.position - configuration.angles, path.velocity, path.acceleration
@@ -88,7 +91,7 @@ def _rigid_peaks(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
 
 
 def _reference_peaks(rig: SimulatedRig, configuration: Configuration, rows: FloatArray) -> FloatArray:
-    """Return peaks (3, n_u) of position, velocity and acceleration of references (m, n_u); 0 without any."""
+    """Return the peaks (3, n_u) of position, velocity and acceleration of references (m, n_u); 0 without any."""
     rate_hz, x = rig.plan.rate_hz / rig.plan.cycle_samples, rows - configuration.angles
     if rig.plan.inject == "velocity":
         x = np.cumsum(rows, axis=0) / rate_hz
@@ -97,7 +100,7 @@ def _reference_peaks(rig: SimulatedRig, configuration: Configuration, rows: Floa
 
 
 def expected_use(rig: SimulatedRig, margin: float) -> LimitUse:
-    """Predict the use of the limits by linear responses about the movement of the rigid robot without friction."""
+    """Predict the use of the limits by superposition on the movement of the rigid robot without friction."""
     plan, (limit, experiments) = rig.plan, _limits_and_experiments(rig)
     names, factor = tuple(c.name for c in plan.configurations), np.ones((len(plan.configurations), len(plan.inputs)))
     runs: dict[str, FloatArray] = {}
@@ -114,43 +117,41 @@ def _limits_and_experiments(rig: SimulatedRig) -> tuple[FloatArray, list[Experim
 
 
 def peaks_of_run(rig: SimulatedRig, rehearsal: Rehearsal) -> FloatArray:
-    """Return peaks (8, n_u) of a whole run."""
+    """Return the peaks (8, n_u) of a simulated run."""
     signals, carrier = rehearsal.signals, rig.simulated.carrier
-    back = np.zeros(len(rig.plan.inputs))
+    turning_back = np.zeros(len(rig.plan.inputs))
     if carrier is not None and carrier.kind == "offset":
-        v = carrier.velocities(len(back))
-        back = np.maximum(0.0, np.abs(v) - (np.sign(v) * signals[2, rig.plan.measured]).min(axis=0))
+        v = carrier.velocities(len(turning_back))
+        turning_back = np.maximum(0.0, np.abs(v) - (np.sign(v) * signals[2, rig.plan.measured]).min(axis=0))
     peaks = _reference_peaks(rig, rehearsal.experiment.configuration, rehearsal.references)
-    return np.array([*np.abs(signals).max(axis=1), back, *peaks])
+    return np.array([*np.abs(signals).max(axis=1), turning_back, *peaks])
 
 
 def _peaks_of(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
-    """Return peaks (8, n_u) of a run, for references also at the largest gains; twice the limits if a motor is lost."""
+    """Return the peaks (8, n_u) of a run, for references also with the largest gains; 2 limits if it diverges."""
     rigs = [rig] if rig.plan.inject == "torque" else [rig, rig.with_gains(1 + GAIN_ERROR, 1 + GAIN_ERROR)]
     try:
-        return np.asarray(np.max([peaks_of_run(each, each.rehearse(experiment)) for each in rigs], axis=0))
+        return np.asarray(np.max([peaks_of_run(variant, variant.rehearse(experiment)) for variant in rigs], axis=0))
     except DataError:
         limit = limits_of(rig, experiment.configuration)
         return np.where(np.isfinite(limit), 2 * limit, 0.0)
 
 
-# K_p and K_v of the drives over those of the study, for which references must keep the limits: up to 30 % off.
+# Relative error of K_p and K_v of the drives with which references must be within the limits.
 GAIN_ERROR = 0.3
 GAINS = [*product((1.0, 1 + GAIN_ERROR, 1 - GAIN_ERROR), repeat=2)]
-
-
-MAX_RANGE_FRACTION = 0.98  # of the room that a rescaled configuration is to fill
-# Of what is allowed, from which on a run is rehearsed. Peaks of drawn robots were at most 15 % above the linear ones.
-MIN_ADVICE_FRACTION = 0.8
+MAX_RANGE_FRACTION = 0.98  # of the margin that a rescaled configuration uses
+# Predicted fraction of a limit above which a run is simulated. Peaks of random robots exceeded it by at most 15 %.
+MIN_SIMULATED_FRACTION = 0.8
 
 
 def within_limits(
     rig: SimulatedRig, excitation: MultisineSpec, execution: Execution | None = None
 ) -> tuple[Plan, LimitUse]:
-    """Return the plan of a nominal rig whose simulated peaks keep the margin, and all peaks.
+    """Scale the plan of a nominal rig until the simulated peaks are within the limits; return it and all peaks.
 
-    torque_rms: limits is scaled up or down, motor by motor; numbers are scaled down where they must be, all motors of a
-    configuration by the same factor.  Raises StudyError where a limit leaves no room for any excitation.
+    `torque_rms: limits` scales every motor up or down; numbers are only scaled down, by one factor in a configuration.
+    Raises StudyError if a limit allows no excitation.
     """
     plan, (limit, base) = rig.plan, _limits_and_base(rig, excitation.margin)
     max_peaks = (1 - excitation.margin) * limit
@@ -159,12 +160,12 @@ def within_limits(
     if is_free:
         for q in range(len(factor)):
             factor[q] = _filling(rig, q, max_peaks[q] - base[q], excitation.flat == "information")
-    factor, runs = _rehearse(rig, factor, base, max_peaks, is_free, execution or Execution())
-    scaled_plan = plan.scaled(factor)
+    factor, runs = _scale_to_limits(rig, factor, base, max_peaks, is_free, execution or Execution())
     notes = () if is_free else _notes(plan, factor, excitation.margin)
     names = tuple(c.name for c in plan.configurations)
-    use = names, plan.inputs, largest_peaks(plan, runs), limit, factor, excitation.margin, notes, plan.sliding
-    return scaled_plan, LimitUse(*use)
+    peak = largest_peaks(plan, runs)
+    use = LimitUse(names, plan.inputs, peak, limit, factor, excitation.margin, notes, plan.sliding)
+    return plan.scaled(factor), use
 
 
 def power_costs(rig: SimulatedRig, excitation: MultisineSpec) -> FloatArray:
@@ -172,10 +173,10 @@ def power_costs(rig: SimulatedRig, excitation: MultisineSpec) -> FloatArray:
 
     .. math:: c_{okl} = \frac{|T_{okl}|^2}{2 E}\, \frac{\kappa^2}{room_o^2}, \qquad \kappa^2 = 2 \ln (2 F E M)
 
-    T from injected torques to torque, position, velocity and acceleration of the motors, room_o the rest of a limit
-    apart from the movement, kappa the expected crest factor of M E experiments of F lines with random phases; where
-    torque_rms is given, also c = 1 / (2 E rms_l^2).  P: |R|^2 summed over the E experiments of a realisation.
-    Raises StudyError where a limit leaves no room, and where nothing limits a motor.
+    T: from injected torques to torque, position, velocity and acceleration of the motors.  room_o: limit minus peak of
+    the movement.  kappa: expected crest factor of M E experiments of F lines with random phases.  A number of
+    torque_rms adds c = 1 / (2 E rms_l^2).  P: |R|^2 summed over the E experiments of a realisation.
+    Raises StudyError if a limit allows no excitation, or a motor has no limit.
     """
     plan, (limit, base) = rig.plan, _limits_and_base(rig, excitation.margin)
     margin = (1 - excitation.margin) * limit - base
@@ -199,7 +200,7 @@ def power_costs(rig: SimulatedRig, excitation: MultisineSpec) -> FloatArray:
 def _response(rig: SimulatedRig, q: int) -> ComplexArray:
     """Return T (F, C, K, n_u, n_u) of the q-th configuration from planned torques to K signals with C pairs of gains.
 
-    Torque, position, velocity and acceleration of the motors; position, velocity and acceleration of references.
+    Signals: torque, position, velocity and acceleration of the motors, and motion of the references.
     """
     plan, s, blocks = rig.plan, laplace_variable(rig.plan.freq_hz[:, None, None]), list[list[ComplexArray]]()
     is_torque = plan.inject == "torque"
@@ -208,14 +209,14 @@ def _response(rig: SimulatedRig, q: int) -> ComplexArray:
         predict = closed_loop_of(rig.robot, rig.simulated.controller.scaled(*gain), plan.rate_hz, plan.inject)
         loop = predict(plan.configurations[q], plan.freq_hz)
         blocks.append([loop.torque, loop.position, loop.velocity, loop.acceleration])
-        if not is_torque:  # the references are for the gains of the study
+        if not is_torque:  # references are computed with the gains of the study
             controlled = np.linalg.solve(loop.reference, plan.S_inverse[q])
             blocks[-1] = [*(signal @ controlled for signal in blocks[-1]), x, s * x, s**2 * x]
     return np.moveaxis(np.array(blocks), 2, 0)
 
 
 def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, FloatArray]:
-    """Return limits and the peaks without multisine, both (Q, 8, n_u); StudyError where these leave no room."""
+    """Return limits and peaks without multisine (Q, 8, n_u); StudyError if a peak alone exceeds its margin."""
     plan, (limit, experiments) = rig.plan, _limits_and_experiments(rig)
     base = np.array([peaks_of_movement(rig, experiment) for experiment in experiments])
     fraction = base / limit
@@ -233,28 +234,28 @@ def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, Floa
 
 
 def _filling(rig: SimulatedRig, q: int, margin: FloatArray, is_shared: bool) -> FloatArray:
-    """Return factors (n_u,) by which motors fill their margin (8, n_u), predicted linearly; StudyError without limits.
+    """Return the factors (n_u,) with which motors use their margin (8, n_u), by prediction; StudyError without limits.
 
-    is_shared: powers have been divided between the motors; their peaks keep the proportion of their RMS.
+    is_shared: power is divided optimally between the motors, whose peaks keep the ratios of their rms.
     """
     plan = rig.plan
     _check_ends(plan, margin)
     response = _response(rig, q)
 
-    def used(largest: FloatArray) -> FloatArray:
+    def fraction(largest: FloatArray) -> FloatArray:
         return np.asarray((_by_quantity(largest, margin) / margin).max(axis=0))
 
-    def peak_used(a: FloatArray, realisations: ComplexArray) -> FloatArray:
+    def peak_fraction(a: FloatArray, realisations: ComplexArray) -> FloatArray:
         S = np.einsum("fckoi,mefi->meckof", response, realisations * a)
-        return used(np.max([signal_peaks(plan.lines, spectra, 16).max(axis=0) for spectra in S], axis=0))
+        return fraction(np.max([signal_peaks(plan.lines, spectra, 16).max(axis=0) for spectra in S], axis=0))
 
     a = target = np.ones(len(plan.inputs))
     if is_shared:
         S = np.einsum("fckoi,efi->eckof", response, plan.R[q, 0])
-        target = used(np.sqrt(np.sum(np.abs(S) ** 2, axis=-1).mean(axis=0)))
+        target = fraction(np.sqrt(np.sum(np.abs(S) ** 2, axis=-1).mean(axis=0)))
     for _ in range(15):
-        a = a * (target / peak_used(a, plan.R[q, :1])) ** 0.8
-    return np.asarray(a / max(peak_used(a, plan.R[q, m : m + 1]).max() for m in range(plan.R.shape[1])))
+        a = a * (target / peak_fraction(a, plan.R[q, :1])) ** 0.8
+    return np.asarray(a / max(peak_fraction(a, plan.R[q, m : m + 1]).max() for m in range(plan.R.shape[1])))
 
 
 def _check_ends(plan: Plan, margin: FloatArray) -> None:
@@ -268,48 +269,47 @@ def _check_ends(plan: Plan, margin: FloatArray) -> None:
         )
 
 
-def _rehearse(
+def _scale_to_limits(
     rig: SimulatedRig, factor: FloatArray, base: FloatArray, limit: FloatArray, is_free: bool, execution: Execution
 ) -> tuple[FloatArray, dict[str, FloatArray]]:
-    """Return factors (Q, n_u) by which every run keeps inside `limit` (Q, 8, n_u), and its peaks (8, n_u) by run.
+    """Return factors (Q, n_u) with which every run is within `limit` (Q, 8, n_u), and the peaks (8, n_u) of each run.
 
-    base (Q, 8, n_u): peaks without multisine.  Runs far from all limits have expected peaks, the others rehearsed ones.
+    base (Q, 8, n_u): peaks without multisine.  Runs far from all limits are predicted, the others simulated.
     """
     plan = rig.plan
     runs: dict[str, FloatArray] = {}
-    open_ = np.ones(len(factor), dtype=np.bool_)
-    for rehearsal in range(8):
-        near = set[str]()
-        for q in np.flatnonzero(open_).tolist():
+    is_open = np.ones(len(factor), dtype=np.bool_)
+    for iteration in range(8):
+        names = set[str]()
+        for q in np.flatnonzero(is_open).tolist():
             expected = expected_peaks(rig, factor, base[q], q)
             fractions = {run: (peak / limit[q]).max() for run, peak in expected.items()}
-            min_fraction = min(MIN_ADVICE_FRACTION, max(fractions.values()))
-            near |= {run for run, fraction in fractions.items() if fraction >= min_fraction > 0}
+            min_fraction = min(MIN_SIMULATED_FRACTION, max(fractions.values()))
+            names |= {run for run, fraction in fractions.items() if fraction >= min_fraction > 0}
             runs |= expected
         scaled_plan = plan.scaled(factor)
-        near_runs = [run for run in scaled_plan.experiments if run.name in near]
-        peaks = execution.ordered(partial(_peaks_of, replace(rig, plan=scaled_plan)), near_runs)
-        runs |= {run.name: peaks_near for run, peaks_near in zip(near_runs, peaks, strict=True)}
+        simulated = [run for run in scaled_plan.experiments if run.name in names]
+        peaks = execution.ordered(partial(_peaks_of, replace(rig, plan=scaled_plan)), simulated)
+        runs |= dict(zip((run.name for run in simulated), peaks, strict=True))
         peak = largest_peaks(plan, runs)
         with np.errstate(divide="ignore", invalid="ignore"):
             growth = np.where(peak > base, (limit - base) / (peak - base), np.inf).min(axis=(1, 2))
-        # Amplitudes are raised once, and not by less than 5 %.
-        may_grow = is_free and rehearsal == 0
-        open_ = (peak > limit).any(axis=(1, 2)) | (may_grow & (MAX_RANGE_FRACTION * growth > 1.05))
-        if not open_.any():
+        # Amplitudes are increased once, and by at least 5 %.
+        may_grow = is_free and iteration == 0
+        is_open = (peak > limit).any(axis=(1, 2)) | (may_grow & (MAX_RANGE_FRACTION * growth > 1.05))
+        if not is_open.any():
             return factor, runs
-        factor = np.where(open_[:, None], factor * (MAX_RANGE_FRACTION * np.minimum(growth, 10.0))[:, None], factor)
-    names = ", ".join(c.name for c, is_open in zip(plan.configurations, open_, strict=True) if is_open)
+        factor = np.where(is_open[:, None], factor * (MAX_RANGE_FRACTION * np.minimum(growth, 10.0))[:, None], factor)
     raise StudyError(
         "design/limits",
         "the simulated peaks exceed the limits after 8 reductions of the amplitude. Remove this configuration, or "
         "move it away from the joint limits",
-        f"configuration {names}",
+        f"configuration {', '.join(plan.configurations[q].name for q in np.flatnonzero(is_open))}",
     )
 
 
 def _notes(plan: Plan, factor: FloatArray, margin: float) -> tuple[Note, ...]:
-    text = "excitation.torque_rms was lowered to {:.1%}, so that {:.0%} of every limit stays free in the rehearsal"
+    text = "excitation.torque_rms was lowered to {:.1%}, so that {:.0%} of every limit stays free in the simulation"
     return tuple(
         Note("design/limits", text.format(f[0], margin), f"configuration {c.name}")
         for c, f in zip(plan.configurations, factor, strict=True)

@@ -1,13 +1,13 @@
-r"""Predicted frequency response of a plan and its covariance, as functions of a configuration.
+r"""Predicted frequency response of a planned measurement and its covariance, as functions of a configuration.
 
 .. math:: cov(vec\, G) = \frac{1}{M} (U U^H)^{-T} \otimes C_V + \frac{\rho^2}{M} |G|^2, \qquad
           C_V = \frac{1}{P} [C_y + G (C_u + C_d) G^H] + G C_s G^H, \qquad U = (I + F G_q)^{-1} R
 
-R (n_u, E): the torques injected in the E experiments of a realisation, F: the sampled joint controller, G_q: from held
-torque to motor angle; M realisations of P periods. A white signal of variance sigma^2 has 4 sigma^2 / N at each
-line of a period of N samples. C_y, C_u: noise of the logged outputs and torques, C_d: torque that is not in the log,
-C_s: scatter of Coulomb friction (`friction_linearisation`), equal in all periods; rho: further distortion. The
-estimator's own covariance is in `frf.estimators`.
+R (n_u, E): torques injected in the E experiments of a realisation; F: sampled joint controller; G_q: from the torque
+with zero-order hold to the motor angle; M realisations of P periods. A white signal of variance sigma^2 has the
+variance 4 sigma^2 / N at each line of a period of N samples. C_y, C_u: noise of the logged outputs and torques; C_d:
+disturbance torque; C_s: scatter by Coulomb friction (`friction_linearisation`), equal in all periods; rho: other
+distortion. `frf.estimators` has the covariance of the estimator.
 """
 
 import math
@@ -45,7 +45,7 @@ from elastid.simulation.spec import ControllerSpec
 
 @dataclass(frozen=True, eq=False)
 class ExpectedResponse:
-    """The expected response, its model, and the weights that the fit will give to it."""
+    """Expected response, its model, and its weights in the fit."""
 
     response: Response
     model: LinearModel
@@ -54,45 +54,45 @@ class ExpectedResponse:
     fit: FitSpec
 
     def information(self, x: FloatArray) -> FloatArray:
-        r"""Return H (n_x, n_x) = 2 Re sum_k J_k^H W_k J_k at x (n_x,), without priors, W as the fit weighs."""
+        r"""Return H (n_x, n_x) = 2 Re sum_k J_k^H W_k J_k at x (n_x,), without priors; W: weights of the fit."""
         fit = expected_fit([self])
         return fit.evaluate(x).hessian / 2 - np.diag(fit.parameters.prior_slopes**2)
 
 
 def expected_fit(expected: Sequence[ExpectedResponse]) -> ElasticFit:
     """Return the fit of all expected responses together."""
-    responses, models, weights = zip(*((part.response, part.model, part.weights) for part in expected), strict=True)
+    responses, models, weights = zip(*((e.response, e.model, e.weights) for e in expected), strict=True)
     return elastic_fit(responses, models, weights, expected[0].parameters, expected[0].fit.criterion)
 
 
 def friction_linearisation(
     V: ComplexArray, lines: IntArray, period_samples: int, coulomb: FloatArray, carrier_velocity: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    r"""Return damping d (n_u,), E|s_k|^2 (F, n_u) by Coulomb friction under V (K, F, n_u) of K experiments, link side.
+    r"""Return damping d (n_u,) and scatter E|s_k|^2 (F, n_u) by Coulomb friction, link side, for K experiments.
 
     .. math:: \tau_c\, \mathrm{sign}(v_c + v) = d\, v + s, \qquad
               d = \frac{\mathrm{Re} \sum_k V_k^* T_k}{\sum_k |V_k|^2}
 
-    T_k: lines of the friction torque, V_k: of the motor's velocity under the multisine.  coulomb (n_u,): Nm.
-    carrier_velocity (period_samples, n_u): v_c, rad/s.  d is the best linear approximation, which the fit finds as
-    viscous friction; s depends on the phases, repeats in every period and averages over realisations only.
+    T_k: spectrum of the friction torque.  V (K, F, n_u): spectrum of the motors' velocity by the multisine.  coulomb
+    (n_u,): Nm.  carrier_velocity (period_samples, n_u): v_c, rad/s.  d is the best linear approximation, which the fit
+    identifies as viscous friction; s depends on the phases, is periodic, and averages over realisations only.
     """
     v = np.stack([synthesise(lines, spectrum, period_samples) for spectrum in V]) + carrier_velocity
     slope, power = sign_approximation(v, V, lines)
-    return coulomb * slope, mean_of_neighbours(coulomb**2 * power)  # it comes from few experiments
+    return coulomb * slope, mean_of_neighbours(coulomb**2 * power)  # smoothed, because there are few experiments
 
 
-# Residual power ratio of the distortion by friction after the compensation: 0.1 and 1.4 % in two studies.
+# Residual power ratio of the distortion by friction after compensation; it was 0.1 and 1.4 % in two studies.
 COMPENSATED_FRICTION = 0.004
 
 
 @dataclass(frozen=True, eq=False)
 class Prospect:
-    """Data that determine the information of any configuration; it pickles.
+    """Model of a planned measurement, which predicts the response and its information in any configuration.
 
-    plan: of one configuration, in representative realisations.  outputs and quantity: of the estimate.
-    distortion: std of G over |G| in one realisation.  includes_friction: responses have damping and scatter by
-    friction; else COMPENSATED_FRICTION times the scatter.  presliding: springs of motors in the model of the fit.
+    plan: of one configuration, in representative realisations.  outputs, quantity: of the estimate.  distortion: std
+    of G over |G| in one realisation.  includes_friction: responses have damping and scatter by friction, otherwise
+    COMPENSATED_FRICTION times the scatter.  presliding: springs of motors in the model of the fit.
     """
 
     robot: Robot
@@ -111,36 +111,33 @@ class Prospect:
 
     @property
     def R(self) -> ComplexArray:
-        """(M, E, F, n_u): the torques to be injected."""
+        """Injected torques (M, E, F, n_u)."""
         return np.asarray(self.plan.R[0])
 
     @property
     def linearisation(self) -> Linearisation:
-        """The linearisation of the fit's model."""
+        """Linearisation of the fit's model."""
         return Linearisation.of_robot(self.robot, self.model, self.parameters.names, self.presliding)
 
     def expected(self, configuration: Configuration, x: FloatArray) -> ExpectedResponse:
-        """Return the response of a robot with parameters x (n_x,) in a configuration, with weights as the fit has them.
-
-        StudyError where the configuration has no equilibrium.
-        """
+        """Predict the response at parameters x (n_x,) in a configuration; StudyError without an equilibrium."""
         model, G, motion = self._local(configuration, x)
         covariance = self._covariance(G, motion, configuration)
         response = replace(to_response(model, self.parameters.expand(x), self.plan.freq_hz), total=covariance)
         return ExpectedResponse(response, model, weigh(response, self.fit), self.parameters, self.fit)
 
     def information(self, configuration: Configuration, x: FloatArray) -> FloatArray:
-        """Return information H (n_x, n_x) at x (n_x,)."""
+        """Return the information H (n_x, n_x) about x (n_x,)."""
         return self.expected(configuration, x).information(x)
 
     def source(self, configuration: Configuration, x: FloatArray) -> PowerSource:
-        """Return information by elements one by one, a function of the powers of R; friction scatters as under R.
+        """Return the information as a function of the powers of R, with diagonal weights and the friction under R.
 
         StudyError without noise.
         """
         M, (_, G, motion) = self.realisations, self._local(configuration, x)
-        one_by_one = replace(self.fit.weights, covariance="diagonal")
-        response = replace(self, fit=replace(self.fit, weights=one_by_one)).expected(configuration, x)
+        diagonal = replace(self.fit.weights, covariance="diagonal")
+        response = replace(self, fit=replace(self.fit, weights=diagonal)).expected(configuration, x)
         sensitivity, U = self._torques(configuration, motion)
         error = _diagonal(self._error(U, G, motion)) / M
         ((_, J),) = expected_fit([response]).blocks(x)
@@ -157,7 +154,7 @@ class Prospect:
         return PowerSource(J * np.where(is_used, response.weights.sigma, 0.0), error, spread, fixed, is_used)
 
     def _local(self, configuration: Configuration, x: FloatArray) -> tuple[LinearModel, ComplexArray, ComplexArray]:
-        """Return the model, G (F, n_y, n_u), and the motion of the motors (F, n_u, n_u) in `quantity`."""
+        """Return the model, G (F, n_y, n_u), and the motor responses (F, n_u, n_u) in `quantity`."""
         theta = self.parameters.expand(x)
         motors = self.robot.motor_locations
         model = self.linearisation.at(configuration, theta[:-1], (*motors, *self.outputs), self.quantity)
@@ -176,15 +173,12 @@ class Prospect:
         return Covariance(noise + distortion, math.inf, *() if self.distortion > 0 else (inverse_power, error))
 
     def equivalent_damping(self, configuration: Configuration, x: FloatArray) -> FloatArray:
-        """Return increase (n_u,), Nms/rad, link side, of the viscous friction of a fit by Coulomb friction."""
+        """Return the equivalent damping (n_u,) of Coulomb friction, Nms/rad, link side."""
         motion = self._local(configuration, x)[2]
         return self._friction(self._torques(configuration, motion)[1], motion)[0]
 
     def reversals(self, configuration: Configuration, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return mean distance between two reversals, mean speed and travel (n_u,) of each motor, rad and s, link side.
-
-        The distance is infinite without reversals.
-        """
+        """Return mean distance between reversals (inf without any), mean speed and travel (n_u,), rad, s, link side."""
         motion, rate_hz = self._local(configuration, x)[2], self.plan.rate_hz
         V = self._velocities(self._torques(configuration, motion)[1], motion)
         v = np.stack([synthesise(self.plan.lines, row, self.plan.period_samples) for row in V]) + self.carrier_velocity
@@ -193,16 +187,16 @@ class Prospect:
         return quotient(np.abs(v).sum(axis=(0, 1)) / rate_hz, reversals, math.inf), np.abs(v).mean(axis=(0, 1)), travel
 
     def _velocities(self, U: ComplexArray, motion: ComplexArray) -> ComplexArray:
-        """Return velocities (M E, F, n_u) of the motors' shafts under U (M, E, F, n_u), rad/s, link side."""
+        """Return the velocities (M E, F, n_u) of motor shafts under U (M, E, F, n_u), rad/s, link side."""
         s = laplace_variable(self.plan.freq_hz[:, None, None])
         V = ((self.robot.mixing @ motion / s ** (MOTION_ORDER[self.quantity] - 1)) @ U[..., None])[..., 0]
         return V.reshape(-1, *V.shape[2:])
 
     def _power(self, U: ComplexArray, sensitivity: ComplexArray) -> ComplexArray:
-        """Return U U^H (F, n_u, n_u) in a realisation, from U (M, E, F, n_u) and (I + F G_q)^-1 (F, n_u, n_u).
+        """Return U U^H (F, n_u, n_u) in a realisation, from U (M, E, F, n_u) and S = (I + F G_q)^-1 (F, n_u, n_u).
 
-        Fewer experiments than inputs: a line and its neighbours have independent phases, and together the power
-        S diag(|R|^2) S^H at each line, with |R|^2 the mean of n_u lines.
+        With fewer experiments than inputs, neighbouring lines with independent phases together have the power
+        S diag(|R|^2) S^H, with the mean |R|^2 of n_u lines.
         """
         M, E, F, n_u = U.shape
         if n_u <= E:
@@ -212,9 +206,9 @@ class Prospect:
         return np.asarray(np.einsum("fik,fk,fjk->fij", sensitivity, mean, sensitivity.conj()), dtype=np.complex128)
 
     def _torques(self, configuration: Configuration, motion: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """Return (I + F G_q)^-1 (F, n_u, n_u), and U (M, E, F, n_u): injected torques less the controller's reaction.
+        """Return (I + F G_q)^-1 (F, n_u, n_u), and U (M, E, F, n_u): injected torques plus the controller's reaction.
 
-        If references are injected: I and R, the planned torques.
+        If references are injected, these are I and the planned torques R.
         """
         freq_hz, rate_hz, controller = self.plan.freq_hz, self.plan.rate_hz, self.simulated.controller
         if self.plan.inject != "torque":
@@ -227,7 +221,7 @@ class Prospect:
         return sensitivity, (sensitivity @ self.R[..., None])[..., 0]
 
     def _friction(self, U: ComplexArray, motion: ComplexArray) -> tuple[FloatArray, FloatArray]:
-        """Return d (n_u,) and the scattered power (F, n_u) of Coulomb friction, of the motors' shafts."""
+        """Return damping d (n_u,) and scatter (F, n_u) by Coulomb friction of the motor shafts."""
         coulomb, lines = coulomb_torques(self.robot), self.plan.lines
         if not coulomb.any():
             return np.zeros(len(coulomb)), np.zeros((len(lines), len(coulomb)))
@@ -236,7 +230,7 @@ class Prospect:
         return (d, scatter) if self.includes_friction else (0 * d, COMPENSATED_FRICTION * scatter)
 
     def _error(self, U: ComplexArray, G: ComplexArray, motion: ComplexArray) -> ComplexArray:
-        """Return C_V (F, n_y, n_y), of the mean over the periods, with the scatter of friction."""
+        """Return C_V (F, n_y, n_y) of the mean over the periods, with the scatter by friction."""
         noise, freq_hz, rate_hz = self.simulated.noise, self.plan.freq_hz, self.plan.rate_hz
         zoh_power = np.sinc(freq_hz / rate_hz) ** 2
         power = sum(noise.variances(signal, freq_hz, rate_hz) for signal in ("torque", "disturbance"))
@@ -251,7 +245,7 @@ class Prospect:
         return np.asarray(per_sample * (4 / (self.plan.period_samples * self.plan.periods)) + friction_scatter)
 
     def _output_variances(self) -> FloatArray:
-        """Return variances (F, n_y), rad^2 or (m/s^2)^2, of a sample, as if white: sensor noise and encoder counts."""
+        """Return equivalent white variances (F, n_y) of a sample, rad^2 or (m/s^2)^2: sensor noise and quantisation."""
         noise = self.simulated.noise
         color = noise.variances("angle", self.plan.freq_hz, self.plan.rate_hz) - noise.angle_std**2
         is_angle = [logged_quantity(location) == "position" for location in self.outputs]
@@ -268,7 +262,7 @@ class Prospect:
 
 @lru_cache(maxsize=1024)
 def _gains(robot: Robot, formulation: ModelSpec, angles: tuple[float, ...], spec: ControllerSpec) -> JointLoop:
-    """Return gains (n_u,) of the simulated joint controller in a configuration."""
+    """Return the gains (n_u,) of the simulated joint controller in a configuration."""
     model = Linearisation.of_robot(robot, formulation).model
     return gains_of(model, rigid_posture(model, Configuration("", np.array(angles))), spec)
 

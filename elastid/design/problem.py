@@ -1,4 +1,4 @@
-"""DesignProblem: the sections of a study that a plan depends on, and the amplitudes that a study leaves open."""
+"""DesignProblem: the sections of a study that a plan depends on; default amplitudes and optimal spectra."""
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
@@ -30,17 +30,16 @@ from elastid.record import Configuration, Motion
 from elastid.robot import Robot
 
 Value = TypeVar("Value")
-# A prospect and its configuration.
+# The model of a measurement and its configuration.
 Measurement: TypeAlias = tuple[Prospect, Configuration]
 
 
 @frozen_value
 class DesignProblem:
-    """The sections of a study that a plan depends on, and earlier fits.
+    """Sections of a study that a plan depends on, and values of earlier fits.
 
-    excluded_configurations: not used by the fit.  fitted_values: of parameters, from earlier fits.  model: of the fit.
-    typical_spectrum (F, n_u), Nm: for configurations without a spectrum of their own.  friction: `none` if the
-    estimator does not compensate the motors' friction.
+    excluded_configurations: not used by the fit.  model: of the fit.  typical_spectrum (F, n_u), Nm: default for
+    configurations.  friction: `none` if the estimator does not compensate motor friction.
     """
 
     robot: Robot
@@ -58,15 +57,15 @@ class DesignProblem:
 
     @property
     def simulated(self) -> SimulatedSpec:
-        """The simulated rig with its noise and its controller."""
+        """Simulated rig, with noise and controller."""
         return self.experiment.as_simulated()
 
     @property
     def parameters(self) -> Parameters:
-        """The parameters of the fit, at the values of earlier fits.
+        """Parameters of the fit, at the values of earlier fits.
 
-        Groups of configurations have parameters of their own only if the study lists all configurations: a design
-        chooses configurations of one robot.
+        Groups of configurations have separate parameters only without a `design` section, which selects configurations
+        of one robot.
         """
         names = () if self.design is not None else tuple(self.experiment.configurations)
         parameters = choose(self.fit, self.robot, [name for name in names if name not in self.excluded_configurations])
@@ -77,19 +76,19 @@ class DesignProblem:
 
     @property
     def criterion(self) -> DesignCriterion:
-        """The criterion of the section `design`; without it the volume of the ellipsoid of all parameters."""
+        """D-optimality for the parameters of the section `design`, or for all parameters."""
         design, names = self.design, self.parameters.free_names
         return DesignCriterion(interest(names, () if design is None else design.parameters))
 
     def candidates(self, design: DesignSpec) -> Candidates:
-        """Return the admissible configurations: joint limits less the excursion of the carrier and a margin."""
+        """Return the candidates within the joint limits minus the excursion of the carrier and a margin."""
         carrier, excitation, experiment = self.simulated.carrier, self.excitation, self.experiment
-        swing = np.zeros(len(self.robot.driven))
+        excursion = np.zeros(len(self.robot.driven))
         if carrier is not None:
             periods = experiment.transient_periods + experiment.periods / 2
             start_s = periods * excitation.period + experiment.ramp / 2
-            swing = max_excursion(carrier, len(swing), excitation.period, start_s) / (1 - excitation.margin)
-        return draw_candidates(design.candidates, self.robot, self.seed, swing)
+            excursion = max_excursion(carrier, len(excursion), excitation.period, start_s) / (1 - excitation.margin)
+        return draw_candidates(design.candidates, self.robot, self.seed, excursion)
 
     def plan(
         self,
@@ -97,7 +96,7 @@ class DesignProblem:
         choices: Sequence[DesignedConfiguration] = (),
         spectra: dict[str, FloatArray] | None = None,
     ) -> Plan:
-        """Plan experiments; configurations without a spectrum of their own have `typical_spectrum`, if any."""
+        """Plan experiments; spectra (F, n_u) of configurations, default `typical_spectrum`."""
         spectra_of = dict(spectra or {})
         if self.typical_spectrum is not None:
             for name in (*experiment.configurations, *(choice.configuration.name for choice in choices)):
@@ -107,13 +106,13 @@ class DesignProblem:
         return make_plan(excitation, experiment, self.robot, self.seed, choices, spectra_of, loop)
 
     def rig(self, plan: Plan) -> SimulatedRig:
-        """Return the simulated rig with the nominal robot, for the simulation of a plan."""
+        """Return the simulated rig with the nominal robot for a plan."""
         return SimulatedRig(self.robot, self.experiment.with_truth({}), plan, self.seed)
 
     def probe(self, experiment: ExperimentSpec, realisations: int = 4) -> Plan:
-        """Plan of the given configurations and of eight further ones that represent all candidates.
+        """Plan the given configurations and eight candidates that represent all of them.
 
-        Its phases are random where the study's are optimised, since it is not measured.
+        Its phases are random instead of optimised, because it is not measured.
         """
         problem = self
         if self.excitation.phases == "optimised":
@@ -129,7 +128,8 @@ class DesignProblem:
     ) -> list[Value]:
         """Return value(q, configuration) of each configuration of a probe that has an equilibrium.
 
-        names: configurations that must have one.  Raises their StudyError or DataError, or the last one if none has.
+        names: configurations that must have one.  Raises their StudyError or DataError, or the last error without any
+        value.
         """
         values: list[Value] = []
         error_of_last = None
@@ -145,7 +145,7 @@ class DesignProblem:
         return values
 
     def prospect(self, plan: Plan, q: int) -> Prospect:
-        """Return the measurement of configurations like the q-th of a plan; negative q count from the last."""
+        """Return the model of a measurement like the q-th configuration of a plan; negative q count from the last."""
         q %= len(plan.configurations)
         distortion = 0.0 if self.design is None else self.design.distortion
         plan_of_one = plan.at(q, plan.realisations[q])
@@ -157,19 +157,20 @@ class DesignProblem:
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """The locations that the rig measures."""
+        """Locations that the rig measures."""
         return self.simulated.outputs or self.robot.motor_locations
 
     @property
     def includes_friction(self) -> bool:
-        """True if the responses will include the motors' friction, uncompensated or not identifiable."""
+        """True if the responses will include motor friction, because it is not identifiable or not compensated."""
         n_u, M = len(self.robot.driven), self.experiment.realisations
         E = self.experiment.runs(n_u)
-        is_visible = n_u < M * E if M > 1 else self.excitation.grid == "odd-random" and n_u <= E
-        return self.friction == "none" or not is_visible or not set(self.robot.motor_locations) <= set(self.outputs)
+        is_identifiable = n_u < M * E if M > 1 else self.excitation.grid == "odd-random" and n_u <= E
+        has_angles = set(self.robot.motor_locations) <= set(self.outputs)
+        return self.friction == "none" or not is_identifiable or not has_angles
 
     def fit_measurements(self, plan: Plan) -> list[Measurement]:
-        """Return the prospect, in the planned realisations, of each configuration of a plan that the fit uses."""
+        """Return model and configuration of each measurement of a plan that the fit uses."""
         return [
             (replace(self.prospect(plan, q), realisations=M), c)
             for q, (c, M) in enumerate(zip(plan.configurations, plan.realisations, strict=True))
@@ -182,7 +183,7 @@ class DesignProblem:
 
 
 def with_torques(problem: DesignProblem) -> DesignProblem:
-    """Return the problem with torques (Nm, rms) within the limits at a few postures, if the study gives `limits`."""
+    """Return the problem with rms torques (Nm) within the limits at a few postures, if `torque_rms` is `limits`."""
     excitation = problem.excitation
     if excitation.torque_rms != "limits":
         return problem
@@ -193,9 +194,9 @@ def with_torques(problem: DesignProblem) -> DesignProblem:
 
 
 def with_typical_spectrum(problem: DesignProblem, torque_rms: AskedTorque) -> DesignProblem:
-    """Return the problem with the spectrum of the most information about a few configurations, for `flat: information`.
+    """Return the problem with the optimal common spectrum of a few configurations, for `flat: information`.
 
-    torque_rms: as the study has it, `limits` included.
+    torque_rms: of the study, including `limits`.
     """
     if problem.excitation.flat != "information":
         return problem
@@ -207,7 +208,9 @@ def with_typical_spectrum(problem: DesignProblem, torque_rms: AskedTorque) -> De
         return (prospect, configuration), power_costs(problem.rig(probe.at(q)), excitation)
 
     measurements, costs = zip(*problem.at_equilibria(probe, measurement), strict=True)
-    return replace(problem, typical_spectrum=_best(problem, measurements, np.concatenate(costs), is_common=True)[0])
+    return replace(
+        problem, typical_spectrum=_optimal_spectra(problem, measurements, np.concatenate(costs), is_common=True)[0]
+    )
 
 
 def best_spectra_of(
@@ -216,7 +219,7 @@ def best_spectra_of(
     choices: Sequence[DesignedConfiguration],
     torque_rms: AskedTorque,
 ) -> dict[str, FloatArray]:
-    """Return the best spectrum (F, n_u) of each configuration, the typical spectrum if the fit does not use it.
+    """Return the optimal spectrum (F, n_u) of each configuration; the typical one if the fit does not use it.
 
     Empty without `flat: information`.
     """
@@ -227,16 +230,16 @@ def best_spectra_of(
     names = [configuration.name for _, configuration in measurements]
     rows = [q for q, c in enumerate(plan.configurations) if c.name in names]
     costs = power_costs(problem.rig(plan), replace(problem.excitation, torque_rms=torque_rms))
-    best = _best(problem, measurements, costs[rows])
+    best = _optimal_spectra(problem, measurements, costs[rows])
     return {c.name: problem.typical_spectrum for c in plan.configurations} | dict(zip(names, best, strict=True))
 
 
-def _best(
+def _optimal_spectra(
     problem: DesignProblem, measurements: Sequence[Measurement], cost: FloatArray, is_common: bool = False
 ) -> FloatArray:
-    """Return amplitudes (Q, F, n_u) in Nm of Q configurations, or (1, F, n_u) where all have the same.
+    """Return optimal amplitudes (Q, F, n_u), Nm, of Q configurations, or common ones (1, F, n_u).
 
-    cost (Q, n_o, F, n_u): `limits.power_costs`.  StudyError where fewer experiments than inputs are run.
+    cost (Q, n_o, F, n_u): `limits.power_costs`.  StudyError for fewer experiments than inputs.
     """
     x, first = problem.parameters.x, measurements[0][0]
     _, E, _, n_u = first.R.shape

@@ -1,4 +1,4 @@
-"""The `design` section of a study: candidates, the criterion of the choice, and the robot time that it may take."""
+"""The `design` section of a study: candidates, criterion and robot time of the selection of configurations."""
 
 from collections.abc import Sequence
 from dataclasses import field
@@ -18,7 +18,7 @@ from elastid.robot import Vector3
 
 @section
 class BoxSpec:
-    """A box that the robot must stay out of, its edges along the axes of the base frame."""
+    """Box that the robot must not enter, with edges along the axes of the base frame."""
 
     # fmt: off
     name: Annotated[Name, Key("Name of the box in messages.", "the name used in the cell.")]
@@ -91,9 +91,9 @@ class DesignSpec:
 
 
 def interest(names: Sequence[str], patterns: Sequence[str]) -> FloatArray:
-    """Return columns (n, s) of the identity that select the parameters of names or patterns, by default all.
+    """Return the columns (n, s) of the identity that select parameters by patterns, all without patterns.
 
-    StudyError for a pattern that matches none of the names.
+    StudyError for a pattern that no name matches.
     """
     selection = {name for pattern in patterns for name in identified_names(pattern, names)}
     return np.eye(len(names))[:, [not patterns or name in selection for name in names]]
@@ -107,14 +107,14 @@ def identified_names(pattern: str, names: Sequence[str]) -> tuple[str, ...]:
 
 
 def unit_time_s(excitation: MultisineSpec, experiment: ExperimentSpec, n_u: int, periods: int) -> float:
-    """Return robot time of one configuration with n_u motors, at every amplitude, with its ramps and transients."""
+    """Return the robot time, s, of one configuration with n_u motors, at every amplitude, with ramps and transients."""
     runs = len(excitation.amplitudes) * experiment.realisations * experiment.runs(n_u)
     at_ends = 2 * (experiment.ramp + experiment.hold)
     return runs * ((periods + experiment.transient_periods) * excitation.period + at_ends)
 
 
 def n_free_configurations(spec: DesignSpec, excitation: MultisineSpec, experiment: ExperimentSpec, n_u: int) -> int:
-    """Return the number of configurations that can be chosen in addition to those given."""
+    """Return the number of configurations that can be selected in addition to the given ones."""
     if spec.robot_time is None:
         return spec.count or 0
     unit = unit_time_s(excitation, experiment, n_u, experiment.periods)

@@ -1,1 +1,1 @@
-"""Modes of a measured structure: poles over orders, which of them are modes, shapes, intervals, state-space models."""
+"""Experimental modal analysis: poles over model orders, their selection, shapes, intervals and state-space models."""

@@ -1,13 +1,14 @@
-r"""Modes: natural frequencies, damping ratios and shapes of one response with their standard deviations.
+r"""Modes of one response: natural frequencies, damping ratios and shapes with standard deviations; state space.
 
-Mode shapes: modal assurance criterion, phase collinearity, complex mode indicator function.
+Modal assurance criterion (MAC) and modal phase collinearity (MPC) of shapes:
 
 .. math:: \mathrm{MAC}(\phi, \psi) = \frac{|\phi^H \psi|^2}{\phi^H \phi\; \psi^H \psi}, \qquad
           \mathrm{MPC}(\phi) = \left( \frac{\sigma_1^2 - \sigma_2^2}{\sigma_1^2 + \sigma_2^2} \right)^2,\quad
           \sigma: [\mathrm{Re}\,\phi\;\; \mathrm{Im}\,\phi]
 
-CMIF: the singular values of G line by line.  (Allemang, Sound and Vibration 37, 2003; Pappa, Elliott and Schenk, J.
-Guidance, Control and Dynamics 16, 1993; Shih, Tsuei, Allemang and Brown, Mech. Syst. Signal Processing 2, 1988.)
+The complex mode indicator functions (CMIF) are the singular values of G at each line.  (Allemang, Sound and Vibration
+37, 2003; Pappa, Elliott and Schenk, J. Guidance, Control and Dynamics 16, 1993; Shih, Tsuei, Allemang and Brown, Mech.
+Syst. Signal Processing 2, 1988.)
 """
 
 from collections.abc import Sequence
@@ -31,12 +32,12 @@ from elastid.response import Response
 
 @frozen_value
 class Modes:
-    """Modes by rising frequency, of one response.
+    """n modes of one response, by rising frequency.
 
-    freq_hz (n,), zeta (n,) with standard deviations; shapes (n_y, n): the largest entry 1, complex; participation (n_u,
-    n): residue = shape participation^T, in (rad/s) times the unit of G.  collinearity (n,): MPC at `places`.
-    at_hz (F,), synthesis (F, n_y, n_u): of the model; relative_std (F,): standard deviation of G over |G|, both RMS
-    over elements.  indicators (F, n): CMIF.  diagram: of stabilisation.  covariance (2 n, 2 n): of f_1, zeta_1, f_2 ...
+    freq_hz, zeta (n,) with standard deviations.  shapes (n_y, n): complex, the largest entry 1.  participation (n_u,
+    n): residue = shape participation^T, in rad/s times the unit of G.  collinearity (n,): MPC at `places`.
+    at_hz (F,), synthesis (F, n_y, n_u): modal model at the lines.  relative_std (F,): standard deviation of G over
+    |G|, both rms over elements.  indicators (F, rank): CMIF.  covariance (2 n, 2 n): of f_1, zeta_1, f_2 ...
     """
 
     configuration: str
@@ -66,7 +67,7 @@ class Modes:
 
     @property
     def most_alike(self) -> list[tuple[int, float]]:
-        """For each mode the other mode with the most similar shape, and their MAC; none with one mode or one place."""
+        """For each mode, the mode with the most similar shape and their MAC; empty for one mode or one location."""
         if self.n_modes < 2 or len(self.places) < 2:
             return []
         similarity = mac(self.place_shapes[0], self.place_shapes[0]) - 2 * np.eye(self.n_modes)
@@ -87,12 +88,12 @@ class Modes:
 
     @property
     def places(self) -> tuple[str, ...]:
-        """Places of mode shapes: the outputs, or the inputs where these are more, by reciprocity (roving hammer)."""
+        """Locations of mode shapes: the outputs, or the inputs if there are more (roving hammer, by reciprocity)."""
         return self.inputs if len(self.inputs) > len(self.outputs) else self.outputs
 
     @property
     def place_shapes(self) -> tuple[ComplexArray, FloatArray]:
-        """Shapes (n, n_m) at `places`, the largest entry 1, and their standard deviation."""
+        """Shapes (n_places, n) at `places`, the largest entry 1, and their standard deviations."""
         if self.places == self.outputs:
             return self.shapes, self.shape_std
         largest = np.abs(self.participation).argmax(axis=0)
@@ -100,29 +101,29 @@ class Modes:
 
     @property
     def frequency_unit(self) -> str:
-        """Unit Hz, or cycles per sample for a response with unknown rate."""
+        """Unit of frequencies: Hz, or cycles per sample for a response with unknown rate."""
         return "Hz" if self.has_rate else "of the sampling rate"
 
     @property
     def n_modes(self) -> int:
-        """How many."""
+        """Number of modes n."""
         return len(self.freq_hz)
 
     @property
     def poles(self) -> ComplexArray:
-        """lambda (n,) in 1/s."""
+        """Poles lambda (n,) with positive frequency, in 1/s."""
         return 2 * np.pi * self.freq_hz * (-self.zeta + 1j * np.sqrt(1 - self.zeta**2))
 
     def state_space(self, residual: bool = True) -> StateSpace:
-        r"""Return the modes as a real state space, two states a mode, and the residual of the modes outside the band.
+        r"""Return a real state-space model: two states for each mode, and residual terms of modes outside the band.
 
         .. math:: A_r = \begin{bmatrix} \sigma & -\omega \\ \omega & \sigma \end{bmatrix}, \quad
                   B_r = \begin{bmatrix} \mathrm{Re}\, L_r^T \\ \mathrm{Im}\, L_r^T \end{bmatrix}, \quad
                   C_r = 2\, [\mathrm{Re}\, \psi_r \;\; -\mathrm{Im}\, \psi_r], \qquad
                   \lambda_r = \sigma + j \omega, \quad R_r = \psi_r L_r^T
 
-        The residual is D and three pairs of poles outside the band, by least squares relative to the response.
-        residual: False for the modes alone.  Of a response with unknown rate time is in samples.
+        The residual terms are D and three pole pairs outside the band, fitted by relative least squares.
+        residual: False for the modes alone.  Time is in samples for a response with unknown rate.
         """
         psi, L, n_u = self.shapes, self.participation, len(self.inputs)
         blocks = [np.array([[pole.real, -pole.imag], [pole.imag, pole.real]]) for pole in self.poles]
@@ -137,7 +138,7 @@ class Modes:
         return StateSpace(configuration, A, B, C, D, 0.0, self.inputs, self.outputs, self.quantity)
 
     def _residual(self) -> tuple[FloatArray, "list[_Section]"]:
-        """Fit D (n_y, n_u) and three sections to the difference of synthesis and modes."""
+        """Fit D (n_y, n_u) and three sections of second order to the synthesis minus the modes."""
         freq_hz, G = self.at_hz, self.synthesis
         s = laplace_variable(freq_hz)
         ends = 2 * np.pi * np.array([freq_hz[0] * _OUTSIDE[0], *(freq_hz[-1] * x for x in _OUTSIDE[1:])])
@@ -156,7 +157,7 @@ class Modes:
     def transfer_polynomials(self, residual: bool = True) -> tuple[FloatArray, FloatArray]:
         """Return numerators (n_y, n_u, m) and common denominator (m,) of `state_space`, the highest power of s first.
 
-        Coefficients of more than some ten modes exceed the precision of numbers; prefer `state_space`.
+        With more than about ten modes, double precision does not suffice for the coefficients; prefer `state_space`.
         """
         D, sections = self._residual() if residual else (np.zeros((len(self.outputs), len(self.inputs))), [])
         for pole, residue in zip(self.poles, np.einsum("ir,jr->rij", self.shapes, self.participation), strict=True):
@@ -182,7 +183,7 @@ class Modes:
 
     @property
     def state_space_error(self) -> float:
-        """Rms difference of `state_space` and synthesis at the lines, relative to the rms of the synthesis."""
+        """Rms difference between `state_space` and the synthesis at the lines, over the rms of the synthesis."""
         difference = self.state_space().response(self.at_hz) - self.synthesis
         return float(np.linalg.norm(difference) / np.linalg.norm(self.synthesis))
 
@@ -197,13 +198,13 @@ class Modes:
 
     @property
     def zeta95(self) -> FloatArray:
-        """95 % intervals (n, 2) of the dampings."""
+        """95 % intervals (n, 2) of the damping ratios."""
         return _interval(self.zeta, self.zeta_std)
 
 
 def _product(factors: Sequence[FloatArray]) -> FloatArray:
     """Return the coefficients of a product of polynomials, the highest power first."""
-    return np.asarray(reduce(cast(Any, np.polymul), factors, np.ones(1)))
+    return reduce(cast(Any, np.polymul), factors, np.ones(1))
 
 
 # Frequencies of the poles outside the band over the lowest line, and over the highest; their damping ratio.
@@ -217,7 +218,7 @@ def _interval(value: FloatArray, std: FloatArray) -> FloatArray:
 
 
 def without_modes(response: Response, note: Note) -> Modes:
-    """Return no mode, and why."""
+    """Return `Modes` with no mode and with a note of the reason."""
     n_y, n_u = len(response.outputs), len(response.inputs)
     none, no_lines = np.empty(0), response.lines(np.zeros(response.n_lines, bool))
     diagram = StabilisationDiagram(np.empty(0, int), none, none, np.empty(0, bool))
@@ -230,12 +231,12 @@ def without_modes(response: Response, note: Note) -> Modes:
 
 
 def mac(first: ComplexArray, second: ComplexArray) -> FloatArray:
-    """Return MAC (n, m) of shapes (n_y, n) and (n_y, m), 1 if they differ by a factor; ValueError for other places.
+    """Return MAC (n, m) of shapes (n_y, n) and (n_y, m): 1 for proportional shapes; ValueError for different n_y.
 
     >>> mac(np.array([[1.0], [2.0]]), np.array([[1j, 2.0], [2j, -1.0]])).round(3).tolist()
     [[1.0, 0.0]]
     """
-    a, b = np.asarray(first), np.asarray(second)
+    a, b = first, second
     if a.ndim != 2 or b.ndim != 2 or len(a) != len(b):
         raise ValueError(f"shapes are {a.shape} and {b.shape}; give (n_y, n) and (n_y, m) of the same outputs")
     norms = np.sum(np.abs(a) ** 2, axis=0)[:, None] * np.sum(np.abs(b) ** 2, axis=0)
@@ -243,12 +244,12 @@ def mac(first: ComplexArray, second: ComplexArray) -> FloatArray:
 
 
 def phase_collinearity(shapes: ComplexArray) -> FloatArray:
-    """Return MPC (n,) of shapes (n_y, n): 1 where all entries have one phase or its opposite.
+    """Return MPC (n,) of shapes (n_y, n): 1 if all entries have the same or the opposite phase.
 
     >>> phase_collinearity(np.array([[1 + 1j, 1.0], [2 + 2j, 1j]])).round(3).tolist()
     [1.0, 0.0]
     """
-    s = np.stack([np.linalg.svd(np.stack([phi.real, phi.imag]), compute_uv=False) for phi in np.asarray(shapes).T])
+    s = np.stack([np.linalg.svd(np.stack([phi.real, phi.imag]), compute_uv=False) for phi in shapes.T])
     if s.shape[1] < 2:
         return np.ones(len(s))
     power = s**2

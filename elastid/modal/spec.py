@@ -9,7 +9,7 @@ from elastid.base.units import Frequency, Length, Time
 
 @section
 class GeometrySpec:
-    """Points of the structure, for its mode shapes in motion."""
+    """Points and lines of the structure for animated mode shapes."""
 
     # fmt: off
     points: Annotated[dict[str, tuple[Length, Length, Length]], Key("Coordinates of points by name.",
@@ -22,7 +22,7 @@ class GeometrySpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Check that lines and motion name points, and directions."""
+        """Raise ValueError if `lines` or `motion` has an unknown point or direction."""
         for name in (*(end for line in self.lines for end in line), *(point for point, _ in self.motion.values())):
             if name not in self.points:
                 raise ValueError(f"unknown point {name}. Points: {', '.join(self.points)}")
@@ -31,7 +31,7 @@ class GeometrySpec:
                 raise ValueError(f"the direction of {output} is {direction}; give x, y or z, with - for the opposite")
 
     def direction_of(self, output: str) -> tuple[str, str] | None:
-        """Return point and direction of an output; None if neither `motion` nor its name states them."""
+        """Return the point and direction of an output; None if neither `motion` nor its name states them."""
         if output in self.motion:
             return self.motion[output]
         point, _, direction = output.rpartition(" ")
@@ -40,7 +40,7 @@ class GeometrySpec:
 
 @section
 class ModalSpec:
-    """Modes of the measured responses of a structure."""
+    """Settings of the modal analysis of a structure's measured responses."""
 
     # fmt: off
     band_hz: Annotated[tuple[Frequency, Frequency] | None, Key("Band in which modes are searched for (default: all "

@@ -1,14 +1,10 @@
-r"""Basis functions Phi of gear effects along the motion, each times a magnitude f at a place of the drivetrain.
+r"""Basis functions Phi of gear effects along the motion of a joint; each acts at a location, with a magnitude f.
 
 .. math:: J \ddot q + f_m \dot q + (F_m + F_{load} |\tau|)\, \mathrm{sgn}\, \dot q + ripple(q) + (1 + e'(q))\, \tau = u,
           \qquad \tau = n(\delta) + d\, \dot\delta + h(\delta), \qquad \delta = q + e(q) - l
 
-q motor and l link side of a joint, e transmission error, n and h spring and hysteresis beyond the linear spring, which
-both act across the gear; friction behind the gear brakes the link, -F_l sgn l'. Everything on the link side.
-
-Friction's sign along a velocity that is known at points of a period, by its means over the cells between them.
-
-The velocity of an inertia at the points depends on the means over cells alone, exact with their spectrum over sinc.
+q is the motor angle and l the link angle of a joint, e the transmission error; n is the spring torque and h the
+hysteresis. Friction behind the gear brakes the link, -F_l sgn l'. All quantities are link-side values.
 """
 
 from collections.abc import Callable
@@ -25,7 +21,10 @@ from elastid.nonlinear.friction_basis import BasisFunction, sliding_means
 
 
 def sign_of(v: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
-    """Return tanh(v / scale), or sgn v at scale 0, and its slope (n,), along velocities v (n,) of a period."""
+    """Return tanh(v / scale), or sgn v at scale 0, and its slope (n,), at the points of velocities v (n,) of a period.
+
+    The values have the exact means over the cells between the points: an inertia's velocity depends on them alone.
+    """
     means = sliding_means(np.append(v, v[0])[None], [(BasisFunction("", "sign", scale), 1.0)])[0]
     step, phi = np.roll(v, -1) - v, np.tanh(v / scale) if scale else np.sign(v)
     slope = np.divide(np.roll(phi, -1) - phi, step, out=np.zeros_like(v), where=np.abs(step) > 1e-9 * np.abs(v).max())
@@ -36,7 +35,7 @@ def sign_of(v: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
 @lru_cache(maxsize=4)
 def _from_means(n: int) -> ComplexArray:
     """Return factor (n // 2 + 1,) from the spectrum of cell means to the spectrum at the first points of the cells."""
-    half = np.arange(n // 2 + 1) / n  # of the angle between two points, over pi
+    half = np.arange(n // 2 + 1) / n  # half the phase between two points, over pi
     return np.asarray(np.exp(-1j * np.pi * half) / np.sinc(half))
 
 
@@ -51,7 +50,7 @@ LOOPS: tuple[Kind, ...] = ("stop", "bristle")
 
 @dataclass(frozen=True)
 class SheetNumber:
-    """Number of a maker's sheet that effects of one or several kinds make: prefix of its name, meaning, kind, unit."""
+    """Gearbox characteristic of one or more kinds of effects.  Its name is the prefix and the joint."""
 
     prefix: str
     meaning: str
@@ -68,12 +67,12 @@ RIPPLE = SheetNumber("r", "torque ripple and cogging", "torque", "N*m")
 
 @dataclass(frozen=True)
 class EffectKind:
-    """Properties that all effects of a kind have in common.
+    """Common properties of all effects of a kind.
 
-    place: of an implicit effect and of the motion that it is a function of: of a gear its deflection.  number: of the
-    sheet.  scales: that are tried, over the RMS velocity of the motor, or deflection of the gear; a law starts at the
-    middle one; without any an effect has an order and is not implicit.  rivals: of which a joint has one, it apart.
-    brakes: its magnitude cannot be negative: it takes energy, or is missing within a gap.
+    place: location of the effect and of its motion; at a gear, the deflection.  number: its gearbox characteristic.
+    scales: candidates over the rms velocity of the motor or deflection of the gear; a law starts at the middle one.
+    Empty for effects that have an order and are not implicit.  rivals: kinds of which a joint has one effect only.
+    brakes: the magnitude is not negative, because the effect dissipates energy or is the missing stiffness of a gap.
     """
 
     place: Place
@@ -104,19 +103,18 @@ KINDS: dict[Kind, EffectKind] = {
 WIDTH = SheetNumber("Hw_", "hysteresis, width of the loop", "angle", "rad")
 SECANT = SheetNumber("K", "secant stiffness over a third of the largest torque", "stiffness", "N*m/rad")
 SHEET = (*dict.fromkeys(row.number for row in KINDS.values()), WIDTH, SECANT)
-APART = 1.5  # factor from which on two scales, or stiffnesses, are told apart
+APART = 1.5  # least factor between two distinguishable scales or stiffnesses
 
 
 @dataclass(frozen=True)
 class GearEffect:
-    """One effect at a joint.
+    """Effect of a gear at a joint.
 
-    friction, load: at the motor, one magnitude and one for each Nm of the gear's torque; behind: at the link.  cubic,
-    progressive: k_3 delta^3 and k_2s |delta| delta.  range: the stiffness beyond a deflection, more than before it.
-    gap: the stiffness within one, less than beyond it; lost motion.  stop, bristle: elements of the gear's hysteresis.
-    scale: rad/s over which friction turns, rad over which a hysteresis bends or at which a range or a gap ends, order
-    of an error or ripple in turns of the motor; 0 of the others.
-    is_edge: the change of such an effect with its scale, by which that is found.
+    friction, load: at the motor, constant and per Nm of the gear torque.  behind: friction at the link.  cubic,
+    progressive: k_3 delta^3 and k_2s |delta| delta.  range: additional stiffness beyond a deflection.  gap: missing
+    stiffness within a deflection (lost motion).  stop, bristle: elements of the hysteresis.
+    scale: smoothing velocity of friction, rad/s; deflection of a hysteresis, or end of a range or gap, rad; order per
+    motor revolution of an error or ripple; 0 for the others.  is_edge: the derivative of the effect by its scale.
     """
 
     kind: Kind
@@ -126,22 +124,22 @@ class GearEffect:
 
     @property
     def row(self) -> EffectKind:
-        """Row of its kind."""
+        """Properties of its kind."""
         return KINDS[self.kind]
 
     @property
     def place(self) -> Place:
-        """Place of its motion."""
+        """Location of its motion."""
         return self.row.place
 
     @property
     def is_implicit(self) -> bool:
-        """True if its force follows a motion that it moves: behind the gear, or at a reversal between samples."""
+        """True if the effect changes the motion that its force depends on (behind the gear, or between samples)."""
         return bool(self.row.scales)
 
     @property
     def edge(self) -> "GearEffect | None":
-        """Change of the effect with its scale, f ds for a scale error ds; None for an effect without scale."""
+        """Derivative of the effect by its scale; None for an effect without scale."""
         return replace(self, is_edge=True) if self.scale and self.is_implicit else None
 
     @property
@@ -154,8 +152,8 @@ class GearEffect:
 class GearMotion:
     """Motion of a joint over a period on a fine grid (n,), link side: rad, rad/s, Nm.
 
-    angle: of the motor, as logged.  deflection: with its part at rest and the transmission error.  torque: of the gear,
-    with that at rest.  ratio: turns of the motor for one of the joint.  k, d: of the linear spring.
+    angle: logged motor angle.  deflection: of the gear, with the static deflection and the transmission error.  torque:
+    of the gear, with the static torque.  ratio: motor turns per joint turn.  k, d: of the linear spring.
     """
 
     angle: FloatArray
@@ -169,7 +167,7 @@ class GearMotion:
 
     @cached_property
     def along(self) -> Callable[[Kind, float], FloatArray]:
-        """Phi (n,) of an implicit effect of a scale, cached; load friction and hysteresis edges reverse as friction."""
+        """Function that returns Phi (n,) of an implicit kind and a scale, cached because effects share it."""
         signals = {"motor": self.velocity, "link": self.link_velocity, "gear": self.deflection}
 
         def phi(kind: Kind, scale: float) -> FloatArray:
@@ -182,7 +180,7 @@ class GearMotion:
 def along_period(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return Phi and dPhi / dx (n,) of an implicit effect along its signal x (n,) over a period; for a load, per Nm.
 
-    What breaks or turns between the points does so there.
+    A kink between two points is treated as at a point.
     """
     if effect.kind in ("friction", "load", "behind"):
         return sign_of(x, effect.scale)
@@ -195,21 +193,21 @@ def along_period(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatAr
         return x - np.clip(x, -b, b), (np.abs(x) > b).astype(float)
     if effect.kind == "gap":
         return -np.clip(x, -b, b), np.where(np.abs(x) > b, 0.0, -1.0)
-    # The state at the start is not known: the period is run over twice.
+    # Two periods: the state at the start is unknown, and periodic from the second period on.
     twice = Path.of(np.concatenate([x, x])).without(len(x))
     phi = (stop if effect.kind == "stop" else bristle)(twice, b) / b
     return phi, ((np.abs(phi) < 1) if effect.kind == "stop" else 1 - np.abs(phi)) / b
 
 
 def transmission_error(effect: GearEffect, angle: FloatArray, ratio: float) -> tuple[FloatArray, FloatArray]:
-    """Return e and de/dq (n,) of unit size at angles (n,) of a motor, link side, which turns `ratio` times as far."""
+    """Return e and de/dq (n,) of unit amplitude at motor angles (n,), link side; ratio: motor turns per joint turn."""
     order = effect.scale * ratio
     sine, cosine = np.sin(order * angle), np.cos(order * angle)
     return (cosine, -order * sine) if effect.kind.endswith("cosine") else (sine, order * cosine)
 
 
 def forces(effect: GearEffect, motion: GearMotion) -> list[tuple[Place, FloatArray]]:
-    """Return Phi (n,) at each place where the effect acts, against the motion there."""
+    """Return each location where the effect acts, with Phi (n,); the force is -f Phi."""
     if effect.is_edge:
         h, smooth = 1e-3 * effect.scale, replace(effect, is_edge=False)
         pairs = forces(smooth, motion), forces(replace(smooth, scale=smooth.scale + h), motion)

@@ -1,19 +1,18 @@
-r"""Friction compensation: responses of records with compensated motor friction, and their errors.
+r"""Friction compensation: net torques of records, their responses, and the systematic errors of these responses.
 
-Coefficients that are off by df leave their torque in U, the same in all configurations, at the lines of Phi
+An error df of the coefficients leaves a torque in U that is equal in all configurations. For basis functions at motor j
 
 .. math:: \delta G = G\, e_j\, (\Phi\, df)\, U_{net}^+, \qquad U_{net} = U - \Phi f
 
-for shapes Phi at motor j. The coefficients have the covariance L L^T, so that each column of L is a systematic error of
-known size, which no scatter between realisations shows. A further error is that of reversals, which are found to a part
-of a sample: j omega dt Phi f takes the place of Phi df.
+With the covariance L L^T of the coefficients, each column of L is a systematic error of known size, which does not
+scatter between realisations. An error dt of the time of reversals has the same form with j omega dt Phi f for Phi df.
 
-Dry friction acts on shafts, whose motors' gears may couple the axes. Shafts keep the names of their motors:
+Dry friction acts on shafts, and gears may couple the axes. Shafts have the names of their motors:
 
 .. math:: q_m' = E q_a, \qquad \tau_a = E^T \tau_m'
 
-q_m', tau_m': angles and torques of the shafts, each referred to the link side by its own ratio alone; E (n_u, n_u) is
-the robot's matrix of couplings.
+q_m', tau_m': angles and torques of the shafts, each referred to the link side by its own ratio; E (n_u, n_u): matrix of
+the gear couplings.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -31,12 +30,14 @@ from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.friction_basis import zoh_samples
 from elastid.nonlinear.motion import whole_samples
 from elastid.nonlinear.spectra import compensation_torque, gather_configuration
-from elastid.nonlinear.variable_projection import MIN_UNEXPLAINED
 from elastid.record import MOTION_ORDER, Record
 from elastid.response import SYSTEMATIC_ERRORS, UNEXPLAINED, Response
 from elastid.robot import Robot
 
-TURNING_ERROR = 0.02  # of a sample, by which reversals are found late
+TURNING_ERROR = 0.02  # delay of the estimated reversals, in samples
+# Least ratio of the variance of a response to its variance by noise, and by noise and the arm's own nonlinearity
+# (medians of elements), for a note on distortion that motor friction does not explain.
+MIN_UNEXPLAINED = 10.0
 
 
 def estimate_net_response(
@@ -47,10 +48,10 @@ def estimate_net_response(
     E: FloatArray | None = None,
     robot: Robot | None = None,
 ) -> Response:
-    """Estimate G of one configuration from the net torques of its records, with the errors of the coefficients.
+    """Estimate G of one configuration from the net torques of its records, with its systematic errors.
 
-    E: gear couplings from motor shafts, at which friction acts, to links; None without couplings.  robot: whose
-    own distortion is known; None where none is.
+    E: gear couplings from motor shafts, at which friction acts, to links; None without couplings.  robot: nominal
+    model, which gives the distortion by the arm; None without one.
     Raises DataError as `estimate` does.
     """
     net = tuple(compensated_records(records, friction, E))
@@ -68,7 +69,7 @@ def estimate_net_response(
 
 
 def _travel(records: Sequence[Record]) -> dict[str, float]:
-    """Return largest motion of each motor in a record, rad, link side; 0 of motors whose angle is not logged."""
+    """Return the largest motion of each motor in a record, rad, link side; 0 if its angle is not logged."""
     first, travel = records[0], np.max([np.ptp(record.y, axis=0) for record in records], axis=0).tolist()
     rows = zip(first.outputs, first.quantities, travel, strict=True)
     return dict.fromkeys(first.inputs, 0.0) | {
@@ -79,6 +80,7 @@ def _travel(records: Sequence[Record]) -> dict[str, float]:
 def _unexplained_torque(
     response: Response, records: Sequence[Record], friction: CompensatedFriction, arm: Callable[[], FloatArray | float]
 ) -> tuple[Note, ...]:
+    """Return a note if the distortion of a response exceeds noise and arm(), the variance by the arm's motion."""
     if not friction.configurations or response.noise is None or response.total is None:
         return ()
     total, noise = response.total.variance, response.noise.variance
@@ -103,15 +105,15 @@ def _unexplained_torque(
 def _arm_variance(
     net: Sequence[Record], response: Response, spec: EstimatorSpec, planned_lines: IntArray | None, robot: Robot | None
 ) -> FloatArray | float:
-    """Return the variance (F, n_y, n_u) of G by the arm's swing about its posture, in rows of motors; 0 if unknown.
+    """Return the variance (F, n_y, n_u) of G by the nonlinear motion of the nominal arm, in rows of motors.
 
-    Of a robot with the numbers of its file.
+    It is 0 if unknown.
     """
     from elastid.fit.parameter_selection import choose  # these bring CasADi
     from elastid.fit.spec import FitSpec
     from elastid.linear.linearise import Linearisation
+    from elastid.nonlinear.period_lines import gather_lines
     from elastid.nonlinear.period_model import drive_lines, without_arm
-    from elastid.nonlinear.spectra import gather_lines
 
     if robot is None or set(response.inputs) != set(robot.motor_locations):
         return 0.0
@@ -122,8 +124,8 @@ def _arm_variance(
         Y = without_arm(lines, drive, robot).Y - lines.Y
     except (DataError, StudyError):
         return 0.0
-    at = np.rint(response.freq_hz / lines.freq_hz[0]).astype(np.int64) - 1
-    G = Y[at] * lines.s[at, None, None] ** MOTION_ORDER[response.quantity] @ np.linalg.pinv(lines.U[at])
+    index = np.rint(response.freq_hz / lines.freq_hz[0]).astype(np.int64) - 1
+    G = Y[index] * lines.s[index, None, None] ** MOTION_ORDER[response.quantity] @ np.linalg.pinv(lines.U[index])
     variance = np.zeros(response.G.shape)
     variance[:, [response.outputs.index(location) for location in response.inputs]] = np.abs(G) ** 2
     return variance / len({record.realisation for record in net})
@@ -137,9 +139,7 @@ def _coefficient_errors(
     planned_lines: IntArray | None,
     E: FloatArray | None,
 ) -> ComplexArray:
-    """Return delta G (n_b, n_u, F, n_y, n_u) by the coefficients of each motor, their largest errors first, and by its
-    reversals.
-    """
+    """Return delta G (n_b, n_u, F, n_y, n_u) of each motor, by its coefficients in order of size and its reversals."""
     locations, n_u = friction.places, len(friction.places)
     coupling = np.eye(n_u) if E is None else E
     data = gather_configuration([to_shafts(record, E) for record in records], friction.shapes, spec, planned_lines)
@@ -160,7 +160,7 @@ def _coefficient_errors(
 
 
 def _factors(C: FloatArray) -> FloatArray:
-    """Return L (n, n_b) of C = L L^T (n, n), largest columns first, without those below 1e-4 of the largest."""
+    """Return L (n, n_b) of C = L L^T (n, n), largest columns first, without columns below 1e-4 of the largest."""
     power, V = np.linalg.eigh(C)
     large = np.flatnonzero(power > 1e-4**2 * power[-1])[::-1]
     return np.asarray(V[:, large] * np.sqrt(power[large]))
@@ -191,9 +191,9 @@ def compensate_friction(record: Record, friction: CompensatedFriction) -> Record
 
 
 def to_shafts(record: Record, E: FloatArray | None) -> Record:
-    """Return the record with torques and motions of shafts instead of motors; itself without couplings (None).
+    """Return the record with torques and motions of shafts instead of motors; unchanged for E None.
 
-    Motions of motors are left out where they are not of all motors, or not of one quantity: no shaft is known then.
+    The motions are dropped unless all motors have one, of one quantity: the motion of no shaft is known then.
     """
     if E is None:
         return record
@@ -211,9 +211,8 @@ def to_links(record: Record, E: FloatArray | None) -> Record:
     """Return the inverse of `to_shafts`, for records of all motors."""
     if E is None:
         return record
-    return _transform_record(
-        record, [record.outputs.index(motor) for motor in record.inputs], E, np.asarray(np.linalg.inv(E).T)
-    )
+    columns = [record.outputs.index(motor) for motor in record.inputs]
+    return _transform_record(record, columns, E, np.asarray(np.linalg.inv(E).T))
 
 
 def _transform_record(

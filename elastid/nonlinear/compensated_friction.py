@@ -1,4 +1,4 @@
-"""CompensatedFriction: the friction torques that were subtracted from the records of a measurement, and their rows."""
+"""CompensatedFriction: the friction torques that are subtracted from the records of a measurement."""
 
 import math
 from collections.abc import Mapping
@@ -18,16 +18,14 @@ from elastid.record import Record
 class CompensatedFriction:
     """Coefficients f_i of the friction basis functions, torque = -sum f_i phi_i, compensated in the records.
 
-    places (n_m,): the motors that were looked at, `motor 1`.  place_units (n_m,): N*m, or N where a motor slides.
-    shapes (n_f,): each with its motor; motors without shapes are not compensated.  coulomb_torque (n_f,): Nm (N), link
-    side.  covariance (n_f, n_f): of the coefficients by noise, by what no shape has and by their difference between
-    configurations; standard deviations are those of a normal distribution.
-    configurations (C,).  before, after (C, n_m): amplitude of the torque that no response explains (Nm) at a line, the
-    median of the lines, with friction in it and without: nonlinear distortion and noise.  residual_power_ratio (n_m,):
-    residual over initial power in realisations that the coefficients were not fitted to, 1 without compensation.
-    accelerance (n_m,): acceleration per torque a of a motor as an inertia, 1 / (kg m^2) (1 / kg), 0 where unknown.
+    places (n_m,): examined motors, `motor 1`.  place_units (n_m,): N*m, or N of a linear motor.  shapes (n_f,): basis
+    functions; a motor without one is not compensated.  coulomb_torque (n_f,): coefficients, Nm (N), link side.
+    covariance (n_f, n_f): by noise, approximate basis functions, and differences between configurations.
+    before, after (C, n_m): unexplained torque (distortion and noise) without and with compensation in each of the
+    configurations, Nm (N), median amplitude of a line.  residual_power_ratio (n_m,): residual over initial power in
+    realisations that the coefficients were not fitted to; 1 without compensation.
+    accelerance (n_m,): acceleration per torque of a motor as an inertia, 1 / (kg m^2) (1 / kg); 0 if unknown.
     swings (n_m,): median motion between two reversals, rad (m), link side.
-    notes: what was compensated at which motor, or why nothing was.
     """
 
     places: tuple[str, ...]
@@ -58,10 +56,10 @@ class CompensatedFriction:
         return tuple(location for location in self.places if any(shape.place == location for shape in self.shapes))
 
     def coulomb_friction(self, location: str) -> tuple[float, float]:
-        """Return F_c in Nm (N) of fast steady sliding at a motor, the sum of its coefficients, and its std.
+        """Return F_c of a motor in fast steady sliding, the sum of its coefficients, and its std; Nm (N).
 
-        Elements that do not slide between two reversals have a torque in sliding that the data do not show: what is
-        left of it to sliding is another standard deviation.
+        The sliding torque of elements that do not slide between two reversals is extrapolated.  The std includes the
+        extrapolated torque.
         """
         row = np.array([shape.when_fast * (shape.place == location) for shape in self.shapes])
         swing = np.array([self.swing(location)])
@@ -80,9 +78,9 @@ class CompensatedFriction:
         return self.swing(location) * stiffness / sum(f for _, f in basis) if basis else math.inf
 
     def reversal(self, location: str, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the torque (n,) after a reversal out of fast sliding, at `distance` (n,) from it, and its std.
+        """Return the torque (n,) and its std at `distance` (n,) after a reversal out of fast sliding.
 
-        From -F_c at distance 0 to F_c where all bristles slide again; link side, rad and Nm (m and N).
+        It rises from -F_c to F_c, where all bristles slide again; link side, rad and Nm (m and N).
         """
         return self._curve(location, [shape.reversal(distance) for shape in self.shapes])
 
@@ -91,11 +89,12 @@ class CompensatedFriction:
         return self._curve(location, [shape.sliding(velocity) for shape in self.shapes])
 
     def motion(self, record: Record, location: str) -> Motion:
-        """Return the motion of a motor under its friction."""
+        """Return the motion of a motor under its friction, between the samples of a record."""
         accelerance = float(self.accelerance[self.places.index(location)])
         return motion_with_friction(record, location, self.compensated_basis(location), accelerance)
 
     def _curve(self, location: str, values: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
+        """Return a motor's torque (n,) and its std; values: phi (n,) of each basis function."""
         rows = np.stack(values, axis=1) * np.array([shape.place == location for shape in self.shapes])
         variance = np.einsum("ni,ij,nj->n", rows, self.covariance, rows)
         return rows @ self.coulomb_torque, np.sqrt(np.maximum(variance, 0.0))
@@ -105,7 +104,7 @@ class CompensatedFriction:
 class FrictionRow:
     """Coulomb friction F_c of a motor in Nm (N), link side, with std and 95 % interval; None without compensation.
 
-    residual_power_ratio: of the unexplained torque, in realisations that the coefficients were not fitted to.
+    residual_power_ratio: as in `CompensatedFriction`.
     """
 
     place: str
@@ -116,20 +115,20 @@ class FrictionRow:
     interval: tuple[float, float] | None = None
 
 
-# Std of the Coulomb torque by elements that do not slide, over stiffness times swing of their spring (GMS).
-MAX_UNSEEN_FACTOR = 6.0
+# Std of the Coulomb torque by elements that do not slide, over stiffness times motion of their spring (GMS).
+UNSEEN_FACTOR = 6.0
 
 
 def friction_rows(friction: CompensatedFriction, springs: Mapping[str, float] = {}) -> tuple[FrictionRow, ...]:
-    """Return one row for each motor that was looked at, in their order.
+    """Return one row for each examined motor, in their order.
 
-    springs: stiffness of the presliding friction that a fit has found at motors.
+    springs: presliding stiffness of motors that a fit has estimated, link side.
     """
     rows, compensated, ratios = [], friction.compensated_motors(), friction.residual_power_ratio.tolist()
     for location, unit, ratio in zip(friction.places, friction.place_units, ratios, strict=True):
         F_c, std = friction.coulomb_friction(location)
         if springs.get(location, 0.0) > 0 and friction.swings:
-            std = math.hypot(std, MAX_UNSEEN_FACTOR * springs[location] * friction.swing(location))
+            std = math.hypot(std, UNSEEN_FACTOR * springs[location] * friction.swing(location))
         interval = (max(F_c - QUANTILE_95 * std, 0.0), F_c + QUANTILE_95 * std)
         rows.append(FrictionRow(location, unit, ratio, *((F_c, std, interval) if location in compensated else ())))
     return tuple(rows)

@@ -1,26 +1,25 @@
-r"""Friction basis functions phi of a motor's angle and velocity, each 1 in steady sliding, and their torque.
+r"""Basis functions phi of a motor's friction, and their torque along its motion between the samples.
 
 .. math:: sign: \phi = \tanh(v / D), \qquad stop,\ bristle: \phi = s / D
 
 .. math:: stribeck: \phi = \operatorname{sgn}(v)\, e^{-(v / D)^2}, \qquad damping: \phi = T \dot s / D
 
-Friction brakes: the torque on the motor is -f phi. A sign of threshold 0 is Coulomb's; one of a small threshold turns
-gradually, as oil or noise in the velocity make it. The coefficient of a stribeck shape is F_s - F_c, the torque by
-which slow motion has more friction than fast motion: 0 there. So has damping, which acts on the rate of a stop or a
-bristle, as LuGre's sigma_1 = coefficient T / D does; T is a sample.
+The torque on the motor is -f phi, and phi is 1 in steady sliding. A sign of threshold 0 is Coulomb friction; a small
+threshold D smooths it, as oil or velocity noise do. The coefficient of a Stribeck curve is F_s - F_c, which acts in
+slow motion only. Damping acts on the rate of a stop or a bristle, like LuGre's sigma_1 = f T / D; T is a sample.
 
 The motion follows from a motor's angle and torque. Above the excited lines a motor moves as an inertia,
 
 .. math:: q_a = \frac{a}{s^2} \Big(H u - \sum_i f_i \phi_i\Big), \qquad a = -\omega^2 G \text{ at high frequencies}
 
-with phi_i along the motion of the round before. Noise of the angle is a velocity that grows with frequency and hides
-where a motor turns back; what of a line of the angle is noise, 1 - w of its power (`motion.signal_fraction`), is taken
-from the torque there, q = w y + (1 - w) q_a. (3e-6 rad at 500 Hz with Coulomb friction of 0.3 of the rms torque: k
-known three times as well.) Reversals between the samples are late by some 2 % of a sample, which the responses' errors
-have.
+with phi_i along the previous estimate of the motion. Velocity noise from the angle grows with frequency and hides
+reversals. A fraction 1 - w of the power of a line is noise (`motion.signal_fraction`); there the motion follows the
+torque, q = w y + (1 - w) q_a. (With 3e-6 rad of noise at 500 Hz and Coulomb friction of 0.3 of the rms torque, the std
+of k falls to a third.) Reversals between the samples are late by about 2 % of a sample; the errors of the responses
+include this delay.
 
-The torque of a record is held between its samples, friction is not; so friction is divided by the hold as samples. A
-torque that is logged later than the motion by tau has its friction by tau later, too:
+A zero-order hold acts on the logged torque but not on friction, so samples of friction are divided by the hold's FRF.
+If the torque is logged a time tau after the motion, its friction has the same delay:
 
 .. math:: u_{net} = u - u_\phi, \qquad u_\phi = IDFT\{ H^{-1} e^{-s \tau}\, DFT\{ \textstyle\sum_i f_i \phi_i \} \}
 """
@@ -43,9 +42,10 @@ Kind: TypeAlias = Literal["sign", "stribeck", "stop", "bristle", "stop damping",
 
 @dataclass(frozen=True)
 class BasisFunction:
-    """A shape at a motor, by its place; threshold D: rad/s of sign and stribeck, else rad (m/s, m) on the link side.
+    """Basis function of the friction at a motor (place), link side.
 
-    delay_s: by which its torque is logged later than its motion, the same of all shapes.
+    threshold D: rad/s (m/s) of a sign or Stribeck curve, else rad (m).  delay_s: of the logged torque behind the
+    motion, equal for all basis functions.
     """
 
     place: str
@@ -55,26 +55,26 @@ class BasisFunction:
 
     @property
     def when_fast(self) -> float:
-        """The shape in fast steady sliding: 1 if its coefficient is a part of F_c, else 0."""
+        """Value in fast steady sliding: 1 if the coefficient contributes to F_c, else 0."""
         return float(self.kind != "stribeck" and not self.is_damping)
 
     @property
     def is_damping(self) -> bool:
-        """True if it is the rate of a stop or a bristle."""
+        """True for the rate of a stop or a bristle."""
         return self.kind in ("stop damping", "bristle damping")
 
     @property
     def is_memoryless(self) -> bool:
-        """True if it depends on the velocity alone."""
+        """True for a function of the velocity alone."""
         return self.kind in ("sign", "stribeck")
 
     @property
     def element(self) -> tuple[str, float]:
-        """Kind and threshold of the element with whose state it is computed."""
+        """Kind and threshold of the stop or bristle whose state it depends on."""
         return self.kind.removesuffix(" damping"), self.threshold
 
     def reversal(self, distance: FloatArray) -> FloatArray:
-        """Return the shape (n,) at `distance` (n,) after a reversal out of fast steady sliding: from -1 to 1."""
+        """Return phi (n,), from -1 to 1, at `distance` (n,) after a reversal out of fast steady sliding."""
         if not self.when_fast:
             return np.zeros(len(distance))
         if self.kind == "sign":
@@ -83,7 +83,7 @@ class BasisFunction:
         return np.minimum(x - 1, 1.0) if self.kind == "stop" else 1 - 2 * np.exp(-x)
 
     def sliding(self, velocity: FloatArray) -> FloatArray:
-        """Return the shape (n,) in steady sliding at `velocity` (n,)."""
+        """Return phi (n,) in steady sliding at `velocity` (n,)."""
         if self.kind == "stribeck":
             return np.sign(velocity) * np.exp(-((velocity / self.threshold) ** 2))
         if self.is_damping:
@@ -107,7 +107,7 @@ States: TypeAlias = Callable[[str, float], FloatArray]
 def amplitudes(
     record: Record, motion: Motion, shapes: Sequence[BasisFunction], repetitions: IntArray, lines: IntArray
 ) -> ComplexArray:
-    """Return amplitudes (n_f, F) of the basis functions of a motor at lines (F,), means over repetitions."""
+    """Return amplitudes (n_f, F) of a motor's basis functions at lines (F,), averaged over `repetitions` (n,)."""
     N, states = record.period_samples, elements(record, motion)
     weights = np.zeros(whole_samples(record) // record.repeat_samples)
     weights[repetitions] = np.where(record.half_wave & (repetitions % 2 == 1), -1.0, 1.0) / len(repetitions)
@@ -130,16 +130,16 @@ def _between_cells(n: int, lines: int) -> ComplexArray:
 
 
 def friction_means(record: Record, motion: Motion, basis: WeightedBasis, states: States | None = None) -> FloatArray:
-    """Return the friction torque (n cells,) of a motor in the cells of the samples of whole periods.
+    """Return the mean friction torque (n cells,) of a motor in each cell of whole periods of n samples.
 
-    states: `elements` of the motion, if known.
+    states: `elements` of the motion; computed by default.
     """
     memoryless = [(shape, f) for shape, f in basis if shape.is_memoryless]
     means = np.zeros(len(motion.velocity) - 1)
     if memoryless:
         cells, F_c = means.reshape(-1, CELLS), sum(f for shape, f in memoryless if shape.kind == "sign")
         cells[:] = np.copysign(F_c, motion.by_sample[0])[:, None]
-        # Faster than some of their thresholds memoryless shapes are 1 or 0, to 1e-4.
+        # Above five thresholds the memoryless functions are 1 or 0 within 1e-4.
         slow = np.flatnonzero(motion.slowest <= 5 * max(shape.threshold for shape, _ in memoryless))
         cells[slow] = sliding_means(motion.by_sample.take(slow, axis=1).T, memoryless)
     states = states or elements(record, motion)
@@ -151,7 +151,7 @@ def friction_means(record: Record, motion: Motion, basis: WeightedBasis, states:
 
 
 def spectrum(means: ComplexArray, n: int) -> ComplexArray:
-    """Return the transform (n // 2 + 1,) of a torque at lines of n samples, in samples, by DFT of its cell means."""
+    """Return the transform (n // 2 + 1,) of a torque at the lines of n samples from the DFT of its cell means."""
     return means[: n // 2 + 1] * _between_cells(n, n // 2 + 1)
 
 
@@ -172,9 +172,9 @@ def sliding_means(velocity: FloatArray, basis: WeightedBasis) -> FloatArray:
 
 
 def elements(record: Record, motion: Motion) -> States:
-    """Return the states s(kind, D) of stops and bristles along a motion, the last of them cached.
+    """Return a function that computes the states s(kind, D) of stops and bristles along a motion, the last one cached.
 
-    The state at the start is not known: the first period is run over twice.
+    The motion starts with one more period, because the state at the start is unknown.
     """
 
     @cache
@@ -186,7 +186,7 @@ def elements(record: Record, motion: Motion) -> States:
 
 
 def motion_with_friction(record: Record, place: str, basis: WeightedBasis, a: float) -> Motion:
-    """Return the motion of a motor under friction that was found; a: its acceleration per torque, 0 where unknown."""
+    """Return the motion of a motor with the friction of `basis`; a: acceleration per torque, 0 if unknown."""
     if a == 0:
         return motion_of(record, place)
     n, channel = whole_samples(record), record.inputs.index(place)
@@ -199,15 +199,15 @@ def motion_with_friction(record: Record, place: str, basis: WeightedBasis, a: fl
 
 
 def zoh_samples(record: Record, location: str, motion: Motion, basis: WeightedBasis) -> FloatArray:
-    """Return a motor's friction (n,) along a motion as a torque that is held as u is."""
+    """Return a motor's friction (n,) along a motion as samples of a torque with the same zero-order hold as u."""
     n, H = whole_samples(record), _hold(record, record.inputs.index(location), basis)
     low = spectrum(rfft(friction_means(record, motion, basis)), n)
-    # Near a zero of the hold the torque's samples do not determine the torque.
+    # Near a zero of the hold's FRF the samples do not determine the torque.
     return irfft(np.divide(low, H, out=np.zeros_like(low), where=np.abs(H) > 0.1), n)
 
 
 def _hold(record: Record, channel: int, basis: WeightedBasis) -> ComplexArray:
-    """Return H e^(s delay) (n // 2 + 1,) of a torque at the lines of all whole periods, on the time of the motions."""
+    """Return the FRF H e^(s delay) (n // 2 + 1,) of an input's hold, at the lines of all whole periods."""
     delay_s = basis[0][0].delay_s if basis else 0.0
     return _delayed_hold(whole_samples(record), record.rate_hz, record.hold_lengths[channel], delay_s)
 

@@ -1,13 +1,13 @@
-r"""Estimate of gear magnitudes and model parameters together, from all lines of the records, excited or not.
+r"""Joint estimation of gear magnitudes and model parameters from all lines of the records, excited or not.
 
 .. math:: V(x, f) = \sum_{c, k, m} r^H S^{-1} r + priors, \qquad
           r = y - G(x)\, u + C H(x) \sum_i f_i P_i \Phi_i(\hat q)
 
-with S the covariance of the residuals, averaged over experiments and neighbouring lines as a multiple of what the model
-makes of noise of torques and angles, so that what it does not explain widens the intervals. Gauss-Newton in x and f
-with the motion fixed, then the motion along the new x and f, until neither moves. The fit of a strongly nonlinear gear
-starts from that of a linear one and needs no amplitude to be small. Scales s are found with the magnitudes, by the
-change f_i d Phi_i / d s of every effect that turns or bends over s.
+S is the covariance of the residuals, averaged over experiments and neighbouring lines relative to the covariance that
+noise of torques and angles causes: unexplained motion widens the intervals. Gauss-Newton steps of x and f at fixed
+motion alternate with estimates of the motion at the new x and f until convergence. The fit of a strongly nonlinear
+gear starts at the linear fit; no amplitude has to be small. Columns f_i d Phi_i / d s estimate the scales s of effects
+together with the magnitudes.
 """
 
 from collections.abc import Collection, Sequence
@@ -21,24 +21,24 @@ from elastid.linear.linearise import Linearisation
 from elastid.linear.response.derivatives import Columns
 from elastid.nonlinear.basis_functions import GearEffect
 from elastid.nonlinear.hidden_motion_smoother import SmoothedMotion, residuals, smooth_motion, smoothed_covariance
+from elastid.nonlinear.period_lines import PeriodLines
 from elastid.nonlinear.period_model import DriveLines, drive_lines
-from elastid.nonlinear.spectra import PeriodLines
 from elastid.nonlinear.variable_projection import inverse
 from elastid.parameters import Parameters
 from elastid.record import MOTION_ORDER
 from elastid.response import Response
 
-ROUNDS, MOVE = 25, 0.05  # until no number moves by more than this part of its standard deviation
-_STEP = 0.5  # of itself, by which a positive number or a scale falls or grows at once, at most
-MIN_SIGNIFICANCE = 3.0  # std of a magnitude, from which on its scale moves, and below which it is discarded at the end
+ROUNDS, MOVE = 25, 0.05  # most iterations, and the largest step over the standard deviation of a number at the end
+_STEP = 0.5  # largest relative step of a positive number or a scale
+MIN_SIGNIFICANCE = 3.0  # least magnitude over its std of an effect whose scale is estimated and that is not discarded
 
 
 @dataclass(frozen=True, eq=False)
 class GearEstimate:
-    """x (n_x,) of the parameters and magnitudes (n_f,) of the effects, with their covariance (n_x + n_f, n_x + n_f).
+    """Estimate of parameters x (n_x,) and magnitudes (n_f,) with their covariance (n_x + n_f, n_x + n_f).
 
-    weighted_cost: sum of ln det S of the residuals (-2 ln likelihood), by which alternatives are compared.
-    scale_std (n_f,): std of the effects' scales, 0 for scales that are not estimated.
+    weighted_cost: sum of ln det S of the residuals (-2 ln likelihood), to compare alternatives.  estimates: motion in
+    each configuration.  scale_std (n_f,): std of the effects' scales, 0 for scales that are not estimated.
     """
 
     parameters: Parameters
@@ -57,20 +57,20 @@ class GearEstimate:
         return np.sqrt(np.diag(self.covariance)[len(self.x) :])
 
     def magnitudes_of(self, effects: Sequence[GearEffect]) -> FloatArray:
-        """Return magnitudes of any effects, 0 of those that are not among these."""
+        """Return the magnitudes of any effects; 0 of effects that this estimate does not have."""
         magnitudes = dict(zip(self.effects, self.magnitudes.tolist(), strict=True))
         return np.array([magnitudes.get(effect, 0.0) for effect in effects])
 
     def motions_of(self, effects: Sequence[GearEffect], further: int = 0) -> list[SmoothedMotion]:
-        """Return the estimated motions with forces of any effects, 0 of those not among these and of further ones."""
+        """Return the motions with the forces of any effects; 0 for effects without an estimate and `further` ones."""
         index_of = {effect: i for i, effect in enumerate(self.effects)}
         columns = [*(index_of.get(effect, -1) for effect in effects), *(-1,) * further]
-        return [motion.of(columns) for motion in self.estimates]
+        return [motion.select(columns) for motion in self.estimates]
 
 
 @dataclass(frozen=True, eq=False)
 class GearData:
-    """Lines of each configuration, its response as fitted, and the linear model of the robot."""
+    """Lines of each configuration, its fitted response, and the linear model of the robot."""
 
     lines: Sequence[PeriodLines]
     responses: Sequence[Response]
@@ -78,7 +78,7 @@ class GearData:
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """The driven ones."""
+        """Names of the driven joints."""
         return self.linearisation.model.robot.driven_names
 
     def drives(self, parameters: Parameters, x: FloatArray) -> list[DriveLines]:
@@ -90,14 +90,14 @@ class GearData:
         self, drives: Sequence[DriveLines], effects: Sequence[GearEffect], magnitudes: FloatArray,
         previous: Sequence[SmoothedMotion], tolerance: float = 1e-4,
     ) -> list[SmoothedMotion]:  # fmt: skip
-        """Return the motion in each configuration under effects of given magnitudes, as `smooth_motion` has it."""
+        """Return the motion in each configuration by `smooth_motion`, with effects of these magnitudes (n_f,)."""
         rows = zip(self.lines, drives, previous, strict=True)
         return [smooth_motion(lines, drive, effects, magnitudes, start, tolerance) for lines, drive, start in rows]
 
     def joint_normal_equations(
         self, estimate: GearEstimate, further: Sequence[GearEffect]
     ) -> "tuple[Sums, tuple[FloatArray, FloatArray]]":
-        """Return normal equations, and priors, of parameters, magnitudes and magnitudes of further effects about 0."""
+        """Return normal equations and priors of parameters and magnitudes, further effects with magnitude 0."""
         effects, drives = [*estimate.effects, *further], self.drives(estimate.parameters, estimate.x)
         magnitudes = estimate.magnitudes_of(effects)
         estimates = self.motions(drives, effects, magnitudes, estimate.motions_of(effects))
@@ -113,12 +113,10 @@ def estimate_gear_parameters(
     fixed: Collection[GearEffect] = (),
     target_cost: float = np.inf,
 ) -> GearEstimate:
-    """Estimate parameters and magnitudes of the effects from another estimate, or without one (`initial_estimate`); 0
-    for new effects.
+    """Estimate parameters and magnitudes of the effects from a start, which may lack some of the effects.
 
-    tolerance: largest step over its standard deviation at which the iteration ends.  fixed: effects whose scales stay.
-    target_cost: the iteration also ends if the last round decreased weighted_cost by less than its distance to this
-    value.
+    tolerance: largest step over its standard deviation at which the iteration ends.  fixed: effects with fixed scales.
+    target_cost: the iteration also ends if the last decrease of weighted_cost was less than its distance to this value.
     """
     parameters, x, n_x, n_f = start.parameters, start.x, len(start.x), len(effects)
     magnitudes = start.magnitudes_of(effects)
@@ -140,9 +138,9 @@ def estimate_gear_parameters(
         covariance = inverse(A + prior_curvature)
         step = covariance @ (b + pull)
         std = np.sqrt(np.diag(covariance))
-        # A scale, which magnitudes hardly follow, comes to rest with them.
+        # The steps of scales do not count, because the magnitudes hardly depend on them.
         last_step_norm = float(np.max((np.abs(step) / np.where(std > 0, std, np.inf))[: n_x + n_f]))
-        # The response is nearly linear in the number itself, of which the logarithm is to be found.
+        # The response is nearly linear in the number itself, x is its logarithm.
         x = x + np.where(parameters.is_log, np.log1p(np.clip(step[:n_x], -_STEP, _STEP)), step[:n_x])
         magnitudes = magnitudes + step[n_x : n_x + n_f]
         effects = _update_scales(effects, scales, step[n_x + n_f :])
@@ -152,13 +150,13 @@ def estimate_gear_parameters(
     scale_std = np.zeros(n_f)
     for group, relative in zip(scales, std[n_x + n_f :], strict=True):
         scale_std[group] = [relative * effects[i].scale for i in group]
-    covariance, estimated = covariance[: n_x + n_f, : n_x + n_f], tuple(e.of(range(n_f)) for e in estimates)
+    covariance, estimated = covariance[: n_x + n_f, : n_x + n_f], tuple(e.select(range(n_f)) for e in estimates)
     end = tuple(effects), x, magnitudes, covariance, cost
     return GearEstimate(parameters, *end, estimated, tuple(drives), scale_std)
 
 
 def scales_of(effects: Sequence[GearEffect]) -> list[list[int]]:
-    """Group effects by scale: all friction effects of a motor share one smoothing velocity."""
+    """Group the indices of effects by scale: all friction effects of a motor share one smoothing velocity."""
     groups: dict[tuple[object, ...], list[int]] = {}
     for i, effect in enumerate(effects):
         if effect.edge is not None:
@@ -169,7 +167,7 @@ def scales_of(effects: Sequence[GearEffect]) -> list[list[int]]:
 def _scale_jacobian(
     effects: Sequence[GearEffect], magnitudes: FloatArray, scales: Sequence[Sequence[int]], n_x: int
 ) -> FloatArray:
-    """Return T (n, n_x + n_f + n_s) from parameters, magnitudes, scale steps to parameters and all magnitudes."""
+    """Return T (n, n_x + n_f + n_s): parameters, magnitudes and magnitudes of edges by parameters, f and ln scales."""
     size, edges = n_x + len(magnitudes), [(s, i) for s, group in enumerate(scales) for i in group]
     T = np.zeros((size + len(edges), size + len(scales)))
     T[:size, :size] = np.eye(size)
@@ -181,10 +179,10 @@ def _scale_jacobian(
 def scale_priors(
     A: FloatArray, magnitudes: FloatArray, std: FloatArray, scales: Sequence[Sequence[int]], n_x: int
 ) -> FloatArray:
-    """Return weights (n_s,) of priors on ln scale, std 1; scales of insignificant magnitudes stay fixed.
+    """Return weights (n_s,) of priors on ln scale with std 1; scales of insignificant magnitudes stay fixed.
 
-    A: normal matrix of parameters, magnitudes and scales.  magnitudes, std (n_f,), (n_x + n_f + ...): of the last
-    round, which is the first where all std are 0.
+    A: normal matrix of parameters, magnitudes and scales.  magnitudes (n_f,), std (n_x + n_f + ...,): of the previous
+    iteration; std is 0 in the first.
     """
     priors = np.ones(len(scales))
     for s, group in enumerate(scales):
@@ -197,7 +195,7 @@ def scale_priors(
 def _update_scales(
     effects: Sequence[GearEffect], scales: Sequence[Sequence[int]], steps: FloatArray
 ) -> list[GearEffect]:
-    """Return effects with scales increased by fractions (n_s,), _STEP at most, relative to the first of each."""
+    """Return effects with the scale of each group increased by a fraction; steps (n_s,), limited to _STEP."""
     next_effects = list(effects)
     for group, step in zip(scales, np.clip(steps, -_STEP, _STEP).tolist(), strict=True):
         for i in group:
@@ -207,12 +205,12 @@ def _update_scales(
 
 def initial_estimate(data: GearData, parameters: Parameters, x: FloatArray) -> GearEstimate:
     """Return an estimate without effects at x (n_x,)."""
-    drives, none = tuple(data.drives(parameters, x)), np.zeros(0)
+    drives, empty = tuple(data.drives(parameters, x)), np.zeros(0)
     estimates = tuple(SmoothedMotion.start(c, drive, 0) for c, drive in zip(data.lines, drives, strict=True))
-    (A, *_), weighted_cost = normal_equations(data.lines, drives, estimates, len(x), none)
+    (A, *_), weighted_cost = normal_equations(data.lines, drives, estimates, len(x), empty)
     prior, _ = priors(parameters, x, len(x))
     covariance = inverse(A.sum(axis=0) + prior)
-    return GearEstimate(parameters, (), x, none, covariance, weighted_cost, estimates, drives, none)
+    return GearEstimate(parameters, (), x, empty, covariance, weighted_cost, estimates, drives, empty)
 
 
 # Sums over lines and experiments of each realisation: A (R, n, n), b (R, n), c (R,) of J^H J, J^H r and r^H r.
@@ -226,7 +224,7 @@ def normal_equations(
     n_x: int,
     magnitudes: FloatArray,
 ) -> tuple[Sums, float]:
-    """Sum the normal equations about magnitudes (n_f,), the motion fixed, without priors, and the weighted cost.
+    """Sum the normal equations about magnitudes (n_f,) at fixed motion, without priors, and the weighted cost.
 
     Residuals have unit variance in each real component; n = n_x + n_f.
     """
@@ -235,9 +233,9 @@ def normal_equations(
     A, b, c, weighted_cost = np.zeros((R, n, n)), np.zeros((R, n)), np.zeros(R), 0.0
     for lines, drive, estimate in zip(data, drives, estimates, strict=True):
         r = residuals(lines, drive, estimate, magnitudes)
-        on = np.flatnonzero(lines.excited)
-        # The excited lines, those between them, and some on either side.
-        band = slice(int(on[0]) // 2, min(len(lines.s), int(1.2 * on[-1]) + 1))
+        excited = np.flatnonzero(lines.excited)
+        # The excited lines, the lines between them, and some on either side.
+        band = slice(int(excited[0]) // 2, min(len(lines.s), int(1.2 * excited[-1]) + 1))
         S = smoothed_covariance(r, lines, drive)[band]
         weighted_cost += 2 * lines.U.shape[2] * float(np.linalg.slogdet(S)[1].sum())
         white = np.linalg.inv(np.linalg.cholesky(S / 2))
@@ -253,7 +251,7 @@ def normal_equations(
 
 
 def priors(parameters: Parameters, x: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
-    """Return the terms of the priors in A (n, n) and b (n,) at x (n_x,)."""
+    """Return the contributions of the priors to A (n, n) and b (n,) at x (n_x,)."""
     distance, slope = parameters.priors(x)
     return np.diag(np.pad(slope**2, (0, n - len(x)))), np.pad(-slope * distance, (0, n - len(x)))
 

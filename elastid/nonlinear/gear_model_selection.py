@@ -1,15 +1,14 @@
 r"""Model selection of gear effects by cross-validation over realisations.
 
-The normal equations of parameters and magnitudes are summed up for each realisation, along the motion under the effects
-found so far. Of the candidates, a group (a sine with its cosine) is added while it lowers V in realisations to which
-its magnitudes were not fitted. Parameters, magnitudes and motion are then found again, until no group is added.
-Magnitudes below three of their standard deviations are discarded. How large each effect that was not found could be
-without having been seen:
+The normal equations of parameters and magnitudes are summed for each realisation, along the motion with the selected
+effects. A candidate group (a sine with its cosine) is added if it lowers V in realisations to which its magnitudes were
+not fitted. Parameters, magnitudes and motion are then estimated again, until no group is added. Magnitudes below three
+standard deviations are discarded. An effect that is not selected has the upper bound
 
 .. math:: f < \max(\hat f, 0) + 1.645\, \sigma_f \quad (95\,\%)
 
-f and its standard deviation by one Gauss-Newton step of parameters, found magnitudes and the effect in question
-together, along the motion under the effects that were found. Of a sine with its cosine the amplitude.
+with f and its standard deviation by one Gauss-Newton step of parameters, selected magnitudes and this effect, along the
+motion with the selected effects. The bound of a sine with its cosine applies to the amplitude.
 """
 
 import math
@@ -24,6 +23,7 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.statistics import ONE_SIDED_95, QUANTILE_95
 from elastid.fit.covariance import compensation_error
 from elastid.nonlinear.basis_functions import APART, KINDS, LOOPS, SPRINGS, GearEffect, Kind, SheetNumber
+from elastid.nonlinear.basis_selection import SIGN_ERROR, SLIGHT, greedy
 from elastid.nonlinear.gear_estimation import (
     MIN_SIGNIFICANCE,
     MOVE,
@@ -34,9 +34,9 @@ from elastid.nonlinear.gear_estimation import (
     estimate_gear_parameters,
     initial_estimate,
 )
+from elastid.nonlinear.period_lines import PeriodLines
 from elastid.nonlinear.period_model import elastic_joints
-from elastid.nonlinear.spectra import PeriodLines
-from elastid.nonlinear.variable_projection import SIGN_ERROR, SLIGHT, cross_validated_power, greedy, inverse
+from elastid.nonlinear.variable_projection import cross_validated_power, inverse
 from elastid.parameters import Parameters
 
 Group: TypeAlias = tuple[GearEffect, ...]
@@ -44,19 +44,19 @@ Group: TypeAlias = tuple[GearEffect, ...]
 
 # Thresholds of the selection. Gains are decreases of V in the realisations that the magnitudes were not fitted to.
 MIN_GAIN = 12.0  # by each effect of a group
-MIN_GAIN_OF_SPRING = 60.0  # by each effect of a group that is the law of a spring
-MIN_GAIN_FRACTION = 0.005  # relative to V: residuals of the best model are not white either
-MIN_PERIOD_FRACTION = 0.5  # travel of the motor in periods of a transmission error or ripple
+MIN_GAIN_OF_SPRING = 60.0  # by each effect of a nonlinear spring
+MIN_GAIN_FRACTION = 0.005  # relative to V, because residuals of the best model are not white either
+MIN_PERIOD_FRACTION = 0.5  # travel of the motor, in periods of a transmission error or ripple
 # Std of ln k of a gear with effects besides friction: errors were 0.05 to 0.11 % in six robots simulated by MuJoCo.
 STIFFNESS_ERROR_OF_EFFECTS = 5e-4
-_COLLAPSE_FACTOR = 10.0  # factor by which a stiffness fell below its start value, so that it starts there again
-_ROUGH = 10 * MOVE  # tolerance at which effects are compared; those selected are estimated with tolerance MOVE
+_COLLAPSE_FACTOR = 10.0  # a logarithmic parameter that the linear fit reduced by this factor starts anew
+_ROUGH = 10 * MOVE  # tolerance of estimates that are compared; the final estimate has the tolerance MOVE
 
 
 def candidate_groups(data: GearData, estimate: GearEstimate, orders: Sequence[float]) -> list[Group]:
-    """Return the candidate groups of every joint, on the scales of its own motion.
+    """Return the candidate groups of every joint, with scales relative to its motion.
 
-    Of a gear without a spring of its own friction at the motor alone: it acts in the records of the others, too.
+    A gear without a spring of its own has friction at the motor only, which acts on the other joints, too.
     """
     groups: list[Group] = []
     elastic = elastic_joints(data.linearisation)
@@ -76,14 +76,14 @@ def candidate_groups(data: GearData, estimate: GearEstimate, orders: Sequence[fl
 
 
 def travelled_turns(data: GearData, estimate: GearEstimate, j: int) -> float:
-    """Return the turns of a motor from its smallest angle to its largest, the most of all configurations."""
+    """Return the largest motor travel of all configurations at joint j, in turns."""
     pairs = zip(data.lines, estimate.drives, strict=True)
     angles = (lines.fine(np.tensordot(drive.motor_row(j), lines.Y, axes=(0, 1)).T) for lines, drive in pairs)
     return float(abs(estimate.drives[0].ratios[j]) * max(np.ptp(x, axis=1).max() for x in angles) / (2 * np.pi))
 
 
 def _sizes(data: GearData, estimate: GearEstimate, j: int) -> tuple[float, float]:
-    """Return RMS velocity of a motor and deflection of its gear, by the linear model."""
+    """Return the rms velocity of a motor and the rms deflection of its gear at joint j, by the linear model."""
     speeds, deflections = [], []
     for lines, drive in zip(data.lines, estimate.drives, strict=True):
         motor, gear = (drive.motion(location, j, lines.U) for location in ("motor", "gear"))
@@ -93,12 +93,12 @@ def _sizes(data: GearData, estimate: GearEstimate, j: int) -> tuple[float, float
 
 
 def choose_effects(data: GearData, parameters: Parameters, x: FloatArray, orders: Sequence[float]) -> GearEstimate:
-    """Select the effects by cross-validation and estimate them; x (n_x,): the optimum of a fit without any effect.
+    """Select the effects by cross-validation and estimate them; x (n_x,): optimum of the linear fit.
 
-    orders: of errors and ripples, in turns of the motor.
+    orders: of transmission errors and ripples, per motor revolution.
 
-    What that fit could not tell apart from an effect (a viscous friction of nearly nothing beside dry friction) must
-    start where the robot's file has it: parameters.x of a logarithmic one that ended at a tenth of it or less.
+    Dry friction may have reduced a logarithmic parameter of the linear fit, such as viscous friction, to nearly 0. A
+    parameter below a tenth of its nominal value therefore starts at this value.
     """
     is_at_limit = parameters.is_log & (x < parameters.x - np.log(_COLLAPSE_FACTOR))
     estimate = initial_estimate(data, parameters, np.where(is_at_limit, parameters.x, x))
@@ -115,7 +115,7 @@ def choose_effects(data: GearData, parameters: Parameters, x: FloatArray, orders
                 estimate = _best_law(data, estimate, joint, family)
         if _kinds(estimate.effects) == kinds:  # no new effect remains
             break
-    # On the grid of the search, backlash that is crossed between two samples appears 8 % too soft.
+    # On the grid of the search, backlash that is crossed between two samples would appear 8 % too soft.
     fine = [replace(lines, cells=2 * lines.cells) for lines in data.lines]
     estimate = _on_grid(_converge(replace(data, lines=fine), _on_grid(estimate, fine)), data.lines)
     if not estimate.effects:
@@ -128,18 +128,17 @@ def choose_effects(data: GearData, parameters: Parameters, x: FloatArray, orders
 
 
 def _systematic_std(estimate: GearEstimate) -> FloatArray:
-    """Return systematic standard deviation (n_f,) of the magnitudes: a part of each, and of friction as an error of
-    transmission.
+    """Return the systematic standard deviation (n_f,) of the magnitudes: SIGN_ERROR, and friction in errors.
 
-    Where friction turns between the samples its shape is known to SLIGHT of it, and what is left bends the gear as an
-    error of transmission does: beside 32 Nm of friction 20 urad were found 1 to 2.7 urad too small on six seeds.
+    Friction that reverses between samples is modelled to SLIGHT of it. The remainder deflects the gear like a
+    transmission error: with 32 Nm of friction, estimates of 20 urad were 1 to 2.7 urad too small on six seeds.
     """
     drive = estimate.drives[0]
     kinds, joints = np.array([(effect.kind, effect.joint) for effect in estimate.effects]).T
     friction = np.isin(kinds, ("friction", "behind")) * estimate.magnitudes
-    bends = (joints[:, None] == joints) @ friction / drive.k[[drive.joints.index(joint) for joint in joints]]
+    deflection = (joints[:, None] == joints) @ friction / drive.k[[drive.joints.index(joint) for joint in joints]]
     is_error = np.isin(kinds, ("error sine", "error cosine"))
-    return np.asarray(np.hypot(SIGN_ERROR * estimate.magnitudes, is_error * SLIGHT / QUANTILE_95 * bends))
+    return np.asarray(np.hypot(SIGN_ERROR * estimate.magnitudes, is_error * SLIGHT / QUANTILE_95 * deflection))
 
 
 def _on_grid(estimate: GearEstimate, lines: Sequence[PeriodLines]) -> GearEstimate:
@@ -158,7 +157,7 @@ def _kinds(effects: Sequence[GearEffect]) -> list[tuple[str, str]]:
 
 
 def _best_law(data: GearData, estimate: GearEstimate, joint: str, family: tuple[Kind, ...]) -> GearEstimate:
-    """Refit with another spring or loop of a gear, if it explains more, or as much by fewer numbers."""
+    """Return the estimate with the spring or hysteresis law of a gear that has the lowest penalised cost."""
 
     def springs_of(magnitudes: GearEstimate) -> list[GearEffect]:
         return [effect for effect in magnitudes.effects if effect.joint == joint and effect.kind in family]
@@ -174,29 +173,29 @@ def _best_law(data: GearData, estimate: GearEstimate, joint: str, family: tuple[
 
     tie = sum(lines.Y.size for lines in data.lines)
 
-    def refit(before: GearEstimate, effects: tuple[GearEffect, ...]) -> GearEstimate:
-        return _prune(data, estimate_gear_parameters(data, before, effects, _ROUGH, other_effects, cost(estimate)))
+    def refit(start: GearEstimate, effects: tuple[GearEffect, ...]) -> GearEstimate:
+        return _prune(data, estimate_gear_parameters(data, start, effects, _ROUGH, other_effects, cost(estimate)))
 
     trials = [estimate]
     for kind in family:
         if not any(effect.kind == kind or {effect.kind, kind} == {"range", "gap"} for effect in springs):
-            start = KINDS[kind].scales[len(KINDS[kind].scales) // 2] * deflection
-            trials.append(refit(estimate, (*other_effects, GearEffect(kind, joint, start))))
+            scale = KINDS[kind].scales[len(KINDS[kind].scales) // 2] * deflection
+            trials.append(refit(estimate, (*other_effects, GearEffect(kind, joint, scale))))
     best = min(trials, key=cost)
     with_range = next((trial for trial in trials if [effect.kind for effect in springs_of(trial)] == ["range"]), best)
     if best.weighted_cost < with_range.weighted_cost < best.weighted_cost + tie:
-        # One range explains a little less than a law of another kind, and two may explain much more.
+        # If one range is slightly worse than a law of another kind, two ranges may be much better.
         (first,) = springs_of(with_range)
         best = min(best, refit(with_range, (*with_range.effects, replace(first, scale=APART * first.scale))), key=cost)
-    if best is not estimate:  # scales of the other effects stayed
+    if best is not estimate:  # scales of the other effects were fixed
         best = estimate_gear_parameters(data, best, best.effects, tolerance=_ROUGH)
     return _as_gap_or_range(data, best, joint)
 
 
 def _as_gap_or_range(data: GearData, estimate: GearEstimate, joint: str) -> GearEstimate:
-    """Replace the only range of a joint by a gap if it is far stiffer beyond, and a gap by a range if it is not.
+    """Replace the only range of a joint by a gap if the spring is far stiffer beyond it, otherwise a gap by a range.
 
-    Both are one law, of which k is the stiffness without load, but of a gap that of its flanks.
+    Both are the same law; k is the stiffness at zero torque for a range, beyond the ends for a gap.
     """
     springs = [i for i, effect in enumerate(estimate.effects) if effect.joint == joint and effect.kind in SPRINGS]
     names = estimate.parameters.free_names
@@ -216,22 +215,22 @@ def _as_gap_or_range(data: GearData, estimate: GearEstimate, joint: str) -> Gear
 
 
 def _conflicts(effect: GearEffect, others: Sequence[GearEffect], *, alone: bool = False) -> bool:
-    """Return True if an effect, or its rival at the joint, is among the others: rivals trade magnitudes or k.
+    """Return whether an effect, or a rival at its joint that it is hardly distinguishable from, is among the others.
 
-    alone: no second range or element of a hysteresis, either: two that are added at once may end at one scale, where
-    neither has a magnitude.
+    alone: reject a second range or hysteresis element, too, because two that are added in one step may converge to
+    one scale.
     """
     rivals = [rival for rival in others if rival.joint == effect.joint and rival.kind in effect.row.rivals]
-    # K1 K2 K3, and elements of a loop
+    # Ranges (K1, K2, K3) and hysteresis elements of different scales add.
     if not alone and effect.kind in ("range", *LOOPS) and all(rival.kind == effect.kind for rival in rivals):
         return any(abs(np.log(rival.scale / effect.scale)) < np.log(APART) for rival in rivals)
     return effect in others or bool(rivals)
 
 
 def _prune(data: GearData, estimate: GearEstimate) -> GearEstimate:
-    """Refit without effects that are near 0, brake backwards, or are a trifle of another of their joint.
+    """Refit without effects that are insignificant, have the wrong sign, or are negligible relative to another one.
 
-    Sine and cosine go together.
+    A sine and its cosine are significant together.
     """
     size = estimate.magnitudes / np.maximum(estimate.std, 1e-300)
     power = sum(np.sum(np.abs(e.Phi) ** 2, axis=(0, 1, 2)) for e in estimate.estimates) * estimate.magnitudes**2
@@ -250,7 +249,7 @@ def _prune(data: GearData, estimate: GearEstimate) -> GearEstimate:
 
 
 def _select_effects(data: GearData, estimate: GearEstimate, groups: Sequence[Group]) -> list[GearEffect]:
-    """Select the effects of the groups that lower V in other realisations than the fitted ones, best first."""
+    """Select by forward selection the effects of the groups that lower the cross-validated V."""
     sums, prior = data.joint_normal_equations(estimate, [effect for group in groups for effect in group])
     ends = len(estimate.x) + len(estimate.magnitudes) + np.cumsum([0, *(len(group) for group in groups)])
 
@@ -265,17 +264,17 @@ def _select_effects(data: GearData, estimate: GearEstimate, groups: Sequence[Gro
         members = (np.arange(ends[i], ends[i + 1]) for i in indices)
         return _cross_validated_cost(sums, prior, np.concatenate([np.arange(ends[0]), *members]))
 
-    def pays(before: float, new_cost: float, indices: list[int]) -> bool:
+    def pays(old_cost: float, new_cost: float, indices: list[int]) -> bool:
         group = groups[indices[-1]]
-        # Of what friction leaves unexplained, the law of a spring explains a little of any gear.
+        # A nonlinear spring explains some of the distortion by approximate friction in any gear.
         gain, fraction = (MIN_GAIN_OF_SPRING, SLIGHT) if group[0].kind in SPRINGS else (MIN_GAIN, MIN_GAIN_FRACTION)
-        return before - new_cost > max(gain * len(group), fraction * before)
+        return old_cost - new_cost > max(gain * len(group), fraction * old_cost)
 
     return effects_of(greedy(larger, cost, pays)[0])
 
 
 def _cross_validated_cost(sums: Sums, prior: tuple[FloatArray, FloatArray], columns: IntArray) -> float:
-    """Return V of each realisation with the numbers `columns` (n,) estimated from the other realisations."""
+    """Return the sum of V of each realisation with the numbers `columns` (n,) estimated from all others."""
 
     def step(A: FloatArray, b: FloatArray) -> FloatArray:
         A, b = A + prior[0][columns[:, None], columns], b + prior[1][columns]
@@ -292,10 +291,7 @@ def family_of(effect: GearEffect) -> tuple[SheetNumber, str, float]:
 
 
 def magnitude_bounds(data: GearData, estimate: GearEstimate, orders: Iterable[float]) -> dict[Group, float]:
-    """Return the upper bound of each candidate group whose family has no effect in the model.
-
-    data: as the effects were found in.
-    """
+    """Return the upper 95 % bound of each candidate group whose family has no effect in the estimate."""
     families = {family_of(effect) for effect in estimate.effects}
     groups = [group for group in candidate_groups(data, estimate, tuple(orders)) if family_of(group[0]) not in families]
     (A, b, _), prior_equations = data.joint_normal_equations(estimate, [effect for group in groups for effect in group])

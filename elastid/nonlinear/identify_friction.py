@@ -13,39 +13,42 @@ from elastid.base.statistics import chi_square_limit
 from elastid.frf.checks import check_consistency
 from elastid.frf.spec import EstimatorSpec, Friction
 from elastid.frf.spectra import RecordSpectra
+from elastid.nonlinear.basis_selection import (
+    SIGN_ERROR,
+    Basis,
+    basis_error_covariance,
+    candidate_basis,
+    delay_spectra,
+    median_swing,
+    refine_basis,
+    select_basis,
+    torque_delay,
+)
 from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.friction_basis import BasisFunction
 from elastid.nonlinear.motion import VELOCITY_NOISE, motion_of
 from elastid.nonlinear.spectra import ConfigurationSpectra, compensation_torque, gather_configuration, unsuited_reason
 from elastid.nonlinear.variable_projection import (
-    DEPENDENCE_BY_CHANCE,
-    SIGN_ERROR,
-    Basis,
     NormalEquations,
-    basis_error_covariance,
-    candidate_basis,
-    delay_spectra,
     estimate_coefficients,
     inverse,
-    median_swing,
     normal_equations,
-    refine_basis,
     residual_power_ratios,
-    select_basis,
-    torque_delay,
 )
 from elastid.record import MOTION_ORDER, Record
 
-# Shapes are chosen in the first configurations, of so many records if all have as many as the first; coefficients are
-# found in all.
+# Basis functions are selected in the first configurations, which have about this number of records; the coefficients
+# are estimated in all configurations.
 _CHOICE_RECORDS = 24
-# Motion between two reversals over the presliding distance, below which the data do not show F_c, and the std over F_c
-# from which on a note says so.
+# Least motion between two reversals over the presliding distance with which F_c is identifiable, and least std over F_c
+# for a note otherwise.
 FULL_SWING, MIN_UNCERTAIN = 4.0, 0.05
+# False-alarm rate of a difference between configurations in one coefficient, for normal coefficients.
+DEPENDENCE_BY_CHANCE = 1e-5
 
 
 class _UnsuitedRecords(ValueError):
-    """Why friction cannot be found."""
+    """Reason why friction is not identifiable from the records."""
 
 
 def identify_motor_friction(
@@ -56,9 +59,10 @@ def identify_motor_friction(
 ) -> CompensatedFriction:
     """Estimate the motor friction from the records of all configurations; each record is read several times.
 
-    Shapes are chosen along the motion that samples show; coefficients are found along that between the samples, too,
-    where it moves them. Where friction cannot be found nothing is compensated, and a note says why.  execution: of the
-    configurations; the result does not depend on it. Raises DataError and StudyError as `estimate` does.
+    Basis functions are selected along the motion of the samples.  If the motion between the samples changes the
+    coefficients, it is used to estimate them.  If friction is not identifiable, nothing is compensated and a note
+    states the reason.  execution: of the configurations; it does not change the result.
+    Raises DataError and StudyError as `estimate` does.
     """
     records = tuple(measured[0])
     try:
@@ -78,9 +82,9 @@ def _identify(
     n_first, locations = -(-_CHOICE_RECORDS // len(records)), records[0].inputs
 
     def gather(
-        part: Sequence[Iterable[Record]], shapes: Sequence[BasisFunction], friction: CompensatedFriction | None = None
+        chosen: Sequence[Iterable[Record]], shapes: Sequence[BasisFunction], friction: CompensatedFriction | None = None
     ) -> list[ConfigurationSpectra]:
-        return execution.ordered(partial(_gather, locations, shapes, spec, planned, friction), part)
+        return execution.ordered(partial(_gather, locations, shapes, spec, planned, friction), chosen)
 
     if reason := refusal(records):
         raise _UnsuitedRecords(reason)
@@ -91,7 +95,7 @@ def _identify(
     if delay_s := torque_delay(data, shapes, choice, locations):
         late, late_shapes = delay_spectra(data, delay_s), tuple(replace(shape, delay_s=delay_s) for shape in shapes)
         late_choice, late_indices = select_basis(late, late_shapes, locations, spec.friction == "auto")
-        # Bristles with much damping act before their deflection, as if the torque were logged early.
+        # Bristles with large damping act before their deflection, as if the torque were logged early.
         if delay_s > 0 or any(shape.is_memoryless for shape in late_choice.shapes):
             data, shapes, choice, indices = late, late_shapes, late_choice, late_indices
     basis_spectra = [replace(spectra, Phi=spectra.Phi[:, indices]) for spectra in data]
@@ -99,12 +103,12 @@ def _identify(
     first, friction = _FrictionFit(records[0], spec, basis_spectra, choice, swings), None
     if choice.shapes:
         noise = np.sqrt(np.mean([spectra.velocity_noise**2 for spectra in basis_spectra], axis=0))
-        near = refine_basis(choice, first.sums[0], locations, noise)
-        between = replace(first, choice=near, data=gather(measured[:n_first], near.shapes, first.result))
+        refined = refine_basis(choice, first.sums[0], locations, noise)
+        between = replace(first, choice=refined, data=gather(measured[:n_first], refined.shapes, first.result))
         pairs = [[fit.result.coulomb_friction(motor)[0] for fit in (between, first)] for motor in locations]
-        # Of many configurations the motion between the samples is looked at where it moves F_c by what is known of it.
-        is_near = all(abs(coefficient - sampled) <= SIGN_ERROR * coefficient for coefficient, sampled in pairs)
-        if n_first >= len(measured) or not is_near:
+        # With many configurations the motion between the samples is used only if it changes F_c by more than its error.
+        is_equal = all(abs(coefficient - sampled) <= SIGN_ERROR * coefficient for coefficient, sampled in pairs)
+        if n_first >= len(measured) or not is_equal:
             first, friction = between, first.result
     first = replace(first, data=[*first.data, *gather(measured[n_first:], first.choice.shapes, friction)])
     return first.with_dependence() if choice.shapes else first.result
@@ -118,6 +122,7 @@ def _gather(
     friction: CompensatedFriction | None,
     measured: Iterable[Record],
 ) -> ConfigurationSpectra:
+    """Return the spectra of one configuration; raise _UnsuitedRecords if they do not determine the friction."""
     records = tuple(measured)
     check_consistency(records)
     if reason := refusal(records):
@@ -141,7 +146,7 @@ def _gather(
 
 @dataclass(frozen=True)
 class _FrictionFit:
-    """Friction of a choice of shapes in some configurations; first: a record."""
+    """Friction fit with the selected basis functions in some configurations; first: any record of them."""
 
     first: Record
     spec: EstimatorSpec
@@ -151,12 +156,12 @@ class _FrictionFit:
 
     @cached_property
     def sums(self) -> tuple[FloatArray, NormalEquations]:
-        """Coefficients (n_f,), and the sums about them."""
+        """Coefficients (n_f,), and the normal equations about them."""
         return estimate_coefficients(self.data, self.choice.motor_of)
 
     @cached_property
     def result(self) -> CompensatedFriction:
-        """Compensate friction; return it with a note on each motor."""
+        """Result with a note on each motor."""
         (coefficients, equations), first, choice = self.sums, self.first, self.choice
         ratio = residual_power_ratios(equations, len(first.inputs), choice.motor_of)
         is_compensated = np.isin(np.arange(len(first.inputs)), choice.motor_of)
@@ -178,23 +183,23 @@ class _FrictionFit:
 
     def _accelerance(self) -> FloatArray:
         """Return acceleration per torque (n_m,) of motors at the highest excited lines."""
-        tops, order = [], 2 - MOTION_ORDER[self.spec.quantity]
+        accelerances, order = [], 2 - MOTION_ORDER[self.spec.quantity]
         for data in self.data:
-            on = np.flatnonzero(data.excited)
-            on = on[-max(1, len(on) // 20) :]
-            friction = compensation_torque(self.sums[0], data.Phi[on], self.choice.motor_of, data.U.shape[1])
-            G = data.Y[on] @ np.linalg.pinv(data.U[on] - friction)
-            s = laplace_variable(data.freq_hz[on, None])
-            tops.append((np.diagonal(G, axis1=1, axis2=2) * np.exp(self.choice.delay_s * s) * s**order).real)
-        return np.maximum(np.median(np.concatenate(tops), axis=0), 0.0)
+            excited = np.flatnonzero(data.excited)
+            top = excited[-max(1, len(excited) // 20) :]
+            friction = compensation_torque(self.sums[0], data.Phi[top], self.choice.motor_of, data.U.shape[1])
+            G = data.Y[top] @ np.linalg.pinv(data.U[top] - friction)
+            s = laplace_variable(data.freq_hz[top, None])
+            accelerances.append((np.diagonal(G, axis1=1, axis2=2) * np.exp(self.choice.delay_s * s) * s**order).real)
+        return np.maximum(np.median(np.concatenate(accelerances), axis=0), 0.0)
 
     def with_dependence(self) -> CompensatedFriction:
-        """Return friction with the scatter of its coefficients over configurations, where it is more than chance's.
+        """Return the result with the variance tau^2 between configurations in its covariance, where it is significant.
 
-        Factors a_c from the coefficients to those of a configuration alone, by least squares of e = a X f, have
-        variances s_c^2 by noise. Their scatter tau counts whole, since a coefficient of another posture is one more
-        draw of it: tau^2 = (Q - C + 1) / (sum w - sum w^2 / sum w), Q = sum w (a_c - a)^2, w = 1 / s_c^2. (DerSimonian
-        and Laird, Controlled Clinical Trials 7, 1986.)
+        A factor a_c scales the friction of a motor in configuration c, e = a_c X f, with variance s_c^2 by noise:
+        tau^2 = (Q - C + 1) / (sum w - sum w^2 / sum w), Q = sum w (a_c - a)^2, w = 1 / s_c^2.  No average reduces
+        tau^2, because another configuration is one more sample. (DerSimonian and Laird, Controlled Clinical Trials 7,
+        1986.)
         """
         result, motor_of, n = self.result, self.choice.motor_of, len(self.data)
         C, notes = result.covariance.copy(), list[Note]()
@@ -219,12 +224,12 @@ class _FrictionFit:
 
 
 def _notes(result: CompensatedFriction) -> tuple[Note, ...]:
-    """Return a note for each motor; its text has the place, so that notes of several motors are not grouped."""
+    """Return a note for each motor, and one of the delay; its text names the motor, so that notes are not grouped."""
     notes = []
     if delay_ms := 1e3 * next((shape.delay_s for shape in result.shapes), 0.0):
         text = (
-            f"friction acts {delay_ms:+.3g} ms after the motions, by which it was compensated: the torques are late or "
-            f"early. State `delay: {delay_ms:.3g} ms` at the channels of role u, or free `delay_u` in the fit"
+            f"friction acts {delay_ms:+.3g} ms after the motions and is compensated with this delay: the torques are "
+            f"late or early. State `delay: {delay_ms:.3g} ms` at the channels of role u, or free `delay_u` in the fit"
         )
         notes.append(Note("nonlinear/torque-delay", text, severity="warning"))
     for motor, unit, percent in zip(result.places, result.place_units, 100 * result.residual_power_ratio, strict=True):
@@ -251,41 +256,40 @@ def _notes(result: CompensatedFriction) -> tuple[Note, ...]:
     return tuple(notes)
 
 
-def _no_friction(first: Record, why: str, friction: Friction) -> CompensatedFriction:
-    """Return a result without friction; a reason becomes a warning if the study asks for friction by name."""
-    n_m = len(first.inputs)
+def _no_friction(first: Record, reason: str, friction: Friction) -> CompensatedFriction:
+    """Return a result without compensation; its reason is a warning if the study requests a kind of friction."""
+    n_m, text = len(first.inputs), f"Coulomb friction is not compensated: {reason}"
     severity: Severity = "information" if friction == "auto" else "warning"
-    note = Note("nonlinear/friction-not-compensated", f"Coulomb friction is not compensated: {why}", severity=severity)
-    none = np.zeros((0, n_m))
+    empty = np.zeros((0, n_m))
+    note = Note("nonlinear/friction-not-compensated", text, severity=severity)
     return CompensatedFriction(
         first.inputs, first.units_of_inputs, shapes=(), coulomb_torque=np.zeros(0), covariance=np.zeros((0, 0)),
-        configurations=(), before=none, after=none, residual_power_ratio=np.ones(n_m), accelerance=np.zeros(n_m),
-        notes=(note,) if why else (),
+        configurations=(), before=empty, after=empty, residual_power_ratio=np.ones(n_m), accelerance=np.zeros(n_m),
+        notes=(note,) if reason else (),
     )  # fmt: skip
 
 
 def refusal(records: Sequence[Record]) -> str:
-    """Return the reason why friction is not identifiable from the records of a configuration, else ""."""
+    """Return the reason why friction is not identifiable from the records of a configuration, or ""."""
     first = records[0]
     if reason := unsuited_reason(first):
         return reason
     equal = np.zeros(len(first.inputs)) if first.r is None else np.all(first.u == first.r, axis=0)
-    if same := [motor for motor, is_equal in zip(first.inputs, equal, strict=True) if is_equal]:
+    if motors := [motor for motor, is_equal in zip(first.inputs, equal, strict=True) if is_equal]:
         return (
-            f"the torque of {', '.join(same)} equals the reference to the last bit, so that the controller's part "
-            "against friction is not in it and friction cannot be found; log the torque, or the current, that the "
-            "drive is given"
+            f"the torque of {', '.join(motors)} equals the reference to the last bit, so it does not contain the "
+            "controller's reaction to friction. Log the torque or current that the drive receives"
         )
     if any(RecordSpectra(record).is_large for record in records):
-        return "the records are worked on in pieces, since they are large; leave periods out, or lower their rate"
+        return "the records are too large to be processed in one piece. Remove periods, or lower their rate"
     n_u, K = len(first.inputs), len(records)
     if n_u > K:
-        return f"{K} experiments do not separate {n_u} inputs; measure more, since friction is what responses leave"
+        return f"{K} experiments do not separate {n_u} inputs. Measure at least {n_u}"
     for motor in first.inputs:
         motion = motion_of(first, motor)
         if motion.velocity_noise > VELOCITY_NOISE * motion.speed:
             return (
-                f"the velocity of {motor} is {motion.speed:.2g} RMS and its noise {motion.velocity_noise:.2g}, so that "
-                "its sign is not known; use an encoder of more counts, or excite slower or larger motions"
+                f"the velocity of {motor} is {motion.speed:.2g} RMS and its noise {motion.velocity_noise:.2g}, so its "
+                "sign is unknown. Use an encoder with a finer resolution, or excite slower or larger motions"
             )
     return ""

@@ -2,16 +2,16 @@ r"""Period model: the linear model of a configuration on all lines of its period
 
 .. math:: Z(s)\, q = B u - \sum_i f_i P_i \Phi_i, \qquad Z = s^2 M + s D + K, \qquad H = Z^{-1}
 
-P_i: the motor's coordinate, the link's, or the deflection of the gear, as rows in the model's coordinates. A rigid arm
-takes, along the motion that was measured,
+P_i: row of the motor angle, the link angle or the gear deflection in the model's coordinates. Along the measured
+motion, a rigid arm has the torques
 
 .. math:: \tau(\delta) = Z^T [M(q)\, \ddot q + f(q, \dot q)], \quad \varphi(q) = 0, \quad \dot q = Z \dot\delta, \qquad
           \tau_g = \tau(\delta) - \tau(0) - \left.\frac{d \tau(h \delta)}{d h}\right|_{h = 0}
 
-They are distortion that a straight spring passes on, of second and third order in the motion delta of the joints. Of a
-carrier's slow turn they look like errors of transmission, which are functions of the angle, too. Z (n_q, n): motors
-turn with their joints, and joints that neither a motor nor a spring holds follow the loops, whose forces do no work
-along Z. The same therefore in every formulation of a robot with loops.
+tau_g is distortion of second and third order in the motion delta of the joints, also with linear springs. During a
+superimposed slow motion it resembles a transmission error, which is a function of the angle, too. Z (n_q, n): motors
+move with their joints, and passive joints follow the loops, whose forces do no work along Z. The result is therefore
+the same in every formulation of a robot with loops.
 """
 
 from dataclasses import dataclass, replace
@@ -31,7 +31,7 @@ from elastid.model.closed_posture import open_loops
 from elastid.model.drivetrain import input_matrix, spring_deflections
 from elastid.model.formulation import formulate
 from elastid.nonlinear.basis_functions import Place
-from elastid.nonlinear.spectra import PeriodLines
+from elastid.nonlinear.period_lines import PeriodLines
 from elastid.parameters import DELAY, Parameters
 from elastid.record import MOTION_ORDER, Configuration
 from elastid.response import Response
@@ -43,14 +43,12 @@ TORQUE_BAND = 2  # highest line of the torques over the highest line of the moti
 
 @dataclass(frozen=True, eq=False)
 class DriveLines:
-    """H (F, n, n), C (n_u, n) of the motor angles, G (F, n_u, n_u) of the logged angles including aliases of the held
-    torque.
+    """Linear model of a configuration: H (F, n, n), C (n_u, n) of the motor angles, G (F, n_u, n_u) of logged signals.
 
-    command (F, n_u): the torque that acts over the one that was logged.  sensor (F, n_u): logged angle over the true
-    one.  images (F, n_u, n_u): what G has beyond sensor C H B command.  joints (n_j,): those that are driven, with the
-    turns `ratios` (n_j,) of motors for one of theirs.  places: their rows (n_j, n) of motors, gears and links.
-    k, d, torque (n_j,): of their springs, and what these bear at rest; of a gear without a spring of its own 1, 0 and
-    0, which deflects by nothing.  chain (P, n_x): d theta / d x of the parameters
+    command (F, n_u): acting over logged torque.  sensor (F, n_u): logged over true angle.  images (F, n_u, n_u):
+    aliases of the zero-order hold, G - sensor C H B command.  joints (n_j,): driven joints.  ratios (n_j,): motor turns
+    per joint turn.  places: rows (n_j, n) of motors, gears and links.  k, d, torque (n_j,): stiffness, damping and
+    static torque of the gears; 1, 0, 0 for a gear without a spring of its own.  chain (P, n_x): d theta / d x of
     `kernel.parameters`.
     """
 
@@ -73,16 +71,16 @@ class DriveLines:
     chain: FloatArray
 
     def directions(self, place: Place, joint: int) -> FloatArray:
-        """Return the row (n,) of a place at a joint."""
+        """Return the row (n,) of a location at a joint (index)."""
         return np.asarray(self.places[place][joint])
 
     def motion(self, place: Place, joint: int, U: ComplexArray) -> ComplexArray:
-        """Return the motion (F, M) of a place by torques (F, n_u, M) that were logged, in the linear model."""
+        """Return the motion (F, M) of a location by the logged torques U (F, n_u, M) in the linear model."""
         q = self.H @ (self.B @ (self.command[:, :, None] * U))
         return np.tensordot(self.directions(place, joint), q, axes=(0, 1))
 
     def motor_row(self, joint: int) -> FloatArray:
-        """Return the angle of a motor by the logged angles (n_u,)."""
+        """Return the row (n_u,) of a motor angle in the logged angles."""
         return self.directions("motor", joint) @ np.linalg.pinv(self.C)
 
 
@@ -95,7 +93,10 @@ def elastic_joints(linearisation: Linearisation) -> tuple[str, ...]:
 def drive_lines(
     lines: PeriodLines, linearisation: Linearisation, response: Response, parameters: Parameters, x: FloatArray
 ) -> DriveLines:
-    """Return the model at x (n_x,). response: fitted response of the same configuration, with all motors as inputs."""
+    """Return the model at x (n_x,) on all lines of a period.
+
+    response: fitted response of the same configuration, with all motors as inputs.
+    """
     robot, name = linearisation.model.robot, lines.configuration.name
     theta = parameters.expand(x, name)
     motors = [response.outputs.index(location) for location in response.inputs]
@@ -134,20 +135,20 @@ def drive_lines(
     return DriveLines(model, kernel, theta, H, C, model.B, G, images, command, sensor, *joint_numbers, chain)
 
 
-def geometric_torques(robot: Robot, at: Configuration, motion: ComplexArray, s: ComplexArray) -> ComplexArray:
+def geometric_torques(robot: Robot, point: Configuration, motion: ComplexArray, s: ComplexArray) -> ComplexArray:
     """Return tau_g (F + 1, n, M) of the driven joints, its mean and lines s (F,), by their motion (F, n, M).
 
-    Masses and lengths are those of the robot's file.  DataError where its loops do not close along the motion.
+    Masses and lengths are nominal values.  Raises StudyError if the loops do not close along the motion.
     """
-    robot, (F, n, M) = robot.carrying(at.has_payload), motion.shape
+    robot, (F, n, M) = robot.carrying(point.has_payload), motion.shape
     model = formulate(robot)
-    q0 = equilibrium(model, model.theta, at).q
+    q0 = equilibrium(model, model.theta, point).q
     states = [_signals(motion * s[:, None, None] ** order).T for order in range(3)]
     if gap := open_loops(robot, model.B.T @ q0 + states[0]):
         raise StudyError(
             "robot/loops",
-            f"the loops of robot {robot.name} stay open by {gap:.2g} m along the motion of the records, so that its "
-            "own distortion is not known; check the lengths of its loops, and the angles of configurations",
+            f"the loops of robot {robot.name} stay open by {gap:.2g} m along the motion of the records, so the "
+            "distortion by its arm is unknown. Check the lengths of its loops, and the angles of configurations",
         )
 
     def tau(fraction: float) -> FloatArray:
@@ -160,17 +161,17 @@ def geometric_torques(robot: Robot, at: Configuration, motion: ComplexArray, s: 
 
 
 def without_arm(lines: PeriodLines, drive: DriveLines, robot: Robot) -> PeriodLines:
-    """Return lines with tau_g subtracted, and their angles with its motion subtracted.
+    """Return lines with the torques tau_g of the arm, and without the motion of the angles by these torques.
 
-    The motion of the joints is that of the model `drive` under tau_g, and such torques at the motors as make the rest
-    of the measured angles.
+    Torques tau_g at the links, and torques at the motors that explain the remaining measured angles, move the joints
+    of the model `drive`.
     """
     top = int(np.flatnonzero(lines.excited)[-1]) + 1
     n_lines = min(TORQUE_BAND * top, len(lines.s))
     H, links, sensor = drive.H[:n_lines], drive.places["link"], drive.sensor[:n_lines, :, None]
     angle_map = links @ H @ drive.B @ np.linalg.inv(drive.C @ H @ drive.B)
     Y, arm = lines.Y.copy(), np.zeros((len(lines.s) + 1, len(links), lines.Y.shape[2]), complex)
-    for _ in range(3):  # motion and torques by each other
+    for _ in range(3):  # fixed-point iteration: motion and torques depend on each other
         motion = angle_map @ (Y[:n_lines] / sensor) - links @ H @ links.T @ arm[1 : n_lines + 1]
         motion[top:] = 0.0
         arm[: n_lines + 1] = geometric_torques(robot, lines.configuration, motion, lines.s[:n_lines])
@@ -179,9 +180,9 @@ def without_arm(lines: PeriodLines, drive: DriveLines, robot: Robot) -> PeriodLi
 
 
 def _signals(X: ComplexArray) -> FloatArray:
-    """Return signals (n, N M) of amplitudes (F, n, M) of lines 1 to F.
+    """Return signals (n, N M) of amplitudes X (F, n, M) of lines 1 to F.
 
-    N = 8 (F + 1): products of three of them are not folded onto these lines.
+    N = 8 (F + 1): products of three signals have no aliases on these lines.
     """
     F, n, M = X.shape
     N = 8 * (F + 1)

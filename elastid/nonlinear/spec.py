@@ -7,7 +7,7 @@ from elastid.base.section import Key, section
 
 @section
 class GearsSpec:
-    """Effects of gears besides their springs, found from the records together with the parameters of the fit."""
+    """Gear effects besides linear springs, estimated from the records together with the parameters of the fit."""
 
     # fmt: off
     orders: Annotated[tuple[float, ...], Key("Candidate orders per motor revolution of transmission error and torque "

@@ -27,7 +27,7 @@ from elastid.store.files import write_rows, write_text
 from elastid.targets.code import c_sources, dense
 from elastid.targets.numbers import c_row
 from elastid.targets.target import Target
-from elastid.use.trajectory_optimisation import SLIDING
+from elastid.use.commanded_robot import SLIDING
 
 
 def write_observers(folder: Path, observers: Mapping[str, TrackedFriction]) -> tuple[Path, ...]:

@@ -1,11 +1,11 @@
-r"""Cascade of P position, PI velocity, notches and low pass, axis by axis, with its slopes to its numbers.
+r"""Cascade of P position and PI velocity controllers with notches and a low pass on each axis, and its derivatives.
 
 With filters N and L and a delay of d samples,
 
 .. math:: F = K_v \Bigl(K_p + \frac{1 - z^{-1}}{T_s}\Bigr) \Bigl(1 + \frac{T_s}{T_i} \frac{z^{-1}}{1 - z^{-1}}\Bigr)
           \prod N \, L \, z^{-d}, \qquad T_i = 1 / K_p
 
-so that the loop has a double zero at K_p: a disturbance dies out as fast as a reference is followed.
+With this T_i the loop has a double zero at K_p: it rejects disturbances as fast as it follows references.
 """
 
 import math
@@ -20,14 +20,14 @@ from elastid.simulation.controller import Filters, low_pass, notch
 from elastid.simulation.spec import ControllerSpec, GainsSpec, NotchSpec
 from elastid.use.closed_loops import Closed, Scene
 
-WIDTHS, DEPTHS = (0.15, 3.0), (0.05, 1.0)  # of notches
-LOWEST, HIGHEST = 2e-3, 0.45  # of a notch over the rate
-CORNER = 0.4  # largest of a low pass over the rate
+WIDTHS, DEPTHS = (0.15, 3.0), (0.05, 1.0)  # ranges of notches
+LOWEST, HIGHEST = 2e-3, 0.45  # frequency of a notch over the rate
+CORNER = 0.4  # largest corner of a low pass over the rate
 
 
 @frozen_value(eq=False)
 class Cascade:
-    """K_p, K_v and corner of the low pass (n_u,), all positive, and notches (n, 3) of the motors `axes` (n,).
+    """Positive K_p, K_v and corner of the low pass (n_u,), and notches (n, 3) of the motors `axes` (n,).
 
     delay: in samples.
     """
@@ -41,21 +41,21 @@ class Cascade:
 
     @property
     def vector(self) -> FloatArray:
-        """x (n_x,): logarithms of all numbers."""
+        """Logarithms x (n_x,) of all numbers."""
         return np.log(np.concatenate((self.position_gain, self.velocity_gain, self.low_pass_hz, self.notches.ravel())))
 
     @property
     def owners(self) -> IntArray:
-        """Axis (n_x,) of each of x."""
+        """Axis (n_x,) of each entry of x."""
         return np.concatenate([*[np.arange(len(self.velocity_gain))] * 3, np.repeat(np.array(self.axes, int), 3)])
 
     def at(self, x: FloatArray) -> "Cascade":
-        """Return the cascade with other numbers, of logarithms x (n_x,)."""
+        """Return the cascade with the numbers exp(x), x (n_x,)."""
         p, v, corner, notches = np.split(np.exp(x), np.cumsum([len(self.velocity_gain)] * 3))
         return replace(self, position_gain=p, velocity_gain=v, low_pass_hz=corner, notches=notches.reshape(-1, 3))
 
     def bounds(self, reach: float, rate_hz: float) -> tuple[FloatArray, FloatArray]:
-        """Return bounds (n_x,) of x, within `reach` of the present x and for realisable filters."""
+        """Return lower and upper bounds (n_x,): x -+ reach, and realisable filters."""
         x, n = self.vector, len(self.velocity_gain)
         low, high = x - reach, x + reach
         high[2 * n : 3 * n] = np.minimum(high[2 * n : 3 * n], np.log(CORNER * rate_hz))
@@ -65,12 +65,12 @@ class Cascade:
         return np.minimum(low, x), np.maximum(high, x)
 
     def slower(self, position: float, velocity: float) -> "Cascade":
-        """Return the cascade with position and velocity gains of all axes times factors; filters stay."""
+        """Return the cascade with position and velocity gains multiplied by factors, and the same filters."""
         return replace(self, position_gain=position * self.position_gain, velocity_gain=velocity * self.velocity_gain)
 
     @property
     def gains(self) -> JointLoop:
-        """Gains as a simulation takes them."""
+        """Gains (n_u,) of the equivalent PID loop, for simulations."""
         return JointLoop(self.position_gain * self.velocity_gain, self.velocity_gain, self.position_gain)
 
     def filters(self, rate_hz: float) -> Filters:
@@ -81,7 +81,7 @@ class Cascade:
         return Filters(tuple(sections), self.delay)
 
     def log_slopes(self, delay: ComplexArray, rate_hz: float) -> ComplexArray:
-        r"""Return d ln F_i / dx (..., n_x), i the axis of each of x; axes answer independently.
+        r"""Return d ln F_i / dx (..., n_x) at delay = 1 / z (...); i is the axis of each entry of x.
 
         .. math:: L = \frac{1}{s^2 + \sqrt 2 s + 1}, \quad N = \frac{s^2 + d w s + 1}{s^2 + w s + 1}, \quad
                   s = \frac{1 - z^{-1}}{1 + z^{-1}} \Big/ \tan\frac{\omega}{2 f_s}
@@ -89,9 +89,9 @@ class Cascade:
         backward = 1 - delay[..., None]
         centre, width, depth = self.notches.T
 
-        def scaled_s(of_filter_hz: FloatArray) -> tuple[ComplexArray, FloatArray]:
+        def scaled_s(filter_hz: FloatArray) -> tuple[ComplexArray, FloatArray]:
             """Return s (..., n), and d ln s / d ln omega (n,)."""
-            omega = 2 * np.pi * of_filter_hz / rate_hz
+            omega = 2 * np.pi * filter_hz / rate_hz
             return backward / (2 - backward) / np.tan(omega / 2), -omega / np.sin(omega)
 
         def slope(s: ComplexArray, w: FloatArray | float) -> ComplexArray:
@@ -108,11 +108,11 @@ class Cascade:
         return np.concatenate([of_position, np.ones_like(of_position), of_corner, of_notches], axis=-1)
 
     def on(self, scene: Scene) -> Closed:
-        """Return the loops that this cascade closes on the plants of a scene."""
+        """Return the loops of this cascade and the plants of a scene."""
         return Closed(scene, self.gains, self.filters(scene.plants.rate_hz))
 
     def reached(self, scene: Scene) -> float:
-        """Return the mean over the axes of the logarithm of the bandwidth, the smallest of all plants."""
+        """Return the mean over axes of the logarithm of the smallest bandwidth of all plants."""
         return float(np.log(self.on(scene).bandwidth_hz.min(axis=0)).mean())
 
     def to_spec(self, joints: Sequence[str]) -> ControllerSpec:
@@ -123,7 +123,7 @@ class Cascade:
 
         pairs = zip(self.axes, self.notches, strict=True)
         notches = tuple(NotchSpec(joints[axis], *rounded(row)) for axis, row in pairs)
-        parts = self.position_gain, self.velocity_gain, 1 / self.position_gain, self.low_pass_hz
-        position, velocity, integral, corner = map(rounded, parts)
-        gains = GainsSpec(position, velocity, integral, notches, corner)
+        numbers = self.position_gain, self.velocity_gain, 1 / self.position_gain
+        position, velocity, integral = map(rounded, numbers)
+        gains = GainsSpec(position, velocity, integral, notches, rounded(self.low_pass_hz))
         return ControllerSpec(kind="cascade", gains=gains, delay_samples=self.delay)

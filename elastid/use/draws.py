@@ -14,9 +14,9 @@ from elastid.robot import Robot
 
 @dataclass(frozen=True, eq=False)
 class DrawnRobots:
-    """names (n_p,) of the parameters that move, delay included; values (N, n_p), SI; robots, their numbers exact.
+    """N posterior samples: names (n_p,) of the parameters including the delay, values (N, n_p), SI, and robots.
 
-    x (N, n_x + n_d): as in `EstimatedTheta`.  fixed: parameters that the data do not reach, which keep their estimate.
+    x (N, n_x + n_d): as in `EstimatedTheta`.  fixed: parameters without a finite variance, which keep their estimate.
     """
 
     names: tuple[str, ...]
@@ -29,8 +29,7 @@ class DrawnRobots:
 def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = "") -> DrawnRobots:
     """Draw `count` robots from the normal distribution of x (`Result.covariance_of_prediction`), within its bounds.
 
-    configuration: whose parameters count, where configurations have their own.  FitError where nearly no draw is a
-    physical robot.
+    configuration: selects its parameters if configurations differ.  FitError if nearly no sample is a physical robot.
     """
     covariance, exact = result.covariance_of_prediction, replace(result.nominal_robot, tolerances="exact")
     names = result.parameters.dependent_names(configuration)
@@ -51,7 +50,7 @@ def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = 
             robots.append(exact.with_parameters(numbers))
         except ValueError:
             n_bad += 1
-            # A fit with more than 20 impossible draws for each robot is too uncertain to be drawn from.
+            # With more than 20 impossible samples for each possible one, the fit is too uncertain.
             if n_bad > 20 * (len(robots) + 10):
                 raise FitError(
                     "fit/impossible-inertia",

@@ -7,10 +7,10 @@ in all postures q, and for 95 % of the posterior samples of a fit in all of them
 Multivariable Feedback Control, 2nd ed., 2005, section 2.4.3). The bandwidth of an axis is nearly K_p / 2 pi. The search
 starts at the fastest of a few rules within the limit (velocity loops at a fraction of the first mode, position loops
 slower by a factor of 4 to 32). It is sequential quadratic programming over the logarithms (SLSQP, Kraft 1988), with
-exact derivatives of M_S in parts of the band of each posture. A notch is added if the sensitivity of an axis is at its
-limit and the notch increases the bandwidth. Each result is slowed down, in the position loops or in all loops, until
-all loops are stable and within the limit. The result with the largest bandwidths is selected. Slower is not always
-safer: slow loops do not stabilise a posture that is unstable under gravity.
+exact derivatives of M_S in frequency bands of each posture. A notch is added if the sensitivity of an axis is at its
+limit and the notch increases the bandwidth. The gains of each result are reduced, in the position loops or in all
+loops, until all loops are stable and within the limit. The result with the largest bandwidths is selected. Low gains
+are not always safe: they do not stabilise a posture that is unstable under gravity.
 """
 
 from collections.abc import Callable, Iterator
@@ -23,34 +23,36 @@ from scipy.optimize import minimize
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
 from elastid.use.cascade import HIGHEST, Cascade
-from elastid.use.closed_loops import LIMIT_DB, Plants, Scene, scaled
+from elastid.use.closed_loops import LIMIT_DB, Scene, scaled
+from elastid.use.plants import Plants
 
 MAX_NOTCHES = 2  # of an axis
-_BANDS = 10  # parts of the grid whose peaks are limited each by itself
-_ROUNDS, _STEPS, _REACH = 8, 12, 0.5  # of the search: each within e^0.5 of where it starts
-_SLOWER, _SLOWEST = 0.98, 200  # factor and most steps of slowing down
+_BANDS = 10  # frequency bands, each with a constraint on its peak
+_ROUNDS, _STEPS, _REACH = 8, 12, 0.5  # rounds, SLSQP steps in each, and largest change of x in each
+_SLOWER, _SLOWEST = 0.98, 200  # factor and most steps of a reduction of gains
 
 
-def _keeps(scene: Scene, cascade: Cascade, limit_db: float) -> bool:
+def _is_within(scene: Scene, cascade: Cascade, limit_db: float) -> bool:
+    """Return whether all loops are stable and their sensitivity is within the limit."""
     loops = cascade.on(scene)
     return bool(20 * np.log10(loops.size.max()) <= limit_db and loops.stable.all())
 
 
 def slow_down(cascade: Cascade, is_accepted: Callable[[Cascade], bool], slowest: int = _SLOWEST) -> Cascade | None:
-    """Return the first slower copy of a controller within its limit, to a quarter of a step; None if no copy is."""
+    """Return the first copy of a controller with reduced gains that is accepted, to a quarter of a step; or None."""
     for step in range(slowest):
-        for factor in (0.0, 1.0):  # of the slowing that the velocity loops take part in
+        for factor in (0.0, 1.0):  # reduction of the velocity gains over that of the position gains
 
             def at(steps: float, factor: float = factor) -> Cascade:
                 return cascade.slower(_SLOWER**steps, _SLOWER ** (factor * steps))
 
             if is_accepted(at(step)):
-                return next(filter(is_accepted, (at(step - part) for part in (0.75, 0.5, 0.25) if step)), at(step))
+                return next(filter(is_accepted, (at(step - x) for x in (0.75, 0.5, 0.25) if step)), at(step))
     return None
 
 
 def initial_cascades(plants: Plants, first_mode_hz: float, delay: int) -> Iterator[Cascade]:
-    """Yield cascades with velocity bandwidths of 2 to 1/30 times first mode or delay limit; gains by inertia."""
+    """Yield cascades with velocity bandwidths of 2 to 1/30 of the first mode (or delay limit) and gains by inertia."""
     top = 2 * np.pi * min(first_mode_hz, plants.rate_hz / (8 * (1 + delay)))
     inertia = np.exp(np.log(plants.inertia).mean(axis=0))
     corner = np.full(len(inertia), 0.3 * plants.rate_hz)
@@ -60,9 +62,9 @@ def initial_cascades(plants: Plants, first_mode_hz: float, delay: int) -> Iterat
 
 
 def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIMIT_DB) -> Iterator[Cascade]:
-    """Yield better and better controllers within the limit on all plants; FitError where no gain does."""
+    """Yield controllers of increasing bandwidth within the limit on all plants; FitError without any."""
     starts = initial_cascades(scene.plants, first_mode_hz, delay)
-    feasible = [cascade for cascade in starts if _keeps(scene, cascade, limit_db)]
+    feasible = [cascade for cascade in starts if _is_within(scene, cascade, limit_db)]
     best = max(feasible, key=lambda cascade: cascade.reached(scene), default=None)
     if best is None:
         raise FitError(
@@ -77,14 +79,14 @@ def design(scene: Scene, first_mode_hz: float, delay: int, limit_db: float = LIM
         candidates = [tune_gains(scene, cascade, limit_db, rounds=2) for cascade in _with_notch(scene, best)]
         start = max(filter(None, candidates), key=lambda cascade: cascade.reached(scene), default=best)
         candidate = tune_gains(scene, start, limit_db) or best
-        if candidate.reached(scene) < best.reached(scene) + 0.02:  # a notch is kept for 2 % of bandwidth
+        if candidate.reached(scene) < best.reached(scene) + 0.02:  # a notch must increase the bandwidth by 2 %
             return
         best = candidate
         yield best
 
 
 def _with_notch(scene: Scene, best: Cascade) -> Iterator[Cascade]:
-    """Yield cascades with a shallow notch more for one axis, below and above the peak to which it contributes most."""
+    """Yield cascades with another shallow notch for each axis, below and above the peak that this axis dominates."""
     U, size, Vh = np.linalg.svd(scaled(best.on(scene).S, scene.plants.inertia))
     contributions = np.abs(U[..., 0] * Vh[..., 0, :]) * size[..., :1]
     for axis in range(len(best.velocity_gain)):
@@ -97,22 +99,22 @@ def _with_notch(scene: Scene, best: Cascade) -> Iterator[Cascade]:
 
 
 def tune_gains(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROUNDS) -> Cascade | None:
-    """Maximise position gains by rounds of sequential quadratic programming; None for a start that no slowing helps."""
-    is_accepted = partial(_keeps, scene, limit_db=limit_db)
+    """Maximise position gains by rounds of SLSQP; None if a start with reduced gains is not within the limit either."""
+    is_accepted = partial(_is_within, scene, limit_db=limit_db)
 
     @lru_cache(maxsize=2)
     def margin_at(x: bytes) -> tuple[FloatArray, FloatArray]:
         return sensitivity_margin(scene, start.at(np.frombuffer(x)), limit_db)
 
     n = len(start.velocity_gain)
-    uphill = np.eye(n, len(start.vector)).sum(axis=0) / n  # the mean of ln K_p over the axes
+    gradient = np.eye(n, len(start.vector)).sum(axis=0) / n  # of the mean of ln K_p over the axes
     best, step_bound = slow_down(start, is_accepted), _REACH
     if best is None:
         return None
     for _ in range(rounds):
         low, high = best.bounds(step_bound, scene.plants.rate_hz)
         optimum = minimize(
-            lambda x: (-uphill @ x, -uphill), best.vector, jac=True, method="SLSQP",
+            lambda x: (-gradient @ x, -gradient), best.vector, jac=True, method="SLSQP",
             bounds=list(zip(low, high, strict=True)), options={"maxiter": _STEPS, "ftol": 1e-5},
             constraints={
                 "type": "ineq", "fun": lambda x: margin_at(x.tobytes())[0], "jac": lambda x: margin_at(x.tobytes())[1],
@@ -129,7 +131,7 @@ def tune_gains(scene: Scene, start: Cascade, limit_db: float, rounds: int = _ROU
 
 
 def sensitivity_margin(scene: Scene, form: Cascade, limit_db: float) -> tuple[FloatArray, FloatArray]:
-    """Return limit less M_S, dB (n,), of each part of the band of each plant, and slopes (n, n_x) to logarithms x."""
+    """Return the limit minus M_S, dB (n,), in each band of each plant, and its slopes (n, n_x) by x."""
     closed, root = form.on(scene), np.sqrt(scene.plants.inertia)
     S, sizes = closed.S, closed.size
     bands = np.array_split(np.arange(sizes.shape[1]), _BANDS)
@@ -137,29 +139,29 @@ def sensitivity_margin(scene: Scene, form: Cascade, limit_db: float) -> tuple[Fl
     rows = np.repeat(np.arange(len(sizes)), _BANDS)
     margin_db = limit_db - 0.02 - 20 * np.log10(sizes[rows, lines])
     # d sigma = -Re u^H S dF P S v in scaled coordinates.
-    at, scale, owners = S[rows, lines], root[rows], form.owners
-    left, sigma, right = np.linalg.svd(at / scale[:, :, None] * scale[:, None, :])
-    left_factor = np.einsum("ki,kij->kj", left[:, :, 0].conj() / scale, at)
-    right_factor = np.einsum("kij,kjl,kl->ki", scene.P[rows, lines], at, right[:, 0].conj() * scale)
-    through = left_factor * closed.F[rows, lines] * right_factor
+    peak_S, scale = S[rows, lines], root[rows]
+    U, sigma, Vh = np.linalg.svd(peak_S / scale[:, :, None] * scale[:, None, :])
+    output_factor = np.einsum("ki,kij->kj", U[:, :, 0].conj() / scale, peak_S)
+    input_factor = np.einsum("kij,kjl,kl->ki", scene.P[rows, lines], peak_S, Vh[:, 0].conj() * scale)
+    by_controller = output_factor * closed.F[rows, lines] * input_factor
     log_slopes = form.log_slopes(scene.delay[rows, lines], scene.plants.rate_hz)
-    slopes = -(through[:, owners] * log_slopes).real / sigma[:, :1]
-    if not closed.stable.all():  # a step too far counts as farther than any limit
+    slopes = -(by_controller[:, form.owners] * log_slopes).real / sigma[:, :1]
+    if not closed.stable.all():  # a step to an unstable loop violates every constraint
         margin_db = margin_db - 60
     return margin_db, -20 / np.log(10) * slopes
 
 
 def design_robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, delay: int) -> Cascade:
-    """Design a controller that keeps the limit on the estimate and on 95 % of D draws.
+    """Design a controller that is within the limit on the estimate and on 95 % of D posterior samples.
 
-    draws: D times as many plants as the estimate has, or none.  FitError where no gains do.
+    draws: D times as many plants as the estimate, or None.  FitError if there is no such controller.
     """
     limit_db, Q, scene = LIMIT_DB, len(estimate), Scene.of(estimate)
     fine = Scene.of(estimate, lines=600, per_mode=41)
     scene_of_draws = None if draws is None else Scene.of(draws, lines=120, per_mode=9)
 
     def excess(cascade: Cascade) -> float:
-        """Return dB by which the peak of the estimate, or the 95 % quantile of the draws, is above the limit."""
+        """Return the excess over the limit, dB, of the estimate's peak or the 95 % quantile of the samples' peaks."""
         peaks = [float(cascade.on(fine).peaks_db.max())]
         if scene_of_draws is not None:
             of_draws = cascade.on(scene_of_draws).peaks_db.reshape(-1, Q).max(axis=1)
@@ -167,13 +169,13 @@ def design_robust(estimate: Plants, draws: Plants | None, first_mode_hz: float, 
         return max(peaks) - LIMIT_DB
 
     candidates: list[Cascade] = []
-    for i in range(3):  # designs with limits that are lowered by what the draws exceed
+    for i in range(3):  # the limit of each design is lowered by the excess of the samples
         better = [tune_gains(scene, candidates[-1], limit_db)] if i else design(scene, first_mode_hz, delay, limit_db)
         candidates += filter(None, better)
-        if (above := excess(candidates[-1])) <= 0:
+        if (excess_db := excess(candidates[-1])) <= 0:
             break
-        limit_db -= min(above + 0.01, 1.5)
-    # Slowing may cost one of them half its bandwidth, and another nothing.
+        limit_db -= min(excess_db + 0.01, 1.5)
+    # The reduction of gains may cost one candidate half of its bandwidth, and another none.
     safe = [*filter(None, (slow_down(start, lambda cascade: excess(cascade) <= 0) for start in candidates))]
     if not safe:
         raise FitError("use/gains", "no gains keep the sensitivity below 6 dB for 95 % of the posterior samples")

@@ -1,4 +1,4 @@
-r"""A fitted robot with locked motors in many postures at once: equilibria, matrices and slopes as stacked arrays.
+r"""Linear models of a fitted robot with locked motors in many postures: equilibria, matrices and slopes as stacks.
 
 .. math:: \frac{d(M, D, K, J)}{d\theta} = \frac{\partial(M, D, K, J)}{\partial \theta}
           - \frac{\partial(M, D, K, J)}{\partial q} K^{-1} \frac{\partial^2 V}{\partial q\, \partial \theta}
@@ -29,11 +29,10 @@ from elastid.record import Configuration
 
 @dataclass(frozen=True, eq=False)
 class LockedPostures:
-    """Linear models of Q postures, between force and motion (3,) of a frame in the axes of the base.
+    """Linear models of Q postures, from force to motion (3,) of a frame, in the axes of the base.
 
-    M, D, K (Q, n, n), J (Q, 3, n), and their slopes to P parameters: triangles (Q, 3 n (n + 1) / 2, P), lower, of M, D,
-    K in turn, and J_slopes (Q, 3, n, P).  stiffness (Q, n_s), deflection (Q, n_s, n): of springs.
-    position (Q, 3): of the frame.
+    M, D, K (Q, n, n), J (Q, 3, n).  Slopes by P parameters: triangles (Q, 3 n (n + 1) / 2, P), the lower triangles of
+    M, D and K, and J_slopes (Q, 3, n, P).  stiffness (Q, n_s), deflection (Q, n_s, n): of springs.  position (Q, 3).
     """
 
     M: FloatArray
@@ -47,7 +46,7 @@ class LockedPostures:
     position: FloatArray
 
     def motions(self, s: ComplexArray, forces: FloatArray) -> ComplexArray:
-        """Return (s^2 M + s D + K)^-1 J^T F (Q, L, n, m) of forces F (Q or 1, 3, m) at s (Q or 1, L) in rad/s."""
+        """Return (s^2 M + s D + K)^-1 J^T F (Q, L, n, m) for forces F (Q or 1, 3, m) at s (Q or 1, L), rad/s."""
         s = s[:, :, None, None]
         Z = s**2 * self.M[:, None] + s * self.D[:, None] + self.K[:, None]
         return np.asarray(np.linalg.solve(Z, (self.J.mT @ forces).astype(complex)[:, None]), complex)
@@ -56,8 +55,8 @@ class LockedPostures:
         self, s: ComplexArray, a: FloatArray | ComplexArray, b: FloatArray | ComplexArray, x: ComplexArray,
         y: ComplexArray,
     ) -> ComplexArray:  # fmt: skip
-        """Return slopes (Q, L, P) of a^T G b of directions (Q, 3) with their motions x, y (Q, L, n) at s (Q, L)."""
-        of_J = sum(left @ (right[:, :, None, None] * self.J_slopes).sum(axis=1) for left, right in ((y, a), (x, b)))
+        """Return slopes (Q, L, P) of a^T G b at s (Q, L), for directions a, b (Q, 3) with motions x, y (Q, L, n)."""
+        of_J = sum(motion @ (d[:, :, None, None] * self.J_slopes).sum(axis=1) for motion, d in ((y, a), (x, b)))
         return np.asarray(of_J - self.slopes(s, x, y))
 
     def slopes(self, s: ComplexArray, left: ComplexArray, right: ComplexArray) -> ComplexArray:
@@ -105,9 +104,9 @@ class LockedEquations:
         return Configuration("posture", angles, self.family.request.payload is not False)
 
     def rest(self, angles: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Return q (N, n_q) at rest, and whether there is one (N,), at angles (N, n_u) of the motors.
+        """Return the equilibrium q (N, n_q) with motors at angles (N, n_u), and whether it exists (N,).
 
-        Newton's steps of all postures together; where one of them ends far away or not at rest `equilibrium` decides.
+        Newton's method solves all postures together. If a posture does not converge, `equilibrium` solves each one.
         """
         model, free = self.family.model, free_coordinates(self.family.model)
         q, has_rest = np.zeros((len(angles), model.n_q)), np.zeros(len(angles), bool)
@@ -120,7 +119,7 @@ class LockedEquations:
                 step[:] = -np.linalg.solve(K, gradient)
                 q[:, free] += step[:, :, 0]
                 if np.abs(step).max(initial=0.0) <= CONVERGED_STEP and np.abs(q - rigid).max() <= MAX_STEP:
-                    # LinAlgError for a posture that tips over, or moves no inertia.
+                    # LinAlgError for a posture that is unstable or without inertia.
                     np.linalg.cholesky(K), np.linalg.cholesky(M * (1 - MIN_INERTIA * np.eye(model.n_q)))
                     has_rest[:] = True
                     break
@@ -131,7 +130,7 @@ class LockedEquations:
         return q, has_rest
 
     def at(self, angles: FloatArray, q: FloatArray) -> LockedPostures:
-        """Return the models about q (Q, n_q), at rest with the motors at angles (Q, n_u)."""
+        """Return the models linearised at equilibria q (Q, n_q) with motors at angles (Q, n_u)."""
         model, follows = self.family.model, self.family.linearisation.follows
         poses = frame_poses(model.robot_at(self.family.theta), q[:, : len(model.robot.joints)], self.family.frame)
         if model.n_c or not locked_motor_motions(model.B).size:
@@ -149,7 +148,7 @@ class LockedEquations:
         return LockedPostures(A[0], A[1], A[2], J, slopes[:, :n_t], J_slopes, *of_springs, poses.position)
 
     def _linearised(self, angles: FloatArray, q: FloatArray) -> tuple[FloatArray, ...]:
-        """Return the fields of `LockedPostures`, but the position, in one posture of a robot with loops."""
+        """Return the fields of `LockedPostures` except the position, for one posture of a robot with loops."""
         family, linear = self.family, self.family.at(self._configuration(angles)).linear
         slopes = [linear.slopes.get(family.estimated.names[row], Slope()) for row in self.dependent]
 

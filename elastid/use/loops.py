@@ -17,18 +17,19 @@ from elastid.record import JointLoop
 from elastid.simulation.controller import Filters, filters_of, gains_of
 from elastid.simulation.spec import ControllerSpec
 from elastid.use.cascade import Cascade
-from elastid.use.closed_loops import Closed, PlantMode, Plants, PostureFamily, Scene
+from elastid.use.closed_loops import Closed, Scene
 from elastid.use.gain_design import design_robust
+from elastid.use.plants import PlantMode, Plants, PostureFamily
 
-_NEAR, _MOVED = 1 / 3, 5e-3  # of a frequency within which, and of the motor's motion by which, a mode makes a peak
+# Largest relative distance of a mode from the peak that it causes, and least participation of the motor in this mode.
+_MAX_DISTANCE, _MIN_PARTICIPATION = 1 / 3, 5e-3
 
 
 @frozen_value
 class LoopState:
-    """A controller in Q postures of n_u axes, with the ends of 95 % of the draws (NaN without draws).
+    """Assessment of a controller in Q postures of n_u axes, with 95 % intervals by D posterior samples (else NaN).
 
-    peak_db (Q,): M_S, infinite where a loop is unstable.  limited_by (Q,): its cause.  bandwidth_hz (Q, n_u).
-    drawn_peaks_db (D,): of each draw over all postures.  freq_hz, sensitivity_db (Q, K): of a figure.
+    peak_db (Q,): M_S, infinite for an unstable loop.  drawn_peaks_db (D,).  freq_hz, sensitivity_db (Q, K).
     """
 
     name: str
@@ -47,7 +48,7 @@ class LoopState:
 def assess(
     name: str, family: PostureFamily, drawn: Plants | None, gains: JointLoop, filters: Filters | None
 ) -> LoopState:
-    """Assess a controller of gains (n_u,) or (Q, n_u) in the Q postures of a family; drawn: D times as many plants."""
+    """Assess a controller with gains (n_u,) or (Q, n_u) in the Q postures of a family; drawn: D Q plants, or None."""
     plants, axes = family.estimate, family.axes
     loops = Closed(Scene.of(plants, 600, 41), gains, filters)
     causes = tuple("; ".join(_causes(loops, q, modes, axes)) for q, modes in enumerate(family.modes))
@@ -57,7 +58,7 @@ def assess(
         D = len(drawn) // len(plants)
         tiled = gains.gain_derivatives(lambda gain: np.tile(np.broadcast_to(gain, bandwidth.shape), (D, 1)))
         of_draws = Closed(Scene.of(drawn, 120, 9), tiled, filters).peaks_db.reshape(D, -1)
-        # Sorted: quantiles of infinities would be NaN.
+        # Order statistics, because quantiles of infinities would be NaN.
         ends = np.sort(of_draws, axis=0)[[int(0.025 * (D - 1)), int(np.ceil(0.975 * (D - 1)))]]
         drawn_peaks = of_draws.max(axis=1)
     size_db, postures = 20 * np.log10(loops.size), tuple(posture.name for posture in family.configurations)
@@ -67,24 +68,25 @@ def assess(
 
 
 def _causes(loops: Closed, q: int, modes: tuple[PlantMode, ...], axes: tuple[str, ...]) -> Iterator[str]:
+    """Yield the cause of each peak of posture q that limits the gains."""
     size, root = np.pad(loops.size[q], 1, constant_values=0.0), np.sqrt(loops.scene.plants.inertia[q])
     peaks = np.flatnonzero((size[1:-1] >= size[:-2]) & (size[1:-1] > size[2:]))
     # A peak within 0.5 dB of the largest one limits the gains as well.
     binding = peaks[loops.size[q, peaks] >= loops.size[q].max() * 10 ** (-0.5 / 20)]
     for line in binding if loops.stable[q] else [int(loops.size[q].argmax())]:
         freq_hz = float(loops.scene.freq_hz[q, line])
-        left, _, right = np.linalg.svd(loops.S[q, line] / root[:, None] * root)
-        i = int(np.abs(left[:, 0] * right[0]).argmax())
-        movers = [mode for mode in modes if mode.motor_amplitudes[i] >= _MOVED]
-        near = min(movers, key=lambda mode: abs(np.log(mode.freq_hz / freq_hz)), default=None)
+        U, _, Vh = np.linalg.svd(loops.S[q, line] / root[:, None] * root)
+        i = int(np.abs(U[:, 0] * Vh[0]).argmax())
+        candidates = [mode for mode in modes if mode.motor_amplitudes[i] >= _MIN_PARTICIPATION]
+        nearest = min(candidates, key=lambda mode: abs(np.log(mode.freq_hz / freq_hz)), default=None)
         if not loops.stable[q]:
             yield f"unstable, at {freq_hz:.3g} Hz in axis {axes[i]}"
-        elif near is not None and abs(near.freq_hz / freq_hz - 1) <= _NEAR:
-            yield f"axis {axes[i]} at {freq_hz:.3g} Hz: mode at {near.freq_hz:.3g} Hz, {near.spring}"
+        elif nearest is not None and abs(nearest.freq_hz / freq_hz - 1) <= _MAX_DISTANCE:
+            yield f"axis {axes[i]} at {freq_hz:.3g} Hz: mode at {nearest.freq_hz:.3g} Hz, {nearest.spring}"
         else:
-            is_slow = near is not None and freq_hz < near.freq_hz
-            words = "gains and notches below its modes" if is_slow else "delay and filters above its modes"
-            yield f"axis {axes[i]} at {freq_hz:.3g} Hz: {words}"
+            is_slow = nearest is not None and freq_hz < nearest.freq_hz
+            cause = "gains and notches below its modes" if is_slow else "delay and filters above its modes"
+            yield f"axis {axes[i]} at {freq_hz:.3g} Hz: {cause}"
 
 
 TODAY, DESIGNED = "today's controller", "designed controller"
@@ -92,7 +94,7 @@ TODAY, DESIGNED = "today's controller", "designed controller"
 
 @frozen_value
 class Loops:
-    """Present gains (None if the study lacks them), designed gains, and number of posterior samples (count)."""
+    """Assessment of the study's controller (None if not given) and of the designed one; count: posterior samples."""
 
     name: str
     joints: tuple[str, ...]
@@ -104,20 +106,20 @@ class Loops:
 
     @property
     def controller(self) -> ControllerSpec:
-        """The designed one, as a study has it."""
+        """Designed controller, as a section of a study."""
         return self.gains.to_spec(self.joints)
 
     @property
     def states(self) -> tuple[LoopState, ...]:
-        """Today's controller where it is known, and the designed one."""
+        """Present controller, if known, and designed controller."""
         return tuple(state for state in (self.today, self.designed) if state is not None)
 
 
 def todays_loops(family: PostureFamily, drawn: Plants | None, spec: ControllerSpec) -> LoopState:
-    """Assess a controller in all postures; gains that follow from a bandwidth differ from posture to posture."""
+    """Assess a controller in all postures; gains that follow from a bandwidth differ between postures."""
     model, theta = family.family.model, family.family.theta
-    first, *others = (gains_of(model, equilibrium(model, theta, posture).q, spec) for posture in family.configurations)
-    gains = first.gain_derivatives(lambda *gains_: np.array(gains_), *others)
+    first, *rest = (gains_of(model, equilibrium(model, theta, posture).q, spec) for posture in family.configurations)
+    gains = first.gain_derivatives(lambda *of_postures: np.array(of_postures), *rest)
     return assess(TODAY, family, drawn, gains, filters_of(family.axes, spec, family.rate_hz))
 
 
@@ -127,8 +129,8 @@ def design_loops(
 ) -> Loops:  # fmt: skip
     """Design loops at the rate of a family of the fit; FitError if no gains keep the limit in all its postures.
 
-    delay_samples: of the loops that are designed.  draws: of the fit, with their seed.  today: the controller that the
-    study states; today_hz: its rate, where it is another.
+    delay_samples: of the designed loops.  draws: number of posterior samples.  today: the study's controller; today_hz:
+    its rate, default the family's.
     """
 
     def drawn_of(family: PostureFamily) -> Plants | None:

@@ -1,18 +1,19 @@
-r"""A map of the workspace: compliance, frequencies, chatter and deflection of many postures, with their intervals.
+r"""Workspace map: compliance, natural frequencies, chatter limit and deflection of many postures, with intervals.
 
 .. math:: C = J K^{-1} J^T, \qquad
           G(j\omega) = J\, (K - \omega^2 M + j \omega D)^{-1} J^T, \qquad
           a_{lim} = \frac{-1}{2 K_t \min_\omega \mathrm{Re}\, G_{nf}}
 
 The lines of each posture include the peak and the most negative real part of each mode. G_nf = n^T G f: motion along
-the normal n of the cut by a force along f; without directions the worst of all, n = f the eigenvector of the smallest
-eigenvalue of Re G (Altintas, Manufacturing Automation, 2nd ed., 2012, eq. 4.20). Standard deviations are those of
-`FittedModel.response_shifts`, of first order, at the line of the extremum, which moves in second order.
+the normal n of the cut by a force along f. The default is the worst direction n = f, the eigenvector of the smallest
+eigenvalue of Re G (Altintas, Manufacturing Automation, 2nd ed., 2012, eq. 4.20). Standard deviations are of first order
+(`FittedModel.response_shifts`), at the line of the extremum, whose shift is of second order.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import starmap
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -32,14 +33,14 @@ from elastid.linear.response.kernel import Elimination, solved_products
 from elastid.use.locked_postures import LockedEquations, LockedPostures
 
 LINES, CURVE_LINES = 300, 120
-SAMPLE, N_SOFTEST = 2000, 10  # postures on a page: spread evenly over the map, and the softest
+SAMPLE, N_SOFTEST = 2000, 10  # postures on a page: evenly spread over the map, and the softest
 
 
 @dataclass(frozen=True)
 class Cut:
-    """Load (3,) on the tool in N, cutting coefficient K_t in N/m^2, directions (3,) in the base's axes or None.
+    """Load (3,) on the tool, N, cutting coefficient K_t, N/m^2, and directions (3,) or None, in the base's axes.
 
-    normal: of the cut surface, along which the chip gets thicker.  force: along which the cutting force acts.
+    normal: of the cut surface, along which the chip thickness grows.  force: of the cutting force.
     """
 
     load: tuple[float, float, float] = (0.0, 0.0, -100.0)
@@ -58,14 +59,14 @@ class Cut:
 
     @property
     def directions(self) -> tuple[FloatArray, FloatArray] | None:
-        """n and f (3,) of unit length; the force acts along the normal unless it is given."""
+        """Unit vectors n and f (3,); None without a normal.  The default of f is n."""
         if self.normal is None:
             return None
         n, f = np.array(self.normal, float), np.array(self.force or self.normal, float)
         return n / np.linalg.norm(n), f / np.linalg.norm(f)
 
 
-# Quantities of a posture: unit and meaning.
+# Unit and meaning of the quantities of a posture.
 QUANTITIES: dict[str, tuple[str, str]] = {
     "softest_compliance": ("m/N", "static compliance in the softest direction"),
     "compliance_x": ("m/N", "static compliance along x of the base"),
@@ -96,13 +97,11 @@ def map_columns(
     if not has_rest.any():
         return has_rest, {}
     models, estimate = equations.at(angles[has_rest], q[has_rest]), equations.family.estimated
-    (poles, shapes, _), slopes_of_x = (
-        oscillations(models.M, models.D, models.K),
-        estimate.slopes[equations.dependent],
-    )
+    poles, shapes, _ = oscillations(models.M, models.D, models.K)
+    slopes_of_x = estimate.slopes[equations.dependent]
     freq_hz, zeta, shifts = np.abs(poles) / (2 * np.pi), -poles.real / np.abs(poles), estimate.axes @ slopes_of_x.T
     peak_hz, chatter_hz = _extremes(models, freq_hz, zeta, lines_hz, cut)
-    static_hz = 1e-5 * np.nanmin(freq_hz, axis=1, initial=lines_hz[0])  # a force so slow finds the robot at rest
+    static_hz = 1e-5 * np.nanmin(freq_hz, axis=1, initial=lines_hz[0])  # quasi-static
     s = laplace_variable(np.column_stack([static_hz, peak_hz, chatter_hz]))
     responses = _Responses(models, s, models.motions(s, np.eye(3)[None]), shifts)
     compliance, axes = responses.principal_compliances
@@ -123,7 +122,7 @@ def map_columns(
 class _Responses:
     """Motions X (Q, 3, n, 3) of postures under unit forces at s (Q, 3): static, at the peak, at the chatter frequency.
 
-    shifts (n_a, P): shifts of the parameters by one standard deviation in each independent direction.
+    shifts (n_a, P): of the parameters by one standard deviation in each independent direction.
     """
 
     models: LockedPostures
@@ -137,25 +136,25 @@ class _Responses:
         return self.models.J[:, None] @ self.X
 
     def std(self, line: int, a: ComplexArray | FloatArray, b: ComplexArray | FloatArray) -> FloatArray:
-        """Return standard deviations (Q,) of Re a^T G b of directions a, b (Q, 3)."""
+        """Return standard deviations (Q,) of Re a^T G b at one of the three lines, for directions a, b (Q, 3)."""
         pair = ((self.X[:, line] @ direction[:, :, None]).mT for direction in (a, b))
         slopes = self.models.response_slopes(self.s[:, line, None], a, b, *pair)[:, 0]
         return np.asarray(np.linalg.norm(slopes.real @ self.shifts.T, axis=1))
 
     @property
     def principal_compliances(self) -> tuple[FloatArray, FloatArray]:
-        """Static compliances (Q, 3), the softest first, with their directions (Q, 3, 3), columns."""
+        """Static compliances (Q, 3), the softest first, and their directions as columns (Q, 3, 3)."""
         C = self.H[:, 0].real
         values, axes = np.linalg.eigh((C + C.mT) / 2)
         return values[..., ::-1], axes[..., ::-1]
 
     def static_values(self, compliance: FloatArray, softest: FloatArray, load: FloatArray) -> Values:
-        """Return compliances of the softest direction (Q, 3) and along the axes, and the deflection by a load (3,)."""
+        """Return static compliances (softest direction (Q, 3), x, y, z) and the deflection under a load (3,)."""
         C = self.H[:, 0].real
         values = {"softest_compliance": (compliance, self.std(0, softest, softest))}
         for i, name in enumerate("xyz"):
-            along = np.broadcast_to(np.eye(3)[i], (len(C), 3))
-            values[f"compliance_{name}"] = C[:, i, i], self.std(0, along, along)
+            axis = np.broadcast_to(np.eye(3)[i], (len(C), 3))
+            values[f"compliance_{name}"] = C[:, i, i], self.std(0, axis, axis)
         motion = C @ load
         deflection = np.linalg.norm(motion, axis=1)
         direction = motion / np.maximum(deflection, 1e-300)[:, None]
@@ -163,7 +162,7 @@ class _Responses:
         return values
 
     def dynamic_values(self, cut: Cut) -> Values:
-        """Return the largest dynamic compliance, and the limiting depth of cut."""
+        """Return the largest dynamic compliance and the limiting depth of cut."""
         U, sizes, Vh = np.linalg.svd(self.H[:, 1])
         peak = sizes[:, 0], self.std(1, U[:, :, 0].conj(), Vh[:, 0].conj())
         real = self.H[:, 2].real
@@ -192,13 +191,11 @@ def _frequencies(
 def _curve(
     models: LockedPostures, direction: FloatArray, curve_hz: FloatArray, shifts: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return magnitude (Q, L) of the dynamic compliance along a direction (Q, 3), and its standard deviation."""
+    """Return the magnitude (Q, L) of the dynamic compliance along a direction (Q, 3), and its standard deviation."""
     s = laplace_variable(curve_hz[None])
     x = models.motions(s, direction[:, :, None])[..., 0]
-    G, slopes = (
-        (x @ models.J.mT @ direction[:, :, None])[..., 0],
-        models.response_slopes(s, direction, direction, x, x),
-    )
+    G = (x @ models.J.mT @ direction[:, :, None])[..., 0]
+    slopes = models.response_slopes(s, direction, direction, x, x)
     magnitude = np.maximum(np.abs(G), 1e-300)
     of_magnitude = (G.conj()[..., None] * slopes).real / magnitude[..., None]
     return magnitude, np.linalg.norm(of_magnitude @ shifts.T, axis=2)
@@ -207,21 +204,20 @@ def _curve(
 def _extremes(
     models: LockedPostures, freq_hz: FloatArray, zeta: FloatArray, lines_hz: FloatArray, cut: Cut
 ) -> tuple[FloatArray, FloatArray]:
-    """Return lines (Q,) of the largest response and the most negative real part.  freq_hz, zeta (Q, n): NaN beyond."""
+    """Return the lines (Q,) of the largest response and of the most negative real part.
+
+    freq_hz, zeta (Q, n): modes, NaN for missing ones.
+    """
     zeta = np.clip(zeta, 0.0, 1.0)
-    # Where each mode peaks, and where its real part is most negative.
+    # Peak and most negative real part of a single mode, over its natural frequency.
     extremes = [np.sqrt(np.maximum(1 - 2 * zeta**2, 1e-4)), np.sqrt(1 + 2 * zeta)]
     mode_lines = np.nan_to_num(np.hstack([freq_hz * factor for factor in extremes])).clip(lines_hz[0], lines_hz[-1])
     lines = np.hstack([np.broadcast_to(lines_hz, (len(mode_lines), len(lines_hz))), mode_lines])
     elimination = Elimination.of(np.any([A.any(axis=0) for A in (models.M, models.D, models.K)], axis=0))
     products, rows = elimination.products if is_compiled() else solved_products, np.arange(len(lines))
-    G = np.array(
-        [
-            products(models.M[q], models.D[q], models.K[q], 2 * np.pi * lines[q], models.J[q].T, models.J[q].T)
-            for q in rows
-        ]
-    )
-    if cut.directions is None:  # c I - Re G is positive, its largest eigenvalue c less the smallest of Re G
+    matrices = zip(models.M, models.D, models.K, 2 * np.pi * lines, models.J.mT, models.J.mT, strict=True)
+    G = np.array(list(starmap(products, matrices)))
+    if cut.directions is None:  # c I - Re G is positive, with the largest eigenvalue c minus the smallest of Re G
         c = np.linalg.norm(G.real, axis=(2, 3))
         real = c - largest_gain((c[:, :, None, None] * np.eye(3) - G.real).astype(complex))
     else:
@@ -236,10 +232,7 @@ def largest_gain(G: ComplexArray) -> FloatArray:
 
 @frozen_value
 class Quantity:
-    """One number of every posture, SI, with its standard deviation and 95 % interval.
-
-    A positive quantity has an interval that is symmetric in its logarithm.
-    """
+    """One quantity of Q postures, SI, with its standard deviation and 95 % interval, symmetric in its logarithm."""
 
     name: str
     text: str
@@ -249,7 +242,7 @@ class Quantity:
 
     @property
     def relative_std(self) -> FloatArray:
-        """std / value (Q,); 0 for infinite stiffness, such as a point on the axis of the only joint."""
+        """Relative standard deviation (Q,); 0 for a value of 0, such as on the axis of the only joint."""
         return np.divide(self.std, self.value, out=np.zeros_like(self.std), where=self.value != 0)
 
     @property
@@ -257,18 +250,16 @@ class Quantity:
         """Ends (Q,) of the 95 % intervals."""
         with np.errstate(over="ignore", invalid="ignore"):
             factor = np.exp(QUANTILE_95 * self.relative_std)
-            return self.value / factor, (self.value * factor)
+            return self.value / factor, self.value * factor
 
 
 @frozen_value
 class WorkspaceMap:
-    """Quantities of Q postures with an equilibrium, motors locked, in the axes of the base.
+    """Quantities of Q postures with an equilibrium and locked motors, in the axes of the base.
 
-    angles (Q, n_u): of the driven joints `joints`.  asked (Q,): index of each posture among the requested ones.
-    refused: indices of the requested postures without an equilibrium.  sliding: True for each joint that slides.
-    position (Q, 3): of the frame.  axes (Q, 3, 3): directions of the principal static compliances, columns, the softest
-    first.  springs, compliance_fraction (Q, n_s): contribution of each spring to the compliance of the softest
-    direction.  curve_hz (L,): lines of `magnitude`.
+    angles (Q, n_u).  asked (Q,): index of each posture among the requested ones.  refused: indices of the requested
+    postures without an equilibrium.  axes (Q, 3, 3): directions of the principal static compliances as columns.
+    compliance_fraction (Q, n_s): of each spring.  magnitude (Q, L).  sliding: True for each joint that slides.
     """
 
     name: str
@@ -303,7 +294,7 @@ class WorkspaceMap:
 
         def select(values: Any) -> Any:
             pieces = []
-            for piece in np.array_split(rows, 1 + len(rows) // 200):  # a system maps 64 KB about each row of a file
+            for piece in np.array_split(rows, 1 + len(rows) // 200):  # a read maps 64 KB of the file into memory
                 pieces.append(values[piece])
                 release(values)
             return np.concatenate(pieces)
@@ -315,7 +306,7 @@ class WorkspaceMap:
 
     @cached_property
     def sample(self) -> "WorkspaceMap":
-        """The map of SAMPLE postures spread evenly, the N_SOFTEST softest and the stiffest, for pages and figures."""
+        """Map of SAMPLE evenly spread postures, the N_SOFTEST softest and the stiffest, for pages and figures."""
         if len(self) <= SAMPLE:
             return self
         compliance, extremes = self["softest_compliance"].value, np.zeros(0, int)
@@ -328,12 +319,12 @@ class WorkspaceMap:
 
     @property
     def softest(self) -> IntArray:
-        """Numbers (Q,) of the postures, the softest first."""
+        """Indices (Q,) of the postures, the softest first."""
         return np.argsort(-self["softest_compliance"].value, kind="stable")
 
     @property
     def limiting_springs(self) -> tuple[str, ...]:
-        """The spring with the largest contribution to the softest direction of each posture."""
+        """Name (Q,) of the spring with the largest contribution to the softest direction."""
         if not self.springs:
             return ("",) * len(self)
         return tuple(self.springs[i] for i in np.argmax(self.compliance_fraction, axis=1))
@@ -353,7 +344,7 @@ def map_workspace(
     """Map postures (N, n_u), rad or m, of a fitted robot; StudyError if none of them has an equilibrium.
 
     fitted: a result, or its family in the axes of the base.  frame: default `tool`, else the last frame.
-    lines_hz (F,): default LINES lines over the modes.  Maps of many postures are in temporary files.
+    lines_hz (F,): default LINES lines over the modes.  Columns of many postures are in temporary files.
     """
     cut = cut or Cut()
     family = fitted if isinstance(fitted, Family) else fitted.family(PredictionPorts(frame=frame, axes="world"))
@@ -361,7 +352,7 @@ def map_workspace(
     lines = default_lines(equations, angles) if lines_hz is None else np.asarray(lines_hz, float)
     curve = np.geomspace(lines[0], lines[-1], CURVE_LINES)
     work, has_rest = partial(_in_batches, partial(map_columns, equations, lines, curve, cut)), np.zeros(N, bool)
-    pieces = [np.asarray(angles[first : first + SAMPLE]) for first in range(0, N, SAMPLE)]
+    pieces = [angles[first : first + SAMPLE] for first in range(0, N, SAMPLE)]
     for i, (batch_has_rest, batch) in execution.unordered(work, pieces):
         rows = SAMPLE * i + np.flatnonzero(batch_has_rest)
         has_rest[rows] = True
@@ -400,20 +391,18 @@ def _keep_rows(column: Any, has_rest: BoolArray) -> Any:
 
 
 def _in_batches(function: Callable[[FloatArray], Any], angles: FloatArray) -> tuple[BoolArray, dict[str, FloatArray]]:
-    """Apply `map_columns` to 50 postures at a time, which fit into a cache; returns the joined columns."""
+    """Apply `map_columns` to 50 postures at a time, which fit into a cache; return the joined columns."""
     has_rest, columns = zip(*(function(angles[first : first + 50]) for first in range(0, len(angles), 50)), strict=True)
     names = max(columns, key=len)
     return np.concatenate(has_rest), {key: np.concatenate([batch[key] for batch in columns if batch]) for key in names}
 
 
 def default_lines(equations: LockedEquations, angles: FloatArray) -> FloatArray:
-    """Return LINES lines (F,) from half the first natural frequency of some postures to twice their sixth, or last."""
+    """Return LINES lines (F,) from half the first natural frequency of 20 postures to twice their sixth, or last."""
     some_angles = angles[:: max(1, len(angles) // 20)][:20]
     q, has_rest = equations.rest(some_angles)
-    models = equations.at(some_angles[has_rest], q[has_rest]) if has_rest.any() else None
-    freq_hz = (
-        np.array([2.0, 50.0])
-        if models is None
-        else np.abs(oscillations(models.M, models.D, models.K)[0][:, :6]) / (2 * np.pi)
-    )
+    freq_hz = np.array([2.0, 50.0])
+    if has_rest.any():
+        models = equations.at(some_angles[has_rest], q[has_rest])
+        freq_hz = np.abs(oscillations(models.M, models.D, models.K)[0][:, :6]) / (2 * np.pi)
     return np.geomspace(np.nanmin(freq_hz) / 2, 2 * np.nanmax(freq_hz), LINES)

@@ -1,10 +1,10 @@
-r"""Moves of a robot from rest to rest, as a spline of the driven joints without deflection.
+r"""Moves of the driven joints from rest to rest as splines, limits of their motion, and sampled references.
 
 .. math:: q_a(t) = q_a(\sigma(t / T)), \qquad \sigma(s) = 126 s^5 - 420 s^6 + 540 s^7 - 315 s^8 + 70 s^9
 
-for postures without times, along the length of the way between them; postures with times are interpolated by a spline
-of degree 5 that starts and ends at rest. A path of poses is interpolated as poses, so that the tool keeps to it between
-them. The limits are those of the motors, link side.
+for postures without times, with sigma along the length of the path. Postures with times are interpolated by a spline of
+degree 5 that starts and ends at rest. A path of poses is interpolated as poses, so that the tool follows it between
+them. The robot has no deflection.
 """
 
 from dataclasses import dataclass, replace
@@ -17,14 +17,15 @@ from scipy.spatial.transform import Rotation
 from elastid.base.arrays import FloatArray, frozen_value, labelled
 from elastid.base.errors import DataError
 from elastid.robot import Robot
-from elastid.use.postures import Table, beyond_limits, follow_path, read_numbers
+from elastid.use.path_table import Table, read_numbers
+from elastid.use.postures import beyond_limits, follow_path
 
 KINDS = {"velocity": "rad/s", "acceleration": "rad/s^2", "jerk": "rad/s^3", "torque": "N*m"}
 
 
 @frozen_value
 class MotionLimits:
-    """angle (n_u, 2), velocity, acceleration, jerk, torque (n_u,): link side, infinite without a limit."""
+    """Limits of the driven joints, link side, infinite if not given: angle (n_u, 2), the others (n_u,)."""
 
     angle: FloatArray
     velocity: FloatArray
@@ -34,29 +35,26 @@ class MotionLimits:
 
     @classmethod
     def of(cls, robot: Robot) -> "MotionLimits":
-        """Return limits of the driven joints."""
+        """Return the limits of a robot model."""
         limits = [joint.limits for joint in robot.driven]
         angle = np.array([limit.angle for limit in limits], float)
         return cls(angle, *(np.array([getattr(limit, kind) for limit in limits], float) for kind in KINDS))
 
     @property
     def range(self) -> tuple[FloatArray, FloatArray]:
-        """Middle and half width (n_u,) of the angles; 0 and infinite where one end is free."""
+        """Middle and half width (n_u,) of the angles; 0 and infinite if an end has no limit."""
         finite = np.asarray(np.isfinite(self.angle).all(axis=1))
         low, high = np.where(finite[:, None], self.angle, 0.0).T
         return (low + high) / 2, np.where(finite, (high - low) / 2, np.inf)
 
     def narrowed(self, factors: dict[str, FloatArray]) -> "MotionLimits":
-        """Return the limits, each named kind multiplied by a factor (n_u,)."""
+        """Return the limits with each named kind multiplied by factors (n_u,)."""
         return replace(self, **{kind: getattr(self, kind) * factor for kind, factor in factors.items()})
 
 
 @frozen_value(eq=False)
 class References:
-    """Motion of the motors and torque at them at even times (N,) in s, link side, each (N, n_u).
-
-    torque: feedforward, held from each time to the next.
-    """
+    """References of the motors at even times (N,), link side, each (N, n_u), with the feedforward torque."""
 
     time_s: FloatArray = labelled("time from the start of the move", "s")
     position: FloatArray = labelled("reference of each motor", "rad", "time_s joints")
@@ -67,18 +65,18 @@ class References:
 
     @property
     def rate_hz(self) -> float:
-        """Samples in a second."""
+        """Sampling rate."""
         return float((len(self.time_s) - 1) / (self.time_s[-1] - self.time_s[0]))
 
     def use(self, limits: MotionLimits) -> dict[str, FloatArray]:
         """Return the used fraction (N, n_u) of each limit, 0 without a limit."""
-        used = {kind: np.abs(getattr(self, kind)) / getattr(limits, kind) for kind in KINDS}
-        middle, reach = limits.range
-        return {"angle": np.abs(self.position - middle) / reach, **used}
+        fractions = {kind: np.abs(getattr(self, kind)) / getattr(limits, kind) for kind in KINDS}
+        middle, half_width = limits.range
+        return {"angle": np.abs(self.position - middle) / half_width, **fractions}
 
 
 def evaluate_spline(spline: BSpline, t: FloatArray, order: int) -> FloatArray:
-    """Return a spline (N, n), or its derivative of an order, at t (N,); at rest before its start and after its end."""
+    """Return a spline (N, n), or its derivative of this order, at t (N,); it is constant outside its ends."""
     low, high = spline.t[[0, -1]]
     values = np.asarray(spline(np.clip(t, low, high), order))
     if order:
@@ -87,8 +85,8 @@ def evaluate_spline(spline: BSpline, t: FloatArray, order: int) -> FloatArray:
 
 
 TIMES = ("t", "time")
-LONGEST_S = 60.0  # of a move: a plan takes 40 MB for each second
-_SAMPLES = 200  # of a path of poses, each brought to the joints by inverse kinematics
+LONGEST_S = 60.0  # longest move: a plan takes 40 MB for each second
+_SAMPLES = 200  # inverse kinematics on a path of poses
 _TIMING = (0.0, 0.0, 0.0, 0.0, 0.0, 126.0, -420.0, 540.0, -315.0, 70.0)
 
 
@@ -96,14 +94,14 @@ _TIMING = (0.0, 0.0, 0.0, 0.0, 0.0, 126.0, -420.0, 540.0, -315.0, 70.0)
 class Move:
     """Angles of the driven joints over time, at rest before 0 and after `duration`, s.
 
-    spline: (n_u,) of the share of the duration, 0 to 1.
+    spline: angles (n_u,) over the fraction of the duration, 0 to 1.
     """
 
     spline: BSpline
     duration: float
 
     def at(self, t: FloatArray, order: int = 0) -> FloatArray:
-        """Return angles (N, n_u) at times (N,), or their derivatives of an order, in rad (m) and s."""
+        """Return angles (N, n_u) at times (N,), or their derivatives of this order, in rad (m) and s."""
         return evaluate_spline(self.spline, t / self.duration, order) / self.duration**order
 
     @property
@@ -112,27 +110,22 @@ class Move:
         return np.asarray(self.spline(np.array([0.0, 1.0])))
 
     def in_time(self, duration: float) -> "Move":
-        """Move along the way in another time."""
+        """Return the move on the same path with another duration."""
         return replace(self, duration=duration)
 
 
 def read_move(path: Path, robot: Robot, frame: str, duration: float | None = None) -> Move:
-    """Read a CSV file of joint angles or poses (`read_path`) with a column `t` in s, or else in `duration` s.
+    """Read a move from a CSV file of joint angles or poses (`read_path`), with a column `t` in s or a duration in s.
 
-    duration: 0 for one that is still to be found, None for that of the file.
-
-    DataError for cells that are no numbers, times that do not rise, poses out of reach and angles beyond the limits.
+    duration: None for the times of the file, 0 for a duration to be determined later.
+    DataError for cells without a number, times that do not rise, poses out of reach and angles beyond the limits.
     """
     table = read_numbers(path)
     if len(table.values) < 2:
-        raise DataError("use/path", "a move has a row for its start and one for its end, and there is one row", path)
+        raise DataError("use/path", "there is one row. A move needs a row for its start and a row for its end", path)
     times = _times(table)
     if times is None and duration is None:
-        raise DataError(
-            "use/path",
-            "no column t holds times; give one in s, or --time for the duration of the move, or --fastest",
-            path,
-        )
+        raise DataError("use/path", "there is no column t. Give times in s, --time with a duration, or --fastest", path)
     angles = table.angles(robot)
     if angles is not None:
         path_parameters = _path_parameters(angles, times)
@@ -145,8 +138,7 @@ def read_move(path: Path, robot: Robot, frame: str, duration: float | None = Non
     if duration > LONGEST_S:
         raise DataError(
             "use/move",
-            f"the move takes {duration:g} s, and at most {LONGEST_S:g} s are planned at once; give times in s, or "
-            "split the path",
+            f"the move takes {duration:g} s, a plan at most {LONGEST_S:g} s. Give times in s, or split the path",
             path,
         )
     return Move(spline, duration)
@@ -168,7 +160,7 @@ def _times(table: Table) -> FloatArray | None:
 
 
 def _path_parameters(points: FloatArray, times: FloatArray | None) -> FloatArray:
-    """Return fractions (Q,) of the duration, or of the length without times, at which a path is at points (Q, n)."""
+    """Return the fractions (Q,) of the duration, or without times of the length, at points (Q, n) of a path."""
     if times is None:
         steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
         times = np.concatenate([[0.0], np.cumsum(np.maximum(steps, 1e-9 * max(steps.sum(), 1e-9)))])
@@ -176,7 +168,7 @@ def _path_parameters(points: FloatArray, times: FloatArray | None) -> FloatArray
 
 
 def _through(path_parameters: FloatArray, points: FloatArray, is_timed: bool) -> BSpline:
-    """Return a spline over the time fraction, rest to rest, through points (Q, n) at fractions (Q,) of time or path."""
+    """Return a rest-to-rest spline over time fractions, through points (Q, n) at fractions (Q,) of time or path."""
     if is_timed:
         return _rest_to_rest_spline(path_parameters, points)
     path = make_interp_spline(path_parameters, points, k=min(3, len(points) - 1))
@@ -185,12 +177,13 @@ def _through(path_parameters: FloatArray, points: FloatArray, is_timed: bool) ->
 
 
 def _rest_to_rest_spline(s: FloatArray, points: FloatArray) -> BSpline:
-    """Return the spline of degree 5 through points (Q, n) at s (Q,), at its ends without velocity and acceleration."""
+    """Return the spline of degree 5 through points (Q, n) at s (Q,), without velocity and acceleration at its ends."""
     zeros = np.zeros(points.shape[1])
     return make_interp_spline(s, points, k=5, bc_type=([(1, zeros), (2, zeros)], [(1, zeros), (2, zeros)]))
 
 
 def _through_poses(table: Table, robot: Robot, frame: str, times: FloatArray | None) -> BSpline:
+    """Return the spline of the joint angles along a path of poses; DataError for poses out of reach."""
     position, rotation = table.poses(robot)
     path_parameters, s = _path_parameters(position, times), np.linspace(0.0, 1.0, _SAMPLES + 1)
     spline = _through(path_parameters, position, times is not None)
@@ -198,17 +191,17 @@ def _through_poses(table: Table, robot: Robot, frame: str, times: FloatArray | N
     if rotation is not None:
         first = Rotation.from_matrix(rotation[0])
         vectors = (first.inv() * Rotation.from_matrix(rotation)).as_rotvec()
-        turning = _through(path_parameters, vectors, times is not None)
-        rotations = (first * Rotation.from_rotvec(turning(s))).as_matrix()
-    angles, distance = follow_path(robot, frame, spline(s), rotations)
-    if not distance.all():
-        path_parameter = float(s[int(np.argmin(distance))])
+        rotation_spline = _through(path_parameters, vectors, times is not None)
+        rotations = (first * Rotation.from_rotvec(rotation_spline(s))).as_matrix()
+    angles, is_reached = follow_path(robot, frame, spline(s), rotations)
+    if not is_reached.all():
+        path_parameter = float(s[int(np.argmin(is_reached))])
         row = min(int(np.searchsorted(path_parameters, path_parameter)), len(path_parameters) - 1)
-        place = ", ".join(f"{value:.4g}" for value in spline(path_parameter))
+        point = ", ".join(f"{value:.4g}" for value in spline(path_parameter))
         raise DataError(
             "use/unreachable",
-            f"on the way to this pose, at ({place}) m, frame {frame} is out of reach "
-            "within the limits of the joints; move the path, or widen robot.bodies.joints.limits.angle",
+            f"on the path to this pose, at ({point}) m, frame {frame} is out of reach within the limits of the joints. "
+            "Move the path, or widen robot.bodies.joints.limits.angle",
             f"{table.path}:{table.lines[row]}",
         )
     _check_limits(table, angles, robot)
@@ -228,5 +221,5 @@ def _check_limits(table: Table, angles: FloatArray, robot: Robot) -> None:
 
 
 def point_to_point(start: FloatArray, end: FloatArray, duration: float) -> Move:
-    """Return the move of the joints from angles (n_u,) to others."""
+    """Return the move of the joints from start to end (n_u,)."""
     return Move(_through(np.array([0.0, 1.0]), np.stack([start, end]), False), duration)

@@ -1,11 +1,11 @@
 r"""A tuned move: motor references with torque feedforward, within limits, tested by simulation of posterior samples.
 
-A robot follows the references in the loops of its drives, simulated forwards,
+The drives of the simulated robot follow the references,
 
 .. math:: u = u_{ff} + k_p (q_{ref} - q_m) + k_d (\dot q_{ref} - \dot q_m)
 
-The simulation has the nonlinear elastic model with friction, sampled loops and torques clipped at their limits. The
-parameters may change from run to run, so that one function evaluates all posterior samples of a fit.
+The simulation has the nonlinear elastic model with friction, sampled loops and clipped torques. Parameters may differ
+between runs, so that one compiled plant simulates all posterior samples.
 """
 
 from collections.abc import Sequence
@@ -23,9 +23,9 @@ from elastid.record import Configuration, JointLoop
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import Commands, simulate
 from elastid.simulation.controller import tune
+from elastid.use.commanded_robot import CommandedRobot
 from elastid.use.moves import KINDS, MotionLimits, Move, References
 from elastid.use.trajectory_optimisation import (
-    CommandedRobot,
     Planned,
     best_plan,
     first_duration,
@@ -36,18 +36,18 @@ from elastid.use.trajectory_optimisation import (
 )
 
 RIGID, CATALOGUE, IDENTIFIED = "rigid feedforward", "elastic, catalogue", "elastic, identified"
-PASSES = 5  # of plans whose bounds come nearer until their samples, and draws, keep the limits
-_SPARE = 0.998  # of a bound that was narrowed
-SETTLING_S = 0.6  # after the move, in which its residual vibration is judged
-DAMPING_RATIO = 0.7  # of the loops of the drives
+PASSES = 5  # most plans with successively narrower bounds
+_SPARE = 0.998  # factor on a narrowed bound
+SETTLING_S = 0.6  # time after the move in which its residual vibration is evaluated
+DAMPING_RATIO = 0.7  # of the drives' loops
 
 
 @frozen_value
 class Outcome:
-    """Error of the tool along a move, m: over time (N,), and in figures.
+    """Distance (N,) of the tool from its path over time, m, its largest and rms value in the move, and after the move.
 
-    largest, rms: within the move.  static: distance from the path's end after it.  residual: largest distance from
-    there after the move.  low, high (N,): 95 % of draws, or None.
+    static: distance from the path's end at rest.  residual: largest vibration about this rest position.  low, high
+    (N,): 95 % interval by posterior samples, or None.
     """
 
     name: str
@@ -62,7 +62,7 @@ class Outcome:
 
 @dataclass(frozen=True, eq=False)
 class SimulatedLoop:
-    """A robot in the loops of its drives, its numbers given run by run."""
+    """Simulated robot with the position loops of its drives; parameters may differ between runs."""
 
     commanded: CommandedRobot
     robot: Robot
@@ -74,10 +74,10 @@ class SimulatedLoop:
         cls, commanded: CommandedRobot, robot: Robot, start: FloatArray, rate_hz: float, bandwidth_hz: float,
         samples: int = 0, *, clips: bool = False,
     ) -> "SimulatedLoop":  # fmt: skip
-        """Build the loop of a robot with the gains of the commanded one, at rest in a posture `start` (n_u,).
+        """Build the loop of a robot with gains of the commanded one, for runs that start at rest at `start` (n_u,).
 
-        samples: about how many will be simulated.  clips: torques at their limits.  StudyError for poles that are too
-        fast.
+        samples: approximate number of simulated samples.  clips: clip torques at their limits.  StudyError for poles
+        that are too fast.
         """
         clips = clips and any(np.isfinite(joint.limits.torque) for joint in robot.driven)
         spec, posture = SimulatedSpec(model=commanded.spec, saturation=clips), Configuration("start", start)
@@ -86,15 +86,15 @@ class SimulatedLoop:
         return cls(commanded, robot, plant, gains)
 
     def follow(self, references: References, robot: Robot | None = None) -> tuple[FloatArray, FloatArray]:
-        """Return q (N, n_q), torque of the drives (N, n_u) of this robot, or another of its kind, from rest.
+        """Simulate q (N, n_q) and the torque (N, n_u) of this robot, or of one with other numbers, from rest.
 
-        DataError where a motor is lost, StudyError where it finds no rest at the start.
+        DataError if the simulation diverges, StudyError without an equilibrium at the start.
         """
         table = (robot or self.robot).parameters()
         model = self.plant.model
         theta = np.array([table[name][0] for name in model.parameters])
         q_0 = equilibrium(model, theta, Configuration("start", references.position[0])).q
-        # As the loop differentiates its readings, so that its torque is of the error alone.
+        # The same difference quotient as the loop's, so that its torque depends on the error alone.
         velocity = np.diff(references.position, axis=0, prepend=references.position[:1]) * references.rate_hz
         zeros = np.zeros_like(velocity)
         commands = Commands(references.position, velocity, references.torque, zeros, zeros)
@@ -103,35 +103,31 @@ class SimulatedLoop:
         except DataError as error:
             advice = "lower --bandwidth, or raise --rate"
             if robot is not None:
-                advice = (
-                    "this is a robot drawn from the fit, whose intervals hold robots that no loop moves: fix or leave "
-                    "out what is at a bound or hardly known, or give --samples 0"
-                )
+                advice = "the robot is a posterior sample. Fix poorly known parameters of the fit, or give --samples 0"
             raise DataError("experiment/diverged", f"{error}; {advice}") from error
         return motion.q, motion.u
 
     def outcome(self, name: str, references: References, target: FloatArray, end_s: float) -> Outcome:
-        """Return the error from target (N, 3) of a move that ends at end_s."""
+        """Simulate the references of a move that ends at end_s; return the error from the path target (N, 3)."""
         q, _ = self.follow(references)
-        at = self.commanded.poses(q, self.robot).position - target
-        error, after = np.linalg.norm(at, axis=1), references.time_s > end_s
+        offset = self.commanded.poses(q, self.robot).position - target
+        error, is_after = np.linalg.norm(offset, axis=1), references.time_s > end_s
         # The static error is the mean of the last 0.1 s.
-        static = at[-max(1, round(0.1 * references.rate_hz)) :].mean(axis=0)
-        residual = np.linalg.norm(at[after] - static, axis=1).max(initial=0.0)
-        within = error[~after]
-        figures = float(within.max()), float(np.sqrt(np.mean(within**2))), float(np.linalg.norm(static))
+        static = offset[-max(1, round(0.1 * references.rate_hz)) :].mean(axis=0)
+        residual = np.linalg.norm(offset[is_after] - static, axis=1).max(initial=0.0)
+        of_move = error[~is_after]
+        figures = float(of_move.max()), float(np.sqrt(np.mean(of_move**2))), float(np.linalg.norm(static))
         return Outcome(name, error, None, None, *figures, float(residual))
 
 
 @frozen_value
 class TunedMove(References):
-    """References of the motors `joints`, and how the tool follows with them.
+    """References of a move for the motors `joints`, and its simulated outcomes.
 
-    duration, margin_s: of the move, and the time before and after it in which motors wind springs up and unwind them.
-    target (N, 3): path of the frame's origin in the base's axes.  predicted_error (N,): error by the model that was
-    planned with.  limits (4, n_u): of KINDS, infinite where there is none.  outcomes: simulated with the robot `judge`.
-    draws: of the fit, geometry included, on which torques and velocities keep the limits as well; max_torque (n_u,):
-    torque. Errors of a draw count from the path of its rigid robot; lengths and zeros move it by `geometric_error_m`.
+    margin_s: time before and after the move in which the motors load and unload the springs.  target (N, 3): path of
+    the frame's origin in the base's axes.  predicted_error (N,): by the model of the plan.  limits (4, n_u): of KINDS,
+    infinite if not given.  outcomes: simulated with the robot `judge`.  samples: number of posterior samples whose
+    torques and velocities are within the limits, too; their errors are relative to the path of their rigid robot.
     """
 
     name: str
@@ -158,9 +154,9 @@ class TunedMove(References):
 
 @dataclass(frozen=True)
 class MoveRobots:
-    """Robots of a move: as identified, as in the catalogue, the one to judge by with its name, and draws.
+    """Identified, nominal (catalogue) and judging robot of a move, and posterior samples (draws).
 
-    bandwidth_hz: of the loops of the drives, rate_hz of their references.  error_m: that the tool may have.
+    bandwidth_hz: of the drives' loops.  rate_hz: of their references.  error_m: tolerance of the tool's path.
     """
 
     identified: Robot
@@ -175,9 +171,9 @@ class MoveRobots:
 
 
 def tune_move(robots: MoveRobots, move: Move, name: str, progress: Progress = no_progress) -> TunedMove:
-    """Tune the references of a move, with its outcomes; a move without a duration takes the shortest time.
+    """Tune the references of a move and simulate them; a move without a duration takes the shortest time.
 
-    DataError where no motion keeps the limits, or none is as exact as it should be in any time.
+    DataError if no motion is within the limits, or no duration is accurate enough.
     """
     commanded = CommandedRobot.of(robots.identified, robots.frame, move.ends[0])
     task = _MoveTask(robots, commanded, move, MotionLimits.of(robots.identified), margin_of(commanded, move))
@@ -202,7 +198,7 @@ def tune_move(robots: MoveRobots, move: Move, name: str, progress: Progress = no
 
 @dataclass(frozen=True, eq=False)
 class _MoveTask:
-    """A move with the robot that makes it, limits of its motors, and s before and after it."""
+    """A move with its robots, the limits of the motors, and the time before and after it."""
 
     robots: MoveRobots
     commanded: CommandedRobot
@@ -211,19 +207,19 @@ class _MoveTask:
     margin_s: float
 
     def tuned(self, name: str, progress: Progress) -> TunedMove:
-        """Tune the move, with its outcomes."""
+        """Plan the move within limits and simulate its outcomes."""
         robots, limits, joints = self.robots, self.limits, self.commanded.robot.driven
         planned, r, errors, max_torque = self._within_limits(progress)
         target = self._path(r.time_s)
         distances = [np.linalg.norm(self._path(r.time_s, robot) - target, axis=1).max() for robot in robots.draws]
-        at = self.commanded.poses(planned.q(np.clip(r.time_s, *planned.q.t[[0, -1]]))).position
-        error = np.linalg.norm(at - target, axis=1)
+        position = self.commanded.poses(planned.q(np.clip(r.time_s, *planned.q.t[[0, -1]]))).position
+        error = np.linalg.norm(position - target, axis=1)
         advice = ""
-        if error.max() > robots.error_m:
-            worst = int(np.argmax(error))
+        k = int(np.argmax(error))
+        if error[k] > robots.error_m:
             advice = (
-                f"the tool leaves its path by {1e3 * error[worst]:.3g} mm {r.time_s[worst]:.3g} s after the start; "
-                "give the move more time: --fastest finds the shortest"
+                f"the tool leaves its path by {1e3 * error[k]:.3g} mm {r.time_s[k]:.3g} s after the start. Give the "
+                "move more time: --fastest finds the shortest"
             )
         return TunedMove(
             **vars(r), name=name, frame=robots.frame, joints=tuple(joint.name for joint in joints),
@@ -235,13 +231,13 @@ class _MoveTask:
         )  # fmt: skip
 
     def _path(self, time_s: FloatArray, robot: Robot | None = None) -> FloatArray:
-        """Return the path (N, 3) of the frame on the commanded robot, or on another one that is rigid."""
+        """Return the path (N, 3) of the frame on the rigid commanded robot, or on one with other numbers."""
         return self.commanded.poses(self.commanded.rigid(self.move, time_s)[0], robot).position
 
     def _within_limits(self, progress: Progress) -> tuple[Planned, References, FloatArray, FloatArray]:
-        """Find a plan within the limits, errors (D, N) of draws with its references, and their largest torque (n_u,).
+        """Return a plan within the limits, its references, errors (D, N) of samples, and their largest torque (n_u,).
 
-        Bounds are narrowed where samples between knots, or draws with their feedback, go beyond them.
+        Bounds are narrowed if references between knots, or posterior samples with feedback, exceed the limits.
         """
         robots, commanded, limits = self.robots, self.commanded, self.limits
         n = len(robots.draws)
@@ -253,14 +249,14 @@ class _MoveTask:
             progress(attempt * (n + 1), PASSES * (n + 1))
             planned = best_plan(commanded, self.move, narrowed, self.margin_s)
             references = sample_plan(commanded, planned, robots.rate_hz, SETTLING_S)
-            # Gravity deflects the robot at rest: its motors may stand beyond their limits.
+            # At rest, motors may be beyond their limits, because gravity deflects the robot.
             if not planned.is_feasible or np.any(references.use(limits)["angle"][[0, -1]] > 1):
                 raise DataError(
                     "use/move",
-                    f"no motion within the limits makes the move in {self.move.duration:.4g} s; give it more time, as "
-                    "--fastest finds, or ends that the motors hold against gravity",
+                    f"no motion within the limits takes {self.move.duration:.4g} s. Give the move more time (--fastest "
+                    "finds the shortest), or ends at which the motors can hold the robot against gravity",
                 )
-            used = {kind: references.use(limits)[kind].max(axis=0) for kind in KINDS}
+            fractions = {kind: references.use(limits)[kind].max(axis=0) for kind in KINDS}
             errors, max_torque = [], np.abs(references.torque).max(axis=0)
             for i, robot in enumerate(robots.draws):
                 q, torque = loop.follow(references, robot)
@@ -268,24 +264,24 @@ class _MoveTask:
                 errors.append(np.linalg.norm(commanded.poses(q, robot).position - path, axis=1))
                 max_torque = np.maximum(max_torque, np.abs(torque).max(axis=0))
                 velocity = np.abs(np.diff(q @ commanded.model.B, axis=0)).max(axis=0) * robots.rate_hz
-                used["velocity"] = np.maximum(used["velocity"], velocity / limits.velocity)
+                fractions["velocity"] = np.maximum(fractions["velocity"], velocity / limits.velocity)
                 progress(attempt * (n + 1) + i + 1, PASSES * (n + 1))
-            used["torque"] = np.maximum(used["torque"], max_torque / limits.torque)
-            if all(np.all(part <= 1.0) for part in used.values()):
+            fractions["torque"] = np.maximum(fractions["torque"], max_torque / limits.torque)
+            if all(np.all(x <= 1.0) for x in fractions.values()):
                 return planned, references, np.array(errors), max_torque
-            factors = {kind: np.where(part > 1, _SPARE / np.maximum(part, 1.0), 1.0) for kind, part in used.items()}
+            factors = {kind: np.where(x > 1, _SPARE / np.maximum(x, 1.0), 1.0) for kind, x in fractions.items()}
             narrowed = narrowed.narrowed(factors)
-        kind = max(used, key=lambda key: float(used[key].max()))
-        joint = commanded.robot.driven[int(np.argmax(used[kind]))].name
+        kind = max(fractions, key=lambda key: float(fractions[key].max()))
+        joint = commanded.robot.driven[int(np.argmax(fractions[kind]))].name
         raise DataError(
             "use/move",
-            f"no plan keeps the {kind} limit of joint {joint} on {n} draws of the fit: the last takes "
-            f"{100 * used[kind].max():.4g} % of it. Give the move more time, or lower --bandwidth, whose feedback "
-            "takes it",
+            f"no plan keeps the {kind} limit of joint {joint} on {n} posterior samples: the last plan uses "
+            f"{100 * fractions[kind].max():.4g} % of it. Give the move more time, or lower --bandwidth to reduce the "
+            "torque of the feedback",
         )
 
     def _outcomes(self, references: References, target: FloatArray, drawn: FloatArray) -> tuple[Outcome, ...]:
-        """Simulate rigid feedforward, catalogue and identified stiffness on the robot `judge`, the last with draws."""
+        """Simulate feedforward of rigid, catalogue and identified robot on `judge`; drawn (D, N): errors of samples."""
         robots, move = self.robots, self.move
         start, hz, samples = move.ends[0], (robots.rate_hz, robots.bandwidth_hz), 3 * len(references.time_s)
         judge = SimulatedLoop.of(self.commanded, robots.judge, start, *hz, samples, clips=True)

@@ -1,20 +1,17 @@
-r"""Positions predicted from the commands alone, beside predictors that need no model, and tests of the replay.
+r"""Prediction of logged positions from the commands alone, its errors, and tests of the numbers of the simulation.
 
-The torque is that of the joint controllers, u = kp (r - q) + kd (r' - q'), computed by drives that are faster than the
-log and hold each command r until the next one. No torque of the log is needed.
+The torque u = kp (r - q) + kd (r' - q') is the joint controllers', in drives that sample faster than the log, with a
+zero-order hold of the commands r. The errors e_j = sqrt(mean (q_j - hat q_j)^2) are compared with three trivial
+predictors: the initial position q_j(0), the command r_j(t), and the delayed command r_j(t - T_j) with fitted T_j.
 
-.. math:: e_j = \sqrt{\overline{(q_j - \hat q_j)^2}}
-
-Three trivial predictors: the joint stands still, :math:`\hat q_j(t) = q_j(0)`; it is where it was told to be,
-:math:`\hat q_j(t) = r_j(t)`; or it is there one delay later, :math:`\hat q_j(t) = r_j(t - T_j)`, T_j fitted to the log.
-
-Each test repeats the simulation with one number changed: the period of the log by a factor, a delay of the commands,
-the gains by a factor, or the sign of one joint. A number is in doubt if another value of it removes more than half of
-the mean square error, and differs by more than the unknown sampling of the drives can explain.
+Each test repeats the simulation with another value of one number: period of the log, delay of the commands, a gain, or
+the sign of one joint. A number is in doubt if another value removes more than half of the mean square error, and
+differs by more than the unknown sampling of the drives explains.
 """
 
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final, Literal, TypeAlias
@@ -32,13 +29,13 @@ from elastid.simulation.spec import ControllerSpec
 from elastid.validation.simulation import LONGEST_S, simulate_tracking
 from elastid.validation.torque_balance import octave_lines
 
-# Typical rate of the controllers in drives: a slower one has half a sample more delay from hold and difference.
+# Typical rate of the controllers in drives; a slower one has more delay by hold and difference quotient.
 DRIVE_HZ: Final = 2000.0
-# Fraction of the mean square error above which another value of a tested number puts it in doubt.
+# Largest fraction of the mean square error that another value of a reliable number removes.
 MAX_REMOVED: Final = 0.5
-# By how much a tested number may differ: by delays of drives of 1 kHz in s, and as much in the factors.
+# Largest difference of a reliable number: delay of drives of 1 kHz in s, and an equivalent change of the factors.
 TOLERANCE: Final = {"delay": 1e-3, "clock": 0.04, "kp": 0.04, "kd": 0.04}
-# Error over that of the best trivial predictor, above which the signs of a joint are tested.
+# Least error over the best trivial predictor's with which the signs of a joint are tested.
 MIN_WEAK: Final = 0.5
 PREDICTORS: Final = ("model", "still", "command", "late command")
 # Ends in Hz, and the rms error of each predictor.
@@ -48,10 +45,10 @@ Quantity: TypeAlias = Literal["clock", "delay", "kp", "kd", "position sign", "jo
 
 @frozen_value
 class CommandedMotion:
-    """Commands, commanded velocities and positions (n, n_u) of a log at rate_hz, and the gains of its controllers.
+    """Commands, commanded velocities and positions (n, n_u) of a log at rate_hz, rad and rad/s (m, m/s), and gains.
 
-    delay_s: known delay of the commands.  controller: with filters behind the feedback, if any are known.  offsets:
-    constant torques against the joints, link side; none if empty.
+    delay_s: of the commands.  controller: filters behind the feedback.  offsets: constant torques against the joints,
+    link side, Nm (N); empty for none.
     """
 
     name: str
@@ -65,14 +62,14 @@ class CommandedMotion:
     offsets: tuple[float, ...] = ()
 
     def first(self, seconds: float) -> "CommandedMotion":
-        """Return the motion up to a duration."""
+        """Return the first seconds of the motion."""
         n = round(seconds * self.rate_hz)
         return replace(self, command=self.command[:n], velocity=self.velocity[:n], position=self.position[:n])
 
 
 @dataclass(frozen=True)
 class Change:
-    """Numbers of a replay: factors of the log's period and of the gains, and a further delay of the commands in s."""
+    """Changes of a replay: factors on the log's period and on the gains, and additional delay of the commands, s."""
 
     clock: float = 1.0
     delay: float = 0.0
@@ -82,10 +79,7 @@ class Change:
 
 @frozen_value
 class JointError:
-    """Rms errors of one joint by predictor, and by octave upwards: ends in Hz, then errors of each predictor.
-
-    delay_s: of the late command.
-    """
+    """Rms errors of one joint by predictor, in total and in octaves, and the delay of the delayed command."""
 
     joint: str
     unit: str
@@ -101,9 +95,9 @@ class JointError:
 
 @frozen_value
 class Tested:
-    """A number of the replay with the value that predicts best, and the rms error with it and as given.
+    """Number of the replay with its best value, and the rms errors with the best and the given value.
 
-    joint: whose sign it is; its error alone counts then.
+    joint: for a sign, the joint whose error is evaluated.
     """
 
     quantity: Quantity
@@ -114,19 +108,19 @@ class Tested:
 
     @property
     def removed(self) -> float:
-        """Fraction of the mean square error that the value removes."""
+        """Fraction of the mean square error that the best value removes."""
         return 1 - (self.rms / max(self.rms_as_given, 1e-300)) ** 2
 
     @property
     def is_in_doubt(self) -> bool:
-        """True if the value removes most of the error and differs from the given number by more than TOLERANCE."""
+        """True if the best value removes most of the error and differs from the given one by more than TOLERANCE."""
         nominal = getattr(Change(), self.quantity, 1.0)
         return self.removed > MAX_REMOVED and abs(self.value - nominal) > TOLERANCE.get(self.quantity, 0.0)
 
 
 @frozen_value
 class Replay:
-    """A log with its prediction (n, n_u), errors by joint, and the tests."""
+    """Log with measured and predicted positions (n, n_u), errors by joint, and tests."""
 
     log: str
     rate_hz: float
@@ -137,9 +131,9 @@ class Replay:
 
 
 def replay(robot: Robot, motion: CommandedMotion, with_tests: bool = True) -> Replay:
-    """Predict the positions of a log, at most LONGEST_S of it, from its commands, and test the numbers of the replay.
+    """Predict the positions of at most LONGEST_S of a log from its commands, and test the numbers of the replay.
 
-    Raises DataError if the robot leaves its commands by more than a turn, StudyError for a mode that is too fast.
+    Raises DataError if a position differs by more than a turn from its command, StudyError for a mode that is too fast.
     """
     motion = motion.first(LONGEST_S)
     plant = drive_plant(robot, motion)
@@ -151,17 +145,17 @@ def replay(robot: Robot, motion: CommandedMotion, with_tests: bool = True) -> Re
 
 
 def drive_plant(robot: Robot, motion: CommandedMotion) -> Plant:
-    """Return the robot under controllers at a multiple of the log's rate, at rest where the motion starts."""
+    """Return the robot with controllers at a multiple of the log's rate, at rest at the start of the motion."""
     rate_hz = math.ceil(DRIVE_HZ / motion.rate_hz - 1e-9) * motion.rate_hz
     start = Configuration(motion.name, motion.position[0])
-    # Each of the tests simulates the whole log.
-    calls = 50 * round(len(motion.position) * rate_hz / motion.rate_hz)
+    # About 50 simulations of the log by the tests.
+    samples = 50 * round(len(motion.position) * rate_hz / motion.rate_hz)
     spec = SimulatedSpec(compiled=True, controller=motion.controller)
-    return true_plant(robot, spec, rate_hz, start, samples=calls, is_free=True)
+    return true_plant(robot, spec, rate_hz, start, samples=samples, is_free=True)
 
 
 def predict(plant: Plant, motion: CommandedMotion, change: Change | None = None) -> FloatArray:
-    """Return positions (n, n_u) at the samples of a log, from its commands alone."""
+    """Predict the positions (n, n_u) at the samples of a log from its commands alone."""
     change, (n, n_u) = change or Change(), motion.command.shape
     period_s, drive_s = change.clock / motion.rate_hz, 1 / plant.loop.rate_hz
     ticks = math.ceil(n * period_s / drive_s - 1e-9)
@@ -177,15 +171,17 @@ def predict(plant: Plant, motion: CommandedMotion, change: Change | None = None)
 
 
 def _zoh_means(signal: FloatArray, edges: FloatArray, period_s: float) -> FloatArray:
-    """Return means (m, n_u) between times (m + 1,) of a signal (n, n_u) whose samples are held for a period each."""
+    """Return the means (m, n_u) between times (m + 1,), s, of a signal (n, n_u) with zero-order hold."""
     knots = np.arange(len(signal) + 1) * period_s
-    integral = np.vstack([np.zeros((1, signal.shape[1])), np.cumsum(signal, axis=0) * period_s])
-    inside = np.stack([np.interp(edges, knots, column) for column in integral.T], axis=1)
-    before, after = np.minimum(edges, 0.0)[:, None] * signal[0], np.maximum(edges - knots[-1], 0.0)[:, None]
-    return np.asarray(np.diff(before + inside + after * signal[-1], axis=0) / np.diff(edges)[:, None])
+    sums = np.vstack([np.zeros((1, signal.shape[1])), np.cumsum(signal, axis=0) * period_s])
+    integral = np.stack([np.interp(edges, knots, column) for column in sums.T], axis=1)
+    # The first and the last sample extend beyond the log.
+    extension = np.minimum(edges, 0.0)[:, None] * signal[0] + integral
+    extension = extension + np.maximum(edges - knots[-1], 0.0)[:, None] * signal[-1]
+    return np.asarray(np.diff(extension, axis=0) / np.diff(edges)[:, None])
 
 
-# Values of each tested number, between which the best one is searched: factors, and seconds.
+# Grid of each tested number, on which its search starts: factors, and seconds.
 _FACTORS = tuple((2.0 ** np.arange(-3, 4)).tolist())
 _GRIDS: dict[Literal["clock", "delay", "kp", "kd"], tuple[float, ...]] = {
     "clock": _FACTORS, "delay": tuple((0.02 * np.arange(-1, 9)).tolist()), "kp": _FACTORS, "kd": _FACTORS
@@ -193,7 +189,7 @@ _GRIDS: dict[Literal["clock", "delay", "kp", "kd"], tuple[float, ...]] = {
 
 
 def _tests(plant: Plant, motion: CommandedMotion, predicted: FloatArray) -> Iterator[Tested]:
-    """Yield the best value of each number: the best of its grid, then by Brent's method beside it."""
+    """Yield the best value of each number, by its grid and then by Brent's method."""
     from scipy.optimize import minimize_scalar  # takes a while
 
     for name, grid in _GRIDS.items():
@@ -215,7 +211,7 @@ def _error_with(plant: Plant, motion: CommandedMotion, name: str, value: float) 
 
 
 def _signs(plant: Plant, motion: CommandedMotion, predicted: FloatArray, joints: Sequence[int]) -> Iterator[Tested]:
-    """Yield some joints with the other sign of the position, and of position and command."""
+    """Yield tests of joints (indices) with the opposite sign of the position, and of position and command."""
     for i in joints:
         joint = plant.model.robot.driven_names[i]
         sign = np.where(np.arange(len(predicted[0])) == i, -1.0, 1.0)
@@ -223,15 +219,14 @@ def _signs(plant: Plant, motion: CommandedMotion, predicted: FloatArray, joints:
         directions = replace(positions, command=sign * motion.command, velocity=sign * motion.velocity)
         nominal_rms = _rms(motion.position[:, i] - predicted[:, i])
         changes: dict[Quantity, CommandedMotion] = {"position sign": positions, "joint direction": directions}
-        for quantity, other in changes.items():
-            try:
-                yield Tested(quantity, -1.0, _rms((other.position - predict(plant, other))[:, i]), nominal_rms, joint)
-            except DataError:  # the robot leaves its commands
-                continue
+        for quantity, variant in changes.items():
+            with suppress(DataError):  # the robot leaves its commands
+                rms = _rms((variant.position - predict(plant, variant))[:, i])
+                yield Tested(quantity, -1.0, rms, nominal_rms, joint)
 
 
 def pooled_tests(replays: Sequence[Replay]) -> tuple[Tested, ...]:
-    """Return the tests of several logs as one, the median of each value; the best explanation first."""
+    """Return the tests of several logs as one, with the median of each value, the largest removed error first."""
     families: dict[tuple[str, str], list[Tested]] = {}
     for test in (test for log in replays for test in log.tests):
         families.setdefault((test.quantity, test.joint), []).append(test)
@@ -244,20 +239,16 @@ def pooled_tests(replays: Sequence[Replay]) -> tuple[Tested, ...]:
 
 
 def pooled_joints(replays: Sequence[Replay]) -> tuple[JointError, ...]:
-    """Return errors of each joint over several logs; by octave if all have one rate and duration, else of the first."""
-    return tuple(
-        replace(
-            rows[0],
-            rms=overall(rows),
-            octaves=pooled_octaves(rows),
-            delay_s=float(np.median([r.delay_s for r in rows])),
-        )
-        for rows in zip(*(log.joints for log in replays), strict=True)
-    )
+    """Return the errors of each joint over several logs."""
+    joints = []
+    for rows in zip(*(log.joints for log in replays), strict=True):
+        delay_s = float(np.median([row.delay_s for row in rows]))
+        joints.append(replace(rows[0], rms=overall(rows), octaves=pooled_octaves(rows), delay_s=delay_s))
+    return tuple(joints)
 
 
 def pooled_octaves(rows: Sequence[JointError]) -> tuple[Octave, ...]:
-    """Return errors by octave over all rows with the same octaves as the first row."""
+    """Return the errors by octave over all rows with the same octaves as the first row."""
     ends = [octave[:2] for octave in rows[0].octaves]
     octaves = [row.octaves for row in rows if [octave[:2] for octave in row.octaves] == ends]
     errors = (_mean_square_root([octave[2] for octave in members]) for members in zip(*octaves, strict=True))
@@ -265,7 +256,7 @@ def pooled_octaves(rows: Sequence[JointError]) -> tuple[Octave, ...]:
 
 
 def overall(joints: Sequence[JointError]) -> tuple[float, ...]:
-    """Return rms error over all joints, by predictor."""
+    """Return the rms error over all joints, by predictor."""
     return _mean_square_root([row.rms for row in joints])
 
 
@@ -282,7 +273,7 @@ def _joint_error(robot: Robot, motion: CommandedMotion, predicted: FloatArray, i
 
 
 def _late_command(measured: FloatArray, command: FloatArray, rate_hz: float) -> tuple[float, FloatArray]:
-    """Return the delay in s, from 0 to 2 s, by which a command (n,) fits the position best, and the late command."""
+    """Return the delay, 0 to 2 s, with which a command (n,) fits the position best, and the delayed command."""
     from scipy.optimize import minimize_scalar  # takes a while
 
     rows = np.arange(len(command), dtype=float)
@@ -298,7 +289,7 @@ def _late_command(measured: FloatArray, command: FloatArray, rate_hz: float) -> 
 
 
 def _by_octave(errors: FloatArray, rate_hz: float) -> Iterator[Octave]:
-    """Yield rms of errors (p, n) in octaves below half the rate, by Hann's window."""
+    """Yield the rms of errors (p, n) in octaves below half the rate, with Hann's window."""
     n = errors.shape[1]
     window = np.hanning(n + 1)[:-1]
     power = np.abs(np.fft.rfft(window * errors)) ** 2 / (n * np.sum(window**2))

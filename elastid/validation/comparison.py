@@ -1,36 +1,22 @@
-r"""Models of one robot compared on the same frequency responses, by their predictions of left-out ones; a search.
+r"""Comparison of models of one robot on the same frequency responses, by cross-validation over configurations.
 
-Each model is fitted to all configurations, and again without each part of them. Its misfit on a left-out configuration
-c, and the information criterion of its fit to all, are
+Each model is fitted to all configurations, and again without each fold. Its misfit on a validation configuration c, and
+the information criterion of its fit to all configurations, are
 
 .. math:: m_c = \frac{1}{n_c} \sum_k \frac{|\hat G - G|^2}{\sigma^2}, \qquad
           \mathrm{QAIC} = V / \hat c + 2 n_x
 
-m_c: mean over the elements and lines that count, 1 for the noise of the weights alone. c: V / dof of the model that
-fits best, so that an error common to all models is no evidence; only differences of QAIC are meaningful (Burnham &
-Anderson, Model Selection and Multimodel Inference, 2002, section 2.5). It assumes independent residuals of lines, which
-a model error violates: where the two disagree, trust the left-out configurations.
+m_c: mean over the elements and lines of the fit, 1 with the noise of the weights alone. c: V / dof of the best fit,
+which makes an error common to all models irrelevant; only differences of QAIC are meaningful (Burnham & Anderson, Model
+Selection and Multimodel Inference, 2002, section 2.5). QAIC assumes independent residuals, which a model error
+violates: if both criteria disagree, the cross-validation is more reliable.
 
-Two models are distinguished where the mean over configurations of m_c - m_c(best) exceeds its standard error and
-0.1 %, the relative difference between two fits of one model.
-
-The search for elastic coordinates goes forward and backward, with the evidence of each step. It starts with the gears
-of the driven joints elastic and all others rigid. Freeing a coordinate, with its parameters, is justified where
-
-.. math:: \bar d > \frac{s_d}{\sqrt{n}}, \quad d_c = m_c(\mathrm{rigid}) - m_c(\mathrm{free})
-          \qquad\text{and}\qquad \mathrm{QAIC}(\mathrm{free}) < \mathrm{QAIC}(\mathrm{rigid})
-
-d_c: decrease of the misfit m_c of configuration c, left out of both fits; mean and standard deviation s_d over the n
-configurations. A gain in a single configuration has a mean of just one standard error and
-does not count. A step makes that freed coordinate rigid which is not justified and contributes least; if there is none,
-it frees the justified one that predicts best; if there is none, all the rest at once, since two springs may show only
-together; and only then it makes an unjustified gear rigid, since the stiffness of a gear is meaningless while a spring
-is lacking elsewhere. It ends where no step leads to a model that was not visited before, and need not find the best of
-the 2^n models.
+Two models are distinguishable if the mean over configurations of m_c - m_c(best) exceeds its standard error and 0.1 %,
+the relative difference between two fits of one model.
 """
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
@@ -49,15 +35,15 @@ from elastid.response import Response
 from elastid.robot import Robot
 from elastid.validation.frf_error import Fold, agreement
 
-# The coordinates that are elastic in a model, in the order of the robot, by their labels.
+# Labels of the elastic coordinates of a model, in the order of the robot.
 Elastic: TypeAlias = tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Refit:
-    """Cross-validation of one model: cost, n_free and dof of the fit, and folds by configuration.
+    """Fit of one model: cost, free parameters and dof, and its predictions (folds) of validation configurations.
 
-    status: that of the fit, or `failed`, with the reason as message.
+    status: of the fit, or `failed`, with the reason as message.
     """
 
     status: str
@@ -70,9 +56,9 @@ class Refit:
 
 @frozen_value
 class ComparedModel:
-    """A model in the ranking.  misfit (n_c,): by configuration, NaN where none was left out or the fit failed.
+    """Model in the ranking.  misfit (n_c,): m_c, NaN if the fit failed; empty without cross-validation.
 
-    criterion: QAIC above the smallest.  rms_log_db, phase_rms_deg: over the left-out configurations.
+    criterion: QAIC minus the smallest QAIC.  rms_log_db, phase_rms_deg: over the validation configurations.
     """
 
     name: str
@@ -87,11 +73,11 @@ class ComparedModel:
 
     @property
     def mean_misfit(self) -> float:
-        """Mean misfit over the configurations; infinite where one of them is not known."""
+        """Mean misfit over the configurations; infinite if one is unknown."""
         return float(self.misfit.mean()) if self.misfit.size and np.isfinite(self.misfit).all() else math.inf
 
     def behind(self, best: "ComparedModel") -> tuple[float, float]:
-        """Return the mean difference of the misfits to the best model's, and its standard error."""
+        """Return the mean difference of the misfits from the best model's, and its standard error."""
         difference = self.misfit - best.misfit
         n = difference.size
         return float(difference.mean()), float(difference.std(ddof=1) / math.sqrt(n)) if n > 1 else math.inf
@@ -99,9 +85,9 @@ class ComparedModel:
 
 @dataclass(frozen=True)
 class Trial:
-    """A model tried in a step: `coordinates` become free or rigid, which leaves `elastic` ones.
+    """Model tried in a step of the search, in which `coordinates` become free or rigid, with its `elastic` ones.
 
-    before, after: misfit of left-out configurations, mean.  taken: true if the search continues from it.
+    before, after: mean misfit of validation configurations.  taken: True if the search continues from this model.
     """
 
     step: int
@@ -115,9 +101,9 @@ class Trial:
 
 @dataclass(frozen=True)
 class Comparison:
-    """The models, the one that predicts best first (by the criterion where nothing was left out), and a verdict.
+    """Ranking of models, the best prediction first (without cross-validation the lowest criterion), and a verdict.
 
-    trials: of the search that tried these models, in its order; none where they were given.
+    trials: of the search, in its order; empty for listed models.
     """
 
     configurations: tuple[str, ...]
@@ -137,79 +123,6 @@ def split_folds(names: Sequence[str], n_folds: int) -> tuple[tuple[str, ...], ..
     return tuple(tuple(name for name in names if posture_of(name) in fold) for fold in groups)
 
 
-Fit: TypeAlias = Callable[[Sequence[Elastic]], Mapping[Elastic, ComparedModel]]
-
-
-def search(coordinates: Sequence[str], fit: Fit, start: Elastic = ()) -> Iterator[Trial]:
-    """Yield every trial, as soon as its step is decided; `final_model` is where they end.
-
-    fit: gives at least the models asked for, under one scale of QAIC.  start: elastic at the start.
-    """
-    visited = [start]
-    while True:
-        current = visited[-1]
-        others = [name for name in coordinates if name not in current]
-        stiffer = {gone: tuple(name for name in current if name != gone) for gone in current}
-        # A freed coordinate rigid, one more free, all free, one of the start rigid.
-        for candidates in (
-            [model for gone, model in stiffer.items() if gone not in start],
-            [tuple(name for name in coordinates if name in current or name == free) for free in others],
-            [tuple(coordinates)] if len(others) > 1 else [],
-            [model for gone, model in stiffer.items() if gone in start],
-        ):
-            new = [model for model in candidates if model not in visited]
-            rows = fit([current, *new])
-            chosen, before = _best_step(rows, current, new), rows[current].mean_misfit
-            for model in new:
-                changed = tuple(name for name in coordinates if (name in model) != (name in current))
-                becomes: Literal["free", "rigid"] = "free" if len(model) > len(current) else "rigid"
-                yield Trial(len(visited), becomes, changed, model, before, rows[model].mean_misfit, model == chosen)
-            if chosen is not None:
-                visited.append(chosen)
-                break
-        else:
-            return
-
-
-def final_model(trials: Sequence[Trial], start: Elastic = ()) -> Elastic:
-    """Return the coordinates that are elastic at the end of the search."""
-    return next((trial.elastic for trial in reversed(trials) if trial.taken), start)
-
-
-def describe_search(coordinates: Sequence[str], trials: Sequence[Trial], start: Elastic = ()) -> str:
-    """Return the end of the search as a sentence."""
-    if not any(math.isfinite(misfit) for trial in trials for misfit in (trial.before, trial.after)):
-        return "The search has no result: no model could be fitted without each configuration; see compare.json."
-    elastic = final_model(trials, start)
-    rigid = [name for name in coordinates if name not in elastic]
-    if not elastic:
-        return f"The data show no elasticity: {', '.join(rigid)} can be rigid."
-    words = f"Elastic coordinates are {', '.join(elastic)}"
-    return words + (f"; {', '.join(rigid)} can be rigid with these data." if rigid else ".")
-
-
-def is_justified(rigid: ComparedModel, free: ComparedModel) -> bool:
-    """Return True if the model with more elastic coordinates predicts better by its standard error, at a lower QAIC."""
-    if not math.isfinite(free.mean_misfit):
-        return False
-    if not math.isfinite(rigid.mean_misfit):
-        return True
-    gain, standard_error = rigid.behind(free)
-    return gain > standard_error and free.criterion < rigid.criterion
-
-
-def _best_step(rows: Mapping[Elastic, ComparedModel], start: Elastic, candidates: Sequence[Elastic]) -> Elastic | None:
-    """Return the model that predicts best of those tried whose step from `start` is justified; None without any."""
-
-    def is_step(model: Elastic) -> bool:
-        if len(model) > len(start):
-            return is_justified(rows[start], rows[model])
-        return not is_justified(rows[model], rows[start])
-
-    steps = filter(is_step, candidates)
-    return min(steps, key=lambda model: (rows[model].mean_misfit, rows[model].criterion), default=None)
-
-
 @dataclass(frozen=True)
 class ComparedVariant:
     """A model to compare: the robot, its parameters to fit, and the formulation of its equations."""
@@ -221,10 +134,10 @@ class ComparedVariant:
 
 
 def refit(responses: Sequence[Response], task: tuple[ComparedVariant, Sequence[str]]) -> Refit:
-    """Fit a variant without the left-out configurations, and compare its prediction with their responses."""
-    variant, left_out = task
-    fitted = [response for response in responses if response.configuration.name not in left_out]
-    out = [response for response in responses if response.configuration.name in left_out]
+    """Fit a variant without a fold of configurations, and compare its predictions with their responses."""
+    variant, fold = task
+    fitted = [response for response in responses if response.configuration.name not in fold]
+    validation = [response for response in responses if response.configuration.name in fold]
     weights, names = variant.fit.weights, [response.configuration.name for response in fitted]
     factors = tuple(
         replace(factor, configurations=members)
@@ -234,50 +147,50 @@ def refit(responses: Sequence[Response], task: tuple[ComparedVariant, Sequence[s
     spec = replace(variant.fit, weights=replace(weights, factors=factors))
     try:
         result = fit_parameters(fitted, variant.robot, spec, model=variant.model)
-        modelled = FittedRobot.of(result, variant.robot, out, variant.model).responses
+        modelled = FittedRobot.of(result, variant.robot, validation, variant.model).responses
     except ElastidError as error:
         return Refit("failed", str(error), 0, math.inf, 0, {})
-    scores = {m.configuration.name: _score(m, G, variant.fit) for m, G in zip(out, modelled, strict=True)}
+    scores = {m.configuration.name: _score(m, G, variant.fit) for m, G in zip(validation, modelled, strict=True)}
     return Refit(result.status, result.message, len(result.parameters.of_interest), result.cost, result.dof, scores)
 
 
 def rank(
     configurations: Sequence[str], variants: Sequence[ComparedVariant], refits: Sequence[Sequence[Refit]]
 ) -> Comparison:
-    """Return the comparison; refits of each variant: to all configurations, then without each part of them."""
-    full = [by_part[0] for by_part in refits]
-    best = min(full, key=lambda fit: fit.cost)  # a failed one has an infinite cost
+    """Return the ranking; refits of each variant: to all configurations, then without each fold."""
+    full = [of_variant[0] for of_variant in refits]
+    best = min(full, key=lambda fit: fit.cost)  # a failed fit has an infinite cost
     scale = max(best.cost / max(best.dof, 1), 1e-300) if math.isfinite(best.cost) else 1.0
     aic = np.array([fit.cost / scale + 2 * fit.n_free for fit in full])
     aic = aic - (aic.min() if np.isfinite(aic).any() else 0.0)
     rows = [
-        _compared(variant.name, by_part, float(criterion), configurations)
-        for variant, by_part, criterion in zip(variants, refits, aic, strict=True)
+        _compared(variant.name, of_variant, float(criterion), configurations)
+        for variant, of_variant, criterion in zip(variants, refits, aic, strict=True)
     ]
     rows.sort(key=lambda row: (row.mean_misfit, row.criterion))
     return Comparison(tuple(configurations), tuple(rows), _verdict(rows))
 
 
 def restrict(spec: FitSpec, variant: Robot, robot: Robot) -> FitSpec:
-    """Return the fit section without the parameters that a variant lacks; raise StudyError if no parameter remains."""
-    variant_names, own_names = variant.parameters(variant.on_demand), robot.parameters(robot.on_demand)
+    """Return the fit section without the parameters that a variant lacks; StudyError if no parameter remains."""
+    variant_names, names = variant.parameters(variant.on_demand), robot.parameters(robot.on_demand)
 
-    def is_gone(key: str) -> bool:
-        is_remaining = key in variant_names if key in own_names else match_names(key, variant_names)
-        return bool(match_names(key, own_names)) and not is_remaining
+    def is_missing(key: str) -> bool:
+        is_remaining = key in variant_names if key in names else match_names(key, variant_names)
+        return bool(match_names(key, names)) and not is_remaining
 
-    parameters = {key: entry for key, entry in spec.parameters.items() if not is_gone(key)}
-    if spec.parameters and not parameters:  # an empty list would mean every stiffness
+    parameters = {key: entry for key, entry in spec.parameters.items() if not is_missing(key)}
+    if spec.parameters and not parameters:  # an empty list would select every stiffness
         raise StudyError(
             "compare/variants",
-            f"fit.parameters has no parameter of this model ({', '.join(spec.parameters)}); add one, such as the "
+            f"fit.parameters has no parameter of this model ({', '.join(spec.parameters)}). Add one, such as the "
             "stiffnesses of the gears",
         )
     return replace(spec, parameters=parameters)
 
 
 def fix(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
-    """Return a study's fit with these parameters fixed at their starts, for a model without them."""
+    """Return the fit section with these parameters fixed at their start values, for a model without them."""
     free = [parameter.name for parameter in choose(spec, robot).free]
     constants = {
         name: replace(spec.parameters.get(name, ParameterSpec()), fixed=True, tie=None, prior=None, per=None)
@@ -328,8 +241,8 @@ def _verdict(rows: Sequence[ComparedModel]) -> str:
     sentence = f"{best.name} predicts left-out configurations best ({math.sqrt(best.mean_misfit):.3g} sigma rms)"
     if equal:
         sentence += f"; {', '.join(row.name for row in equal)} cannot be distinguished from it with these data"
-    if worse := [math.sqrt(row.mean_misfit / best.mean_misfit) for row in rivals if row not in equal]:
-        sentence += f"; the others are worse by more than the standard error, the next by a factor {min(worse):.3g}"
+    if ratios := [math.sqrt(row.mean_misfit / best.mean_misfit) for row in rivals if row not in equal]:
+        sentence += f"; the others are worse by more than the standard error, the next by a factor {min(ratios):.3g}"
     if simplest is not best:
-        sentence += f". The simplest model as good as that is {simplest.name}, with {simplest.n_free} parameters"
+        sentence += f". The simplest of these models is {simplest.name}, with {simplest.n_free} parameters"
     return sentence + "."

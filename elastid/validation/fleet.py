@@ -1,7 +1,7 @@
-r"""Parameters over a fleet: robots that differ from the others and parameters that drift, beyond natural scatter.
+r"""Parameters of a fleet: robots that differ from the others and parameters that drift, beyond natural scatter.
 
-Robots of one type differ, and so do dates, by more than the std sigma of a fit.  Of the logarithms of positive
-parameters, a robot's mean over its T dates and its line over them are those of random effects,
+Robots of one type, and dates, differ by more than the std sigma of a fit.  The model of the logarithms of positive
+parameters has random effects; its statistics are a robot's mean over its T dates, and the slope of its line over them:
 
 .. math:: x_{rt} = \mu + u_r + b_r t + v_{rt} + e_{rt}, \qquad
           u_r \sim (0, \tau_u^2), \quad v_{rt} \sim (0, \tau_v^2), \quad e_{rt} \sim (0, \sigma_{rt}^2),
@@ -10,11 +10,10 @@ parameters, a robot's mean over its T dates and its line over them are those of 
           {\sqrt{\tau_u^2 + \sigma_r^2 + (\tau_u^2 + \overline{\sigma_s^2}) / (R - 1)}},
           \qquad t_{slope} = \hat b_r / \sigma_b .
 
-The spread between robots is that of the others, so that an odd robot does not hide itself; spreads of parameters of one
-kind (all springs, say) inform each other, as variances do in the moderated t test of Smyth (Statistical Applications in
-Genetics and Molecular Biology 3, 2004).  t has Student's distribution with the degrees of freedom of the spread.
-The false discovery rate of all differences and trends together is held by Benjamini and Hochberg (Journal of the Royal
-Statistical Society B 57, 1995).
+The spread between robots is estimated without the tested robot.  Spreads of parameters of one kind, such as springs,
+are moderated as the variances in the t test of Smyth (Statistical Applications in Genetics and Molecular Biology 3,
+2004).  t has Student's distribution with the degrees of freedom of the spread.  The method of Benjamini and Hochberg
+(Journal of the Royal Statistical Society B 57, 1995) limits the false discovery rate of all differences and trends.
 """
 
 import math
@@ -29,7 +28,7 @@ from elastid.base.arrays import FloatArray
 
 Kind: TypeAlias = Literal["differs", "drifts"]
 
-# Meaning of a drift, by the letters of the parameter and whether it grows.
+# Meaning of a drift, by the letters of the parameter and whether it increases.
 MEANINGS = {
     ("k", False): "the spring softens",
     ("b", True): "the backlash opens",
@@ -47,19 +46,18 @@ MEANINGS = {
 }
 
 
-# Knowledge of spreads beforehand, in place of further robots. Of 200 fleets of 8 good robots that differ by 1.5 % 4
-# have a finding with three dates and 9 with one; a gear that is 10 % soft is named in 192 and 196
-# (scripts/studies/results.csv; among 64 robots in all, with a finding in 8).
-# New gears of one type differ by 1 to 3 % in stiffness: worth so many degrees of freedom.
+# Prior of the spread of stiffness between new gears of one type, 1 to 3 %, and its degrees of freedom. Of 200 fleets of
+# 8 good robots with a spread of 1.5 %, 4 have a finding with three dates and 9 with one; a gear that is 10 % soft is
+# found in 192 and 196 (scripts/studies/results.csv; among 64 robots in all, with a finding in 8).
 NATURAL_STIFFNESS = 0.017
 NATURAL_DOF = 6.0
-# Most degrees of freedom that parameters of the same kind are worth: their spreads are alike within a third.
+# Most degrees of freedom by other parameters of the same kind, whose spreads are equal within a third.
 MAX_SHARED_DOF = 8.0
 
 
 @dataclass(frozen=True)
 class FleetValue:
-    """A parameter of a robot on a day, counted from any first one."""
+    """Parameter of a robot on a day, which is counted from an arbitrary date."""
 
     robot: str
     day: float
@@ -70,10 +68,10 @@ class FleetValue:
 
 @dataclass(frozen=True)
 class Finding:
-    """A robot whose parameter differs from the others', or drifts.
+    """Robot whose parameter differs from the others', or drifts.
 
-    change: relative to the mean of the others, or from first to last date; where a parameter is not positive
-    absolute.  z: over its std, with the natural spread in it.  p: chance of as much without a difference.
+    change: from the mean of the others, or from first to last date; absolute unless is_relative.  z: over its std,
+    which includes the natural spread.  p: probability of such a change without a difference.
     """
 
     kind: Kind
@@ -86,29 +84,29 @@ class Finding:
 
     @property
     def meaning(self) -> str:
-        """The kind of wear where a spring, a friction or a backlash drifts; empty for others."""
+        """Kind of wear of a drifting spring, friction or backlash; empty for others."""
         return MEANINGS.get((_letters(self.parameter), self.z > 0), "") if self.kind == "drifts" else ""
 
     @property
     def sentence(self) -> str:
-        """The finding in a sentence."""
-        size = f"{self.change:+.2%}" if self.is_relative else f"{self.change:+.3g}"
-        size_of_z = f"{self.z:+.{0 if abs(self.z) > 100 else 1}f}"
+        """Finding as a sentence."""
+        change = f"{self.change:+.2%}" if self.is_relative else f"{self.change:+.3g}"
+        z = f"{self.z:+.{0 if abs(self.z) > 100 else 1}f}"
         if self.kind == "drifts":
-            how = f"{self.meaning}, {size}" if self.meaning else size
-            return f"{self.parameter} of {self.robot} drifts: {how} from the first date to the last ({size_of_z} std)"
-        return f"{self.parameter} of {self.robot} is {size} off the mean of the others ({size_of_z} std)"
+            text = f"{self.meaning}, {change}" if self.meaning else change
+            return f"{self.parameter} of {self.robot} drifts: {text} from the first date to the last ({z} std)"
+        return f"{self.parameter} of {self.robot} is {change} off the mean of the others ({z} std)"
 
 
-# Sum of squares of a spread beyond that of the fits, and its degrees of freedom.
+# Sum of squares in excess of the fits' variance, and its degrees of freedom.
 _Excess: TypeAlias = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class _Series:
-    """A robot's numbers x (T,), or their logarithms, with variances, over days, with their mean and its variance.
+    """Values x (T,) of a robot's parameter, or their logarithms, over T days, with variances and weighted mean.
 
-    excess: of what dates differ by, about the line over more than two dates, or of two as if there were no trend.
+    excess: of the differences between dates, from a line with more than two dates, from the mean with two.
     """
 
     robot: str
@@ -122,29 +120,29 @@ class _Series:
 
 @dataclass(frozen=True)
 class _Parameter:
-    """A parameter of R robots: their series."""
+    """Parameter with the series of R robots."""
 
     name: str
     is_relative: bool
     series: tuple[_Series, ...]
 
     def between_robots(self) -> _Excess:
-        """Return excess of the means over dates."""
+        """Return the excess of the robots' means."""
         spread = np.var([s.mean for s in self.series], ddof=1) - np.mean([s.variance_of_mean for s in self.series])
         return float((len(self.series) - 1) * spread), len(self.series) - 1.0
 
     def between_dates(self, series: _Series | None = None) -> _Excess:
-        """Return excess of the dates; not of the two of a robot's own, of which the change is judged."""
+        """Return the excess of the dates, without the tested series if it has two dates only."""
         return _total_excess(s.excess for s in self.series if s is not series or len(s.day) > 2)
 
 
 def find_changes(values: Sequence[FleetValue], false_discovery_rate: float) -> tuple[Finding, ...]:
-    """Return differences and trends, the surest first.  Numbers without a std are left out."""
+    """Return the significant differences and trends, the most significant first; values without a std are ignored."""
     parameters = _parameters(values)
     tests = list[Finding]()
     for parameter in parameters:
         tests += (*_differences(parameter, parameters), *_trends(parameter, parameters))
-    from scipy.stats import false_discovery_control  # slow to load, and seldom needed
+    from scipy.stats import false_discovery_control  # slow to load, and rarely needed
 
     tests.sort(key=lambda finding: (finding.p, finding.parameter, finding.robot))
     rates = false_discovery_control([test.p for test in tests]) if tests else ()
@@ -152,7 +150,7 @@ def find_changes(values: Sequence[FleetValue], false_discovery_rate: float) -> t
 
 
 def _parameters(values: Sequence[FleetValue]) -> list[_Parameter]:
-    """Return the numbers with a std, by parameter and robot; logarithms where all are positive."""
+    """Return the values with a std by parameter and robot; logarithms if all are positive."""
     measured = [value for value in values if math.isfinite(value.std) and value.std > 0]
     parameters = []
     for name in dict.fromkeys(value.parameter for value in measured):
@@ -180,7 +178,8 @@ def _series(values: Sequence[FleetValue], robot: str, is_relative: bool) -> _Ser
 
 
 def _differences(parameter: _Parameter, parameters: Iterable[_Parameter]) -> list[Finding]:
-    if len(parameter.series) < 3:  # of two, either may be the odd one
+    """Return the test of each robot's mean against the others' means."""
+    if len(parameter.series) < 3:  # of two robots, each may be the different one
         return []
     kind_excess = [p.between_robots() for p in _same_kind(parameter, parameters) if len(p.series) > 1]
     if parameter.is_relative and _letters(parameter.name) == "k":
@@ -196,12 +195,12 @@ def _differences(parameter: _Parameter, parameters: Iterable[_Parameter]) -> lis
 
 
 def _trends(parameter: _Parameter, parameters: Iterable[_Parameter]) -> list[Finding]:
-    """Return straight lines over the dates of each robot with two or more, with scatter of dates or like parameters."""
+    """Return the test of the slope of each robot with two or more dates."""
     kind_excess = [p.between_dates() for p in _same_kind(parameter, parameters)]
     findings = []
     for s in parameter.series:
         (spread, dof), span = _moderated(parameter.between_dates(s), kind_excess), float(np.ptp(s.day))
-        if span == 0 or not dof:  # nothing says how far dates differ anyway
+        if span == 0 or not dof:  # the spread between dates is unknown
             continue
         w = 1 / (s.variance + spread)
         centred = s.day - float(w @ s.day) / w.sum()
@@ -217,10 +216,10 @@ def _total_excess(excesses: Iterable[_Excess]) -> _Excess:
 
 
 def _moderated(excess: _Excess, kind_excess: Iterable[_Excess]) -> tuple[float, float]:
-    """Return variance and dof of its own scatter and of its kind's, which counts `MAX_SHARED_DOF` at most."""
+    """Return variance and dof of an excess moderated by its kind's, which has at most `MAX_SHARED_DOF`."""
     total, dof = _total_excess(kind_excess)
-    worth = min(1.0, MAX_SHARED_DOF / dof) if dof else 0.0
-    total, dof = _total_excess([excess, (worth * total, worth * dof)])
+    weight = min(1.0, MAX_SHARED_DOF / dof) if dof else 0.0
+    total, dof = _total_excess([excess, (weight * total, weight * dof)])
     return (max(total / dof, 0.0) if dof else 0.0), dof
 
 
@@ -231,6 +230,7 @@ def _same_kind(parameter: _Parameter, parameters: Iterable[_Parameter]) -> list[
 
 
 def _letters(name: str) -> str:
+    """Return the kind of a parameter by its name: k of k_1, e of e2_1."""
     letters = name.partition("_")[0]
     return letters[0] if letters[0] in "er" and letters[1:].replace(".", "").isdigit() else letters
 

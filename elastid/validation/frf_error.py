@@ -1,12 +1,12 @@
-"""Agreement of modelled FRFs with measured ones: errors, noise, and the verdict.
+"""Errors of modelled FRFs relative to measured ones, their noise, and the verdict of the validation.
 
     E(k) = Ghat(k) - G(k),   sigma^2(k) = measured variance of Ghat(k)
 
-A variance estimated from few realisations is smoothed over neighbouring lines, as for the fit. Magnitude and phase
-are judged on the lines where |Ghat| is at least 2 sigma; the statistical tests use every line.
+A variance from few realisations is smoothed over neighbouring lines, as in the fit. Magnitude and phase errors are
+evaluated at the lines with |Ghat| >= 2 sigma; the statistical tests use every line.
 
-Responses measured at the tool, by a hammer or an accelerometer, stand next to the prediction of `Result.at` with its
-band, which has the errors of parameters, of the robot's file and of a misfit.
+Responses at the tool, by a hammer or an accelerometer, are compared with the prediction of `Result.at` and its band,
+which includes the errors of parameters, of the robot model and of a misfit.
 """
 
 import math
@@ -34,17 +34,16 @@ from elastid.validation.residual_tests import (
     without_shifts,
 )
 
-# 95 % of a circular complex error are within so many times its std, sqrt(E|e|^2).
+# Radius of the 95 % interval of a circular complex error over its std, sqrt(E|e|^2).
 CIRCULAR_95 = math.sqrt(-np.log(0.05))
 
 
 @frozen_value(eq=False)
 class PredictedResponse:
-    """A measured response and the prediction of the fitted robot, on the same lines.
+    """Measured response and the prediction of the fitted robot, on the same lines.
 
-    pointwise (F, n_y, n_u): distances from the prediction within which the truth is with 95 % at each line.
-    std: E|dG|^2 ^ 1/2.  motors: held, free or controlled.
-    is_fitted: the response was fitted, together with those of the motors.
+    std (F, n_y, n_u): sqrt(E|dG|^2).  pointwise (F, n_y, n_u): radius of the 95 % interval at each line.  motors: held
+    (locked), free or controlled.  is_fitted: the response is part of the fit.
     """
 
     measured: Response
@@ -57,37 +56,34 @@ class PredictedResponse:
 
     @property
     def configuration(self) -> str:
-        """The name of the configuration."""
+        """Name of the configuration."""
         return self.measured.configuration.name
 
     @property
     def inside(self) -> float:
-        """Share of the lines of all elements on which both agree within their 95 % bands together."""
+        """Fraction of the lines of all elements with a difference within both 95 % intervals."""
         radius = np.hypot(self.pointwise, CIRCULAR_95 * sigma_of(self.measured))
         return float(np.mean(np.abs(self.measured.G - self.predicted.G) <= radius))
 
     @property
     def rms_log_db(self) -> float:
-        """Root mean square of 20 log10 of measured over predicted magnitude, of lines well above the noise."""
+        """Rms of 20 log10 |measured / predicted| over lines above the noise, dB."""
         return agreement(self.measured, self.predicted).overall_rms_log_db
 
     @property
     def sentence(self) -> str:
-        """The comparison in a sentence."""
-        places = f"{', '.join(self.measured.outputs)} by {', '.join(self.measured.inputs)}"
+        """Comparison as a sentence."""
+        elements = f"{', '.join(self.measured.outputs)} by {', '.join(self.measured.inputs)}"
         return (
-            f"{self.configuration}, motors {self.motors}: {places}: {self.rms_log_db:.2g} dB rms between measurement "
+            f"{self.configuration}, motors {self.motors}: {elements}: {self.rms_log_db:.2g} dB rms between measurement "
             f"and prediction; {100 * self.inside:.0f} % of the lines agree within both 95 % bands"
         )
 
 
 def predict_response(result: Result, measured: Response, is_fitted: bool = False) -> PredictedResponse:
-    """Return the prediction of a response, its motors as they were.
-
-    StudyError for places that the robot lacks, and where it finds no rest.
-    """
+    """Predict a response with the motors as measured; StudyError for unknown locations or without an equilibrium."""
     motors, locations = measured.motors, (measured.inputs, measured.outputs)
-    from elastid.fit.posture import PredictionPorts, as_configuration  # equations, which a page does without
+    from elastid.fit.posture import PredictionPorts, as_configuration  # pages use this file without the model
 
     request = PredictionPorts(*locations, motors, quantity=measured.quantity, controller=measured.loop)
     family = result.family(request, measured.configuration.name)
@@ -100,11 +96,10 @@ def predict_response(result: Result, measured: Response, is_fitted: bool = False
 
 @frozen_value
 class FrfError:
-    """Agreement of the model of a configuration with its measurement; arrays by element (n_y, n_u).
+    """Errors of the model in one configuration; arrays by element (n_y, n_u), NaN without an uncertainty or lines.
 
-    lines: judged for magnitude and phase.  rms_log_db: of 20 log10 |Ghat / G|.  phase_rms_deg: of the wrapped phase of
-    Ghat / G.  rms_sigma: of E over the noise, on all lines, 1 for a correct model.
-    power_ratio, power_dof: as `power_over_noise`.  white_p: as `white_by_chance`.  NaN without an uncertainty or lines.
+    rms_sigma: on all lines, 1 for a correct model.  power_ratio, power_dof: `power_over_noise`.  white_p:
+    `white_by_chance`.
     """
 
     configuration: str
@@ -121,39 +116,39 @@ class FrfError:
 
     @property
     def overall_rms_log_db(self) -> float:
-        """Magnitude error over all judged lines of all elements, dB."""
+        """Rms magnitude error over all evaluated lines of all elements, dB."""
         return pooled_rms(self.rms_log_db, self.lines)
 
     @property
     def overall_phase_rms_deg(self) -> float:
-        """Phase error over all judged lines of all elements, degrees."""
+        """Rms phase error over all evaluated lines of all elements, degrees."""
         return pooled_rms(self.phase_rms_deg, self.lines)
 
     @property
     def overall_rms_sigma(self) -> float:
-        """Residual over its standard deviation, rms over all elements with one."""
+        """Rms residual over its standard deviation, over all elements that have one."""
         finite = self.rms_sigma[np.isfinite(self.rms_sigma)]
         return math.sqrt(np.mean(finite**2)) if finite.size else math.nan
 
 
 def pooled_rms(rms: FloatArray, lines: IntArray) -> float:
-    """Return the mean-square sum of rms (...) weighted by the number of lines (...), as a root; NaN without lines."""
+    """Return the rms over all lines from the rms (...) of each element and its lines (...); NaN without lines."""
     mask = lines > 0
     return math.sqrt(np.average(rms[mask] ** 2, weights=lines[mask])) if mask.any() else math.nan
 
 
 def are_white(agreements: Sequence[FrfError]) -> bool:
-    """Return True if the residuals of all configurations together are white; FALSE_ALARM is the false-alarm rate."""
+    """Return whether the residuals of all configurations together are white, with false-alarm rate FALSE_ALARM."""
     return not fisher_p_value([result.white_p for result in agreements]) < FALSE_ALARM
 
 
 def noise_p(agreements: Sequence[FrfError]) -> float:
-    """Return P(as much power in the residuals) by noise alone; NaN where no noise is known."""
+    """Return the probability of at least this residual power by noise alone; NaN if the noise is unknown."""
     return exceeds_by_chance(*power_ratio(agreements))
 
 
 def power_ratio(agreements: Sequence[FrfError]) -> tuple[float, float]:
-    """Return ratio of residual power to noise power, over all configurations, and its degrees of freedom."""
+    """Return the ratio of residual to noise power over all configurations, and its degrees of freedom."""
     pairs = [(a.power_dof, a.power_ratio) for a in agreements if a.power_dof > 0]
     dof = sum(weight for weight, _ in pairs)
     return (sum(weight * ratio for weight, ratio in pairs) / dof, dof) if pairs else (math.nan, 0.0)
@@ -161,10 +156,7 @@ def power_ratio(agreements: Sequence[FrfError]) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Fold:
-    """A configuration predicted by the fit to others: misfit (mean |E|^2 / sigma^2), dB rms, degrees rms.
-
-    NaN where the fit without it failed; message then says why.
-    """
+    """Errors of a configuration in cross-validation, NaN if its fit failed; misfit: mean |E|^2 / sigma^2."""
 
     configuration: str = ""
     misfit: float = math.nan
@@ -174,10 +166,7 @@ class Fold:
 
 @frozen_value
 class Validation:
-    """The agreement of every configuration, in the order measured, and the verdict on the model in one sentence.
-
-    predictions: of responses at the tool, by `Result.at`.
-    """
+    """Errors of every configuration, predictions of responses at the tool, and the verdict in one sentence."""
 
     configurations: tuple[FrfError, ...] = labelled(entry="configuration")
     verdict: str
@@ -187,12 +176,10 @@ class Validation:
 
     @property
     def display(self) -> Display:
-        """The verdict, and the agreement of each configuration."""
+        """Table of the verdict and the errors of each configuration."""
         rows = [
-            (
-                a.configuration, "validation" if a.is_validation else "fitted", f"{a.overall_rms_log_db:.2g}",
-                f"{a.overall_phase_rms_deg:.2g}", f"{math.sqrt(a.power_ratio):.3g}"
-            )
+            (a.configuration, "validation" if a.is_validation else "fitted", f"{a.overall_rms_log_db:.2g}",
+             f"{a.overall_phase_rms_deg:.2g}", f"{math.sqrt(a.power_ratio):.3g}")
             for a in self.configurations
         ]  # fmt: skip
         headings = ("configuration", "in the fit", "magnitude, dB rms", "phase, degrees rms", "residual / noise")
@@ -202,17 +189,15 @@ class Validation:
 def validate(
     measured: Sequence[Response],
     modelled: Sequence[Response],
-    left_out: Sequence[str],
+    validation: Sequence[str],
     shifts: Mapping[str, ComplexArray] | None = None,
 ) -> Validation:
-    """Judge the modelled FRFs, one for each measured one on the same lines; left_out: configurations not fitted.
+    """Compare measured and modelled FRFs; validation: names of configurations that were not fitted.
 
-    All are left out of a fit to other data.  shifts (n_x, F, n_y, n_u): as `agreement`, by name, of those not fitted.
-
-    ValueError if a pair differs in elements or lines.
+    shifts (n_x, F, n_y, n_u): of `agreement`, by configuration.  ValueError if a pair differs in elements or lines.
     """
     agreements = tuple(
-        agreement(Ghat, G, (name := Ghat.configuration.name) in left_out, (shifts or {}).get(name))
+        agreement(Ghat, G, (name := Ghat.configuration.name) in validation, (shifts or {}).get(name))
         for Ghat, G in zip(measured, modelled, strict=True)
     )
     return Validation(agreements, _verdict(agreements))
@@ -221,10 +206,10 @@ def validate(
 def agreement(
     measured: Response, modelled: Response, is_validation: bool = False, shifts: ComplexArray | None = None
 ) -> FrfError:
-    """Return the errors of one configuration; ValueError if both responses differ in elements or lines.
+    """Return the errors of one configuration; ValueError if the responses differ in elements or lines.
 
-    shifts (n_x, F, n_y, n_u): changes of a model that was not fitted to it by a standard deviation of its parameters,
-    in independent directions; tests allow for them, as for the systematic errors of the measured one.
+    shifts (n_x, F, n_y, n_u): changes of the prediction by one standard deviation of the parameters in independent
+    directions. The tests allow for them, as for the systematic errors of the measurement.
     """
     for name in ("inputs", "outputs", "quantity", "freq_hz"):
         if not np.array_equal(getattr(measured, name), getattr(modelled, name)):
@@ -235,7 +220,7 @@ def agreement(
     is_judged = above_2sigma(measured, sigma)
     has_noise = sigma > 0
     e = np.divide(Ghat - G, sigma, out=np.zeros_like(Ghat), where=has_noise)
-    # |G| counts as sigma at least, so that an element that the model decouples is finite.
+    # The reference is at least sigma: an element that is 0 in the model has a finite error.
     tiny = np.finfo(float).tiny
     reference = np.maximum(np.maximum(np.abs(G), sigma), tiny)
     ratio, ratio_dof, white_p = _tests(measured, noise, Ghat - G, shifts)
@@ -248,7 +233,7 @@ def agreement(
 
 
 def _expected_power(noise: SmoothedNoise | None, sigma: FloatArray) -> FloatArray | float:
-    """Return mean (n_y, n_u) of |E / sigma|^2 of a correct model, as `power_over_noise`: smoothing raises sigma."""
+    """Return the mean (n_y, n_u) of |E / sigma|^2 of a correct model, below 1 because smoothing raises sigma."""
     if noise is None:
         return 1.0
     ratio = np.divide(noise.measured.variance, sigma**2, out=np.zeros(sigma.shape), where=sigma > 0)
@@ -258,37 +243,37 @@ def _expected_power(noise: SmoothedNoise | None, sigma: FloatArray) -> FloatArra
 def _tests(
     measured: Response, noise: SmoothedNoise | None, E: ComplexArray, shifts: ComplexArray | None
 ) -> tuple[float, float, float]:
-    """Return power of the errors E (F, n_y, n_u) over the noise, its degrees of freedom, and p of whiteness."""
+    """Return the power of the errors E (F, n_y, n_u) over the noise, its degrees of freedom, and p of whiteness."""
     if noise is None or not np.any(noise.variance > 0):
         return math.nan, 0.0, math.nan
     whiten = whitening(noise)
     z, shift_dof = (whiten @ vec(E)[:, :, None])[:, :, 0], 0.0
-    if shifting := [x.reshape(-1, *E.shape) for x in (shifts, measured.bias) if x is not None]:
-        z, shift_dof = without_shifts(z, (whiten @ vec(np.concatenate(shifting))[..., None])[..., 0])
+    if systematic := [x.reshape(-1, *E.shape) for x in (shifts, measured.bias) if x is not None]:
+        z, shift_dof = without_shifts(z, (whiten @ vec(np.concatenate(systematic))[..., None])[..., 0])
     return *power_over_noise(z, whiten, noise, shift_dof), white_by_chance(z)
 
 
 def _mean(values: FloatArray | BoolArray, mask: BoolArray) -> FloatArray:
-    """Return mean (n_y, n_u) along frequency over some lines, NaN without any."""
+    """Return the mean (n_y, n_u) over the lines of a mask (F, n_y, n_u); NaN without any."""
     count = mask.sum(axis=0)
     return np.asarray(np.where(mask, values, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan))
 
 
 def _verdict(agreements: Sequence[FrfError]) -> str:
-    fitted, left_out = ([a for a in agreements if a.is_validation is is_out] for is_out in (False, True))
-    rows = left_out or fitted
+    fitted, validation = ([a for a in agreements if a.is_validation is flag] for flag in (False, True))
+    rows = validation or fitted
     (db, deg), (ratio, dof), p, white = _over(rows), power_ratio(rows), noise_p(rows), are_white(rows)
     if math.isnan(db):
         return "Validation not possible: no line of the measured FRFs is above 2 sigma."
     is_less = exceeds_by_chance(1 / max(ratio, 1e-300), dof) < FALSE_ALARM
     color = f"{'white' if white else 'coloured'}{' (noise overestimated, intervals too wide)' if is_less else ''}"
     error = f"{db:.2g} dB and {deg:.2g} deg rms"
-    if not left_out:  # the residual test of the fit judges these residuals
+    if not validation:  # the residual test of the fit applies to these residuals
         return f"Error of the fitted FRFs: {error}. No configuration is reserved for validation."
-    names, is_larger = ", ".join(a.configuration for a in left_out), False
+    names, is_larger = ", ".join(a.configuration for a in validation), False
     if fitted:
         fitted_db, fitted_deg = _over(fitted)
-        # A configuration with more noise than the fitted ones has an error that is not the model's.
+        # A larger error may be due to more noise than in the fitted configurations.
         is_larger = db > 1.5 * fitted_db + 0.1 and not p >= FALSE_ALARM
         error += f" (fitted: {fitted_db:.2g} dB and {fitted_deg:.2g} deg)" if is_larger else ""
     verdict = "failed" if is_larger or p < FALSE_ALARM or not white else "passed"

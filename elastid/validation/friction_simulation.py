@@ -1,16 +1,13 @@
-r"""Torque of motions part by part, and simulation along their logs, with the identified friction.
+r"""Torque balances of friction motions, and simulation along their logs with the identified friction.
 
-Of a motion the parts are those of its regression. A joint that moved alone has inertia and gravity of its own; of
-joints that moved together the rigid body is what their regression took out of the log, gravity and offset with it.
-
-Along the log of a motion
+The components of a balance are those of the regression. A joint that moved alone has its own inertia and gravity;
+joints that moved together have a common rigid body with gravity and offset. The simulation along a log is
 
 .. math:: M(q) \ddot q + f(q, \dot q) + \tau_f(\dot q, z) = B\, [u - (\tau_r - \hat \tau_r)]
 
-tau_r is the rigid body's torque that the identification found in the log (for a joint alone its inertia, gravity and
-offset), hat tau_r that of the robot's file, both along the logged motion: a counterbalance or a payload that the file
-lacks acts on the model as it does on the robot. Joints that rest are held by a loop of 5 Hz on the model's torque.
-Logs are judged by the numbers of others, too (`predict_logs`).
+tau_r: rigid-body torque that was identified from the log; hat tau_r: of the robot model; both along the logged motion.
+A counterbalance or payload that is missing in the robot model therefore acts on it as on the robot. A loop of 5 Hz
+holds the other joints. `predict_logs` uses the numbers of another study.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -58,12 +55,12 @@ from elastid.validation.log_comparison import (
 from elastid.validation.simulation import LONGEST_S, simulate_log, simulate_tracking, tracking_gains
 from elastid.validation.torque_balance import torque_balance
 
-# Parts of a torque balance by the components of a regression.
+# Components of a torque balance by those of a regression.
 PART_OF = dict(zip(TORQUE_COMPONENTS, (INERTIA, GRAVITY, VISCOUS, DRY), strict=True))
 
 
 def friction_balances(joints: Iterable[JointFriction], measured: FrictionRecords) -> tuple[TorqueBalance, ...]:
-    """Return balances of joints with a regression of their motions, over the first log, in its passband."""
+    """Return the balances of joints with a regression of their motions, over the first log, in its passband."""
     return tuple(
         _balance(joint.motion, _record_of(joint.motion, measured.of(joint.joint, "motion")))
         for joint in joints
@@ -72,6 +69,7 @@ def friction_balances(joints: Iterable[JointFriction], measured: FrictionRecords
 
 
 def _record_of(motion: MotionFriction, records: Iterable[FrictionRecord]) -> FrictionRecord:
+    """Return the record of a motion, with the smallest payload if several records have its positions."""
     lightest = sorted(records, key=lambda record: record.payload)
     return next(record for record in lightest if np.array_equal(record.position, motion.motion.position))
 
@@ -90,15 +88,15 @@ def _balance(fit: MotionFriction, record: FrictionRecord) -> TorqueBalance:
     )
 
 
-# Bandwidth of the loop about the logged motion: below it gravity pulls an arm of a metre away faster than it is held.
+# Bandwidth of the loop about the logged motion; a slower loop does not hold an arm of a metre against gravity.
 TRACKING_HZ = 0.5
 
 
 @frozen_value
 class _Log:
-    """A log of n samples along which the joints `moving_motors`, of n_u, move: their regressions, records and signals.
+    """Log of n samples in which the joints `moving_motors` (indices) move, with their regressions and records.
 
-    posture (n_u,): angles at which the other joints rest.  E (n_u, n_u): `robot.mixing`.
+    posture (n_u,): angles of the other joints.  E (n_u, n_u): `robot.mixing`.
     """
 
     n: int
@@ -119,15 +117,15 @@ class _Log:
         n = min(len(records[0].position), n)
         return cls(n, posture, robot.mixing, moving_motors, regressions, records, signals)
 
-    def joint_values(self, columns: Iterable[FloatArray], others: FloatArray | float = 0.0) -> FloatArray:
-        """Return motions (n, n_u) of all joints from the moving motors. others: values of the other joints."""
-        values = np.full((self.n, len(self.posture)), self.E @ others if np.ndim(others) else others)
+    def joint_values(self, columns: Iterable[FloatArray], rest: FloatArray | float = 0.0) -> FloatArray:
+        """Return values (n, n_u) of all joints from the columns (n,) of moving motors and the values of the rest."""
+        values = np.full((self.n, len(self.posture)), self.E @ rest if np.ndim(rest) else rest)
         for i, column in zip(self.moving_motors, columns, strict=True):
             values[:, i] = column[: self.n]
         return np.linalg.solve(self.E, values.T).T
 
     def torques(self, columns: Iterable[FloatArray]) -> FloatArray:
-        """Return torques (n, n_u) on all joints from the moving motors."""
+        """Return torques (n, n_u) on all joints from the torques (n,) of the moving motors."""
         return self.joint_values(columns) @ self.E.T @ self.E
 
     @property
@@ -145,8 +143,8 @@ def compare_friction_logs(
 ) -> LogComparison:
     """Balance the torque of motions, and simulate the first log of each group of joints that moved together.
 
-    Under its torque and its reference.  robot: with the friction of `joints`.  controller: None where it is not known;
-    no simulation by the reference then.
+    The input is the logged torque, and with a known controller also the reference.  robot: with the friction of
+    `joints`.
     """
     groups: dict[str, list[tuple[MotionFriction, FrictionRecord]]] = {}
     for joint in joints:
@@ -167,7 +165,7 @@ def compare_friction_logs(
 def _commanded_runs(
     robot: Robot, joints: Sequence[JointFriction], logs: Iterable[Mapping[str, FrictionRecord]]
 ) -> Iterator[LogSimulation]:
-    """Yield runs along logs without torques, simulated from their commands alone."""
+    """Yield simulations along logs without torques, from their commands alone."""
     fits = {joint.joint: joint.commanded for joint in joints if joint.commanded is not None}
     for records in logs:
         log = {name: record for name, record in records.items() if name in fits}
@@ -182,11 +180,8 @@ def _commanded_runs(
 
 
 def _rigid_torque(fit: MotionFriction, signals: MotionSignals, record: FrictionRecord) -> FloatArray:
-    """Return the torque (n,) at full rate of all that is no friction in its log: rigid body, gravity and offset.
-
-    A joint that moved with others has no numbers of its own of the rigid body.
-    """
-    if fit.rigid_body is not None:
+    """Return the torque (n,) of rigid body, gravity and offset in a log, at full rate."""
+    if fit.rigid_body is not None:  # of joints that moved together
         return record.torque - fit.motion.torque
     components = torque_components(fit.regression, full_rate_columns(signals, fit.terms))
     return components["inertia"] + components.get("gravity", 0.0)
@@ -205,7 +200,7 @@ def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> LogSimulation
 
 
 def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> Iterator[ComparedSignal]:
-    """Yield signals of a plant under reference, torque and gains; joints that rest have the same in all."""
+    """Yield the compared signals of a plant along a log; joints that do not move have the same commands in all runs."""
     q, moving_motors = plant.point.q, np.isin(np.arange(len(log.posture)), log.moving_motors)
     smooth, path = formulate(without_friction(plant.model.robot)), log.position
     rate = log.joint_values(signals.velocity for signals in log.signals)
@@ -214,10 +209,10 @@ def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> It
     demand = feed_forward(smooth, q, path - path[0], rate, curvature)
     rigid = log.torques(map(_rigid_torque, log.regressions, log.signals, log.records))
     if controller is None:
-        # The plant holds a torque from sample to sample: the mean of both ends acts on it.
+        # The plant has a zero-order hold: the mean of both ends of a sample acts on it.
         acting = (torque + np.vstack([torque[1:], torque[-1:]])) / 2
         gains = tracking_gains(plant, TRACKING_HZ)
-        # As the loop differentiates what it reads, so that its torque is of the error alone.
+        # The same difference quotient as the loop's, so that its torque depends on the error alone.
         position, velocity = path, np.diff(path, axis=0, prepend=path[:1]) * plant.loop.rate_hz
     else:
         gains, zeros = gains_of(plant.model, q, controller.spec), np.zeros(log.n)
@@ -225,31 +220,33 @@ def _along_motion(log: _Log, controller: CascadeSpec | None, plant: Plant) -> It
         position = log.joint_values(references, log.posture)
         load = log.torques(zeros if record.disturbance is None else record.disturbance for record in log.records)
         velocity = controller.velocity_feedforward * np.gradient(position, 1 / plant.loop.rate_hz, axis=0)
-        # The torque that the controller's integral holds at the start; 0 without an integral.
+        # Initial torque of the controller's integral; 0 without an integral.
         error = gains.kp * (position[0] - path[0]) + gains.kd * (velocity[0] - rate[0])
         acting = load + np.where(gains.ki > 0, torque[0] - load[0] - error, 0.0)
-    lacking = np.where(moving_motors, demand - rigid, 0.0)
-    commands = Commands(position, velocity, np.where(moving_motors, acting, demand), lacking, np.zeros_like(demand))
+    correction = np.where(moving_motors, demand - rigid, 0.0)
+    commands = Commands(position, velocity, np.where(moving_motors, acting, demand), correction, np.zeros_like(demand))
     return _in_passband(log, plant.model, simulate_tracking(plant, commands, moving_motors, gains, path[0], rate[0]))
 
 
 def _in_passband(log: _Log, model: ElasticModel, trajectory: Trajectory) -> Iterator[ComparedSignal]:
-    """Yield motion and torque of each joint that moves, and of its link where it was logged, in the passband."""
-    reading, u = trajectory.reading @ log.E.T, trajectory.u @ np.linalg.inv(log.E)
+    """Yield motion and torque of each moving joint, and its link motion if logged, in the passband."""
+    position, u = trajectory.reading @ log.E.T, trajectory.u @ np.linalg.inv(log.E)
     for i, record, signals in zip(log.moving_motors, log.records, log.signals, strict=True):
         # The simulation may end before its log.
         samples = signals.decimation
         simulated = replace(signals, decimation=slice(samples.start, min(samples.stop, log.n), samples.step))
         motor, link = f"motor {record.joint}", f"joint {record.joint}"
-        turning, driving = motion_unit("position", record.slides), drive_unit(record.slides)
+        unit, torque_unit = motion_unit("position", record.slides), drive_unit(record.slides)
         rows: tuple[tuple[SignalKind, str, str, FloatArray | None, FloatArray], ...] = (
-            (MOTION, motor, turning, record.position, reading[:, i]),
-            (TORQUE, motor, driving, record.torque, u[:, i]),
-            (LINK, link, turning, record.link_position, trajectory.q[:, model.index(link)]),
+            (MOTION, motor, unit, record.position, position[:, i]),
+            (TORQUE, motor, torque_unit, record.torque, u[:, i]),
+            (LINK, link, unit, record.link_position, trajectory.q[:, model.index(link)]),
         )
-        for kind, location, unit, y, y_model in rows:
+        for kind, location, unit_of_row, y, y_model in rows:
             if y is not None:
-                yield ComparedSignal(kind, location, unit, *(simulated.filtered(x[: log.n]) for x in (y, y_model)))
+                yield ComparedSignal(
+                    kind, location, unit_of_row, *(simulated.filtered(x[: log.n]) for x in (y, y_model))
+                )
 
 
 def predict_logs(
@@ -259,7 +256,7 @@ def predict_logs(
     controller: CascadeSpec | None,
     execution: Execution,
 ) -> LogComparison:
-    """Predict the logs of motions by the numbers of `joints`; robot: with their friction, for the simulations."""
+    """Predict the logs of motions with the numbers of `joints` from another study; robot: with their friction."""
     by_name, predicted = {joint.joint: joint for joint in joints}, list[JointFriction]()
     reasons = dict[str, list[str]]()
     for log in motion_logs(measured):
@@ -277,11 +274,14 @@ def predict_logs(
 def _along(
     robot: Robot, source: JointFriction | None, record: FrictionRecord, log: Mapping[str, FrictionRecord]
 ) -> JointFriction:
-    """Return the joint with its motion of a log, less the torque of a shared rigid body; else raise DataError."""
+    """Return the joint with its motion of a log, without the torque of a common rigid body.
+
+    Raises DataError if the result does not apply to this motion.
+    """
     if source is None or source.motion is None:
-        raise DataError("predict/mismatch", "the result has no regression of a motion of it")
+        raise DataError("predict/mismatch", "the result has no regression of a motion of this joint")
     if source.slides != record.slides:
-        raise DataError("predict/mismatch", "it slides in one of the two robots and turns in the other")
+        raise DataError("predict/mismatch", "the joint slides in one of the two robots and turns in the other")
     fit = source.motion
     signals = motion_log(robot, log, fit.passband_hz)
     motion = signals.signals[record.joint].motion
@@ -289,10 +289,8 @@ def _along(
         rigid = rigid_body_torques(robot, fit.rigid_body, signals)
         motion = replace(motion, torque=motion.torque - rigid[record.joint])
     elif len(log) > 1:
-        raise DataError(
-            "predict/mismatch",
-            "it moves with others, and alone in the logs of the result, which know no rigid body of all",
-        )
+        text = "the joint moves with others, but alone in the logs of the result, which has no common rigid body"
+        raise DataError("predict/mismatch", text)
     else:
         motion = replace(motion, turns_against_gravity="gravity.cos" in fit.regression.names)
     return replace(source, motion=replace(fit, motion=motion))

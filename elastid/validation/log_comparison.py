@@ -1,4 +1,4 @@
-"""LogComparison: a log compared with the model, its torque part by part and its simulation."""
+"""LogComparison: torque balances of logs and simulations along them, as values and sentences."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,21 +14,17 @@ TORQUE: Final = "torque"
 MOTION: Final = "motor angle"
 LINK: Final = "link motion"
 _DRIVES = {"reference": "reference through its controller", "torque": "torque"}
-# Parts of a model's torque, as tables and figures name them; `FRICTION`: those that a model without friction lacks.
+# Names of the components of a model's torque; FRICTION: those that a model without friction lacks.
 INERTIA, GRAVITY, RIGID_BODY, ELASTICITY = "inertia", "gravity and offset", "rigid body", "elasticity"
 VISCOUS, DRY = "viscous friction", "dry friction"
 FRICTION = (VISCOUS, DRY)
-# An octave with less of the torque's power holds noise, or what the window leaks.
+# Least fraction of the torque's power in an octave; smaller ones contain noise, or leakage of the window.
 MIN_POWER_SHARE = 1e-4
 
 
 @dataclass(frozen=True)
 class BandBalance:
-    """Torque balance between two frequencies in Hz: power, its fraction of the total, fractions of each term, and
-    residual.
-
-    unexplained_without_friction: by the model without its friction.
-    """
+    """Torque balance between two frequencies in Hz, with the fraction of the power (see `TorqueBalance`)."""
 
     low_hz: float
     high_hz: float
@@ -40,12 +36,11 @@ class BandBalance:
 
 @frozen_value
 class TorqueBalance:
-    """The torque of one motor in one log, link side.
+    """Torque of one motor in one log, link side, and its components by the model.
 
-    place: of its motor or joint.  log: name of the record.  unit: of the torque.  rate_hz: of the samples; without a
-    known rate frequencies are in units of it.  parts: names; torques (n_p, n): of each.  measured (n,).
-    fractions: of each part in the mean square of the torque.  unexplained_fraction: of it by the whole model.
-    unexplained_without_friction: by the model without its friction.  bands: the same by octave, upwards.
+    place: motor or joint.  log: name of the record.  rate_hz: unit of frequencies if the rate is unknown.  fractions:
+    of each of the `parts` in the mean square of the torque.  unexplained_fraction: of the residual in the mean square;
+    unexplained_without_friction: with the model without its friction.  bands: by octave, upwards.
     """
 
     place: str
@@ -69,29 +64,29 @@ class TorqueBalance:
 
     @property
     def sentence(self) -> str:
-        """Shares of the parts in a sentence."""
+        """Contributions of the components as a sentence."""
         pairs = zip(self.parts, self.fractions, strict=True)
         fractions = ", ".join(f"{component} {fraction:.1%}" for component, fraction in pairs)
-        worst, unit = self.worst, "Hz" if self.has_rate else "of the sampling rate"
+        band, unit = self.worst, "Hz" if self.has_rate else "of the sampling rate"
         return (
             f"{self.place}, {self.log}: contributions to the mean-square torque: {fractions}. Unexplained: "
             f"{self.unexplained_fraction:.1%}, at most "
-            f"{worst.unexplained_fraction:.0%} from {worst.low_hz:.3g} to {worst.high_hz:.3g} {unit}."
+            f"{band.unexplained_fraction:.0%} from {band.low_hz:.3g} to {band.high_hz:.3g} {unit}."
         )
 
     @property
     def residual(self) -> FloatArray:
-        """Measured less modelled torque (n,)."""
+        """Measured minus modelled torque (n,)."""
         return np.asarray(self.measured - self.torques.sum(axis=0))
 
     def torque_sum(self, names: Sequence[str]) -> FloatArray:
-        """Return the torque (n,) of these parts together, 0 of those that the model lacks."""
+        """Return the sum (n,) of these components; 0 for components that the model lacks."""
         return np.asarray(self.torques[[name in names for name in self.parts]].sum(axis=0))
 
 
 @frozen_value
 class ComparedSignal:
-    """One signal (n,) of a log and of its simulation, link side, in SI, at rate_hz of its run."""
+    """Signal (n,) of a log and of its simulation, link side, SI, at the rate of the simulation."""
 
     kind: SignalKind
     place: str
@@ -101,7 +96,7 @@ class ComparedSignal:
 
     @property
     def error(self) -> float:
-        """Rms error over the rms of the signal about its mean."""
+        """Rms error over the standard deviation of the signal."""
         rms = float(np.sqrt(np.mean((self.measured - self.simulated) ** 2)))
         return rms / max(float(np.std(self.measured)), 1e-300)
 
@@ -110,8 +105,8 @@ class ComparedSignal:
 class LogSimulation:
     """Simulation along one log.
 
-    tracking_bandwidth_hz: of the loop about the logged motion, 0 under the controller's reference.  seconds: simulated
-    duration of the log.  lost: why there is no result; empty where there is.
+    tracking_bandwidth_hz: of the loop about the logged motion, 0 with the controller's reference.  seconds: simulated
+    duration.  lost: reason of a missing result.
     """
 
     log: str
@@ -128,27 +123,26 @@ class LogSimulation:
 
     @property
     def sentence(self) -> str:
-        """Simulation errors along the log, in one sentence."""
-        driven = f"with the logged {_DRIVES[self.drive]} as input"
+        """Simulation errors along the log as a sentence."""
+        drive = f"with the logged {_DRIVES[self.drive]} as input"
         if self.lost:
-            return f"Simulation of record {self.log} {driven}: diverged, {self.lost}."
-        held_hz = self.tracking_bandwidth_hz
-        aid = f". A slow position loop ({held_hz:.2g} Hz) keeps the model at the logged positions" if held_hz else ""
+            return f"Simulation of record {self.log} {drive}: diverged, {self.lost}."
+        loop_hz = self.tracking_bandwidth_hz
+        loop = f". A slow position loop ({loop_hz:.2g} Hz) keeps the model at the logged positions" if loop_hz else ""
         errors = {kind: [100 * signal.error for signal in self.of(kind)] for kind in (MOTION, TORQUE, LINK)}
-        loop = errors.pop(TORQUE) if aid else []
-        phrases = [f"{kind} at most {max(values):.3g} %" for kind, values in errors.items() if values]
         of_loop = ""
-        if loop:
-            of_loop = f" The torque of the position loop is at most {max(loop):.3g} % of the logged torque (rms)."
+        if loop_hz and (values := errors.pop(TORQUE)):
+            of_loop = f" The torque of the position loop is at most {max(values):.3g} % of the logged torque (rms)."
+        phrases = [f"{kind} at most {max(values):.3g} %" for kind, values in errors.items() if values]
         return (
-            f"Simulation of {self.seconds:.3g} s of record {self.log} {driven}{aid}. Rms errors in percent "
+            f"Simulation of {self.seconds:.3g} s of record {self.log} {drive}{loop}. Rms errors in percent "
             f"of the rms signal: {', '.join(phrases)}.{of_loop}"
         )
 
 
 @dataclass(frozen=True)
 class LogComparison:
-    """Torque of logs part by part, and simulations along them; missing: joints not predicted there, and why."""
+    """Torque balances of logs and simulations along them; missing: joints without a prediction, and the reason."""
 
     balances: tuple[TorqueBalance, ...] = ()
     runs: tuple[LogSimulation, ...] = ()
@@ -156,7 +150,7 @@ class LogComparison:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """The torque of each joint, then the simulations."""
+        """Sentences on the torque of each joint, then on the simulations."""
         return (*(balance.sentence for balance in self.balances), *(run.sentence for run in self.runs))
 
 

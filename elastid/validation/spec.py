@@ -9,7 +9,7 @@ from elastid.experiment.specs.experiment import ToolSpec
 
 @section
 class ValidationSpec:
-    """Configurations, or logs of friction, by which the model is judged."""
+    """Configurations, friction logs and tool responses that validate the model."""
 
     # fmt: off
     configurations: Annotated[tuple[str, ...], Key("Validation configurations, excluded from the fit; in a friction "
@@ -23,7 +23,7 @@ class ValidationSpec:
 
 @section
 class VariantSpec:
-    """Another model for `elastid compare`: its differences from the study's own."""
+    """Another model for `elastid compare`: its differences from the study's model."""
 
     # fmt: off
     name: Annotated[Name, Key("Name of the model in the comparison.", "a few words, which tables and figures display.")]
@@ -39,7 +39,7 @@ class VariantSpec:
 
 @section
 class CompareSpec:
-    """The models that `elastid compare` fits and ranks."""
+    """Models that `elastid compare` fits and ranks."""
 
     # fmt: off
     folds: Annotated[int, Key("Number of folds of the cross-validation over configurations; 0 leaves out one "
@@ -50,7 +50,7 @@ class CompareSpec:
     # fmt: on
 
     def __post_init__(self) -> None:
-        """Refuse one part, which leaves nothing to fit, and repeated names."""
+        """Raise ValueError for a single fold, which leaves nothing to fit, and for repeated names."""
         if self.folds < 0 or self.folds == 1:
             raise ValueError(f"folds is {self.folds}; it must be at least 2, or 0 to leave out one at a time")
         check_different("variants:", [variant.name for variant in self.variants])

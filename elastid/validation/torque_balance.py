@@ -1,19 +1,20 @@
-r"""The torque of a log part by part, for the motion as it was measured.
+r"""Torque balance of a log: components of the model's torque along the measured motion, by octave.
 
 .. math:: u(t) = \sum_i \tau_i(t) + e(t), \qquad
-          share_i = \overline{\tau_i u} \,/\, \overline{u^2}, \qquad left = \overline{e^2} \,/\, \overline{u^2}
+          fraction_i = \overline{\tau_i u} \,/\, \overline{u^2}, \qquad
+          unexplained = \overline{e^2} \,/\, \overline{u^2}
 
-tau_i: the torque that a part of the model takes for the *measured* motion, so that no controller and no stability is
-needed. Shares do not depend on the order of the parts, and together with that of e they sum to 1. Parts that work
-against each other have more than 1 and less than 0: above an antiresonance a spring takes the link's inertia back.
-Over frequency the same with spectra U, T_i of Hann's window, summed over the lines of a band (Parseval).
+tau_i: torque of a component of the model along the *measured* motion, which needs no controller and no stability.
+Fractions do not depend on the order of the components; with the fraction of e they sum to 1. Opposite components have
+fractions above 1 and below 0: above an antiresonance a spring compensates the link's inertia. By octave, the fractions
+are sums over the lines of spectra with Hann's window (Parseval).
 
-Of a multisine, at the lines of the response in the last period of the steady state, where this is exact:
+The torque of a multisine is evaluated at the lines of the response in the last steady-state period, where it is exact:
 
-.. math:: \hat U = G_m^{-1} Y_m, \qquad G_m: \text{torques of the motors to their own motion}
+.. math:: \hat U = G_m^{-1} Y_m, \qquad G_m: \text{from motor torques to motor motion}
 
-of three models with the fitted numbers: springs left out and no viscous friction (rigid body), with springs (elasticity
-is the difference), and with viscous friction (the same). Dry friction is what the estimator took out of the torque.
+Three models with the fitted numbers give the components: without springs and viscous friction (rigid body), with
+springs (difference: elasticity) and with viscous friction (difference). Dry friction is the compensated torque.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -50,28 +51,28 @@ def torque_balance(
     band_hz: tuple[float, float],
     has_rate: bool = True,
 ) -> TorqueBalance:
-    """Return shares of the parts (n,) in the measured torque (n,), over all and in octaves below the end of band_hz."""
+    """Return the balance of a measured torque (n,) and its components `parts` (n,), in total and by octave."""
     names, torques = tuple(parts), np.stack(list(parts.values()))
-    dry = np.array([name not in FRICTION for name in names])
-    fractions, ratio, without = _explained(measured[None], torques[:, None], dry)
+    is_no_friction = np.array([name not in FRICTION for name in names])
+    fractions, ratio, ratio_without = _explained(measured[None], torques[:, None], is_no_friction)
     window = np.hanning(len(measured) + 1)[:-1]
     U, T = np.fft.rfft(window * measured), np.fft.rfft(window * torques)
     octaves = list(octave_lines(band_hz, rate_hz, len(measured)))
-    power = [float(np.sum(np.abs(U[inside]) ** 2)) for _, _, inside in octaves]
+    power = [float(np.sum(np.abs(U[lines]) ** 2)) for _, _, lines in octaves]
     total = max(sum(power), 1e-300)
     bands = tuple(
-        BandBalance(low, high, component / total, *_explained(U[inside], T[:, inside], dry))
-        for component, (low, high, inside) in zip(power, octaves, strict=True)
+        BandBalance(low, high, octave_power / total, *_explained(U[lines], T[:, lines], is_no_friction))
+        for octave_power, (low, high, lines) in zip(power, octaves, strict=True)
     )
     header = location, log, unit, rate_hz, names, measured, torques
-    return TorqueBalance(*header, fractions, ratio, without, bands, has_rate)
+    return TorqueBalance(*header, fractions, ratio, ratio_without, bands, has_rate)
 
 
 def octave_lines(band_hz: tuple[float, float], rate_hz: float, n: int) -> Iterator[tuple[float, float, BoolArray]]:
-    """Yield octaves of band_hz upwards from its bottom: ends, Hz, and flags (n // 2 + 1,) of lines of a DFT of n."""
+    """Yield the octaves of band_hz, upwards: ends, Hz, and flags (n // 2 + 1,) of the lines of a DFT of n samples."""
     low, high = band_hz
     edges = [high]
-    # Below four lines, those of the window, a band is that of a neighbour.
+    # A band has at least four lines, the width of the window's main lobe.
     while edges[-1] / 2 > max(2 * low, 4 * (rate_hz / n)):
         edges.append(edges[-1] / 2)
     if low < edges[-1]:
@@ -82,30 +83,28 @@ def octave_lines(band_hz: tuple[float, float], rate_hz: float, n: int) -> Iterat
 
 
 def _explained(
-    measured: FloatArray | ComplexArray, torques: FloatArray | ComplexArray, no_friction: FloatArray
+    measured: FloatArray | ComplexArray, torques: FloatArray | ComplexArray, is_no_friction: FloatArray
 ) -> tuple[tuple[float, ...], float, float]:
     """Return power fractions of torques (n_p, ...), and of the residuals with and without friction."""
-    u, parts = measured.ravel(), torques.reshape(len(torques), -1)
+    u, components = measured.ravel(), torques.reshape(len(torques), -1)
     power = max(float(np.sum(np.abs(u) ** 2)), 1e-300)
-    ratio, without = (float(np.sum(np.abs(u - part.sum(axis=0)) ** 2)) / power for part in (parts, parts[no_friction]))
-    return tuple(((parts @ u.conj()).real / power).tolist()), ratio, without
+    sets = components, components[is_no_friction]
+    ratio, ratio_without = (float(np.sum(np.abs(u - rows.sum(axis=0)) ** 2)) / power for rows in sets)
+    return tuple(((components @ u.conj()).real / power).tolist()), ratio, ratio_without
 
 
-# A model of the motors' own motion in one configuration, and its numbers (n_theta,).
-Part: TypeAlias = tuple[LinearModel, FloatArray]
+# Model of the motor motion in one configuration, and its numbers (n_theta,).
+MotorModel: TypeAlias = tuple[LinearModel, FloatArray]
 
 
 def rigid_linearisation(fitted: FittedRobot, spec: ModelSpec = EXACT) -> Linearisation:
-    """Return the fitted robot without its springs, to be linearised; StudyError where it cannot be without them."""
+    """Return the linearisation of the fitted robot without springs; StudyError if it needs them."""
     names = [coordinate.name for coordinate in elastic_coordinates(fitted.robot)]
     return Linearisation.of_robot(with_stiff_joints(fitted.robot, names), spec, fitted.result.parameters.names)
 
 
-def model_parts(fitted: FittedRobot, rigid: Linearisation, configuration: str) -> Sequence[Part] | None:
-    """Return the robot as fitted, without viscous friction, and without springs either.
-
-    None where the motion of a motor was not measured.
-    """
+def model_parts(fitted: FittedRobot, rigid: Linearisation, configuration: str) -> Sequence[MotorModel] | None:
+    """Return the fitted model, without viscous friction, and also without springs; None if a motor was not measured."""
     model, theta = fitted.at(configuration).linear, fitted.theta_of(configuration)
     if not set(model.inputs) <= set(model.outputs):
         return None
@@ -121,10 +120,10 @@ def model_parts(fitted: FittedRobot, rigid: Linearisation, configuration: str) -
 
 
 def elastic_balances(
-    record: Record, net: Record, parts: Sequence[Part], freq_hz: FloatArray, spec: EstimatorSpec
+    record: Record, net: Record, parts: Sequence[MotorModel], freq_hz: FloatArray, spec: EstimatorSpec
 ) -> tuple[TorqueBalance, ...]:
-    """Return balances of each motor at freq_hz (F,), none if fewer than two periods settled; net: no dry friction."""
-    # Periods that count: neither dropped by the study nor left out by the repair of the log.
+    """Return the balance of each motor at freq_hz (F,), none for fewer than two valid periods; net: no dry friction."""
+    # Periods are valid unless the study or the repair of the log discards them.
     dropped = 0 if spec.transient_periods == "auto" else spec.transient_periods
     if len({*range(dropped, record.n_samples // record.repeat_samples)} - {*record.discarded_periods}) < 2:
         return ()
@@ -149,8 +148,8 @@ def elastic_balances(
 
 
 def last_period(record: Record, lines: IntArray, quantity: Motion) -> tuple[ComplexArray, ComplexArray]:
-    """Return Y (1, F, n_y), U (1, F, n_u) of the last period of a record that was not left out."""
-    last = [last_counted(record.n_samples // record.repeat_samples, record.discarded_periods)]
+    """Return Y (1, F, n_y) and U (1, F, n_u) of the last valid period of a record."""
+    last = [last_valid(record.n_samples // record.repeat_samples, record.discarded_periods)]
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
     spectra, n_y = RecordSpectra(record), len(record.outputs)
     Y, U = (spectra.amplitudes(role, lines)[last] for role in ("y", "u"))
@@ -158,6 +157,6 @@ def last_period(record: Record, lines: IntArray, quantity: Motion) -> tuple[Comp
     return Y * scale[:, :n_y], U * scale[:, n_y:]
 
 
-def last_counted(periods: int, left_out: Collection[int]) -> int:
-    """Return the last period that is not left out; the last one where all are."""
-    return max((p for p in range(periods) if p not in left_out), default=periods - 1)
+def last_valid(periods: int, discarded: Collection[int]) -> int:
+    """Return the index of the last period that is not discarded; the last one if all are."""
+    return max((p for p in range(periods) if p not in discarded), default=periods - 1)

@@ -10,9 +10,9 @@ names the limiting modes.
 import elastid as ei
 from elastid.record import JointLoop
 from elastid.robot import Placement
-from elastid.use.closed_loops import PostureFamily
 from elastid.use.gain_design import design_robust
 from elastid.use.loops import assess
+from elastid.use.plants import PostureFamily
 
 rate_hz, delay = 500.0, 1
 motor = ei.Motor(inertia=2e-3, ratio=100, viscous=1e-3)

@@ -226,9 +226,6 @@ def test_what_a_plan_cannot_see_is_named_with_its_direction() -> None:
     assert "the combination +0.89 I_upper -0.45 m_upper (relative changes)" in text
 
 
-UNSEEN = FitSpec(parameters={"k_*": ParameterSpec(), "c_fore_z": ParameterSpec()})
-
-
 @pytest.mark.parametrize(
     ("problem", "code"),
     [
@@ -243,7 +240,8 @@ UNSEEN = FitSpec(parameters={"k_*": ParameterSpec(), "c_fore_z": ParameterSpec()
         ),
         (_with(parameters=("k_9",)), "design/goal"),
         (_with(parameters=("c_*",)), "design/goal"),
-        (replace(_with(parameters=("c_*",)), fit=UNSEEN), "design/goal"),
+        (replace(_with(parameters=("c_*",)), fit=FitSpec(
+            parameters={"k_*": ParameterSpec(), "c_fore_z": ParameterSpec()})), "design/goal"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_designed_is_refused_with_what_would_fit(problem: DesignProblem, code: str) -> None:

@@ -36,7 +36,7 @@ def proposed(
     asked: DesignProblem, goal: Goal, known: PriorEstimate | None = None, robots: tuple[Robot, ...] = ()
 ) -> NextExperiment:
     assert asked.design is not None
-    how = asked.candidates(asked.design), known or PriorEstimate.before(asked), goal, robots
+    how = asked.candidates(asked.design), known or PriorEstimate.of(asked), goal, robots
     return next_experiment(asked, *how, "x1", 7, Execution())
 
 
@@ -75,7 +75,7 @@ def test_the_shortest_experiment_that_reaches_the_goal_is_taken() -> None:
 def test_a_parameter_that_is_known_no_longer_counts() -> None:
     """Where the fit knows one spring a hundred times better than asked, the posture is that of the other."""
     asked = problem()
-    before = PriorEstimate.before(asked)
+    before = PriorEstimate.of(asked)
     i = before.parameters.free_names.index("k_1")
     covariance = before.covariance.copy()
     covariance[i, i] = 1e-12

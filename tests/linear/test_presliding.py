@@ -16,7 +16,6 @@ from elastid.record import Configuration
 FREQ_HZ = np.linspace(3.0, 40.0, 9)
 S = 2j * np.pi * FREQ_HZ
 MOTORS = ("motor 1", "motor 2")
-PLAIN = Linearisation.of_robot(arm())
 POSTURE = Configuration("c1", (0.3, -0.5))
 
 
@@ -24,7 +23,7 @@ def linear(springs: dict[RelaxingSpring, tuple[float, float]]) -> LinearModel:
     """The arm with springs by s and a; angles of its motors by their torques."""
     linearisation = Linearisation.of_robot(arm(), presliding=tuple(springs))
     numbers = [number for s, a in springs.values() for number in (s, s / a)]
-    return linearisation.at(POSTURE, np.append(PLAIN.model.theta, numbers), MOTORS, "position")
+    return linearisation.at(POSTURE, np.append(Linearisation.of_robot(arm()).model.theta, numbers), MOTORS, "position")
 
 
 def stiffness(model: LinearModel) -> ComplexArray:

@@ -8,10 +8,11 @@ from hypothesis import given, settings, strategies
 from modal.structures import FREQ_HZ, NATURAL, ZETA, modal_response
 from plants.two_mass import circular
 
-from elastid.modal.estimate import by_differences, line_variance, modal_data, smooth_variance
+from elastid.modal.estimate import modal_data
+from elastid.modal.line_variance import by_differences, line_variance, smooth_variance
 from elastid.modal.model import ModalFit
 from elastid.modal.modes import mac
-from elastid.modal.poles import LIMITS, drops, noise_levels, separate_determinations
+from elastid.modal.pole_selection import LIMITS, noise_variances, reductions, separate_reductions
 from elastid.record import MOTION_ORDER
 from elastid.response import Covariance
 
@@ -41,7 +42,7 @@ def test_what_a_fit_states_is_what_fits_beside_it_have(seed: int, n: int, n_y: i
     np.testing.assert_allclose(
         exact.residues.T * data.basis.scale, expected, rtol=1e-6, atol=1e-8 * abs(expected).max()
     )
-    level, lines = noise_levels(exact)
+    level, lines = noise_variances(exact)
     assert np.all((level >= data.variance.min(axis=0)) & (level <= data.variance.max(axis=0)))
     about = 2 * np.maximum(LIMITS.lines, LIMITS.half_widths * zeta * natural / 0.5)
     assert np.all((lines <= about + 1) & (lines >= 2 * LIMITS.lines - n - 2.5))
@@ -49,10 +50,10 @@ def test_what_a_fit_states_is_what_fits_beside_it_have(seed: int, n: int, n_y: i
     fit = ModalFit(data, exact.poles * (1 + 0.02 * rng.normal(size=n)))
     squares = np.sum(fit.residual**2, axis=0)
     without = [np.sum(fit.without(r).residual ** 2, axis=0) for r in range(n)]
-    np.testing.assert_allclose(separate_determinations(fit)[0], without - squares, rtol=1e-5, atol=1e-7 * squares.max())
+    np.testing.assert_allclose(separate_reductions(fit)[0], without - squares, rtol=1e-5, atol=1e-7 * squares.max())
     more = fit.poles[:1] * (1.1, 1.3)
     beside = [np.sum(ModalFit(data, np.append(fit.poles, pole)).residual ** 2, axis=0) for pole in more]
-    np.testing.assert_allclose(drops(fit, more), squares - beside, rtol=1e-5, atol=1e-7 * squares.max())
+    np.testing.assert_allclose(reductions(fit, more), squares - beside, rtol=1e-5, atol=1e-7 * squares.max())
 
 
 @settings(deadline=None, max_examples=10)

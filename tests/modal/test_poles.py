@@ -13,7 +13,8 @@ from elastid.experiment.simulated.plant import true_modes, true_response
 from elastid.modal.estimate import estimate_modes, modal_data
 from elastid.modal.model import ModalFit, tall_qr
 from elastid.modal.modes import mac
-from elastid.modal.poles import HIGHEST, poles_over_orders, residual_peaks, stabilisation
+from elastid.modal.pole_selection import residual_peaks
+from elastid.modal.poles import HIGHEST, poles_over_orders, stabilisation
 from elastid.response import Covariance, Response
 
 

@@ -10,9 +10,10 @@ from plants.two_mass_gear import LINES, Gear, records, robot
 from elastid.fit.load_tests import StaticAgreement
 from elastid.fit.result import Result
 from elastid.nonlinear.basis_functions import GearEffect
-from elastid.nonlinear.gear_characteristics import JointEffects, identify_gears, sheet_of
+from elastid.nonlinear.gear_characteristics import JointEffects, sheet_of
 from elastid.nonlinear.gear_estimation import GearEstimate
 from elastid.nonlinear.gear_result import ARCMIN, NOT_EXPLAINED, NOT_OPENED, GearResult, GearSheet, with_gears
+from elastid.nonlinear.identify_gears import identify_gears
 from elastid.nonlinear.spec import GearsSpec
 from elastid.parameters import Parameter, Parameters
 from elastid.robot.simplified import with_stiff_joints

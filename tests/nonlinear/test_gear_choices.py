@@ -11,8 +11,8 @@ from nonlinear.test_gear_characteristics import PARAMETERS
 from elastid.base.statistics import QUANTILE_95
 from elastid.nonlinear import gear_model_selection as selection
 from elastid.nonlinear.basis_functions import GearEffect, Kind
+from elastid.nonlinear.basis_selection import SIGN_ERROR, SLIGHT
 from elastid.nonlinear.gear_estimation import GearEstimate
-from elastid.nonlinear.variable_projection import SIGN_ERROR, SLIGHT
 
 K = 2e5
 FRICTION, BEHIND, CUBIC = GearEffect("friction", "1", 1e-3), GearEffect("behind", "2"), GearEffect("cubic", "1")

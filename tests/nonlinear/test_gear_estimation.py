@@ -21,7 +21,7 @@ from elastid.nonlinear.gear_estimation import (
     scale_priors,
     scales_of,
 )
-from elastid.nonlinear.spectra import gather_lines
+from elastid.nonlinear.period_lines import gather_lines
 from elastid.record import Record
 from elastid.response import Response
 

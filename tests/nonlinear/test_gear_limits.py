@@ -12,11 +12,11 @@ from elastid.fit.result import Result
 from elastid.fit.result_rows import ModificationIndex
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
-from elastid.nonlinear.gear_characteristics import FALLBACK, coarse_encoders, difference, refusal, unexplained_fraction
 from elastid.nonlinear.gear_estimation import GearData
 from elastid.nonlinear.hidden_motion_smoother import SmoothedMotion
+from elastid.nonlinear.identify_gears import FALLBACK, coarse_encoders, difference, refusal, unexplained_fraction
+from elastid.nonlinear.period_lines import PeriodLines
 from elastid.nonlinear.period_model import DriveLines
-from elastid.nonlinear.spectra import PeriodLines
 from elastid.parameters import Parameter, Parameters
 from elastid.response import Response
 

@@ -20,10 +20,10 @@ from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.linear.linearise import Linearisation
 from elastid.nonlinear.basis_functions import GearEffect
-from elastid.nonlinear.gear_characteristics import rigid_gears
 from elastid.nonlinear.gear_estimation import GearData, GearEstimate, initial_estimate
 from elastid.nonlinear.gear_model_selection import _conflicts, candidate_groups
-from elastid.nonlinear.spectra import gather_lines
+from elastid.nonlinear.identify_gears import rigid_gears
+from elastid.nonlinear.period_lines import gather_lines
 from elastid.record import Configuration, Record
 from elastid.response import Response
 from elastid.robot import Body, Friction, Joint, Motor, Placement, Robot, Spring

@@ -8,7 +8,8 @@ from nonlinear.test_gear_characteristics import PARAMETERS, plain_fit
 from plants.two_mass_gear import RATIO, Gear, robot
 
 from elastid.nonlinear.basis_functions import GearEffect, Kind, along_period
-from elastid.nonlinear.gear_result import GearResult, with_effects, with_linear_springs, with_terms_of
+from elastid.nonlinear.gear_result import GearResult
+from elastid.nonlinear.robot_with_gears import with_effects, with_linear_springs, with_terms_of
 from elastid.parameters import Parameter, Parameters
 from elastid.robot import Robot, Spring
 from elastid.robot.simplified import with_joints

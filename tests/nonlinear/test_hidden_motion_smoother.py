@@ -14,8 +14,8 @@ from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation
 from elastid.nonlinear.basis_functions import GearEffect, GearMotion, along_period, forces, sign_of, transmission_error
 from elastid.nonlinear.hidden_motion_smoother import newton, smoothed_covariance
+from elastid.nonlinear.period_lines import PeriodLines
 from elastid.nonlinear.period_model import DriveLines, drive_lines, elastic_joints
-from elastid.nonlinear.spectra import PeriodLines
 from elastid.response import Response
 
 

@@ -110,7 +110,7 @@ def test_coarse_encoder_hides_velocity_sign() -> None:
     coarse = [[replace(r, y=np.round(r.y / count) * count) for r in records] for records in configurations]
     result = identify_motor_friction(coarse, AUTO, lines)
     assert result.shapes == ()
-    assert "encoder of more counts" in result.notes[0].text
+    assert "finer resolution" in result.notes[0].text
 
 
 @pytest.mark.slow

@@ -7,7 +7,8 @@ import pytest
 from plants.refusals import refused
 
 from elastid.frf.spec import EstimatorSpec
-from elastid.nonlinear.spectra import ConfigurationSpectra, gather_lines
+from elastid.nonlinear.period_lines import gather_lines
+from elastid.nonlinear.spectra import ConfigurationSpectra
 from elastid.record import Configuration, Record
 
 RATE_HZ, N, P = 500.0, 500, 3

@@ -7,20 +7,19 @@ import numpy as np
 import pytest
 from plants.two_mass import circular
 
-from elastid.nonlinear.friction_basis import BasisFunction, Kind
-from elastid.nonlinear.spectra import ConfigurationSpectra
-from elastid.nonlinear.variable_projection import (
+from elastid.nonlinear.basis_selection import (
     SHAPE_ERROR,
     SIGN_ERROR,
     Basis,
-    NormalEquations,
     basis_error_covariance,
     greedy,
     identifiable_basis,
     refine_basis,
     select_motor_basis,
-    solve,
 )
+from elastid.nonlinear.friction_basis import BasisFunction, Kind
+from elastid.nonlinear.spectra import ConfigurationSpectra
+from elastid.nonlinear.variable_projection import NormalEquations, solve
 
 EVERY = np.arange(3)
 F_C = 9.0

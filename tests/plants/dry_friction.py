@@ -16,15 +16,13 @@ from elastid.robot.friction import Friction, LuGre, MaxwellSlip
 RATIO, TORQUE_RMS = (6.0, 5.0), (58.4, 30.6)
 # Nm on the link side: 0.16 of the torque.
 COULOMB = tuple(0.16 * rms for rms in TORQUE_RMS)
-# Distances on the motor side over which bristles bend, rad.
-BENDING = 1.2e-3
 CONFIGURATIONS = {"a": (0.0, 0.2), "b": (0.5, 0.9)}
 
 
 NOISE = NoiseSpec(torque_std=0.3, angle_std=1e-7)
 
 
-def robot(coulomb: tuple[float, float] = COULOMB, law: str = "coulomb", bending: float = BENDING) -> Robot:
+def robot(coulomb: tuple[float, float] = COULOMB, law: str = "coulomb", bending: float = 1.2e-3) -> Robot:
     """Resonances between 8 and 40 Hz; the second motor rides on the first link.
 
     law: `coulomb`, `lugre` or `maxwell slip` at the motors, or `joint`: Coulomb's behind the gears.  bending: of the

@@ -12,8 +12,8 @@ from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.nonlinear.gear_estimation import GearData, GearEstimate
 from elastid.nonlinear.gear_model_selection import choose_effects
+from elastid.nonlinear.period_lines import gather_lines
 from elastid.nonlinear.period_model import without_arm
-from elastid.nonlinear.spectra import gather_lines
 from elastid.record import Record
 from elastid.response import Response
 from elastid.robot import Robot

@@ -104,7 +104,7 @@ def report_content(**changes):
         verdict="Every stiffness is within 3 % of the truth.",
         result=fit_result(),
         frf=frf,
-        validation=validate(*zip(*frf, strict=True), left_out=["c2"]),
+        validation=validate(*zip(*frf, strict=True), validation=["c2"]),
         modes=(ModeRow("c1", np.array([9.125, 14.2]), np.array([0.04, 0.06])),),
         study_text="robot: arm.yml  # <the robot>\n",
         provenance={"elastid": "0.1.0", "seed": "17"},

@@ -19,7 +19,6 @@ from elastid.robot import Body, Joint, Motor, Robot, Spring
 RATE_HZ, SAMPLES, RATIO = 500.0, 1000, 100.0
 LINES = np.arange(5, 161, 4)
 POSTURE = Configuration("rest", (0.0,))
-DRIVE = 200.0  # rad/s, up to which it controls: samples of its torque hold little of what lies beyond half the rate
 
 
 @dataclass(frozen=True)
@@ -106,7 +105,7 @@ def _simulated(torque, reference, rate, numbers, ends, substeps):
             if stage == 0 and step % substeps == 0 and step >= start:
                 u[(step - start) // substeps], q[(step - start) // substeps] = applied, x[0]
             _slopes(moved[:5], applied, numbers, ends, slopes[stage + 1])
-            slopes[stage + 1, 5] = DRIVE * (wanted - moved[5])
+            slopes[stage + 1, 5] = 200.0 * (wanted - moved[5])  # bandwidth in rad/s, far below half the rate
         x += h / 6 * (slopes[1] + 2 * slopes[2] + 2 * slopes[3] + slopes[4])
         x[4] = min(max(x[4], -bends), bends)  # a step goes on to where the spring has slid long since
     return u, q

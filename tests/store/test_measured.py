@@ -19,13 +19,11 @@ from elastid.response import Response
 from elastid.store.measured import read_configurations, read_records, read_responses, write_records, write_responses
 from elastid.store.trajectory import write_run
 
-AWAY = Configuration("a/way", [1.0, 2.0])
-
 
 def some_reference():
     """Ten samples of which the third begins the periods."""
     columns = [np.arange(20.0).reshape(10, 2) * 10**i for i in range(4)]
-    return Reference(AWAY, 8.0, 2, *columns, np.linspace(0, 1, 10))
+    return Reference(Configuration("a/way", [1.0, 2.0]), 8.0, 2, *columns, np.linspace(0, 1, 10))
 
 
 def test_movement_table_has_row_per_sample(tmp_path):

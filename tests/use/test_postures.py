@@ -12,7 +12,8 @@ from elastid.base.errors import StudyError
 from elastid.model.closed_posture import are_closed, assemble, follow_angles
 from elastid.model.kinematics import frame_poses
 from elastid.robot import Body, Joint, Limits, Motor, Robot
-from elastid.use.postures import grid_postures, inverse_kinematics, limits_of, random_postures, read_path
+from elastid.use.path_table import read_path
+from elastid.use.postures import grid_postures, inverse_kinematics, limits_of, random_postures
 
 
 @pytest.mark.slow

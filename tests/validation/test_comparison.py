@@ -22,15 +22,13 @@ from elastid.validation.comparison import (
     ComparedVariant,
     Comparison,
     Refit,
-    describe_search,
-    final_model,
     fix,
     rank,
     refit,
     restrict,
-    search,
     split_folds,
 )
+from elastid.validation.elastic_search import describe_search, final_model, search
 from elastid.validation.frf_error import Fold
 
 
@@ -141,7 +139,7 @@ def test_simplest_model_within_standard_error_is_named(robot: Robot) -> None:
         verdict = compared(robot, lean=(4, 2000.0, misfit), own=(5, 1990.0, (2.0, 2.0, 2.0, 2.0))).verdict
         assert "own predicts" in verdict
         assert "lean cannot be distinguished from it with these data" in verdict
-        assert "The simplest model as good as that is lean, with 4 parameters" in verdict
+        assert "The simplest of these models is lean, with 4 parameters" in verdict
     assert "distinguished" not in compared(robot, lean=(4, 2e3, (2.003,) * 4), own=(5, 2e3, (2.0,) * 4)).verdict
 
 

@@ -25,8 +25,8 @@ from elastid.fit.result import Result
 from elastid.fit.spec import FitSpec
 from elastid.fit.status_terms import CODES_WITH_CAUSE
 from elastid.model.spec import ModelSpec
-from elastid.nonlinear.gear_characteristics import identify_gears
 from elastid.nonlinear.gear_result import GearNumber, GearResult, with_gears
+from elastid.nonlinear.identify_gears import identify_gears
 from elastid.nonlinear.spec import GearsSpec
 from elastid.report.content import ParameterRow, gear_line
 from elastid.response import Response

@@ -30,7 +30,7 @@ from elastid.validation.frf_error import validate as validate_responses
 from elastid.validation.log_comparison import NO_COMPARISON, LogComparison, LogSimulation, TorqueBalance
 from elastid.validation.measured_modes import measured_modes
 from elastid.validation.simulation import simulate_record
-from elastid.validation.torque_balance import Part, elastic_balances, model_parts, rigid_linearisation
+from elastid.validation.torque_balance import MotorModel, elastic_balances, model_parts, rigid_linearisation
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def _balances(basis: ValidationBasis, path: Path, console: Console, execution: E
 
 def _balance_of_record(
     path: Path, friction: CompensatedFriction | None, E: FloatArray | None, spec: EstimatorSpec,
-    model: tuple[Sequence[Part], Response]
+    model: tuple[Sequence[MotorModel], Response]
 ) -> tuple[TorqueBalance, ...]:  # fmt: skip
     parts, response = model
     first = next(read_records(path, response.configuration.name))

@@ -23,8 +23,8 @@ from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.model.formulation import EXACT
-from elastid.nonlinear.gear_characteristics import identify_gears
 from elastid.nonlinear.gear_result import ARCMIN, ARCSEC
+from elastid.nonlinear.identify_gears import identify_gears
 from elastid.nonlinear.spec import GearsSpec
 from elastid.parameters import Parameter, Parameters
 from elastid.robot import Robot

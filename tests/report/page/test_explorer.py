@@ -97,7 +97,7 @@ def test_a_resonance_between_the_measured_lines_is_drawn(visit, written):
     freq_hz = np.arange(2.0, 60.0, 4.0)
     lines = model_lines(freq_hz, [15.7], [0.02])
     frf = (pair(1, freq_hz=freq_hz),)
-    content = report_content(frf=frf, validation=validate(*zip(*frf, strict=True), left_out=[]), plan=None)
+    content = report_content(frf=frf, validation=validate(*zip(*frf, strict=True), validation=[]), plan=None)
     page = visit(written(replace(content, dense=((pair(1, freq_hz=lines)[1], np.zeros((len(lines), 1, 1))),))))
     drawn = page.evaluate("frf.values(frf.data.responses[0], 'fitted', 0)")
     expected = 20 * np.log10(np.abs(pair(1, freq_hz=lines)[1].G[:, 0, 0]))

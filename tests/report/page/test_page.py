@@ -51,7 +51,7 @@ class Page(HTMLParser):
 def small_content(**changes):
     """One element of one configuration: few figures."""
     frf = (pair(1),)
-    return report_content(frf=frf, validation=validate(*zip(*frf, strict=True), left_out=[]), plan=None, **changes)
+    return report_content(frf=frf, validation=validate(*zip(*frf, strict=True), validation=[]), plan=None, **changes)
 
 
 def test_the_page_shows_every_warning_parameter_and_configuration(report_folder):

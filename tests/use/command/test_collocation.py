@@ -8,9 +8,9 @@ from plants.commanded_arm import arm, move, rigid_gears
 
 from elastid.robot import Body, Frame, Joint, Limits, Motor, Placement, Robot, Spring
 from elastid.robot.simplified import with_joints
+from elastid.use.commanded_robot import CommandedRobot
 from elastid.use.moves import MotionLimits, point_to_point
 from elastid.use.trajectory_optimisation import (
-    CommandedRobot,
     best_plan,
     first_duration,
     plan,

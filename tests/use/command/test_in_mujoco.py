@@ -7,8 +7,9 @@ from plants.commanded_arm import arm, move
 from elastid.base.arrays import FloatArray
 from elastid.record import JointLoop
 from elastid.simulation.controller import tune
+from elastid.use.commanded_robot import CommandedRobot
 from elastid.use.moves import MotionLimits, References
-from elastid.use.trajectory_optimisation import CommandedRobot, plan, rigid_references, sample_plan
+from elastid.use.trajectory_optimisation import plan, rigid_references, sample_plan
 
 mujoco = pytest.importorskip("mujoco", reason="mujoco is in the group oracles")
 pytestmark = pytest.mark.oracle

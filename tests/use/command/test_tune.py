@@ -12,8 +12,9 @@ from elastid.base.arrays import FloatArray
 from elastid.fit.posture import default_frame
 from elastid.robot import Frame, Robot
 from elastid.study import load_robot
+from elastid.use.commanded_robot import CommandedRobot
 from elastid.use.moves import MotionLimits, point_to_point
-from elastid.use.trajectory_optimisation import CommandedRobot, best_plan, sample_plan
+from elastid.use.trajectory_optimisation import best_plan, sample_plan
 from elastid.use.tune import MoveRobots, SimulatedLoop, tune_move
 
 

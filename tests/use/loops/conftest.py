@@ -5,7 +5,7 @@ import pytest
 from plants.arm import result
 
 from elastid.record import Configuration
-from elastid.use.closed_loops import PostureFamily
+from elastid.use.plants import PostureFamily
 
 RATE_HZ = 250.0
 POSTURES = (Configuration("a", np.array([0.3, 0.5])), Configuration("b", np.array([0.5, -1.2])))

@@ -15,9 +15,10 @@ from elastid.record import Configuration, JointLoop
 from elastid.simulation.controller import Filters
 from elastid.simulation.spec import ControllerSpec, GainsSpec
 from elastid.use.cascade import Cascade
-from elastid.use.closed_loops import LIMIT_DB, Closed, Plants, PostureFamily, Scene
+from elastid.use.closed_loops import LIMIT_DB, Closed, Scene
 from elastid.use.gain_design import design, design_robust, sensitivity_margin
 from elastid.use.loops import design_loops, todays_loops
+from elastid.use.plants import Plants, PostureFamily
 
 RATE_HZ = 250.0
 

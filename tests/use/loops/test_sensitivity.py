@@ -14,11 +14,12 @@ from plants.fitted_models import fitted_model
 from elastid.parameters import DELAY
 from elastid.record import Configuration
 from elastid.use.cascade import Cascade
-from elastid.use.closed_loops import Plants, PostureFamily, Scene, _sampled, bandwidths, closed_loop_matrices, scaled
+from elastid.use.closed_loops import Scene, bandwidths, closed_loop_matrices, scaled
 from elastid.use.draws import draw_robots
 from elastid.use.gain_design import design
 from elastid.use.loops import assess
 from elastid.use.map import largest_gain
+from elastid.use.plants import Plants, PostureFamily, _sampled
 
 RATE_HZ = 400.0
 CASCADE = Cascade(
