@@ -130,7 +130,7 @@ def check_statements(text: str, case: Case) -> None:
                 assert re.search("assumed|since|by |in its name|identifies", why), line
 
 
-@pytest.mark.parametrize("examples", [12, pytest.param(300, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("examples", [12, pytest.param(150, marks=pytest.mark.slow)])
 def test_new_writes_studies_that_check_accepts(examples: int, tmp_path_factory: pytest.TempPathFactory) -> None:
     """A study that is accepted, or a refusal of less than half of the logs."""
     is_accepted = list[bool]()
