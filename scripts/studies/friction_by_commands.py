@@ -9,8 +9,8 @@ In `forwards` the joint never reverses, and only the sum of Coulomb friction and
 
 Each row has estimates with standard deviations, and the rms of measured minus simulated positions, rad.  The
 assertions: the error of Coulomb friction (forwards: of its sum with the offset) is below 1 %, and without steps below
-3.5 standard deviations. With steps, the error is 0.1 to 0.5 %, which is up to 11 standard deviations.  The last line is
-one JSON object.
+3.5 standard deviations. With steps, the error is 0.1 to 0.3 %, which is up to 4.5 standard deviations.  The last line
+is one JSON object.
 """
 
 import json
