@@ -23,7 +23,7 @@ from elastid.report.content import parameter_rows
 from elastid.report.figures import fit
 from elastid.report.figures.fit import forest
 from elastid.report.figures.friction import friction_curve as curve_figure
-from elastid.report.figures.style import own_style
+from elastid.report.figures.style import default_style
 from elastid.report.figures.use import workspace_figure
 from elastid.response import Response, in_quantity
 from elastid.use.map import WorkspaceMap
@@ -31,7 +31,7 @@ from elastid.use.map import WorkspaceMap
 __all__ = ["bode", "friction_curve", "parameters", "workspace"]
 
 
-@own_style()
+@default_style()
 def bode(measured: Response, model: FittedModel | Response | None = None, *, band: bool = True) -> Figure:
     """Plot magnitude and phase of a measured response and a model, one panel per element.
 
@@ -70,7 +70,7 @@ def bode(measured: Response, model: FittedModel | Response | None = None, *, ban
     return fit.bode(measured, in_quantity(modelled, measured.quantity), std)
 
 
-@own_style()
+@default_style()
 def parameters(result: Result, truth: Mapping[str, float] | None = None) -> Figure:
     """Plot start, estimate and 95 % interval of each free parameter.
 
@@ -92,7 +92,7 @@ def parameters(result: Result, truth: Mapping[str, float] | None = None) -> Figu
     return forest(parameter_rows(result, truth))
 
 
-@own_style()
+@default_style()
 def friction_curve(result: FrictionResult, joint: str) -> Figure:
     """Plot measured friction torque and friction model of one joint over speed, with the 95 % band.
 
@@ -117,7 +117,7 @@ def friction_curve(result: FrictionResult, joint: str) -> Figure:
     return curve_figure(law)
 
 
-@own_style()
+@default_style()
 def workspace(mapped: WorkspaceMap, quantity: str = "softest_compliance") -> Figure:
     """Plot a workspace map from above and from the side, with the most compliant posture marked.
 

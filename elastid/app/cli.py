@@ -444,14 +444,11 @@ def report_error(error: Exception, arguments: Sequence[str] = ()) -> int:
     raise error
 
 
-# Commands that write only at their end.
-WITHOUT_PARTS = {"map", "tune", "loops", "export", "check", "inspect", "new", "predict"}
-
-
 def report_interrupt(arguments: Sequence[str]) -> int:
     """Print how to resume an interrupted command, and return its exit code."""
     again = shlex.join(["elastid", *arguments])
-    if {*arguments[:1]} & WITHOUT_PARTS:
+    # These commands write only at their end.
+    if {*arguments[:1]} & {"map", "tune", "loops", "export", "check", "inspect", "new", "predict"}:
         return _report_end(f"interrupted: nothing was written. Start again: `{again}`", 130)
     return _report_end(f"interrupted: finished stages and parts are kept. Resume: `{again}`", 130)
 

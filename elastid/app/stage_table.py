@@ -115,12 +115,12 @@ STAGES = (
     Stage(
         "fit", WITH_A_ROBOT, ("fit.h5", "summary.json", "identified_robot*.yml"), "elastid.app.stages.fit:fit",
         f"{FIT_KEYS} loads tool estimator validation.configurations", "estimate",
-        conclude="elastid.app.stages.fit:conclude"
+        conclude="elastid.app.stages.fit_conclusion:conclude"
     ),
     Stage(
         "gears", (SIMULATED, RECORDED), ("gears.h5", "summary.json", "identified_robot*.yml"),
         "elastid.app.stages.gears:gears", f"{FIT_KEYS} estimator gears validation.configurations",
-        "design measure estimate fit", needs="gears", conclude="elastid.app.stages.fit:conclude"
+        "design measure estimate fit", needs="gears", conclude="elastid.app.stages.fit_conclusion:conclude"
     ),
     Stage(
         "validate", WITH_A_ROBOT, ("validation.h5", "validation.json"), "elastid.app.stages.validate:validate",

@@ -154,6 +154,12 @@ def percent(value: float | None, digits: int = 2) -> str:
     return f"{number(value, digits)} times" if abs(value) > 2 else f"{number(100 * value, digits)} %"
 
 
+def relative_std(value: float, std: float) -> str:
+    """Format a standard deviation in percent of the value; without a relative value as it is."""
+    relative = 100 * std / abs(value) if value else math.inf
+    return f"{number(relative, 2)} %" if math.isfinite(relative) else number(std, 2)
+
+
 def capitalise(text: str) -> str:
     """Capitalise the first letter of a sentence that does not begin with a name such as k_1."""
     return text if "_" in text.partition(" ")[0] else text[:1].upper() + text[1:]

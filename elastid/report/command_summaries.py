@@ -3,7 +3,7 @@
 import numpy as np
 
 from elastid.base.display import Answer, Display, capitalise, degrees, number, percent
-from elastid.report.figures.use import SHOWN
+from elastid.report.figures.use import DISPLAY_UNITS
 from elastid.use.closed_loops import LIMIT_DB
 from elastid.use.loops import Loops, LoopState
 from elastid.use.map import N_SOFTEST, WorkspaceMap
@@ -69,7 +69,7 @@ def answer_of_map(workspace: WorkspaceMap) -> Answer:
 
 
 def _value(value: float, unit: str) -> str:
-    unit_shown, factor = SHOWN[unit]
+    unit_shown, factor = DISPLAY_UNITS[unit]
     return f"{number(factor * float(value), 3)} {unit_shown}" if np.isfinite(value) else "no limit"
 
 

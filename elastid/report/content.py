@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.display import digits, format_interval, number, percent
+from elastid.base.display import digits, format_interval, number, percent, relative_std
 from elastid.base.errors import Note, NoteGroup, group_notes, notes_of
 from elastid.fit.result import Result
 from elastid.report.modes import ModeRow, measured_modes_row
@@ -261,9 +261,8 @@ def _number_cells(row: GearNumber) -> list[str]:
     value, std = factor * row.value, factor * row.std
     meaning = f"{row.meaning}, phase {math.degrees(row.phase):.0f} deg" if row.order else row.meaning
     n, (low, high) = digits(value, std), row.interval
-    relative = f"{number(100 * std / abs(value), 2)} %" if value else number(std, 2)
     ends = " to ".join(format_interval((factor * low, factor * high), n))
-    return [row.name, meaning, unit, number(value, n), relative, ends]
+    return [row.name, meaning, unit, number(value, n), relative_std(value, std), ends]
 
 
 def gear_sentence(sheet: GearSheet) -> str:

@@ -210,7 +210,6 @@ def origins(model: ElasticModel, q: ca.SX) -> ca.SX:
     return ca.vertcat(*(position(layout, joint_turns, seat) for seat in layout.named))
 
 
-COMPILERS = ("cc", "gcc", "clang")
 # Name of each system in both versions of FMI, and the extension of its libraries.
 _SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("win", ".dll")}
 
@@ -228,7 +227,7 @@ def write_move_fmu(folder: Path, robot: Robot, tuned: TunedMove) -> tuple[Path, 
 def write_units(folder: Path, subject: Subject, stem: str) -> tuple[Path, ...]:
     """Write <stem>_fmi2.fmu and <stem>_fmi3.fmu of a robot; StudyError if a start posture has no equilibrium."""
     sources, xml_of_version = unit_sources(subject)
-    compiler = next((tool for name in COMPILERS if (tool := shutil.which(name))), None)
+    compiler = next((tool for name in ("cc", "gcc", "clang") if (tool := shutil.which(name))), None)
     paths = tuple(folder / f"{stem}_fmi{version}.fmu" for version in (2, 3))
     for version, path in zip((2, 3), paths, strict=True):
         unused = "fmi3.c" if version == 2 else "fmi2.c"

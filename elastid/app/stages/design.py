@@ -1,6 +1,5 @@
 """Stage design: a study -> plan.h5 with its forecast, and references/*.csv for a robot controller."""
 
-import math
 import shutil
 from functools import partial
 from pathlib import Path
@@ -9,7 +8,7 @@ import numpy as np
 
 from elastid.app.console import Console
 from elastid.app.run import Artefacts, Work
-from elastid.base.display import number
+from elastid.base.display import number, relative_std
 from elastid.base.errors import StudyError
 from elastid.design.design import design as design_experiments
 from elastid.design.forecast import Forecast
@@ -114,12 +113,7 @@ def forecast_table(forecast: Forecast) -> list[list[str]]:
     for i, name in enumerate(forecast.parameters):
         partner, correlation = forecast.strongest(name)
         nominal = float(forecast.nominal[i])
-        deviations = [_deviation(float(std[i]), nominal) for std in columns.values()]
+        deviations = [relative_std(nominal, float(std[i])) for std in columns.values()]
         partner_text = f"{partner} {correlation:+.2f}" if partner else "–"
         rows.append([name, forecast.units[i], number(nominal), *deviations, partner_text])
     return rows
-
-
-def _deviation(std: float, value: float) -> str:
-    relative = 100 * std / abs(value) if value else math.inf
-    return f"{number(relative, 2)} %" if math.isfinite(relative) else number(std, 2)

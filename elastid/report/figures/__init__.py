@@ -1,1 +1,1 @@
-"""The figures of a report, one theme a file; drawings.py is the catalogue. Values in, matplotlib Figure out."""
+"""Figures of a report: functions from values to a matplotlib Figure; drawings.py is the catalogue."""

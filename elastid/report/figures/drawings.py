@@ -1,4 +1,4 @@
-"""The catalogue of figures of each kind of study, in the order in which they are read."""
+"""Catalogue of the figures of each kind of study, in reading order, with captions."""
 
 from __future__ import annotations
 
@@ -23,16 +23,15 @@ if TYPE_CHECKING:
     from elastid.friction_study.friction_tracking import TrackedFriction
     from elastid.friction_study.result import FrictionResult, JointFriction
 
-# Begins the section of a figure of one configuration.
-CONFIGURATION = "configuration "
+CONFIGURATION = "configuration "  # first word of the section of a figure of one configuration
 
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure to draw, with a file-safe name, the section of the page that it belongs to, and a caption.
+    """Figure to be drawn later, with a file-safe name, its section of the page, and a caption.
 
-    draw(): the figure; it pickles, so that figures can be drawn in several processes.  on_page: not where the page
-    shows the same to explore or in a table, nor of every single configuration: these are files only.
+    draw(): returns the figure; it pickles, so that several processes can draw.  on_page: False for a file only, if the
+    page has the same content in a table or an interactive plot, or for figures of single configurations.
     """
 
     name: str
@@ -43,7 +42,7 @@ class Drawing:
 
 
 def drawings(content: ReportContent) -> Iterator[Drawing]:
-    """List the figures of a report, to be drawn later."""
+    """Yield the figures of a report."""
     rows = parameter_rows(content.result, content.truth, content.contents)
     if rows:
         caption = "Start, estimate and 95 % interval of every parameter."
@@ -74,21 +73,21 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         yield Drawing("peaks", "plan", caption, partial(fit.limit_use, content.limit_use))
 
 
-def friction_drawings(taken_out: CompensatedFriction | None, robot: Robot | None = None) -> Iterator[Drawing]:
-    """Yield drawings of compensated friction and of the friction of the robot model."""
-    if taken_out is not None and taken_out.configurations:
+def friction_drawings(compensated: CompensatedFriction | None, robot: Robot | None = None) -> Iterator[Drawing]:
+    """Yield the figure of compensated friction, with F_c of the robot model."""
+    if compensated is not None and compensated.configurations:
         caption = (
             "Compensated friction of each motor (link side), with its 95 % band. Its shape near zero velocity is "
             "selected by cross-validation. Dashed: F_c of the robot model, if stated. Lower panels: torque amplitude "
             "of noise and distortion, before and after compensation."
         )
-        yield Drawing("friction", "friction", caption, partial(friction.friction_taken_out, taken_out, robot))
+        yield Drawing("friction", "friction", caption, partial(friction.compensation_figure, compensated, robot))
 
 
 def _configurations(content: ReportContent) -> Iterator[Drawing]:
-    for i, part in enumerate(content.validation.predictions, start=1):
-        caption = f"{part.sentence}; band of two standard deviations of the prediction."
-        yield Drawing(f"tool-{i}", "why", caption, partial(fit.bode, part.measured, part.predicted, part.std))
+    for i, tool in enumerate(content.validation.predictions, start=1):
+        caption = f"{tool.sentence}; band of two standard deviations of the prediction."
+        yield Drawing(f"tool-{i}", "why", caption, partial(fit.bode, tool.measured, tool.predicted, tool.std))
     files = [f"frf-{file_name(measured.configuration.name)}" for measured, _ in content.frf]
     models = content.dense or [(modelled, None) for _, modelled in content.frf]
     for file, (measured, _), model in zip(files, content.frf, models, strict=True):
@@ -98,7 +97,7 @@ def _configurations(content: ReportContent) -> Iterator[Drawing]:
 def response_drawing(
     file: str, measured: Response, modelled: Response | None, std: FloatArray | None = None
 ) -> Drawing:
-    """Return the drawing of magnitude and phase of a response and of a model, on its lines."""
+    """Return the figure of magnitude and phase of a response and of a model on its own lines."""
     suffix = "" if modelled is None else ", measured and modelled"
     caption = f"magnitude and phase of the frequency responses{suffix}."
     draw = partial(fit.bode, measured, modelled, std)
@@ -106,7 +105,7 @@ def response_drawing(
 
 
 def drawings_of_responses(content: ResponsesContent) -> Iterator[Drawing]:
-    """List the figures of measured responses without a model, to be drawn later."""
+    """Yield the figures of measured responses without a model."""
     yield from friction_drawings(content.friction)
     files = [f"frf-{file_name(response.configuration.name)}" for response in content.responses]
     for file, response, modes, model in zip(files, content.responses, content.modes, content.synthesised, strict=True):
@@ -132,14 +131,12 @@ def drawings_of_responses(content: ResponsesContent) -> Iterator[Drawing]:
 def of_configuration(
     configuration: str, name: str, caption: str, draw: Callable[[], Figure], on_page: bool = True
 ) -> Drawing:
-    """Return the drawing of one configuration, to be drawn later."""
+    """Return a figure of one configuration."""
     return Drawing(name, f"{CONFIGURATION}{configuration}", f"{configuration}: {caption}", draw, on_page)
 
 
-# Begins the section of a figure of one joint.
-JOINT = "joint "
-# File-safe name and caption of a figure, and the function that draws it.
-NamedFigure: TypeAlias = tuple[str, str, Callable[[], Figure]]
+JOINT = "joint "  # first word of the section of a figure of one joint
+NamedFigure: TypeAlias = tuple[str, str, Callable[[], Figure]]  # file-safe name, caption, and drawing function
 
 
 def friction_study_drawings(
@@ -148,15 +145,15 @@ def friction_study_drawings(
     log_comparison: LogComparison = NO_COMPARISON,
     left_out: LogComparison = NO_COMPARISON,
 ) -> Iterator[Drawing]:
-    """List the figures of all joints and of validation logs, to be drawn later."""
+    """Yield the figures of all joints and of validation logs."""
     if left_out.balances:
         caption = "unexplained torque of the validation logs, relative to the rms torque, in each octave."
         yield Drawing("left-out", "left-out", caption, partial(fit.octaves_figure, left_out.balances))
     for joint in result.joints:
         file = f"friction-{file_name(joint.joint)}"
         trackings = [tracked for tracked in filters if tracked.joint == joint.joint]
-        of_joint = [balance for balance in log_comparison.balances if balance.place == f"{JOINT}{joint.joint}"]
-        draws = [partial(fit.torque_balance_figure, balance) for balance in of_joint]
+        balances = [balance for balance in log_comparison.balances if balance.place == f"{JOINT}{joint.joint}"]
+        draws = [partial(fit.torque_balance_figure, balance) for balance in balances]
         torques: list[NamedFigure] = [("torque", fit.TORQUE_CAPTION, draw) for draw in draws]
         for name, caption, draw in (*_joint_figure(joint), *torques, *map(_filter_figure, trackings)):
             yield Drawing(f"{file}-{name}", f"{JOINT}{joint.joint}", f"Joint {joint.joint}: {caption}", draw)
@@ -176,15 +173,15 @@ def _joint_figure(joint: JointFriction) -> Iterator[NamedFigure]:
         yield "motion", caption, partial(friction_records.friction_motion, joint.motion)
 
 
-def _filter_figure(followed: TrackedFriction) -> NamedFigure:
+def _filter_figure(tracked: TrackedFriction) -> NamedFigure:
     from elastid.report.figures import friction_records
 
-    joint = followed.filtered
+    joint = tracked.filtered
     errors = [f"{name.replace('_', ' ')} ({100 * joint.tolerances[name]:.2g} %)" for name in joint.consider_parameters]
     with_errors = f", which include the tolerances of {', '.join(errors)}" if errors else ""
     caption = (
         f"friction tracked by a Kalman filter, with 95 % bands{with_errors}. "
         "Below: normalised innovations squared (NIS), and their autocorrelation. "
-        f"{followed.verdict.capitalize()}."
+        f"{tracked.verdict.capitalize()}."
     )
-    return "filter", caption, partial(friction_records.friction_filter, followed)
+    return "filter", caption, partial(friction_records.friction_filter, tracked)

@@ -1,9 +1,4 @@
-"""The fit: parameters with intervals, correlations, information and limits of a plan; torsion of gears.
-
-The response matrix of one configuration, the quality of its measurement, and the poles of its modes.
-
-The torque of logs by part and octave, and a parameter over a fleet.
-"""
+"""Figures of identified parameters, plans, gears, frequency responses, torque balances and fleets."""
 
 from __future__ import annotations
 
@@ -39,14 +34,14 @@ from elastid.validation.residual_tests import above_2sigma
 
 if TYPE_CHECKING:
     from elastid.modal.modes import Modes
-    from elastid.validation.command_replay import JointError  # brings the simulation
-    from elastid.validation.fleet import FleetValue  # brings SciPy's statistics
+    from elastid.validation.command_replay import JointError  # slow imports: simulation, SciPy's statistics
+    from elastid.validation.fleet import FleetValue
 
 
 def forest(rows: Sequence[ParameterRow]) -> Figure:
     """Draw start and estimate relative to a reference (left) and the deviation in percent (right).
 
-    The reference is the truth, or the estimate where no truth is known. Bars are 95 % intervals.
+    The reference is the true value if it is known, else the estimate. Bars are 95 % intervals.
     """
     y, reference = np.arange(float(len(rows))), np.array([row.reference for row in rows])
     truths = [np.nan if row.truth is None else row.truth for row in rows]
@@ -61,19 +56,21 @@ def forest(rows: Sequence[ParameterRow]) -> Figure:
     pairs = zip(bounds, (bounds > low) & (bounds < high), strict=True)
     marks += [Curve(end[rows], y[rows], "bound", style.WEAK, True, looks=_BAR) for end, rows in pairs if rows.any()]
     at_bound = np.array([row.at_bound for row in rows])
-    percent = 100 * np.sign(reference)[:, None] * (ratios - 1)  # more is to the right
+    percent = 100 * np.sign(reference)[:, None] * (ratios - 1)  # larger values are on the right
     half = (percent[:, 2] - percent[:, 1]) / 2
     typical = float(np.percentile(half[np.isfinite(half) & (half > 0)], 25)) if (half > 0).any() else 1.0
-    reach = np.abs(percent[:, :3])
-    largest = float(np.clip(reach[np.isfinite(reach)].max(initial=typical), 1.5 * typical, 300.0))
+    extent = np.abs(percent[:, :3])
+    largest = float(np.clip(extent[np.isfinite(extent)].max(initial=typical), 1.5 * typical, 300.0))
     ends = -1.3 * largest, 1.3 * largest
     beyond = np.abs(percent[:, 0]) > ends[1]
-    off = Curve(0.92 * ends[1] * np.sign(percent[beyond, 0]), y[beyond], "estimate off the scale", style.FITTED, True)
+    edge = Curve(0.92 * ends[1] * np.sign(percent[beyond, 0]), y[beyond], "estimate off the scale", style.FITTED, True)
     has_truth = [row.truth is not None for row in rows]
-    to = "truth" if all(has_truth) else "truth (estimate where none is known)" if any(has_truth) else "estimate"
+    ref = "truth" if all(has_truth) else "truth (estimate where none is known)" if any(has_truth) else "estimate"
     panels = [
-        Panel([*marks, *_values(ratios, at_bound)], f"ratio to the {to}", x_ends=(low, high)),
-        Panel([*_values(percent, at_bound), *[off] * bool(beyond.any())], f"deviation from the {to} in %", x_ends=ends),
+        Panel([*marks, *_values(ratios, at_bound)], f"ratio to the {ref}", x_ends=(low, high)),
+        Panel(
+            [*_values(percent, at_bound), *[edge] * bool(beyond.any())], f"deviation from the {ref} in %", x_ends=ends
+        ),
     ]
     left_margin, heights = 0.4 + 0.075 * max(len(row.name) for row in rows), [0.26 * len(rows) + 0.3]
     figure = style.matrix("Parameters", [panels], heights, left=left_margin, sharey=True)
@@ -112,7 +109,7 @@ def identifiability(result: Result) -> Figure:
 
 
 def information(forecast: Forecast) -> Figure:
-    """Draw fractions of the expected information in percent, by configuration and octave."""
+    """Draw fractions of the expected Fisher information in percent, by configuration and octave."""
     names, f = forecast.configurations, forecast.freq_hz
     octave = np.floor(np.log2(f / f[0]) + 1e-9).astype(int)
     by_octave, edges = np.zeros((len(names), octave[-1] + 1)), f[0] * 2.0 ** np.arange(octave[-1] + 1)
@@ -121,12 +118,12 @@ def information(forecast: Forecast) -> Figure:
     def text(value: float) -> str:
         return f"{value:.0f}" if value >= 0.5 else ""
 
-    all_of = Cells(by_octave, names, [f"{edge:.3g}" for edge in edges], (0.0, max(float(by_octave.max()), 1.0)), text)
-    return style.matrix("Expected information in %", [[Panel(x="start of the octave in Hz", cells=all_of)]])
+    cells = Cells(by_octave, names, [f"{edge:.3g}" for edge in edges], (0.0, max(float(by_octave.max()), 1.0)), text)
+    return style.matrix("Expected information in %", [[Panel(x="start of the octave in Hz", cells=cells)]])
 
 
 def limit_use(use: LimitUse) -> Figure:
-    """Draw peaks in % of their limits: configurations (rows) by motors (columns), a panel for each limited quantity."""
+    """Draw peaks in % of the limits: configurations (rows) by motors (columns), a panel per limited quantity."""
     kinds = np.flatnonzero(np.isfinite(use.limit).any(axis=(0, 2)))
     motors = [name.removeprefix("motor ") for name in use.inputs]
     percent = 100 * np.where(np.isfinite(use.limit), use.used, np.nan)
@@ -139,7 +136,7 @@ def limit_use(use: LimitUse) -> Figure:
 
 
 def hysteresis(gears: GearResult, robot: Robot | None) -> Figure:
-    """Draw two panels per gear: torsion with its 95 % band, and its difference to a linear spring."""
+    """Draw two panels per gear: torsion with its 95 % band, and its difference from a linear spring."""
     above, below = [], []
     for sheet in gears.sheets:
         slides = robot is not None and robot.slides(f"motor {sheet.joint}")
@@ -153,19 +150,19 @@ def hysteresis(gears: GearResult, robot: Robot | None) -> Figure:
     return style.matrix("Torsion of the gears over their torque", style.in_columns(above, below))
 
 
-def _loop(sheet: GearSheet, less: FloatArray, factor: float) -> list[Curve]:
-    y, half = factor * (sheet.torsion - less), len(sheet.torque) // 2
+def _loop(sheet: GearSheet, subtracted: FloatArray, factor: float) -> list[Curve]:
+    y, half = factor * (sheet.torsion - subtracted), len(sheet.torque) // 2
     curves = []
     for half_loop in (slice(None, half), slice(half, None)):
         rising = np.argsort(sheet.torque[half_loop])
         x, torsion, std = (x_all[half_loop][rising] for x_all in (sheet.torque, y, factor * sheet.torsion_std))
-        band = style.about(torsion, std)
+        band = style.band_95(torsion, std)
         curves.append(Curve(x, torsion, "torsion, to and fro", style.FITTED, band=band, band_label="95 % band"))
     return curves
 
 
 def configuration_title(measured: Response, left_out: bool) -> str:
-    """Return the name, angles of the driven joints, and whether it was fitted; for a structure only the name."""
+    """Return name, joint angles and role in the fit of a configuration; the name only without a robot."""
     if not measured.configuration.angles.size:
         return measured.configuration.name
     angles = degrees(measured.configuration.angles.tolist())
@@ -173,20 +170,20 @@ def configuration_title(measured: Response, left_out: bool) -> str:
 
 
 def bode(measured: Response, modelled: Response | None, std: FloatArray | None) -> Figure:
-    """Draw a pair of panels per element, inputs across, outputs down; points below 2 sigma are grey.
+    """Draw magnitude and phase per FRF element, a column per input and a row per output; below 2 sigma grey.
 
-    modelled: with the inputs and outputs of `measured`, on any lines.  std (F, n_y, n_u): of it, a band of 2 std.
+    modelled: same inputs and outputs, any lines.  std (F, n_y, n_u): of the model, drawn as a band of 2 std.
     """
     rows = []
     above, label = above_2sigma(measured), style.frequency_label(measured.has_rate)
     n_y, n_u = len(measured.outputs), len(measured.inputs)
     for i in range(n_y):
         magnitude, phase = [], []
-        for j, by in enumerate(measured.inputs):
+        for j, source in enumerate(measured.inputs):
             curve = _measured(measured, above[:, i, j], measured.G[:, i, j])
             curves_of_model = ([], []) if modelled is None else _modelled(modelled, i, j, std)
             names = (measured.outputs[i], "degrees") if j == 0 else ("", "")
-            title = f"by {by}" if i == 0 else ""
+            title = f"by {source}" if i == 0 else ""
             lines = measured.freq_hz
             magnitude.append(Panel([*curve[0], *curves_of_model[0]], y=names[0], title=title, frequency=lines))
             last, ends = label if i == n_y - 1 else "", (-190.0, 190.0)
@@ -208,7 +205,7 @@ def _measured(measured: Response, above: BoolArray, G: ComplexArray) -> tuple[li
 
 
 def _modelled(model: Response, i: int, j: int, std: FloatArray | None) -> tuple[list[Curve], list[Curve]]:
-    """Return curves of magnitude, its band at least a thousandth of it, and of phase, which breaks at a wrap."""
+    """Return curves of magnitude with its band (at least 1e-3 of the magnitude) and of phase, broken at wraps."""
     G, f = model.G[:, i, j], model.freq_hz
     size, phase, band = np.abs(G), np.degrees(np.angle(G)), None
     if std is not None:
@@ -221,29 +218,29 @@ def _modelled(model: Response, i: int, j: int, std: FloatArray | None) -> tuple[
 
 
 def quality_figure(response: Response, quality: Quality, title: str) -> Figure:
-    """Draw rms amplitudes of every output in dB, then unexplained parts, and singular values of G and of the inputs.
+    """Draw rms amplitudes of every output in dB, 1 - multiple coherence, and singular values of G and the inputs.
 
-    Levels of an experiment's mean over periods, on excited lines, and of nonlinearities of even and odd order; the
-    power of the noise is subtracted from that of the detection lines.
+    Amplitudes of the mean over periods on excited lines, of the noise, and of nonlinear distortion of even and odd
+    order; the noise power is subtracted from the power at the detection lines.
     """
     f, label = response.freq_hz, style.frequency_label(response.has_rate)
     unit = f"dB re 1 {style.pretty_unit(response.output_unit)}"
     panels = [
-        Panel(_levels(f, quality, i), label, unit, f"{response.quantity} at {output}", frequency=f)
+        Panel(_amplitudes(f, quality, i), label, unit, f"{response.quantity} at {output}", frequency=f)
         for i, output in enumerate(response.outputs)
     ]
-    absent = [
-        Curve(f, np.maximum(1 - coherence, 1e-16), color=style.SERIES[i % len(style.SERIES)])  # less is rounding
+    incoherent = [
+        Curve(f, np.maximum(1 - coherence, 1e-16), color=style.SERIES[i % len(style.SERIES)])  # rounding errors
         for i, coherence in enumerate(quality.multiple_coherence.T)
     ]
-    panels.append(Panel(absent, label, title="1 − multiple coherence", frequency=f, scale="log"))
+    panels.append(Panel(incoherent, label, title="1 − multiple coherence", frequency=f, scale="log"))
     for sigma, name in ((quality.singular_values, "G"), (quality.input_singular_values, "the inputs")):
         caption = f"singular values of {name}, dB; condition {np.median(sigma[:, 0] / sigma[:, -1]):.3g}"
         panels.append(Panel([Curve(f, in_db(column)) for column in sigma.T], label, title=caption, frequency=f))
     return style.matrix(title, style.in_columns(panels))
 
 
-def _levels(f: FloatArray, quality: Quality, i: int) -> list[Curve]:
+def _amplitudes(f: FloatArray, quality: Quality, i: int) -> list[Curve]:
     excited = quality.excited
     curves = [
         Curve(f, in_db(excited.amplitude[:, i]), "excited lines", dots=True),
@@ -259,7 +256,7 @@ def _levels(f: FloatArray, quality: Quality, i: int) -> list[Curve]:
 
 
 def stabilisation_diagram(modes: Modes, title: str) -> Figure:
-    """Draw poles by frequency and order, with lines at the modes, above the singular values of the response."""
+    """Draw poles by frequency and model order with lines at the modes, and the singular values of the response."""
     diagram, stable = modes.diagram, "stable in frequency (1 %) and damping (5 %)"
     poles = [
         Curve(diagram.freq_hz[rows], diagram.order[rows], text, ink, True)
@@ -285,17 +282,17 @@ TORQUE_CAPTION = (
 
 
 def torque_balance_figure(balance: TorqueBalance) -> Figure:
-    """Draw measured and modelled torque, its contributions, and the unexplained fraction by octave."""
-    part = style.thinned(len(balance.measured))
-    t = (np.arange(len(balance.measured)) / balance.rate_hz)[part]
+    """Draw measured and modelled torque, the model terms, and the unexplained fraction by octave."""
+    step = style.thinned(len(balance.measured))
+    t = (np.arange(len(balance.measured)) / balance.rate_hz)[step]
     modelled = balance.measured - balance.residual
-    whole = [(balance.measured, style.MEASURED, "measured"), (modelled, style.FITTED, "model")]
+    signals = [(balance.measured, style.MEASURED, "measured"), (modelled, style.FITTED, "model")]
     if any(name in FRICTION for name in balance.parts):
-        whole.insert(0, (modelled - balance.torque_sum(FRICTION), style.WEAK, "model without friction"))
-    whole.append((balance.residual, style.RESIDUAL, "measured − model"))
-    total = [Curve(t, torque[part], text, ink) for torque, ink, text in whole]
-    curves_ = [
-        Curve(t, torque[part], name, COLORS[name]) for name, torque in zip(balance.parts, balance.torques, strict=True)
+        signals.insert(0, (modelled - balance.torque_sum(FRICTION), style.WEAK, "model without friction"))
+    signals.append((balance.residual, style.RESIDUAL, "measured − model"))
+    total = [Curve(t, torque[step], text, ink) for torque, ink, text in signals]
+    terms = [
+        Curve(t, torque[step], name, COLORS[name]) for name, torque in zip(balance.parts, balance.torques, strict=True)
     ]
     curves = [
         Curve(np.arange(len(balance.bands)), [100 * max(getattr(band, key), 1e-7) for band in balance.bands], text, ink,
@@ -309,13 +306,13 @@ def torque_balance_figure(balance: TorqueBalance) -> Figure:
     unit, time = style.pretty_unit(balance.unit), "time in s" if balance.has_rate else "time in samples"
     below = Panel(curves, style.frequency_label(balance.has_rate), "%", scale="log")
     title = f"{balance.place}, {balance.log}: {100 * balance.unexplained_fraction:.2g} % of the mean square unexplained"
-    figure = style.matrix(title, [[Panel(total, y=unit)], [Panel(curves_, time, unit)], [below]])
+    figure = style.matrix(title, [[Panel(total, y=unit)], [Panel(terms, time, unit)], [below]])
     style.set_names(figure.axes[-1].xaxis, [f"{band.low_hz:.3g}–{band.high_hz:.3g}" for band in balance.bands])
     return figure
 
 
 def octaves_figure(balances: Sequence[TorqueBalance]) -> Figure:
-    """Draw the unexplained rms torque over the measured rms torque, by axis and octave."""
+    """Draw the ratio of unexplained to measured rms torque in percent, by axis and octave."""
     edges = sorted({band.high_hz for balance in balances for band in balance.bands})
     in_hz = all(balance.has_rate for balance in balances)
     label = f"octave below {'Hz' if in_hz else 'sampling rates'}"
@@ -338,7 +335,7 @@ def command_errors_figure(joints: Sequence[JointError]) -> Figure:
 
 
 def fleet_parameter(name: str, unit: str, values: Sequence[FleetValue], conspicuous: Collection[str]) -> Figure:
-    """Draw one column per robot, its dates from left to right; robots with a finding are marked."""
+    """Draw a parameter with 95 % intervals: one column per robot, dates from left to right, findings marked."""
     robots, days = list(dict.fromkeys(value.robot for value in values)), sorted({value.day for value in values})
     width, curves = 0.6 / max(1, len(days)), []
     for is_marked in (False, True):
@@ -346,7 +343,7 @@ def fleet_parameter(name: str, unit: str, values: Sequence[FleetValue], conspicu
             x = np.array([robots.index(v.robot) + width * (days.index(v.day) - (len(days) - 1) / 2) for v in points])
             y, std = np.array([(value.value, value.std) for value in points]).T
             text = "differs or drifts" if is_marked else "robot, dates from left to right"
-            curves.append(Curve(x, y, text, style.FITTED if is_marked else style.TOTAL, True, style.about(y, std)))
+            curves.append(Curve(x, y, text, style.FITTED if is_marked else style.TOTAL, True, style.band_95(y, std)))
     of_unit, names_fit = f" in {style.pretty_unit(unit)}" if unit else "", len(robots) <= 40
     panel = Panel(curves, "" if names_fit else "robot", f"{name}{of_unit}", columns=robots if names_fit else ())
     figure = style.matrix(f"{name} over the fleet", [[panel]])

@@ -1,4 +1,4 @@
-"""Friction in records: motions, and a filter."""
+"""Figures of friction in records: friction of a motion over velocity, and friction tracked by a Kalman filter."""
 
 from collections.abc import Iterator
 
@@ -17,7 +17,7 @@ from elastid.report.figures import style
 from elastid.report.figures.friction import POINTS, quantity, units
 from elastid.report.figures.style import Curve, Panel
 
-# Of numbers that are followed.
+# Names of tracked parameters.
 NAMES = {
     "Fc": "Coulomb friction",
     "f": "viscous friction",
@@ -30,7 +30,7 @@ NAMES = {
 def friction_motion(friction: MotionFriction) -> Figure:
     """Draw friction (torque - inertia - gravity) over velocity, the regression's 95 % band, and torque over time.
 
-    Dotted lines: speeds that the motion dwells at.
+    Dotted lines: constant speeds of the motion.
     """
     signals, slides = MotionSignals.of(friction.motion, friction.passband_hz), friction.motion.slides
     columns, (speed, unit) = columns_of(signals, friction.terms), units(slides)
@@ -41,9 +41,9 @@ def friction_motion(friction: MotionFriction) -> Figure:
         for names in (TORQUE_COMPONENTS, TORQUE_COMPONENTS[:2])
     )
     time_s = np.arange(len(friction.motion.position))[signals.decimation] / friction.motion.rate_hz
-    part = style.thinned(len(time_s))
+    samples = style.thinned(len(time_s))
     over_time = [
-        Curve(time_s[part], values[part], text, ink)
+        Curve(time_s[samples], values[samples], text, ink)
         for values, ink, text in (
             (torque, style.MEASURED, "measured"),
             (regressed, style.FITTED, "regression"),
@@ -59,7 +59,7 @@ def friction_motion(friction: MotionFriction) -> Figure:
 
 
 def sliding(numbers: Regression, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Evaluate friction (n,) and its std at nonzero velocities; includes numbers of both directions."""
+    """Return friction (n,) and its std at nonzero velocities v (n,), from the parameters of both directions."""
     columns = {"coulomb": np.sign(v), "viscous": v}
     if "stiction" in numbers.names:
         fall = np.exp(-((v / numbers["stribeck_velocity"]) ** 2))
@@ -73,9 +73,9 @@ def sliding(numbers: Regression, v: FloatArray) -> tuple[FloatArray, FloatArray]
 
 
 def _over_velocity(motion: MotionFriction, velocity: FloatArray, friction: FloatArray) -> Iterator[Curve]:
-    """Yield curves over velocity (n,): measured friction (n,), the torque less rigid body torque, and regression."""
-    part = style.thinned(len(velocity))
-    yield Curve(velocity[part], friction[part], dots=True)
+    """Yield curves over velocity (n,): measured friction (n,), constant speeds, and the regression."""
+    samples = style.thinned(len(velocity))
+    yield Curve(velocity[samples], friction[samples], dots=True)
     ends = [float(friction.min()), float(friction.max())]
     for sign in (1.0, -1.0):
         for speed in distinct_speeds(p.velocity for p in motion.plateaus if sign * p.velocity > 0):
@@ -83,19 +83,19 @@ def _over_velocity(motion: MotionFriction, velocity: FloatArray, friction: Float
     for low, high in ((float(velocity.min()), 0.0), (0.0, float(velocity.max()))):
         v = np.linspace(low, high, POINTS)[1 if low == 0 else 0 : -1 if high == 0 else None]
         torque, std = sliding(motion.regression, v)
-        yield Curve(v, torque, "regression", style.FITTED, band=style.about(torque, std))
+        yield Curve(v, torque, "regression", style.FITTED, band=style.band_95(torque, std))
 
 
 def friction_filter(tracked: TrackedFriction) -> Figure:
-    """Draw tracked numbers, NIS with its band, and the autocorrelation of the innovations."""
+    """Draw tracked parameters, the NIS (normalised innovations squared), and the innovations' autocorrelation."""
     time, rows = tracked.time_s, []
     for i, name in enumerate(tracked.names):
         y, band = tracked.values[:, i], (tracked.low[:, i], tracked.high[:, i])
         curves = [Curve(time, y, "followed", style.FITTED, band=band, band_label="95 % band")]
-        hidden_part = np.where(tracked.unknown[:, i], y, np.nan)
-        if np.isfinite(hidden_part).any():
+        unobserved = np.where(tracked.unknown[:, i], y, np.nan)
+        if np.isfinite(unobserved).any():
             text = "fixed: not observable in this motion"
-            curves.append(Curve(time, hidden_part, text, style.WEAK))
+            curves.append(Curve(time, unobserved, text, style.WEAK))
         rows.append([Panel(curves, y=f"{NAMES[name]}\nin {_unit(name, tracked.slides)}")])
     low, high = (np.full_like(time, end) for end in NIS_BAND)
     text, label = "mean NIS since the point before", "mean NIS of an honest filter"

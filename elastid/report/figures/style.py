@@ -1,4 +1,4 @@
-"""One look for all figures: colour-blind safe colours and a matrix of panels; text is never a formula."""
+"""Common style of all figures: colours for colour-blind readers, and a matrix of panels; text is never a formula."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.statistics import QUANTILE_95
 
-# Okabe and Ito (2008), by role.
+# Colours of Okabe and Ito (2008) by role.
 MEASURED = "#0072B2"
 FITTED = "#D55E00"
 NOISE = "#009E73"
@@ -30,32 +30,28 @@ WEAK = "#B8B8B8"
 SERIES = (MEASURED, FITTED, NOISE, TOTAL, START, RESIDUAL)
 GRID, SHADE = "#DDDDDD", "#EEEEEE"
 
-# Font sizes in points.
-TINY, SMALL, NORMAL, LARGE = 5.5, 7.5, 8.5, 10.0
-# Width in inches of figures with many panels.
-WIDE = 9.5
-# Of measured values: points without lines and edges.
-DOTS: dict[str, Any] = {"ls": "none", "marker": "o", "mew": 0}
-# Samples of a log that are drawn.
-MOST_SAMPLES = 6000
-# A heat map of more cells has no numbers in them; above this part of its scale a cell is dark.
-MAX_NUMBERED_CELLS, MIN_DARK = 400, 0.6
+TINY, SMALL, NORMAL, LARGE = 5.5, 7.5, 8.5, 10.0  # font sizes in points
+WIDE = 9.5  # width in inches of figures with many panels
+DOTS: dict[str, Any] = {"ls": "none", "marker": "o", "mew": 0}  # points without lines and edges
+MAX_SAMPLES = 6000  # samples of a log that are drawn
+MAX_NUMBERED_CELLS = 400  # a larger heat map has no numbers in its cells
+MIN_DARK = 0.6  # fraction of the colour scale above which a cell is dark
 
 
 @contextmanager
-def own_style() -> Iterator[None]:
-    """Use Matplotlib's defaults for figures that are drawn or saved inside, despite any matplotlibrc."""
+def default_style() -> Iterator[None]:
+    """Use Matplotlib's defaults for figures that are drawn or saved inside, instead of a matplotlibrc."""
     with rc_context():
         rcdefaults()
         yield
 
 
-class ShownFigure(Figure):
-    """A figure that a notebook shows as the value of a cell, whether pyplot is loaded or not."""
+class NotebookFigure(Figure):
+    """Figure that a notebook shows as the value of a cell, also without pyplot."""
 
-    @own_style()
+    @default_style()
     def savefig(self, fname: Any, *, transparent: bool | None = None, **options: Any) -> None:
-        """Save the figure as matplotlib does, in the style of all figures."""
+        """Save the figure as matplotlib does, with the default style."""
         super().savefig(fname, transparent=transparent, **options)
 
     def _repr_png_(self) -> bytes:
@@ -70,12 +66,12 @@ def plain(text: str) -> str:
 
 
 def plain_label(text: str) -> str:
-    """Escape a label of a legend, which otherwise omits labels with a leading underscore."""
+    """Escape a label of a legend, which would omit a label with a leading underscore."""
     return f" {plain(text)}" if text.startswith("_") else plain(text)
 
 
 def pretty_unit(unit: str) -> str:
-    """Format a unit for people.
+    """Format a unit with typographic signs.
 
     >>> pretty_unit("(rad/s^2)/(N*m)")
     '(rad/s²)/(N·m)'
@@ -84,12 +80,12 @@ def pretty_unit(unit: str) -> str:
 
 
 def frequency_label(has_rate: bool) -> str:
-    """Return the frequency axis label; without a sampling rate, frequencies are in units of it."""
+    """Return the label of a frequency axis; without a known rate, frequencies are relative to it."""
     return "frequency in Hz" if has_rate else "frequency / sampling rate"
 
 
 def frequency_unit(has_rate: bool) -> str:
-    """Return the unit behind the number of a natural frequency in a figure or on paper."""
+    """Return the unit of a natural frequency in a text."""
     return "Hz" if has_rate else "× the rate"
 
 
@@ -100,13 +96,13 @@ def in_db(values: ComplexArray | FloatArray) -> FloatArray:
 
 
 def thinned(n: int) -> slice:
-    """Return the samples of a log of n that are drawn."""
-    return slice(None, None, max(1, n // MOST_SAMPLES))
+    """Return the slice of at most about `MAX_SAMPLES` of n samples that are drawn."""
+    return slice(None, None, max(1, n // MAX_SAMPLES))
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Plot y (n,) over x (n,), as a line or dots, with an interval band; looks are options of matplotlib."""
+    """Curve y (n,) over x (n,), a line or dots, with an interval band; looks: options of matplotlib."""
 
     x: ArrayLike
     y: ArrayLike
@@ -118,7 +114,7 @@ class Curve:
     looks: Mapping[str, Any] = field(default_factory=dict)
 
     def draw(self, axes: Axes) -> None:
-        """Draw the curve, with its interval as bars at dots, else as a band."""
+        """Draw the curve, with its interval as a band, or as bars for dots."""
         looks = (DOTS | {"ms": 3.0} if self.dots else {"lw": 1.0}) | {"color": self.color, **self.looks}
         if self.band is not None and self.dots:
             y = np.asarray(self.y)
@@ -131,14 +127,14 @@ class Curve:
         axes.plot(self.x, self.y, label=plain_label(self.label), **looks)
 
 
-def about(y: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return both ends of the 95 % interval of values with these standard deviations."""
+def band_95(y: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return both ends of the 95 % intervals of y (n,) with standard deviations std (n,)."""
     return y - QUANTILE_95 * std, y + QUANTILE_95 * std
 
 
 @dataclass(frozen=True)
 class Cells:
-    """A heat map: values (rows, columns), their names, the ends of the colours, and the text of a value."""
+    """Heat map: values (rows, columns), names of rows and columns, ends of the colour scale, and text of a value."""
 
     values: FloatArray
     rows: Sequence[str] = ()
@@ -148,7 +144,7 @@ class Cells:
     colors: str = "Blues"
 
     def draw(self, axes: Axes) -> None:
-        """Draw cells from light to dark, grey for NaN, with numbers if they are few."""
+        """Draw cells from light to dark, NaN grey, with numbers up to `MAX_NUMBERED_CELLS`."""
         axes.set_facecolor(SHADE)
         low, high = self.ends
         axes.imshow(self.values, cmap=self.colors, vmin=low, vmax=high, interpolation="nearest", aspect="auto")
@@ -164,10 +160,10 @@ class Cells:
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes: curves or a heat map, labels, and horizontal lines at `marks`, dashed.
+    """Panel of a figure: curves or a heat map, labels, and dashed horizontal lines at `marks`.
 
-    frequency: lines (F,) whose ends are those of a logarithmic x axis.  scale: of y.  span: of x, that is shaded.
-    columns: names at x of 0, 1, 2 ..., upright where they are many.
+    frequency: lines (F,), whose ends limit a logarithmic x axis.  scale: of y.  span: shaded range of x.  columns:
+    names at x = 0, 1, 2 ..., vertical if there are many.
     """
 
     curves: Sequence[Curve] = ()
@@ -185,7 +181,7 @@ class Panel:
 
     @property
     def height(self) -> float:
-        """Height in inches, of a heat map by its rows."""
+        """Height in inches; for a heat map by the number of rows."""
         return 1.8 if self.cells is None else 0.4 + 0.3 * len(self.cells.values)
 
     def draw(self, axes: Axes) -> None:
@@ -225,8 +221,8 @@ def matrix(
 ) -> Figure:
     """Arrange panels in rows and columns under a title and one legend with each label once.
 
-    heights: of the rows in inches, by their panels where none are given.  width: of the figure.  left: room for labels,
-    by the names of rows where it is 0.  options: of Figure.subplots, such as sharex.
+    heights: of the rows in inches, by default of their panels.  width: of the figure.  left: space for labels, by
+    default for the names of rows.  options: of Figure.subplots, such as sharex.
     """
     rows = [row for row in rows if any(row)]
     heights = heights or [max(panel.height for panel in row if panel is not None) for row in rows]
@@ -238,14 +234,14 @@ def matrix(
     left = left or max([0.85, *(0.4 + 0.075 * len(name) for name in names)])
     top = 0.4 + 0.17 * -(-len(texts) // columns) + 0.3 * any(panel.title for panel in panels)
     bottom = 0.55 + 0.06 * below
-    # Between rows and columns, for their labels and titles.
+    # Space between rows for labels and titles.
     apart = 0.2 + 0.3 * any(panel.title for row in rows[1:] for panel in row if panel is not None)
     apart += 0.4 * any(panel.x for row in rows[:-1] for panel in row if panel is not None)
-    beside, across = 0.8, max(map(len, rows))
+    beside, across = 0.8, max(map(len, rows))  # space between columns, number of columns
     panel_width = (width - 0.3 - left - (across - 1) * beside) / across
     tall, width = round(top + bottom + sum(heights) + (len(rows) - 1) * apart, 1), round(width, 1)  # whole pixels
     box = {"left": left / width, "right": 1 - 0.3 / width, "top": 1 - top / tall, "bottom": bottom / tall}
-    figure = ShownFigure(figsize=(width, tall))
+    figure = NotebookFigure(figsize=(width, tall))
     spaces = box | {
         "wspace": beside / panel_width,
         "hspace": apart * len(rows) / sum(heights),
@@ -268,7 +264,7 @@ def matrix(
 
 
 def in_columns(*panels: Sequence[Panel | None]) -> list[list[Panel | None]]:
-    """Arrange panels three across; each row of the first sequence is followed by the row of the next sequence."""
+    """Arrange panels in three columns; rows of the sequences alternate."""
     return [list(row[i : i + 3]) for i in range(0, len(panels[0]), 3) for row in panels]
 
 
@@ -280,7 +276,7 @@ def label(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:
 
 
 def set_names(axis: Axis, names: Sequence[str], **options: Any) -> None:
-    """Set names at 0, 1, 2 ...; options of the text, such as rotation."""
+    """Set names at the ticks 0, 1, 2 ... with options of the text, such as rotation."""
     axis.set_ticks(range(len(names)), [plain(name) for name in names], **options)
 
 
@@ -292,7 +288,7 @@ def set_plain_ticks(axis: Axis, ticks: Sequence[float]) -> None:
 
 
 def round_ticks(low: float, high: float, max_count: int) -> list[float]:
-    """Round numbers on a logarithmic axis: 1-2-5 steps, decades where those are too many, even steps where too few.
+    """Return round numbers on a logarithmic axis: 1-2-5 steps; decades if there are too many, even steps if too few.
 
     >>> round_ticks(2.1, 60.0, 6)
     [2.0, 5.0, 10.0, 20.0, 50.0]

@@ -1,4 +1,4 @@
-"""Figures of use: joint loops, a tuned move, a map of the workspace."""
+"""Figures of the commands map, tune and loops."""
 
 import numpy as np
 from matplotlib.colors import LogNorm, Normalize
@@ -12,8 +12,8 @@ from elastid.use.loops import Loops
 from elastid.use.map import WorkspaceMap
 from elastid.use.tune import TunedMove
 
-# Unit of a figure and factor, by the SI unit of a quantity.
-SHOWN = {"m/N": ("µm/N", 1e6), "m": ("mm", 1e3), "Hz": ("Hz", 1.0)}
+# Unit and factor of a quantity in a figure, by its SI unit.
+DISPLAY_UNITS = {"m/N": ("µm/N", 1e6), "m": ("mm", 1e3), "Hz": ("Hz", 1.0)}
 
 
 def loops_figure(loops: Loops) -> Figure:
@@ -31,10 +31,10 @@ def loops_figure(loops: Loops) -> Figure:
 
 
 def workspace_figure(workspace: WorkspaceMap, quantity: str = "softest_compliance") -> Figure:
-    """Draw positions of the frame, coloured by a quantity; the softest posture is marked."""
+    """Draw positions of the frame, coloured by a quantity, with a mark at the softest posture."""
     workspace = workspace.sample
     values, (x, y, z), soft = workspace[quantity], workspace.position.T, int(workspace.softest[0])
-    unit, factor = SHOWN[values.unit]
+    unit, factor = DISPLAY_UNITS[values.unit]
     value = factor * np.where(np.isfinite(values.value), values.value, np.nan)
     finite = value[np.isfinite(value)] if np.isfinite(value).any() else np.array([0.0, 1.0])
     wide = finite.min() > 0 and finite.max() > 10 * finite.min()
@@ -45,7 +45,7 @@ def workspace_figure(workspace: WorkspaceMap, quantity: str = "softest_complianc
         for a, b, across, up in ((x, y, "x", "y"), (np.hypot(x, y), z, "√(x² + y²)", "z"))
     ]
     figure = style.matrix(f"{workspace.name}, {workspace.frame}: {values.text}", [panels], [3.0])
-    # The softer ones on top, since they are what is looked for.
+    # Larger values are drawn last, on top.
     order = np.argsort(np.where(np.isfinite(value), value, -np.inf), kind="stable")
     sides = [*figure.axes]
     for axes, (a, b) in zip(sides, ((x, y), (np.hypot(x, y), z)), strict=True):
@@ -58,7 +58,7 @@ def workspace_figure(workspace: WorkspaceMap, quantity: str = "softest_complianc
 
 
 def move_figure(tuned: TunedMove) -> Figure:
-    """Draw errors over time in mm, logarithmic, above the torque of each motor over its limit."""
+    """Draw path errors over time in mm (logarithmic), and the torque of each motor relative to its limit."""
     t, errors, torques = tuned.time_s, [], []
     for outcome, color in zip(tuned.outcomes, (style.WEAK, style.START, style.FITTED), strict=True):
         band = None if outcome.low is None or outcome.high is None else (_in_mm(outcome.low), _in_mm(outcome.high))
@@ -78,5 +78,5 @@ def move_figure(tuned: TunedMove) -> Figure:
 
 
 def _in_mm(error: FloatArray) -> FloatArray:
-    """Convert an error to mm, at least a tenth of a micrometre, since smaller values are rounding."""
+    """Convert an error from m to mm; smaller values than 1e-4 mm are rounding errors."""
     return np.maximum(1e3 * error, 1e-4)

@@ -1,1 +1,1 @@
-"""The page with its explorer of responses and its mode viewer."""
+"""HTML pages of results, with interactive plots of responses and modes."""

@@ -1,4 +1,4 @@
-"""The interactive parts of the page, response matrix and mode viewer: data, scripts and their content policy."""
+"""Interactive parts of a page, response explorer and mode viewer: data as JSON, scripts, and their content policy."""
 
 import base64
 import hashlib
@@ -21,7 +21,7 @@ from elastid.validation.residual_tests import sigma_of
 
 
 def asset(*path: str) -> str:
-    """Read a file of this package without indentation and comment rows; CSS also without spaces."""
+    """Read a file of this package without indentation and comment lines; CSS also without spaces."""
     text = (files("elastid.report") / "page").joinpath(*path).read_text(encoding="utf-8")
     if path[-1].endswith(".css"):
         return re.sub(r"\s*([{};,])\s*|(?<=:) ", r"\1", text).strip()
@@ -42,8 +42,8 @@ def explorer(
 ) -> str:
     """Return measured and, if there is a model, modelled responses of every configuration as JSON.
 
-    models: of each configuration the model on lines of its own, among them the measured ones, and its standard
-    deviation (L, n_y, n_u); else each model is drawn on the measured lines.
+    models: for each configuration, the model on a denser grid that contains the measured lines, with its standard
+    deviation (L, n_y, n_u); by default the models on the measured lines.
     """
     first = pairs[0][0]
     content = {
@@ -102,7 +102,7 @@ def _response(
     quality = measured.quality
     arrays = {"G": measured.G, "model": None if modelled is None else modelled.G, "std": std}
     for name, covariance in (("noise", measured.noise), ("total", measured.total)):
-        if covariance is not None:  # smoothed over lines where its degrees of freedom are few
+        if covariance is not None:  # smoothed over lines if it has few degrees of freedom
             without_noise = replace(measured, noise=None, total=Covariance(covariance.variance, covariance.dof))
             arrays[name] = sigma_of(without_noise)
     arrays["coherence"] = None if quality is None else quality.coherence
@@ -113,7 +113,7 @@ def _response(
         "outputs": list(measured.outputs),
         "freq": [float(f"{f:.6g}") for f in freq],
         "at": np.searchsorted(freq, measured.freq_hz).tolist(),
-        # (n, n_y, n_u) element by element.
+        # (F, n_y, n_u), stored element by element.
         "arrays": {name: pack(values.transpose(1, 2, 0)) for name, values in arrays.items() if values is not None},
     }
 
@@ -125,7 +125,7 @@ def pack(values: FloatArray | ComplexArray) -> str:
 
 
 def mode_viewer(rows: Sequence[ModeRow], has_rate: bool) -> str:
-    """Return every mode of the page's table as JSON; empty if no row has a drawing."""
+    """Return all modes of the page as JSON; empty if no row has a drawing."""
     if all(row.drawing is None for row in rows):
         return ""
     colors = {"rest": style.WEAK, "ahead": style.MEASURED, "back": style.FITTED}
@@ -149,5 +149,5 @@ def _mode_row(row: ModeRow, unit: str) -> Mapping[str, Any] | None:
 
 
 def _whole_numbers(values: FloatArray, step: float) -> list[int]:
-    """Pack (n, 3) in whole steps, point by point."""
+    """Return values (n, 3) in whole steps, point by point."""
     return np.round(values / step).astype(int).ravel().tolist()

@@ -1,7 +1,4 @@
-"""One self-contained HTML page of a study or of responses, for mail, phone or paper, without a network.
-
-The first screen and the table of numbers as the template writes them, with the robot drawn in SVG.
-"""
+"""Self-contained HTML page of a study or of responses: values for its templates, the robot in SVG, and figures."""
 
 import base64
 import io
@@ -38,15 +35,13 @@ from elastid.report.content import (
 )
 from elastid.report.figures import style
 from elastid.report.figures.drawings import Drawing
-from elastid.report.figures.style import own_style
+from elastid.report.figures.style import default_style
 from elastid.report.modes import ModeDrawing, spring_names
 from elastid.report.page.explorer import asset, curve_scripts, explorer, mode_viewer, script_policy
 from elastid.robot import Robot
 
-# Pixels of the drawing, and free ones about it.
-SIZE, MARGIN = 250.0, 26.0
-# Opposite to an axis of the base, of a view from the side, somewhat from the front and above.
-AZIMUTH, ELEVATION = np.radians(25.0), np.radians(15.0)
+SIZE, MARGIN = 250.0, 26.0  # of the robot drawing, pixels
+AZIMUTH, ELEVATION = np.radians(25.0), np.radians(15.0)  # of the view, from the side of the base
 STICKS = {"arm": 5.0, "strut": 2.5, "mass": 1.5}
 
 
@@ -61,38 +56,38 @@ def joint_groups(robot: Robot) -> list[tuple[str, ...]]:
 
 
 def robot_sketch(robot: Robot, drawing: ModeDrawing, rows: Sequence[ParameterRow]) -> Markup:
-    """Sketch the robot at rest; the title of each joint has its numbers and their intervals."""
+    """Draw the robot at rest; the title of each joint lists its parameters and interval widths."""
     points = _project(drawing)
     by_name = {row.name: row for row in rows}
-    parts = [
+    elements = [
         f'<line x1="{points[a][0]:.1f}" y1="{points[a][1]:.1f}" x2="{points[b][0]:.1f}" y2="{points[b][1]:.1f}" '
         f'class="stick" stroke-width="{STICKS[kind]}"/>'
         for a, b, kind in drawing.links
     ]
     x, y = points[0]
-    parts.append(f'<path class="base" d="M{x - 16:.1f} {y:.1f}h32l-5 9h-22z"/>')
+    elements.append(f'<path class="base" d="M{x - 16:.1f} {y:.1f}h32l-5 9h-22z"/>')
     joints = zip(drawing.joints, joint_groups(robot), strict=True)
-    parts += [_joint(points[point], names, by_name) for point, names in joints]
+    elements += [_joint(points[point], names, by_name) for point, names in joints]
     width, height = (float(np.ptp(points[:, axis])) + 2 * MARGIN for axis in (0, 1))
     box = f'viewBox="0 0 {width + 30:.0f} {height:.0f}" width="{width + 30:.0f}" height="{height:.0f}"'
     title = "The robot; colours of the points: widths of the intervals of their joints"
-    # Every text within is escaped.
-    return Markup(f'<svg class="robot" role="img" aria-label="{title}" {box}>{"".join(parts)}</svg>')
+    # All texts in the elements are escaped.
+    return Markup(f'<svg class="robot" role="img" aria-label="{title}" {box}>{"".join(elements)}</svg>')
 
 
 def _widest_class(names: Sequence[str], rows: Iterable[ParameterRow]) -> int | None:
-    """Index of WIDTH_WORDS of the widest interval of stiffness and damping at these joints; None without one."""
+    """Return the width class of the widest interval of stiffness and damping at these joints; None without any."""
     terms = {f"{kind}_{name}" for name in names for kind in "kd"}
     return max((run_summary.width_class(row) for row in rows if row.name in terms), default=None)
 
 
 def _joint(point: FloatArray, names: Sequence[str], rows: Mapping[str, ParameterRow]) -> str:
     terms = [rows[f"{kind}_{name}"] for name in names for kind in ("k", "d", "fm") if f"{kind}_{name}" in rows]
-    place = _widest_class(names, rows.values())
+    width_class = _widest_class(names, rows.values())
     widths = (
         ", ".join(f"{row.name} ±{percent(run_summary.half_width(row))}" for row in terms) or "nothing identified here"
     )
-    css_class = "held" if place is None else f"w{place}"
+    css_class = "held" if width_class is None else f"w{width_class}"
     label = escape(", ".join(names))
     return (
         f"<g><title>{label}: {escape(widths)}</title>"
@@ -102,7 +97,7 @@ def _joint(point: FloatArray, names: Sequence[str], rows: Mapping[str, Parameter
 
 
 def _project(drawing: ModeDrawing) -> FloatArray:
-    """Project points to pixels (n, 2), seen obliquely, up being up."""
+    """Project points to pixels (n, 2), with the vertical axis up."""
     up = drawing.up
     right, depth = (up + 1) % 3, (up + 2) % 3
     p = drawing.points
@@ -113,12 +108,8 @@ def _project(drawing: ModeDrawing) -> FloatArray:
     return MARGIN + view * (SIZE - 2 * MARGIN) / max(float(np.ptp(view, axis=0).max()), 1e-9)
 
 
-# Of a row; pixels of the drawing of its interval.
-MARKS = ("low", "high", "start", "truth")
-
-
 def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapping[str, Any]:
-    """Return values of the status bar and the three columns; with a sketch only if the robot has points to draw."""
+    """Return the values of the status bar and the three columns; with a sketch if the robot can be drawn."""
     drawing = next((row.drawing for row in content.modes if row.drawing is not None), None)
     robot = content.robot if drawing is not None else None
     classes: list[int | None] = [run_summary.width_class(row) for row in rows]
@@ -157,15 +148,14 @@ def meanings(content: ReportContent) -> dict[str, str]:
 
 
 def row_axis(rows: Sequence[ParameterRow]) -> Mapping[str, Mapping[str, float | bool]]:
-    """Place the interval's ends, the start and the true value in pixels on the common axis ln(p / estimate).
+    """Return positions in pixels of interval ends, start and true value on a common axis ln(p / estimate).
 
-    Marks beyond the axis are at its end. A number whose estimate or start is not positive is drawn about its estimate,
-    relative to its size.
+    Marks beyond the axis are at its end. If an estimate or value is not positive, its relative deviation is used.
     """
     values = [(value, row) for row in rows for value in (*row.interval, row.truth) if value is not None]
     spread = [abs(_log_ratio(value, row.estimate)) for value, row in values]
     finite = [value for value in spread if math.isfinite(value)]
-    # The axis reaches from 2 % to a factor of 100 to either side.
+    # The axis extends to 2 % at least and to a factor of 100 at most, on either side.
     limit = float(np.clip(max(finite, default=0.0), math.log(1.02), math.log(100.0)))
 
     def place(value: float | None, row: ParameterRow) -> float:
@@ -175,7 +165,8 @@ def row_axis(rows: Sequence[ParameterRow]) -> Mapping[str, Mapping[str, float | 
 
     axis = {
         row.name: {
-            key: place(value, row) for key, value in zip(MARKS, (*row.interval, row.start, row.truth), strict=True)
+            key: place(value, row)
+            for key, value in zip(("low", "high", "start", "truth"), (*row.interval, row.start, row.truth), strict=True)
         }
         for row in rows
     }
@@ -195,7 +186,7 @@ DPI = 110
 
 @dataclass(frozen=True)
 class EmbeddedFigure:
-    """A figure of the page: PNG in base64, empty if it is not on the page."""
+    """Figure of the page: PNG in base64, empty if it is not on the page."""
 
     name: str
     section: str
@@ -204,7 +195,7 @@ class EmbeddedFigure:
     file: str = ""
 
 
-@own_style()
+@default_style()
 def write_page(
     page: Callable[[list[EmbeddedFigure]], str],
     drawings: Iterable[Drawing],
@@ -213,9 +204,9 @@ def write_page(
     execution: Execution | None = None,
     name: str = "report.html",
 ) -> Path:
-    """Write a page as folder/`name`, and replace folder/figures/*; page(figures): its HTML. Returns its path.
+    """Write a page as folder/`name` and replace folder/figures/*; return its path.
 
-    Every file appears whole or not at all, the page last. The same content gives the same bytes, whatever `execution`.
+    page(figures): returns the HTML.  All files are written atomically, the page last; equal content gives equal bytes.
     """
     figures = clear_folder(folder, "figures")
     figures.mkdir(parents=True)
@@ -225,9 +216,9 @@ def write_page(
     return folder / name
 
 
-@own_style()
+@default_style()
 def _embed(figures: Path | None, drawing: Drawing) -> EmbeddedFigure:
-    with rc_context({"axes.titley": 1.0}):  # where matplotlib seeks room for titles, it places all ticks twice
+    with rc_context({"axes.titley": 1.0}):  # automatic positions of titles would place all ticks twice
         figure = drawing.draw()
     png, name = render_png(figure), f"{drawing.name}.png"
     if figures is not None:
@@ -263,7 +254,7 @@ def render(
     scripts: Sequence[str] = (),
     **values: Any,
 ) -> str:
-    """Render a page from a template; curves are the data of the explorer, values further names."""
+    """Render a page from a template, with data of the explorer (curves) and further values of the template."""
     names = {"content": content, "figures": figures, "explorer": curves, "scripts": scripts, "mode_viewer": ""} | values
     return _environment().get_template(template).render(names, asset=asset, policy=script_policy(scripts))
 
@@ -288,17 +279,17 @@ def _code_markup(sentence: str) -> Markup:
 
 
 def render_png(figure: Figure) -> bytes:
-    """Render a figure as PNG; a letter that the font lacks is a box, without a warning."""
+    """Render a figure as PNG, without warnings for missing glyphs."""
     buffer = io.BytesIO()
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing from")
         figure.savefig(buffer, format="rgba", dpi=DPI)
     width, height = (int(inches * DPI) for inches in figure.get_size_inches())
     image = Image.frombytes("RGBA", (width, height), buffer.getvalue())
-    # 256 colors take less than half of the bytes, without a visible difference.
+    # 256 colours need less than half of the bytes, without a visible difference.
     palette = image.convert("RGB").quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
     file = io.BytesIO()
-    palette.save(file, "png", dpi=(DPI, DPI))  # the highest compression takes seven times as long and saves a tenth
+    palette.save(file, "png", dpi=(DPI, DPI))  # the highest compression takes seven times as long and saves 10 %
     return file.getvalue()
 
 

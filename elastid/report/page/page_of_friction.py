@@ -1,4 +1,4 @@
-"""The page of a friction study: the answer first, the table of numbers, figures of each joint."""
+"""Page of a friction study: answers, table of parameters, and figures of each joint."""
 
 from collections.abc import Collection
 
@@ -8,7 +8,7 @@ from elastid.report.figures.drawings import JOINT
 from elastid.report.friction_content import NUMBER_HEADINGS, FrictionContent, number_cells, refusals
 from elastid.report.page.page import EmbeddedFigure, render
 
-# Numbers that all passes of a joint share, as people call them.
+# Names of parameters that all constant-velocity runs of a joint have in common.
 COMMON_NUMBERS = {
     "inertia": "inertia",
     "slope": "slope of friction within a pass",
@@ -36,7 +36,7 @@ def shared_numbers(joint: JointFriction) -> tuple[tuple[str, str, str, str], ...
     units = {"inertia": "kg" if joint.slides else "kg*m^2", "slope": "N*s/m" if joint.slides else "N*m*s/rad"}
     rows = []
     for name, (value, std) in joint.constant_velocity.shared.items():
-        kind = ".".join(name.split(".")[:2])  # of gravity.cos.full the load is full
+        kind = ".".join(name.split(".")[:2])  # gravity.cos.full is gravity.cos with the load full
         load = name[len(kind) + 1 :]
         if kind in COMMON_NUMBERS:
             text = COMMON_NUMBERS[kind] + (f" ({load})" if load else "")

@@ -1,4 +1,4 @@
-"""Pages of use: a map of the workspace to explore, and the answer of any other command."""
+"""Pages of the commands map, tune, loops and fleet: their answers, and the data of the interactive map."""
 
 import base64
 from collections.abc import Callable, Collection
@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from elastid.base.display import Answer
 from elastid.base.escape import embedded_json
 from elastid.base.files import write_atomically
-from elastid.report.figures.style import own_style
-from elastid.report.figures.use import SHOWN
+from elastid.report.figures.style import default_style
+from elastid.report.figures.use import DISPLAY_UNITS
 from elastid.report.page.explorer import asset, pack
 from elastid.report.page.page import EmbeddedFigure, render, render_png
 from elastid.use.map import N_SOFTEST, WorkspaceMap
@@ -24,7 +24,7 @@ def map_data(workspace: WorkspaceMap) -> str:
     x, y, z = m.position.T
     quantities = []
     for quantity in m.quantities:
-        unit, factor = SHOWN[quantity.unit]
+        unit, factor = DISPLAY_UNITS[quantity.unit]
         low, high = quantity.interval
         columns = [pack(factor * values) for values in (quantity.value, low, high)]
         quantities.append({"name": quantity.name, "text": quantity.text, "unit": unit, "columns": columns})
@@ -41,13 +41,13 @@ def map_data(workspace: WorkspaceMap) -> str:
     return embedded_json(content)
 
 
-@own_style()
+@default_style()
 def write_page_of_answer(
     answer: Answer, figure: Callable[[], Figure], path: Path, made_by: str, data: str = ""
 ) -> Path:
-    """Write the page of an answer with its figure, which is written beside it as PNG. Returns its path.
+    """Write the page of an answer, and its figure as PNG; return the path of the page.
 
-    data: of a map, which is explored on the page in place of its figure.
+    data: of an interactive map, which replaces the figure on the page.
     """
     picture = render_png(figure())
     png = base64.b64encode(picture).decode("ascii")

@@ -195,7 +195,7 @@ def taken_out(*shapes: BasisFunction) -> Drawn:
     panel = {"friction": y, "95 % interval": about(y, std), "F_c of the robot model": [4.0, -4.0]}
     labels = ("before compensation", "after compensation")
     panels = [dict(zip(labels, (found.before[:, i], found.after[:, i]), strict=True)) for i in range(2)]
-    return friction.friction_taken_out(found, robot((4.0, 7.0))), [panel, *panels]
+    return friction.compensation_figure(found, robot((4.0, 7.0))), [panel, *panels]
 
 
 POSTURES = np.array([[0.2, 0.4], [-0.7, 1.1], [0.9, -0.5], [0.1, 0.05]])
