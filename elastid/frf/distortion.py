@@ -178,13 +178,12 @@ def unit_impedance(
     R = np.fft.irfft(np.mean(np.abs(V) ** 2, axis=0) * moving, N) / N
     carrier = np.fft.irfft(V.mean(axis=0) * ~moving, N)
     t = np.arange(0, N, max(1, N // 512))
-    variance, rho, c = R[0], R[lag] / R[0], carrier[t]
+    variance, rho, c = R[0], R[lag[1:], None] / R[0], carrier[t]
     p_0 = np.mean(np.exp(-(c**2) / (2 * variance))) / np.sqrt(2 * np.pi * variance)
-    joint = np.zeros(len(lag))
-    for i in range(1, len(lag)):
-        lag_carrier, innovation = carrier[t - lag[i]], 1 - rho[i] ** 2
-        exponent = (c**2 - 2 * rho[i] * c * lag_carrier + lag_carrier**2) / (2 * variance * innovation)
-        joint[i] = np.mean(np.exp(-exponent)) / (2 * np.pi * variance * np.sqrt(innovation)) - p_0**2
+    lag_carrier, innovation = carrier[t - lag[1:, None]], 1 - rho**2
+    exponent = (c**2 - 2 * rho * c * lag_carrier + lag_carrier**2) / (2 * variance * innovation)
+    density = np.exp(-exponent).mean(axis=1) / (2 * np.pi * variance * np.sqrt(innovation[:, 0]))
+    joint = np.append(0.0, density - p_0**2)
     kernel = joint * y
     difference = np.exp(-2j * np.pi * np.outer(lines / N, lag)) - 1
     # At lag 0 the product of the density, proportional to 1 / tau, and of -j omega tau is finite.
