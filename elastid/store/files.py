@@ -7,17 +7,18 @@ that other programs read, and one in references/*.csv a motion of the robot.
 
 import csv
 import hashlib
-import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import lru_cache, wraps
+from operator import attrgetter
 from pathlib import Path
-from typing import Any, TextIO, TypeVar
+from typing import Any, TextIO, TypeVar, cast
 
 from elastid.base.escape import csv_cell
 from elastid.base.files import replacing, write_atomically
 
-T = TypeVar("T")
+Check = TypeVar("Check", bound=Callable[..., Any])
+_VERSION = attrgetter("st_ino", "st_size", "st_mtime_ns")
 
 USER_BLOCK = 512  # bytes, the least size in HDF5
 _MARK = b"elastid, SHA-256 of what follows these 512 bytes: "
@@ -56,16 +57,16 @@ def write_checksum(path: Path) -> None:
         file.write(block)
 
 
-def once_per_version(check: Callable[[Path], T]) -> Callable[[Path | str], T]:
-    """Make a check of a file run once for each version of the file, since results are opened often."""
-    cached_check = lru_cache(maxsize=256)(lambda path, inode, size, written_ns: check(path))
+def once_per_version(check: Check) -> Check:
+    """Make a function of a file and further values run once for each version of the file."""
+    cached_check = lru_cache(maxsize=64)(lambda version, *arguments: check(*arguments))
 
     @wraps(check)
-    def checked(path: Path | str) -> T:
-        version = os.stat(path)
-        return cached_check(Path(path), version.st_ino, version.st_size, version.st_mtime_ns)
+    def checked(path: Path | str, *others: Any) -> Any:
+        path = Path(path)
+        return cached_check(path.exists() and _VERSION(path.stat()), path, *others)  # `check` reports a missing file
 
-    return checked
+    return cast(Check, checked)
 
 
 @once_per_version
@@ -83,10 +84,7 @@ def has_checksum(path: Path | str) -> bool:
 
 
 def _user_block(path: Path) -> bytes:
-    with path.open("rb", buffering=0) as file:
-        file.seek(USER_BLOCK)
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
-    return (_MARK + digest.encode() + b"\n").ljust(USER_BLOCK, b"\0")
+    return (_MARK + content_hash(path, USER_BLOCK).encode() + b"\n").ljust(USER_BLOCK, b"\0")
 
 
 def changed_texts(folder: Path, names: Iterable[str]) -> tuple[str, ...]:
@@ -139,7 +137,8 @@ def _files(folder: Path, names: Iterable[str]) -> Iterator[str]:
             yield from (file.relative_to(folder).as_posix() for file in inside if file.is_file())
 
 
-def content_hash(path: Path) -> str:
-    """Return the SHA-256 of a file."""
-    with path.open("rb") as file:
+def content_hash(path: Path, start: int = 0) -> str:
+    """Return the SHA-256 of a file from a byte on."""
+    with path.open("rb", buffering=0) as file:
+        file.seek(start)
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -49,7 +49,7 @@ def read_configurations(path: Path | str) -> tuple[str, ...]:
 
 
 @once_per_version
-def _entries(path: Path) -> tuple[tuple[str, str], ...]:
+def _entries(path: Path | str) -> tuple[tuple[str, str], ...]:
     """Return the name of each record and the name of its configuration."""
     with open_artefact(path, RECORDS) as file:
         records = file["records"]

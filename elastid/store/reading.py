@@ -17,6 +17,7 @@ from elastid.base.arrays import NO_LABEL, Label
 from elastid.base.escape import group_name
 from elastid.base.large_arrays import map_dataset
 from elastid.store.artefacts import open_artefact, plain
+from elastid.store.files import once_per_version
 from elastid.store.kinds import Kind, fields_of, from_json, from_text, kind_of_annotation, needs_groups
 from elastid.store.writing import NAMES
 
@@ -134,8 +135,9 @@ def _numbers(dataset: Any, number: type, shape: tuple[int, ...] | None = None) -
     return values
 
 
+@once_per_version
 def read_part(path: Path | str, kind: str, name: str, annotation: type[T]) -> T:
-    """Read one part of an artefact; DataError if it is missing, unless its annotation allows None."""
+    """Read one part of an artefact, once in a process; DataError without it, unless its annotation allows None."""
     with open_artefact(path, kind) as file:
         value: T = read_value(file, name, annotation)
         return value

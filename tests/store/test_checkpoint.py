@@ -26,7 +26,6 @@ def test_parts_come_back_to_the_last_bit(kept: Checkpoint) -> None:
     for name, value in (("start-0", START), ("start-a/b", START), ("refit-0", REFIT)):
         assert repr(again[name]) == repr(value)
     np.testing.assert_array_equal(again["start-0"].x, START.x)
-    assert len(kept) == 3
     kept["start-1"] = START
     assert len(kept) == 4
 

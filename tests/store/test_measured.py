@@ -119,6 +119,7 @@ def test_large_covariances_stay_in_file_for_workers(tmp_path, monkeypatch):
     (near,) = read_responses(tmp_path / "frf.h5")
     monkeypatch.setattr(large_arrays, "MIN_MAPPED_BYTES", matrix.nbytes)
     monkeypatch.setattr(large_arrays, "MIN_LARGE_FILE", 0)
+    (tmp_path / "frf.h5").touch()
     (far,) = read_responses(tmp_path / "frf.h5")
     tasks, problems, ends = [], [], []
     for response in (near, far):
