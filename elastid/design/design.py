@@ -9,11 +9,12 @@ from elastid.base.arrays import FloatArray, values_by_name
 from elastid.base.errors import Note, StudyError
 from elastid.base.execution import Execution
 from elastid.design.configuration_selection import choose_configurations
-from elastid.design.forecast import COULOMB_RATIO, Forecast, LimitUse, check_line_count, forecast
+from elastid.design.forecast import COULOMB_RATIO, Forecast, check_line_count, forecast
+from elastid.design.limit_use import LimitUse
 from elastid.design.limits import within_limits
 from elastid.design.predicted_response import ExpectedResponse
 from elastid.design.problem import DesignProblem, Measurement, best_spectra_of, with_torques, with_typical_spectrum
-from elastid.design.spec import DesignSpec, n_free_configurations, unit_time_s
+from elastid.design.spec import DesignSpec, unit_time_s
 from elastid.experiment.plan.plan import DesignedConfiguration, Plan
 from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.simulated import CarrierSpec
@@ -163,14 +164,16 @@ def _choose(
 ) -> tuple[tuple[DesignedConfiguration, ...], str]:
     """Select configurations among the candidates of a `design` section; return them and a sentence."""
     candidates = problem.candidates(spec)
-    sections = problem.excitation, problem.experiment, len(problem.robot.driven)
-    count = n_free_configurations(spec, *sections)
+    experiment, names = problem.experiment, tuple(problem.experiment.configurations)
+    time_s = unit_time_s(problem.excitation, experiment, len(problem.robot.driven), experiment.periods)
+    count = spec.count or 0
+    if spec.robot_time is not None:
+        count = int(spec.robot_time / time_s + 1e-9) - len(names)
     if count < 1:
         raise StudyError(
             "design/limits",
-            "the robot time is too short for a configuration in addition to the "
-            f"{len(problem.experiment.configurations)} given; one needs "
-            f"{unit_time_s(*sections, problem.experiment.periods):g} s. Give more, or fewer realisations or periods",
+            f"the robot time is too short for a configuration in addition to the {len(names)} given; one needs "
+            f"{time_s:g} s. Give more, or fewer realisations or periods",
             "design.robot_time",
         )
     criterion, n = problem.criterion, len(candidates.configurations)
@@ -181,8 +184,7 @@ def _choose(
             + (f" ({candidates.reasons})" if candidates.refused else "")
             + f"; lower count to {n}, give more candidates, or more realisations of each",
         )
-    names = tuple(problem.experiment.configurations)
-    probe = problem.probe(problem.experiment)
+    probe = problem.probe(experiment)
     check_line_count(probe.freq_hz, problem.parameters)
     prior = problem.prior_information()
     for q, configuration in enumerate(probe.configurations):

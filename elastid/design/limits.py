@@ -19,7 +19,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, laplace_variable
 from elastid.base.errors import DataError, Note, StudyError
 from elastid.base.execution import Execution
-from elastid.design.forecast import QUANTITIES, LimitUse, unit_of
+from elastid.design.limit_use import QUANTITIES, LimitUse, unit_of
 from elastid.excitation.phases import peaks as signal_peaks
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import Experiment, Plan, torque_rms

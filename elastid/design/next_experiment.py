@@ -23,7 +23,7 @@ from elastid.base.statistics import QUANTILE_95
 from elastid.base.units import to_si
 from elastid.design.configuration_selection import Candidates, collisions, informations
 from elastid.design.design import completed_problem
-from elastid.design.forecast import LimitUse
+from elastid.design.limit_use import LimitUse
 from elastid.design.limits import within_limits
 from elastid.design.problem import DesignProblem, best_spectra_of
 from elastid.design.spec import identified_names, unit_time_s

@@ -111,11 +111,3 @@ def unit_time_s(excitation: MultisineSpec, experiment: ExperimentSpec, n_u: int,
     runs = len(excitation.amplitudes) * experiment.realisations * experiment.runs(n_u)
     at_ends = 2 * (experiment.ramp + experiment.hold)
     return runs * ((periods + experiment.transient_periods) * excitation.period + at_ends)
-
-
-def n_free_configurations(spec: DesignSpec, excitation: MultisineSpec, experiment: ExperimentSpec, n_u: int) -> int:
-    """Return the number of configurations that can be selected in addition to the given ones."""
-    if spec.robot_time is None:
-        return spec.count or 0
-    unit = unit_time_s(excitation, experiment, n_u, experiment.periods)
-    return int(spec.robot_time / unit + 1e-9) - len(experiment.configurations)

@@ -19,13 +19,10 @@ class CompensatedFriction:
     """Coefficients f_i of the friction basis functions, torque = -sum f_i phi_i, compensated in the records.
 
     places (n_m,): examined motors, `motor 1`.  place_units (n_m,): N*m, or N of a linear motor.  shapes (n_f,): basis
-    functions; a motor without one is not compensated.  coulomb_torque (n_f,): coefficients, Nm (N), link side.
-    covariance (n_f, n_f): by noise, approximate basis functions, and differences between configurations.
-    before, after (C, n_m): unexplained torque (distortion and noise) without and with compensation in each of the
-    configurations, Nm (N), median amplitude of a line.  residual_power_ratio (n_m,): residual over initial power in
-    realisations that the coefficients were not fitted to; 1 without compensation.
-    accelerance (n_m,): acceleration per torque of a motor as an inertia, 1 / (kg m^2) (1 / kg); 0 if unknown.
-    swings (n_m,): median motion between two reversals, rad (m), link side.
+    functions; a motor without one is not compensated.  covariance (n_f, n_f): by noise, approximate basis functions,
+    and differences between configurations.  before, after (C, n_m): unexplained torque (distortion and noise) without
+    and with compensation, Nm (N).  residual_power_ratio (n_m,): 1 without compensation.  accelerance (n_m,): of a motor
+    as an inertia, 1 / (kg m^2) (1 / kg); 0 if unknown.
     """
 
     places: tuple[str, ...]

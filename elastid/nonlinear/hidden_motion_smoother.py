@@ -127,9 +127,8 @@ def smooth_motion(
     implicit = np.array([effect.is_implicit for effect in effects], bool)
     explicit_force = np.tensordot(previous.Phi[..., ~implicit], magnitudes[~implicit], axes=1)
     base = drive.H @ (drive.B @ (drive.command[:, :, None] * lines.U) - explicit_force)
-    y = (lines.Y - drive.images @ lines.U) / drive.sensor[:, :, None] + np.tensordot(
-        previous.folded, magnitudes, axes=1
-    )
+    y = (lines.Y - drive.aliases @ lines.U) / drive.sensor[:, :, None]
+    y = y + np.tensordot(previous.folded, magnitudes, axes=1)
     base = base + gain @ (y - drive.C @ base)
     if lines.arm is not None:  # the arm's torques deflect the springs, too
         base = base - drive.H @ (drive.places["link"].T @ lines.arm[1:])

@@ -45,7 +45,7 @@ TORQUE_BAND = 2  # highest line of the torques over the highest line of the moti
 class DriveLines:
     """Linear model of a configuration: H (F, n, n), C (n_u, n) of the motor angles, G (F, n_u, n_u) of logged signals.
 
-    command (F, n_u): acting over logged torque.  sensor (F, n_u): logged over true angle.  images (F, n_u, n_u):
+    command (F, n_u): acting over logged torque.  sensor (F, n_u): logged over true angle.  aliases (F, n_u, n_u):
     aliases of the zero-order hold, G - sensor C H B command.  joints (n_j,): driven joints.  ratios (n_j,): motor turns
     per joint turn.  places: rows (n_j, n) of motors, gears and links.  k, d, torque (n_j,): stiffness, damping and
     static torque of the gears; 1, 0, 0 for a gear without a spring of its own.  chain (P, n_x): d theta / d x of
@@ -59,7 +59,7 @@ class DriveLines:
     C: FloatArray
     B: FloatArray
     G: ComplexArray
-    images: ComplexArray
+    aliases: ComplexArray
     command: ComplexArray
     sensor: ComplexArray
     joints: tuple[str, ...]
@@ -114,8 +114,8 @@ def drive_lines(
     lag = np.prod([np.ones(len(lines.s), complex), *lags], axis=0)  # of the sensors
     sensor = lag[:, None] * output_factors
     command = (factor(kernel.model, theta, lines.s) / lines.s**order / lag)[:, None] * input_factors
-    images = zoh_aliases(kernel.model, theta, lines.freq_hz) / s**order
-    G = kernel.response(theta) / s**order + images
+    aliases = zoh_aliases(kernel.model, theta, lines.freq_hz) / s**order
+    G = kernel.response(theta) / s**order + aliases
     springs, driven = spring_deflections(robot), robot.driven_names
     ratios = np.array([robot.ratio(joint) for joint in driven])
     rows: dict[Place, FloatArray] = {
@@ -132,7 +132,7 @@ def drive_lines(
     rows_of = {location: row @ model.Z for location, row in rows.items()}
     chain = parameters.jacobian(x, name)[kernel.places]
     joint_numbers = driven, ratios, rows_of, k, d, k * (rows["gear"] @ point.q)
-    return DriveLines(model, kernel, theta, H, C, model.B, G, images, command, sensor, *joint_numbers, chain)
+    return DriveLines(model, kernel, theta, H, C, model.B, G, aliases, command, sensor, *joint_numbers, chain)
 
 
 def geometric_torques(robot: Robot, point: Configuration, motion: ComplexArray, s: ComplexArray) -> ComplexArray:

@@ -19,7 +19,8 @@ from elastid.robot import Robot
 from elastid.validation.log_comparison import NO_COMPARISON, LogComparison
 
 if TYPE_CHECKING:  # slow imports
-    from elastid.design.forecast import Forecast, LimitUse
+    from elastid.design.forecast import Forecast
+    from elastid.design.limit_use import LimitUse
     from elastid.experiment.plan.plan import Plan
     from elastid.fit.fitted_robot import FittedRobot
     from elastid.modal.modes import Modes

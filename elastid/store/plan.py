@@ -10,7 +10,8 @@ from elastid.store.reading import reader
 from elastid.store.writing import writer
 
 if TYPE_CHECKING:
-    from elastid.design.forecast import Forecast, LimitUse
+    from elastid.design.forecast import Forecast
+    from elastid.design.limit_use import LimitUse
 
 PLAN = "plan"
 
@@ -19,7 +20,7 @@ write_plan = writer(
 )
 read_plan = reader(PLAN, "plan", Plan)
 # By name, since these types import the fit.
-read_peaks: "Callable[[Path | str], LimitUse]" = reader(PLAN, "peaks", "elastid.design.forecast:LimitUse")
+read_peaks: "Callable[[Path | str], LimitUse]" = reader(PLAN, "peaks", "elastid.design.limit_use:LimitUse")
 read_forecast: "Callable[[Path | str], Forecast | None]" = reader(
     PLAN, "forecast", "elastid.design.forecast:Forecast", is_optional=True
 )

@@ -12,7 +12,7 @@ from plants.limited_arm import CARRIERS, EXCITATION, LIMITS, arm, experiment
 from plants.refusals import refused
 
 from elastid.app.cli import run_command
-from elastid.design.forecast import LimitUse
+from elastid.design.limit_use import LimitUse
 from elastid.design.limits import limits_of, peaks_of_movement, peaks_of_run, power_costs, within_limits
 from elastid.experiment.plan.plan import Plan, make_plan
 from elastid.experiment.simulated.plant import closed_loop_of

@@ -111,7 +111,7 @@ def test_motor_gear_link_forces_move_two_masses() -> None:
     for place, exact in by_place.items():
         assert (drive.C @ drive.H @ drive.directions(place, 0))[:, 0] == pytest.approx(exact, rel=1e-9)
     assert drive.G[:, 0, 0] == pytest.approx(by_place["motor"], rel=1e-9)
-    assert np.abs(drive.images).max() < 1e-9 * np.abs(drive.G).max()
+    assert np.abs(drive.aliases).max() < 1e-9 * np.abs(drive.G).max()
     assert (drive.k[0], drive.d[0], drive.torque[0]) == pytest.approx((g.k, g.d, 0.0))
 
 

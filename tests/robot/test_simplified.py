@@ -21,9 +21,8 @@ from elastid.robot.simplified import elastic_coordinates, with_stiff_joints
 LINES = np.geomspace(1, 60, 30)
 SERIAL, CONSTRAINED, MINIMAL = ModelSpec(), ModelSpec("constrained"), ModelSpec("minimal")
 # Two axes whose second motor rides on the first link, with gravity and two joints that give sideways.
-RIDING = two_axes((0.0, 0.0))
 PLANTS = {
-    "riding motors": (RIDING, (0.3, 0.9), (SERIAL,)),
+    "riding motors": (two_axes((0.0, 0.0)), (0.3, 0.9), (SERIAL,)),
     "shafts before the couplings": (wrist(), (0.3, 0.5, -0.2), (SERIAL,)),
     "springs before the couplings": (wrist("before", shafts=False, links=True), (0.3, 0.5, -0.2), (SERIAL,)),
     "springs after the couplings": (wrist(shafts=False, links=True), (0.3, 0.5, -0.2), (SERIAL,)),

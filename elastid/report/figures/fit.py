@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.display import degrees
-from elastid.design.forecast import QUANTITIES, Forecast, LimitUse
+from elastid.design.forecast import Forecast
+from elastid.design.limit_use import QUANTITIES, LimitUse
 from elastid.fit.result import Result
 from elastid.nonlinear.gear_result import ARCMIN, GearResult, GearSheet
 from elastid.report.content import ParameterRow

@@ -22,7 +22,8 @@ from plants.report_values import TRUTH, balance, fit_result, pair
 from plants.taken_friction import taken_friction
 
 from elastid.base.statistics import QUANTILE_95
-from elastid.design.forecast import QUANTITIES, Forecast, LimitUse
+from elastid.design.forecast import Forecast
+from elastid.design.limit_use import QUANTITIES, LimitUse
 from elastid.friction_study.spec import LawSpec
 from elastid.friction_study.static_model_fit import StaticLaw
 from elastid.nonlinear.friction_basis import BasisFunction
