@@ -164,6 +164,7 @@ def _postures(robot: Robot) -> tuple[FloatArray, float]:
 
 
 def _study_text(robot: Robot, postures: FloatArray, gravity: float, inertia: FloatArray) -> str:
+    """Return a study of simulated measurements at the postures, with torques for the inertia (n_u,) of the drives."""
     limits = [joint.limits.torque for joint in robot.driven]
     dry = [joint.motor.coulomb * abs(joint.motor.ratio) if joint.motor else 0.0 for joint in robot.driven]
     torque = np.maximum(2 * _ACCELERATION * inertia, _COULOMB_RATIO * np.array(dry))  # of motor and link

@@ -125,6 +125,7 @@ def _lines(path: Path) -> list[str]:
 
 
 def _log_lines(path: Path) -> list[str]:
+    """Return lines on all signals and other contents of a log."""
     text = guess_format(path)
     with open_log(path, text) as log:
         signals = _text_rows(log) if isinstance(log, TextLog) else []

@@ -27,6 +27,7 @@ def overview(study: Study) -> str:
 
 
 def _experiments(study: Study) -> Iterator[str]:
+    """Yield lines on files or on planned experiments, periods and frequencies."""
     experiment, excitation, design = study.experiment, study.excitation, study.design
     Q, names = len(experiment.configurations), ", ".join(experiment.configurations)
     measured = experiment.recorded or experiment.responses

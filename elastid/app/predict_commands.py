@@ -142,6 +142,7 @@ def _replay(robot: Robot, work: tuple[CommandedMotion, bool]) -> Replay:
 
 
 def _motion(model: Model, path: Path, settings: CommandSettings, console: Console) -> CommandedMotion:
+    """Return the command and position signals of a log with the gains and the delay of its simulation."""
     if settings.recorded is None:
         log = read_command_log(path, model.robot.driven_names, settings.rate_hz)
     else:

@@ -56,6 +56,7 @@ class Stage:
 
 
 def _select(section: Any, keys: Iterable[str]) -> Any:
+    """Return a section with the values of these keys, and defaults for all others."""
     values = {}
     for name in [field.name for field in fields(section)]:
         value = getattr(section, name)

@@ -58,6 +58,14 @@ def xml_comment(text: str) -> str:
     return _separate_pairs(printable(text), "--").rstrip("-")
 
 
+def xml_text(root: Any) -> str:
+    """Return an element of ElementTree, which escapes all texts, as indented XML."""
+    from xml.etree import ElementTree  # a slow import
+
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
 def _separate_pairs(text: str, *pairs: str) -> str:
     """Insert a blank into each of these pairs of characters, also if they overlap."""
     for pair in pairs:

@@ -48,6 +48,7 @@ def _members(path: str, group: Any, parent: str, ancestors: tuple[int, ...]) -> 
 
 
 def _check_dataset(path: str, name: str, dataset: Any) -> None:
+    """Raise DataError for values in another file, or a size that the stored bytes cannot give."""
     layout = dataset.get_create_plist()
     if layout.get_external_count() > 0 or layout.get_layout() == h5d.VIRTUAL:
         raise DataError(

@@ -284,10 +284,7 @@ OPEN_GEARS = Action(
 
 
 def next_steps(result: Result, rows: Sequence[ParameterRow]) -> tuple[Action, ...]:
-    """List the next steps: remedy of the first cause, action of the status, then a narrower interval.
-
-    More experiments do not narrow an interval that includes a model error.
-    """
+    """List the next steps: remedy of the first cause, action of the status, then a narrower interval."""
     poor = widest(rows)
     candidates = [_action_of_cause(result), _action_of_status(result)]
     if result.cause[0].startswith(NO_CAUSE) or candidates[1] is OPEN_GEARS:  # a warning has the cause, too

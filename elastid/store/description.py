@@ -20,6 +20,7 @@ def describe_artefact(path: Path | str) -> str:
 
 
 def _content_lines(group: Any, depth: int) -> Iterator[str]:
+    """Yield a line for each attribute, group and dataset below a group."""
     indent = "  " * depth
     for name, value in group.attrs.items():
         if name not in ("elastid", "study"):

@@ -103,6 +103,7 @@ def _write_array(group: Any, name: str, value: Any, kind: Kind, label: Label, pa
 
 
 def _write_sequence(group: Any, name: str, value: Iterable[Any], kind: Kind, label: Label, parents: Any) -> Any:
+    """Write a tuple as a column or, if its values need groups, as a group with an entry for each."""
     (annotation,) = kind.parts
     if not needs_groups(annotation, label):
         return _write_column(group, name, tuple(value), annotation, label, parents)

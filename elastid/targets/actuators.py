@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Final, TypeAlias
 from xml.etree import ElementTree as ET
 
-from elastid.base.escape import comment_lines, docstring, one_line, xml_comment
+from elastid.base.escape import comment_lines, docstring, one_line, xml_comment, xml_text
 from elastid.base.files import from_template
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction_study.commanded import DELAY
@@ -195,9 +195,8 @@ def write_actuators(folder: Path, actuators: Actuators) -> tuple[Path, ...]:
 
 
 def _document(root: ET.Element, actuators: Actuators, *lines: str) -> str:
-    ET.indent(root)
     comment = xml_comment("\n".join([f"{actuators.name}: link side, SI.", *lines]))
-    return f"<!-- {comment} -->\n{ET.tostring(root, encoding='unicode')}\n"
+    return f"<!-- {comment} -->\n{xml_text(root)}\n"
 
 
 def _numbers(**values: float | None) -> dict[str, str]:

@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from elastid.base.errors import StudyError
+from elastid.base.escape import xml_text
 from elastid.model.closed_posture import assemble
 from elastid.store.files import write_rows
 from elastid.store.kinds import text_of
@@ -39,8 +39,7 @@ def write_draws(folder: Path, draws: DrawnRobots, name: str, warn: Callable[[str
     mjcf_folder.mkdir(exist_ok=True)
     for number, robot in zip(names, draws.robots, strict=True):
         root = first if robot is start else mjcf(robot, rods)
-        ET.indent(root)
-        (mjcf_folder / f"robot_{number}.xml").write_text(f"{ET.tostring(root, encoding='unicode')}\n", encoding="utf-8")
+        (mjcf_folder / f"robot_{number}.xml").write_text(f"{xml_text(root)}\n", encoding="utf-8")
     return folder / "samples.csv", robots, mjcf_folder
 
 

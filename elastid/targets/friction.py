@@ -51,6 +51,7 @@ def _step(name: str, observer: TrackedFriction) -> ca.Function:
 
 
 def _functions(name: str, observer: TrackedFriction, step: ca.Function) -> str:
+    """Return the C functions <name>_start and <name>_follow of a joint."""
     x, P = first_estimate(observer.filtered, 0.0)
     n, size = len(x), P.size
     angles = [i for i, state in enumerate(observer.filtered.states) if state.startswith("q_")]

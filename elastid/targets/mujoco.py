@@ -34,6 +34,7 @@ from scipy.spatial.transform import Rotation
 
 from elastid.base.arrays import FloatArray, values_by_name
 from elastid.base.errors import StudyError
+from elastid.base.escape import xml_text
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.model.kinematics import frame_poses
@@ -65,9 +66,8 @@ def write_mujoco(folder: Path, linear_model: FittedRobot, geared: Robot | None =
         _add_lost_motion(root, geared)
     _add_intervals(root, model)
     _add_keyframes(root, model, points, start)
-    ET.indent(root)
     path = folder / "robot.xml"
-    write_text(path, ET.tostring(root, encoding="unicode") + "\n")
+    write_text(path, xml_text(root) + "\n")
     return (path,)
 
 
@@ -112,6 +112,7 @@ def _check(robot: Robot) -> None:
 
 
 def _bodies(world: ET.Element, robot: Robot) -> Elements:
+    """Add bodies with joints and inertia, and frames; return the element of each body."""
     elements = {BASE: (world, Placement())}
     for body in robot.all_bodies:
         parent, mounted = elements[body.parent]
@@ -303,6 +304,7 @@ def rod_positions(start: Mapping[str, RodPose], rods: Mapping[str, RodPose], rob
 
 
 def _add_rod(equality: ET.Element, elements: Elements, loop: Loop, rod: Rod, direction: FloatArray) -> None:
+    """Add a rod with two point masses below its first body, and the constraints that close its loop."""
     parent, mounted = elements[loop.ends[0].body]
     R = mounted.rotation
     seat = np.array(mounted.xyz) + R @ np.array(loop.ends[0].point)

@@ -12,7 +12,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from elastid.base.errors import StudyError
-from elastid.base.escape import unique_name, xml_comment
+from elastid.base.escape import unique_name, xml_comment, xml_text
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction.robot_friction import joint_laws
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
@@ -24,10 +24,9 @@ from elastid.targets.target import Target
 def write_urdf(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """Write robot.urdf; StudyError if the robot has loops, since a URDF is a tree."""
     root = urdf(model.robot)
-    ET.indent(root)
     path = folder / "robot.urdf"
     comment = xml_comment("\n".join([_omissions(model.robot), *interval_lines(model)]))
-    write_text(path, f'<?xml version="1.0"?>\n<!-- {comment} -->\n{ET.tostring(root, encoding="unicode")}\n')
+    write_text(path, f'<?xml version="1.0"?>\n<!-- {comment} -->\n{xml_text(root)}\n')
     return (path,)
 
 

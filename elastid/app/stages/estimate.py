@@ -97,6 +97,8 @@ class RecordsOnShafts:
 def _artefacts(
     responses: Sequence[Response], notes: Sequence[Note], friction: CompensatedFriction | None = None
 ) -> Artefacts:
+    """Return frf.h5 and the report on notes, sizes and compensated friction."""
+
     def report(console: Console) -> None:
         """Print the notes, the number of responses and lines, and the compensated friction."""
         console.notes((note for note in notes if note.code == "frf/method"), on_page=True)

@@ -4,12 +4,12 @@ import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import compress
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from elastid.app.console import result_table
 from elastid.app.run import Run
+from elastid.app.stages.fit import TRUSTED, fitted_rows
 from elastid.base.display import capitalise
 from elastid.base.errors import FitError, MisfitError
 from elastid.base.names import SEPARATOR
@@ -19,21 +19,11 @@ from elastid.fit.result import Result
 from elastid.fit.status_terms import DISTORTED
 from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.gear_result import GearResult, with_gears
-from elastid.report.content import (
-    WITH_COULOMB,
-    ParameterRow,
-    gear_line,
-    gear_table,
-)
+from elastid.report.content import WITH_COULOMB, ParameterRow, gear_line, gear_table
 from elastid.report.run_summary import OPEN_GEARS, accuracy, is_wrong, next_steps, numbers_answer, residual_sentence
 from elastid.robot import Robot
 from elastid.store.measured import read_friction
 from elastid.store.results import read_fit, read_gears, read_validation
-
-if TYPE_CHECKING:
-    pass
-
-from elastid.app.stages.fit import TRUSTED, fitted_rows
 
 
 def conclude(run: Run) -> None:
@@ -95,6 +85,7 @@ STD_PARTS = {
 def _legend(
     robot: Robot, result: Result, rows: Sequence[ParameterRow], friction: CompensatedFriction | None
 ) -> Iterator[str]:
+    """Yield the meaning of the symbols, of the contributions to std, and of the intervals in the table."""
     symbols = [(row.name, *row.name.partition("_")[::2]) for row in reversed(rows)]
     groups = []
     for owner, has_motor, families in SYMBOLS:

@@ -86,10 +86,7 @@ def report_count(notes: Iterable[Note], count: int, console: Console) -> None:
 
 
 def tests_of(study: Study, loads: LoadsSpec, responses: Sequence[Response]) -> tuple[PlacedTest, ...]:
-    """Return the load tests of a study in the configurations of its responses or experiment.
-
-    On a simulated rig, tests without a deflection get a simulated deflection with their stated errors.
-    """
+    """Return the load tests of a study; a simulated rig adds missing deflections with the stated errors."""
     experiment = study.experiment
     measured = {response.configuration.name: response.configuration for response in responses}
     tests = placed_tests(loads.tests, experiment.postures | measured)

@@ -104,10 +104,7 @@ def validate_model(
 
 
 def _balances(basis: ValidationBasis, path: Path, console: Console, execution: Execution) -> tuple[TorqueBalance, ...]:
-    """Compute the torque balance of each motor in the first record of every configuration of records.h5.
-
-    None for a robot that cannot be rigid, or a motor whose motion was not measured.
-    """
+    """Compute the torque balance of each motor in the first record of each configuration, if the robot can be rigid."""
     fitted, names, E = basis.fitted, read_configurations(path), shaft_couplings(basis.study.robot)
     try:
         rigid = rigid_linearisation(fitted, basis.study.model)

@@ -28,10 +28,7 @@ NAMES = {
 
 
 def friction_motion(friction: MotionFriction) -> Figure:
-    """Draw friction (torque - inertia - gravity) over velocity, the regression's 95 % band, and torque over time.
-
-    Dotted lines: constant speeds of the motion.
-    """
+    """Draw friction over velocity with the 95 % band of the regression, and torque over time."""
     signals, slides = MotionSignals.of(friction.motion, friction.passband_hz), friction.motion.slides
     columns, (speed, unit) = columns_of(signals, friction.terms), units(slides)
     components = torque_components(friction.regression, columns)

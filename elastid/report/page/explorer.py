@@ -63,6 +63,7 @@ def curve_scripts() -> tuple[str, ...]:
 
 
 def _quantities(response: Response) -> Mapping[str, Any]:
+    """Return titles, units and curves of the plots: magnitude, phase, coherence, residual ratio."""
     measured = _curve("measured", "measured", style.MEASURED, ["G"], points=True, ranged=True)
     fitted = _curve("fitted", "model", style.FITTED, ["model"], width=1.5, ranged=True)
     magnitude = [
@@ -97,6 +98,7 @@ def _curve(key: str, label: str, color: str, needs: Sequence[str], **look: Any) 
 def _response(
     measured: Response, model: tuple[Response | None, FloatArray | None], left_out: Sequence[str]
 ) -> Mapping[str, Any]:
+    """Return titles, frequencies and arrays (element by element) of a configuration for the explorer."""
     modelled, std = model
     freq = measured.freq_hz if modelled is None else modelled.freq_hz
     quality = measured.quality

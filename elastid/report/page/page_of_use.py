@@ -45,10 +45,7 @@ def map_data(workspace: WorkspaceMap) -> str:
 def write_page_of_answer(
     answer: Answer, figure: Callable[[], Figure], path: Path, made_by: str, data: str = ""
 ) -> Path:
-    """Write the page of an answer, and its figure as PNG; return the path of the page.
-
-    data: of an interactive map, which replaces the figure on the page.
-    """
+    """Write the page of an answer with its figure, also as PNG; a map's data replace the figure on the page."""
     picture = render_png(figure())
     png = base64.b64encode(picture).decode("ascii")
     figures = [] if data else [EmbeddedFigure("", "", f"The figure of {answer.title}", png)]
