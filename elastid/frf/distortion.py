@@ -183,8 +183,7 @@ def unit_impedance(
     lag_carrier, innovation = carrier[t - lag[1:, None]], 1 - rho**2
     exponent = (c**2 - 2 * rho * c * lag_carrier + lag_carrier**2) / (2 * variance * innovation)
     density = np.exp(-exponent).mean(axis=1) / (2 * np.pi * variance * np.sqrt(innovation[:, 0]))
-    joint = np.append(0.0, density - p_0**2)
-    kernel = joint * y
+    kernel = np.append(0.0, density - p_0**2) * y
     difference = np.exp(-2j * np.pi * np.outer(lines / N, lag)) - 1
     # At lag 0 the product of the density, proportional to 1 / tau, and of -j omega tau is finite.
     start = -2j * np.pi * lines / N * lag[1] * kernel[1]

@@ -18,6 +18,7 @@ the gear couplings.
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +30,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.friction_basis import zoh_samples
 from elastid.nonlinear.motion import whole_samples
-from elastid.nonlinear.spectra import compensation_torque, gather_configuration
+from elastid.nonlinear.spectra import ConfigurationSpectra, compensation_torque, gather_configuration
 from elastid.record import MOTION_ORDER, Record
 from elastid.response import SYSTEMATIC_ERRORS, UNEXPLAINED, Response
 from elastid.robot import Robot
@@ -47,11 +48,12 @@ def estimate_net_response(
     planned_lines: IntArray | None = None,
     E: FloatArray | None = None,
     robot: Robot | None = None,
+    spectra: ConfigurationSpectra | None = None,
 ) -> Response:
     """Estimate G of one configuration from the net torques of its records, with its systematic errors.
 
     E: gear couplings from motor shafts, at which friction acts, to links; None without couplings.  robot: nominal
-    model, which gives the distortion by the arm; None without one.
+    model, which gives the distortion by the arm; None without one.  spectra: along the motion of the samples, if known.
     Raises DataError as `estimate` does.
     """
     net = tuple(compensated_records(records, friction, E))
@@ -63,7 +65,10 @@ def estimate_net_response(
     response = replace(response, notes=(*response.notes, *_unexplained_torque(response, records, friction, arm)))
     if not friction.shapes:
         return response
-    errors = _coefficient_errors(records, friction, response, spec, planned_lines, E)
+    if spectra is None:
+        on_shafts = (to_shafts(record, E) for record in records)
+        spectra = gather_configuration(on_shafts, friction.shapes, spec, planned_lines)
+    errors = _coefficient_errors(spectra, records[0].rate_hz, friction, response, E)
     bias = np.zeros((SYSTEMATIC_ERRORS, *errors.shape[1:]), complex) if response.bias is None else response.bias
     return replace(response, bias=np.concatenate([bias[:-1], errors, bias[-1:]]))
 
@@ -132,24 +137,18 @@ def _arm_variance(
 
 
 def _coefficient_errors(
-    records: Sequence[Record],
-    friction: CompensatedFriction,
-    response: Response,
-    spec: EstimatorSpec,
-    planned_lines: IntArray | None,
-    E: FloatArray | None,
+    data: ConfigurationSpectra, rate_hz: float, friction: CompensatedFriction, response: Response, E: FloatArray | None
 ) -> ComplexArray:
     """Return delta G (n_b, n_u, F, n_y, n_u) of each motor, by its coefficients in order of size and its reversals."""
     locations, n_u = friction.places, len(friction.places)
     coupling = np.eye(n_u) if E is None else E
-    data = gather_configuration([to_shafts(record, E) for record in records], friction.shapes, spec, planned_lines)
     motor_of = np.array([locations.index(shape.place) for shape in friction.shapes])
     on, net = data.excited, data.U - compensation_torque(friction.coulomb_torque, data.Phi, motor_of, n_u)
     pseudo = np.linalg.pinv(net[on]) @ np.linalg.inv(coupling.T)
     lines = np.rint(response.freq_hz / data.freq_hz[0] * data.lines[0]).astype(np.int64)
     factors = [_factors(friction.covariance * np.outer(motor_of == j, motor_of == j)) for j in range(n_u)]
     errors = np.zeros((1 + max(L.shape[1] for L in factors), n_u, *response.G.shape), complex)
-    delay = laplace_variable(data.freq_hz[on, None]) * (TURNING_ERROR / records[0].rate_hz)
+    delay = laplace_variable(data.freq_hz[on, None]) * (TURNING_ERROR / rate_hz)
     for j, L in enumerate(factors):
         coulomb_errors = np.einsum("fik,ib->fbk", data.Phi[on], L)
         reversal_errors = delay * np.einsum("fik,i->fk", data.Phi[on], friction.coulomb_torque * (motor_of == j))
@@ -200,10 +199,9 @@ def to_shafts(record: Record, E: FloatArray | None) -> Record:
     columns = [record.outputs.index(location) for location in record.inputs if location in record.outputs]
     if len(columns) < len(record.inputs) or len({record.quantities[i] for i in columns}) > 1:
         other_outputs = [i for i in range(len(record.outputs)) if i not in columns]
-        outputs = tuple(record.outputs[i] for i in other_outputs)
-        quantities = tuple(record.quantities[i] for i in other_outputs)
-        sampled = tuple(record.sampled[i] for i in other_outputs) if record.sampled else ()
-        return replace(record, y=record.y[:, other_outputs], outputs=outputs, quantities=quantities, sampled=sampled)
+        names = [name for name in ("outputs", "quantities", "sampled") if getattr(record, name)]
+        fields: dict[str, Any] = {name: tuple(getattr(record, name)[i] for i in other_outputs) for name in names}
+        return replace(record, y=record.y[:, other_outputs], **fields)
     return _transform_record(record, columns, np.asarray(np.linalg.inv(E)), E.T)
 
 

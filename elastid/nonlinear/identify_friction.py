@@ -61,8 +61,8 @@ def identify_motor_friction(
 
     Basis functions are selected along the motion of the samples.  If the motion between the samples changes the
     coefficients, it is used to estimate them.  If friction is not identifiable, nothing is compensated and a note
-    states the reason.  execution: of the configurations; it does not change the result.
-    Raises DataError and StudyError as `estimate` does.
+    states the reason.  execution: of the configurations; it does not change the result; its checkpoint then has their
+    spectra along the motion of the samples, if these were used.  Raises DataError and StudyError as `estimate` does.
     """
     records = tuple(measured[0])
     try:
@@ -111,6 +111,8 @@ def _identify(
         if n_first >= len(measured) or not is_equal:
             first, friction = between, first.result
     first = replace(first, data=[*first.data, *gather(measured[n_first:], first.choice.shapes, friction)])
+    if friction is None:
+        execution.checkpoint.update((spectra.name, spectra) for spectra in first.data)
     return first.with_dependence() if choice.shapes else first.result
 
 

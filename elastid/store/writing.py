@@ -225,26 +225,19 @@ def write_artefact(
             write_value(file, name, value, annotation, Label(entry=entries.get(name, "")))
 
 
-@dataclass(frozen=True)
-class Writer:
-    """Function (path, value, stamp, *others) that writes files of one kind; it pickles.
+def writer(
+    kind: str, entries: Mapping[str, str] = MappingProxyType({}), **parts: tuple[Any, Any]
+) -> Callable[..., None]:
+    """Return the function (path, value, stamp, *others) that writes a file of a kind; an existing file is replaced.
 
     parts: annotation (None: type of the value) and default value of each part by name, the first part for `value`.
     entries: see `write_artefact`.
     """
 
-    kind: str
-    entries: Mapping[str, str]
-    parts: Mapping[str, tuple[Any, Any]]
-
-    def __call__(self, path: Path | str, value: Any, stamp: Stamp = NO_STAMP, *others: Any, **named: Any) -> None:
-        """Write a file; an existing file is replaced."""
-        values = dict(zip(self.parts, (value, *others), strict=False)) | named
-        content = {name: (values.get(name, default), annotation) for name, (annotation, default) in self.parts.items()}
+    def write(path: Path | str, value: Any, stamp: Stamp = NO_STAMP, *others: Any, **named: Any) -> None:
+        values = dict(zip(parts, (value, *others), strict=False)) | named
+        content = {name: (values.get(name, default), annotation) for name, (annotation, default) in parts.items()}
         content = {n: (tuple(part) if isinstance(part, list) else part, type_) for n, (part, type_) in content.items()}
-        write_artefact(path, self.kind, stamp, content, self.entries)
+        write_artefact(path, kind, stamp, content, entries)
 
-
-def writer(kind: str, entries: Mapping[str, str] = MappingProxyType({}), **parts: tuple[Any, Any]) -> Writer:
-    """Return the writer of files of a kind with these parts."""
-    return Writer(kind, dict(entries), parts)
+    return write

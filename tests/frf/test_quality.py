@@ -50,7 +50,7 @@ def test_memory_does_not_grow_with_the_number_of_configurations(tmp_path: Path) 
         def records() -> Iterator[Record]:
             for q in range(Q):
                 for m in range(4):
-                    u = np.tile(synthesise(lines, np.exp(2j * np.pi * rng.random((20, 1))), N), (24, 1))
+                    u = np.tile(synthesise(lines, np.exp(6j * rng.random((20, 1))), N), (24, 1))
                     configuration = Configuration(f"q{q}", [0.0])
                     yield replace(record_of(u, u, m), name=f"q{q}-{m}", configuration=configuration)
 
@@ -58,7 +58,7 @@ def test_memory_does_not_grow_with_the_number_of_configurations(tmp_path: Path) 
         write_records(path, records())
         tracemalloc.start()
         for name in read_configurations(path):
-            estimate_configuration(path, ALL_PERIODS, lines, None, None, name)
+            estimate_configuration(path, ALL_PERIODS, lines, None, None, (name, None))
         most = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         return most

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from elastid.app.console import Console
-from elastid.app.run import Artefacts, Work, Write
+from elastid.app.run import Artefacts, Work
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, Note, StudyError, notes_of
 from elastid.base.execution import Execution
@@ -21,6 +21,7 @@ from elastid.logs.responses.reading import link_side_response, read_table
 from elastid.nonlinear.compensate_friction import estimate_net_response, shaft_couplings, to_shafts
 from elastid.nonlinear.compensated_friction import CompensatedFriction, friction_rows
 from elastid.nonlinear.identify_friction import identify_motor_friction
+from elastid.nonlinear.spectra import ConfigurationSpectra
 from elastid.record import Configuration, Record
 from elastid.response import Response, in_quantity
 from elastid.robot import Robot
@@ -35,13 +36,14 @@ def estimate(study: Study, work: Work) -> Artefacts:
     robot, estimator, records = study.robot, study.estimator, work.sources["measure"]
     lines = read_plan(work.sources["design"]).lines if "design" in work.sources else None
     names, friction, recorded = read_configurations(records), None, study.experiment.recorded
+    friction_execution = Execution(work.jobs)
     if estimator.friction != "none" and (recorded is None or not recorded.has_no_torque):
         on_motors = [RecordsOnShafts(records, name, shaft_couplings(robot)) for name in names]
-        friction = identify_motor_friction(on_motors, estimator, lines, Execution(work.jobs))
+        friction = identify_motor_friction(on_motors, estimator, lines, friction_execution)
         work.console.notes(note for note in friction.notes if note.severity == "warning")
     estimate_one = partial(estimate_configuration, records, estimator, lines, friction, robot, recorded=recorded)
     with work.execution() as execution:
-        estimates = execution.ordered(estimate_one, names)
+        estimates = execution.ordered(estimate_one, [(name, friction_execution.checkpoint.get(name)) for name in names])
     responses = [response for response, _ in estimates]
     record_notes = {note for _, notes in estimates for note in notes}  # printed by the stage measure
     notes = [note for note in notes_of(responses) if note not in record_notes]
@@ -60,16 +62,16 @@ def estimate_configuration(
     lines: IntArray | None,
     friction: CompensatedFriction | None,
     robot: Robot | None,
-    configuration: str,
+    configuration: tuple[str, ConfigurationSpectra | None],
     recorded: RecordedSpec | None = None,
 ) -> tuple[Response, set[Note]]:
     """Estimate the response of one configuration; return it with the notes of its records.
 
     friction: compensated in the torque before the estimation.  robot: with the gears of the motors, or None.
-    recorded: section of the logs, which may have the controller of their references.
+    configuration: name, and its spectra or None.  recorded: section of the logs, with or without a controller.
     """
-    records = tuple(read_records(path, configuration))
-    response = estimate_net_response(records, friction, spec, lines, shaft_couplings(robot), robot)
+    records = tuple(read_records(path, configuration[0]))
+    response = estimate_net_response(records, friction, spec, lines, shaft_couplings(robot), robot, configuration[1])
     if recorded is not None and recorded.controller is not None and robot is not None:
         from elastid.logs.reference_loop import with_reference_loop  # slow imports: CasADi
         from elastid.logs.step_images import with_image_errors
@@ -109,17 +111,17 @@ def _artefacts(
         if len({*lines.values()}) == 1:
             sizes = f"with {responses[0].n_lines} DFT lines{' each' * bool(plural)}"
         console.say(f"estimate: FRF{plural} of {len(responses)} configuration{plural} {sizes}")
-        rows = [] if friction is None else [row for row in friction_rows(friction) if row.coulomb_torque is not None]
-        if rows:
+        if friction is None:
+            return
+        if rows := [row for row in friction_rows(friction) if row.coulomb_torque is not None]:
             torques = {row.place: f"{row.coulomb_torque:.4g} {row.unit} (std {row.std:.2g})" for row in rows}
             motors = "Coulomb friction of the motors (link-side values)"
             console.say(f"estimate: {motors} subtracted from the torque: {list_values(torques)}")
-        for note in () if friction is None else friction.notes:  # warnings are printed already
+        for note in friction.notes:  # warnings are printed already
             if note.severity == "information" and note.code != "nonlinear/friction-compensated":
                 console.say(f"estimate: {note.text}")
 
-    frf: Write = lambda path, stamp: write_responses(path, responses, stamp, friction)  # noqa: E731
-    return Artefacts({"frf.h5": frf}, report)
+    return Artefacts({"frf.h5": lambda path, stamp: write_responses(path, responses, stamp, friction)}, report)
 
 
 def list_values(values: Mapping[str, object]) -> str:

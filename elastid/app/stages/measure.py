@@ -42,10 +42,8 @@ def import_logs(study: Study, work: Work) -> Artefacts:
     return _measure(rig, work, rig.is_large)
 
 
-def _measure(
-    rig: SimulatedRig | RecordedRig, work: Work, is_large: Callable[[Any], bool] = lambda part: False
-) -> Artefacts:
-    records, report = measure_parts(work, rig.experiments, rig.measure, is_large)
+def _measure(rig: SimulatedRig | RecordedRig, work: Work, *is_large: Callable[[Any], bool]) -> Artefacts:
+    records, report = measure_parts(work, rig.experiments, rig.measure, *is_large)
     return Artefacts({"records.h5": lambda path, stamp: write_records(path, records, stamp)}, report)
 
 
@@ -65,8 +63,7 @@ def measure_parts(
 
     def collected() -> Iterator[R]:
         for part in parts:
-            record = finished.get(part.name)
-            record = measure(part) if record is None else record
+            record = finished.get(part.name) or measure(part)
             notes.extend(record.notes)
             yield record
 
