@@ -28,8 +28,9 @@ from elastid.frf.checks import check_consistency
 from elastid.frf.spec import EstimatorSpec
 from elastid.logs.rig import RecordedRig
 from elastid.model.spec import ModelSpec
-from elastid.nonlinear.compensate_friction import estimate_net_response, shaft_couplings, to_shafts
+from elastid.nonlinear.compensate_friction import shaft_couplings, to_shafts
 from elastid.nonlinear.identify_friction import identify_motor_friction
+from elastid.nonlinear.net_response import estimate_net_response
 from elastid.parameters import Parameters
 from elastid.record import Record
 from elastid.response import Response, Responses

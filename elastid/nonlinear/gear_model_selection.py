@@ -41,7 +41,6 @@ from elastid.parameters import Parameters
 
 Group: TypeAlias = tuple[GearEffect, ...]
 
-
 # Thresholds of the selection. Gains are decreases of V in the realisations that the magnitudes were not fitted to.
 MIN_GAIN = 12.0  # by each effect of a group
 MIN_GAIN_OF_SPRING = 60.0  # by each effect of a nonlinear spring
@@ -93,12 +92,10 @@ def _sizes(data: GearData, estimate: GearEstimate, j: int) -> tuple[float, float
 
 
 def choose_effects(data: GearData, parameters: Parameters, x: FloatArray, orders: Sequence[float]) -> GearEstimate:
-    """Select the effects by cross-validation and estimate them; x (n_x,): optimum of the linear fit.
+    """Select the effects by cross-validation and estimate them.
 
-    orders: of transmission errors and ripples, per motor revolution.
-
-    Dry friction may have reduced a logarithmic parameter of the linear fit, such as viscous friction, to nearly 0. A
-    parameter below a tenth of its nominal value therefore starts at this value.
+    x (n_x,): optimum of the linear fit.  A logarithmic parameter below a tenth of its nominal value starts at this
+    value, because dry friction may reduce viscous friction to nearly 0.  orders: candidates per motor revolution.
     """
     is_at_limit = parameters.is_log & (x < parameters.x - np.log(_COLLAPSE_FACTOR))
     estimate = initial_estimate(data, parameters, np.where(is_at_limit, parameters.x, x))

@@ -85,8 +85,7 @@ class GearNumber:
 class GearSheet:
     """Characteristics of one joint's gear, and its torsion over torque in a closed loop.
 
-    peak: largest torque of the gear in the records, Nm.  torque, torsion, torsion_std (n,): loop up to this torque,
-    from its negative end.
+    peak: largest torque of the gear in the records, Nm.  torque, torsion, torsion_std (n,): loop up to this torque.
     """
 
     joint: str

@@ -294,8 +294,8 @@ def newton(
     """Solve x + linear(law(x)) = x_0 for x (n_x, n) by Newton's method. Return x and the force at x.
 
     law: returns force and slope at each point.  x: start, replaced by x_0 if its error exceeds 1 and the error of x_0.
-    tolerance: error relative to the size of x_0 that ends the iteration.
-    Steps are halved until the error decreases; otherwise the last x is returned, whose error widens the intervals.
+    tolerance: final error over the size of x_0.  Steps are halved until the error decreases; otherwise the last x is
+    returned, whose error widens the intervals.
     """
     size = np.std(x_0, axis=1)[:, None] + 1e-300
 

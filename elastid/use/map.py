@@ -80,7 +80,6 @@ QUANTITIES: dict[str, tuple[str, str]] = {
     "depth_of_cut": ("m", "limiting depth of cut; infinite where nothing chatters"),
 }
 
-
 # Values and standard deviations (Q,) of quantities by name.
 Values: TypeAlias = dict[str, tuple[FloatArray, FloatArray]]
 

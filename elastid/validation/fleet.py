@@ -45,7 +45,6 @@ MEANINGS = {
     ("r", True): "ripple of the torque grows",
 }
 
-
 # Prior of the spread of stiffness between new gears of one type, 1 to 3 %, and its degrees of freedom. Of 200 fleets of
 # 8 good robots with a spread of 1.5 %, 4 have a finding with three dates and 9 with one; a gear that is 10 % soft is
 # found in 192 and 196 (scripts/studies/results.csv; among 64 robots in all, with a finding in 8).

@@ -42,8 +42,8 @@ from elastid.fit.identify import identify
 from elastid.fit.problem.weights import with_model_error
 from elastid.fit.result import Result
 from elastid.frf.spec import EstimatorSpec
-from elastid.nonlinear.compensate_friction import estimate_net_response
 from elastid.nonlinear.identify_friction import identify_motor_friction
+from elastid.nonlinear.net_response import estimate_net_response
 from elastid.record import Configuration, Motion, Record
 from elastid.study import Study, load
 

@@ -25,8 +25,8 @@ from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, Simulated
 from elastid.fit.identify import fit_parameters
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.spec import EstimatorSpec
-from elastid.nonlinear.compensate_friction import estimate_net_response
 from elastid.nonlinear.identify_friction import identify_motor_friction
+from elastid.nonlinear.net_response import estimate_net_response
 from elastid.response import Response
 from elastid.robot import Body, Friction, Joint, Limits, LuGre, Motor, Placement, Robot, Spring, Tolerances
 from elastid.robot.simplified import with_joints

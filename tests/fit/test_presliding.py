@@ -21,8 +21,8 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.presliding import RelaxingSpring
 from elastid.linear.response.transfer import frequency_response
-from elastid.nonlinear.compensate_friction import estimate_net_response
 from elastid.nonlinear.identify_friction import identify_motor_friction
+from elastid.nonlinear.net_response import estimate_net_response
 from elastid.response import MotorMotion, Response
 from elastid.robot import Tolerances
 from elastid.targets.numbers import header_lines

@@ -11,17 +11,12 @@ from plants.dry_friction import measured, measured_bristles, measured_swing, rob
 from elastid.fit.parameter_selection import local_ratio_std
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
-from elastid.nonlinear.compensate_friction import (
-    TURNING_ERROR,
-    compensated_records,
-    estimate_net_response,
-    to_links,
-    to_shafts,
-)
+from elastid.nonlinear.compensate_friction import compensated_records, to_links, to_shafts
 from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.friction_basis import BasisFunction
 from elastid.nonlinear.identify_friction import identify_motor_friction
 from elastid.nonlinear.motion import CELLS, Motion, motion_of
+from elastid.nonlinear.net_response import TURNING_ERROR, estimate_net_response
 from elastid.record import Configuration, Record
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 

@@ -8,8 +8,6 @@ import pytest
 
 from elastid.robot import Body, GearCoupling, Joint, Motor, Robot, Spring
 
-RATIOS = (100.0, -80.0, 50.0)
-
 
 def wrist(coupling: GearCoupling | None, rigid: str = "", shaft: str = "") -> Robot:
     """Three joints in a row, the last two coupled; without the springs of `rigid`, with a shaft spring at `shaft`."""
@@ -20,7 +18,7 @@ def wrist(coupling: GearCoupling | None, rigid: str = "", shaft: str = "") -> Ro
             None if name in rigid else Spring(1e4),
             Motor(1e-3, ratio, spring=Spring(2.0) if name in shaft else None),
         )
-        for name, ratio in zip("456", RATIOS, strict=True)
+        for name, ratio in zip("456", (100.0, -80.0, 50.0), strict=True)
     ]
     bodies = tuple(
         Body(f"b{joint.name}", f"b{before.name}" if before else "base", joints=(joint,), inertia=1.0)

@@ -18,9 +18,10 @@ from elastid.experiment.specs.logs import RecordedSpec, ResponseFileSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.logs.files.formats import naming_file
 from elastid.logs.responses.reading import link_side_response, read_table
-from elastid.nonlinear.compensate_friction import estimate_net_response, shaft_couplings, to_shafts
+from elastid.nonlinear.compensate_friction import shaft_couplings, to_shafts
 from elastid.nonlinear.compensated_friction import CompensatedFriction, friction_rows
 from elastid.nonlinear.identify_friction import identify_motor_friction
+from elastid.nonlinear.net_response import estimate_net_response
 from elastid.nonlinear.spectra import ConfigurationSpectra
 from elastid.record import Configuration, Record
 from elastid.response import Response, in_quantity
