@@ -32,10 +32,11 @@ from elastid.targets.fmu import write_move_fmu
 from elastid.targets.move import write_move
 from elastid.use.draws import draw_robots
 from elastid.use.loops import Loops, design_loops
-from elastid.use.map import Cut, map_workspace
+from elastid.use.map import map_workspace
 from elastid.use.moves import read_move
 from elastid.use.path_table import read_path
 from elastid.use.plants import PostureFamily
+from elastid.use.posture_values import Cut
 from elastid.use.postures import grid_postures, random_postures
 from elastid.use.tune import MoveRobots, TunedMove, tune_move
 

@@ -21,8 +21,8 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.matrices import inverse
 from elastid.record import JointLoop, unit_delay
 from elastid.simulation.controller import Filters
-from elastid.use.map import largest_gain
 from elastid.use.plants import Plants
+from elastid.use.posture_values import largest_gain
 
 LIMIT_DB = 6.0  # largest M_S
 THRESHOLD = 10 ** (-3 / 20)  # |E_ii| at the bandwidth

@@ -29,7 +29,7 @@ class DrawnRobots:
 def draw_robots(result: Result, count: int, seed: int = 0, configuration: str = "") -> DrawnRobots:
     """Draw `count` robots from the normal distribution of x (`Result.covariance_of_prediction`), within its bounds.
 
-    configuration: selects its parameters if configurations differ.  FitError if nearly no sample is a physical robot.
+    configuration: whose parameters are drawn.  FitError if nearly no sample is a physical robot.
     """
     covariance, exact = result.covariance_of_prediction, replace(result.nominal_robot, tolerances="exact")
     names = result.parameters.dependent_names(configuration)

@@ -33,7 +33,6 @@ _SLOWER, _SLOWEST = 0.98, 200  # factor and most steps of a reduction of gains
 
 
 def _is_within(scene: Scene, cascade: Cascade, limit_db: float) -> bool:
-    """Return whether all loops are stable and their sensitivity is within the limit."""
     loops = cascade.on(scene)
     return bool(20 * np.log10(loops.size.max()) <= limit_db and loops.stable.all())
 

@@ -104,10 +104,8 @@ class LockedEquations:
         return Configuration("posture", angles, self.family.request.payload is not False)
 
     def rest(self, angles: FloatArray) -> tuple[FloatArray, BoolArray]:
-        """Return the equilibrium q (N, n_q) with motors at angles (N, n_u), and whether it exists (N,).
-
-        Newton's method solves all postures together. If a posture does not converge, `equilibrium` solves each one.
-        """
+        """Return the equilibrium q (N, n_q) with motors at angles (N, n_u), and whether it exists (N,)."""
+        # Newton's method solves all postures together; if one does not converge, `equilibrium` solves each of them.
         model, free = self.family.model, free_coordinates(self.family.model)
         q, has_rest = np.zeros((len(angles), model.n_q)), np.zeros(len(angles), bool)
         with suppress(np.linalg.LinAlgError), np.errstate(invalid="ignore", over="ignore"):

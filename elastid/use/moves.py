@@ -92,10 +92,7 @@ _TIMING = (0.0, 0.0, 0.0, 0.0, 0.0, 126.0, -420.0, 540.0, -315.0, 70.0)
 
 @dataclass(frozen=True, eq=False)
 class Move:
-    """Angles of the driven joints over time, at rest before 0 and after `duration`, s.
-
-    spline: angles (n_u,) over the fraction of the duration, 0 to 1.
-    """
+    """Angles of the driven joints by a spline over the fraction of the duration, s; at rest before and after it."""
 
     spline: BSpline
     duration: float
@@ -183,7 +180,6 @@ def _rest_to_rest_spline(s: FloatArray, points: FloatArray) -> BSpline:
 
 
 def _through_poses(table: Table, robot: Robot, frame: str, times: FloatArray | None) -> BSpline:
-    """Return the spline of the joint angles along a path of poses; DataError for poses out of reach."""
     position, rotation = table.poses(robot)
     path_parameters, s = _path_parameters(position, times), np.linspace(0.0, 1.0, _SAMPLES + 1)
     spline = _through(path_parameters, position, times is not None)

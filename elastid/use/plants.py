@@ -27,10 +27,7 @@ from elastid.use.draws import draw_robots
 
 @dataclass(frozen=True, eq=False)
 class Plants:
-    """N plants of a robot with n_u motors: A (N, m, m), B (N, m, n_u), C (N, n_u, m).
-
-    inertia (N, n_u): of the rigid robot at each motor with the other motors locked, link side.
-    """
+    """N plants with n_u motors: A (N, m, m), B (N, m, n_u), C (N, n_u, m), and rigid-body inertias (N, n_u) of axes."""
 
     rate_hz: float
     A: FloatArray

@@ -9,8 +9,7 @@ sampled torque has the friction of `coulomb_torque_along` instead. q(t) is a spl
 in equilibrium at both ends. The equations are satisfied at its knots (de Boor and Swartz, SIAM J. Numer. Anal. 10
 (1973), 582); between knots the error is of order h^4. The motors need time before and after the move to load and unload
 the springs: with passive elastic joints the inverse is not causal. The solver is IPOPT (Wachter and Biegler,
-Mathematical Programming 106, 2006) with the Gauss-Newton Hessian. The result is the best plan within the limits, or the
-plan with the shortest time.
+Mathematical Programming 106, 2006) with the Gauss-Newton Hessian.
 """
 
 import math

@@ -46,8 +46,7 @@ DAMPING_RATIO = 0.7  # of the drives' loops
 class Outcome:
     """Distance (N,) of the tool from its path over time, m, its largest and rms value in the move, and after the move.
 
-    static: distance from the path's end at rest.  residual: largest vibration about this rest position.  low, high
-    (N,): 95 % interval by posterior samples, or None.
+    low, high (N,): 95 % interval by posterior samples, or None.
     """
 
     name: str
@@ -124,10 +123,9 @@ class SimulatedLoop:
 class TunedMove(References):
     """References of a move for the motors `joints`, and its simulated outcomes.
 
-    margin_s: time before and after the move in which the motors load and unload the springs.  target (N, 3): path of
-    the frame's origin in the base's axes.  predicted_error (N,): by the model of the plan.  limits (4, n_u): of KINDS,
-    infinite if not given.  outcomes: simulated with the robot `judge`.  samples: number of posterior samples whose
-    torques and velocities are within the limits, too; their errors are relative to the path of their rigid robot.
+    target (N, 3): path of the frame's origin in the base's axes.  limits (4, n_u): of KINDS.  outcomes: simulated with
+    the robot `judge`.  samples: number of posterior samples whose torques and velocities are within the limits, too;
+    their errors are relative to the path of their rigid robot.
     """
 
     name: str

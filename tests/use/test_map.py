@@ -20,7 +20,8 @@ from elastid.report.command_summaries import answer_of_map
 from elastid.robot import Frame, Tolerances
 from elastid.use import map as map_module
 from elastid.use.locked_postures import LockedEquations
-from elastid.use.map import Cut, map_workspace
+from elastid.use.map import map_workspace
+from elastid.use.posture_values import Cut
 
 LINES = np.geomspace(2.0, 80.0, 100)
 CUT = Cut(load=(0.0, 0.0, -50.0), normal=(1.0, 0.0, 1.0))

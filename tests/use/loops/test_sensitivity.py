@@ -18,8 +18,8 @@ from elastid.use.closed_loops import Scene, bandwidths, closed_loop_matrices, sc
 from elastid.use.draws import draw_robots
 from elastid.use.gain_design import design
 from elastid.use.loops import assess
-from elastid.use.map import largest_gain
 from elastid.use.plants import Plants, PostureFamily, _sampled
+from elastid.use.posture_values import largest_gain
 
 RATE_HZ = 400.0
 CASCADE = Cascade(
