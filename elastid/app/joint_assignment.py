@@ -50,12 +50,12 @@ def order_of_names(joints: Sequence[str], channels: Sequence[ChannelGuess]) -> t
     """
     patterns = [rf"(?<![a-z0-9]){re.escape(name.lower())}(?![a-z0-9])" for name in joints]
     by_name = [[i for i, guess in enumerate(channels) if re.search(word, guess.name.lower())] for word in patterns]
-    labels, of_joints = _labels(channels), _labels([guess_by_name(name, None) for name in joints])
-    by_label = [[i for i, label in enumerate(labels) if label == of_joint] for of_joint in of_joints]
+    labels, joint_labels = _labels(channels), _labels([guess_by_name(name, None) for name in joints])
+    by_label = [[i for i, label in enumerate(labels) if label == joint_label] for joint_label in joint_labels]
     for order in (by_name, by_label):
         if all(len(match) == 1 for match in order) and len({i for (i,) in order}) == len(joints):
             return [i for (i,) in order], ""
-    has_letters = [any(not word.isdigit() for label in side for word in label) for side in (labels, of_joints)]
+    has_letters = [any(not word.isdigit() for label in side for word in label) for side in (labels, joint_labels)]
     numbers = [[int(word) for word in label if word.isdigit()] for label in labels]
     is_ambiguous = all(numbers) and len({*map(tuple, numbers)}) < len(numbers)
     if all(has_letters) or is_ambiguous or len(channels) != len(joints):
@@ -70,10 +70,10 @@ def _labels(guesses: Sequence[ChannelGuess]) -> list[list[str]]:
     """Return the sorted words and then the numbers of each name, without common words and common leading numbers."""
     labels = [replace(guess, by_words=True).joint_label.lower().split() for guess in guesses]
     common, numbers = set.intersection(*map(set, labels)), [[*filter(str.isdigit, label)] for label in labels]
-    differ = (i for i, of in enumerate(zip(*numbers, strict=False)) if len(set(of)) > 1)
+    differ = (i for i, column in enumerate(zip(*numbers, strict=False)) if len(set(column)) > 1)
     n_common = next(differ, min(map(len, numbers)))
     texts = (sorted(word for word in label if not (word.isdigit() or word in common)) for label in labels)
-    return [[*label, *of[n_common:]] for label, of in zip(texts, numbers, strict=True)]
+    return [[*text, *row[n_common:]] for text, row in zip(texts, numbers, strict=True)]
 
 
 def at_joint(joint: Joint, motion: ChannelGuess) -> ChannelGuess:

@@ -164,9 +164,9 @@ def _move_robots(
 
 def write_table(path: Path, tuned_move: TunedMove) -> None:
     """Write tune.csv: a row for each sample, link side, SI."""
-    parts = ("position", "velocity", "torque")
-    heads = ["t", *(f"{part} {joint}" for joint in tuned_move.joints for part in parts), "x", "y", "z", "planned error"]
-    columns = [getattr(tuned_move, part)[:, i] for i in range(len(tuned_move.joints)) for part in parts]
+    kinds = ("position", "velocity", "torque")
+    heads = ["t", *(f"{kind} {joint}" for joint in tuned_move.joints for kind in kinds), "x", "y", "z", "planned error"]
+    columns = [getattr(tuned_move, kind)[:, i] for i in range(len(tuned_move.joints)) for kind in kinds]
     rows = zip(tuned_move.time_s, *columns, *tuned_move.target.T, tuned_move.predicted_error, strict=True)
     write_rows(path, [heads, *([float(cell) for cell in row] for row in rows)])
 

@@ -48,7 +48,7 @@ def parameter_contents(
     In responses to references, viscous friction cannot be distinguished from an error of the controller's k_d.
     """
     mixed = mixed_numbers(robot, is_simulated, friction)
-    of_motors = {f"fm_{name}" for name in robot.driven_names}
+    motor_names = {f"fm_{name}" for name in robot.driven_names}
     motors = () if friction is None or not friction.configurations else friction.places
     texts = {f"fm_{name}": SLOPE for name in _compensated_joints(friction)} | dict.fromkeys(mixed, WITH_COULOMB)
     texts |= {name: NOT_SIGNIFICANT for location in motors if (name := location.replace("motor ", "fm_")) in mixed}
@@ -57,7 +57,7 @@ def parameter_contents(
     return {
         parameter.name: texts.get(parameter.stands_for, VISCOUS) + and_gain
         for parameter in parameters.free
-        if parameter.stands_for in of_motors | mixed
+        if parameter.stands_for in motor_names | mixed
     }
 
 

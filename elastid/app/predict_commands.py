@@ -165,19 +165,19 @@ def _gains(model: Model, log: CommandLog, settings: CommandSettings, path: Path,
     names = model.robot.driven_names
     gains = []
     servos = np.array([model.servos[name] for name in names]).T if set(names) <= model.servos.keys() else None
-    for i, (name, option, of_log) in enumerate((("kp", settings.kp, log.kp), ("kd", settings.kd, log.kd))):
+    for i, (name, option, log_gain) in enumerate((("kp", settings.kp, log.kp), ("kd", settings.kd, log.kd))):
         if option:
             if len(option) not in (1, len(names)):
                 text = f"{len(option)} numbers for {len(names)} driven joints. Give one, or one for each"
                 raise StudyError("options/invalid", text, f"--{name}")
             gains.append(np.broadcast_to(np.array(option, float), len(names)))
         elif servos is not None:
-            if of_log is not None and not np.allclose(of_log, servos[i], rtol=0.01):
-                numbers = f"{_numbers(servos[i])} in the model, {_numbers(of_log)} in the log"
+            if log_gain is not None and not np.allclose(log_gain, servos[i], rtol=0.01):
+                numbers = f"{_numbers(servos[i])} in the model, {_numbers(log_gain)} in the log"
                 console.warn(f"{path}: {name} differs: {numbers}. The model's is used; give --{name} for another")
             gains.append(servos[i])
-        elif of_log is not None:
-            gains.append(of_log)
+        elif log_gain is not None:
+            gains.append(log_gain)
         else:
             text = f"neither the log nor the model has {name} of the joint controllers. Give --{name}"
             raise StudyError("options/invalid", text, path)
@@ -205,7 +205,7 @@ def _test_sentence(test: Tested) -> str:
     error = f"rms error {rms} instead of {as_given} ({100 * test.removed:.3g} % removed)"
     match test.quantity:
         case "clock":
-            return f"clock: the period of the log is {ratio_words(test.value)} times the given one; {error}"
+            return f"clock: the period of the log is {format_ratio(test.value)} times the given one; {error}"
         case "delay":
             side = "earlier" if test.value < 0 else "later"
             return f"delay: the commands act {1e3 * abs(test.value):.3g} ms {side} than simulated; {error}"
@@ -217,10 +217,10 @@ def _test_sentence(test: Tested) -> str:
             return f"axis: joint {test.joint} turns the other way than in the model; {error}"
 
 
-def ratio_words(value: float) -> str:
+def format_ratio(value: float) -> str:
     """Format a ratio of sampling times: the fitted ratio, and a multiple of one half near it.
 
-    >>> ratio_words(2.56), ratio_words(0.41), ratio_words(1.2), ratio_words(1.02)
+    >>> format_ratio(2.56), format_ratio(0.41), format_ratio(1.2), format_ratio(1.02)
     ('2.5 (fitted: 2.56)', '1/2.5 (fitted: 0.41)', '1.2', '1.02')
     """
     above = max(value, 1 / value)

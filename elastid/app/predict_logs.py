@@ -121,4 +121,4 @@ def _predict_elasticity(run: Run, path: Path) -> tuple[LogComparison, dict[str, 
     basis = ValidationBasis(replace(study, validation=ValidationSpec()), model, friction, gears)
     validation, log_comparison = validate_model(basis, responses.names, records, run.console, Execution(run.jobs))
     content = validation_summary(study.name, validation, log_comparison)
-    return log_comparison, content, [words for words in (validation.verdict, *log_comparison.sentences) if words]
+    return log_comparison, content, [*filter(None, (validation.verdict, *log_comparison.sentences))]

@@ -74,9 +74,9 @@ def files_of(study: "Study") -> list[str]:
     """List the files that a study names, relative to its folder: logs and responses."""
     recorded = study.experiment.recorded
     names = [path for file in (() if recorded is None else recorded.files) for path in (file.path, *file.also)]
-    of_tool = [tool.responses for tool in (study.tool, study.validation.tool) if tool is not None]
-    of_responses = (study.experiment.responses, *of_tool)
-    return names + [file.path for spec in of_responses if spec is not None for file in spec.files]
+    tool_specs = [tool.responses for tool in (study.tool, study.validation.tool) if tool is not None]
+    specs = (study.experiment.responses, *tool_specs)
+    return names + [file.path for spec in specs if spec is not None for file in spec.files]
 
 
 # Kinds of study with a robot, by the key of `experiment` that defines the data.

@@ -36,19 +36,19 @@ def quote(text: str) -> str:
     return text if is_plain else json.dumps(text, ensure_ascii=False)
 
 
-def channel_line(role: str, place: str, guess: ChannelGuess, of_robot: str = "") -> str:
-    """Return the YAML line of a channel. of_robot: `torque` or `force`, the quantity of a robot's drive; else empty."""
+def channel_line(role: str, place: str, guess: ChannelGuess, drive: str = "") -> str:
+    """Return the YAML line of a channel. drive: `torque` or `force`, the quantity of a robot's drive; else empty."""
     quantity, scale, why = guess.quantity, guess.scale, guess.why
     unit = guess.unit or DRIVE_UNIT.get(quantity, "")
     keys: dict[str, object] = {
         "role": role, "at": quote(place), "channel": quote(guess.name) if guess.name else None, "column": guess.column
     }  # fmt: skip
-    if of_robot and quantity in ("voltage", "torque", "force") and quantity != of_robot:
-        why = f"{why} a {quantity}; scale is the {DRIVE_UNIT[of_robot]} of one {unit}"
-        keys |= {"quantity": of_robot, "unit": DRIVE_UNIT[of_robot], "scale": 1}
+    if drive and quantity in ("voltage", "torque", "force") and quantity != drive:
+        why = f"{why} a {quantity}; scale is the {DRIVE_UNIT[drive]} of one {unit}"
+        keys |= {"quantity": drive, "unit": DRIVE_UNIT[drive], "scale": 1}
     else:
         keys |= {"quantity": quantity, "unit": unit, "scale": f"{scale:g}" if scale != 1 else None}
-    if of_robot and quantity == "current":
+    if drive and quantity == "current":
         keys["torque_constant"] = "1 N*m/A"
         why = f"{why}; torque_constant is that of your motor's data sheet"
     keys |= {

@@ -58,11 +58,11 @@ def as_json(content: Mapping[str, Any]) -> Write:
     return lambda path, stamp: write_json(path, content)
 
 
-def section(value: Any, names: str, **of_each: str) -> Content:
-    """Return fields and properties of a value (`name=attribute` renames); of_each: names for entries of a field."""
+def section(value: Any, names: str, **entries: str) -> Content:
+    """Return fields and properties of a value (`name=attribute` renames); entries: names for entries of a field."""
     pairs = (name.partition("=") for name in names.split())
     content = {name: json_value(getattr(value, attribute or name)) for name, _, attribute in pairs}
-    return content | {name: [section(row, keys) for row in getattr(value, name)] for name, keys in of_each.items()}
+    return content | {name: [section(row, keys) for row in getattr(value, name)] for name, keys in entries.items()}
 
 
 _CHECK = "ratio ratio_std chi_square dof cause"
@@ -249,12 +249,12 @@ def list_notes(notes: Iterable[Note]) -> list[Content]:
 def _log_comparison(log_comparison: LogComparison) -> Content:
     """Return torque fractions, in total and by octave, and errors of simulations, without the signals."""
     signal, fractions = "signal=kind place error", "unexplained_fraction unexplained_without_friction"
-    of_band = f"low_hz high_hz power {fractions}"
+    band_keys = f"low_hz high_hz power {fractions}"
     return {
         "torque": [
             section(balance, "place log")
             | _balance_fields(balance, balance, fractions)
-            | {"bands": [_balance_fields(balance, band, of_band) for band in balance.bands]}
+            | {"bands": [_balance_fields(balance, band, band_keys) for band in balance.bands]}
             for balance in log_comparison.balances
         ],
         "simulation": [

@@ -79,7 +79,7 @@ def drawings_of_fleet(
     """Yield a figure of each parameter over robots and dates."""
     for count, name in enumerate(dict.fromkeys(value.parameter for value in values), start=1):
         robots = {finding.robot for finding in findings if finding.parameter == name}
-        of_name = [value for value in values if value.parameter == name]
+        rows = [value for value in values if value.parameter == name]
         caption = f"{name} of every robot and date with its 95 % interval."
-        draw = partial(fleet_parameter, name, units[name], of_name, robots)
+        draw = partial(fleet_parameter, name, units[name], rows, robots)
         yield Drawing(f"fleet-{count:03d}", "parameters", caption, draw)

@@ -149,7 +149,7 @@ class ModeRow:
         """Largest energy fractions of each mode."""
         if not self.stores:
             return [""] * len(self.frequency_hz)
-        return [energy_words(self.stores, fractions) for fractions in self.energy.T]
+        return [format_energy(self.stores, fractions) for fractions in self.energy.T]
 
     @property
     def _motion_text(self) -> list[str]:
@@ -165,10 +165,10 @@ class ModeRow:
         ]
 
 
-def energy_words(names: Sequence[str], fractions: FloatArray) -> str:
+def format_energy(names: Sequence[str], fractions: FloatArray) -> str:
     """Format the largest energy fractions (n_e,) of a mode, such as '62 % gear 2, 25 % bending b2'.
 
-    >>> energy_words(["gear 1", "gear 2", "weight"], np.array([0.104, 0.956, -0.06]))
+    >>> format_energy(["gear 1", "gear 2", "weight"], np.array([0.104, 0.956, -0.06]))
     '96 % gear 2, 10 % gear 1, -6 % weight'
     """
     return ", ".join(f"{100 * fractions[i]:.0f} % {names[i]}" for i in _largest(np.abs(fractions), MIN_FRACTION))

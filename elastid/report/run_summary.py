@@ -50,7 +50,7 @@ class Cell:
     value: float
 
     @property
-    def level(self) -> int:
+    def severity(self) -> int:
         """Class of the value, 0 (noise or unknown) to 3."""
         return int(np.searchsorted((1.3, 2.0, 4.0), self.value)) if math.isfinite(self.value) else 0
 
@@ -158,11 +158,11 @@ def _verdict_phrases(rows: Sequence[ParameterRow]) -> str:
         size = f" (std {percent(row.std / abs(row.estimate))})" if has_size else ""
         names.setdefault(row.verdict, []).append(f"{row.name}{size}")
     phrases = []
-    for verdict, of_verdict in names.items():
+    for verdict, texts in names.items():
         word, _, reason = verdict.partition(": ")
-        verb = "is" if len(of_verdict) == 1 else "are"
+        verb = "is" if len(texts) == 1 else "are"
         reason = "limit 50 %; do not use" if verdict == UNCERTAIN else reason
-        phrases.append(f"{', '.join(of_verdict)} {verb} {word}{reason and f' ({reason})'}")
+        phrases.append(f"{', '.join(texts)} {verb} {word}{reason and f' ({reason})'}")
     return ", and ".join(phrases)
 
 
@@ -335,9 +335,9 @@ def _action_of_tolerance(result: Result, poor: ParameterRow) -> Action | None:
     C, names = result.covariance, result.parameters.free_names
     i, n, fractions = names.index(poor.name), len(result.parameters.of_interest), {}
     for beginning in TOLERANCES:
-        of_kind = [j for j in range(n, len(names)) if names[j].startswith(beginning)]
-        cross = C[i, of_kind]
-        fractions[beginning] = float(cross @ np.linalg.pinv(C[np.ix_(of_kind, of_kind)]) @ cross / C[i, i])
+        indices = [j for j in range(n, len(names)) if names[j].startswith(beginning)]
+        cross = C[i, indices]
+        fractions[beginning] = float(cross @ np.linalg.pinv(C[np.ix_(indices, indices)]) @ cross / C[i, i])
     largest = max(fractions, key=lambda beginning: fractions[beginning])
     if 2 * fractions[largest] < 1:
         return None

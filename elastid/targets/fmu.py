@@ -96,25 +96,25 @@ def layout(
     equations, moves = subject.model, subject.move is not None
     motors, joints = equations.inputs, [joint.name for joint in equations.robot.joints]
     position, torque = equations.B.T @ points[0].q * (not moves), points[0].u * (not moves)
-    of_motors = partial(_variables_at, motors)
+    at_motors = partial(_variables_at, motors)
     with_move = " beside the move" * moves
     groups = {
         "TIME": [Variable("time", "independent", "continuous", "Time, s", 0.0)],
-        "TORQUE": of_motors("torque", "input", f"link-side torque added to the feedback{with_move}", torque),
-        "POSITION": of_motors("reference", "input", f"angle that the controller aims at{with_move}", position),
-        "VELOCITY": of_motors("reference_speed", "input", f"speed that the controller aims at{with_move}"),
+        "TORQUE": at_motors("torque", "input", f"link-side torque added to the feedback{with_move}", torque),
+        "POSITION": at_motors("reference", "input", f"angle that the controller aims at{with_move}", position),
+        "VELOCITY": at_motors("reference_speed", "input", f"speed that the controller aims at{with_move}"),
         "FORCE": _frame_variables(equations.robot, "force", "input", "force on it in N, along {axis} of the base"),
-        "ANGLE": of_motors("angle", "output", "angle over its gear ratio"),
-        "SPEED": of_motors("speed", "output", "speed over its gear ratio"),
-        "APPLIED": of_motors("applied", "output", "torque with feedback, link side"),
-        "HOLDING": of_motors("holding", "output", "torque that holds the posture of the start"),
+        "ANGLE": at_motors("angle", "output", "angle over its gear ratio"),
+        "SPEED": at_motors("speed", "output", "speed over its gear ratio"),
+        "APPLIED": at_motors("applied", "output", "torque with feedback, link side"),
+        "HOLDING": at_motors("holding", "output", "torque that holds the posture of the start"),
         "JOINT": _variables_at([f"joint {name}" for name in joints], "angle", "output", "angle"),
         "PLACE": _frame_variables(equations.robot, "position", "output", "{axis} of its origin in m, axes of the base"),
         "THETA": _parameter_variables(subject),
         "FRICTION": _friction_variables(contacts),
-        "KP": of_motors("kp", "parameter", "feedback of its angle, N*m/rad of the link side", subject.kp),
-        "KD": of_motors("kd", "parameter", "feedback of its speed, N*m*s/rad of the link side", subject.kd),
-        "KI": of_motors("ki", "parameter", "integral of the feedback, 1/s"),
+        "KP": at_motors("kp", "parameter", "feedback of its angle, N*m/rad of the link side", subject.kp),
+        "KD": at_motors("kd", "parameter", "feedback of its speed, N*m*s/rad of the link side", subject.kd),
+        "KI": at_motors("ki", "parameter", "integral of the feedback, 1/s"),
         "RATE": [Variable("controller_rate", "parameter", "fixed", "Rate of the controller, Hz", rate_hz)],
         "STEP": [Variable("largest_step", "parameter", "fixed", "Longest step of integration, s", step_s)],
     }

@@ -80,13 +80,13 @@ def _exported_number(result: Result, parameter: Parameter) -> ExportedNumber:
     number = parameter.stands_for, parameter.unit, result.values[parameter.name]
     if not parameter.is_free:
         tie = parameter.tie
-        words = FIXED if tie is None else f"tied to {tie.to}{f' and {tie.by}' if tie.by else ''}"
-        return ExportedNumber(*number, words)
+        text = FIXED if tie is None else f"tied to {tie.to}{f' and {tie.by}' if tie.by else ''}"
+        return ExportedNumber(*number, text)
     std, (low, high) = result.std[parameter.name], result.interval(parameter.name)
-    words = f"std {std:.3g}, {low:.6g} to {high:.6g}" if math.isfinite(std) else "free, but not constrained by the data"
+    text = f"std {std:.3g}, {low:.6g} to {high:.6g}" if math.isfinite(std) else "free, but not constrained by the data"
     if parameter.is_nuisance:
-        return ExportedNumber(*number, f"within its tolerance, {words}", std, low, high)
+        return ExportedNumber(*number, f"within its tolerance, {text}", std, low, high)
     stds = [stds_of[parameter.name] for stds_of in result.std_contributions.values()]
     if stds:
-        words = "{} (noise {:.3g}, prior {:.3g}, systematic {:.3g})".format(words, *stds)
-    return ExportedNumber(*number, words, std, low, high, *stds)
+        text = "{} (noise {:.3g}, prior {:.3g}, systematic {:.3g})".format(text, *stds)
+    return ExportedNumber(*number, text, std, low, high, *stds)

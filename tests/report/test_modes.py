@@ -15,7 +15,7 @@ from elastid.modal.spec import GeometrySpec
 from elastid.model.formulation import formulate
 from elastid.parameters import Parameter, Parameters
 from elastid.record import Configuration
-from elastid.report.modes import energy_words, load_name, measured_drawing, spring_names
+from elastid.report.modes import format_energy, load_name, measured_drawing, spring_names
 from elastid.response import Response
 from elastid.robot import Anchor, Body, CoilSpring, Compensator, Joint, Loop, Robot, Rod, Spring
 
@@ -37,7 +37,7 @@ def test_springs_are_called_what_they_are() -> None:
     assert (names["k_y"], names["k_coupler"], names["k_rod"]) == ("joint y", "rod coupler", "rod")
     assert (load_name(ARM), load_name(robot)) == ("weight", "weight and compensators")
     assert set(formulate(ARM).springs) <= set(spring_names(ARM))
-    assert energy_words(["a", "b"], np.array([np.nan, np.nan])) == ""
+    assert format_energy(["a", "b"], np.array([np.nan, np.nan])) == ""
 
 
 def test_measured_shapes_move_the_points_of_their_outputs() -> None:

@@ -89,13 +89,13 @@ def _legend(
     symbols = [(row.name, *row.name.partition("_")[::2]) for row in reversed(rows)]
     groups = []
     for owner, has_motor, families in SYMBOLS:
-        of_owner = {
+        members = {
             family: (name, location)
             for name, family, location in symbols
             if family in families and has_motor in (None, location.partition(SEPARATOR)[0] in robot.driven_names)
         }
-        names = ", ".join(f"{of_owner[family][0]} ({families[family]})" for family in families if family in of_owner)
-        groups += [f"{names} of {owner.format(next(iter(of_owner.values()))[1])}"] if of_owner else []
+        names = ", ".join(f"{members[family][0]} ({families[family]})" for family in families if family in members)
+        groups += [f"{names} of {owner.format(next(iter(members.values()))[1])}"] if members else []
     if groups:
         yield f"Names: {'; '.join(groups)}"
     errors = {

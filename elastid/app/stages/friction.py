@@ -125,8 +125,8 @@ def friction(study: Study, work: Work) -> Artefacts:
     def report(console: Console) -> None:
         console.notes(note for note in notes_of(result.joints) if note not in joint_notes)
         console.say(f"friction: {result.message}")
-        for words in (*comparison.sentences, *(f"validation: {words}" for words in prediction.sentences)):
-            console.say(f"friction: {words}")
+        for sentence in (*comparison.sentences, *(f"validation: {sentence}" for sentence in prediction.sentences)):
+            console.say(f"friction: {sentence}")
 
     files: dict[str, Write] = {
         "summary.json": as_json(friction_study_summary(name, result, comparison, prediction)),

@@ -101,8 +101,8 @@ def report_responses(study: Study, work: Work) -> Artefacts:
     if friction is not None and study.estimator.friction == "auto" and not friction.shapes:
         friction = None
     geometry = modal.geometry or geometry_of_files(study.experiment, work.base)
-    of_band = [np.isin(G.freq_hz, mode_set.at_hz) for G, mode_set in zip(responses, modes, strict=True)]
-    shown_responses = tuple(G.lines(band) if band.any() else G for G, band in zip(responses, of_band, strict=True))
+    band_lines = [np.isin(G.freq_hz, mode_set.at_hz) for G, mode_set in zip(responses, modes, strict=True)]
+    shown_responses = tuple(G.lines(band) if band.any() else G for G, band in zip(responses, band_lines, strict=True))
     stamp = work.stamp
     content = ResponsesContent(study.name, shown_responses, modes, stamp.study, stamp.entries, friction, geometry)
     lines = []

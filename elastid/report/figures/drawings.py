@@ -101,7 +101,7 @@ def response_drawing(
     suffix = "" if modelled is None else ", measured and modelled"
     caption = f"magnitude and phase of the frequency responses{suffix}."
     draw = partial(fit.bode, measured, modelled, std)
-    return of_configuration(measured.configuration.name, file, caption, draw, False)
+    return configuration_drawing(measured.configuration.name, file, caption, draw, False)
 
 
 def drawings_of_responses(content: ResponsesContent) -> Iterator[Drawing]:
@@ -117,7 +117,7 @@ def drawings_of_responses(content: ResponsesContent) -> Iterator[Drawing]:
                 "functions). Poles of noise change with the order; vertical lines mark the accepted modes."
             )
             draw = partial(fit.stabilisation_diagram, modes, title)
-            yield of_configuration(name, f"{file}-stabilisation", caption, draw)
+            yield configuration_drawing(name, f"{file}-stabilisation", caption, draw)
         yield response_drawing(file, response, model)
         if quality is not None:
             caption = (
@@ -125,10 +125,10 @@ def drawings_of_responses(content: ResponsesContent) -> Iterator[Drawing]:
                 "output; singular values of responses and inputs."
             )
             draw = partial(fit.quality_figure, response, quality, title)
-            yield of_configuration(name, f"{file}-quality", caption, draw)
+            yield configuration_drawing(name, f"{file}-quality", caption, draw)
 
 
-def of_configuration(
+def configuration_drawing(
     configuration: str, name: str, caption: str, draw: Callable[[], Figure], on_page: bool = True
 ) -> Drawing:
     """Return a figure of one configuration."""

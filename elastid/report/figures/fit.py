@@ -345,8 +345,8 @@ def fleet_parameter(name: str, unit: str, values: Sequence[FleetValue], conspicu
             y, std = np.array([(value.value, value.std) for value in points]).T
             text = "differs or drifts" if is_marked else "robot, dates from left to right"
             curves.append(Curve(x, y, text, style.FITTED if is_marked else style.TOTAL, True, style.band_95(y, std)))
-    of_unit, names_fit = f" in {style.pretty_unit(unit)}" if unit else "", len(robots) <= 40
-    panel = Panel(curves, "" if names_fit else "robot", f"{name}{of_unit}", columns=robots if names_fit else ())
+    unit_text, names_fit = f" in {style.pretty_unit(unit)}" if unit else "", len(robots) <= 40
+    panel = Panel(curves, "" if names_fit else "robot", f"{name}{unit_text}", columns=robots if names_fit else ())
     figure = style.matrix(f"{name} over the fleet", [[panel]])
     figure.axes[0].ticklabel_format(axis="y", useOffset=False)
     return figure

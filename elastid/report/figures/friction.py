@@ -119,8 +119,8 @@ def _measured_curves(law: StaticLaw, direction: float, on_curve: BoolArray) -> t
     curve, (color, name) = law.curve, DIRECTIONS[direction]
     above, below = [], []
     for mask, ink, text in (
-        (~on_curve, style.WEAK, "levels at other loads and temperatures"),
-        (on_curve, color, f"levels, {name}"),
+        (~on_curve, style.WEAK, "runs at other loads and temperatures"),
+        (on_curve, color, f"runs, {name}"),
     ):
         rows = mask & (curve.direction == direction)
         if rows.any():

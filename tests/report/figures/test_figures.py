@@ -180,7 +180,7 @@ def law(levels: Any) -> Drawn:
     mine = (levels.load == levels.load.min()) & (np.isnan(heat) | (levels.temperature == heat))
     panel = {}
     for d, name in ((1.0, "positive direction"), (0.0, "both directions"), (-1.0, "negative direction")):
-        for label, chosen in (("levels at other loads and temperatures", ~mine), (f"levels, {name}", mine)):
+        for label, chosen in (("runs at other loads and temperatures", ~mine), (f"runs, {name}", mine)):
             if (rows := chosen & (levels.direction == d)).any():
                 panel[label] = [y[rows], *about(y[rows], levels.std[rows])]
     found = StaticLaw.of(levels, LawSpec())
