@@ -6,6 +6,7 @@ friction, encoders and noise. Its records are treated like measured ones.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -43,7 +44,7 @@ class _Run:
     noise: Noise
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SimulatedRig:
     """The plan of a study, carried out on a model of its robot; `seed` draws all noise.
 
@@ -111,14 +112,14 @@ class SimulatedRig:
 
     def _sense(self, run: _Run, trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
         """Compute u (n, n_u) and y (n, n_y) of a trajectory, with noise, filters and gains of the sensors."""
-        plan, end, experiment = self.plan, len(trajectory.u), run.experiment
+        plan, end = self.plan, len(trajectory.u)
         noise, reference, robot = run.noise, run.reference, run.plant.model.robot
         setup = (run.plant.model, run.plant.point.q, self.outputs, plan.rate_hz, plan.period_samples)
         u = trajectory.u + noise.torque[:end]
         y = sense(trajectory.q, trajectory.reading, *setup) + noise.outputs[:end]
         y = filter_motions(robot, y, plan.rate_hz)
         if self.simulated.carrier is not None and self.simulated.carrier.kind == "offset":
-            offset = reference.position[:end] - experiment.configuration.angles
+            offset = reference.position[:end] - run.experiment.configuration.angles
             u, y = u - reference.feed_forward[:end], y - sense_movement(offset, *setup)
         u_channels, y_channels = robot.chain.at("u", plan.inputs), robot.chain.at("y", self.outputs)
         return log_signal(u, plan.rate_hz, u_channels), log_signal(y, plan.rate_hz, y_channels)
@@ -130,11 +131,10 @@ class SimulatedRig:
         names = experiment.name, experiment.configuration, experiment.realisation, experiment.experiment
         timing, locations = (plan.rate_hz, plan.period_samples), (plan.inputs, self.outputs)
         quantities = tuple(logged_quantity(location) for location in self.outputs)
-        sliding = self.robot.sliding((*plan.inputs, *self.outputs))
-        sampled = (True,) * len(self.outputs)  # also accelerations, which are those of sampled motions
         return Record(
-            *names, *timing, *locations, quantities, u, y, r, notes=notes, hold="zero-order", sliding=sliding,
-            sampled=sampled
+            *names, *timing, *locations, quantities, u, y, r, notes=notes, hold="zero-order",
+            sliding=self.robot.sliding((*plan.inputs, *self.outputs)),
+            sampled=(True,) * len(self.outputs),  # also accelerations, which are those of sampled motions
         )  # fmt: skip
 
     def rehearse(self, experiment: Experiment, factor: float = 1.0) -> Rehearsal:
@@ -145,24 +145,22 @@ class SimulatedRig:
         run = self._prepare(experiment)
         trajectory = self._trajectory(run, factor, self.plan.run_samples)
         position, plan = trajectory.q @ run.plant.model.B, self.plan
-        rows = references(plan, self.simulated.carrier, experiment, factor)
-        return Rehearsal(experiment, plan.rate_hz, plan.first_sample, position, trajectory.u, rows)
+        return Rehearsal(
+            experiment, plan.rate_hz, plan.first_sample, position, trajectory.u,
+            references(plan, self.simulated.carrier, experiment, factor),
+        )  # fmt: skip
 
     def with_gains(self, position: float, velocity: float) -> "SimulatedRig":
         """Return rig whose controller has K_p times `position` and K_v times `velocity`."""
-        simulated = replace(self.simulated, controller=self.simulated.controller.scaled(position, velocity))
-        return replace(self, spec=replace(self.spec, simulated=simulated))
+        controller = self.simulated.controller.scaled(position, velocity)
+        return replace(self, spec=replace(self.spec, simulated=replace(self.simulated, controller=controller)))
 
     def _prepare(self, experiment: Experiment) -> _Run:
-        plan, spec, configuration = self.plan, self.simulated, experiment.configuration
-        samples, highest_hz = len(plan.experiments) * plan.run_samples, float(plan.freq_hz[-1])
-        plant = true_plant(self.robot, spec, plan.rate_hz, configuration, highest_hz, samples)
-        path = reference(plan, spec.carrier, feed_forward_of(plant.model), configuration)
-        gains = feedback_of(gains_of(plant.model, plant.point.q, spec.controller), plan.inject)
-        q = [c.name for c in plan.configurations].index(configuration.name)
+        plan = self.plan
+        q = [c.name for c in plan.configurations].index(experiment.configuration.name)
         seed = (self.seed, q, experiment.realisation, experiment.experiment)
-        noise = draw_noise(spec.noise, plan.run_samples, plan.rate_hz, len(plan.inputs), self.outputs, seed)
-        return _Run(experiment, plant, path, gains, noise)
+        noise = draw_noise(self.simulated.noise, plan.run_samples, plan.rate_hz, len(plan.inputs), self.outputs, seed)
+        return _Run(experiment, *_in_configuration(self, q), noise)
 
     def _commands(self, run: _Run, factor: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return position, velocity and torque (n, n_u) that enter the loop, the multisine times `factor`.
@@ -196,6 +194,17 @@ class SimulatedRig:
                 "experiment.simulated.controller.gains (`elastid loops` designs others from a run without)",
                 experiment.name,
             ) from None
+
+
+@lru_cache(maxsize=1)
+def _in_configuration(rig: SimulatedRig, q: int) -> tuple[Plant, Reference, JointLoop]:
+    """Return plant, reference and gains of all runs of the q-th configuration."""
+    plan, spec, configuration = rig.plan, rig.simulated, rig.plan.configurations[q]
+    plant = true_plant(
+        rig.robot, spec, plan.rate_hz, configuration, float(plan.freq_hz[-1]), len(plan.experiments) * plan.run_samples
+    )
+    gains = feedback_of(gains_of(plant.model, plant.point.q, spec.controller), plan.inject)
+    return plant, reference(plan, spec.carrier, feed_forward_of(plant.model), configuration), gains
 
 
 def _too_fast(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: float) -> Iterator[Note]:
