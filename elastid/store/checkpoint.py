@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator, MutableMapping
+from contextlib import suppress
 from pathlib import Path
 from pkgutil import resolve_name
 from typing import Any
@@ -32,14 +33,12 @@ class Checkpoint(MutableMapping[str, Any]):
         self.folder, self.key = folder, key
 
     def __getitem__(self, name: str) -> Any:
-        try:
+        with suppress(Exception):  # NumPy raises various errors for damaged archives
             with self._path(name).open("rb") as archive, np.load(archive) as file:
                 arrays = {entry: file[entry] for entry in file.files}
             part = json.loads(arrays["part"].item(), object_hook=lambda entry: arrays.get(entry.get("array"), entry))
             if part["key"] == self.key:
                 return from_json(part["value"], resolve_name(_TYPES[part["type"]]))
-        except Exception:  # NumPy raises various errors for damaged archives
-            pass
         raise KeyError(name)
 
     def __setitem__(self, name: str, value: Any) -> None:

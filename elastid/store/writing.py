@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -217,7 +216,7 @@ def write_artefact(
     kind: str,
     stamp: Stamp,
     parts: Mapping[str, tuple[Any, Any]],
-    entries: Mapping[str, str] = MappingProxyType({}),
+    entries: Mapping[str, str] = {},
 ) -> None:
     """Write a file from named parts (value, annotation); entries: attribute that names each value of a tuple."""
     with create_artefact(path, kind, stamp) as file:
@@ -225,9 +224,7 @@ def write_artefact(
             write_value(file, name, value, annotation, Label(entry=entries.get(name, "")))
 
 
-def writer(
-    kind: str, entries: Mapping[str, str] = MappingProxyType({}), **parts: tuple[Any, Any]
-) -> Callable[..., None]:
+def writer(kind: str, entries: Mapping[str, str] = {}, **parts: tuple[Any, Any]) -> Callable[..., None]:
     """Return the function (path, value, stamp, *others) that writes a file of a kind; an existing file is replaced.
 
     parts: annotation (None: type of the value) and default value of each part by name, the first part for `value`.
@@ -236,8 +233,10 @@ def writer(
 
     def write(path: Path | str, value: Any, stamp: Stamp = NO_STAMP, *others: Any, **named: Any) -> None:
         values = dict(zip(parts, (value, *others), strict=False)) | named
-        content = {name: (values.get(name, default), annotation) for name, (annotation, default) in parts.items()}
-        content = {n: (tuple(part) if isinstance(part, list) else part, type_) for n, (part, type_) in content.items()}
+        content = {
+            name: (tuple(part) if isinstance(part := values.get(name, default), list) else part, annotation)
+            for name, (annotation, default) in parts.items()
+        }
         write_artefact(path, kind, stamp, content, entries)
 
     return write

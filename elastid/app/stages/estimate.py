@@ -58,14 +58,9 @@ def import_responses(study: Study, work: Work) -> Artefacts:
 
 
 def estimate_configuration(
-    path: Path,
-    spec: EstimatorSpec,
-    lines: IntArray | None,
-    friction: CompensatedFriction | None,
-    robot: Robot | None,
-    configuration: tuple[str, ConfigurationSpectra | None],
-    recorded: RecordedSpec | None = None,
-) -> tuple[Response, set[Note]]:
+    path: Path, spec: EstimatorSpec, lines: IntArray | None, friction: CompensatedFriction | None, robot: Robot | None,
+    configuration: tuple[str, ConfigurationSpectra | None], recorded: RecordedSpec | None = None,
+) -> tuple[Response, set[Note]]:  # fmt: skip
     """Estimate the response of one configuration; return it with the notes of its records.
 
     friction: compensated in the torque before the estimation.  robot: with the gears of the motors, or None.

@@ -145,10 +145,8 @@ class SimulatedRig:
         run = self._prepare(experiment)
         trajectory = self._trajectory(run, factor, self.plan.run_samples)
         position, plan = trajectory.q @ run.plant.model.B, self.plan
-        return Rehearsal(
-            experiment, plan.rate_hz, plan.first_sample, position, trajectory.u,
-            references(plan, self.simulated.carrier, experiment, factor),
-        )  # fmt: skip
+        rows = references(plan, self.simulated.carrier, experiment, factor)
+        return Rehearsal(experiment, plan.rate_hz, plan.first_sample, position, trajectory.u, rows)
 
     def with_gains(self, position: float, velocity: float) -> "SimulatedRig":
         """Return rig whose controller has K_p times `position` and K_v times `velocity`."""
