@@ -28,7 +28,7 @@ def mixed_numbers(robot: Robot, is_simulated: bool, friction: CompensatedFrictio
         mixed |= {f"f_{joint.name}" for joint in robot.joints if joint.friction is not None}
     for name in _compensated_joints(friction):
         mixed -= {f"fm_{name}", f"f_{name}"} if name in rigid else {f"fm_{name}"}
-    pairs = ({f"f_{name}", f"fm_{name}"} for name in rigid)
+    pairs = ({f"f_{name}", f"fm_{name}"} for name in rigid)  # only the sum is identifiable
     return frozenset(mixed.union(*(pair for pair in pairs if pair & mixed)))
 
 

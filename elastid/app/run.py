@@ -294,8 +294,8 @@ def run_all(run: Run, names: Sequence[str] = ()) -> None:
     for name in names:
         run.require_stage(name)
     stages = {name: stage for name, stage in run.stages.items() if name in names or not names}
-    for name in [*stages][: len(names) and 1]:
-        run.require(name)
+    if names:
+        run.require(next(iter(stages)))
     modules = [stage.module for name, stage in stages.items() if names or not run.is_current(name)]
     if run.jobs > 1 and modules:
         load_for_workers(modules)

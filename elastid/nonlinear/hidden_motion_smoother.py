@@ -3,7 +3,9 @@ r"""Smoother of the unmeasured motion behind the gears, from measured torques an
 .. math:: \hat q = q_0 + H W (C H)^H [C H W (C H)^H + \sigma^2]^{-1} (y - C q_0), \qquad
           q_0 = H (B u - \sum_i f_i P_i \Phi_i(\hat q))
 
-W: covariance of the unexplained torque at motors and links, from the residuals; sigma^2: noise variance of the angles.
+H (n, n): response of the coordinates to forces.  B, C: torques to forces, coordinates to measured angles.  u, y:
+measured torques and angles.  f_i, P_i, Phi_i: magnitude, direction and basis function of effect i.  W: covariance of
+the unexplained torque at motors and links, from the residuals.  sigma^2: noise variance of the angles.
 Implicit effects depend on the motion itself. Their deflections of gears and velocities of motors and links x(t) over a
 period solve x + A f Phi(x) = x_0, with A the response of the estimate to forces. Newton's method solves this equation,
 each step by GMRES with two FFTs per product. (Alternating frequency and time for a linear structure with few nonlinear
@@ -188,7 +190,7 @@ class _ImplicitMotion:
             if place == "gear":
                 x_0[i] += static[j] + self._transmission_error(base, j, m)
         starts = dict(zip(previous.signals, previous.unknowns[m], strict=bool(previous.signals)))
-        start = np.array(list(starmap(starts.get, zip(self.signals, x_0, strict=True))))
+        start = np.array([starts.get(signal, x) for signal, x in zip(self.signals, x_0, strict=True)])
         x, force = newton(partial(self._law, m), self.linear, x_0, start, self.tolerance)
         return base - (self.force_response @ (rows.T @ lines.amplitudes(force).T[:, :, None]))[:, :, 0], x, force
 

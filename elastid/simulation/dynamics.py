@@ -32,7 +32,7 @@ from elastid.model.loop_closure import Partition, motions, partition
 
 @frozen_value(eq=False)
 class Contacts:
-    """Laws with their places: contact j slides at (P^T v)_j.  P (n_q, n_f).  curves (9 n_f,): see `law.CURVE`."""
+    """Laws with their places: contact j slides at (P^T v)_j.  P (n_q, n_f).  curves (9 n_f,): see `static.CURVE`."""
 
     laws: tuple[PlacedLaw, ...]
     P: FloatArray
@@ -93,7 +93,7 @@ Symbol = TypeVar("Symbol", ca.SX, ca.MX)
 
 # |h lambda| of a step; classical ones are stable to 2.785 on the negative real axis and 2.828 on the imaginary one.
 MAX_STEP_RATE = 2.5
-# Of a robot that is simulated along its log: each is unrolled in the equations, which take seconds to build beyond.
+# Simulations along a log unroll all substeps of a sample in one expression: more take seconds to build.
 MAX_SUBSTEPS = 80
 
 
@@ -191,10 +191,10 @@ def least_steps(poles: ComplexArray, duration: float) -> int:
 
 
 def poles(model: ElasticModel, contacts: Contacts, q: FloatArray) -> tuple[ComplexArray, str]:
-    """Compute poles (2 n,) in 1/s at rest in q (n_q,), n free coordinates; friction is linear about zero velocity.
+    """Compute the poles (2 n,) in 1/s at rest in q (n_q,), and the coordinate that moves most at the fastest pole.
 
-    And the coordinate that moves most at the fastest.
-    Gears with backlash count with the stiffness of their flanks.
+    n: number of free coordinates.  Friction is linear about zero velocity, and gears with backlash have the stiffness
+    of their flanks.
     """
     M, D = model.mass(q, model.theta).full(), model.damping(q, model.theta).full()
     K = model.stiffness(q, np.zeros(model.n_c), on_the_flanks(model.parameters, model.theta)).full()

@@ -97,7 +97,7 @@ class PostureFamily:
             )
             models.append(FittedModel(replace(linear, chain=chain, channel_numbers=(), hold=None), estimated))
             q = equilibrium(family.model, family.theta, posture).q
-            inertia.append(tune(family.model, q, 1 / (2 * np.pi), 1.0).kp)
+            inertia.append(tune(family.model, q, 1 / (2 * np.pi), 1.0).kp)  # k_p = J omega^2 at 1 rad/s
         return cls(family, tuple(models), np.array(inertia), rate_hz)
 
     @property

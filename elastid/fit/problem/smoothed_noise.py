@@ -22,9 +22,9 @@ the model are estimated from the neighbouring lines:
 
 .. math:: \tilde C_k = c\, l_k\, L_k [\rho + (1 - \rho) \bar X_k] L_k^H
 
-l: geometric mean of tr(X) / n over w lines.  Xbar: mean of X / (tr(X) / n) over these lines.  rho: the value of
+l: geometric mean of tr(X) / n over m lines.  Xbar: mean of X / (tr(X) / n) over these lines.  rho: the value of
 `SHRINKAGES` with the largest cross-validated likelihood, the sum over lines of -ln det C~ - tr(C~^-1 S) with C~
-computed without the line's own S.  c: makes the weights unbiased, E[tr(C~^-1 C)] = n, for noise that is smooth over w
+computed without the line's own S.  c: makes the weights unbiased, E[tr(C~^-1 C)] = n, for noise that is smooth over m
 lines.  A line with significantly more noise than its neighbours keeps its own power.
 """
 
@@ -113,7 +113,7 @@ def _fit_noise_powers(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseSh
     floor = MIN_VARIANCE_FRACTION * np.eye(n_y)
     a = 1 / np.maximum(shapes.output.mean(axis=1), 1e-300) / (2 * len(shapes.output))
     b = quotient(F * n_y / (2 * n_u * len(shapes.torque)), np.einsum("qf,fij->qj", shapes.torque, np.abs(g) ** 2))
-    for _ in range(30):
+    for _ in range(30):  # not to convergence: errors of the model are estimated from the neighbouring lines
         W = inverse(_sum(a, b, shapes, g) + floor)
         WS = W @ S
         w = np.minimum(1.0, n_y / np.maximum(np.einsum("faa->f", WS).real, 1e-300))
