@@ -260,7 +260,7 @@ def predict(
 @click.option("--cutting", type=float, default=700e6, show_default=True, metavar="N/M^2", help="Cutting coefficient.")
 @click.option("--normal", type=float, nargs=3, metavar="X Y Z", help="Normal of the cut (default: worst case).")
 @click.option("--cutting-force", "force", type=float, nargs=3, metavar="X Y Z",
-    help="Direction of the cutting force (default: --normal).")  # fmt: skip
+    help="Force direction (default: --normal).")  # fmt: skip
 @stage_options
 def map_command(study: Path, **options: Any) -> None:
     """Map stiffness and modes of the fitted robot over its workspace: map.html, map.csv and map.h5.
@@ -433,8 +433,7 @@ def report_error(error: Exception, arguments: Sequence[str] = ()) -> int:
             answers = [f"{word} is {new_code(word)}\n" for word in arguments if new_code(word)]
             click.echo(printable("".join([text.getvalue(), *answers])), err=True, nl=False)
             return error.exit_code
-        # A shared library that finds no memory raises ImportError.
-        case MemoryError() | ImportError() if not isinstance(error, ModuleNotFoundError):
+        case MemoryError() | ImportError() if not isinstance(error, ModuleNotFoundError):  # of a shared library
             cause = f"the memory of the process is exhausted ({str(error) or type(error).__name__})"
             return report_error(
                 StudyError("run/memory", f"{cause}. Shorten the records, lower --jobs, or raise the limit (ulimit -v)")

@@ -193,8 +193,7 @@ def least_steps(poles: ComplexArray, duration: float) -> int:
 def poles(model: ElasticModel, contacts: Contacts, q: FloatArray) -> tuple[ComplexArray, str]:
     """Compute the poles (2 n,) in 1/s at rest in q (n_q,), and the coordinate that moves most at the fastest pole.
 
-    n: number of free coordinates.  Friction is linear about zero velocity, and gears with backlash have the stiffness
-    of their flanks.
+    Friction is linear about zero velocity; gears with backlash have their flanks' stiffness.  n: free coordinates.
     """
     M, D = model.mass(q, model.theta).full(), model.damping(q, model.theta).full()
     K = model.stiffness(q, np.zeros(model.n_c), on_the_flanks(model.parameters, model.theta)).full()

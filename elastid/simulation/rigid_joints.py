@@ -47,8 +47,7 @@ PARAMETERS = (
 )  # fmt: skip
 # Limits: phase of the fastest mode in a step; steps in a sample; frequency of the bristles over the control loop's.
 STEP_RAD, MAX_STEPS, MAX_BRISTLE_RATIO = 0.05, 64, 4.0
-# Steps in one call of the compiled function.
-BLOCK_STEPS = 2000
+BLOCK_STEPS = 2000  # in one call of the compiled function
 
 
 @frozen_value

@@ -22,9 +22,7 @@ from elastid.fit.diagnosis.score_test import Candidate, FixedNumber, ScoreTest
 from elastid.robot.body import TENSOR_LETTERS
 
 MASS_KG, DISTANCE_M = 5.0, 0.3  # typical mass of a payload and distance from the body's centre of mass
-
 MIN_MASS_FRACTION = 1e-3  # of the body's mass, below which a payload is not considered
-
 MIN_CHANGE, MAX_DISTANCE_M = -0.9, 3.0  # bounds of the mass relative to the body's, and of a coordinate
 STARTS = DISTANCE_M * np.vstack([np.eye(3), [-1.0, 0.0, 0.0]])
 
@@ -63,8 +61,9 @@ def find_load(test: ScoreTest, candidate: Candidate, variance: float, min_drop: 
     mu, rho, J = _search(L @ A, target, priors, MIN_CHANGE * mass)
     if abs(mu) < MIN_MASS_FRACTION * mass:
         return None
-    change, steps = mu * A @ _moments(rho), load_steps(numbers, np.array([mu, *rho]))
-    return Load(mu, rho, steps, max(float(-change @ (2 * g + S @ change)), 0.0), J.T @ J)
+    change = mu * A @ _moments(rho)
+    drop = max(float(-change @ (2 * g + S @ change)), 0.0)
+    return Load(mu, rho, load_steps(numbers, np.append(mu, rho)), drop, J.T @ J)
 
 
 def _search(
@@ -94,8 +93,8 @@ def _search(
         return np.vstack([mu * da + np.outer(a, slope), priors[0] * slope, np.diag(priors[1:])])
 
     limits = -MAX_DISTANCE_M, MAX_DISTANCE_M
-    ends = [least_squares(residual, rho, jacobian, limits, x_scale=0.1, ftol=1e-6) for rho in STARTS]
-    rho = min(ends, key=lambda end: float(end.cost)).x
+    ends = (least_squares(residual, rho, jacobian, limits, x_scale=0.1, ftol=1e-6) for rho in STARTS)
+    rho = min(ends, key=lambda end: end.cost).x
     mu, _, a, da = project(rho)
     return mu, rho, np.column_stack([a, mu * da])
 
