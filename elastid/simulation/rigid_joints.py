@@ -86,7 +86,8 @@ class CommandedJoints:
         """
         (n, S), K = self.command.shape, len(delay_s)
         theta = np.broadcast_to(theta, (K, S, len(PARAMETERS)))
-        advance, block = self._advance(theta, steps), max(1, BLOCK_STEPS // steps)
+        block = max(1, BLOCK_STEPS // steps)
+        advance = self._advance(theta, steps, block)
         delays, candidates = np.unique(delay_s, return_inverse=True)
         sums = np.zeros((n // window, K, S))
         state = np.broadcast_to(np.stack([self.position, self.velocity])[:, None], (2, K, S))
@@ -117,26 +118,24 @@ class CommandedJoints:
         rows += [F_c, excess, np.maximum(nu_s, 1e-12), s, T, T / a]
         return np.stack(rows).reshape(len(rows), -1)
 
-    def _advance(self, theta: FloatArray, steps: int) -> Callable[..., tuple[FloatArray, FloatArray]]:
-        """Return the function that advances the state (3, K, S) by a block of torques (N, D, S), candidates (K,).
+    def _advance(self, theta: FloatArray, steps: int, block: int) -> Callable[..., tuple[FloatArray, FloatArray]]:
+        """Return the function that advances the state (3, K, S) by a block of samples under torques (N, D, S).
 
-        It returns the positions (samples, K, S) at the start of each sample, and the last state. candidates: index of
-        the delay D of each candidate.
+        It returns the positions (block, K, S) at the start of each sample, and the last state. N: number of steps in
+        the block. D: number of delays.  Its last argument (K,) is the index of the delay of each candidate.
         """
         h = 1 / self.rate_hz / steps
         rows = self._coefficients(theta, h)
-        step = None if is_compiled() else _step_function(rows, h)
+        by_casadi = None if is_compiled() else _step_function(rows, h).mapaccum(block * steps)
 
         def advance(state: FloatArray, torque: FloatArray, candidates: IntArray) -> tuple[FloatArray, FloatArray]:
-            positions = np.empty((len(torque) // steps, *state.shape[1:]))
-            if step is None:
-                state = state.copy()
+            if by_casadi is None:
+                positions, state = np.empty((block, *state.shape[1:])), state.copy()
                 columns = candidates[:, None] * torque.shape[2] + np.arange(torque.shape[2])
-                sizes = columns.size, len(positions), steps, torque[0].size
+                sizes = columns.size, block, steps, torque[0].size
                 call("rigid_joints", *sizes, np.array([h]), rows, columns, torque, state, positions)
                 return positions, state
-            blocks = step.mapaccum(len(torque))
-            (states,) = evaluated(blocks, (state, torque[:, candidates]), [(len(torque), *state.shape)])
+            (states,) = evaluated(by_casadi, (state, torque[:, candidates]), [(len(torque), *state.shape)])
             return np.concatenate([state[None, 0], states[steps - 1 : -1 : steps, 0]]), states[-1]
 
         return advance
