@@ -120,9 +120,9 @@ class Assembly:
     def _dependent(self) -> set[str]:
         return {name for G in self.responses for name in self.parameters.dependent_names(G.configuration.name)}
 
-    def at(self, x: FloatArray, criterion: ResidualKind) -> ElasticFit:
-        """Return the fit with every configuration linearised at x (n_x,)."""
-        residuals = partial(_frf_residuals, self.linearisation, self.parameters, x, criterion)
+    def at(self, x: FloatArray, criterion: ResidualKind | None = None) -> ElasticFit:
+        """Return the fit with every configuration linearised at x (n_x,).  criterion: by default the study's."""
+        residuals = partial(_frf_residuals, self.linearisation, self.parameters, x, criterion or self.spec.criterion)
         pairs = list(zip(self.responses, self.weights, strict=True))
         inertias = free_inertias(self.parameters, self.linearisation.model.robot)
         frfs = tuple(map_chunks(residuals, pairs, self.home))
@@ -175,7 +175,7 @@ class Assembly:
         """Return the assembly with the weights of the robust loss at x (n_x,)."""
         if self.spec.weights.loss == "square":
             return self
-        factors = robust_factors(self.at(x, self.spec.criterion), self.weights, x)
+        factors = robust_factors(self.at(x), self.weights, x)
         weights = (replace(w, factor=w.factor * factor) for w, factor in zip(self.weights, factors, strict=True))
         return replace(self, weights=tuple(weights))
 

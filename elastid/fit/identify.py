@@ -166,7 +166,7 @@ def _search(
     home = chunk_execution(responses, execution)
     weights = tuple(map_chunks(partial(weigh, spec=search_spec), responses, home))
     assembly = Assembly.of(responses, robot, search_spec, parameters, model, loads, weights, home)
-    fit = assembly.at(parameters.x, spec.criterion)
+    fit = assembly.at(parameters.x)
     if fit.n_residuals == 0:
         reason = "; ".join(map(str, notes_of(weights))) or "fit.band_hz and the factors of fit.weights leave no line"
         raise DataError("fit/not-identifiable", reason, "nothing is left to fit")
@@ -191,7 +191,7 @@ def _from_common_delay(assembly: Assembly, fit: ElasticFit, spec: FitSpec) -> tu
     delays = dict.fromkeys(of_torques, -T) or dict.fromkeys(unknown, T)
     of_all = (replace(p, value=float(np.clip(delays.get(p.name, p.value), p.lower, p.upper))) for p in fit.parameters)
     assembly = replace(assembly, parameters=Parameters(tuple(of_all)))
-    return assembly, assembly.at(assembly.parameters.x, spec.criterion)
+    return assembly, assembly.at(assembly.parameters.x)
 
 
 def check_responses(responses: Sequence[Response], robot: Robot) -> None:
@@ -334,7 +334,7 @@ def _refine_start(assembly: Assembly, begin: LocalOptimum) -> tuple[LocalOptimum
     """
     end = begin
     for tolerance in (NEAR, FINE):
-        fit = assembly.at(end.x, assembly.spec.criterion)
+        fit = assembly.at(end.x)
         end = solve(fit.problem, end.x, tolerance, method=assembly.spec.solver)
     return replace(end, x_start=begin.x_start, iterations=begin.iterations + end.iterations), fit.problem.dof
 
@@ -381,7 +381,7 @@ def _with_agreements(estimate: _Estimate, assembly: Assembly, spec: FitSpec, end
     def refit(assembly_: Assembly, is_global: bool = False) -> _Estimate:
         if not is_global:
             return _with_model_error(assembly_, spec, ((begin, *starts[1:]), n_converged), Execution())
-        ends = _from_all_starts(assembly_, assembly_.at(begin.x, spec.criterion), spec, Execution())
+        ends = _from_all_starts(assembly_, assembly_.at(begin.x), spec, Execution())
         return _with_model_error(assembly_, spec, ends, Execution())
 
     def compare(motors: Result) -> tuple[StaticAgreement | None, ToolAgreement | None]:

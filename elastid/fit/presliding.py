@@ -211,7 +211,7 @@ def _with_all(state: _State, joints: Sequence[str]) -> _State:
 
 def _on_line_subset(assembly: Assembly, x: FloatArray) -> tuple[ElasticFit, float]:
     """Return the fit linearised at x (n_x,) on some lines, and their fraction of all residuals."""
-    whole = assembly.at(x, assembly.spec.criterion)
+    whole = assembly.at(x)
     fit = replace(whole, frfs=tuple(map_chunks(line_subset(whole, RESIDUALS), whole.frfs, assembly.home)), home=SERIAL)
     return fit, fit.n_residuals / max(whole.n_residuals, 1)
 
@@ -305,9 +305,7 @@ def without_presliding(result: Result, assembly: Assembly, previous: Result) -> 
     presliding = tuple(_presliding(result, spring, assembly) for spring in springs)
     parameters = Parameters(tuple(p for p in result.parameters if p.name not in names))
     robot = replace(assembly.linearisation, presliding=())
-    frfs = (
-        replace(assembly, parameters=parameters, linearisation=robot).at(rows(result.x), assembly.spec.criterion).frfs
-    )
+    frfs = replace(assembly, parameters=parameters, linearisation=robot).at(rows(result.x)).frfs
     of_x = ("x", "at_bound", "profile95", "bootstrap95", "information_band_hz", "averaging_fraction")
     fields: dict[str, Any] = {name: rows(getattr(result, name)) for name in (*of_x, "persistent_fraction")}
     without = replace(

@@ -242,14 +242,9 @@ def _choose(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tuple[Me
 
 
 def _with_covariances(
-    response: Response,
-    data: MeanSpectra,
-    fitted: Estimate,
-    error: tuple[ComplexArray, float] | None,
-    detection: DetectionLines | None,
-    lines: IntArray,
-    spectra: Sequence[Sequence[RecordSpectra]],
-) -> Response:
+    response: Response, data: MeanSpectra, fitted: Estimate, error: tuple[ComplexArray, float] | None,
+    detection: DetectionLines | None, lines: IntArray, spectra: Sequence[Sequence[RecordSpectra]],
+) -> Response:  # fmt: skip
     C_V = equation_error(data, fitted.G)
     noise = noise_covariance(data, fitted, C_V)
     noise_cov = C_V * np.mean(1 / data.periods)
@@ -323,13 +318,9 @@ def _amplitudes(record: Record, signals: FloatArray, columns: list[int], K: int)
 
 
 def _feedback(
-    records: Sequence[Record],
-    motors: tuple[str, ...],
-    q: ComplexArray,
-    s: ComplexArray,
-    excited_rows: IntArray,
+    records: Sequence[Record], motors: tuple[str, ...], q: ComplexArray, s: ComplexArray, excited_rows: IntArray,
     moving: BoolArray,
-) -> FloatArray | None:
+) -> FloatArray | None:  # fmt: skip
     """Return (3, n_m, n_m) from motor angles q (E, K, n_m) at s (K,); None if the angles do not explain the torques."""
     order = [records[0].inputs.index(motor) for motor in motors]
     drive = np.stack([_amplitudes(record, record.u, order, len(s) + 1)[1:] for record in records])

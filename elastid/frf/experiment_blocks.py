@@ -210,12 +210,9 @@ class MeanSpectra:
 
 
 def gather_spectra(
-    realisations: Sequence[Sequence[RecordSpectra]],
-    lines: IntArray,
-    is_excited: BoolArray,
-    spec: EstimatorSpec,
+    realisations: Sequence[Sequence[RecordSpectra]], lines: IntArray, is_excited: BoolArray, spec: EstimatorSpec,
     with_reference: bool,
-) -> MeanSpectra:
+) -> MeanSpectra:  # fmt: skip
     """Return the mean spectra at DFT lines (F,), computed record by record.
 
     is_excited (F,): lines for the selection of periods.  with_reference: include the spectra of r.
@@ -249,13 +246,9 @@ def gather_spectra(
 
 
 def _mean(
-    spectra: RecordSpectra,
-    lines: IntArray,
-    is_excited: BoolArray,
-    spec: EstimatorSpec,
-    sums: FullSum | PackedSum,
+    spectra: RecordSpectra, lines: IntArray, is_excited: BoolArray, spec: EstimatorSpec, sums: FullSum | PackedSum,
     mean: ComplexArray,
-) -> tuple[PeriodSpectra, ComplexArray, PeriodSpectra | None]:
+) -> tuple[PeriodSpectra, ComplexArray, PeriodSpectra | None]:  # fmt: skip
     """Add the scatter of a record's usable periods to the sums.
 
     Return the usable periods, their mean Z (F, n) in the memory `mean`, and their spectra at all lines, None for a

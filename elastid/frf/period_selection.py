@@ -226,12 +226,9 @@ def _transient_periods(
 
 
 def _leading_periods(
-    spectra: PeriodSpectra,
-    compared: ComparedPeriods,
-    logs: Sequence[IntArray],
-    halves: Sequence[IntArray],
+    spectra: PeriodSpectra, compared: ComparedPeriods, logs: Sequence[IntArray], halves: Sequence[IntArray],
     later: IntArray,
-) -> tuple[BoolArray, tuple[Note, ...]]:
+) -> tuple[BoolArray, tuple[Note, ...]]:  # fmt: skip
     """Flag transient periods from their distances. halves: first half of each log. later: all other periods."""
     P = len(spectra.periods)
     none = np.zeros(P, dtype=np.bool_)

@@ -64,7 +64,7 @@ def test_torques_that_are_late_by_a_part_of_a_cycle(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_emps_in_free_run() -> None:
     """Published mass to 1 %; over 25 s without feedback the position stays within 6 mm rms of a stroke of 250 mm."""
-    script, log = runpy.run_path(str(OPEN / "identibench_emps.py")), loadmat(measured(EMPS))
+    script, log = runpy.run_path(str(OPEN / "../identibench/emps.py")), loadmat(measured(EMPS))
     u, y = log["vir"].ravel(), log["qm"].ravel()
     numbers = script["friction_study"](u, y)
     assert numbers[0] == pytest.approx(95.11, rel=0.01)

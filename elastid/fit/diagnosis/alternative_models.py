@@ -8,7 +8,7 @@ steps, so each alternative starts at its own values, with the tolerances about t
 import math
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple, TypeAlias
 
@@ -16,9 +16,9 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, values_by_name
 from elastid.base.errors import ElastidError
-from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, Scores, with_refit
+from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, Scores, index_of, with_refit
 from elastid.fit.diagnosis.limits import LIMITS
-from elastid.fit.diagnosis.refit import UNCHANGED, on_line_subset, refit
+from elastid.fit.diagnosis.refit import UNCHANGED, logarithmic, on_line_subset, refit, search
 from elastid.fit.diagnosis.unmodelled_payload import MIN_MASS_FRACTION, find_load, load_steps
 from elastid.fit.frf_problem import Assembly
 from elastid.fit.result_rows import ModificationIndex
@@ -35,21 +35,29 @@ class AlternativeModel(NamedTuple):
     assembly: Assembly
 
 
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Best optimum of an alternative from two starts: index, V of all lines, and V of the logarithmic criterion."""
+
+    index: ModificationIndex
+    cost: float
+    logarithmic_cost: float
+
+
 def find_alternatives(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     """Add the best alternative model, and a fitted load, to the indices if no cause explains the whole excess."""
     fraction = max((index.explained_fraction for index in indices), default=0.0)
     if fraction > LIMITS.complete_fraction and not any(index.group == SCALE for index in indices):
         return indices
-    trials = sorted(
-        (_judged(alternative, evidence, scores) for alternative in _alternatives(evidence)), key=lambda trial: trial[1]
-    )
     # An alternative must be better than the stated robot from the same starts.
-    as_stated = min(_judged(AlternativeModel("", "", evidence.assembly), evidence, scores)[1], scores.cost)
-    first, costs = trials[0]
+    stated = _search(AlternativeModel("", "", evidence.assembly), evidence, scores)
+    limit, as_stated = LIMITS.predicted_ratio * stated.logarithmic_cost, min(stated.cost, scores.cost)
+    searches = (_search(alternative, evidence, scores, limit) for alternative in _alternatives(evidence))
+    first, *others = sorted(searches, key=lambda trial: trial.cost)
     alternatives = []
-    if as_stated - costs > LIMITS.majority_fraction * (as_stated - scores.noise):
-        equal = tuple(index.name for index, V in trials[1:] if costs > LIMITS.equal_drop * V)
-        alternatives.append(replace(first, alike=equal))
+    if as_stated - first.cost > LIMITS.majority_fraction * (as_stated - scores.noise):
+        equal = tuple(other.index.name for other in others if first.cost > LIMITS.equal_drop * other.cost)
+        alternatives.append(replace(first.index, alike=equal))
     if max(fraction, *(index.explained_fraction for index in alternatives), 0.0) <= LIMITS.complete_fraction:
         alternatives += [
             index for index in _with_load(evidence, scores) if index.explained_fraction > LIMITS.majority_fraction
@@ -59,19 +67,25 @@ def find_alternatives(indices: list[ModificationIndex], evidence: Evidence, scor
     return [*(index for index in indices if index.name not in better), *better.values()]
 
 
-def _judged(alternative: AlternativeModel, evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, float]:
-    """Return the modification index of an alternative, and V of all lines at its best optimum of a short search."""
-    cost, x, parameters = math.inf, alternative.assembly.parameters.x, alternative.assembly.parameters
-    is_of_interest = np.array([not p.is_nuisance for p in parameters.free])
-    for start in (parameters.x, np.where(is_of_interest, evidence.optimum.end.x, parameters.x)):
+def _search(alternative: AlternativeModel, evidence: Evidence, scores: Scores, limit: float = math.inf) -> Trial:
+    """Search from the alternative's start and from the optimum.
+
+    limit: V of the logarithmic criterion after half a search, above which the alternative cannot explain the residuals.
+    """
+    cost, logarithmic_cost = math.inf, math.inf
+    assembly, x = alternative.assembly, alternative.assembly.parameters.x
+    is_of_interest = np.array([not p.is_nuisance for p in assembly.parameters.free])
+    for start in (x, np.where(is_of_interest, evidence.optimum.end.x, x)):
         with suppress(ElastidError, np.linalg.LinAlgError):  # no equilibrium, or V has no derivative
-            fit = on_line_subset(
-                alternative.assembly.at(start, alternative.assembly.spec.criterion), LIMITS.n_refit_residuals
-            )
-            V, end = refit(UNCHANGED, fit, start)
-            V *= evidence.optimum.fit.n_residuals / max(fit.n_residuals, 1)
-            cost, x = min((cost, x), (V, end), key=lambda point: point[0])
-    return with_refit(ModificationIndex(alternative.name, alternative.family), cost, x, evidence, scores), cost
+            fit = on_line_subset(assembly.at(start), LIMITS.n_refit_residuals)
+            V, near = search(UNCHANGED, logarithmic(fit), start, iterations=LIMITS.iterations // 2)
+            logarithmic_cost = min(logarithmic_cost, V)
+            if limit >= V:
+                V, end = search(UNCHANGED, fit, near)
+                V *= evidence.optimum.fit.n_residuals / max(fit.n_residuals, 1)
+                cost, x = min((cost, x), (V, end), key=lambda point: point[0])
+    index = ModificationIndex(alternative.name, alternative.family)
+    return Trial(with_refit(index, cost, x, evidence, scores), cost, logarithmic_cost)
 
 
 def _alternatives(evidence: Evidence) -> Iterator[AlternativeModel]:
@@ -92,15 +106,14 @@ def _with_robot(base: Assembly, robot: Robot, parameters: Parameters) -> Assembl
 def _angles(evidence: Evidence) -> Iterator[AlternativeModel]:
     assembly = evidence.assembly
     driven = assembly.linearisation.model.robot.driven
-    turns, n = np.array([not joint.slides for joint in driven]), len(driven)
-    degree = math.radians(1)
+    turns, n, degree = np.array([not joint.slides for joint in driven]), len(driven), math.radians(1)
     changes = {
         "angles of all configurations in degrees, read as radians": np.diag(np.where(turns, degree, 1.0)),
         "angles of all configurations in radians, read as degrees": np.diag(np.where(turns, 1 / degree, 1.0)),
     }
     for i, joint in enumerate(driven):
         phrase = f"angle of axis {joint.name} counted in the other direction in all configurations"
-        changes[phrase] = np.diag([-1.0 if j == i else 1.0 for j in range(n)])
+        changes[phrase] = np.diag(1.0 - 2 * (np.arange(n) == i))
     for i, (first, second) in enumerate(pairwise(driven)):
         order = [*range(i), i + 1, i, *range(i + 2, n)]
         changes[f"angles of axes {first.name} and {second.name} exchanged in all configurations"] = np.eye(n)[order]
@@ -178,24 +191,22 @@ def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     The load shifts resonances by more than their width, so that its linear step is only a start value.
     """
     bodies = (c for c in scores.candidates if c.family == "payload" and c.directions.shape[1] > 1)
-    estimates = {c.name.removeprefix("payload_"): find_load(scores.test, c, scores.variance_ratio, 0.0) for c in bodies}
-    loads = {name: load for name, load in estimates.items() if load is not None}
-    body = max(loads, key=lambda name: loads[name].drop, default="")
-    if evidence.assembly.linearisation.model.robot.payload is not None or not body or not loads[body].mass > 0:
+    loads = ((find_load(scores.test, c, scores.variance_ratio, 0.0), c) for c in bodies)
+    pairs = [(load, c) for load, c in loads if load is not None]
+    if evidence.assembly.linearisation.model.robot.payload is not None or not pairs:
         return []
-    mass, centre = loads[body].mass, _centre(scores, body) + loads[body].position
-    loaded = _carrying(evidence, body, mass, centre)
+    load, candidate = max(pairs, key=lambda pair: pair[0].drop)
+    if not load.mass > 0:
+        return []
+    body = candidate.name.removeprefix("payload_")
+    centre = _centre(scores, body)
+    loaded = _carrying(evidence, body, load.mass, centre + load.position)
     if loaded is None or not loaded[0] < scores.cost:
         return []
     cost, p, x = loaded
-    candidate = next(c for c in scores.candidates if c.name == f"payload_{body}")
-    members = [scores.test.numbers[i] for i in candidate.indices]
-    p[1:] -= _centre(scores, body)
-    index = ModificationIndex(
-        candidate.name, "payload", tuple(n.name for n in members), np.array([n.value for n in members]),
-        tuple(n.unit for n in members), tuple(n.log for n in members), load_steps(members, p),
-    )  # fmt: skip
-    return [with_refit(index, cost, x, evidence, scores)]
+    p[1:] -= centre
+    steps = load_steps([scores.test.numbers[i] for i in candidate.indices], p)
+    return [with_refit(index_of(candidate, scores.test.numbers, steps), cost, x, evidence, scores)]
 
 
 def _centre(scores: Scores, body: str) -> FloatArray:
@@ -211,12 +222,9 @@ def _carrying(
     study = evidence.assembly
     inertia, names = mass * LIMITS.load_radius**2, tuple(f"c_payload_{axis}" for axis in "xyz")
     robot = replace(study.linearisation.model.robot, payload=Payload(mass, tuple(centre.tolist()), inertia, body))
-    numbers = (
-        Parameter("m_payload", mass, "kg", log=True, prior=Prior(mass, LIMITS.load_std)),
-        *(Parameter(n, float(v), "m", prior=Prior(float(v), LIMITS.load_std))
-          for n, v in zip(names, centre, strict=True)),
-        Parameter("I_payload", inertia, "kg*m^2", log=True, prior=Prior(inertia, LIMITS.load_std)),
-    )  # fmt: skip
+    rows = (("m_payload", mass, "kg"), *((n, float(v), "m") for n, v in zip(names, centre, strict=True)),
+            ("I_payload", inertia, "kg*m^2"))  # fmt: skip
+    numbers = [Parameter(n, v, unit, log=unit != "m", prior=Prior(v, LIMITS.load_std)) for n, v, unit in rows]
     file, estimates = study.parameters, values_by_name(study.parameters.free_names, evidence.result.x)
     by_name = {p.name: p for p in (*file, *numbers)}
     in_order = tuple(by_name.pop(name) for name in robot.parameters(by_name) if name in by_name)
@@ -225,10 +233,10 @@ def _carrying(
     try:
         assembly = _with_robot(study, robot, parameters)
         for _ in range(LIMITS.n_load_rounds):
-            fit = assembly.at(x, study.spec.criterion)
+            fit = assembly.at(x)
             _, near = refit(UNCHANGED, on_line_subset(fit), x)
             x = solve(fit.problem, near, ROUGH, LIMITS.iterations).x
-        cost = assembly.at(x, study.spec.criterion).evaluate(x).cost
+        cost = assembly.at(x).evaluate(x).cost
     except (ElastidError, np.linalg.LinAlgError):  # no equilibrium along the search, or V has no derivative
         return None
     values = values_by_name(parameters.free_names, x)

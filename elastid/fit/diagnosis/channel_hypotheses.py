@@ -43,7 +43,7 @@ def find_channel_error(indices: list[ModificationIndex], evidence: Evidence, sco
     of_all, costs = optimum.fit.n_residuals / max(fit.n_residuals, 1), np.array(frf_costs(evaluate(fit, x)))
     starts = [(fit, x, ~result.at_bound)]
     with suppress(ElastidError):  # no equilibrium there
-        file = on_line_subset(assembly.at(assembly.parameters.x, assembly.spec.criterion))
+        file = on_line_subset(assembly.at(assembly.parameters.x))
         # With wrong channels, the fit may have changed the nuisance parameters by many of their tolerances.
         starts.append((file, assembly.parameters.x, np.array([not p.is_nuisance for p in assembly.parameters.free])))
     predicted = [  # V of every hypothesis after one step from each start

@@ -108,8 +108,7 @@ def common_delay(fit: ElasticFit, x: FloatArray) -> float:
     Global search, because V is periodic in the delay at each line and has many local minima.  Logarithmic criterion;
     steps of an eighth of the shortest period, up to half the inverse of the line spacing.
     """
-    subset = on_line_subset(fit, LIMITS.n_refit_residuals)
-    evaluated = evaluate(replace(subset, frfs=tuple(map(logarithmic, subset.frfs))), x)
+    evaluated = evaluate(logarithmic(on_line_subset(fit, LIMITS.n_refit_residuals)), x)
     step = 0.125 / max(e.frf.kernel.freq_hz[-1] for e in evaluated)
     max_delay = min(MAX_TIME[1], *(0.5 / float(np.diff(e.frf.kernel.freq_hz).max(initial=1.0)) for e in evaluated))
     delays = step * np.array(sorted(range(-int(max_delay / step), int(max_delay / step) + 1), key=abs))
@@ -143,7 +142,7 @@ def find_delays(indices: list[ModificationIndex], evidence: Evidence, scores: Sc
     points = {row.name: (evaluated, x, free) for row in delayed}
     with suppress(ElastidError):  # no equilibrium there
         start = assembly.parameters.x
-        file = on_line_subset(assembly.at(start, assembly.spec.criterion))
+        file = on_line_subset(assembly.at(start))
         if common not in result.parameters.free_names and (T := common_delay(file, start)):
             start = refit(ResponseChange("", "time", partial(_delay, delay, T, "", "")), file, start)[1]
             points[common] = evaluate(file, start), start, True

@@ -147,12 +147,9 @@ class ModelResponse:
 
 
 def evaluate_extended(
-    extended: ExtendedModel,
-    parameters: Parameters,
-    x: FloatArray,
-    columns: Sequence[Callable[[ModelResponse], Mapping[str, ComplexArray]]],
-    frf: FrfResiduals,
-) -> EvaluatedResponse:
+    extended: ExtendedModel, parameters: Parameters, x: FloatArray,
+    columns: Sequence[Callable[[ModelResponse], Mapping[str, ComplexArray]]], frf: FrfResiduals,
+) -> EvaluatedResponse:  # fmt: skip
     """Evaluate one configuration at x (n_x,), with derivatives to fixed numbers.  columns: see `Hypothesis`."""
     model, theta = extended.at(parameters, frf.kernel.model, x)
     varied = {DELAY, *model.channel_numbers, *(element.name for element in model.chain), *model.slopes}

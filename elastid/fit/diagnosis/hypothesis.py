@@ -199,6 +199,16 @@ class Evidence:
         return self.result.indices[0] if self.result.indices else ModificationIndex("", "")
 
 
+def index_of(candidate: Candidate, numbers: Sequence[FixedNumber], steps: FloatArray) -> ModificationIndex:
+    """Return the modification index of a candidate for steps (n_m,) of its members among all numbers."""
+    members = [numbers[i] for i in candidate.indices]
+    return ModificationIndex(
+        candidate.name, candidate.family, tuple(number.name for number in members),
+        np.array([number.value for number in members]), tuple(number.unit for number in members),
+        tuple(number.log for number in members), steps,
+    )  # fmt: skip
+
+
 def with_refit(
     index: ModificationIndex, cost: float, x: FloatArray, evidence: Evidence, scores: Scores
 ) -> ModificationIndex:

@@ -50,7 +50,7 @@ class Limits:
     # Searches.
     n_exchange_candidates: int = 8  # configurations with the largest residuals, of which pairs are exchanged
     n_refits: int = 3  # causes in a sequence; channel hypotheses, springs and delays that are refitted
-    predicted_ratio: float = 1.5  # largest predicted V over V of the fit for a refit of channels or springs
+    predicted_ratio: float = 1.5  # largest predicted V over V of the fit for a refit of channels, springs or robots
     frequency_step: float = math.sqrt(2.0)  # ratio of neighbouring resonances of a spring
     n_stiffnesses: int = 14  # largest number of trial stiffnesses of a spring
     min_scale: float = 1.7  # least factor of a wrong unit; a smaller factor can be an error of an inertia

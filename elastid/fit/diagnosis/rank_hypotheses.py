@@ -39,7 +39,15 @@ from elastid.fit.diagnosis.estimate_notes import (
 )
 from elastid.fit.diagnosis.extended_model import ExtendedModel, evaluate_extended
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES
-from elastid.fit.diagnosis.hypothesis import Columns, Evidence, Hypothesis, Scores, hypothesis_of, hypothesis_of_index
+from elastid.fit.diagnosis.hypothesis import (
+    Columns,
+    Evidence,
+    Hypothesis,
+    Scores,
+    hypothesis_of,
+    hypothesis_of_index,
+    index_of,
+)
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.diagnosis.priors import contradicted_tolerances, scattered_ratios
 from elastid.fit.diagnosis.refit import evenly_spaced, line_subset
@@ -173,13 +181,10 @@ def candidates(numbers: Sequence[FixedNumber], robot: Robot, hypotheses: Sequenc
     and inertia of a body; the angle of an axis can be wrong in every configuration.
     """
     index_of = {number.name: i for i, number in enumerate(numbers)}
-    inertial_numbers = {
-        name for name in index_of for prefix in ("m_", "c_", "I_") if name.startswith(prefix) and "@" in name
-    }
     options = [
         Candidate(n.name, n.family, np.array([i]), np.eye(1))
         for i, n in enumerate(numbers)
-        if n.name not in inertial_numbers
+        if not ("@" in n.name and n.name.startswith(("m_", "c_", "I_")))
     ]
 
     def add_common(name: str, members: list[int]) -> None:
@@ -202,10 +207,9 @@ def candidates(numbers: Sequence[FixedNumber], robot: Robot, hypotheses: Sequenc
 def _common_causes(robot: Robot, index_of: dict[str, int]) -> Iterator[tuple[str, str, list[str]]]:
     postures = sorted({name.partition("@")[2] for name in index_of if "@" in name})
     for body in robot.bodies:
-        yield f"payload_{body.name}", "payload", inertial_names(body)
-        for posture in postures:
-            numbers = [f"{name}@{posture}" for name in inertial_names(body)]  # in `index_of` only for the last body
-            yield f"payload_{body.name}@{posture}", "payload of one posture", numbers
+        for at in ("", *(f"@{posture}" for posture in postures)):
+            numbers = [f"{name}{at}" for name in inertial_names(body)]  # with a posture only for the last body
+            yield f"payload_{body.name}{at}", "payload of one posture" if at else "payload", numbers
     for joint in robot.driven:
         yield f"angles_{joint.name}", "angles by posture", [f"angle_{joint.name}@{posture}" for posture in postures]
 
@@ -269,17 +273,13 @@ def rank(test: ScoreTest, scores: Scores, place: int = 0, count: int = LIMITS.n_
     def index(i: int) -> ModificationIndex:
         """Return the modification index of candidate i, with the candidates that are indistinguishable from it."""
         candidate, (step, _, occam), drop = options[i], steps[i], float(drops[i])
-        members = [test.numbers[k] for k in candidate.indices]
         is_equal = (drops > LIMITS.equal_drop * drops[i]) & (correlations[i] > LIMITS.equal_correlation)
         equal = [int(j) for j in np.flatnonzero(is_equal) if j != i]
-        return ModificationIndex(
-            name=candidate.name, group=candidate.family, members=tuple(number.name for number in members),
-            values=np.array([number.value for number in members]), units=tuple(number.unit for number in members),
-            log=tuple(number.log for number in members), steps=step,
-            std=test.std(candidate) * math.sqrt(max(scores.variance_ratio, 0.0)), drop=drop / scores.residual_fraction,
+        return replace(
+            index_of(candidate, test.numbers, step), drop=drop / scores.residual_fraction,
+            std=test.std(candidate) * math.sqrt(max(scores.variance_ratio, 0.0)), place=place, occam=float(occam),
             explained_fraction=drop / max(scores.excess, drop, 1e-300), effects=test.effects(candidate, step),
-            alike=tuple(options[j].name for j in sorted(equal, key=lambda j: -drops[j])), place=place,
-            occam=float(occam),
+            alike=tuple(options[j].name for j in sorted(equal, key=lambda j: -drops[j])),
         )  # fmt: skip
 
     return [index(i) for k, i in enumerate(order) if k < count or options[i].name.startswith("delay")]

@@ -151,19 +151,29 @@ def refit(
     change: ResponseChange, fit: ElasticFit, x: FloatArray, free: BoolArray | bool = True
 ) -> tuple[float, FloatArray]:
     """Return V and x (n_x,) of the optimum that a short search reaches from x, first with the logarithmic criterion."""
+    _, near = search(change, logarithmic(fit), x, free)
+    return search(change, fit, near, free)
 
-    def evaluation(problem: ElasticFit, x: FloatArray) -> Evaluation:
-        V, b, A = _normal_equations(change, evaluate(problem, x), fit.parameters.prior_slopes, free)
+
+def search(
+    change: ResponseChange, fit: ElasticFit, x: FloatArray, free: BoolArray | bool = True,
+    iterations: int = LIMITS.iterations,
+) -> tuple[float, FloatArray]:  # fmt: skip
+    """Return V and x (n_x,) of the optimum that a search of a few iterations reaches from x."""
+
+    def at(x: FloatArray) -> Evaluation:
+        V, b, A = _normal_equations(change, evaluate(fit, x), fit.parameters.prior_slopes, free)
         return Evaluation(V, 2 * b, 2 * A)
 
-    V, fixed = math.inf, np.logical_not(np.broadcast_to(free, len(x)))
-    for problem in (replace(fit, frfs=tuple(map(logarithmic, fit.frfs))), fit):
-        at = partial(evaluation, problem)
-        end = trust_region(LeastSquares(fit.parameters, fit.n_residuals, at), x, at(x), ROUGH, LIMITS.iterations, fixed)
-        V, x = end.evaluation.cost, end.x
-    return V, x
+    fixed, problem = np.logical_not(np.broadcast_to(free, len(x))), LeastSquares(fit.parameters, fit.n_residuals, at)
+    end = trust_region(problem, x, at(x), ROUGH, iterations, fixed)
+    return end.evaluation.cost, end.x
 
 
-def logarithmic(frf: FrfResiduals) -> FrfResiduals:
-    """Return the residuals with the logarithmic criterion, element by element, and weights of at most 10."""
-    return replace(frf, criterion="log", gain=np.minimum(frf.gain * np.abs(frf.measured), 10.0), whitening=None)
+def logarithmic(fit: ElasticFit) -> ElasticFit:
+    """Return the fit with the logarithmic criterion, element by element, and weights of at most 10."""
+
+    def frf_residuals(frf: FrfResiduals) -> FrfResiduals:
+        return replace(frf, criterion="log", gain=np.minimum(frf.gain * np.abs(frf.measured), 10.0), whitening=None)
+
+    return replace(fit, frfs=tuple(map(frf_residuals, fit.frfs)))

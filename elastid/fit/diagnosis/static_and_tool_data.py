@@ -173,7 +173,7 @@ def tool_agreement(assembly: Assembly, motor_fit: Result) -> ToolAgreement:
 
 def _source(assembly: Assembly, motor_fit: Result) -> tuple[ElasticFit, SecondSource]:
     assembly = replace(assembly, parameters=motor_fit.parameters).with_model_error(motor_fit.model_error)
-    fit = assembly.at(motor_fit.x, assembly.spec.criterion)
+    fit = assembly.at(motor_fit.x)
     return fit, SecondSource.of(motor_fit, partial(_tool_residuals, fit), fit.n_residuals)
 
 

@@ -290,12 +290,9 @@ class _Rough:
 
 
 def elastic_fit(
-    responses: Sequence[Response],
-    models: Sequence[LinearModel],
-    weights: Sequence[Weights],
-    parameters: Parameters,
+    responses: Sequence[Response], models: Sequence[LinearModel], weights: Sequence[Weights], parameters: Parameters,
     criterion: ResidualKind,
-) -> ElasticFit:
+) -> ElasticFit:  # fmt: skip
     """Return the fit of `models` to `responses`, inputs and outputs matched by name.
 
     The logarithmic criterion discards elements below twice their sigma or without a response of the model (an axis that

@@ -136,13 +136,9 @@ def _clip(parameters: Parameters, x: FloatArray, step: FloatArray) -> FloatArray
 
 
 def _bounded_step(
-    gradient: FloatArray,
-    hessian: FloatArray,
-    metric: FloatArray,
-    bounds: tuple[FloatArray, FloatArray],
-    at_bounds: BoolArray,
-    radius: float,
-) -> FloatArray:
+    gradient: FloatArray, hessian: FloatArray, metric: FloatArray, bounds: tuple[FloatArray, FloatArray],
+    at_bounds: BoolArray, radius: float,
+) -> FloatArray:  # fmt: skip
     """Return the step (n_x,) within radius and bounds of the free variables."""
     step, free = np.zeros(len(gradient)), ~at_bounds
     while free.any():
@@ -189,12 +185,9 @@ FINE, ROUGH, NEAR = 1e-3, 0.1, 3.0
 
 
 def solve(
-    problem: LeastSquares,
-    x0: FloatArray,
-    tolerance: float = FINE,
-    max_iterations: int = 200,
+    problem: LeastSquares, x0: FloatArray, tolerance: float = FINE, max_iterations: int = 200,
     method: SolverName = "trust_region",
-) -> LocalOptimum:
+) -> LocalOptimum:  # fmt: skip
     """Return the local optimum that the solver reaches from x0 (n_x,).
 
     converged: by the distance to the stationary point instead of the status of the solver.

@@ -1,6 +1,6 @@
 """EMPS in free run as the benchmark identibench poses it: the friction study of elastid as a model of the position.
 
-    uv run --with identibench python scripts/benchmarks/open/identibench_emps.py
+    uv run --with identibench python scripts/benchmarks/identibench/emps.py
 
 `friction_study` estimates mass and friction of the carriage from the training log as a study of elastid does. The model
 integrates them from 20 samples of the position, with the drive voltage of the test log as its only input: errors of the
