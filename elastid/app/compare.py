@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TypeAlias
 
-from elastid.app.run import Run, hash_of, open_run_folder, run_stage
+from elastid.app.run import Run, hash_of, run_stage
 from elastid.base.display import number
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
@@ -52,7 +52,7 @@ def compare(run: Run, studies: Sequence[LoadedStudy] = ()) -> Comparison:
     weights and criterion.  StudyError without current responses, or for a single model.
     """
     run.require("fit")  # a comparison needs the same files
-    with open_run_folder(run.folder, run.jobs, run.console):
+    with run.open_folder():
         models = list(variants(run.loaded, studies))
         if len(models) < 2:
             text = "nothing to compare: the study has one model without optional parts"
@@ -180,7 +180,7 @@ def search_elasticity(run: Run) -> None:
     StudyError without current responses, for a single configuration, or for a robot without elastic elements.
     """
     run.require("fit")  # a search needs the same files
-    with open_run_folder(run.folder, run.jobs, run.console):
+    with run.open_folder():
         coordinates, start = _coordinates(run.loaded)
         responses = read_responses(run.path("estimate"))
         names = responses.names

@@ -40,13 +40,9 @@ def with_identified_friction(robot: Robot, result: "FrictionResult") -> Robot:
 
 
 def robot_files(
-    name: str,
-    robot: Robot,
-    result: Result,
-    friction: CompensatedFriction | None,
-    configurations: Sequence[str],
+    name: str, robot: Robot, result: Result, friction: CompensatedFriction | None, configurations: Sequence[str],
     gears: GearResult | None = None,
-) -> Iterator[tuple[str, str]]:
+) -> Iterator[tuple[str, str]]:  # fmt: skip
     """Yield name and text of identified_robot.yml, or of identified_robot-<group>.yml for each group.
 
     The name robot.yml is avoided, since a study in its own run folder may read a robot model of this name.
@@ -58,12 +54,9 @@ def robot_files(
 
 
 def robot_of_fit(
-    name: str,
-    robot: Robot,
-    friction: CompensatedFriction | None,
-    intervals: tuple[str, ...],
+    name: str, robot: Robot, friction: CompensatedFriction | None, intervals: tuple[str, ...],
     gears: GearResult | None = None,
-) -> str:
+) -> str:  # fmt: skip
     """Return a fitted robot as text with friction and gear effects; intervals: lines on its parameters."""
     comments = [f"Robot {robot.name} with the numbers that study {name} has identified."]
     if gears is not None and not gears.refused:

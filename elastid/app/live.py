@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elastid.app.run import Run, hash_of, open_run_folder, run_all, run_stage
+from elastid.app.run import Run, hash_of, run_all, run_stage
 from elastid.app.stages.design import movement_of
 from elastid.app.stages.fit import TRUSTED
 from elastid.base.display import degrees, number
@@ -64,7 +64,7 @@ def live_study(run: Run, goals: Sequence[str], simulate: bool, robot_time: float
     another study; DataError for a log that contradicts its plan.
     """
     session = Session.of(run, goals, simulate, robot_time)
-    with open_run_folder(run.folder, run.jobs, run.console), persistent_workers():
+    with run.open_folder(), persistent_workers():
         plans, is_reached, end = session.work()
         study = session.write_study(plans)
         run.console.say(f"live: {end}")

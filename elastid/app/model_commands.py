@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 from matplotlib.figure import Figure
 
 from elastid.app.identified_robot import with_identified_effects
-from elastid.app.run import Run, open_run_folder
+from elastid.app.run import Run
 from elastid.app.stages.fit import current_fit, gears_of, warn_of_distrust
 from elastid.base.display import Answer
 from elastid.base.errors import StudyError
@@ -56,7 +56,7 @@ class ModelOutputs:
 def use_fit(run: Run, name: str, work: Callable[[Result], ModelOutputs]) -> None:
     """Run the command `name` on the fit of a study, and write and print its results; StudyError without a fit."""
     result = current_fit(run)
-    with open_run_folder(run.folder, run.jobs, run.console):
+    with run.open_folder():
         results, made_by = work(result), run.stamps["fit"].entries["made by"]
         for file, write in results.files.items():
             write(run.folder / file)

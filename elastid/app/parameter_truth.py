@@ -37,12 +37,9 @@ def _compensated_joints(friction: CompensatedFriction | None) -> list[str]:
 
 
 def parameter_contents(
-    robot: Robot,
-    is_simulated: bool,
-    friction: CompensatedFriction | None,
-    parameters: Parameters,
+    robot: Robot, is_simulated: bool, friction: CompensatedFriction | None, parameters: Parameters,
     gears: GearResult | None = None,
-) -> dict[str, str]:
+) -> dict[str, str]:  # fmt: skip
     """Describe the friction that viscous coefficients of motors and other mixed parameters contain.
 
     In responses to references, viscous friction cannot be distinguished from an error of the controller's k_d.

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from elastid.app.identified_robot import with_identified_friction
-from elastid.app.run import Run, open_run_folder, run_stage
+from elastid.app.run import Run, run_stage
 from elastid.app.stages.validate import ValidationBasis, validate_model
 from elastid.app.summaries import prediction_summary, validation_summary
 from elastid.base.errors import DataError, StudyError
@@ -65,7 +65,7 @@ def predict(run: Run, source: Path) -> None:
     """
     is_friction = run.study.friction is not None
     path = _result_path(run, source, "friction.h5" if is_friction else "fit.h5")
-    with open_run_folder(run.folder, run.jobs, run.console):
+    with run.open_folder():
         for name in ("design", "measure", *(() if is_friction else ("estimate",))):
             if name in run.stages and not run.is_current(name):
                 run_stage(run, name)

@@ -16,7 +16,7 @@ import shlex
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cache, cached_property
@@ -184,6 +184,10 @@ class Run:
         """Return the file of a stage's result."""
         return self.folder / self.stages[stage].leaves[0]
 
+    def open_folder(self) -> AbstractContextManager[None]:
+        """Lock the result folder, and write run.log."""
+        return open_run_folder(self.folder, self.jobs, self.console)
+
     def say_files(self, names: Iterable[str]) -> None:
         """Print the files and folders that exist."""
         files = [self.folder / name for name in names]
@@ -299,7 +303,7 @@ def run_all(run: Run, names: Sequence[str] = ()) -> None:
     modules = [stage.module for name, stage in stages.items() if names or not run.is_current(name)]
     if run.jobs > 1 and modules:
         load_for_workers(modules)
-    with open_run_folder(run.folder, run.jobs, run.console), persistent_workers():
+    with run.open_folder(), persistent_workers():
         run.console.shows_tables = bool(names) or run.console.verbosity > 0
         for name, stage in stages.items():
             if names:

@@ -250,12 +250,9 @@ def _acceleration(joint: Joint, holding: float, inertia: float, guess: StribeckG
 
 
 def passes_of(
-    spec: ConstantVelocitySpec,
-    loads: Sequence[LoadSpec],
-    postures: Sequence[Configuration],
-    design: JointPassDesign,
+    spec: ConstantVelocitySpec, loads: Sequence[LoadSpec], postures: Sequence[Configuration], design: JointPassDesign,
     seed: int,
-) -> tuple[PlannedMotion, ...]:
+) -> tuple[PlannedMotion, ...]:  # fmt: skip
     """Plan the passes under every load, in its posture, each load with another random order."""
     speeds, joint = np.repeat(design.speed, design.passes.astype(int)).tolist(), design.joint
     return tuple(

@@ -149,16 +149,9 @@ class NextExperiment:
 
 
 def next_experiment(
-    problem: DesignProblem,
-    candidates: Candidates,
-    state: PriorEstimate,
-    goal: Goal,
-    robots: Sequence[Robot],
-    name: str,
-    phase_seed: int,
-    execution: Execution,
-    remaining_s: float = math.inf,
-) -> NextExperiment:
+    problem: DesignProblem, candidates: Candidates, state: PriorEstimate, goal: Goal, robots: Sequence[Robot],
+    name: str, phase_seed: int, execution: Execution, remaining_s: float = math.inf,
+) -> NextExperiment:  # fmt: skip
     """Return the experiment with the largest gain per time, called `name`, with multisine phases by phase_seed.
 
     problem: at the values of the fit, with a section `design` that has the candidates.  robots: posterior samples that

@@ -188,13 +188,9 @@ class Powers:
 
 
 def best_powers(
-    groups: Groups,
-    cost: FloatArray,
-    criterion: DesignCriterion,
-    prior: FloatArray,
-    min_fraction: float,
+    groups: Groups, cost: FloatArray, criterion: DesignCriterion, prior: FloatArray, min_fraction: float,
     tolerance: float = MAX_GAP,
-) -> Powers:
+) -> Powers:  # fmt: skip
     """Return the optimal powers of each group, common to its configurations.
 
     cost (K, n_o, F, n_u): c of each group, positive for every input and line.  prior (S, n_x, n_x): earlier

@@ -117,6 +117,11 @@ class Assembly:
         return replace(self, spec=spec, weights=tuple(weights))
 
     @property
+    def robot(self) -> Robot:
+        """The robot of the equations."""
+        return self.linearisation.model.robot
+
+    @property
     def _dependent(self) -> set[str]:
         return {name for G in self.responses for name in self.parameters.dependent_names(G.configuration.name)}
 
@@ -124,7 +129,7 @@ class Assembly:
         """Return the fit with every configuration linearised at x (n_x,).  criterion: by default the study's."""
         residuals = partial(_frf_residuals, self.linearisation, self.parameters, x, criterion or self.spec.criterion)
         pairs = list(zip(self.responses, self.weights, strict=True))
-        inertias = free_inertias(self.parameters, self.linearisation.model.robot)
+        inertias = free_inertias(self.parameters, self.robot)
         frfs = tuple(map_chunks(residuals, pairs, self.home))
         return ElasticFit(self.parameters, frfs, inertias, self.loads, self.home)
 
@@ -239,6 +244,11 @@ class RelinearisedOptimum:
     notes: tuple[Note, ...] = ()
     factors: FloatArray = field(default_factory=lambda: np.zeros(0))
 
+    @property
+    def x(self) -> FloatArray:
+        """x (n_x,) at the optimum."""
+        return self.end.x
+
 
 class NoEquilibriumError(FitError):
     """The best start ended at parameters without an equilibrium, for example because of misinterpreted channels."""
@@ -270,7 +280,7 @@ def model_error_of_residuals(assembly: Assembly, optimum: RelinearisedOptimum) -
 
     At most `TYPICAL_MODEL_ERROR`, or `IMAGE_ERROR` if images of a sampled reference were subtracted.
     """
-    x, dof, criterion = optimum.end.x, optimum.fit.problem.dof, assembly.spec.criterion
+    x, dof, criterion = optimum.x, optimum.fit.problem.dof, assembly.spec.criterion
     notes = {(note.code, note.severity) for note in notes_of(assembly.responses)}
     max_error = IMAGE_ERROR if (STEP_IMAGES, "information") in notes else TYPICAL_MODEL_ERROR
     corrected = replace(assembly, responses=optimum.responses).unbiased(optimum.factors).with_model_error(max_error)

@@ -103,7 +103,7 @@ def identify_with_motion_bias(
         except StudyError as error:  # no equilibrium along the search
             raise NoEquilibriumError(error) from None
         if robot.tolerances is None or not (result.has_tolerances and evidence.result.status == "model_error"):
-            notes = *notes_of(assembly.weights), *optimum.notes, *assembly.spring_notes(optimum.end.x)
+            notes = *notes_of(assembly.weights), *optimum.notes, *assembly.spring_notes(optimum.x)
             result = add_intervals(diagnose(evidence, notes), optimum, spec, execution)
             notes = *result.notes, *contradicted_priors(result), *contradicted_tolerances(result)
             result = replace(result, notes=notes)
@@ -430,7 +430,7 @@ def _estimate(
         information_fraction=uncertainty.information_fraction, information_band_hz=uncertainty.information_band_hz,
         linear=tuple(frf.kernel.model for frf in fit.frfs if frf.kernel.model.is_delayed),
         averaging_fraction=uncertainty.averaging_fraction, persistent_fraction=uncertainty.persistent_fraction,
-        robot=assembly.linearisation.model.robot, equations=assembly.model,
+        robot=assembly.robot, equations=assembly.model,
         model_error=max(weights.model_error for weights in assembly.weights),
     )  # fmt: skip
     return optimum, uncertainty, result

@@ -185,7 +185,7 @@ ROUGH_STD, MAX_PROFILES = 0.1, 6
 
 def add_intervals(result: Result, optimum: RelinearisedOptimum, spec: FitSpec, execution: Execution) -> Result:
     """Return the result with profile and bootstrap intervals as the study requests them."""
-    x, notes = optimum.end.x, list(result.notes)
+    x, notes = optimum.x, list(result.notes)
     problem, variance = optimum.fit.problem, np.diag(result.covariance)
     if spec.profile == "auto":
         names, skipped_names = choose_profiles(problem.parameters, variance)

@@ -64,7 +64,7 @@ def find_presliding(evidence: Evidence) -> tuple[Assembly, FloatArray] | None:
     if assembly.loads is not None or not joints or not result.noise_is_known or is_explained:
         return None
     # If V is within the noise, a negative spring is an error of the compensation, which the intervals include.
-    first = _State.of(assembly, evidence.optimum.end.x, (1, -1) if is_large else (1,))
+    first = _State.of(assembly, evidence.optimum.x, (1, -1) if is_large else (1,))
     last = _with_all(first, joints)
     if not last.springs or _is_rejected(evidence, first, last):
         return None
@@ -86,7 +86,7 @@ def _joints(assembly: Assembly, is_large: bool) -> tuple[str, ...]:
         motors |= {
             motor for j, motor in enumerate(response.inputs) if is_large or (bias is not None and bias[:, j].any())
         }
-    return tuple(name for name in assembly.linearisation.model.robot.driven_names if f"motor {name}" in motors)
+    return tuple(name for name in assembly.robot.driven_names if f"motor {name}" in motors)
 
 
 def _is_rejected(evidence: Evidence, first: "_State", last: "_State") -> bool:
@@ -336,7 +336,7 @@ def _presliding(result: Result, spring: RelaxingSpring, assembly: Assembly) -> P
     s, a = values[spring.names[0]], 1 / values[relaxation(spring.joint)]
     std = values_by_name(free, result.std_of_x)
     times = [time for response in assembly.responses for time in _between_reversals(response, location)]
-    unit = "N/m" if assembly.linearisation.model.robot.sliding((location,)) else "N*m/rad"
+    unit = "N/m" if assembly.robot.sliding((location,)) else "N*m/rad"
     stds = std[spring.names[0]] * s, std[relaxation(spring.joint)] * a
     # a = E|v| / z applies to friction, not to a compensation error.
     amplitude = a * float(np.median(times)) if times and spring.sign > 0 else math.nan

@@ -113,14 +113,9 @@ FIRST_ORDER_FRACTION = 0.2  # of the equivalent viscous friction, difference bet
 
 
 def friction_bias(
-    spectra: Sequence[Sequence[RecordSpectra]],
-    lines: IntArray,
-    G: ComplexArray,
-    quantity: Motion,
-    error: ComplexArray,
-    noise: ComplexArray,
-    dof: float,
-) -> ComplexArray | None:
+    spectra: Sequence[Sequence[RecordSpectra]], lines: IntArray, G: ComplexArray, quantity: Motion,
+    error: ComplexArray, noise: ComplexArray, dof: float,
+) -> ComplexArray | None:  # fmt: skip
     """Return delta G (3, n_u, F, n_y, n_u) due to the friction of each input's motor, zero without friction.
 
     The three errors are the second order, its quadrature component (both common to all configurations), and the first

@@ -56,12 +56,9 @@ def measured_quality(freq_hz: FloatArray, data: MeanSpectra, G: ComplexArray) ->
 
 
 def quality_of(
-    G: ComplexArray,
-    S_uu: ComplexArray,
-    coherence: tuple[FloatArray, FloatArray],
-    noise: tuple[FloatArray, FloatArray],
-    excited: LineAmplitudes,
-) -> Quality:
+    G: ComplexArray, S_uu: ComplexArray, coherence: tuple[FloatArray, FloatArray],
+    noise: tuple[FloatArray, FloatArray], excited: LineAmplitudes,
+) -> Quality:  # fmt: skip
     """Return the quality of G (F, n_y, n_u), measured with input spectra S_uu (F, n_u, n_u).
 
     coherence: ordinary and multiple.  noise: variance of inputs (F, n_u) and outputs (F, n_y) in one period.

@@ -98,13 +98,9 @@ def _force_on_parent(moment: ca.SX, force: ca.SX, frame: BodyFrame, turn: Turn) 
 
 
 def bias(
-    layout: Tree,
-    bodies: tuple[BodyInertia, ...],
-    joint_turns: tuple[Turn, ...],
-    v: ca.SX,
-    gravity: FloatArray,
+    layout: Tree, bodies: tuple[BodyInertia, ...], joint_turns: tuple[Turn, ...], v: ca.SX, gravity: FloatArray,
     acceleration: ca.SX | None = None,
-) -> ca.SX:
+) -> ca.SX:  # fmt: skip
     """Return c + g (n,): joint torques that balance Coriolis, centrifugal and gravity forces at velocities v (n,).
 
     With an acceleration v' (n,), the inverse dynamics M v' + c + g.

@@ -35,12 +35,9 @@ _FREQUENCY, _FREQUENCY_RESPONSE, _COMPLEX_DOUBLE = 18, 4, 6
 
 
 def write_uff(
-    folder: Path,
-    name: str,
-    responses: Sequence[Response],
-    modes: Sequence[Modes] = (),
+    folder: Path, name: str, responses: Sequence[Response], modes: Sequence[Modes] = (),
     geometry: GeometrySpec | None = None,
-) -> tuple[Path, ...]:
+) -> tuple[Path, ...]:  # fmt: skip
     """Write <configuration>.uff for each response, with its modes if there are any, and nodes.csv.
 
     geometry: points and lines of the structure, written to each file.  StudyError if pyuff is not installed.

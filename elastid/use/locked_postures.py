@@ -10,7 +10,6 @@ equations once, with the fitted numbers as constants. Robots with loops are line
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import starmap
 
 import casadi as ca
 import numpy as np
@@ -132,8 +131,8 @@ class LockedEquations:
         model, follows = self.family.model, self.family.linearisation.follows
         poses = frame_poses(model.robot_at(self.family.theta), q[:, : len(model.robot.joints)], self.family.frame)
         if model.n_c or not locked_motor_motions(model.B).size:
-            rows = list(starmap(self._linearised, zip(angles, q, strict=True)))
-            return LockedPostures(*(np.array(values) for values in (*zip(*rows, strict=True), poses.position)))
+            fields = *zip(*map(self._linearised, angles, q), strict=True), poses.position
+            return LockedPostures(*map(np.array, fields))
         varied, slopes, of_q, pull, stiffness, deflection = evaluate_rows(self._functions[1], q)
         if follows:
             slopes = slopes - of_q @ np.linalg.solve(evaluate_rows(self._functions[0], q)[1], pull)
@@ -142,8 +141,8 @@ class LockedEquations:
         A[..., i, j] = A[..., j, i] = varied[:, :n_t, 0].reshape(len(q), 3, -1).swapaxes(0, 1)
         J = poses.rotation @ varied[:, n_t:, 0].reshape(len(q), n, 3).mT
         J_slopes = np.einsum("qij,qnjp->qinp", poses.rotation, follows * slopes[:, n_t:].reshape(len(q), n, 3, -1))
-        of_springs = stiffness[:, :, 0], deflection
-        return LockedPostures(A[0], A[1], A[2], J, slopes[:, :n_t], J_slopes, *of_springs, poses.position)
+        M, D, K = A
+        return LockedPostures(M, D, K, J, slopes[:, :n_t], J_slopes, stiffness[:, :, 0], deflection, poses.position)
 
     def _linearised(self, angles: FloatArray, q: FloatArray) -> tuple[FloatArray, ...]:
         """Return the fields of `LockedPostures` except the position, for one posture of a robot with loops."""

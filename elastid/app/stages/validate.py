@@ -85,12 +85,9 @@ def validate(study: Study, work: Work) -> Artefacts:
 
 
 def validate_model(
-    basis: ValidationBasis,
-    validation_names: Sequence[str],
-    records: Path | None,
-    console: Console,
+    basis: ValidationBasis, validation_names: Sequence[str], records: Path | None, console: Console,
     execution: Execution,
-) -> tuple[Validation, LogComparison]:
+) -> tuple[Validation, LogComparison]:  # fmt: skip
     """Compute the errors of all responses and, for records with torques, the torque balance and a simulation."""
     log_comparison, fitted = NO_COMPARISON, basis.fitted
     if records is not None and all(response.controller is None for response in fitted.measured):

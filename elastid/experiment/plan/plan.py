@@ -48,14 +48,10 @@ PredictClosedLoop: TypeAlias = Callable[[Configuration, FloatArray], ClosedLoopR
 
 
 def torque_spectra(
-    excitation: MultisineSpec,
-    robot: Robot,
-    lines: IntArray,
-    configuration: Configuration,
-    draws: Sequence[np.random.SeedSequence],
-    spectrum: FloatArray | None = None,
+    excitation: MultisineSpec, robot: Robot, lines: IntArray, configuration: Configuration,
+    draws: Sequence[np.random.SeedSequence], spectrum: FloatArray | None = None,
     closed_loop: PredictClosedLoop | None = None,
-) -> ComplexArray:
+) -> ComplexArray:  # fmt: skip
     """Compute R (M, n_u experiments, F, n_u) of one configuration, a realisation for each of the M draws.
 
     spectrum, closed_loop: as `make_plan` takes them.  Flat in torque until `flat: information` has its spectrum; with

@@ -75,7 +75,7 @@ def _search(alternative: AlternativeModel, evidence: Evidence, scores: Scores, l
     cost, logarithmic_cost = math.inf, math.inf
     assembly, x = alternative.assembly, alternative.assembly.parameters.x
     is_of_interest = np.array([not p.is_nuisance for p in assembly.parameters.free])
-    for start in (x, np.where(is_of_interest, evidence.optimum.end.x, x)):
+    for start in (x, np.where(is_of_interest, evidence.optimum.x, x)):
         with suppress(ElastidError, np.linalg.LinAlgError):  # no equilibrium, or V has no derivative
             fit = on_line_subset(assembly.at(start), LIMITS.n_refit_residuals)
             V, near = search(UNCHANGED, logarithmic(fit), start, iterations=LIMITS.iterations // 2)
@@ -92,7 +92,7 @@ def _alternatives(evidence: Evidence) -> Iterator[AlternativeModel]:
     yield from _angles(evidence)
     yield from _encoders(evidence)
     base = evidence.assembly
-    robot, parameters = base.linearisation.model.robot, base.parameters
+    robot, parameters = base.robot, base.parameters
     for name, family, other_robot, numbers in (*_motor_inertias(robot), *_mounting_alternatives(robot)):
         yield AlternativeModel(name, family, _with_robot(base, other_robot, _about(parameters, numbers)))
 
@@ -105,7 +105,7 @@ def _with_robot(base: Assembly, robot: Robot, parameters: Parameters) -> Assembl
 
 def _angles(evidence: Evidence) -> Iterator[AlternativeModel]:
     assembly = evidence.assembly
-    driven = assembly.linearisation.model.robot.driven
+    driven = assembly.robot.driven
     turns, n, degree = np.array([not joint.slides for joint in driven]), len(driven), math.radians(1)
     changes = {
         "angles of all configurations in degrees, read as radians": np.diag(np.where(turns, degree, 1.0)),
@@ -129,7 +129,7 @@ def _angles(evidence: Evidence) -> Iterator[AlternativeModel]:
 def _encoders(evidence: Evidence) -> Iterator[AlternativeModel]:
     """Yield studies with encoders of an axis, or of all axes, on the other side of the elastic gear."""
     assembly = evidence.assembly
-    elastic = [joint.name for joint in assembly.linearisation.model.robot.driven if joint.is_flexible]
+    elastic = [joint.name for joint in assembly.robot.driven if joint.is_flexible]
     for side, origin, opposite in (("behind", "motor", "joint"), ("before", "joint", "motor")):
         other_sides = {f"{origin} {name}": f"{opposite} {name}" for name in elastic}
         encoders = [place for place in other_sides if any(place in G.outputs for G in assembly.responses)]
@@ -193,7 +193,7 @@ def _with_load(evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     bodies = (c for c in scores.candidates if c.family == "payload" and c.directions.shape[1] > 1)
     loads = ((find_load(scores.test, c, scores.variance_ratio, 0.0), c) for c in bodies)
     pairs = [(load, c) for load, c in loads if load is not None]
-    if evidence.assembly.linearisation.model.robot.payload is not None or not pairs:
+    if evidence.assembly.robot.payload is not None or not pairs:
         return []
     load, candidate = max(pairs, key=lambda pair: pair[0].drop)
     if not load.mass > 0:
@@ -221,7 +221,7 @@ def _carrying(
     """Fit the mass (kg) and the position (m) of a load on a body. Return V, the load (4,) and x (n_x,)."""
     study = evidence.assembly
     inertia, names = mass * LIMITS.load_radius**2, tuple(f"c_payload_{axis}" for axis in "xyz")
-    robot = replace(study.linearisation.model.robot, payload=Payload(mass, tuple(centre.tolist()), inertia, body))
+    robot = replace(study.robot, payload=Payload(mass, tuple(centre.tolist()), inertia, body))
     rows = (("m_payload", mass, "kg"), *((n, float(v), "m") for n, v in zip(names, centre, strict=True)),
             ("I_payload", inertia, "kg*m^2"))  # fmt: skip
     numbers = [Parameter(n, v, unit, log=unit != "m", prior=Prior(v, LIMITS.load_std)) for n, v, unit in rows]

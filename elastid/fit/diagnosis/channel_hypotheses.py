@@ -39,7 +39,7 @@ from elastid.fit.result_rows import ModificationIndex
 def find_channel_error(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     """Append the best channel hypothesis to the indices, with the names of hypotheses indistinguishable from it."""
     optimum, result, assembly = evidence.optimum, evidence.result, evidence.assembly
-    fit, x = on_line_subset(optimum.fit), optimum.end.x
+    fit, x = on_line_subset(optimum.fit), optimum.x
     of_all, costs = optimum.fit.n_residuals / max(fit.n_residuals, 1), np.array(frf_costs(evaluate(fit, x)))
     starts = [(fit, x, ~result.at_bound)]
     with suppress(ElastidError):  # no equilibrium there

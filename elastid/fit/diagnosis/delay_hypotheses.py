@@ -121,7 +121,7 @@ def find_delays(indices: list[ModificationIndex], evidence: Evidence, scores: Sc
     optimum, result, assembly = evidence.optimum, evidence.result, evidence.assembly
     if not optimum.fit.n_residuals:
         return indices
-    fit, x, free = on_line_subset(optimum.fit), optimum.end.x, ~result.at_bound
+    fit, x, free = on_line_subset(optimum.fit), optimum.x, ~result.at_bound
     evaluated, prior = evaluate(fit, x), fit.parameters.prior_slopes
     fraction = fit.n_residuals / optimum.fit.n_residuals
     cost = min(gauss_newton_step(UNCHANGED, evaluated, prior, free)[0], scores.cost * fraction)

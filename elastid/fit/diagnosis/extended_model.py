@@ -48,7 +48,7 @@ class ExtendedModel:
     @classmethod
     def of(cls, assembly: Assembly, model: LinearModel) -> ExtendedModel:
         """Build the extended equations for the model of one configuration; without torsions if these fail."""
-        robot = assembly.linearisation.model.robot
+        robot = assembly.robot
         roles = ("u",) if model.controller is None else ("kp", "kd")
         channels = [channel_name("gain", role, location) for role in roles for location in robot.motor_locations]
         outputs = {location for response in assembly.responses for location in response.outputs}

@@ -167,7 +167,7 @@ class Evidence:
     @cached_property
     def explained(self) -> float:
         """Fraction of the responses' power above the noise that the model explains; negative if worse than G = 0."""
-        fit, x = self.optimum.fit, self.optimum.end.x
+        fit, x = self.optimum.fit, self.optimum.x
         remaining, total = 0.0, 0.0
         for frf in fit.frfs:
             weight, is_used = frf.gain * np.abs(error_gain(frf.criterion, frf.measured)), frf.gain > 0

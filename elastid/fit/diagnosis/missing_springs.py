@@ -57,9 +57,9 @@ class _Spring:
 
 def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
     assembly, optimum, extended = evidence.assembly, evidence.optimum, scores.extended
-    selection, x = evenly_spaced(len(optimum.fit.frfs)), optimum.end.x
+    selection, x = evenly_spaced(len(optimum.fit.frfs)), optimum.x
     models = _models(evidence, extended, assembly.responses[selection])
-    springs = [joint.spring for joint in assembly.linearisation.model.robot.joints if joint.spring is not None]
+    springs = [joint.spring for joint in assembly.robot.joints if joint.spring is not None]
     time_constants = [spring.damping / spring.stiffness for spring in springs if spring.damping > 0]
     subset = on_line_subset(replace(optimum.fit, frfs=optimum.fit.frfs[selection]), LIMITS.n_refit_residuals)
     ratio = float(np.median(time_constants)) if time_constants else 1e-3
@@ -76,7 +76,7 @@ def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
 
 
 def _models(evidence: Evidence, extended: ExtendedModel, responses: Sequence[Response]) -> list[LinearModel]:
-    x, parameters, models = evidence.optimum.end.x, evidence.assembly.parameters, []
+    x, parameters, models = evidence.optimum.x, evidence.assembly.parameters, []
     names = {*parameters.names, *extended.rigid, *(f"d{name[1:]}" for name in extended.rigid)}
     for response in responses:
         theta = extended.theta(parameters, x, response.configuration.name)
@@ -115,7 +115,7 @@ def _with_spring(
     parameters = Parameters((*of_model.values(), *(p for p in assembly.parameters if not p.is_of_model)))
     kernels = (kernel_of(m, parameters, p.kernel.freq_hz) for p, m in zip(fit.frfs, models, strict=True))
     frfs = tuple(replace(frf, columns=Columns(kernel)) for frf, kernel in zip(fit.frfs, kernels, strict=True))
-    return ElasticFit(parameters, frfs, free_inertias(parameters, assembly.linearisation.model.robot))
+    return ElasticFit(parameters, frfs, free_inertias(parameters, assembly.robot))
 
 
 def _fit_spring(spring: _Spring, evidence: Evidence, scores: Scores) -> ModificationIndex | None:
@@ -126,7 +126,7 @@ def _fit_spring(spring: _Spring, evidence: Evidence, scores: Scores) -> Modifica
         end = solve(fit.problem, spring.x, ROUGH, LIMITS.iterations)
     except FitError:
         return None
-    cost = replace(optimum.fit, loads=None).evaluate(optimum.end.x).cost
+    cost = replace(optimum.fit, loads=None).evaluate(optimum.x).cost
     drop = min(cost, scores.cost) - end.cost
     if not drop > 0:
         return None

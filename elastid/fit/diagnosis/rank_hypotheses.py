@@ -72,7 +72,7 @@ _Sums: TypeAlias = tuple[FloatArray, FloatArray, float, int, tuple[str, ...]]
 
 def score(evidence: Evidence) -> Scores:
     """Return the score test at the optimum; parameters at a bound stay there."""
-    assembly, fit, x = evidence.assembly, evidence.optimum.fit, evidence.optimum.end.x
+    assembly, fit, x = evidence.assembly, evidence.optimum.fit, evidence.optimum.x
     extended = ExtendedModel.of(assembly, fit.frfs[0].kernel.model)
     # Each configuration adds about twenty numbers.
     subset = replace(fit, frfs=fit.frfs[evenly_spaced(len(fit.frfs))])
@@ -99,7 +99,7 @@ def _with_priors(
 
     The shift of a prior mean is a fixed number with the residual (x - mean - shift) / s.  lines: fraction of residuals.
     """
-    fit, x, free = evidence.optimum.fit, evidence.optimum.end.x, evidence.result.parameters.free
+    fit, x, free = evidence.optimum.fit, evidence.optimum.x, evidence.result.parameters.free
     (distance, slope), (r, J), n_x = fit.parameters.priors(x), fit.static(x), len(free)
     weight, pull = lines * slope**2, lines * slope * distance
     A[range(n_x), range(n_x)] += weight
@@ -342,7 +342,7 @@ def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> Result:
     result, optimum, scores = evidence.result, evidence.optimum, evidence.scores
     if scores is not None and result.status in ("converged", "at_bound"):
         result = replace(result, assumed_rigid=find_rigid_parts(result, scores))
-    inertias = find_border_inertias(optimum.fit.inertias, optimum.fit.parameters, optimum.end.x)
+    inertias = find_border_inertias(optimum.fit.inertias, optimum.fit.parameters, optimum.x)
     estimate = estimate_notes(evidence)
     if evidence.is_unexplained and result.has_single_cause:
         # A single cause also explains bounds and weak parameters, whose advice would contradict its remedy.

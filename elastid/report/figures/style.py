@@ -212,13 +212,9 @@ class Panel:
 
 
 def matrix(
-    title: str,
-    rows: Sequence[Sequence[Panel | None]],
-    heights: Sequence[float] = (),
-    width: float = WIDE,
-    left: float = 0.0,
-    **options: Any,
-) -> Figure:
+    title: str, rows: Sequence[Sequence[Panel | None]], heights: Sequence[float] = (), width: float = WIDE,
+    left: float = 0.0, **options: Any,
+) -> Figure:  # fmt: skip
     """Arrange panels in rows and columns under a title and one legend with each label once.
 
     heights: of the rows in inches, by default of their panels.  width: of the figure.  left: space for labels, by
