@@ -305,7 +305,7 @@ def _configurations(
     why, angles = "the joints stand at other angles", dict.fromkeys(firsts, "")
     if robot is not None:
         why = "the means of the positions, or 0 where there are none"
-        angles = {first: ", ".join(f"{x:.5g}" for x in means[first, : len(robot.driven)]) for first in firsts}
+        angles = {first: ", ".join(f"{x:.5g}" for x in means[first, : robot.n_u]) for first in firsts}
     elif len(firsts) == 1:
         why = "all logs are of one state of the structure"
     lines = (f"    {names[first]}: [{angles[first]}]" for first in firsts)
@@ -313,14 +313,9 @@ def _configurations(
 
 
 def _study_lines(
-    guess: LogGuess,
-    robot: Robot | None,
-    clock: Clock,
-    configurations: Sequence[str] = (),
-    period: Sequence[str] = (),
-    frame: str = "",
-    columns: Mapping[str, int] = MappingProxyType({}),
-) -> Iterator[str]:
+    guess: LogGuess, robot: Robot | None, clock: Clock, configurations: Sequence[str] = (),
+    period: Sequence[str] = (), frame: str = "", columns: Mapping[str, int] = MappingProxyType({}),
+) -> Iterator[str]:  # fmt: skip
     """Yield the lines of a study up to its channels.  frame: that a hammer hits.  columns: channel numbers by name."""
     names = robot.driven_names if robot is not None else []
     if guess.is_motion and robot is None:

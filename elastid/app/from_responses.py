@@ -1,4 +1,4 @@
-"""`elastid new DIR --from FILE` for frequency responses in universal files, MATLAB, HDF5, NumPy and text files.
+"""Study of frequency responses in universal files, MATLAB, HDF5, NumPy and text files: `elastid new DIR --from FILE`.
 
 Names and units come from the file. Quantities that the file does not state are guessed from the slope of |G|.
 """
@@ -81,7 +81,7 @@ def texts_from_responses(paths: Sequence[Path], folder: Path, robot: Robot | Non
     if robot is not None and len(drives) != len(table.inputs):
         text = f"the response has {len(table.inputs)} inputs, the robot model {len(drives)} motors"
         raise DataError("responses/table", f"{text}. Choose another model", paths[0])
-    lines = [*head_lines("responses" if robot is None else "elasticity", paths[0]), "robot: robot.yml" * bool(drives)]
+    lines = [*head_lines("responses" if robot is None else "elasticity", paths[0]), "robot: robot.yml" if robot else ""]
     files = [(path, response) for path in relative_paths(paths, folder) for response in table.responses]
     names = ["bench"] if len(files) == 1 else [f"bench_{i + 1}" for i in range(len(files))]
     why = "a state each" if robot is None else "enter the angles of the joints"
@@ -104,10 +104,7 @@ def _channels(table: _Table, drives: Sequence[str]) -> Iterator[str]:
         quantity = guess.quantity or ("torque" if drives else "force")
         why = guess.why if guess.quantity else f"a {quantity} is assumed"
         yield channel_line("u", location, replace(guess, quantity=quantity, why=why))
-    is_used = (table.freq > 0) & np.isfinite(table.G).all(axis=(1, 2))
-    size = np.abs(table.G[is_used]).mean(axis=(1, 2)) + 1e-300
-    slope = float(np.polyfit(np.log(table.freq[is_used]), np.log(size), 1)[0])
-    by_slope = "position" if slope < _POSITION else "velocity" if slope < _VELOCITY else "acceleration"
+    by_slope, slope = _quantity_by_slope(table)
     for i, guess in enumerate(table.outputs):
         location = f"motor {drives[i]}" if i < len(drives) else guess.name or f"output {i + 1}"
         if not guess.quantity:
@@ -116,32 +113,49 @@ def _channels(table: _Table, drives: Sequence[str]) -> Iterator[str]:
         yield channel_line("y", location, guess)
 
 
+def _quantity_by_slope(table: _Table) -> tuple[str, float]:
+    """Return the likeliest quantity of the outputs, and the slope of ln |G| over ln f: -2 for positions of a mass."""
+    size = np.ma.masked_invalid(np.abs(table.G)).mean(axis=(1, 2)).filled(0.0)
+    is_used = (table.freq > 0) & (size > 0)
+    ln_f, ln_size = np.log([table.freq[is_used], size[is_used]])
+    slope = float(np.polyfit(ln_f, ln_size, 1)[0]) if len(ln_f) > 1 else 0.0
+    return "position" if slope < _POSITION else "velocity" if slope < _VELOCITY else "acceleration", slope
+
+
 def _array_table(path: Path, arrays: Mapping[str, StoredArray]) -> _Table | None:
     """Return the structs of a file with the size of the first one, else its first complex array with frequencies."""
-    names = find_structs(arrays)
-    if names:
-        first = struct_table(path, arrays, names[0])
-        similar = [name for name in names if struct_table(path, arrays, name).G.shape[1:] == first.G.shape[1:]]
-        prefix = f"{names[0]}." if names[0] else ""
-        outputs = _guesses(first.outputs, first.G.shape[1], arrays, f"{prefix}OutputUnit")
-        inputs = _guesses(first.inputs, first.G.shape[2], arrays, f"{prefix}InputUnit")
-        keys = {} if first.frequency_unit else {"frequency_unit": "Hz # guessed: the file states none"}
-        return _Table(first.freq, first.G, keys, outputs, inputs, tuple(similar) if len(similar) > 1 else ("",))
-    for name in find_responses(arrays):
-        G = complex_array(arrays, name)
-        is_log = any(is_time(key) and arrays[key].is_signal for key in arrays)  # also of a log of complex numbers
-        axes = [key for key in arrays if not is_log or _FREQUENCY.fullmatch(key)]
-        for key in sorted(axes, key=lambda key: (_FREQUENCY.fullmatch(key) is None, key)):
-            freq = np.squeeze(np.asarray(arrays[key])) if arrays[key].is_signal else np.zeros(0)
-            if G is None or G.ndim > 3 or freq.ndim != 1 or len(freq) not in G.shape or np.any(np.diff(freq) <= 0):
-                continue
-            matrix = np.moveaxis(G, G.shape.index(len(freq)), 0)
-            matrix = matrix.reshape((*matrix.shape, 1, 1)[: max(matrix.ndim, 3)])
-            unit = arrays[key].units or ("rad/s" if _RADIANS.fullmatch(key) else "Hz")
-            columns = mapping({"response": quote(name), "frequency": quote(key)})
-            keys = {"columns": columns, "frequency_unit": f"{unit} # guessed by the name {key}"}
-            outputs, inputs = (_guesses((), n, arrays, "") for n in matrix.shape[1:])
-            return _Table(freq.astype(float), matrix, keys, outputs, inputs)
+    if names := find_structs(arrays):
+        return _struct_table(path, arrays, names)
+    return next(filter(None, (_matrix_table(arrays, name) for name in find_responses(arrays))), None)
+
+
+def _struct_table(path: Path, arrays: Mapping[str, StoredArray], names: Sequence[str]) -> _Table:
+    """Return the first struct, such as an frd object of MATLAB, with the names of all structs of its size."""
+    first = struct_table(path, arrays, names[0])
+    similar = [name for name in names if struct_table(path, arrays, name).G.shape[1:] == first.G.shape[1:]]
+    prefix = f"{names[0]}." if names[0] else ""
+    outputs = _guesses(first.outputs, first.G.shape[1], arrays, f"{prefix}OutputUnit")
+    inputs = _guesses(first.inputs, first.G.shape[2], arrays, f"{prefix}InputUnit")
+    keys = {} if first.frequency_unit else {"frequency_unit": "Hz # guessed: the file states none"}
+    return _Table(first.freq, first.G, keys, outputs, inputs, tuple(similar) if len(similar) > 1 else ("",))
+
+
+def _matrix_table(arrays: Mapping[str, StoredArray], name: str) -> _Table | None:
+    """Return a complex array with its frequencies: increasing numbers, first by name, as many as lines of the array."""
+    G = complex_array(arrays, name)
+    is_log = any(is_time(key) and arrays[key].is_signal for key in arrays)  # also of a log of complex numbers
+    axes = [key for key in arrays if not is_log or _FREQUENCY.fullmatch(key)]
+    for key in sorted(axes, key=lambda key: (not _FREQUENCY.fullmatch(key), key)):
+        freq = np.squeeze(np.asarray(arrays[key])) if arrays[key].is_signal else np.zeros(0)
+        if G is None or G.ndim > 3 or freq.ndim != 1 or len(freq) not in G.shape or np.any(np.diff(freq) <= 0):
+            continue
+        matrix = np.moveaxis(G, G.shape.index(len(freq)), 0)
+        matrix = matrix.reshape((*matrix.shape, 1, 1)[: max(matrix.ndim, 3)])
+        unit = arrays[key].units or ("rad/s" if _RADIANS.fullmatch(key) else "Hz")
+        columns = mapping({"response": quote(name), "frequency": quote(key)})
+        keys = {"columns": columns, "frequency_unit": f"{unit} # guessed by the name {key}"}
+        outputs, inputs = (_guesses((), n, arrays, "") for n in matrix.shape[1:])
+        return _Table(freq.astype(float), matrix, keys, outputs, inputs)
     return None
 
 
@@ -175,7 +189,7 @@ def _text_table(log: TextLog) -> _Table | None:
             label_of["magnitude_unit"] = "dB" if x.min() < 0 else quote("1")
             label_of["phase_unit"] = "deg" if np.abs(y).max() > np.pi + 0.01 else "rad"
             x = 10 ** (x / 20) if x.min() < 0 else x
-        G = (x if is_polar else x + 1j * y).astype(np.complex128)
+        G = (x if is_polar else x + 1j * y).astype(np.complex128)  # |G| alone, if polar, for the guess by its slope
         unit = "rad/s" if _RADIANS.fullmatch(frequency) else "Hz"
         columns_text = mapping({"frequency": quote(frequency)} | label_of)
         keys = {"columns": columns_text, "frequency_unit": f"{unit} # guessed by the name {frequency}"}

@@ -41,7 +41,7 @@ def _mode_row(elastic: ElasticModel, model: FittedModel) -> ModeRow:
     robot, shapes = elastic.robot_at(theta[:-1]), modal.shapes
     point = equilibrium(elastic, theta[:-1], configuration)
     energy = strain_energy(elastic, theta[:-1], point, shapes)
-    names, n_l = spring_names(robot), len(robot.joints)
+    names, n_l = spring_names(robot), robot.n_l
     fractions = np.vstack([energy.fraction, energy.load])
     mask = fractions[-1] < 0.5  # without pendulum modes under gravity
     return ModeRow(
@@ -80,15 +80,9 @@ def failure(name: str, starts: int, message: str) -> Content:
 
 
 def summary(
-    name: str,
-    robot: Robot,
-    result: Result,
-    rows: Sequence[ParameterRow],
-    mode_rows: Sequence[ModeRow],
-    agreements: Sequence[FrfError],
-    notes: Sequence[Note],
-    friction: CompensatedFriction | None = None,
-) -> Content:
+    name: str, robot: Robot, result: Result, rows: Sequence[ParameterRow], mode_rows: Sequence[ModeRow],
+    agreements: Sequence[FrfError], notes: Sequence[Note], friction: CompensatedFriction | None = None,
+) -> Content:  # fmt: skip
     """Return summary.json of study `name`, with rows of its free parameters and notes of its measured responses."""
     all_notes = (*result.notes, *(friction.notes if friction is not None else ()), *notes)
     names, r, n_of_interest = result.parameters.free_names, result.correlation, len(result.parameters.of_interest)

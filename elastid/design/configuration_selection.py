@@ -88,7 +88,7 @@ def _proposed_angles(
     spec: CandidateSpec, robot: Robot, low: FloatArray, high: FloatArray, seed: int
 ) -> tuple[Sequence[str], FloatArray]:
     """Return names (Q,) and angles (Q, n_u) of the listed, grid or random candidates between low and high (n_u,)."""
-    n = len(robot.driven)
+    n = robot.n_u
     if spec.given:
         for name, position in spec.given.items():
             if refusal := robot.count_refusal(len(position)):

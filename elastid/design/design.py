@@ -136,7 +136,7 @@ def with_friction_damping(problem: DesignProblem) -> DesignProblem:
     """
     with_damping = problem
     probe = problem.probe(problem.experiment)
-    previous = np.zeros(len(problem.robot.driven))
+    previous = np.zeros(problem.robot.n_u)
 
     def damping(q: int, configuration: Configuration) -> FloatArray:
         return with_damping.prospect(probe, q).equivalent_damping(configuration, with_damping.parameters.x)
@@ -165,7 +165,7 @@ def _choose(
     """Select configurations among the candidates of a `design` section; return them and a sentence."""
     candidates = problem.candidates(spec)
     experiment, names = problem.experiment, tuple(problem.experiment.configurations)
-    time_s = unit_time_s(problem.excitation, experiment, len(problem.robot.driven), experiment.periods)
+    time_s = unit_time_s(problem.excitation, experiment, problem.robot.n_u, experiment.periods)
     count = spec.count or 0
     if spec.robot_time is not None:
         count = int(spec.robot_time / time_s + 1e-9) - len(names)

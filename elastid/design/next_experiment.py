@@ -188,7 +188,7 @@ def _rank(
         variant = replace(problem, experiment=replace(problem.experiment, periods=periods))
         prospect = replace(variant.prospect(variant.probe(variant.experiment), -1), parameters=state.parameters)
         H, rows = informations(prospect, configurations, state.x, execution)
-        time_s = unit_time_s(problem.excitation, problem.experiment, len(problem.robot.driven), periods)
+        time_s = unit_time_s(problem.excitation, problem.experiment, problem.robot.n_u, periods)
         pairs = zip(H, rows.tolist(), strict=True)
         return [_option(state, goal, H_i, configurations[i], periods, time_s) for H_i, i in pairs]
 

@@ -83,7 +83,7 @@ class DesignProblem:
     def candidates(self, design: DesignSpec) -> Candidates:
         """Return the candidates within the joint limits minus the excursion of the carrier and a margin."""
         carrier, excitation, experiment = self.simulated.carrier, self.excitation, self.experiment
-        excursion = np.zeros(len(self.robot.driven))
+        excursion = np.zeros(self.robot.n_u)
         if carrier is not None:
             periods = experiment.transient_periods + experiment.periods / 2
             start_s = periods * excitation.period + experiment.ramp / 2
@@ -163,7 +163,7 @@ class DesignProblem:
     @property
     def includes_friction(self) -> bool:
         """True if the responses will include motor friction, because it is not identifiable or not compensated."""
-        n_u, M = len(self.robot.driven), self.experiment.realisations
+        n_u, M = self.robot.n_u, self.experiment.realisations
         E = self.experiment.runs(n_u)
         is_identifiable = n_u < M * E if M > 1 else self.excitation.grid == "odd-random" and n_u <= E
         has_angles = set(self.robot.motor_locations) <= set(self.outputs)

@@ -61,16 +61,10 @@ if TYPE_CHECKING:
 
 
 def identify(
-    responses: Sequence[Response],
-    robot: Robot,
-    spec: FitSpec,
-    *,
-    model: ModelSpec = EXACT,
-    execution: Execution | None = None,
-    hypotheses: tuple[Hypothesis, ...] | None = None,
-    parameters: Parameters | None = None,
-    loads: "Sequence[PlacedTest]" = (),
-) -> Result:
+    responses: Sequence[Response], robot: Robot, spec: FitSpec, *, model: ModelSpec = EXACT,
+    execution: Execution | None = None, hypotheses: tuple[Hypothesis, ...] | None = None,
+    parameters: Parameters | None = None, loads: "Sequence[PlacedTest]" = (),
+) -> Result:  # fmt: skip
     """Estimate the parameters of `robot` from the responses of all configurations and static load tests.
 
     model: formulation of the equations.  execution: of starts, profiles and bootstrap repetitions; the result does not

@@ -141,7 +141,7 @@ class Family:
         model, theta = self.model, self.theta
         rows, rotations = {place: i for i, place in enumerate(self.places)}, {}
         if self.request.axes == "world":
-            q = equilibrium(model, theta, configuration).q[None, : len(self.robot.joints)]
+            q = equilibrium(model, theta, configuration).q[None, : self.robot.n_l]
             names = dict.fromkeys(filter(None, map(_frame_of, self.places)))
             rotations = {name: frame_poses(model.robot_at(theta), q, name).rotation[0] for name in names}
 

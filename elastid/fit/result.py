@@ -75,18 +75,10 @@ class Result(Verdict):
         return FittedModel.of(linear, self.parameters, self.x, self.covariance)
 
     def at(
-        self,
-        posture: "Posture",
-        inputs: Sequence[str] = (),
-        outputs: Sequence[str] = (),
-        *,
-        motors: Motors = "locked",
-        payload: Payload | Literal[False] | None = None,
-        frame: Frame | str | None = None,
-        axes: "Axes" = "own",
-        quantity: Motion | None = None,
-        controller: Any = None,
-    ) -> "FittedModel":
+        self, posture: "Posture", inputs: Sequence[str] = (), outputs: Sequence[str] = (), *,
+        motors: Motors = "locked", payload: Payload | Literal[False] | None = None, frame: Frame | str | None = None,
+        axes: "Axes" = "own", quantity: Motion | None = None, controller: Any = None,
+    ) -> "FittedModel":  # fmt: skip
         """Return the fitted model in any posture, in equilibrium under gravity: responses, modes and stiffness.
 
         posture: angles of the driven joints (n_u,) in rad or m, a mapping from their names, or the name of a

@@ -86,6 +86,11 @@ class ModificationIndex:
     occam: float = labelled("part of the odds by freedom and size", default=0.0)
 
     @property
+    def step(self) -> float:
+        """Change of the first number."""
+        return float(self.steps[0])
+
+    @property
     def changed(self) -> tuple[float, ...]:
         """Values of the numbers after the step, SI."""
         return tuple(

@@ -437,4 +437,4 @@ def _at_rest(robot: Robot, records: Sequence[FrictionRecord], static: StaticLaw 
 
 def joint_spring(robot: Robot, record: FrictionRecord) -> ElasticJoint | None:
     """Return the joint with its spring, the others held; None for a rigid one."""
-    return locked_joint(robot, record.joint, record.angles(len(robot.driven)))
+    return locked_joint(robot, record.joint, record.angles(robot.n_u))

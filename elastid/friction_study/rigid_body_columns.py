@@ -165,7 +165,7 @@ class RigidColumns:
     @cached_property
     def _function(self) -> tuple[ca.Function, IntArray, list[int]]:
         """Rigid body's columns from q, v, a; indices of the others among `chosen`; places of the rows."""
-        n_l, names = len(self.robot.joints), [joint.name for joint in self.robot.joints]
+        n_l, names = self.robot.n_l, [joint.name for joint in self.robot.joints]
         chosen = np.arange(len(column_names(self.robot, self.joints))) if self.chosen is None else self.chosen
         indices = [names.index(joint) for joint in self.rows]
         q, v, a = (ca.SX.sym(name, n_l) for name in "qva")

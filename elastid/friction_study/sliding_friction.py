@@ -196,13 +196,13 @@ def rigid_loads(
     indices = [robot.driven_indices[robot.driven_names.index(record.joint)] for record in records]
     q, v, a = motion
     n, m = q.shape
-    states = np.zeros((3, len(robot.joints), n))
-    states[0, list(robot.driven_indices)] = (robot.mixing @ records[0].angles(len(robot.driven)))[:, None]
+    states = np.zeros((3, robot.n_l, n))
+    states[0, list(robot.driven_indices)] = (robot.mixing @ records[0].angles(robot.n_u))[:, None]
     for signals, values in zip(states, (q, v, a), strict=True):
         signals[indices] = values.T
     torque = rigid_torque(robot)
     sample = states[0][:, :: max(1, n // 20)]
-    units = np.eye(len(robot.joints))[indices]
+    units = np.eye(robot.n_l)[indices]
     # Columns of the mass matrix at some instants, (m, m, k).
     M = np.array([torque(sample, 0 * sample, 0 * sample + unit[:, None])[indices] for unit in units])
     M -= torque(sample, 0 * sample, 0 * sample)[indices]
@@ -374,7 +374,7 @@ def _sufficient_runs(passes: Sequence[FrictionRecord]) -> tuple[FrictionRecord, 
 def motion_log(robot: Robot, log: Mapping[str, FrictionRecord], passband_hz: float) -> MotionLog:
     """Return the signals of a log, and the angles of the joints that rest in it."""
     first = next(iter(log.values()))
-    angles = zip(robot.driven_names, (robot.mixing @ first.angles(len(robot.driven))).tolist(), strict=True)
+    angles = zip(robot.driven_names, (robot.mixing @ first.angles(robot.n_u)).tolist(), strict=True)
     resting = {joint: angle for joint, angle in angles if joint not in log}
     return MotionLog.of({joint: _motion(record, False) for joint, record in log.items()}, resting, passband_hz)
 
@@ -421,7 +421,7 @@ def turns_against_gravity(robot: Robot, joint: Joint, posture: Configuration | N
     """Return True if gravity at a motor changes with its angle, the others fixed; true of a robot with loops."""
     if joint.slides or robot.loops:
         return not joint.slides
-    index, q = [link.name for link in robot.joints].index(joint.name), np.zeros((len(robot.joints), 3))
+    index, q = [link.name for link in robot.joints].index(joint.name), np.zeros((robot.n_l, 3))
     if posture is not None:
         q[list(robot.driven_indices)] = (robot.mixing @ posture.angles)[:, None]
     q[index] += (0.0, 1.1, 2.3)  # the gravity torque differs between these angles for any phase

@@ -161,7 +161,7 @@ def _functions(
     q[free] = z[: len(free)]
     by_name = dict(zip(model.parameters, ca.vertsplit(theta), strict=True))
     layout = tree(model.robot, {name: symbol for name, symbol in by_name.items() if name in model.robot.geometry})
-    joint_turns, names = turns(layout, q[: len(model.robot.joints)]), [frame.name for frame in model.robot.frames]
+    joint_turns, names = turns(layout, q[: model.robot.n_l]), [frame.name for frame in model.robot.frames]
     forces = model.potential_gradient(q, theta) + (model.constraint_jacobian(q, theta).T @ lambda_ if model.n_c else 0)
     rates = model.frame_velocity(q, theta)
     points = []

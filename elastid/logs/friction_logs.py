@@ -64,7 +64,7 @@ def read_friction_logs(
     heated: dict[str, list[tuple[FrictionRecord, FileSpec]]] = {}
     for i, (name, file) in enumerate(zip(recorded.log_names, recorded.files, strict=True)):
         progress(i, len(recorded.files))
-        angles = postures[file.configuration].angles if file.configuration else np.zeros(len(robot.driven))
+        angles = postures[file.configuration].angles if file.configuration else np.zeros(robot.n_u)
         payload, start_s = payloads.get(file.load, 0.0), start_s if file.start is None else float(file.start)
         motions = _LogReader(name, robot, recorded, file, base, angles, start_s, payload).records()
         if not any(record.joint in joints for record in motions):
@@ -251,7 +251,7 @@ class _LogReader:
         if has_states or is_filtered:
             text = "integral_time, notches and filters need a torque channel. Log role u, or give the gains of a PD"
             raise StudyError("study/recorded", text, "experiment.recorded.controller")
-        loop, i = loop_of(controller, len(self.robot.driven)), self.robot.driven_names.index(joint.name)
+        loop, i = loop_of(controller, self.robot.n_u), self.robot.driven_names.index(joint.name)
         kp, kd, s = float(loop.kp[i]), float(loop.kd[i]), controller.velocity_feedforward
         command = kp * reference + s * kd * np.gradient(reference, 1 / rate_hz)
         delay_s = 0.5 / controller.tick_hz if controller.tick_hz else 0.0

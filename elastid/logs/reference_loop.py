@@ -33,7 +33,7 @@ def with_reference_loop(response: Response, recorded: RecordedSpec, robot: Robot
     elif interpolation == "linear":  # the log is behind the interpolator
         path = replace(path, cycle=steps / record.rate_hz, interpolation=interpolation)
     spec = replace(controller.spec, reference=replace(path, velocity_feedforward=controller.velocity_feedforward))
-    joints, motors, loop = robot.driven_names, robot.motor_locations, loop_of(controller, len(robot.driven))
+    joints, motors, loop = robot.driven_names, robot.motor_locations, loop_of(controller, robot.n_u)
     freq_hz, log_hz = response.freq_hz, 0.0
     if path.cycle_samples(rate_hz) > 1 and abs(path.cycle * recorded.known_rate_hz - 1) < MAX_CLOCK_ERROR:
         log_hz = recorded.known_rate_hz

@@ -56,7 +56,7 @@ class Mechanism:
 @lru_cache(maxsize=8)
 def mechanism(robot: Robot) -> Mechanism:
     """Build the mechanism, once in a process for each robot."""
-    q = ca.SX.sym("q", len(robot.joints))
+    q = ca.SX.sym("q", robot.n_l)
     loops = closures(robot, q)
     rows, gaps = ca.vertcat(*(loop.rows for loop in loops)), ca.vertcat(*(loop.gap for loop in loops))
     passive = [i for i in robot.joints_in_loops if robot.joints[i].is_passive]
@@ -137,8 +137,8 @@ def _continue_posture(linkage: Mechanism, q: FloatArray, angles: FloatArray) -> 
 
 def rates(robot: Robot, q: FloatArray) -> FloatArray:
     """Return T (Q, n_l, n_u) with q' = T q_a' at joints q (Q, n_l), without deflection of springs and rods."""
-    T = np.zeros((len(q), len(robot.joints), len(robot.driven)))
-    T[:, robot.driven_indices, range(len(robot.driven))] = 1.0
+    T = np.zeros((len(q), robot.n_l, robot.n_u))
+    T[:, robot.driven_indices, range(robot.n_u)] = 1.0
     if robot.loops:
         parts = mechanism(robot)
         _, Phi = parts.rows(q)

@@ -68,8 +68,8 @@ def input_matrix(robot: Robot) -> FloatArray:
 
     eta B^T (n_u, n_q): how fast each rotor turns in its housing per rate of the coordinates, motor side.
     """
-    n_l = len(robot.joints)
-    B = np.zeros((n_l + len(robot.flexible), len(robot.driven)))
+    n_l = robot.n_l
+    B = np.zeros((n_l + len(robot.flexible), robot.n_u))
     for i, (joint, index) in enumerate(zip(robot.driven, robot.driven_indices, strict=True)):
         B[n_l + robot.flexible.index(joint) if joint in robot.flexible else index, i] = 1.0
     return B
@@ -80,7 +80,7 @@ def drivetrain(robot: Robot, theta: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX, 
 
     theta maps every name of robot.parameters() to its symbol.
     """
-    n_q = len(robot.joints) + len(robot.flexible)
+    n_q = robot.n_l + len(robot.flexible)
     inertia, damping, stiffness = (list[tuple[str, FloatArray]]() for _ in range(3))
     for joint, rate in zip(robot.joints, np.eye(n_q), strict=False):
         damping.append((f"f_{joint.name}", rate))

@@ -57,7 +57,7 @@ def serial(robot: Robot, geometry: Collection[str] = ()) -> ElasticModel:
 def with_constraints(robot: Robot, geometry: Collection[str] = ()) -> ElasticModel:
     """Build the ElasticModel with a constraint row per rod and the rows of each pin and point, also redundant ones."""
     tree = open_chain(robot, geometry)
-    loops = closures(robot, tree.q[: len(robot.joints)], by_name(tree))
+    loops = closures(robot, tree.q[: robot.n_l], by_name(tree))
     equations, rows = stretching(with_rod_inertia(robot, tree, loops), loops)
     return elastic_model(robot, replace(equations, phi=ca.vertcat(equations.phi, *rows)))
 
@@ -73,7 +73,7 @@ def minimal(robot: Robot, spec: ModelSpec, geometry: Collection[str] = ()) -> El
             "cannot be identified with it; choose series_stiffness or exact",
             "model.variant",
         )
-    q = equations.q[: len(robot.joints)]
+    q = equations.q[: robot.n_l]
     loops = closures(robot, unbent(robot, q) if spec.variant == "bending_outside" else q, by_name(equations))
     rods = elastic(loops)
     equations = with_rod_inertia(robot, equations, loops, rods=spec.variant == "lumped_rod")
@@ -167,7 +167,7 @@ def series_stiffness(robot: Robot, equations: Equations, rods: Sequence[Closure]
         joint, name = robot.joints[lever].name, closure.loop.name
         y = ca.gradient(ca.norm_2(closure.gap), equations.q)[lever]
         if constant:
-            q_l = equations.q[: len(robot.joints)]
+            q_l = equations.q[: robot.n_l]
             y = ca.substitute(y, q_l, ca.DM(assemble(robot, np.array([driven.start for driven in robot.driven]))))
         k, d, k_rod = theta[f"k_{joint}"], theta[f"d_{joint}"], theta[f"k_{name}"] * y**2
         k_eff = k * k_rod / (k + k_rod)
@@ -237,7 +237,7 @@ def locked_joint(robot: Robot, joint: str, angles: FloatArray) -> ElasticJoint |
     damping = min(scale * spring.damping for spring, scale in springs if spring is not None)
     model = formulate(robot)
     q = np.zeros(model.n_q)
-    q[: len(robot.joints)] = follow_angles(robot, angles[None])
+    q[: robot.n_l] = follow_angles(robot, angles[None])
     q[[model.index(motor) for motor in model.inputs]] = angles
     inertia = np.diag(np.asarray(model.mass(q, model.theta)))
     motor, link = (float(inertia[model.index(f"{side} {joint}")]) for side in ("motor", "joint"))

@@ -71,7 +71,7 @@ def open_chain(robot: Robot, geometry: Collection[str] = ()) -> Equations:
     table = robot.parameters(geometry)
     motors = (f"motor {joint.name}" for joint in robot.flexible)
     coordinates = (*(f"joint {joint.name}" for joint in robot.joints), *motors)
-    n_q, n_l = len(coordinates), len(robot.joints)
+    n_q, n_l = len(coordinates), robot.n_l
     q, v, theta = ca.SX.sym("q", n_q), ca.SX.sym("v", n_q), ca.SX.sym("theta", len(table))
     theta_by_name = dict(zip(table, ca.vertsplit(theta), strict=True))
 

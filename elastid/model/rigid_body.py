@@ -177,8 +177,8 @@ def inverse_dynamics(robot: Robot) -> ca.Function:
 
 def _at_shafts(robot: Robot, bodies: Sequence[BodyInertia]) -> tuple[list[ca.SX], ca.SX]:
     """Return symbols q, v, a (n_l,) and torques (n_l,) for shafts of motors and for joints without a motor."""
-    layout, state = tree(robot), [ca.SX.sym(name, len(robot.joints)) for name in "qva"]
-    E = np.eye(len(robot.joints))
+    layout, state = tree(robot), [ca.SX.sym(name, robot.n_l) for name in "qva"]
+    E = np.eye(robot.n_l)
     E[np.ix_(robot.driven_indices, robot.driven_indices)] = robot.mixing
     of_shafts = ca.sparsify(ca.DM(np.linalg.inv(E)))
     q, v, a = (of_shafts @ x for x in state)
@@ -194,7 +194,7 @@ def regressor(robot: Robot) -> ca.Function:
     for each joint's frame in turn, I about its origin (Atkeson, An and Hollerbach, Int. J. Robotics Research 5(3),
     1986). Some columns are zero or depend on others: only combinations of the numbers can be identified.
     """
-    pi = ca.SX.sym("pi", 10, len(robot.joints))
+    pi = ca.SX.sym("pi", 10, robot.n_l)
     bodies = [BodyInertia(column[0], column[1:4], _tensor(column[4:])) for column in ca.horzsplit(pi)]
     state, tau = _at_shafts(robot, bodies)
     return ca.Function("regressor", state, [ca.jacobian(tau, ca.vec(pi))], ["q", "v", "a"], ["Y"])

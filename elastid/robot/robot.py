@@ -217,9 +217,19 @@ class Robot:
         return tuple(joint for body in self.bodies for joint in body.joints)
 
     @cached_property
+    def n_l(self) -> int:
+        """The number of joints."""
+        return len(self.joints)
+
+    @cached_property
     def driven(self) -> tuple[Joint, ...]:
         """The joints with a motor, in order: inputs, and the angles of a configuration."""
         return tuple(self.joints[i] for i in self.driven_indices)
+
+    @cached_property
+    def n_u(self) -> int:
+        """The number of motors."""
+        return len(self.driven)
 
     @cached_property
     def driven_names(self) -> tuple[str, ...]:

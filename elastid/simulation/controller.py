@@ -99,7 +99,7 @@ def rigid_motion(model: ElasticModel, q: FloatArray) -> FloatArray:
 
     q (n_q,) or (n, n_q).  Motor and joint move together, passive joints as their loops require.
     """
-    n_l = len(model.robot.joints)
+    n_l = model.robot.n_l
     T = np.array(np.broadcast_to(model.B, (*q.shape[:-1], *model.B.shape)))
     T[..., :n_l, :] = rates(model.robot, np.atleast_2d(q)[:, :n_l]).reshape(*q.shape[:-1], n_l, model.n_u)
     return T
@@ -107,7 +107,7 @@ def rigid_motion(model: ElasticModel, q: FloatArray) -> FloatArray:
 
 def rigid_path(model: ElasticModel, q0: FloatArray, start: FloatArray, position: FloatArray) -> FloatArray:
     """Compute q (n, n_q) of the rigid robot from equilibrium q0, motors at `start` (n_u,), to `position` (n, n_u)."""
-    n_l = len(model.robot.joints)
+    n_l = model.robot.n_l
     angles = np.vstack([start, position])
     q = np.zeros((len(angles), model.n_q))
     q[:, :n_l] = follow_angles(model.robot, angles, start)

@@ -225,7 +225,7 @@ def pivots(model: ElasticModel) -> Partition:
     """Return dependent coordinates and the rows that determine them, chosen in the start posture and kept."""
     start = np.array([joint.start for joint in model.robot.driven])
     q = np.zeros(model.n_q)
-    q[: len(model.robot.joints)] = assemble(model.robot, start)
+    q[: model.robot.n_l] = assemble(model.robot, start)
     return partition(model, model.constraint_jacobian(q, model.theta).full())
 
 

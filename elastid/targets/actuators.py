@@ -89,7 +89,7 @@ def actuators_of(
     name: str, robot: Robot, intervals: Intervals, gains: Gains = (), delay_s: float | None = None
 ) -> Actuators:
     """Collect the parameters of the driven joints of a robot.  gains: kp and kd of each joint, empty if unknown."""
-    pairs: Sequence[tuple[float | None, float | None]] = gains or [(None, None)] * len(robot.driven)
+    pairs: Sequence[tuple[float | None, float | None]] = gains or [(None, None)] * robot.n_u
     rows = (_actuator(robot, joint, *pair, delay_s) for joint, pair in zip(robot.driven, pairs, strict=True))
     return Actuators(name, tuple(rows), intervals)
 

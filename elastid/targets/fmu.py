@@ -187,7 +187,7 @@ def equations(model: ElasticModel, contacts: Contacts) -> tuple[ca.Function, ...
     q, v, theta = model.symbols("q", "v", "theta")
     z, u = ca.SX.sym("z", contacts.n_states), ca.SX.sym("u", model.n_u)
     friction, step = ca.SX.sym("friction", len(contacts.curves)), ca.SX.sym("step")
-    B, n_l = ca.DM(model.B), len(model.robot.joints)
+    B, n_l = ca.DM(model.B), model.robot.n_l
     origin_of = origins(model, q)
     force = ca.SX.sym("force", origin_of.numel())
     torque = B @ u - contacts.torque(v, z, friction) - gear_forces(model, q, v, theta)
@@ -206,7 +206,7 @@ def equations(model: ElasticModel, contacts: Contacts) -> tuple[ca.Function, ...
 def origins(model: ElasticModel, q: ca.SX) -> ca.SX:
     """Return origins (3 n_f,) of all frames at q (n_q,), in the axes of the base, m."""
     layout = tree(with_tool_frame(model.robot))
-    joint_turns = turns(layout, q[: len(model.robot.joints)])
+    joint_turns = turns(layout, q[: model.robot.n_l])
     return ca.vertcat(*(position(layout, joint_turns, seat) for seat in layout.named))
 
 
@@ -296,7 +296,7 @@ def _library_path(version: int) -> str:
 def _sizes(subject: Subject, n_z: int, functions: tuple[ca.Function, ...], variables: Layout) -> str:
     model = subject.model
     numbers = {
-        "N_Q": model.n_q, "N_U": model.n_u, "N_L": len(model.robot.joints), "N_Z": n_z,
+        "N_Q": model.n_q, "N_U": model.n_u, "N_L": model.robot.n_l, "N_Z": n_z,
         "N_P": 3 * len(with_tool_frame(model.robot).frames),
         "N_POSTURES": len(subject.postures), "N_VALUES": len(variables.variables),
         "HAS_LOOPS": int(model.n_c > 0), "HAS_MOVE": int(subject.move is not None),

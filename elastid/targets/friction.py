@@ -118,7 +118,7 @@ def _initial_bands(joint: TrackedJoint) -> str:
 
 def compensation(robot: Robot) -> ca.Function:
     """Return the function v (n_u,) -> u_f (n_u,), the friction torque of each motor, link side."""
-    v = ca.SX.sym("v", len(robot.driven))
+    v = ca.SX.sym("v", robot.n_u)
     laws = {law.place: law for law in frictions(robot)}
     torques = []
     for i, joint in enumerate(robot.driven):
@@ -134,7 +134,7 @@ def compensation(robot: Robot) -> ca.Function:
 
 def write_compensation(folder: Path, robot: Robot, title: str, known: Iterable[str]) -> tuple[Path, ...]:
     """Write friction.c and .h with `friction_torque(v, u)`, and friction.csv.  known: lines on the intervals."""
-    function, m = compensation(robot), len(robot.driven)
+    function, m = compensation(robot), robot.n_u
     entries = ", ".join(f"[{i}] motor {joint.name}" for i, joint in enumerate(robot.driven))
     lines = [f"{title}: friction_torque, the torque u of the motors' friction at velocities v, link side, SI.", entries]
     comment = c_comment([*lines, *known])

@@ -59,7 +59,7 @@ def write_mujoco(folder: Path, linear_model: FittedRobot, geared: Robot | None =
     """Write robot.xml with friction and lost motion of `geared`; StudyError if MJCF cannot represent the robot."""
     model = linear_model
     points = [equilibrium(model.model, model.theta[:-1], linear.configuration) for linear in model.linear]
-    start = rod_poses(model.robot, points[0].q[: len(model.robot.joints)])
+    start = rod_poses(model.robot, points[0].q[: model.robot.n_l])
     root = mjcf(model.robot, start)
     if geared is not None:
         _add_friction(root, geared)
@@ -230,7 +230,7 @@ def _add_keyframes(
     keys = ET.SubElement(root, "keyframe")
     joints = [element.get("name", "") for element in root.findall("worldbody//joint")]
     for point in points:
-        rods = rod_poses(model.robot, point.q[: len(model.robot.joints)])
+        rods = rod_poses(model.robot, point.q[: model.robot.n_l])
         positions = _positions(model, point) | rod_positions(start, rods, model.robot)
         q = [value for joint in joints for value in positions[joint]]
         ET.SubElement(keys, "key", name=point.configuration.name, qpos=in_full(q), ctrl=in_full(point.u))

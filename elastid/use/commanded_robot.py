@@ -76,7 +76,7 @@ class CommandedRobot:
         """Function (q, p (3,), R (9,) by columns) -> pose error (3,) or (6,), m, and its Jacobian."""
         q, p, R = ca.SX.sym("q", self.model.n_q), ca.SX.sym("p", 3), ca.SX.sym("R", 3, 3)
         layout = tree(self.robot)
-        joint_turns = turns(layout, q[: len(self.robot.joints)])
+        joint_turns = turns(layout, q[: self.robot.n_l])
         node = layout.named[[frame.name for frame in self.robot.frames].index(self.frame)]
         error = position(layout, joint_turns, node) - p
         if self.model.n_u > 3:  # the tool also follows the orientation
@@ -95,7 +95,7 @@ class CommandedRobot:
 
     def poses(self, q: FloatArray, robot: Robot | None = None) -> Poses:
         """Return the poses of the frame at q (N, n_q); robot: with other numbers, default this one."""
-        return frame_poses(robot or self.robot, q[:, : len(self.robot.joints)], self.frame)
+        return frame_poses(robot or self.robot, q[:, : self.robot.n_l], self.frame)
 
     def rigid(self, move: Move, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return q, v, a (N, n_q) of the rigid robot along a move at times t (N,)."""

@@ -108,7 +108,7 @@ class LockedEquations:
         model, free = self.family.model, free_coordinates(self.family.model)
         q, has_rest = np.zeros((len(angles), model.n_q)), np.zeros(len(angles), bool)
         with suppress(np.linalg.LinAlgError), np.errstate(invalid="ignore", over="ignore"):
-            q[:, : len(model.robot.joints)] = model.robot.joint_positions(angles)
+            q[:, : model.robot.n_l] = model.robot.joint_positions(angles)
             q[:, [model.index(motor) for motor in model.inputs]] = angles
             rigid, step = q.copy(), np.ones((len(angles), len(free), 1))
             for _ in range(0 if model.n_c else 10):
@@ -129,7 +129,7 @@ class LockedEquations:
     def at(self, angles: FloatArray, q: FloatArray) -> LockedPostures:
         """Return the models linearised at equilibria q (Q, n_q) with motors at angles (Q, n_u)."""
         model, follows = self.family.model, self.family.linearisation.follows
-        poses = frame_poses(model.robot_at(self.family.theta), q[:, : len(model.robot.joints)], self.family.frame)
+        poses = frame_poses(model.robot_at(self.family.theta), q[:, : model.robot.n_l], self.family.frame)
         if model.n_c or not locked_motor_motions(model.B).size:
             fields = *zip(*map(self._linearised, angles, q), strict=True), poses.position
             return LockedPostures(*map(np.array, fields))

@@ -45,8 +45,7 @@ def test_another_study_is_fitted_to_the_responses_of_the_first(study: Path) -> N
     (study.parent / "lean.yml").write_text(yaml_text(with_stiff_joints(load(study).study.robot, ["2x"])))
     other.write_text(STUDY.replace("name: two", "name: lean").replace("robot.yml", "lean.yml").replace("d_2x: {},", ""))
     compare(run, [load(other, ("fit.weights.model_error=0.5",))])
-    names = [row["name"] for row in found(run)["models"]]
-    assert names == ["two", "lean"]
+    assert [row["name"] for row in found(run)["models"]] == ["two", "lean"]
     assert found(run)["models"][1]["cost"] > 10 * found(run)["models"][0]["cost"]
 
 

@@ -71,8 +71,7 @@ def test_fleet_names_soft_gear_and_resumes_finished_members(
     A bit of the table that flipped is reported, and made right.
     """
     path, folder = finished
-    page = (folder / "fleet.html").read_text(encoding="utf-8")
-    assert f"k_1 of {SOFT}" in page
+    assert f"k_1 of {SOFT}" in (folder / "fleet.html").read_text(encoding="utf-8")
     first = (folder / "fleet.parquet").read_bytes()
     stamps = {file: file.stat().st_mtime_ns for file in folder.glob("members/*/fit.h5")}
     assert len(stamps) == 6

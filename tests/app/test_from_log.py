@@ -231,8 +231,7 @@ def test_logs_with_different_drives_are_not_one_excitation(tmp_path: Path) -> No
         u = x * [1, sign] + [0, 15] * np.sin(4 * np.pi * t)[:, None]
         a, head = 0.1 * u + 1e-3 * rng.standard_normal(u.shape), "torque_1 [Nm],torque_2 [Nm],acc_1,acc_2"
         logs.append(save(tmp_path / f"{number}.csv", head, u, a))
-    recorded = new(tmp_path, *logs).experiment.as_recorded()
-    assert [file.realisation for file in recorded.files] == [0, 1]
+    assert [file.realisation for file in new(tmp_path, *logs).experiment.as_recorded().files] == [0, 1]
 
 
 def test_hammer_log_at_tool_becomes_study_at_frame(tmp_path: Path) -> None:
@@ -418,8 +417,7 @@ def test_logs_that_are_not_of_one_study_are_refused(change: dict, numbers: list[
     arrays = {"time_s": t, "command_rad": command, "position_rad": 0.9 * command, "kp": np.full((600, 2), 20.0)}
     for name, more in (("a", {}), ("b", change)):
         np.savez(tmp_path / f"{name}.npz", **(arrays | more), kd=1.0)
-    controller = new(tmp_path, tmp_path / "a.npz").experiment.as_recorded().controller
-    assert controller.position_gain == (20.0, 20.0)
+    assert new(tmp_path, tmp_path / "a.npz").experiment.as_recorded().controller.position_gain == (20.0, 20.0)
     with refused("records/channels", holds=("b.npz", *numbers)):
         texts_from_logs(tmp_path / "new", [tmp_path / "a.npz", tmp_path / "b.npz"])
 
@@ -514,8 +512,7 @@ def test_force_and_accelerometer_in_two_files_are_one_measurement(
     recorded = study.experiment.as_recorded()
     (file,) = recorded.files
     assert (Path(file.path).name, [Path(path).name for path in file.also]) == ("hammer.csv", ["acc.csv"])
-    outputs = [c for c in recorded.channels if c.role == "y"]
-    assert {(c.unit, c.scale, c.file) for c in outputs} == {(unit, scale, 2)}
+    assert {(c.unit, c.scale, c.file) for c in recorded.channels if c.role == "y"} == {(unit, scale, 2)}
 
 
 @pytest.mark.parametrize(("first", "second"), [("j1", "j2"), ("Joint_1", "Joint_2")])  # the latter alone: a position

@@ -142,3 +142,10 @@ def test_one_wrong_line_of_a_response_is_discarded(value: float | None, n_out: i
     response = estimated(tmp_path / "s", tmp_path / "frf.npz")
     assert len(response.freq_hz) == len(FREQ) - n_out
     assert (FREQ[77] in response.freq_hz) == (n_out == 0)
+
+
+def test_output_without_any_value_is_drafted(tmp_path: Path) -> None:
+    """A dead channel leaves the quantity of the others."""
+    np.savez(tmp_path / "frf.npz", H=accelerations(1) * [[1.0], [np.nan]], freq_hz=FREQ)
+    channels = drafted(tmp_path, tmp_path / "frf.npz").experiment.responses.channels
+    assert {c.quantity for c in channels} == {"force", "acceleration"}

@@ -145,8 +145,7 @@ def test_time_histories_of_universal_files_have_hit_points_and_geometry(tmp_path
     assert experiment.as_recorded().places_of("bench", "u") == ("1z", "2z", "3z")
     geometry = geometry_of_files(experiment, study.parent)
     assert geometry.motion == {f"{node}z": (f"{node}", "z") for node in (1, 2, 3)}
-    run = ran(study)
-    (response,) = read_responses(run / "frf.h5")
+    (response,) = read_responses(ran(study) / "frf.h5")
     assert (response.inputs, response.outputs) == (("1z", "2z", "3z"), ("1z", "3z"))
 
 
@@ -165,6 +164,5 @@ def test_first_hit_point_may_keep_channel_location(tmp_path: Path) -> None:
         hits(tmp_path, f"p{k}.csv", k, [0])
     study = drafted(tmp_path, ["p0.csv", "p1.csv"])
     study.write_text(study.read_text().replace(", at: {force: p0}", ""))
-    run = ran(study)
-    (response,) = read_responses(run / "frf.h5")
+    (response,) = read_responses(ran(study) / "frf.h5")
     assert response.inputs == ("force", "p1")

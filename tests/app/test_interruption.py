@@ -85,8 +85,7 @@ def test_an_interrupted_fit_is_resumed(
         assert "parts are kept" in complained
     else:
         assert code == -9
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert "fit: resumed from " in done.stdout
+    assert "fit: resumed from " in subprocess.run(command, capture_output=True, text=True, check=True).stdout
     ours, theirs = tree(unfitted), tree(whole / "run")
     assert ours.keys() == theirs.keys()
     assert [name for name in ours if ours[name] != theirs[name]] == ["run.log"]

@@ -45,8 +45,7 @@ def test_bands_hold_so_often_as_they_say() -> None:
     def response(x: np.ndarray) -> np.ndarray:
         return (x @ waves)[:, None, None]
 
-    spread = propagate(response, np.zeros(5), np.eye(5))
-    pointwise, together = spread.radii()
+    pointwise, together = propagate(response, np.zeros(5), np.eye(5)).radii()
     errors = np.abs(np.array([response(x) for x in rng.standard_normal((2000, 5))]))
     assert 0.93 < np.mean(errors <= pointwise) < 0.97
     assert 0.93 < np.mean(np.all(errors <= together, axis=(1, 2, 3))) < 0.97

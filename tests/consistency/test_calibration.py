@@ -22,8 +22,7 @@ def study() -> Iterator[ModuleType]:
 @pytest.mark.slow
 def test_intervals_cover_truth_in_93_to_97_percent(study: ModuleType) -> None:
     """Of the three-mass axis, all parameters alike; the estimates scatter by the Cramer-Rao bound."""
-    plant = study.three_mass()
-    found = study.calibrate(study.DataSets(plant, 2), 1000, 1)
+    found = study.calibrate(study.DataSets(study.three_mass(), 2), 1000, 1)
     assert (found["sets"], found["failed"]) == (1000, 0)
     assert 0.93 < found["coverage"] < 0.97
     np.testing.assert_allclose(found["coverage_by_parameter"], 0.95, atol=0.03)

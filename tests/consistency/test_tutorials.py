@@ -118,5 +118,4 @@ def test_every_public_name_has_an_example() -> None:
 
 @pytest.mark.slow
 def test_the_examples_of_public_names_run() -> None:
-    page = PAGES / "howto" / "python.rst"
-    assert doctest.testfile(str(page), module_relative=False, encoding="utf-8").failed == 0
+    assert doctest.testfile(str(PAGES / "howto" / "python.rst"), module_relative=False, encoding="utf-8").failed == 0

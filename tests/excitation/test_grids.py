@@ -31,8 +31,7 @@ def test_odd_odd_grid_leaves_lines_for_odd_distortion() -> None:
     """1, 5, 9 ...: the sum of three such lines is 3 (mod 4), where none is excited."""
     lines = grid_lines("odd-odd", (2.0, 20.0), 100.0, 100)
     assert lines.tolist() == [5, 9, 13, 17]
-    cubes = {(a + b + c) % 4 for a in lines for b in lines for c in lines}
-    assert cubes == {3}
+    assert {(a + b + c) % 4 for a in lines for b in lines for c in lines} == {3}
 
 
 @given(group=st.integers(3, 5), n=st.integers(3, 80), seed=st.integers(0, 1000))

@@ -49,7 +49,7 @@ def fit(study: Study, work: Work) -> Artefacts:
     if recorded is not None and recorded.has_no_torque and recorded.controller is not None:
         from elastid.simulation.controller import loop_of  # a slow import
 
-        loop = loop_of(recorded.controller, len(robot.driven))
+        loop = loop_of(recorded.controller, robot.n_u)
     tests: Sequence[PlacedTest] = ()
     tool_frfs: list[Response] = []
     if study.loads is not None:

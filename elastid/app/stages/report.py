@@ -62,13 +62,9 @@ def report(study: Study, work: Work) -> Artefacts:
 
 
 def page_artefacts(
-    page: Callable[[list[EmbeddedFigure]], str],
-    embedded: Iterable[Drawing],
-    study: Study,
-    work: Work,
-    files: Mapping[str, Write] = MappingProxyType({}),
-    lines: Sequence[str] = (),
-) -> Artefacts:
+    page: Callable[[list[EmbeddedFigure]], str], embedded: Iterable[Drawing], study: Study, work: Work,
+    files: Mapping[str, Write] = MappingProxyType({}), lines: Sequence[str] = (),
+) -> Artefacts:  # fmt: skip
     """Return a page with its figures, written after other files; lines: printed before the path of the page."""
     pages: list[Path] = []
 

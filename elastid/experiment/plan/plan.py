@@ -97,7 +97,7 @@ def torque_rms(excitation: MultisineSpec, robot: Robot) -> FloatArray:
         limits = np.array([joint.limits.torque for joint in robot.driven])
         return np.where(np.isfinite(limits), limits, np.min(limits[np.isfinite(limits)], initial=1e3)) / 100
     if not isinstance(rms, tuple):
-        return np.full(len(robot.driven), rms)
+        return np.full(robot.n_u, rms)
     if refusal := robot.count_refusal(len(rms), "torques"):
         raise StudyError("excitation/power", f"{refusal}, or one for all", "excitation.torque_rms")
     return np.array(rms)
@@ -273,7 +273,7 @@ def make_plan(
         for pick in (*picks, *designed)
         for index in range(1, len(excitation.amplitudes) + 1)
     ]
-    lines, n_u = planned_lines(excitation, seed), len(robot.driven)
+    lines, n_u = planned_lines(excitation, seed), robot.n_u
     M, E = max(choice.realisations for _, choice in everyone), experiment.runs(n_u)
     R = np.zeros((len(everyone), M, E, len(lines.excited), n_u), complex)
     for q, (index, choice) in enumerate(everyone):

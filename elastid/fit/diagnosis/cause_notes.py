@@ -72,7 +72,7 @@ def phrase(index: ModificationIndex, evidence: Evidence) -> str:
 def number_phrase(index: ModificationIndex) -> str:
     """Return the change of a number, or of a common factor of several, with its values."""
     unit = "" if index.units[0] == "1" else f" {index.units[0]}"
-    step = float(index.steps[0])
+    step = index.step
     change = relative_change(step) if index.log[0] else f"{step:+.3g}{unit}"
     if index.name.endswith("*"):
         return f"{index.name} {change}"
@@ -91,7 +91,7 @@ def _remedy(index: ModificationIndex, evidence: Evidence) -> str:
     is_factor = index.name.startswith("I_") and index.name not in evidence.assembly.linearisation.model.parameters
     name = f"{index.name}_*" if is_factor and not index.name.endswith("*") else index.name
     if name == "low_pass":  # of all positions; a negative time constant is a low pass of all torques
-        name = "low_pass_y" if index.steps[0] > 0 else "low_pass_u"
+        name = "low_pass_y" if index.step > 0 else "low_pass_u"
     size = percent(usual) if index.log and index.log[0] else f"{usual:g} {index.units[0] if index.units else ''}"
     return capitalise(advice.format(name=name, where=index.name.partition("_")[2], usual=usual, size=size))
 

@@ -151,7 +151,7 @@ def find_delays(indices: list[ModificationIndex], evidence: Evidence, scores: Sc
             delayed.insert(0, row)
     for row in delayed:
         at, near, may_follow = points[row.name]
-        best = [*fit_delay_forms(at, prior, may_follow, row.name, channels[row.name], float(row.steps[0]))]
+        best = [*fit_delay_forms(at, prior, may_follow, row.name, channels[row.name], row.step)]
         least = min(form.cost for form in best)
         excess = max(least - noise, 0.0)
         tolerance = LIMITS.cost_margin * scores.variance_ratio + (1 - LIMITS.complete_fraction) * excess

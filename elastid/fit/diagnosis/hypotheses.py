@@ -50,10 +50,10 @@ DEGREES_LOG = 0.1  # of a scale about pi / 180, within which it is said to be th
 def gain_phrase(index: ModificationIndex) -> str:
     """Return the factor by which a channel, or all channels of one kind, read wrongly."""
     _, role, location = index.name.split("_", 2)
-    signals, factor = SIGNALS[role], relative_change(float(index.steps[0]))
+    signals, factor = SIGNALS[role], relative_change(index.step)
     if location == "*":
         return f"gain of all {signals} {factor}"
-    step = float(index.steps[0])
+    step = index.step
     size = relative_change(step).lstrip("+-")
     error = f"wrong by {size}" if "factor" in size else f"about {size} too {'large' if step > 0 else 'small'}"
     return f"logged {signals[:-1]} at {location.replace('_', ' ')} {error}"
@@ -62,7 +62,7 @@ def gain_phrase(index: ModificationIndex) -> str:
 def angle_phrase(index: ModificationIndex) -> str:
     """Return the offset of an axis, in one configuration or in all."""
     scope = "" if "@" in index.name else " in all configurations"
-    return f"angle of axis {axis_name(index)} wrong by {math.degrees(float(index.steps[0])):+.2g} deg{scope}"
+    return f"angle of axis {axis_name(index)} wrong by {math.degrees(index.step):+.2g} deg{scope}"
 
 
 def angles_phrase(index: ModificationIndex) -> str:
@@ -97,7 +97,7 @@ def payload_phrase(index: ModificationIndex) -> str:
 
 def delay_phrase(index: ModificationIndex) -> str:
     """Return the delay or low pass of a channel, or of the motions relative to the torques."""
-    T, name = float(index.steps[0]), index.name.partition("@")[0]
+    T, name = index.step, index.name.partition("@")[0]
     form = next(form for form in FORMS if name.startswith(form))
     role, _, location = name.removeprefix(form).lstrip("_").replace("_", " ").partition(" ")
     signals, reference = ("motions", "torques") if T > 0 else ("torques", "motions")
@@ -122,7 +122,7 @@ def scale_phrase(index: ModificationIndex) -> str:
 
 def load_phrase(index: ModificationIndex) -> str:
     """Return the change of a gear's stiffness with the torque it carries."""
-    gear, percent = f"gear {axis_name(index)} whose stiffness increases with torque", 100 * float(index.steps[0])
+    gear, percent = f"gear {axis_name(index)} whose stiffness increases with torque", 100 * index.step
     if index.name.startswith("play"):
         return f"{gear} above its backlash ({-percent:+.2g} % at the smallest torque of these postures)"
     return f"{gear} ({percent:+.2g} % at the largest torque of these postures)"
@@ -131,7 +131,7 @@ def load_phrase(index: ModificationIndex) -> str:
 def coupling_phrase(index: ModificationIndex) -> str:
     """Return the turns of a motor with another axis."""
     motor, joint = index.name.split("_")[1:3]
-    return f"gear coupling of motor {motor} with axis {joint}, {float(index.steps[0]):+.3g} of its ratio"
+    return f"gear coupling of motor {motor} with axis {joint}, {index.step:+.3g} of its ratio"
 
 
 def one_posture_phrase(index: ModificationIndex) -> str:
@@ -139,7 +139,7 @@ def one_posture_phrase(index: ModificationIndex) -> str:
     if index.name.startswith("delay"):
         return delay_phrase(index)
     quantity = "gain of the torques" if index.name.startswith("torques") else f"stiffness of gear {axis_name(index)}"
-    return f"{quantity} {100 * float(index.steps[0]):+.2g} %"
+    return f"{quantity} {100 * index.step:+.2g} %"
 
 
 LATE, RATIO = Size(5e-4, 0.05, unit="s"), Size(0.005, math.log(1.5), True, "1")

@@ -197,13 +197,9 @@ class EmbeddedFigure:
 
 @default_style()
 def write_page(
-    page: Callable[[list[EmbeddedFigure]], str],
-    drawings: Iterable[Drawing],
-    folder: Path,
-    formats: Collection[str],
-    execution: Execution | None = None,
-    name: str = "report.html",
-) -> Path:
+    page: Callable[[list[EmbeddedFigure]], str], drawings: Iterable[Drawing], folder: Path, formats: Collection[str],
+    execution: Execution | None = None, name: str = "report.html",
+) -> Path:  # fmt: skip
     """Write a page as folder/`name` and replace folder/figures/*; return its path.
 
     page(figures): returns the HTML.  All files are written atomically, the page last; equal content gives equal bytes.
@@ -247,13 +243,9 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
 
 
 def render(
-    template: str,
-    content: Any,
-    figures: Collection[EmbeddedFigure],
-    curves: str = "",
-    scripts: Sequence[str] = (),
+    template: str, content: Any, figures: Collection[EmbeddedFigure], curves: str = "", scripts: Sequence[str] = (),
     **values: Any,
-) -> str:
+) -> str:  # fmt: skip
     """Render a page from a template, with data of the explorer (curves) and further values of the template."""
     names = {"content": content, "figures": figures, "explorer": curves, "scripts": scripts, "mode_viewer": ""} | values
     return _environment().get_template(template).render(names, asset=asset, policy=script_policy(scripts))

@@ -134,8 +134,8 @@ def _check_tool(study: Study, tool: ToolSpec, base: Path, section: KeyPath) -> I
         yield from _check_file(study, file, (*path, "files", i), base)
     robot = study.as_robot()
     inputs = robot.load_locations
-    if tool.stiffness and len(tool.stiffness) != len(robot.driven):
-        message = f"{len(tool.stiffness)} drives for {len(robot.driven)} driven joints of robot {robot.name}"
+    if tool.stiffness and len(tool.stiffness) != robot.n_u:
+        message = f"{len(tool.stiffness)} drives for {robot.n_u} driven joints of robot {robot.name}"
         yield Problem((*section, "stiffness"), message + ". Give one per joint")
     for i, channel in enumerate(tool.responses.channels):
         key_path = (*path, "channels", i)

@@ -32,7 +32,7 @@ def check_names(path: KeyPath, noun: str, names: Sequence[str], valid: Sequence[
 
 def check_units(path: KeyPath, values: object, robot: Robot) -> Iterator[Problem]:
     """Check that a number for all motors, or one for each, has the unit of its joint's motion."""
-    entries = values if isinstance(values, tuple) else (values,) * len(robot.driven)
+    entries = values if isinstance(values, tuple) else (values,) * robot.n_u
     for i, (value, joint) in enumerate(zip(entries, robot.driven, strict=False)):
         refusal = joint.refusal_of(value) if isinstance(value, float) else ""
         if refusal and isinstance(values, tuple):

@@ -22,8 +22,7 @@ def test_what_was_taken_out_is_in_every_result(tiny: Path) -> None:
     options += ["fit.parameters={k_1: {}, fm_1: {}}", "estimator.friction=coulomb", "report.formats=[png]"]
     run = run_of(tiny, tiny.parent / "run", *options)
     run_all(run)
-    friction = read_friction(run.path("estimate"))
-    level, std = friction.coulomb_friction("motor 1")
+    level, std = read_friction(run.path("estimate")).coulomb_friction("motor 1")
     assert abs(level - 0.01) < 0.002, (level, std)
     summary = summary_of(run.folder)
     assert [(each["motor"], each["F_c"], each["std"]) for each in summary["friction"]] == [("motor 1", level, std)]

@@ -110,8 +110,7 @@ def test_the_robot_that_was_found_moves_as_the_log(folder: Path) -> None:
     first = load_robot(folder / "identified_robot.yml").driven[0]
     assert first.gear.transmission_error[0].amplitude == pytest.approx(2e-5, rel=0.1)
     assert first.friction.coulomb == pytest.approx(12.0, rel=0.01)
-    runs = summary(folder, "validation.json")["simulation"]
-    (run,) = runs
+    (run,) = summary(folder, "validation.json")["simulation"]
     motion = [signal for signal in run["signals"] if signal["signal"] == "motor angle"]
     assert motion
     assert all(signal["error"] < 0.04 for signal in motion)

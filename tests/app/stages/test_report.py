@@ -35,8 +35,7 @@ def bench(tmp_path_factory) -> Path:
 
 def peaks(run: Path) -> list[float]:
     """Frequencies in the table of a run, Hz."""
-    rows = csv.DictReader((run / "modes.csv").read_text().splitlines())
-    return [float(row["frequency"]) for row in rows]
+    return [float(row["frequency"]) for row in csv.DictReader((run / "modes.csv").read_text().splitlines())]
 
 
 def test_a_structure_that_is_driven_by_a_voltage(bench: Path) -> None:
