@@ -117,13 +117,9 @@ def _identify(
 
 
 def _gather(
-    inputs: tuple[str, ...],
-    shapes: Sequence[BasisFunction],
-    spec: EstimatorSpec,
-    planned: IntArray | None,
-    friction: CompensatedFriction | None,
-    measured: Iterable[Record],
-) -> ConfigurationSpectra:
+    inputs: tuple[str, ...], shapes: Sequence[BasisFunction], spec: EstimatorSpec, planned: IntArray | None,
+    friction: CompensatedFriction | None, measured: Iterable[Record],
+) -> ConfigurationSpectra:  # fmt: skip
     """Return the spectra of one configuration; raise _UnsuitedRecords if they do not determine the friction."""
     records = tuple(measured)
     check_consistency(records)

@@ -186,7 +186,7 @@ class Robot:
     def display(self) -> Display:
         """Number of components, and the joints with motor and spring."""
         counts = (
-            (len(self.bodies), "bodies"), (len(self.driven), "motors"), (len(self.loops), "loops"),
+            (len(self.bodies), "bodies"), (self.n_u, "motors"), (len(self.loops), "loops"),
             (len(self.compensators), "compensators"), (len(self.gears), "gear couplings")
         )  # fmt: skip
         words = [f"{n} {noun if n > 1 else noun.replace('ies', 'y').rstrip('s')}" for n, noun in counts if n]
@@ -243,7 +243,7 @@ class Robot:
 
     def joint_positions(self, angles: FloatArray) -> FloatArray:
         """Return the joints (..., n_l) at the driven joints' angles (..., n_u), all others at 0."""
-        q = np.zeros((*angles.shape[:-1], len(self.joints)))
+        q = np.zeros((*angles.shape[:-1], self.n_l))
         q[..., list(self.driven_indices)] = angles
         return q
 
@@ -288,9 +288,8 @@ class Robot:
 
     def count_refusal(self, count: int, noun: str = "angles") -> str:
         """Return why a number of values does not match the driven joints; empty if it does."""
-        n_u, joints = len(self.driven), ", ".join(self.driven_names)
-        refusal = f"{count} {noun} for {n_u} driven joints ({joints}) of robot {self.name}; give one for each"
-        return "" if count == n_u else refusal
+        joints = f"{self.n_u} driven joints ({', '.join(self.driven_names)})"
+        return "" if count == self.n_u else f"{count} {noun} for {joints} of robot {self.name}; give one for each"
 
     def check_location(self, location: str) -> None:
         """Raise StudyError with all locations for an unknown location."""

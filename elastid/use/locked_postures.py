@@ -111,7 +111,7 @@ class LockedEquations:
             q[:, : model.robot.n_l] = model.robot.joint_positions(angles)
             q[:, [model.index(motor) for motor in model.inputs]] = angles
             rigid, step = q.copy(), np.ones((len(angles), len(free), 1))
-            for _ in range(0 if model.n_c else 10):
+            for _ in range(0 if model.n_c else 10):  # each step doubles the digits
                 gradient, K, M = evaluate_rows(self._functions[0], q)
                 step[:] = -np.linalg.solve(K, gradient)
                 q[:, free] += step[:, :, 0]
@@ -140,6 +140,7 @@ class LockedEquations:
         (i, j), A = np.tril_indices(n), np.zeros((3, len(q), n, n))
         A[..., i, j] = A[..., j, i] = varied[:, :n_t, 0].reshape(len(q), 3, -1).swapaxes(0, 1)
         J = poses.rotation @ varied[:, n_t:, 0].reshape(len(q), n, 3).mT
+        # A model that does not follow its parameters is affine in them: no length is free, and J is constant.
         J_slopes = np.einsum("qij,qnjp->qinp", poses.rotation, follows * slopes[:, n_t:].reshape(len(q), n, 3, -1))
         M, D, K = A
         return LockedPostures(M, D, K, J, slopes[:, :n_t], J_slopes, stiffness[:, :, 0], deflection, poses.position)

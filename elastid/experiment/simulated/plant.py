@@ -77,18 +77,10 @@ _model_of = lru_cache(maxsize=4)(formulate)
 
 @lru_cache(maxsize=4)
 def _loop_of(
-    robot: Robot,
-    equations: ModelSpec,
-    rate_hz: float,
-    substeps: int,
-    encoder_counts: int,
-    torque_ripple: tuple[TorqueRippleSpec, ...],
-    saturation: bool,
-    controller: ControllerSpec,
-    samples: int,
-    is_free: bool,
-    has_theta: bool,
-) -> ClosedLoop:
+    robot: Robot, equations: ModelSpec, rate_hz: float, substeps: int, encoder_counts: int,
+    torque_ripple: tuple[TorqueRippleSpec, ...], saturation: bool, controller: ControllerSpec, samples: int,
+    is_free: bool, has_theta: bool,
+) -> ClosedLoop:  # fmt: skip
     """Return the closed loop of a robot, built once in a process: CasADi expressions do not pickle."""
     model = model_of(robot, equations)
     limits = np.array([(-np.inf, np.inf) if is_free else joint.limits.angle for joint in robot.driven])
@@ -178,13 +170,9 @@ def closed_loop_of(
 
 
 def _closed_loop_response(
-    robot: Robot,
-    controller: ControllerSpec,
-    rate_hz: float,
-    inject: Injected,
-    configuration: Configuration,
+    robot: Robot, controller: ControllerSpec, rate_hz: float, inject: Injected, configuration: Configuration,
     freq_hz: FloatArray,
-) -> ClosedLoopResponse:
+) -> ClosedLoopResponse:  # fmt: skip
     linearisation = Linearisation.of_robot(robot)
     model = linearisation.model
     linear = linearisation.at(configuration, model.theta, model.inputs, "position")

@@ -230,15 +230,9 @@ def _interpolate(x: FloatArray, L: int, sign: int) -> FloatArray:
 
 
 def _spikes(
-    x: FloatArray,
-    e: FloatArray,
-    is_tested: BoolArray,
-    L: int,
-    min_distance: float,
-    max_run: int,
-    q: float,
+    x: FloatArray, e: FloatArray, is_tested: BoolArray, L: int, min_distance: float, max_run: int, q: float,
     quantile: float = QUIET_FRACTION,
-) -> BoolArray:
+) -> BoolArray:  # fmt: skip
     """Flag (n,) the spikes of up to max_run samples of a signal x (n,) where is_tested (n,).
 
     e (n,): finite difference of x to a reference, with a separate noise std for each period of L.  min_distance: least

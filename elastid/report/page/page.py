@@ -38,6 +38,7 @@ from elastid.report.figures.drawings import Drawing
 from elastid.report.figures.style import default_style
 from elastid.report.modes import ModeDrawing, spring_names
 from elastid.report.page.explorer import asset, curve_scripts, explorer, mode_viewer, script_policy
+from elastid.report.residual_strip import residual_strip
 from elastid.robot import Robot
 
 SIZE, MARGIN = 250.0, 26.0  # of the robot drawing, pixels
@@ -125,7 +126,7 @@ def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapp
         "width_class": run_summary.width_class,
         "width_counts": [(label, i, classes.count(i)) for i, label in enumerate(run_summary.WIDTH_WORDS)],
         "counted": "point" if robot else "parameter",
-        "strip": run_summary.residual_strip(content.validation.configurations),
+        "strip": residual_strip(content.validation.configurations),
         "residuals": run_summary.residual_sentence(content.result, content.agreements),
         "actions": run_summary.next_steps(content.result, rows),
         "commands": run_summary.COMMANDS,
