@@ -184,15 +184,15 @@ def _text_table(log: TextLog) -> _Table | None:
         x, y = (log.columns([log.headings.index(name) for name in side]) for side in (first, second))
         is_polar = words is not _PAIRS[0]
         names = ("magnitude", "phase") if is_polar else ("real", "imaginary")
-        label_of = dict(zip(names, map(quote, labels), strict=True))
-        if is_polar:  # dB if any magnitude is negative, degrees if any phase is beyond pi
-            label_of["magnitude_unit"] = "dB" if x.min() < 0 else quote("1")
-            label_of["phase_unit"] = "deg" if np.abs(y).max() > np.pi + 0.01 else "rad"
-            x = 10 ** (x / 20) if x.min() < 0 else x
+        label_of = {"frequency": quote(frequency)} | dict(zip(names, map(quote, labels), strict=True))
+        if is_polar:  # dB if any magnitude is negative, degrees if any phase is beyond pi; cells may be empty
+            is_db = np.nanmin(x, initial=0.0) < 0
+            label_of["magnitude_unit"] = "dB" if is_db else quote("1")
+            label_of["phase_unit"] = "deg" if np.nanmax(np.abs(y), initial=0.0) > 3.15 else "rad"
+            x = 10 ** (x / 20) if is_db else x
         G = (x if is_polar else x + 1j * y).astype(np.complex128)  # |G| alone, if polar, for the guess by its slope
         unit = "rad/s" if _RADIANS.fullmatch(frequency) else "Hz"
-        columns_text = mapping({"frequency": quote(frequency)} | label_of)
-        keys = {"columns": columns_text, "frequency_unit": f"{unit} # guessed by the name {frequency}"}
+        keys = {"columns": mapping(label_of), "frequency_unit": f"{unit} # guessed by the name {frequency}"}
         outputs, inputs = (tuple(ChannelGuess("", int(n), "", "", 0, "") for n in side) for side in (rows, columns))
         freq = log.columns([log.headings.index(frequency)])[:, 0]
         return _Table(freq, G.reshape(len(x), len(rows), len(columns)), keys, outputs, inputs)
