@@ -19,12 +19,12 @@ from elastid.base.errors import check_kind, index_of
 from elastid.fit.result import Result
 from elastid.friction_study.result import FrictionResult
 from elastid.linear.fitted_model import FittedModel
-from elastid.report.content import parameter_rows
 from elastid.report.figures import fit
 from elastid.report.figures.fit import forest
 from elastid.report.figures.friction import friction_curve as curve_figure
 from elastid.report.figures.style import default_style
 from elastid.report.figures.use import workspace_figure
+from elastid.report.parameter_row import parameter_rows
 from elastid.response import Response, in_quantity
 from elastid.use.map import WorkspaceMap
 

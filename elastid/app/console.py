@@ -17,7 +17,7 @@ from elastid.base.files import open_regular_file
 
 if TYPE_CHECKING:
     from elastid.friction_study.result import FrictionNumber
-    from elastid.report.content import ParameterRow
+    from elastid.report.parameter_row import ParameterRow
 
 
 class Console:

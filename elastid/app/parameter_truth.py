@@ -6,7 +6,7 @@ from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.gear_result import GearResult
 from elastid.parameters import DELAY, Parameters
-from elastid.report.content import WITH_COULOMB
+from elastid.report.parameter_row import WITH_COULOMB
 from elastid.robot import Robot, channel_name
 
 VISCOUS = "viscous friction alone"

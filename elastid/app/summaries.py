@@ -16,8 +16,8 @@ from elastid.linear.modes import strain_energy
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import stick_figure
 from elastid.nonlinear.compensated_friction import CompensatedFriction, friction_rows
-from elastid.report.content import ParameterRow
 from elastid.report.modes import ModeRow, load_name, mode_drawing, spring_names
+from elastid.report.parameter_row import ParameterRow
 from elastid.robot import Robot
 from elastid.store.kinds import SCHEMA, json_value, write_json
 from elastid.validation.frf_error import FrfError, Validation
@@ -234,10 +234,8 @@ def _head(name: str, status: str, message: str) -> Content:
 
 def list_notes(notes: Iterable[Note]) -> list[Content]:
     """List notes for a summary; equal notes of several places are one entry."""
-    return [
-        section(group.first, "code severity places=place text") | {"places": [place for place in group.places if place]}
-        for group in group_notes(notes)
-    ]
+    keys = "code severity places=place text=sentences"
+    return [section(group.first, keys) | {"places": [*filter(None, group.places)]} for group in group_notes(notes)]
 
 
 def _log_comparison(log_comparison: LogComparison) -> Content:

@@ -149,15 +149,29 @@ Severity: TypeAlias = Literal["information", "warning"]
 
 @dataclass(frozen=True)
 class Note:
-    """Note on data, a plan or a result, with the code, text and place of an `ElastidError`."""
+    """Note on data, a plan or a result, with the code, text and place of an `ElastidError`.
+
+    remedy: next step in the imperative, where other texts state the fault without it; otherwise at the end of the text.
+    """
 
     code: str
     text: str
     place: str = ""
     severity: Severity = "warning"
+    remedy: str = ""
+
+    @property
+    def fault(self) -> str:
+        """Place and text, without the remedy."""
+        return f"{self.place}: {self.text}" if self.place else self.text
+
+    @property
+    def sentences(self) -> str:
+        """Text and remedy, without the place."""
+        return ". ".join(filter(None, (self.text, self.remedy)))
 
     def __str__(self) -> str:
-        return f"{self.place}: {self.text}" if self.place else self.text
+        return ". ".join(filter(None, (self.fault, self.remedy)))
 
 
 @dataclass(frozen=True)
@@ -171,8 +185,8 @@ class NoteGroup:
         if len(self.places) == 1:
             return str(self.first)
         if len(self.places) <= 3:
-            return f"{', '.join(self.places)}: {self.first.text}"
-        return f"{self.places[0]} and {len(self.places) - 1} more: {self.first.text}"
+            return f"{', '.join(self.places)}: {self.first.sentences}"
+        return f"{self.places[0]} and {len(self.places) - 1} more: {self.first.sentences}"
 
 
 def notes_of(values: Iterable[Any]) -> tuple[Note, ...]:
@@ -190,6 +204,7 @@ def group_notes(notes: Iterable[Note]) -> tuple[NoteGroup, ...]:
     groups: dict[tuple[str, str, bool], dict[Note, None]] = {}
     for note in notes:
         # Notes without a place are grouped only if their texts are equal, numbers included.
-        key = (note.code, re.sub(r"\d+(\.\d+)?", "#", note.text) if note.place else note.text, bool(note.place))
+        texts = re.sub(r"\d+(\.\d+)?", "#" if note.place else r"\g<0>", note.sentences)
+        key = (note.code, texts, bool(note.place))
         groups.setdefault(key, {})[note] = None
     return tuple(NoteGroup(next(iter(n)), tuple(dict.fromkeys(note.place for note in n))) for n in groups.values())

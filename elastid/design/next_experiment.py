@@ -227,8 +227,7 @@ def _within_envelope(
     spec = replace(problem.excitation, torque_rms=1.0)  # a number: amplitudes are never raised for a sampled robot
     for robot in robots:
         # One realisation suffices, because realisations differ by less than the margin.
-        first = replace(problem, robot=robot).rig(replace(plan, R=plan.R[:, :1]))
-        _, use = within_limits(first, spec, execution)
+        _, use = within_limits(replace(problem, robot=robot).rig(replace(plan, R=plan.R[:, :1])), spec, execution)
         plan = plan.scaled(use.factor)
         closest = max(closest, use, key=lambda use: float(use.used.max()))
     return plan, closest

@@ -85,8 +85,7 @@ class DesignProblem:
         carrier, excitation, experiment = self.simulated.carrier, self.excitation, self.experiment
         excursion = np.zeros(self.robot.n_u)
         if carrier is not None:
-            periods = experiment.transient_periods + experiment.periods / 2
-            start_s = periods * excitation.period + experiment.ramp / 2
+            start_s = (experiment.transient_periods + experiment.periods / 2) * excitation.period + experiment.ramp / 2
             excursion = max_excursion(carrier, len(excursion), excitation.period, start_s) / (1 - excitation.margin)
         return draw_candidates(design.candidates, self.robot, self.seed, excursion)
 

@@ -75,14 +75,9 @@ def amplitudes(relative: FloatArray, rms: FloatArray) -> FloatArray:
 
 
 def experiments(
-    phases: Phases,
-    orthogonal: Orthogonal,
-    lines: IntArray,
-    amplitude: FloatArray,
-    rng: np.random.Generator,
-    responses: ComplexArray,
-    is_alone: bool = True,
-) -> ComplexArray:
+    phases: Phases, orthogonal: Orthogonal, lines: IntArray, amplitude: FloatArray, rng: np.random.Generator,
+    responses: ComplexArray, is_alone: bool = True,
+) -> ComplexArray:  # fmt: skip
     """Return U (n_u experiments, F, n_u inputs) of one realisation, with amplitudes A (F, n_u) at lines (F,).
 
     responses (F, n_o, n_u): from the inputs to the signals whose crest factors `optimised` phases lower, all weighted

@@ -173,8 +173,7 @@ class Family:
                     "the controller has filters or a delay, which these equations leave out; give JointLoop(kp, kd, "
                     "ki) without them, or take `elastid loops`",
                 )
-            q = rigid_posture(self.model, configuration, self.theta)
-            controller = gains_of(self.model, q, controller)
+            controller = gains_of(self.model, rigid_posture(self.model, configuration, self.theta), controller)
         n_u = self.model.n_u
         return JointLoop.gain_derivatives(controller, lambda gain: np.broadcast_to(np.asarray(gain, float), n_u))
 

@@ -1,5 +1,6 @@
 """Terms of the status of a fit: its values with their meaning, verdicts on parameters, codes of causes."""
 
+from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from elastid.response import UNEXPLAINED
@@ -13,28 +14,51 @@ Status: TypeAlias = Literal[
 # Limit of the ratio of residuals to noise and declared model error, and of residuals to noise.
 LARGE = 1.5
 
-# The meaning for the parameters; after the full stop the next action.
-MEANING: dict[Status, str] = {
-    "converged": "all parameters identified. Use them with their intervals",
-    "noise_unknown": "no residual test, because the responses have no covariance; the intervals are computed from the "
-    "residuals. To test the model, measure two periods or more, or give the covariance",
-    "at_bound": "a parameter ended at its bound, and the others are estimated with this value. Widen the bound; if the "
-    "estimate then ends at the new bound, the model may lack an effect",
-    "misfit": "significant model error: the estimates can be biased; do not use the results. Correct the likely cause, "
-    "and fit again",
-    "not_converged": "the search stopped before an optimum. Give it more starts, or start values nearer to the robot",
-    "ill_conditioned": "the data do not determine all parameters. Fix or tie those that are named, or give a prior",
-    "model_error": "the model does not describe these responses: do not use its parameters. Check channels, "
-    "configurations and robot model",
+
+@dataclass(frozen=True)
+class Meaning:
+    """Meaning of a status for the parameters, with the next action; both without full stops."""
+
+    clause: str
+    action: str
+
+    def __str__(self) -> str:
+        return f"{self.clause}. {self.action}"
+
+
+# Meanings of all statuses but `converged`, whose meaning depends on the parameters.
+MEANING: dict[Status, Meaning] = {
+    "noise_unknown": Meaning(
+        "no residual test, because the responses have no covariance; the intervals are computed from the residuals",
+        "To test the model, measure two periods or more, or give the covariance",
+    ),
+    "at_bound": Meaning(
+        "a parameter ended at its bound, and the others are estimated with this value",
+        "Widen the bound; if the estimate then ends at the new bound, the model may lack an effect",
+    ),
+    "misfit": Meaning(
+        "significant model error: the estimates can be biased; do not use the results",
+        "Correct the likely cause, and fit again",
+    ),
+    "not_converged": Meaning(
+        "the search stopped before an optimum", "Give it more starts, or start values nearer to the robot"
+    ),
+    "ill_conditioned": Meaning(
+        "the data do not determine all parameters", "Fix or tie those that are named, or give a prior"
+    ),
+    "model_error": Meaning(
+        "the model does not describe these responses: do not use its parameters",
+        "Check channels, configurations and robot model",
+    ),
 }
 
 # Meaning of a misfit whose residuals are consistent with the noise.
-CONTRADICTED = "the data contradict a value of the robot model. Correct or estimate the value, and fit again"
+CONTRADICTED = Meaning("the data contradict a value of the robot model", "Correct or estimate the value, and fit again")
 
 # Code of the note on undetectable errors of fixed values.
 FIXED_VALUES = "fit/fixed-values"
 
-# Codes of notes on causes of model errors: two sentences each, the cause and its remedy.
+# Codes of notes on causes of model errors; each note has a remedy.
 CAUSES = (
     "fit/frequency-unit", "fit/likely-cause", "fit/inconsistent-responses", "fit/loads", "fit/tool",
     "fit/prior-contradicted", "fit/tolerances",

@@ -1,6 +1,7 @@
 """Verdict: status, residual test and causes of a fit as sentences for console and page."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,9 +22,21 @@ from elastid.fit.status_terms import (
     OTHER_AMPLITUDE,
     OTHER_JOINTS,
     REQUIRED,
+    Meaning,
 )
 
 ROUNDING = 1e-9  # contribution to a std, relative to the std, below which it is zero
+
+
+@dataclass(frozen=True)
+class ResidualTest:
+    """Test of the residuals against the noise: verdict, and ratio with its limit, empty if the noise is unknown."""
+
+    verdict: str
+    ratio: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.verdict}: residuals {self.ratio}" if self.ratio else self.verdict
 
 
 class Verdict(FitValues):
@@ -44,19 +57,18 @@ class Verdict(FitValues):
             cells = [number(column[p.name], 2) for column in columns.values()]
             ends = " to ".join(format_interval(self.interval(p.name), n_digits))
             rows.append((p.name, number(values[p.name], n_digits), *cells, ends, p.unit))
-        headings = ("parameter", "value", *columns, "95 % interval", "unit")
-        return Display(f"Fit: {self.message}", headings, rows)
+        return Display(f"Fit: {self.message}", ("parameter", "value", *columns, "95 % interval", "unit"), rows)
 
     @property
-    def meaning(self) -> str:
+    def meaning(self) -> Meaning:
         """The meaning of the status for the parameters, with the next action."""
-        if self.status == "misfit" and self.cause[0].startswith(REQUIRED):
+        if self.status == "misfit" and self.required_value:
             return CONTRADICTED
         if self.status != "converged":
             return MEANING[self.status]
         bias = ", some biased (see their verdicts)" if BIASED in "".join(self.verdicts) else ""
-        test, remark = self.residual_test.partition(":")[0], capitalise(self.cause[0]) or self.coverage
-        return f"{self._counts}{bias}; {test}. {remark}"
+        remark = capitalise(self.cause.fault) or self.coverage
+        return Meaning(f"{self._counts}{bias}; {self.residual_test.verdict}", remark)
 
     @property
     def _counts(self) -> str:
@@ -91,17 +103,17 @@ class Verdict(FitValues):
         return f"The intervals cover {', '.join(errors)}{assumption}"
 
     @property
-    def residual_test(self) -> str:
-        """Sentence on the residual test: verdict, ratio of residuals to noise, and limit."""
+    def residual_test(self) -> ResidualTest:
+        """Residual test in words: verdict, ratio of residuals to noise, and limit."""
         if not self.noise_is_known:
-            return "no residual test, because the noise is unknown"
+            return ResidualTest("no residual test, because the noise is unknown")
         if self.exceeds_noise and self.model_error > TYPICAL_MODEL_ERROR:
             verdict = "passed" if self.is_within_declared else "failed"
             error = f"{number(self.error_ratio, 3)} times noise and assumed model error together"
-            return f"residual test {verdict}: residuals {error} (rms; fixed limit {LARGE:g})"
+            return ResidualTest(f"residual test {verdict}", f"{error} (rms; fixed limit {LARGE:g})")
         verdict, ratio = "failed" if self.exceeds_noise else "passed", number(self.residual_ratio, 3)
         limit = f"limit {math.sqrt(max_cost_ratio(self.cost_dof)):.3g}, false-alarm rate 0.14 %"
-        return f"residual test {verdict}: residuals {ratio} times the noise (rms; {limit})"
+        return ResidualTest(f"residual test {verdict}", f"{ratio} times the noise (rms; {limit})")
 
     @property
     def converged_starts(self) -> str:
@@ -115,20 +127,32 @@ class Verdict(FitValues):
         limits, remarks = (QUANTILE_95 * self.std_of_x).tolist(), {}
         for base in self.assumed_rigid:
             stiffness = f"{base.stiffness:.2g} N*m/rad {base.name.removeprefix('base ')}"
-            condition = f"If the base has a typical stiffness ({stiffness})"
             for p, change, limit in zip(self.parameters.of_interest, base.changes.tolist(), limits, strict=False):
                 if p.name.startswith("k") and -change > limit:
-                    bias = f"{p.name} is {percent(-math.expm1(change))} too low"
-                    remarks[p.name] = f"{p.name} is estimated for a rigid base. {condition}, {bias}"
+                    remarks[p.name] = (
+                        f"{p.name} is estimated for a rigid base. If the base has a typical stiffness ({stiffness}), "
+                        f"{p.name} is {percent(-math.expm1(change))} too low"
+                    )
         return remarks
 
     @property
-    def cause(self) -> tuple[str, str, str]:
-        """First cause of a model error, a full stop, and its remedy; three empty texts if no cause is known."""
-        causes = [str(note) for note in self.notes if note.code in CAUSES]
+    def cause(self) -> Note:
+        """First cause of a model error with its remedy; a note without texts if no cause is known."""
+        causes = [note for note in self.notes if note.code in CAUSES]
         if self.exceeds_noise and not self.is_within_declared:
-            causes.append(f"{NO_CAUSE}. {self.test_of_causes}")
-        return min(causes, key=lambda text: text.startswith(NO_CAUSE), default="").partition(". ")
+            causes.append(Note("", NO_CAUSE, remedy=self.test_of_causes))
+        return min(causes, key=lambda note: note.text.startswith(NO_CAUSE), default=Note("", ""))
+
+    @property
+    def has_cause(self) -> bool:
+        """True if the fit names a cause of its model error."""
+        return not (self.cause.text or NO_CAUSE).startswith(NO_CAUSE)
+
+    @property
+    def required_value(self) -> str:
+        """Value in words that the fit used instead of the value of the robot model; else empty."""
+        _, is_required, value = self.cause.text.partition(f"{REQUIRED} ")
+        return value.partition(";")[0] if is_required else ""
 
     @property
     def shown_notes(self) -> tuple[Note, ...]:

@@ -182,8 +182,7 @@ def distances(compared: ComparedPeriods, good: IntArray) -> Distances:
     D = _leave_one_out_median(compared, good) / size
     typical = np.median(D[good], axis=0)
     spread = STD_OVER_MAD * np.median(np.abs(D[good] - typical), axis=0)
-    limit = typical + compared.outlier_sigma * np.maximum(spread, MIN_SPREAD * typical)
-    distant = Distances(D, typical, limit)
+    distant = Distances(D, typical, typical + compared.outlier_sigma * np.maximum(spread, MIN_SPREAD * typical))
     if not distant.far.any():
         return distant
     # Noise on few lines, such as a slow drift, has a larger scatter: ln D has the std 0.8 / sqrt(n_noisy).

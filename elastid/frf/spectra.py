@@ -227,8 +227,7 @@ def _drift(record: Record, lines: IntArray, drifts: BoolArray) -> tuple[FloatArr
         release(record.y)
     if record.half_wave:  # the mean over periods was already subtracted
         gain -= 2 * mean_of_rows(record.y, P // 2 * 2 * L)[drifts]
-    ramp = sign / (np.exp(-2j * np.pi * lines / record.period_samples) - 1)
-    return (sign ** np.arange(P))[:, None] * gain, ramp
+    return (sign ** np.arange(P))[:, None] * gain, sign / (np.exp(-2j * np.pi * lines / record.period_samples) - 1)
 
 
 def check_values(record: Record) -> None:

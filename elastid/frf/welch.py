@@ -230,8 +230,7 @@ def _spectra(
     at_once = max(1, max_values // (L * n))
     for record in records:
         for begin in range(0, segments.count(record.n_samples), at_once):
-            K = min(at_once, segments.count(record.n_samples) - begin)
-            samples = slice(begin * D, (begin + K - 1) * D + L)
+            samples = slice(begin * D, (begin + min(at_once, segments.count(record.n_samples) - begin) - 1) * D + L)
             signals = np.ascontiguousarray(np.concatenate([record.y[samples], record.u[samples]], axis=1).T)
             windows = np.lib.stride_tricks.sliding_window_view(signals, L, axis=1)[:, ::D]
             windows = (windows - windows.mean(axis=2, keepdims=True)) * w
@@ -309,8 +308,7 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> Response:
         )
     is_padded = records[0] is not full_records[0]
     complete = usable & ~_is_truncated(full_records, segments, spec, data) if is_padded else usable
-    lines = complete if complete.any() else usable
-    data, L = data.on(lines), len(segments.window)
+    data, L = data.on(complete if complete.any() else usable), len(segments.window)
     G = data.yu @ np.linalg.inv(data.uu)
     covariance, total, beta, C_V = _covariances(data, G, segments, _by_leverage(records, segments, spec, data, G))
     quality = _quality(data, G, C_V)
@@ -343,8 +341,7 @@ def _is_truncated(records: Sequence[Record], segments: Segments, spec: Estimator
     rise = np.sin(np.pi / 2 * np.arange(1, n + 1) / n)[:, None] ** 2  # truncated at the end only
     ends = [rise * (record.u - record.u.mean(axis=0))[-n:] for record in records]
     at_end = np.sum([np.abs(rfft(end, len(w), axis=0)[lines] * scale[:, n_y:]) ** 2 for end in ends], axis=0)
-    total_power = power(data.uu) * segments.step / np.sum(w**2)
-    return np.asarray(np.any(at_end > _MAX_END_FRACTION * total_power, axis=1))
+    return np.asarray(np.any(at_end > _MAX_END_FRACTION * (power(data.uu) * segments.step / np.sum(w**2)), axis=1))
 
 
 def _covariances(
@@ -360,8 +357,7 @@ def _covariances(
     # For exact data rounding errors can make the residual negative.
     S_V = S_V + np.eye(data.n_y) * np.maximum(-np.linalg.eigvalsh(S_V)[:, :1, None], 0.0)
     C_V = S_V * (data.K_e / data.K / dof)
-    inverse = np.asarray(np.linalg.inv(data.uu), dtype=np.complex128)
-    input_factor = inverse.mT * (data.K / data.K_e)
+    input_factor = np.asarray(np.linalg.inv(data.uu), dtype=np.complex128).mT * (data.K / data.K_e)
     beta = _leakage(G, power(C_V)[:, :, None] * power(input_factor)[:, None, :], segments)
     scaled_beta = beta / np.sqrt(G.shape[2] * power(input_factor))[:, None, :]
     by_noise, by_leverage = power(C_V), power(C_h)

@@ -120,8 +120,7 @@ class PassRegression:
         # Friction torques change more slowly than the residuals decorrelate: their long-run variance applies.
         long_run = autocovariance[0] + 2 * float(autocovariance[1:].sum())
         # Every number takes its share of the long-run variance from each autocovariance of the residuals.
-        spare = 1 + (2 * len(autocovariance) - 1) * len(values) / len(self.y)
-        return values, spare * long_run * inverse @ inverse.T
+        return values, (1 + (2 * len(autocovariance) - 1) * len(values) / len(self.y)) * long_run * inverse @ inverse.T
 
     def _with_waves(self, waves: IntArray) -> "PassRegression":
         columns = [column for i in waves for column in (self.waves[:, i].real, self.waves[:, i].imag)]

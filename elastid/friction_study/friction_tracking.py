@@ -62,15 +62,9 @@ class TrackedFriction:
 
 
 def track_friction(
-    name: str,
-    slides: bool,
-    joints: Sequence[TrackedJoint],
-    motions: Sequence[JointSamples],
-    rate_hz: float,
-    guess: FilterNoise,
-    settle_s: float,
-    find_noise: bool,
-) -> TrackedFriction:
+    name: str, slides: bool, joints: Sequence[TrackedJoint], motions: Sequence[JointSamples], rate_hz: float,
+    guess: FilterNoise, settle_s: float, find_noise: bool,
+) -> TrackedFriction:  # fmt: skip
     """Track the friction of a joint along its motions; DataError for motions shorter than settle_s.
 
     find_noise: estimate the noise from innovations of the longest motion, instead of `guess`.  joints: models with
@@ -120,12 +114,9 @@ def with_tolerances(joint: TrackedJoint, identified: JointFriction) -> TrackedJo
 
 
 def track_joints(
-    robot: Robot,
-    joints: Sequence[JointFriction],
-    records: Sequence[FrictionRecord],
-    spec: FilterSpec,
+    robot: Robot, joints: Sequence[JointFriction], records: Sequence[FrictionRecord], spec: FilterSpec,
     progress: Progress = no_progress,
-) -> tuple[tuple[TrackedFriction, ...], tuple[Note, ...]]:
+) -> tuple[tuple[TrackedFriction, ...], tuple[Note, ...]]:  # fmt: skip
     """Return the friction of joints over the records in which each moves alone; notes on those that cannot be followed.
 
     StudyError where none can.
@@ -192,13 +183,9 @@ SLIPS_OVER_PATH = 1e-4, 2e-5  # presliding distances, where no experiment identi
 
 
 def _joints(
-    robot: Robot,
-    identified: JointFriction,
-    records: Sequence[FrictionRecord],
-    spec: FilterSpec,
-    law: PlacedLaw,
+    robot: Robot, identified: JointFriction, records: Sequence[FrictionRecord], spec: FilterSpec, law: PlacedLaw,
     viscous: float,
-) -> tuple[TrackedJoint, ...]:
+) -> tuple[TrackedJoint, ...]:  # fmt: skip
     """Return the joint to track, with each presliding distance that it may have."""
     F_c, F_s, inverse_nu_s = law.curve()[:3].tolist()
     bristles = [law.at_rest()]

@@ -255,12 +255,9 @@ def axis_equations(signals: MotionSignals, terms: MotionTerms, about: Regression
 
 
 def equations_of(
-    log: MotionLog,
-    terms: Mapping[str, MotionTerms],
-    rigid: FloatArray | None = None,
-    sliding: bool = True,
+    log: MotionLog, terms: Mapping[str, MotionTerms], rigid: FloatArray | None = None, sliding: bool = True,
     about: Regression | None = None,
-) -> Equations:
+) -> Equations:  # fmt: skip
     """Return equations of joints with the columns of their terms; rigid: columns (n, m, n_r) of all behind the filter.
 
     sliding: of samples that are clear of reversals alone.

@@ -228,15 +228,9 @@ def thermal_numbers(joint: str, model: ThermalModel, warm_up: WarmUp) -> Iterato
 
 
 def _table(
-    joint: str,
-    slides: bool,
-    learnt: str,
-    identified: Sequence[str],
-    estimate: Estimate,
-    truth: Truth,
-    half_width: float = QUANTILE_95,
-    terms: Mapping[str, FrictionTerm] = TERMS,
-) -> Iterator[FrictionNumber]:
+    joint: str, slides: bool, learnt: str, identified: Sequence[str], estimate: Estimate, truth: Truth,
+    half_width: float = QUANTILE_95, terms: Mapping[str, FrictionTerm] = TERMS,
+) -> Iterator[FrictionNumber]:  # fmt: skip
     """Yield numbers that are known, by name, and Coulomb and viscous friction forwards and backwards where they differ.
 
     The latter are mean and half difference, summed and subtracted.
@@ -281,12 +275,9 @@ def true_numbers(robot: Robot, joint: str, static: StaticLaw | None = None) -> d
 
 
 def identify_friction(
-    robot: Robot,
-    sliding: Sequence[SlidingFriction],
-    measured: FrictionRecords,
-    spec: FrictionSpec,
+    robot: Robot, sliding: Sequence[SlidingFriction], measured: FrictionRecords, spec: FrictionSpec,
     truth: Robot | None = None,
-) -> FrictionResult:
+) -> FrictionResult:  # fmt: skip
     """Identify friction of all joints; truth: the simulated robot.  FitError if a required part is not identifiable."""
     joints = tuple(_joint(robot, part, measured, spec, truth) for part in sliding)
     misfits = [f"joint {joint.joint}: {joint.misfit}" for joint in joints if joint.misfit]
@@ -347,12 +338,9 @@ def attempt(
 
 
 def _law(
-    sliding: SlidingFriction,
-    static: StaticLaw | None,
-    presliding: Elements | None,
-    at_rest: PreslidingFit | None,
+    sliding: SlidingFriction, static: StaticLaw | None, presliding: Elements | None, at_rest: PreslidingFit | None,
     spec: LawSpec,
-) -> tuple[Friction | None, float | None, tuple[Note, ...]]:
+) -> tuple[Friction | None, float | None, tuple[Note, ...]]:  # fmt: skip
     """Return the law and its viscous friction, link side; a note where the numbers are physically impossible."""
     regression = static if static is not None else sliding.motion or sliding.commanded
     if regression is None or (static is not None and static.has_one_speed):

@@ -140,8 +140,7 @@ def base_columns_of(robot: Robot, joints: tuple[str, ...], logs: Sequence[Motion
     _, R, order = qr(sample / size, mode="economic", pivoting=True)
     diagonal = np.abs(np.diag(R))
     chosen = np.sort(order[: int(np.sum(diagonal > RANK_TOLERANCE * diagonal[0]))]).astype(np.int64)
-    combinations = np.linalg.lstsq(sample[:, chosen] / size[chosen], sample, rcond=None)[0] / size[chosen, None]
-    return chosen, combinations
+    return chosen, np.linalg.lstsq(sample[:, chosen] / size[chosen], sample, rcond=None)[0] / size[chosen, None]
 
 
 def _sizes(sample: FloatArray) -> FloatArray:

@@ -166,14 +166,9 @@ def rigid_posture(model: ElasticModel, configuration: Configuration, theta: Floa
 
 
 def _faults(
-    model: ElasticModel,
-    theta: FloatArray,
-    free: IntArray,
-    q: FloatArray,
-    rigid: FloatArray,
-    balance: _Balance,
+    model: ElasticModel, theta: FloatArray, free: IntArray, q: FloatArray, rigid: FloatArray, balance: _Balance,
     load: float,
-) -> Iterator[str]:
+) -> Iterator[str]:  # fmt: skip
     """Yield reasons why q (n_q,) is no equilibrium.  rigid (n_q,): without deflection.  load: largest gravity load."""
     slides, names, K = model.robot.slides, model.coordinates, balance.K
     soft = "under gravity; raise the stiffness of its springs, or let a joint without spring hang down"

@@ -150,8 +150,7 @@ class EstimatedTheta:
 def deviation(slopes: FloatArray, covariance: FloatArray) -> FloatArray:
     """Return the standard deviations (n,) of y with slopes dy/dx (n, n_x) and covariance of x (n_x, n_x)."""
     is_infinite = np.isinf(np.diag(covariance))
-    finite = np.where(is_infinite[:, None] | is_infinite, 0.0, covariance)
-    variance = np.einsum("ni,ni->n", slopes @ finite, slopes)
+    variance = np.einsum("ni,ni->n", slopes @ np.where(is_infinite[:, None] | is_infinite, 0.0, covariance), slopes)
     depends_on_infinite = np.any(np.abs(slopes[:, is_infinite]) > 1e-12 * np.abs(slopes).max(initial=1e-300), axis=1)
     return np.where(depends_on_infinite, np.inf, np.sqrt(np.maximum(variance, 0.0)))
 

@@ -158,14 +158,9 @@ class _MotionBias:
 
     @classmethod
     def of(
-        cls,
-        expansion: _Expansion,
-        motion: MotorMotion,
-        measured: IntArray,
-        at: list[int],
-        mean: FloatArray,
+        cls, expansion: _Expansion, motion: MotorMotion, measured: IntArray, at: list[int], mean: FloatArray,
         max_lines: int,
-    ) -> "_MotionBias":
+    ) -> "_MotionBias":  # fmt: skip
         """Compute the terms of a motion on at most max_lines lines.  measured (n_m,): indices of its motors."""
         bins = motion.grouped(max_lines)
         sums, centres = bins.power[:, at][:, :, at], 2 * np.pi * bins.freq_hz

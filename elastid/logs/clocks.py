@@ -45,8 +45,7 @@ def is_clock(x: FloatArray) -> bool:
     steps = np.diff(x)
     if len(x) < 20 or not np.isfinite(x).all() or not steps.min() > 0:
         return False
-    gap_fraction = float(np.mean(steps > MIN_GAP * np.median(steps)))
-    return even_grid(x) is not None or gap_fraction < MAX_FRACTION
+    return even_grid(x) is not None or float(np.mean(steps > MIN_GAP * np.median(steps))) < MAX_FRACTION
 
 
 def read_stamps(log: Log, name: str) -> tuple[FloatArray, IntArray]:

@@ -46,13 +46,9 @@ Signals: TypeAlias = Mapping[tuple[str, str, str], FloatArray]
 
 
 def read_friction_logs(
-    robot: Robot,
-    spec: ExperimentSpec,
-    base: Path,
-    joints: Sequence[str],
-    payloads: Mapping[str, float],
+    robot: Robot, spec: ExperimentSpec, base: Path, joints: Sequence[str], payloads: Mapping[str, float],
     progress: Progress = no_progress,
-) -> FrictionRecords:
+) -> FrictionRecords:  # fmt: skip
     """Read the records of all logs, whose paths are relative to base.
 
     joints: whose friction is asked for; others that move are recorded too.  payloads: kg of each load, added to the

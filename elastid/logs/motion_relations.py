@@ -95,13 +95,9 @@ def _relation(x: FloatArray, y: FloatArray) -> MotionRelation:
 
 
 def torque_relation(
-    u: FloatArray,
-    y: FloatArray,
-    order: int,
-    rate_hz: float,
-    turns: bool = True,
+    u: FloatArray, y: FloatArray, order: int, rate_hz: float, turns: bool = True,
     others: Sequence[tuple[FloatArray, int]] = (),
-) -> TorqueRelation:
+) -> TorqueRelation:  # fmt: skip
     """Regress the torque u (n,) on the motion y (n,), a derivative of the position of the given order.
 
     turns: gravity may change with the angle.  others: motions of other joints and their orders.  If these move the

@@ -48,8 +48,7 @@ def with_reference_loop(response: Response, recorded: RecordedSpec, robot: Robot
     path_to_log = ReferencePath(ReferencePathSpec(steps / record.rate_hz, interpolation), record.rate_hz)
     feedforward /= path_to_log.response(freq_hz)[:, None]
     if controller.velocity == "exact":
-        z_inverse = np.exp(-2j * np.pi * freq_hz[:, None] / rate_hz)
-        feedback[1] *= 2 / (1 + z_inverse)
+        feedback[1] *= 2 / (1 + np.exp(-2j * np.pi * freq_hz[:, None] / rate_hz))
     sampled = tuple(location.startswith(("motor ", "joint ")) for location in response.outputs)
     if (motion := response.motion) is not None:
         at = [motors.index(motor) for motor in motion.motors]

@@ -220,8 +220,7 @@ def _has_lag(difference: FloatArray, mean: FloatArray) -> bool:
     """Return True if the lag between two mean periods (N,), samples, exceeds MAX_LAG and six standard deviations."""
     slope = np.gradient(np.pad(mean, 1, "wrap"))[1:-1]
     along, steepness = float(difference @ slope), float(slope @ slope)
-    is_long = abs(along) > MAX_LAG * steepness
-    return is_long and along**2 * len(mean) > 36 * steepness * float(difference @ difference)
+    return (abs(along) > MAX_LAG * steepness) and along**2 * len(mean) > 36 * steepness * float(difference @ difference)
 
 
 def join_pieces(

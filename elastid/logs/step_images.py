@@ -37,14 +37,9 @@ _REGULARISATION = 0.01  # of |C_ff F_r|^2: at half the rate images cancel it, an
 
 
 def without_step_images(
-    signals: FloatArray,
-    channels: Sequence[ChannelSpec],
-    roles: dict[str, list[int]],
-    recorded: RecordedSpec,
-    rate_hz: float,
-    robot: Places,
-    log: LogReport,
-) -> FloatArray:
+    signals: FloatArray, channels: Sequence[ChannelSpec], roles: dict[str, list[int]], recorded: RecordedSpec,
+    rate_hz: float, robot: Places, log: LogReport,
+) -> FloatArray:  # fmt: skip
     """Subtract the images of references from the torques in signals (n, c), or report their size."""
     controller, u, n = recorded.controller, roles["u"], len(signals)
     if not isinstance(robot, Robot) or controller is None or recorded.has_no_torque:
@@ -144,5 +139,4 @@ def _images_by_torques(drives: Drives, freq_hz: FloatArray, U: ComplexArray, Q: 
     C_fb, C_ff = drives.controller_responses(positive_frequencies(freq_hz))
     images, _ = drives.torques_per_reference(freq_hz)
     total = C_ff + images
-    R = (U + C_fb * Q) * total.conj() / (np.abs(total) ** 2 + _REGULARISATION * np.abs(C_ff) ** 2)
-    return images * R
+    return images * ((U + C_fb * Q) * total.conj() / (np.abs(total) ** 2 + _REGULARISATION * np.abs(C_ff) ** 2))

@@ -170,8 +170,7 @@ def inverse_dynamics(robot: Robot) -> ca.Function:
     """
     names = list(robot.parameters())
     theta = ca.SX.sym("theta", len(names))
-    bodies = inertias(robot, tree(robot), dict(zip(names, ca.vertsplit(theta), strict=True)))
-    state, tau = _at_shafts(robot, bodies)
+    state, tau = _at_shafts(robot, inertias(robot, tree(robot), dict(zip(names, ca.vertsplit(theta), strict=True))))
     return ca.Function("inverse_dynamics", [*state, theta], [tau], ["q", "v", "a", "theta"], ["tau"])
 
 

@@ -28,8 +28,7 @@ def sign_of(v: FloatArray, scale: float) -> tuple[FloatArray, FloatArray]:
     means = sliding_means(np.append(v, v[0])[None], [(BasisFunction("", "sign", scale), 1.0)])[0]
     step, phi = np.roll(v, -1) - v, np.tanh(v / scale) if scale else np.sign(v)
     slope = np.divide(np.roll(phi, -1) - phi, step, out=np.zeros_like(v), where=np.abs(step) > 1e-9 * np.abs(v).max())
-    at_points = irfft(rfft(means) * _from_means(len(v)), len(v))
-    return at_points, (slope + np.roll(slope, 1)) / 2
+    return irfft(rfft(means) * _from_means(len(v)), len(v)), (slope + np.roll(slope, 1)) / 2
 
 
 @lru_cache(maxsize=4)
@@ -194,8 +193,7 @@ def along_period(effect: GearEffect, x: FloatArray) -> tuple[FloatArray, FloatAr
     if effect.kind == "gap":
         return -np.clip(x, -b, b), np.where(np.abs(x) > b, 0.0, -1.0)
     # Two periods: the state at the start is unknown, and periodic from the second period on.
-    twice = Path.of(np.concatenate([x, x])).without(len(x))
-    phi = (stop if effect.kind == "stop" else bristle)(twice, b) / b
+    phi = (stop if effect.kind == "stop" else bristle)(Path.of(np.concatenate([x, x])).without(len(x)), b) / b
     return phi, ((np.abs(phi) < 1) if effect.kind == "stop" else 1 - np.abs(phi)) / b
 
 

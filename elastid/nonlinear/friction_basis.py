@@ -96,8 +96,7 @@ class BasisFunction:
             from scipy.special import erf
 
             return np.asarray(self.threshold * np.sqrt(np.pi) / 2 * erf(speed / self.threshold))
-        gradual = self.threshold * np.log1p(np.exp(speed * (-2 / self.threshold))) if self.threshold > 0 else 0.0
-        return speed + gradual
+        return speed + (self.threshold * np.log1p(np.exp(speed * (-2 / self.threshold))) if self.threshold > 0 else 0.0)
 
 
 WeightedBasis: TypeAlias = Sequence[tuple[BasisFunction, float]]

@@ -73,12 +73,9 @@ def identify_motor_friction(
 
 
 def _identify(
-    records: tuple[Record, ...],
-    measured: Sequence[Iterable[Record]],
-    spec: EstimatorSpec,
-    planned: IntArray | None,
+    records: tuple[Record, ...], measured: Sequence[Iterable[Record]], spec: EstimatorSpec, planned: IntArray | None,
     execution: Execution,
-) -> CompensatedFriction:
+) -> CompensatedFriction:  # fmt: skip
     n_first, locations = -(-_CHOICE_RECORDS // len(records)), records[0].inputs
 
     def gather(

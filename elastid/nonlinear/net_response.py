@@ -33,14 +33,10 @@ MIN_UNEXPLAINED = 10.0
 
 
 def estimate_net_response(
-    records: Sequence[Record],
-    friction: CompensatedFriction | None,
-    spec: EstimatorSpec,
-    planned_lines: IntArray | None = None,
-    E: FloatArray | None = None,
-    robot: Robot | None = None,
+    records: Sequence[Record], friction: CompensatedFriction | None, spec: EstimatorSpec,
+    planned_lines: IntArray | None = None, E: FloatArray | None = None, robot: Robot | None = None,
     spectra: ConfigurationSpectra | None = None,
-) -> Response:
+) -> Response:  # fmt: skip
     """Estimate G of one configuration from the net torques of its records, with its systematic errors.
 
     E: gear couplings from motor shafts, at which friction acts, to links; None without couplings.  robot: nominal

@@ -85,12 +85,9 @@ class ConfigurationSpectra:
 
 
 def gather_configuration(
-    measured: Iterable[Record],
-    shapes: Sequence[BasisFunction],
-    spec: EstimatorSpec,
-    planned: IntArray | None,
+    measured: Iterable[Record], shapes: Sequence[BasisFunction], spec: EstimatorSpec, planned: IntArray | None,
     friction: CompensatedFriction | None = None,
-) -> ConfigurationSpectra:
+) -> ConfigurationSpectra:  # fmt: skip
     """Return the mean spectra over the selected periods of the records of one configuration, one record at a time.
 
     friction: estimate that gives the motion between the samples; None for the motion of the samples.

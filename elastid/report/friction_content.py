@@ -202,6 +202,5 @@ NUMBER_HEADINGS = ("number", "symbol", "value", "std", "95 % interval", "unit", 
 def number_cells(row: FrictionNumber) -> tuple[str, ...]:
     """Format one identified number under NUMBER_HEADINGS."""
     n = digits(row.value, row.std)
-    ends = " … ".join(format_interval((row.low, row.high), n))
-    cells = number(row.value, n), number(row.std, 2), ends
+    cells = number(row.value, n), number(row.std, 2), " … ".join(format_interval((row.low, row.high), n))
     return row.name, row.symbol, *cells, row.unit, row.learnt_from

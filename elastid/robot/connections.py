@@ -204,8 +204,7 @@ class Loop:
     @property
     def geometry(self) -> Numbers:
         """Locations p1_, p2_ of the ends on their bodies, and length l_ of the rod."""
-        length = {f"l_{self.name}": ("m", ("rod", "length"))} if self.rod is not None else {}
-        return _ends_of("p", self.name) | length
+        return _ends_of("p", self.name) | ({f"l_{self.name}": ("m", ("rod", "length"))} if self.rod is not None else {})
 
 
 def _ends_of(prefix: str, name: str) -> Numbers:

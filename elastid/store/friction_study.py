@@ -40,12 +40,9 @@ def read_friction_records(path: Path | str) -> FrictionRecords:
 
 
 def write_friction_result(
-    path: Path,
-    result: FrictionResult,
-    stamp: Stamp = NO_STAMP,
-    log_comparison: LogComparison = NO_COMPARISON,
+    path: Path, result: FrictionResult, stamp: Stamp = NO_STAMP, log_comparison: LogComparison = NO_COMPARISON,
     validation: LogComparison = NO_COMPARISON,
-) -> None:
+) -> None:  # fmt: skip
     """Write friction.h5: a table of all numbers, the whole result, and its comparisons with logs."""
     groups = {
         "numbers": (result.numbers, tuple[FrictionNumber, ...]),

@@ -82,12 +82,9 @@ class Numbers:
 
 
 def write_fit(
-    path: Path | str,
-    result: Result,
-    stamp: Stamp = NO_STAMP,
-    modelled: tuple[Response, ...] | None = None,
+    path: Path | str, result: Result, stamp: Stamp = NO_STAMP, modelled: tuple[Response, ...] | None = None,
     figures: Mapping[str, tuple[Any, Any]] = MappingProxyType({}),
-) -> None:
+) -> None:  # fmt: skip
     """Write fit.h5: the result, the table `Numbers`, responses of the fitted model, and values of figures.
 
     modelled: at the lines of each measured response.  figures: value and type by name.  TypeError for another result.

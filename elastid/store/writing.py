@@ -212,12 +212,8 @@ def _scale(name: str, scopes: tuple[_Scope, ...]) -> Any:
 
 
 def write_artefact(
-    path: Path | str,
-    kind: str,
-    stamp: Stamp,
-    parts: Mapping[str, tuple[Any, Any]],
-    entries: Mapping[str, str] = {},
-) -> None:
+    path: Path | str, kind: str, stamp: Stamp, parts: Mapping[str, tuple[Any, Any]], entries: Mapping[str, str] = {},
+) -> None:  # fmt: skip
     """Write a file from named parts (value, annotation); entries: attribute that names each value of a tuple."""
     with create_artefact(path, kind, stamp) as file:
         for name, (value, annotation) in parts.items():

@@ -274,8 +274,7 @@ def _sdf(actuators: Actuators) -> str:
     root = ET.Element("model", name=actuators.name)
     for row in actuators.rows:
         _add_comment(root, actuators.interval_text(row, "viscous", "coulomb"))
-        axis = ET.SubElement(ET.SubElement(root, "joint", name=row.joint), "axis")
-        dynamics = ET.SubElement(axis, "dynamics")
+        dynamics = ET.SubElement(ET.SubElement(ET.SubElement(root, "joint", name=row.joint), "axis"), "dynamics")
         for key, text in _numbers(damping=row.viscous, friction=row.coulomb).items():
             ET.SubElement(dynamics, key).text = text
     return _document(root, actuators, "Copy <dynamics> into the axes of the model. Gazebo's joints have no armature.")

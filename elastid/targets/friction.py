@@ -164,8 +164,7 @@ def _rows(robot: Robot, function: ca.Function) -> Iterable[tuple[str, float, flo
     # Without a velocity limit the table ends at 3 rad/s (m/s).
     fastest = [joint.limits.velocity if np.isfinite(joint.limits.velocity) else 3.0 for joint in robot.driven]
     # Denser near zero velocity, where friction reverses.
-    grid = np.sinh(np.linspace(-6, 6, 201)) / np.sinh(6)
-    v = np.outer(fastest, grid)
+    v = np.outer(fastest, np.sinh(np.linspace(-6, 6, 201)) / np.sinh(6))
     u = function.map(v.shape[1])(v).full()
     for joint, speeds, torques in zip(robot.driven, v.tolist(), u.tolist(), strict=True):
         yield from ((joint.name, speed, torque) for speed, torque in zip(speeds, torques, strict=True))

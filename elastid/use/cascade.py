@@ -123,7 +123,6 @@ class Cascade:
 
         pairs = zip(self.axes, self.notches, strict=True)
         notches = tuple(NotchSpec(joints[axis], *rounded(row)) for axis, row in pairs)
-        numbers = self.position_gain, self.velocity_gain, 1 / self.position_gain
-        position, velocity, integral = map(rounded, numbers)
+        position, velocity, integral = map(rounded, (self.position_gain, self.velocity_gain, 1 / self.position_gain))
         gains = GainsSpec(position, velocity, integral, notches, rounded(self.low_pass_hz))
         return ControllerSpec(kind="cascade", gains=gains, delay_samples=self.delay)

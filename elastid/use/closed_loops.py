@@ -93,8 +93,7 @@ class Closed:
     def S(self) -> ComplexArray:
         """Sensitivity (N, F, n_u, n_u)."""
         P = self.scene.P
-        difference = np.eye(P.shape[-1]) + self.F[..., :, None] * P
-        return inverse(difference.reshape(-1, *P.shape[2:])).reshape(P.shape)
+        return inverse((np.eye(P.shape[-1]) + self.F[..., :, None] * P).reshape(-1, *P.shape[2:])).reshape(P.shape)
 
     @cached_property
     def E(self) -> ComplexArray:

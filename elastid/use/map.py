@@ -123,16 +123,9 @@ class WorkspaceMap:
 
 
 def map_workspace(
-    fitted: Result | Family,
-    angles: FloatArray,
-    cut: Cut | None = None,
-    *,
-    frame: str | None = None,
-    lines_hz: FloatArray | None = None,
-    name: str = "",
-    is_path: bool = False,
-    execution: Execution = SERIAL,
-) -> WorkspaceMap:
+    fitted: Result | Family, angles: FloatArray, cut: Cut | None = None, *, frame: str | None = None,
+    lines_hz: FloatArray | None = None, name: str = "", is_path: bool = False, execution: Execution = SERIAL,
+) -> WorkspaceMap:  # fmt: skip
     """Map postures (N, n_u), rad or m, of a fitted robot; StudyError if none of them has an equilibrium.
 
     fitted: a result, or its family in the axes of the base.  frame: default `tool`, else the last frame.

@@ -41,8 +41,7 @@ class Plants:
     def with_states(self, states: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return A, B, C of P(z), zero-padded to `states` states, because delays differ between robots."""
         pad, none = (0, states - self.A.shape[-1]), (0, 0)
-        A = np.pad(self.A, (none, pad, pad))
-        return A, np.pad(self.B, (none, pad, none)), np.pad(self.C, (none, none, pad))
+        return np.pad(self.A, (none, pad, pad)), np.pad(self.B, (none, pad, none)), np.pad(self.C, (none, none, pad))
 
     @cached_property
     def eigensystem(self) -> tuple[ComplexArray, ComplexArray]:

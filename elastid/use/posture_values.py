@@ -187,8 +187,7 @@ def _curve(
     G = (x @ models.J.mT @ direction[:, :, None])[..., 0]
     slopes = models.response_slopes(s, direction, direction, x, x)
     magnitude = np.maximum(np.abs(G), 1e-300)
-    of_magnitude = (G.conj()[..., None] * slopes).real / magnitude[..., None]
-    return magnitude, np.linalg.norm(of_magnitude @ shifts.T, axis=2)
+    return magnitude, np.linalg.norm(((G.conj()[..., None] * slopes).real / magnitude[..., None]) @ shifts.T, axis=2)
 
 
 def _extremes(

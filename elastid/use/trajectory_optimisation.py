@@ -168,8 +168,7 @@ class _CollocationProblem:
         reaches = reach, limits.velocity, limits.acceleration, limits.jerk
         for order, (motion, bounds) in enumerate(zip(motions, reaches, strict=True)):
             for motor in np.flatnonzero(np.isfinite(bounds)).tolist():
-                value = motion[rows[motor], :] - (0.0 if order else middle[motor])
-                bounded.append(ca.vec(value / bounds[motor]))
+                bounded.append(ca.vec((motion[rows[motor], :] - (0.0 if order else middle[motor])) / bounds[motor]))
         return bounded
 
 

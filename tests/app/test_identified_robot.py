@@ -9,7 +9,7 @@ from elastid.app.identified_robot import with_identified_effects
 from elastid.app.parameter_truth import NOT_SIGNIFICANT, SLOPE, parameter_contents, true_values
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.parameters import Parameter, Parameters
-from elastid.report.content import WITH_COULOMB
+from elastid.report.parameter_row import WITH_COULOMB
 
 NAMES = ("k_1", "fm_1", "fm_1@warm", "f_1", "fm_2", "f_2", "fm_3")
 PARAMETERS = Parameters(tuple(Parameter(name, 1e-3) for name in NAMES))

@@ -11,8 +11,9 @@ from plants.report_values import fit_result, pair, report_content
 from elastid.base.errors import Note
 from elastid.friction_study.result import FrictionResult
 from elastid.nonlinear.gear_result import ARCMIN, ARCSEC, GearNumber, GearResult, GearSheet
-from elastid.report.content import gear_table, parameter_rows
+from elastid.report.gear_table import gear_table
 from elastid.report.page.page import html
+from elastid.report.parameter_row import parameter_rows
 from elastid.validation.log_comparison import TORQUE, ComparedSignal, LogComparison, LogSimulation
 
 LOGS = tuple(Note("late-log", f"{20 + i} samples late", f"log {i}") for i in range(108))

@@ -16,14 +16,10 @@ from elastid.fit.result_rows import ModificationIndex, RigidPart
 from elastid.fit.status_terms import BY_PRIOR, DISTORTED, GOOD, NO_CAUSE, OTHER_JOINTS, UNCERTAIN
 from elastid.modal.estimate import estimate_modes
 from elastid.nonlinear.gear_result import NOT_EXPLAINED
-from elastid.report.content import WITH_COULOMB, ResponsesContent, parameter_rows
-from elastid.report.run_summary import (
-    next_steps,
-    numbers_answer,
-    questions_of_responses,
-    residual_sentence,
-    verdict_sentence,
-)
+from elastid.report.next_steps import next_steps
+from elastid.report.parameter_row import WITH_COULOMB, parameter_rows
+from elastid.report.responses_content import ResponsesContent, questions_of_responses
+from elastid.report.run_summary import numbers_answer, residual_sentence, verdict_sentence
 from elastid.response import Configuration, Response
 
 
@@ -85,7 +81,7 @@ def test_an_uncompensated_motor_is_excepted_from_good_numbers() -> None:
 def test_prior_dominated_parameters_are_not_identified() -> None:
     weak = Note("fit/weakly-identifiable", "", "d_1")
     result = settled(verdicts=(BY_PRIOR, UNCERTAIN, GOOD, BY_PRIOR), notes=(weak,))
-    assert numbers_of(result.meaning.partition(";")[0]) == [1, 4, 2, 1]
+    assert numbers_of(result.meaning.clause) == [1, 4, 2, 1]
 
 
 def settled(**changes) -> Result:
@@ -102,8 +98,8 @@ def index(*members: str) -> ModificationIndex:
 
 
 PRIOR, SEARCH = "--set 'fit.parameters.mass={prior: {std: 0.05}}'", "elastid compare STUDY --search"
-FREED = Note("fit/likely-cause", f"a reading or a mass. Free it: `{PRIOR}`")
-NOTHING = Note("fit/likely-cause", f"{NO_CAUSE}. {OTHER_JOINTS}")
+FREED = Note("fit/likely-cause", "a reading or a mass", remedy=f"Free it: `{PRIOR}`")
+NOTHING = Note("fit/likely-cause", NO_CAUSE, remedy=OTHER_JOINTS)
 
 
 @pytest.mark.parametrize(
@@ -123,11 +119,11 @@ def test_advice_follows_the_status_and_the_first_cause(status, found, texts) -> 
 
 def test_a_cause_is_the_same_in_answers_actions_and_meaning() -> None:
     """The first note with the code of a cause is their only source; one without a cause comes last."""
-    notes = (Note("fit/likely-cause", f"{NO_CAUSE}. {OTHER_JOINTS}"), Note("fit/loads", "13 mm. Check 7."))
+    notes = (NOTHING, Note("fit/loads", "13 mm", remedy="Check 7"))
     for result in (settled(notes=notes), settled(notes=notes, cost=3000.0)):
         rows = rows_of(result)
         assert numbers_of(residual_sentence(result, ()))[0] == 13
-        assert "13 mm" in result.meaning
+        assert "13 mm" in result.meaning.action
         assert numbers_of(next_steps(result, rows)[0].sentence) == [7]
     assert 13 in numbers_of(numbers_answer(settled(notes=notes), rows))
 
@@ -169,7 +165,7 @@ def test_a_misfit_never_ends_in_numbers_to_be_used():
     rows = rows_of(result)
     bent = replace(result, verdicts=(DISTORTED,))
     assert next_steps(bent, rows)[0].text == "--set 'gears={}'"
-    caused = replace(bent, notes=(Note("fit/likely-cause", "f_1. Free it: `--set 'fit.parameters.f_1={}'`"),))
+    caused = replace(bent, notes=(Note("fit/likely-cause", "f_1", remedy="Free it: `--set 'fit.parameters.f_1={}'`"),))
     keys = [step.text.partition("=")[0] for step in next_steps(caused, rows)]
     assert keys == ["--set 'gears", "--set 'fit.parameters.f_1"]
     opened = replace(bent, message=f"{bent.message}; {NOT_EXPLAINED}")

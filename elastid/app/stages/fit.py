@@ -19,13 +19,8 @@ from elastid.fit.result import Result
 from elastid.fit.status_terms import FIXED_VALUES
 from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.gear_result import GearResult
-from elastid.report.content import (
-    DENSE,
-    MODES,
-    ParameterRow,
-    dense_models,
-    parameter_rows,
-)
+from elastid.report.content import DENSE, MODES, dense_models
+from elastid.report.parameter_row import ParameterRow, parameter_rows
 from elastid.response import Response
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears, write_fit
@@ -87,9 +82,8 @@ def fit(study: Study, work: Work) -> Artefacts:
     def report(console: Console) -> None:
         all_notes = work.unanswered(result.shown_notes)
         # The last lines of the run contain the first cause.
-        is_last = console.verbosity >= 0 and not work.has_gears and bool(result.cause[0])
-        first = "".join(result.cause) if is_last else ""
-        console.notes((note for note in all_notes if str(note) != first), on_page=True)
+        is_last = console.verbosity >= 0 and not work.has_gears and bool(result.cause.text)
+        console.notes((note for note in all_notes if not (is_last and note == result.cause)), on_page=True)
         seconds = (second.sentence for second in (result.static, result.tool) if second is not None)
         reason = "the residuals exceed the noise" if result.exceeds_noise else "the data contradict the robot model"
         status = f"misfit ({reason})" if result.status == "misfit" else result.status.replace("_", " ")

@@ -19,8 +19,10 @@ from elastid.fit.result import Result
 from elastid.fit.status_terms import DISTORTED
 from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.gear_result import GearResult, with_gears
-from elastid.report.content import WITH_COULOMB, ParameterRow, gear_line, gear_table
-from elastid.report.run_summary import OPEN_GEARS, accuracy, is_wrong, next_steps, numbers_answer, residual_sentence
+from elastid.report.gear_table import gear_line, gear_table
+from elastid.report.next_steps import OPEN_GEARS, next_steps
+from elastid.report.parameter_row import WITH_COULOMB, ParameterRow
+from elastid.report.run_summary import accuracy, is_wrong, numbers_answer, residual_sentence
 from elastid.robot import Robot
 from elastid.store.measured import read_friction
 from elastid.store.results import read_fit, read_gears, read_validation
@@ -52,7 +54,7 @@ def conclude(run: Run) -> None:
     for line in _with_gears(result, rows, gear_result) if has_new_status else _answers(run, result, rows, gear_result):
         say(line)
     run.say_files([*run.stages["report"].leaves, run.stages["fit"].leaves[1]])
-    status, meaning = result.status.replace("_", " "), result.meaning
+    status, meaning = result.status.replace("_", " "), str(result.meaning)
     # The answers above contain the cause.
     failure = meaning if run.console.verbosity >= 0 else f"{result.message.partition('. ')[0]}. {capitalise(meaning)}"
     if result.status == "misfit":

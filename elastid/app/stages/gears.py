@@ -28,7 +28,8 @@ from elastid.model.spec import ModelSpec
 from elastid.nonlinear.gear_result import GearNumber, GearResult, with_gears
 from elastid.nonlinear.identify_gears import identify_gears
 from elastid.nonlinear.spec import GearsSpec
-from elastid.report.content import ParameterRow, gear_line
+from elastid.report.gear_table import gear_line
+from elastid.report.parameter_row import ParameterRow
 from elastid.response import Response
 from elastid.robot import Robot
 from elastid.robot.simplified import with_straight_springs

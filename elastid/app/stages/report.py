@@ -86,8 +86,7 @@ def report_responses(study: Study, work: Work) -> Artefacts:
     # Slow imports (SciPy's linear algebra), which the page of a fit does not need.
     from elastid.logs.responses.universal_files import geometry_of_files
     from elastid.modal.estimate import estimate_all_modes
-    from elastid.report.content import ResponsesContent
-    from elastid.report.run_summary import questions_of_responses
+    from elastid.report.responses_content import ResponsesContent, questions_of_responses
     from elastid.targets.csv import write_modes_csv
 
     estimates, modal = work.sources["estimate"], study.modal

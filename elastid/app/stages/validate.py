@@ -15,7 +15,6 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.fit.fitted_robot import FittedRobot, robots_by_group
-from elastid.fit.status_terms import REQUIRED
 from elastid.frf.spec import EstimatorSpec
 from elastid.nonlinear.compensate_friction import compensated_records, shaft_couplings
 from elastid.nonlinear.compensated_friction import CompensatedFriction
@@ -63,9 +62,8 @@ def validate(study: Study, work: Work) -> Artefacts:
         for G in tool_responses(study.tool, study, work.base)
     ]
     verdict = validation.verdict
-    if result.cause[0].startswith(REQUIRED):  # a value that differs from the nominal value
-        value = result.cause[0].removeprefix(REQUIRED).partition(";")[0].strip()
-        verdict = verdict.replace(". The model", f" with {value}. The model", 1)
+    if result.required_value:  # differs from the nominal value
+        verdict = verdict.replace(". The model", f" with {result.required_value}. The model", 1)
     validation = replace(validation, predictions=tuple(predictions), verdict=verdict)
 
     def report(console: Console) -> None:

@@ -246,14 +246,10 @@ class Plan:
 
 
 def make_plan(
-    excitation: MultisineSpec,
-    experiment: ExperimentSpec,
-    robot: Robot,
-    seed: int,
-    designed: Sequence[DesignedConfiguration] = (),
-    spectra: Mapping[str, FloatArray] | None = None,
+    excitation: MultisineSpec, experiment: ExperimentSpec, robot: Robot, seed: int,
+    designed: Sequence[DesignedConfiguration] = (), spectra: Mapping[str, FloatArray] | None = None,
     closed_loop: PredictClosedLoop | None = None,
-) -> Plan:
+) -> Plan:  # fmt: skip
     """Make the plan of a study: per realisation and configuration n_u experiments of an orthogonal multisine.
 
     With several amplitudes each configuration is measured at every one, under a name of its own (`at_amplitude`).

@@ -199,8 +199,7 @@ def _first_of_its_kind(plan: Plan, carrier: CarrierSpec | None) -> IntArray:
     if carrier.kind == "offset":
         return sample
     cycle = plan.period_samples // math.gcd(plan.period_samples, carrier.cycles)
-    in_periods = (sample >= first) & (sample < plan.run_samples - first)
-    return np.where(in_periods, first + (sample - first) % cycle, sample)
+    return np.where((sample >= first) & (sample < plan.run_samples - first), first + (sample - first) % cycle, sample)
 
 
 @frozen_value
@@ -234,5 +233,4 @@ def derivatives(x: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray]:
     extended = np.pad(x, ((3, 3), (0, 0)), mode="edge")
     f = [extended[i : i + len(x)] for i in range(7)]
     first = (45 * (f[4] - f[2]) - 9 * (f[5] - f[1]) + f[6] - f[0]) * (rate_hz / 60)
-    second = (2 * (f[6] + f[0]) - 27 * (f[5] + f[1]) + 270 * (f[4] + f[2]) - 490 * f[3]) * (rate_hz**2 / 180)
-    return first, second
+    return first, (2 * (f[6] + f[0]) - 27 * (f[5] + f[1]) + 270 * (f[4] + f[2]) - 490 * f[3]) * (rate_hz**2 / 180)

@@ -1,4 +1,4 @@
-"""Notes on causes, two sentences each: the change with its effect, and the remedy."""
+"""Notes on causes: the change with its effect, and the remedy."""
 
 from __future__ import annotations
 
@@ -36,8 +36,9 @@ def explanations(evidence: Evidence) -> tuple[Note, ...]:
     elif (sequence and sequence[0].explained_fraction < LIMITS.min_cause_fraction) or is_without:
         best = "".join(f" (best: {phrase(i, evidence)}, {_percent(i.explained_fraction)})" for i in causes[:1])
         is_friction = any(map(_is_motor_friction, sequence[:1]))
-        return (Note("fit/likely-cause", f"{NO_CAUSE}{best}. {FREE_MOTORS if is_friction else result.test_of_causes}"),)
-    return tuple(Note("fit/likely-cause", f"{fault(i, evidence)}. {_remedy(i, evidence)}") for i in causes)
+        remedy = FREE_MOTORS if is_friction else result.test_of_causes
+        return (Note("fit/likely-cause", f"{NO_CAUSE}{best}", remedy=remedy),)
+    return tuple(Note("fit/likely-cause", fault(i, evidence), remedy=_remedy(i, evidence)) for i in causes)
 
 
 def fault(index: ModificationIndex, evidence: Evidence) -> str:

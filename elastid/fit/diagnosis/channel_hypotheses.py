@@ -212,8 +212,7 @@ def _scale_channels(fit: ElasticFit, starts: Sequence[FloatArray]) -> Iterator[t
                 break
             # The modelled response as these channels would measure it.
             of_y, of_u = ({location: math.exp(-c) for location, c in side.items()} for side in (outputs, inputs))
-            change = ResponseChange("", SCALE, partial(_times, of_y, of_u))
-            V, x = refit(change, fit, x)
+            V, x = refit(ResponseChange("", SCALE, partial(_times, of_y, of_u)), fit, x)
         if text:
             yield text, V, x
 

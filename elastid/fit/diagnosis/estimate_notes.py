@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
-from elastid.base.display import capitalise, percent
+from elastid.base.display import capitalise
 from elastid.base.errors import Note
 from elastid.base.names import posture_of
 from elastid.base.statistics import max_cost_ratio
@@ -14,6 +14,7 @@ from elastid.fit.combinations import conditional_covariance, correlated_combinat
 from elastid.fit.diagnosis.hypothesis import Evidence
 from elastid.fit.diagnosis.limits import LIMITS
 from elastid.fit.result import Result
+from elastid.fit.status_terms import UNCERTAIN
 from elastid.parameters import Parameters
 
 NEAR_BOUND = 1e-4  # fraction of the range within which x is at its bound
@@ -67,13 +68,12 @@ def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
             V, count = sums.get(name, (0.0, 0))
             sums[name] = V + cost, count + frf.n_residuals
     rms = np.sqrt([V / count for V, count in sums.values()])
-    others = "the residuals of the other configurations"
-    checks = "Check that robot, load and angles are as stated, or exclude its records"
-    return tuple(
-        Note("fit/inconsistent-responses", f"residuals {ratio:.0f} times {others}. {checks}", f"configuration {name}")
-        for name, ratio in zip(sums, rms / float(np.median(rms)), strict=True)
-        if len(sums) > 2 and ratio > LIMITS.residual_ratio
-    )
+    remedy, notes = "Check that robot, load and angles are as stated, or exclude its records", list[Note]()
+    for name, ratio in zip(sums, rms / float(np.median(rms)), strict=True):
+        if len(sums) > 2 and ratio > LIMITS.residual_ratio:
+            text = f"residuals {ratio:.0f} times the residuals of the other configurations"
+            notes.append(Note("fit/inconsistent-responses", text, f"configuration {name}", remedy=remedy))
+    return tuple(notes)
 
 
 def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
@@ -94,12 +94,13 @@ def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
     if np.any(np.abs(change - math.copysign(2 * math.log(2 * math.pi), typical)) > math.log(LIMITS.factor_spread)):
         return ()
     actual_unit, assumed_unit = ("rad/s", "Hz") if typical > 0 else ("Hz", "rad/s")
-    text = (
-        f"all estimates are {math.exp(typical):.3g} times their start values; the cause is not identifiable. "
+    text = f"all estimates are {math.exp(typical):.3g} times their start values; the cause is not identifiable"
+    remedy = (
         f"Check: frequencies in {actual_unit} instead of {assumed_unit} (factor 39), positions in degrees (57), "
         "torques on the other side of the gear (ratio)"
     )
-    return (Note("fit/frequency-unit", text, ", ".join(result.parameters.free[i].name for i in stiff)),)
+    place = ", ".join(result.parameters.free[i].name for i in stiff)
+    return (Note("fit/frequency-unit", text, place, remedy=remedy),)
 
 
 def _determination(result: Result, unidentifiable: BoolArray) -> Iterator[Note]:
@@ -113,9 +114,7 @@ def _determination(result: Result, unidentifiable: BoolArray) -> Iterator[Note]:
     of_interest = result.parameters.of_interest
     for parameter in (p for p, beyond in zip(of_interest, unidentifiable, strict=False) if p.log and not beyond):
         if is_weak(result, parameter.name):
-            limit = percent(LIMITS.stiffness_std)
-            text = f"weakly identifiable (std above {limit} of the estimate). Do not use the estimate"
-            yield Note("fit/weakly-identifiable", text, parameter.name)
+            yield Note("fit/weakly-identifiable", UNCERTAIN, parameter.name, remedy="Do not use the estimate")
     # Conditional on the nuisance parameters, whose errors correlate all estimates.
     yield from correlated_combinations(names, conditional_covariance(result.covariance, len(of_interest)))
 
@@ -144,8 +143,8 @@ def contradictions(result: Result) -> tuple[Note, ...]:
     return tuple(
         Note(
             code,
-            f"{source} contradict the responses of the motors ({comparison.sentence}). {capitalise(comparison.cause)}. "
-            "The estimates are from the motors alone",
+            f"{source} contradict the responses of the motors ({comparison.sentence})",
+            remedy=f"{capitalise(comparison.cause)}. The estimates are from the motors alone",
         )
         for code, source, comparison in sources
         if comparison is not None and comparison.disagrees

@@ -98,8 +98,7 @@ def _stiffnesses(name: str, models: Sequence[LinearModel], fit: ElasticFit) -> F
     freq_hz = np.concatenate([frf.kernel.freq_hz for frf in fit.frfs])
     low, high = float(freq_hz[freq_hz > 0].min()), float(freq_hz.max())
     count = min(LIMITS.n_stiffnesses, 2 + math.ceil(math.log(high / low) / math.log(LIMITS.frequency_step)))
-    f = high * LIMITS.frequency_step ** np.arange(2 - count, 2)
-    return np.asarray(inertia * (2 * np.pi * f) ** 2)
+    return np.asarray(inertia * (2 * np.pi * (high * LIMITS.frequency_step ** np.arange(2 - count, 2))) ** 2)
 
 
 def _with_spring(
@@ -126,8 +125,7 @@ def _fit_spring(spring: _Spring, evidence: Evidence, scores: Scores) -> Modifica
         end = solve(fit.problem, spring.x, ROUGH, LIMITS.iterations)
     except FitError:
         return None
-    cost = replace(optimum.fit, loads=None).evaluate(optimum.x).cost
-    drop = min(cost, scores.cost) - end.cost
+    drop = min(replace(optimum.fit, loads=None).evaluate(optimum.x).cost, scores.cost) - end.cost
     if not drop > 0:
         return None
     estimates = values_by_name(fit.parameters.free_names, end.x)

@@ -40,10 +40,10 @@ def contradicted_priors(result: Result) -> tuple[Note, ...]:
         if sigmas >= LIMITS.max_prior_stds:
             text = (
                 f"the data contradict the prior: {p.name} = {math.exp(alone) if p.log else alone:.6g} {p.unit} "
-                f"without it, instead of {p.prior.mean:.6g} {p.unit} ({sigmas:.3g} std apart). "
-                "Correct the prior, or check the records"
+                f"without it, instead of {p.prior.mean:.6g} {p.unit} ({sigmas:.3g} std apart)"
             )
-            notes.append(Note("fit/prior-contradicted", text, p.name))
+            remedy = "Correct the prior, or check the records"
+            notes.append(Note("fit/prior-contradicted", text, p.name, remedy=remedy))
     return tuple(notes)
 
 
@@ -74,9 +74,9 @@ def contradicted_tolerances(result: Result) -> tuple[Note, ...]:
     text = (
         f"the robot model differs from the data by {ratio:.2g} tolerances (rms over its values; limit {most:.2g}). "
         f"Exact nominal values would change {p.name} by {change}, {sizes[worst]:.2g} times the std of this change "
-        f"(limit {LIMITS.max_prior_stds:.2g}). Check torque constants, angles and payload"
+        f"(limit {LIMITS.max_prior_stds:.2g})"
     )
-    return (Note("fit/tolerances", text, p.name),)
+    return (Note("fit/tolerances", text, p.name, remedy="Check torque constants, angles and payload"),)
 
 
 def scattered_ratios(ratios: RatioScatter, responses: Sequence[Response]) -> tuple[Note, ...]:

@@ -48,7 +48,7 @@ def with_status(evidence: Evidence) -> Result:
     fit_quality = f"the model explains {percent(max(evidence.explained, 0.0))} of the measured responses"
 
     def conclude(status: Status, message: str) -> Result:
-        return replace(result, status=status, message=f"{message}. {capitalise(result.residual_test)}; {starts}")
+        return replace(result, status=status, message=f"{message}. {capitalise(str(result.residual_test))}; {starts}")
 
     channel_families = {SCALE, *(h.family for h in evidence.hypotheses if h.changes is not None)}
     readings = [index for index in result.indices if index.place and index.group in channel_families]
@@ -72,7 +72,7 @@ def with_status(evidence: Evidence) -> Result:
     misfit = _by_fixed_number(evidence) or _beyond_declared(evidence)
     # The intervals include ratios that differ from angle to angle.
     if not evidence.uncertainty.ratios.explains:
-        contradiction = _by_prior(evidence) or next((note.text for note in contradictions(result)), "")
+        contradiction = _by_prior(evidence) or next((note.sentences for note in contradictions(result)), "")
         misfit = by_blocks or misfit or contradiction
     if misfit:
         return conclude("misfit", f"{misfit}{bound_text and f'. The fit ended{bound_text}'}")
@@ -209,4 +209,4 @@ def _by_prior(evidence: Evidence) -> str:
         return ""
     if evidence.cause is not None:
         return fault(evidence.cause, evidence)
-    return next((note.text for note in (*contradicted_priors(result), *contradicted_tolerances(result))), "")
+    return next((note.sentences for note in (*contradicted_priors(result), *contradicted_tolerances(result))), "")

@@ -48,8 +48,7 @@ def windows(available: IntArray, lines: IntArray, n_w: int) -> Windows:
     [[0, 1, 2], [1, 2, 3]]
     """
     n_w = min(n_w, len(available))
-    start = np.clip(np.searchsorted(available, lines) - n_w // 2, 0, len(available) - n_w)
-    index = start[:, None] + np.arange(n_w)
+    index = np.clip(np.searchsorted(available, lines) - n_w // 2, 0, len(available) - n_w)[:, None] + np.arange(n_w)
     distance = available[index] - lines[:, None]
     return Windows(
         index=index,

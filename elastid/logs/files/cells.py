@@ -36,8 +36,7 @@ def plain_numbers(content: str, text: TextFormatSpec) -> str:
 
 def delimiter_of(text: TextFormatSpec) -> str | None:
     """Return the delimiter of a format; None for any white space."""
-    names = {"whitespace": None, " ": None, "tab": "\t", "\\t": "\t"}
-    return names.get(text.delimiter, text.delimiter)
+    return {"whitespace": None, " ": None, "tab": "\t", "\\t": "\t"}.get(text.delimiter, text.delimiter)
 
 
 def fill_empty_cells(lines: Sequence[str], delimiter: str | None) -> Sequence[str]:

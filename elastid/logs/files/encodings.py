@@ -72,5 +72,4 @@ def wide_encoding(raw: bytes) -> str:
     """Return UTF-16 or 32 by the byte order mark, UTF-16 of Latin letters also by its zeros; else an empty text."""
     by_mark = next((name for mark, name in _MARKS.items() if raw.startswith(mark)), "")
     zeros = [len(side) > 20 and side.count(0) > 0.9 * len(side) for side in (raw[1:200:2], raw[:200:2])]
-    by_zeros = "utf-16-le" if zeros[0] else "utf-16-be" if zeros[1] else ""
-    return by_mark or (by_zeros if sum(zeros) == 1 else "")
+    return by_mark or (("utf-16-le" if zeros[0] else "utf-16-be" if zeros[1] else "") if sum(zeros) == 1 else "")

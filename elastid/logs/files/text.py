@@ -217,8 +217,7 @@ def open_text(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
     if first >= len(numbers):
         problem = f"no numbers in its {len(lines)} lines after header_lines: {text.header_lines} with delimiter"
         advice = "Set delimiter, decimal and header_lines under text"
-        message = f"{problem} '{text.delimiter}'. {advice}{format_hint(path, text)}"
-        raise DataError("records/text", message, path)
+        raise DataError("records/text", f"{problem} '{text.delimiter}'. {advice}{format_hint(path, text)}", path)
     n_columns = len(split_line(numbers[first], text))
     headings = find_headings(lines[:first], text, n_columns)
     if delimiter is None and is_scope(headings) and len(split_line(numbers[-1], text)) < n_columns:

@@ -30,8 +30,7 @@ def _best_format(path: Path) -> tuple[int, TextFormatSpec]:
         fields = [field for line in plain for field in split_line(line, text) if field]
         return sum(1 if is_number(field) else -1 for field in fields)
 
-    scores = [(numeric_score(text), text) for text in starmap(TextFormatSpec, _FORMATS)]
-    return max(scores, key=lambda pair: pair[0])
+    return max([(numeric_score(text), text) for text in starmap(TextFormatSpec, _FORMATS)], key=lambda pair: pair[0])
 
 
 def format_hint(path: Path, text: TextFormatSpec) -> str:

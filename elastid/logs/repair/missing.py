@@ -134,13 +134,9 @@ def resampled_with_gaps(signals: FloatArray, times: FloatArray, band: float, log
 
 
 def repair(
-    signals: FloatArray,
-    roles: Mapping[str, Sequence[int]],
-    period: float,
-    half_wave: bool,
-    log: LogReport,
+    signals: FloatArray, roles: Mapping[str, Sequence[int]], period: float, half_wave: bool, log: LogReport,
     check: Callable[[FloatArray], None],
-) -> FloatArray:
+) -> FloatArray:  # fmt: skip
     """Repair signals (n, c), some samples NaN, to whole repetitions of a period, of half of one if half_wave.
 
     roles: the columns of r, u and y, before all others, which need not repeat.  check: refuses drivers (n, d) that are

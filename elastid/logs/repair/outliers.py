@@ -242,8 +242,7 @@ def _spikes(
     from scipy.ndimage import maximum_filter
 
     n, d = NEIGHBOURS, _lone_distance(e)
-    noise = np.quantile(d.reshape(-1, L), QUIET_FRACTION, axis=1) / QUIET_STD
-    sigma = np.hypot(noise, q / np.sqrt(12)).repeat(L)
+    sigma = np.hypot(np.quantile(d.reshape(-1, L), QUIET_FRACTION, axis=1) / QUIET_STD, q / np.sqrt(12)).repeat(L)
     rounding = 1e-7 * float(np.nanmax(x) - np.nanmin(x))  # by single precision or nine digits in a text
     threshold = np.maximum(MIN_SIGMAS * sigma, max(rounding, min_distance))
     if not np.any(d > threshold):

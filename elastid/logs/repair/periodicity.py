@@ -119,8 +119,7 @@ def _find_lag(x: FloatArray) -> Repetition:
 def _detrend(x: FloatArray, lag: int) -> FloatArray:
     """Remove the mean and the drift of a signal (n,); the drift is the mean change after `lag` samples."""
     change = x[lag:] - x[:-lag]
-    slope = float(np.nanmean(change)) / lag if np.isfinite(change).any() else 0.0
-    residual = x - slope * np.arange(len(x))
+    residual = x - (float(np.nanmean(change)) / lag if np.isfinite(change).any() else 0.0) * np.arange(len(x))
     return np.asarray(residual - np.nanmean(residual))
 
 
@@ -326,8 +325,7 @@ def _sample_shift(excitation: FloatArray, N: int, sign: int) -> tuple[int, int] 
         shifted = sign * (shifted - shifted.mean(axis=1, keepdims=True))
         inner = np.einsum("nc,knc->k", window, shifted)
         rho = inner / np.maximum(np.linalg.norm(window) * np.linalg.norm(shifted, axis=(1, 2)), 1e-300)
-        is_nearer = 1 - rho.max() < MAX_REMAINING_FRACTION * (1 - rho[max_shift])
-        lag = int(np.argmax(rho)) - max_shift if is_nearer else 0
+        lag = int(np.argmax(rho)) - max_shift if (1 - rho.max() < MAX_REMAINING_FRACTION * (1 - rho[max_shift])) else 0
         lags.append(lag if rho.max() > MIN_CORRELATION else max_shift + 1)
     valid = [lag for lag in lags if lag <= max_shift]
     shifts, changes = set(valid) - {0}, np.count_nonzero(np.diff(valid))

@@ -340,8 +340,7 @@ def _fit_knots(
                 continue
             knots = _knots(t[valid], s[valid], low, high)
             result[rows, i] = resample_at(knots[:, None], grid[rows] - low)[:, 0]
-            residual = s[inside] - resample_at(knots[:, None], t[inside] - low)[:, 0]
-            squares[i] += float(np.nansum(residual**2))
+            squares[i] += float(np.nansum((s[inside] - resample_at(knots[:, None], t[inside] - low)[:, 0]) ** 2))
     has_samples = np.isfinite(signals).any(axis=0)
     size = np.maximum(np.nanstd(signals[:, has_samples], axis=0), 1e-300)
     ratio = np.zeros(signals.shape[1])

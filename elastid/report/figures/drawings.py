@@ -13,8 +13,10 @@ from matplotlib.figure import Figure
 from elastid.base.arrays import FloatArray
 from elastid.base.escape import file_name
 from elastid.nonlinear.compensated_friction import CompensatedFriction
-from elastid.report.content import ReportContent, ResponsesContent, parameter_rows
+from elastid.report.content import ReportContent
 from elastid.report.figures import fit, friction
+from elastid.report.parameter_row import parameter_rows
+from elastid.report.responses_content import ResponsesContent
 from elastid.response import Response
 from elastid.robot import Robot
 from elastid.validation.log_comparison import NO_COMPARISON, LogComparison

@@ -15,9 +15,9 @@ from elastid.design.forecast import Forecast
 from elastid.design.limit_use import QUANTITIES, LimitUse
 from elastid.fit.result import Result
 from elastid.nonlinear.gear_result import ARCMIN, GearResult, GearSheet
-from elastid.report.content import ParameterRow
 from elastid.report.figures import style
 from elastid.report.figures.style import Cells, Curve, Panel, in_db
+from elastid.report.parameter_row import ParameterRow
 from elastid.response import Quality, Response
 from elastid.robot import Robot
 from elastid.validation.log_comparison import (
@@ -315,8 +315,7 @@ def torque_balance_figure(balance: TorqueBalance) -> Figure:
 def octaves_figure(balances: Sequence[TorqueBalance]) -> Figure:
     """Draw the ratio of unexplained to measured rms torque in percent, by axis and octave."""
     edges = sorted({band.high_hz for balance in balances for band in balance.bands})
-    in_hz = all(balance.has_rate for balance in balances)
-    label = f"octave below {'Hz' if in_hz else 'sampling rates'}"
+    label = f"octave below {'Hz' if all(balance.has_rate for balance in balances) else 'sampling rates'}"
     values = np.full((len(balances), len(edges)), np.nan)
     for i, balance in enumerate(balances):
         for band in (band for band in balance.bands if band.power >= MIN_POWER_SHARE):

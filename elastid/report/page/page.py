@@ -18,27 +18,23 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from elastid.base.arrays import FloatArray
-from elastid.base.display import digits, format_interval, number, percent
+from elastid.base.display import capitalise, digits, format_interval, number, percent
 from elastid.base.errors import group_notes
 from elastid.base.execution import Execution
 from elastid.base.files import clear_folder, write_atomically
 from elastid.nonlinear.compensated_friction import friction_rows
 from elastid.report import run_summary
-from elastid.report.content import (
-    ParameterRow,
-    ReportContent,
-    ResponsesContent,
-    gear_line,
-    gear_sentence,
-    gear_table,
-    parameter_rows,
-)
+from elastid.report.content import ReportContent
 from elastid.report.figures import style
 from elastid.report.figures.drawings import Drawing
 from elastid.report.figures.style import default_style
+from elastid.report.gear_table import gear_line, gear_sentence, gear_table
 from elastid.report.modes import ModeDrawing, spring_names
+from elastid.report.next_steps import COMMANDS, next_steps
 from elastid.report.page.explorer import asset, curve_scripts, explorer, mode_viewer, script_policy
+from elastid.report.parameter_row import WIDTH_WORDS, ParameterRow, parameter_rows
 from elastid.report.residual_strip import residual_strip
+from elastid.report.responses_content import ResponsesContent, questions_of_responses
 from elastid.robot import Robot
 
 SIZE, MARGIN = 250.0, 26.0  # of the robot drawing, pixels
@@ -51,8 +47,7 @@ def joint_groups(robot: Robot) -> list[tuple[str, ...]]:
     groups: list[tuple[str, ...]] = []
     for body in robot.all_bodies:
         for i, joint in enumerate(body.joints):
-            group = () if i == 0 or any(joint.point) else groups.pop()
-            groups.append((*group, joint.name))
+            groups.append((*(() if i == 0 or any(joint.point) else groups.pop()), joint.name))
     return groups
 
 
@@ -79,15 +74,13 @@ def robot_sketch(robot: Robot, drawing: ModeDrawing, rows: Sequence[ParameterRow
 def _widest_class(names: Sequence[str], rows: Iterable[ParameterRow]) -> int | None:
     """Return the width class of the widest interval of stiffness and damping at these joints; None without any."""
     terms = {f"{kind}_{name}" for name in names for kind in "kd"}
-    return max((run_summary.width_class(row) for row in rows if row.name in terms), default=None)
+    return max((row.width_class for row in rows if row.name in terms), default=None)
 
 
 def _joint(point: FloatArray, names: Sequence[str], rows: Mapping[str, ParameterRow]) -> str:
     terms = [rows[f"{kind}_{name}"] for name in names for kind in ("k", "d", "fm") if f"{kind}_{name}" in rows]
     width_class = _widest_class(names, rows.values())
-    widths = (
-        ", ".join(f"{row.name} ±{percent(run_summary.half_width(row))}" for row in terms) or "nothing identified here"
-    )
+    widths = ", ".join(f"{row.name} ±{percent(row.half_width)}" for row in terms) or "nothing identified here"
     css_class = "held" if width_class is None else f"w{width_class}"
     label = escape(", ".join(names))
     return (
@@ -113,23 +106,21 @@ def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapp
     """Return the values of the status bar and the three columns; with a sketch if the robot can be drawn."""
     drawing = next((row.drawing for row in content.modes if row.drawing is not None), None)
     robot = content.robot if drawing is not None else None
-    classes: list[int | None] = [run_summary.width_class(row) for row in rows]
+    classes: list[int | None] = [row.width_class for row in rows]
     if robot is not None:
         classes = [_widest_class(names, rows) for names in joint_groups(robot)]
     return {
         "sentence": run_summary.verdict_sentence(content.result, rows, content.agreements),
         "numbers_answer": run_summary.numbers_answer(content.result, rows, content.gears),
-        "summary": run_summary.summary_line(content),
+        "summary": content.summary,
         "sketch": robot_sketch(robot, drawing, rows) if robot is not None and drawing is not None else "",
         "widest": None if run_summary.is_wrong(content.result) else run_summary.widest(rows),
-        "half_width": run_summary.half_width,
-        "width_class": run_summary.width_class,
-        "width_counts": [(label, i, classes.count(i)) for i, label in enumerate(run_summary.WIDTH_WORDS)],
+        "width_counts": [(label, i, classes.count(i)) for i, label in enumerate(WIDTH_WORDS)],
         "counted": "point" if robot else "parameter",
         "strip": residual_strip(content.validation.configurations),
         "residuals": run_summary.residual_sentence(content.result, content.agreements),
-        "actions": run_summary.next_steps(content.result, rows),
-        "commands": run_summary.COMMANDS,
+        "actions": next_steps(content.result, rows),
+        "commands": COMMANDS,
         "meanings": meanings(content),
     }
 
@@ -259,7 +250,8 @@ def _environment() -> Environment:
     )
     environment.trim_blocks = environment.lstrip_blocks = True
     environment.filters |= {
-        "number": number, "digits": digits, "percent": percent, "interval_of": format_interval, "grouped": group_notes,
+        "number": number, "digits": digits, "percent": percent, "capitalised": capitalise,
+        "interval_of": format_interval, "grouped": group_notes,
         "friction_rows": friction_rows, "coded": _code_markup, "gear_table": gear_table, "gear_line": gear_line,
         "seen_words": gear_sentence,
     }  # fmt: skip
@@ -293,5 +285,5 @@ def html_of_responses(content: ResponsesContent, figures: Collection[EmbeddedFig
     scripts = (*curve_scripts(), asset("mode_viewer.js")) if viewer else curve_scripts()
     return render(
         "responses.html.j2", content, figures, responses, scripts, mode_viewer=viewer,
-        frequency_unit=style.frequency_unit(content.has_rate), questions=run_summary.questions_of_responses(content),
+        frequency_unit=style.frequency_unit(content.has_rate), questions=questions_of_responses(content),
     )  # fmt: skip

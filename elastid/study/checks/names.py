@@ -48,8 +48,7 @@ def list_configurations(study: Study) -> list[str]:
     if study.design is None:
         return names
     # A design that fits as many as it can into a robot_time may use 99 names.
-    placeholders = (f"c{i + 1}" for i in range(study.design.count or 99))
-    return [*names, *study.design.candidates.given, *placeholders]
+    return [*names, *study.design.candidates.given, *(f"c{i + 1}" for i in range(study.design.count or 99))]
 
 
 def _locations(study: Study, role: str) -> list[str]:

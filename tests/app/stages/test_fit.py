@@ -8,8 +8,8 @@ from plants.runs import summary_of
 from plants.two_axes import measured
 
 from elastid.app import cli
-from elastid.report.content import parameter_rows
-from elastid.report.run_summary import next_steps
+from elastid.report.next_steps import next_steps
+from elastid.report.parameter_row import parameter_rows
 from elastid.store.results import read_fit
 from elastid.study import load_robot
 
@@ -34,7 +34,7 @@ def test_a_fit_ends_with_the_meaning_of_its_status(
     streams = capfd.readouterr()
     last = " ".join((streams.err if code else streams.out).split("summary.json")[-1].split())
     result = read_fit(run.path("fit"))
-    assert result.meaning[1:] in last
+    assert result.meaning.clause[1:] in last
     assert result.status == status
     step = next_steps(result, parameter_rows(result, None))[0]
     assert step.sentence in " ".join(streams.out.split())

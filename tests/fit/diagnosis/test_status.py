@@ -19,8 +19,9 @@ from elastid.fit.diagnosis.priors import contradicted_tolerances, relative_chang
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, WeightSpec
 from elastid.parameters import Parameters
-from elastid.report.content import parameter_rows
-from elastid.report.run_summary import next_steps, residual_sentence
+from elastid.report.next_steps import next_steps
+from elastid.report.parameter_row import parameter_rows
+from elastid.report.run_summary import residual_sentence
 from elastid.response import Response
 from elastid.robot import Body, Joint, Motor, Robot, Spring, Tolerances
 
@@ -89,7 +90,7 @@ def test_a_file_beyond_its_tolerances_is_a_misfit_everywhere() -> None:
     responses = measured(FILE.with_parameters({"Jm_2": 1.6e-3}))
     result = identify(responses, FILE, OF_SHEET)
     assert (result.status, result.exceeds_noise) == ("misfit", False)
-    for text in (result.message, residual_sentence(result, ()), result.cause[0]):
+    for text in (result.message, residual_sentence(result, ()), result.cause.text):
         assert re.search(r"Jm_2 = 0\.0016 .* 5\.0 %", text)
     (advised,) = next_steps(result, parameter_rows(result, None))
     for std, status in ((0.05, "misfit"), (float(re.findall(r"std: (.*)}}", advised.text)[0]), "converged")):

@@ -28,8 +28,8 @@ from elastid.friction_study.spec import LawSpec
 from elastid.friction_study.static_model_fit import StaticLaw
 from elastid.nonlinear.friction_basis import BasisFunction
 from elastid.nonlinear.gear_result import GearNumber, GearResult, GearSheet
-from elastid.report.content import parameter_rows
 from elastid.report.figures import fit, friction, friction_records, use
+from elastid.report.parameter_row import parameter_rows
 from elastid.response import LineAmplitudes, Quality
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.use.map import map_workspace

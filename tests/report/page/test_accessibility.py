@@ -10,11 +10,11 @@ from plants.report_values import full_content, pair
 
 from elastid.base.errors import Note
 from elastid.modal.modes import without_modes
-from elastid.report.content import ResponsesContent
 from elastid.report.fleet import Outcome, answer_of_fleet
 from elastid.report.page.page import html, html_of_responses
 from elastid.report.page.page_of_friction import html_of_friction
 from elastid.report.page.page_of_use import html_of_answer
+from elastid.report.responses_content import ResponsesContent
 from elastid.validation.fleet import FleetValue, find_changes
 
 # What a reader of the screen needs, as one sentence for each fault.

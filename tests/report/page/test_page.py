@@ -22,11 +22,12 @@ from elastid.base.display import Answer, number
 from elastid.base.errors import Note
 from elastid.modal.modes import without_modes
 from elastid.nonlinear.compensated_friction import CompensatedFriction
-from elastid.report.content import ResponsesContent, parameter_rows
 from elastid.report.figures.drawings import drawings
 from elastid.report.page.page import first_screen, html, html_of_responses
 from elastid.report.page.page_of_friction import html_of_friction
 from elastid.report.page.page_of_use import write_page_of_answer
+from elastid.report.parameter_row import parameter_rows
+from elastid.report.responses_content import ResponsesContent
 from elastid.store.friction_study import read_simulation, write_friction_result
 from elastid.validation.frf_error import validate
 from elastid.validation.log_comparison import LINK, MOTION, TORQUE, ComparedSignal, LogComparison, LogSimulation
@@ -66,7 +67,7 @@ def test_the_page_shows_every_warning_parameter_and_configuration(report_folder)
         assert number(row.truth, 5) in text
     for given in ("d_2", "2.000 × d_1", "mass", "25.000", "left out", "9.125", "4.000 %"):
         assert given in text
-    assert text.count(content.result.meaning[1:60]) == 1
+    assert text.count(content.result.meaning.clause[1:]) == 1
     for given in (content.title, content.verdict, content.validation.verdict, content.study_text, "17"):
         assert given in text
     assert text.index("AT BOUND") < text.index("What next?") < text.index(str(content.notes[0]))
