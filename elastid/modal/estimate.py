@@ -166,12 +166,9 @@ def modal_data(response: Response, variance: FloatArray | None = None) -> ModalD
 
 
 def _fit_modes(
-    data: ModalData,
-    candidates: ComplexArray,
-    correlated_lines: float,
-    poles_hz: Sequence[float] | None,
+    data: ModalData, candidates: ComplexArray, correlated_lines: float, poles_hz: Sequence[float] | None,
     start: ComplexArray = NO_POLES,
-) -> ModalFit:
+) -> ModalFit:  # fmt: skip
     """Fit the poles nearest to poles_hz, or `start` and the significant candidates (n,), and refine them."""
     if poles_hz is not None:
         return ModalFit(data, _nearest(candidates, np.asarray(poles_hz), data)).refined(30, 1e-4)
@@ -212,12 +209,9 @@ def _modes(
 
 
 def _collect_modes(
-    response: Response,
-    fit: ModalFit,
-    modes: Sequence[FittedMode],
-    diagram: StabilisationDiagram,
+    response: Response, fit: ModalFit, modes: Sequence[FittedMode], diagram: StabilisationDiagram,
     influences: Influences,
-) -> Modes:
+) -> Modes:  # fmt: skip
     """Return `Modes` of the significant poles, with the synthesis of the whole fit."""
     n_y, n_u = response.G.shape[1:]
     none = (np.empty((n_y, 0), complex), np.empty((n_y, 0)), np.empty((n_u, 0), complex), np.empty((n_u, 0)))
@@ -228,10 +222,8 @@ def _collect_modes(
     power = np.maximum(np.mean(np.abs(response.G) ** 2, axis=(1, 2)), np.finfo(float).tiny)
     noise_std = np.sqrt(np.mean(line_variance(response), axis=(1, 2)) / power)
     f, f_std, zeta, zeta_std = numbers.T
-    collinearity = np.empty(0)
-    covariance = np.zeros((0, 0))
+    collinearity, covariance = phase_collinearity(participation if n_u > n_y else shapes), np.zeros((0, 0))
     if members:
-        collinearity = phase_collinearity(participation if n_u > n_y else shapes)
         std = numbers[:, [1, 3]].ravel()
         covariance = influences.correlation([(mode.index, mode.slopes) for mode in members]) * np.outer(std, std)
     return Modes(

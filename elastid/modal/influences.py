@@ -60,9 +60,11 @@ class Influences:
 
     def _line_factor(self, influence: ComplexArray) -> float:
         """Return the factor >= 1 by which correlated lines increase the variance of a number; influence (p, F, C)."""
+        rho = self._autocorrelation[: influence.shape[1] - 1]
+        if not rho.size:
+            return 1.0
         spectrum = np.fft.fft(influence, 2 * influence.shape[1], axis=1)
         products = np.fft.ifft(np.sum(np.abs(spectrum) ** 2, axis=(0, 2)))[: influence.shape[1]]
-        rho = self._autocorrelation[: influence.shape[1] - 1]
         lags, products = np.arange(1, len(rho) + 1), products[1 : len(rho) + 1] / products[0].real
         factor = 1 + 2 * float(np.sum((products * rho).real))
         stated = 1 + 2 * float(np.maximum(1 - lags / self.correlated_lines, 0.0) @ products.real)
@@ -111,26 +113,23 @@ class Influences:
         fit, n = self.fit, len(self.fit.poles)
         if not n:
             return np.zeros(len(fit.data.weight))
-        a = fit.coefficients[: 2 * n].reshape(n, 2, -1)
-        energy = np.einsum("ric,ric->r", a, a)
-        slopes = np.abs(complex_columns(fit.free_slopes)) ** 2
+        a = fit.directions[:, 0]
+        slopes = np.abs(fit.free_slopes) ** 2
         of_elements = slopes.reshape(len(slopes), n, 2).sum(axis=2)
         fraction = of_elements / np.maximum(of_elements.sum(axis=0), 1e-300)
         # A pole has two real parameters, a line 2 C real rows.
-        return np.asarray(fraction @ (energy > 0) / a.shape[2])
+        return np.asarray(fraction @ a.any(axis=(1, 2)) / a.shape[2])
 
     @cached_property
     def _inverse(self) -> FloatArray:
-        return np.asarray(np.linalg.pinv(self.fit.information, rcond=1e-14, hermitian=True))
+        return np.asarray(np.linalg.pinv(self.fit.normal_equations[0], rcond=1e-14, hermitian=True))
 
     def pole_influence(self, r: int) -> ComplexArray:
         """Return influence (2, F, C) of weighted errors on Re and Im of a pole: its rows of (J^T J)^-1 J^T."""
         fit, n = self.fit, len(self.fit.poles)
-        b = fit.directions
         rows = self._inverse[2 * r : 2 * r + 2].reshape(2, n, 2)
-        weights = np.einsum("pnq,nqic->pnic", rows, b).reshape(2, 2 * n, -1)
-        slopes = complex_columns(fit.free_slopes)
-        return np.stack([slopes @ weight for weight in weights])
+        weights = np.einsum("pnq,nqic->pnic", rows, fit.directions).reshape(2, 2 * n, -1)
+        return np.stack([fit.free_slopes @ weight for weight in weights])
 
     @cached_property
     def pole_covariances(self) -> tuple[FloatArray, ...]:
@@ -154,14 +153,13 @@ class Influences:
         """
         fit = self.fit
         rows = slice(2 * r, 2 * r + 2)
-        Q, R, norms = fit.factors
+        (Q, R), norms = fit.factors, fit.columns[1]
         pair = np.linalg.pinv(R, rcond=1e-12)[rows] @ Q.T / norms[rows, None]
         power = np.abs(complex_columns(pair.T)) ** 2  # (F, 2)
         local_power = uniform_filter1d(np.abs(self._normalised) ** 2, 2 * self._half + 1, axis=0, mode="reflect")
         local = np.einsum("fp,fc->c", power, local_power / self._free[:, None] * fit.data.variance) / 2
         variance = local * self._line_factor(complex_columns(pair.T).T[:, :, None])
-        D = fit.data.columns(fit.poles[[r]], derivative=True)
-        slope = (np.linalg.lstsq(R, Q.T @ D, rcond=1e-12)[0] / norms[:, None]).T
+        slope = (np.linalg.lstsq(R, Q.T @ fit.slopes[:, rows], rcond=1e-12)[0] / norms[:, None]).T
         b, C = fit.directions[r], self.pole_covariances[r]
         # d (Re, Im) R_c / d (Re, Im) lambda: minus the component of J inside the model.
         shift = np.einsum("ik,pic->pkc", slope[:, rows], b)

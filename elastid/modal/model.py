@@ -6,14 +6,17 @@ Lines have one weight for all elements, elements one scale, so that one QR decom
           J_{c, r} = P^\perp D_r\, b_{c, r}, \qquad P^\perp = I - Q Q^T
 
 D_r: derivatives of the two real columns of a pole; b: their coefficients, by the residue of the element c.
-(Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973; Kaufman, BIT 15, 1975.)
+Corrected seminormal equations replace Q unless A is ill-conditioned.  (Golub and Pereyra, SIAM J. Numer. Anal. 10,
+1973; Kaufman, BIT 15, 1975; Bjorck, Linear Algebra Appl. 88, 1987.)
 """
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg.blas import dgemm, dtrmm
+from scipy.linalg import cho_solve, lstsq, solve_triangular
+from scipy.linalg.blas import dtrmm
+from scipy.linalg.lapack import dpotrf
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.modal.basis import Basis
@@ -32,6 +35,12 @@ def complex_columns(columns: FloatArray) -> ComplexArray:
     return real + 1j * imaginary
 
 
+def cholesky_factor(A: FloatArray, least: float) -> FloatArray | None:
+    """Return L (n, n) of A^T A = L L^T; None if a diagonal entry is below the least."""
+    L, failure = dpotrf(A.T @ A, lower=True)
+    return None if failure or np.diag(L).min() < least else L
+
+
 def tall_qr(A: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Factorise A (N, n) with columns of size 1 into Q (N, n) and R (n, n) by two Cholesky factorisations.
 
@@ -40,11 +49,7 @@ def tall_qr(A: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
     Q, R = A, np.eye(A.shape[1])
     for _ in range(2):
-        try:
-            L = np.linalg.cholesky(Q.T @ Q)
-        except np.linalg.LinAlgError:
-            return np.linalg.qr(A)
-        if np.diag(L).min() < ILL_CONDITIONED:
+        if (L := cholesky_factor(Q, ILL_CONDITIONED)) is None:
             return np.linalg.qr(A)
         Q, R = dtrmm(1.0, np.linalg.inv(L), Q, 1, 1, 1, overwrite_b=Q is not A), L.T @ R
     return Q, R
@@ -102,32 +107,42 @@ class ModalFit:
     poles: ComplexArray
 
     @cached_property
-    def factors(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Q (2 F, p), R (p, p) and the norms (p,) of the columns: two for each pole, then the residual terms."""
-        data = self.data
-        A = np.concatenate([data.columns(self.poles), data.residuals], axis=1)
+    def columns(self) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+        """Columns A (2 F, p) of size 1, first two a pole; norms (p,), and L of A^T A; None for ill-conditioned A."""
+        A = np.concatenate([self.data.columns(self.poles), self.data.residuals], axis=1)
         norms = np.linalg.norm(A, axis=0)
-        return *tall_qr(np.divide(A, norms, out=A)), norms
+        A /= norms
+        return A, norms, cholesky_factor(A, np.sqrt(ILL_CONDITIONED))
+
+    @cached_property
+    def factors(self) -> tuple[FloatArray, FloatArray]:
+        """Q (2 F, p) and R (p, p) of the columns of size 1."""
+        return tall_qr(self.columns[0])
 
     @cached_property
     def Q(self) -> FloatArray:
         """Orthonormal columns (2 F, rank); dependent columns are dropped."""
-        Q, R, _ = self.factors
+        Q, R = self.factors
         is_independent = np.abs(np.diag(R)) > 1e-10
         return Q if is_independent.all() else Q[:, is_independent]
 
     @cached_property
-    def coefficients(self) -> FloatArray:
-        """Linear coefficients (p, C): two for each pole, then the residual terms."""
-        Q, R, norms = self.factors
-        if self.Q is Q:
-            return np.linalg.solve(R, Q.T @ self.data.y) / norms[:, None]
-        return np.linalg.lstsq(R, Q.T @ self.data.y, rcond=1e-12)[0] / norms[:, None]
+    def solution(self) -> tuple[FloatArray, FloatArray]:
+        """Linear coefficients (p, C) of the columns of size 1, and residual (2 F, C), by seminormal equations."""
+        (A, _, L), residual = self.columns, self.data.y
+        if L is None:
+            Q, R = self.factors
+            return lstsq(R, Q.T @ residual, 1e-12)[0], residual - self.Q @ (self.Q.T @ residual)
+        coefficients = np.zeros((A.shape[1], 1))
+        for _ in range(2):
+            correction = cho_solve((L, True), A.T @ residual)
+            coefficients, residual = coefficients + correction, residual - A @ correction
+        return coefficients, residual
 
-    @cached_property
+    @property
     def residual(self) -> FloatArray:
         """Residual (2 F, C): y minus the model."""
-        return self.data.y - self.Q @ (self.Q.T @ self.data.y)
+        return self.solution[1]
 
     @cached_property
     def leverage(self) -> FloatArray:
@@ -142,36 +157,34 @@ class ModalFit:
     @property
     def residues(self) -> ComplexArray:
         """Residues R (n, C) over the frequency scale, in the elements' units."""
-        coefficients = self.coefficients[: 2 * len(self.poles)]
-        return np.asarray((coefficients[0::2] + 1j * coefficients[1::2]) * self.data.scale)
+        real, imaginary = self.directions[:, 0].swapaxes(0, 1)
+        return np.asarray((real + 1j * imaginary) * self.data.scale)
 
     @cached_property
-    def free_slopes(self) -> FloatArray:
-        """Derivatives P D (2 F, 2 n) of the poles' columns, orthogonal to the model."""
-        D = self.data.columns(self.poles, derivative=True)
-        return np.asarray(dgemm(-1.0, self.Q, self.Q.T @ D, 1.0, D, overwrite_c=True))
+    def slopes(self) -> FloatArray:
+        """Derivatives D (2 F, 2 n) of the poles' columns."""
+        return self.data.columns(self.poles, derivative=True)
+
+    @cached_property
+    def free_slopes(self) -> ComplexArray:
+        """Complex derivatives P D (F, 2 n), orthogonal to the model."""
+        return complex_columns(self.slopes - self.Q @ (self.Q.T @ self.slopes))
 
     @cached_property
     def directions(self) -> FloatArray:
         """Coefficients b (n, 2, 2, C) of a pole's two columns in D for Re lambda, and for Im lambda (times j)."""
-        a = self.coefficients[: 2 * len(self.poles)].reshape(len(self.poles), 2, -1)
+        a = (self.solution[0] / self.columns[1][:, None])[: 2 * len(self.poles)].reshape(len(self.poles), 2, -1)
         return np.stack([a, np.stack([-a[:, 1], a[:, 0]], axis=1)], axis=1)
 
     @cached_property
-    def information(self) -> FloatArray:
-        """Information matrix J^T J (2 n, 2 n), a sum over all elements."""
-        n = len(self.poles)
-        inner = (self.free_slopes.T @ self.free_slopes).reshape(n, 2, n, 2)
-        b = self.directions.reshape(4 * n, -1)
+    def normal_equations(self) -> tuple[FloatArray, FloatArray]:
+        """Information matrix J^T J (2 n, 2 n), and descent direction J^T residual (2 n,), sums over all elements."""
+        n, D, (A, _, L) = len(self.poles), self.slopes, self.columns
+        of_model = self.Q.T @ D if L is None else solve_triangular(L, A.T @ D, lower=True)
+        inner, b = (D.T @ D - of_model.T @ of_model).reshape(n, 2, n, 2), self.directions.reshape(4 * n, -1)
         blocks = (b @ b.T).reshape(n, 2, 2, n, 2, 2)
-        return np.asarray(np.einsum("rpisqj,risj->rpsq", blocks, inner).reshape(2 * n, 2 * n))
-
-    @property
-    def gradient(self) -> FloatArray:
-        """Descent direction J^T residual (2 n,)."""
-        n = len(self.poles)
-        inner = (self.free_slopes.T @ self.residual).reshape(n, 2, -1)
-        return np.asarray(np.einsum("rpic,ric->rp", self.directions, inner).reshape(2 * n))
+        gradient = np.einsum("rpic,ric->rp", self.directions, (D.T @ self.residual).reshape(n, 2, -1))
+        return np.einsum("rpisqj,risj->rpsq", blocks, inner).reshape(2 * n, 2 * n), gradient.ravel()
 
     def refined(self, steps: int = 20, tolerance: float = 1e-3) -> "ModalFit":
         """Fit the poles by at most `steps` damped Gauss-Newton steps; tolerance: last step, in standard deviations."""
@@ -179,7 +192,7 @@ class ModalFit:
         if not len(fit.poles):
             return fit
         for _ in range(steps):
-            information, gradient = fit.information, fit.gradient
+            information, gradient = fit.normal_equations
             # Damping by the sum for Re and Im: a pole on the real axis has no information about its frequency.
             pole_information = np.maximum(np.diag(information).reshape(-1, 2).sum(axis=1), 1e-200).repeat(2)
             while True:
@@ -207,4 +220,4 @@ class ModalFit:
 
     def synthesis(self) -> ComplexArray:
         """Return G (F, C) of the model."""
-        return complex_columns(self.Q @ (self.Q.T @ self.data.y)) * self.data.scale / self.data.weight[:, None]
+        return complex_columns(self.data.y - self.residual) * self.data.scale / self.data.weight[:, None]

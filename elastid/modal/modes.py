@@ -249,7 +249,7 @@ def phase_collinearity(shapes: ComplexArray) -> FloatArray:
     >>> phase_collinearity(np.array([[1 + 1j, 1.0], [2 + 2j, 1j]])).round(3).tolist()
     [1.0, 0.0]
     """
-    s = np.stack([np.linalg.svd(np.stack([phi.real, phi.imag]), compute_uv=False) for phi in shapes.T])
+    s = np.linalg.svd(np.stack([shapes.T.real, shapes.T.imag], axis=1), compute_uv=False)
     if s.shape[1] < 2:
         return np.ones(len(s))
     power = s**2

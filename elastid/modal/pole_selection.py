@@ -16,7 +16,7 @@ import numpy as np
 import scipy.linalg
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.modal.model import ModalFit, complex_columns, tall_qr
+from elastid.modal.model import ModalFit, complex_columns
 
 
 @dataclass(frozen=True)
@@ -67,32 +67,29 @@ def separate_reductions(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
     A pole narrower than a line loses its four nearest lines, because a disturbance of three lines has no others.
     """
     n, omega, spacing = len(fit.poles), fit.data.basis.omega, fit.data.basis.spacing
-    Q, R, norms = fit.factors
+    Q, R = fit.factors
     rows = np.linalg.pinv(R, rcond=1e-12)[: 2 * n].reshape(n, 2, -1)
     # Q times these: components of each pole's columns that are orthogonal to all other columns.
     projections = np.linalg.pinv(rows @ rows.mT) @ rows
-    total = np.sum((projections.mT @ (fit.coefficients * norms[:, None])[: 2 * n].reshape(n, 2, -1)) ** 2, axis=1)
+    total = np.sum((projections.mT @ fit.solution[0][: 2 * n].reshape(n, 2, -1)) ** 2, axis=1)
     columns = complex_columns(Q @ projections.reshape(2 * n, -1).T).reshape(-1, n, 2)
     nearest = np.arange(len(omega)) == np.argmax(np.sum(np.abs(columns) ** 2, axis=2), axis=0)[:, None]
-    window = np.zeros_like(nearest)
-    for r in np.flatnonzero(-2 * fit.poles.real <= spacing).tolist():
-        nearest[r], window[r] = np.abs(omega - fit.poles[r].imag) < 2 * spacing, _window(fit, r)
-    # QR reduces the lines that no pole uses to as many rows as columns, with equal products.
-    nearest, window = np.tile(nearest, 2), np.tile(window, 2)
-    is_unused, Qy = ~np.any(nearest | window, axis=0), np.concatenate([Q, fit.data.y], axis=1)
-    size = np.maximum(np.linalg.norm(Qy, axis=0), 1.0)
-    T = tall_qr(Qy[is_unused] / size)[1] * size
-    Q, all_y = np.split(np.concatenate([T, Qy[~is_unused]]), [Q.shape[1]], axis=1)
-    nearest, window = (np.pad(flags[:, ~is_unused], ((0, 0), (len(T), 0))) for flags in (nearest, window))
-    without_nearest = np.zeros_like(total)
-    for r in range(n):
-        rows, pair = ~nearest[r], [2 * r, 2 * r + 1]
-        basis, y = tall_qr(Q[rows] @ np.concatenate([np.delete(R, pair, axis=1), R[:, pair]], axis=1))[0], all_y[rows]
-        y = y - basis[:, :-2] @ (basis[:, :-2].T @ y)
-        without_nearest[r] = np.sum((basis[:, -2:].T @ y) ** 2, axis=0)
-        if nearest[r].sum() > 2:
-            local = window[r][rows]
-            reduction = np.sum((scipy.linalg.orth(basis[local, -2:]).T @ y[local]) ** 2)
+    is_narrow = -2 * fit.poles.real <= spacing
+    nearest[is_narrow] = np.abs(omega - fit.poles[is_narrow, None].imag) < 2 * spacing
+    y, moments, without_nearest = fit.data.y, Q.T @ fit.data.y, np.zeros_like(total)
+    for r, pair in enumerate(projections.mT):
+        rows = np.tile(nearest[r], 2)
+        U = Q[rows]
+        inverse = np.linalg.pinv(np.eye(len(U)) - U @ U.T, 1e-12, hermitian=True)
+        # Products with (I - U^T U)^-1 = I + U^T (I - U U^T)^-1 U, I - U^T U: Q^T Q of the other lines.
+        slopes, all_poles = (x + U.T @ (inverse @ (U @ x)) for x in (pair, moments - U.T @ y[rows]))
+        projection = pair.T @ all_poles
+        coefficients = np.linalg.pinv(pair.T @ slopes, hermitian=True) @ projection
+        without_nearest[r] = np.sum(projection * coefficients, axis=0)
+        if nearest[r].sum() > 1:
+            local = np.tile(_window(fit, r) & ~nearest[r], 2)
+            residual = y[local] - Q[local] @ (all_poles - slopes @ coefficients)
+            reduction = np.sum((scipy.linalg.orth(Q[local] @ slopes).T @ residual) ** 2)
             without_nearest[r] *= reduction >= LIMITS.outside * total[r].sum()
     return total, without_nearest
 
