@@ -31,7 +31,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.arrays import FloatArray, IntArray, frozen
 from elastid.base.errors import StudyError, check_theta
 from elastid.linear.equilibrium import OperatingPoint, equilibrium, free_coordinates
 from elastid.linear.linear_model import LinearModel, Slope, elements, project
@@ -292,11 +292,10 @@ def _slopes(
     for letter in () if is_free else "MDK":
         product = Z.T @ terms[letter]
         terms[letter] = (product + product.transpose(0, 2, 1)) / 2
-    for term in terms.values():
-        term.flags.writeable = False  # read-only, so that slopes need no copy
+    terms = {letter: frozen(term) for letter, term in terms.items()}  # of which slopes are slices, not copies
     enters = {letter: np.any(term, axis=(1, 2)) for letter, term in terms.items()}
     return {
-        name: Slope(**{letter: term[p] for letter, term in terms.items() if enters[letter][p]})
+        name: Slope(**slopes)
         for p, name in enumerate(model.parameters)
-        if name in names and any(rows[p] for rows in enters.values())
+        if name in names and (slopes := {letter: term[p] for letter, term in terms.items() if enters[letter][p]})
     }

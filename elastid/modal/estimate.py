@@ -34,12 +34,9 @@ NO_POLES: ComplexArray = np.empty(0, complex)
 
 
 def estimate_modes(
-    response: Response,
-    band_hz: tuple[float, float] | None = None,
-    max_order: int | None = None,
-    poles_hz: Sequence[float] | None = None,
-    exponential_s: float | None = None,
-) -> Modes:
+    response: Response, band_hz: tuple[float, float] | None = None, max_order: int | None = None,
+    poles_hz: Sequence[float] | None = None, exponential_s: float | None = None,
+) -> Modes:  # fmt: skip
     r"""Estimate the modes of a response with 95 % intervals: p-LSCF over orders, F tests, weighted least squares.
 
     band_hz: band of the lines used.  max_order: of the matrix polynomial; default 60, or fewer with few lines.

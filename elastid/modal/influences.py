@@ -113,16 +113,15 @@ class Influences:
         fit, n = self.fit, len(self.fit.poles)
         if not n:
             return np.zeros(len(fit.data.weight))
-        a = fit.directions[:, 0]
         slopes = np.abs(fit.free_slopes) ** 2
         of_elements = slopes.reshape(len(slopes), n, 2).sum(axis=2)
         fraction = of_elements / np.maximum(of_elements.sum(axis=0), 1e-300)
         # A pole has two real parameters, a line 2 C real rows.
-        return np.asarray(fraction @ a.any(axis=(1, 2)) / a.shape[2])
+        return np.asarray(fraction @ fit.directions.any(axis=(1, 2, 3)) / fit.directions.shape[3])
 
     @cached_property
     def _inverse(self) -> FloatArray:
-        return np.asarray(np.linalg.pinv(self.fit.normal_equations[0], rcond=1e-14, hermitian=True))
+        return np.asarray(np.linalg.pinv(self.fit.normal_equations[0], 1e-14, hermitian=True))
 
     def pole_influence(self, r: int) -> ComplexArray:
         """Return influence (2, F, C) of weighted errors on Re and Im of a pole: its rows of (J^T J)^-1 J^T."""
@@ -154,12 +153,12 @@ class Influences:
         fit = self.fit
         rows = slice(2 * r, 2 * r + 2)
         (Q, R), norms = fit.factors, fit.columns[1]
-        pair = np.linalg.pinv(R, rcond=1e-12)[rows] @ Q.T / norms[rows, None]
+        pair = np.linalg.pinv(R, 1e-12)[rows] @ Q.T / norms[rows, None]
         power = np.abs(complex_columns(pair.T)) ** 2  # (F, 2)
         local_power = uniform_filter1d(np.abs(self._normalised) ** 2, 2 * self._half + 1, axis=0, mode="reflect")
         local = np.einsum("fp,fc->c", power, local_power / self._free[:, None] * fit.data.variance) / 2
         variance = local * self._line_factor(complex_columns(pair.T).T[:, :, None])
-        slope = (np.linalg.lstsq(R, Q.T @ fit.slopes[:, rows], rcond=1e-12)[0] / norms[:, None]).T
+        slope = (np.linalg.lstsq(R, Q.T @ fit.slopes[:, rows], 1e-12)[0] / norms[:, None]).T
         b, C = fit.directions[r], self.pole_covariances[r]
         # d (Re, Im) R_c / d (Re, Im) lambda: minus the component of J inside the model.
         shift = np.einsum("ik,pic->pkc", slope[:, rows], b)

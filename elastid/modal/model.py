@@ -26,7 +26,7 @@ ILL_CONDITIONED = 1e-5  # least diagonal of L for an orthogonal Q
 
 def stack_real(columns: ComplexArray) -> FloatArray:
     """Return real parts above imaginary parts (2 F, ...) of columns (F, ...)."""
-    return np.concatenate([columns.real, columns.imag], axis=0)
+    return np.concatenate([columns.real, columns.imag])
 
 
 def complex_columns(columns: FloatArray) -> ComplexArray:

@@ -68,7 +68,7 @@ def separate_reductions(fit: ModalFit) -> tuple[FloatArray, FloatArray]:
     """
     n, omega, spacing = len(fit.poles), fit.data.basis.omega, fit.data.basis.spacing
     Q, R = fit.factors
-    rows = np.linalg.pinv(R, rcond=1e-12)[: 2 * n].reshape(n, 2, -1)
+    rows = np.linalg.pinv(R, 1e-12)[: 2 * n].reshape(n, 2, -1)
     # Q times these: components of each pole's columns that are orthogonal to all other columns.
     projections = np.linalg.pinv(rows @ rows.mT) @ rows
     total = np.sum((projections.mT @ fit.solution[0][: 2 * n].reshape(n, 2, -1)) ** 2, axis=1)
