@@ -42,7 +42,7 @@ from elastid.friction.static import Curve
 from elastid.friction_study.spec import Followed
 from elastid.model.evaluation import evaluated
 from elastid.simulation.closed_loop import compile_function
-from elastid.simulation.dynamics import runge_kutta_step
+from elastid.simulation.runge_kutta import runge_kutta_step
 
 # Default relative std of the fixed parameters; F_s / F_c falls by a tenth while a gear warms up.
 TOLERANCES: Mapping[str, float] = {

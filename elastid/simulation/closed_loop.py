@@ -31,9 +31,11 @@ from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.model.elastic import ElasticModel
 from elastid.record import JointLoop
+from elastid.simulation.contacts import Contacts
 from elastid.simulation.controller import Filters
 from elastid.simulation.drives import Drives, gear_forces
-from elastid.simulation.dynamics import FIFTH_ORDER, Contacts, free_acceleration, projection, runge_kutta_step
+from elastid.simulation.dynamics import free_acceleration, projection
+from elastid.simulation.runge_kutta import FIFTH_ORDER, runge_kutta_step
 
 # Of the optimisations beyond the first level only loops pay: the equations are one long line of operations, which takes
 # the compiler half as long. Without the third option, calls of the C library meet vector registers in a state in which

@@ -40,9 +40,11 @@ from elastid.model.frame_tree import position, tree, turns
 from elastid.record import Configuration
 from elastid.robot import TOOL, Robot
 from elastid.robot.robot import with_frames
+from elastid.simulation.contacts import Contacts, contacts
 from elastid.simulation.controller import tune
 from elastid.simulation.drives import gear_forces
-from elastid.simulation.dynamics import MAX_STEP_RATE, Contacts, contacts, free_acceleration, poles, projection
+from elastid.simulation.dynamics import free_acceleration, poles, projection
+from elastid.simulation.runge_kutta import MAX_STEP_RATE
 from elastid.targets.code import c_sources, dense
 from elastid.targets.fmu_description import (
     IDENTIFIER,

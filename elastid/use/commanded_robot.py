@@ -18,8 +18,8 @@ from elastid.model.loop_closure import partition
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
+from elastid.simulation.contacts import contacts
 from elastid.simulation.controller import rigid_motion, rigid_path, rigid_rates
-from elastid.simulation.dynamics import contacts
 from elastid.use.moves import Move
 
 # Smoothing velocity of planned friction, rad/s (m/s), link side: slower than a move, faster than a step of the solver.

@@ -31,9 +31,10 @@ from elastid.record import JointLoop
 from elastid.robot import Friction, LuGre, Robot
 from elastid.robot.simplified import with_joints
 from elastid.simulation.closed_loop import MIN_CALLS, Commands, Trajectory, closed_loop, compiler, simulate
+from elastid.simulation.contacts import contacts
 from elastid.simulation.controller import tune
 from elastid.simulation.drives import Drives
-from elastid.simulation.dynamics import contacts, free_acceleration
+from elastid.simulation.dynamics import free_acceleration
 from elastid.study import load
 from elastid.targets.mujoco import mjcf
 

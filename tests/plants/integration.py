@@ -5,7 +5,8 @@ import numpy as np
 
 from elastid.friction.static import SLIDING_VELOCITY
 from elastid.model.elastic import ElasticModel
-from elastid.simulation.dynamics import CLASSICAL, Tableau, free_acceleration, runge_kutta_step
+from elastid.simulation.dynamics import free_acceleration
+from elastid.simulation.runge_kutta import CLASSICAL, Tableau, runge_kutta_step
 
 
 def acceleration(model: ElasticModel, coulomb: np.ndarray) -> ca.Function:

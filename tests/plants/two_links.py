@@ -7,9 +7,9 @@ from elastid.friction.static import Tustin
 from elastid.model.elastic import ElasticModel
 from elastid.robot import Body, Friction, Joint, Motor, Robot
 from elastid.simulation.closed_loop import ClosedLoop, Commands, closed_loop
+from elastid.simulation.contacts import Contacts, contacts
 from elastid.simulation.controller import feed_forward
 from elastid.simulation.drives import Drives
-from elastid.simulation.dynamics import Contacts, contacts
 from plants.arm import robot
 
 FREE = np.array([[-np.inf, np.inf]] * 2)

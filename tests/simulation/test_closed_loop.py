@@ -28,9 +28,10 @@ from elastid.simulation.closed_loop import (
     compile_function,
     simulate,
 )
+from elastid.simulation.contacts import contacts
 from elastid.simulation.controller import tune
 from elastid.simulation.drives import Drives
-from elastid.simulation.dynamics import FIFTH_ORDER, contacts
+from elastid.simulation.runge_kutta import FIFTH_ORDER
 
 
 def test_the_loop_is_that_of_a_plain_python_loop() -> None:

@@ -17,8 +17,9 @@ from elastid.model.formulation import formulate
 from elastid.robot import Friction, GearRipple, Joint, Robot, TransmissionError
 from elastid.robot import Gear as GearSection
 from elastid.robot.simplified import with_joints
+from elastid.simulation.contacts import contacts
 from elastid.simulation.drives import Drives, Lag, gear_forces
-from elastid.simulation.dynamics import contacts, free_acceleration
+from elastid.simulation.dynamics import free_acceleration
 
 
 @pytest.mark.parametrize("coefficients", [(1.0,), (1.4, 1.0), (2.0, 2.0, 1.0), (0.6, 0.5)])

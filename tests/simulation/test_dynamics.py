@@ -11,7 +11,7 @@ from plants.two_links import arm, motor
 
 from elastid.friction.static import SLIDING_VELOCITY
 from elastid.model.formulation import serial
-from elastid.simulation.dynamics import CLASSICAL, FIFTH_ORDER, MAX_STEP_RATE, least_steps
+from elastid.simulation.runge_kutta import CLASSICAL, FIFTH_ORDER, MAX_STEP_RATE, least_steps
 
 
 @given(st.lists(st.floats(-1, 1), min_size=10, max_size=10))

@@ -16,9 +16,9 @@ from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import equilibrium
 from elastid.record import JointLoop
 from elastid.simulation.closed_loop import Commands, Trajectory, closed_loop, simulate
+from elastid.simulation.contacts import contacts
 from elastid.simulation.controller import tune
 from elastid.simulation.drives import Drives
-from elastid.simulation.dynamics import contacts
 from elastid.targets.fmu import write_fmu
 
 fmpy = pytest.importorskip("fmpy", reason="fmpy is in the group oracles")

@@ -25,9 +25,9 @@ from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import frame_poses
 from elastid.record import Motion
 from elastid.robot import Robot
+from elastid.simulation.contacts import Contacts
 from elastid.simulation.controller import rigid_path
 from elastid.simulation.drives import Drives, Lag, Ripple
-from elastid.simulation.dynamics import Contacts
 
 _REACH = 10
 # Weights of p_k + p_-k - 2 p_0 of order 2 n, n = _REACH: 2 (-1)^(k + 1) n!^2 / (k^2 (n - k)! (n + k)!).

@@ -37,8 +37,10 @@ from elastid.record import Configuration, drive_unit, zero_order_hold
 from elastid.robot import Robot
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.simulation.closed_loop import ClosedLoop, closed_loop
+from elastid.simulation.contacts import contacts
 from elastid.simulation.controller import feed_forward, filters_of, gains_of, sampled_responses
-from elastid.simulation.dynamics import MAX_SUBSTEPS, contacts, least_steps, poles
+from elastid.simulation.dynamics import poles
+from elastid.simulation.runge_kutta import MAX_SUBSTEPS, least_steps
 from elastid.simulation.spec import ControllerSpec
 
 MAX_CLIPPED_FRACTION = 0.5  # of the samples, beyond which a motor cannot control the robot

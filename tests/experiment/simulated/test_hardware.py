@@ -23,7 +23,7 @@ from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import serial
 from elastid.record import Configuration
 from elastid.robot import Body, Chain, Channel, Friction, Joint, Limits, LuGre, Motor, Placement, Robot, Spring
-from elastid.simulation.dynamics import contacts
+from elastid.simulation.contacts import contacts
 from elastid.simulation.spec import ControllerSpec
 
 ARM = (0.3,)

@@ -10,7 +10,7 @@ from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec, ToolSpec
 from elastid.experiment.specs.logs import FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
 from elastid.experiment.specs.simulated import CarrierSpec, SimulatedSpec
-from elastid.simulation.dynamics import FIFTH_ORDER
+from elastid.simulation.runge_kutta import FIFTH_ORDER
 from elastid.simulation.spec import ControllerSpec
 
 U, Y = ChannelSpec("u", "motor 1", "u"), ChannelSpec("y", "motor 1", "q", quantity="position")
