@@ -6,9 +6,9 @@ They differ in gain and curvature. T is searched in one dimension, with one Gaus
 fit at each T. A negative T means that the log was corrected for a delay that does not exist.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple, TypeAlias
 
@@ -67,12 +67,12 @@ def as_delay(name: str) -> str:
 
 
 def fit_delay_forms(
-    evaluated: Sequence[EvaluatedResponse], prior: FloatArray, free: BoolArray | bool, near: str,
+    evaluated: Sequence[EvaluatedResponse], prior: FloatArray, free: BoolArray | bool, name: str,
     channel: tuple[str, str], T_0: float,
 ) -> Iterator[TimeDelay]:  # fmt: skip
     """Yield the best time of each form (delay, low pass), searched around T_0 in s.
 
-    near: name of the delay.  channel: role and location, ("", "") for all positions.  prior (n_x,): 1 / std of the
+    name: of the delay.  channel: role and location, ("", "") for all positions.  prior (n_x,): 1 / std of the
     priors.  free (n_x,): parameters that follow.
     """
     from scipy.optimize import minimize_scalar  # slow to load, needed only for fits with excess residuals
@@ -87,7 +87,7 @@ def fit_delay_forms(
         low, high = np.clip(sorted((0.3 * T_0, 2.0 * T_0)), -limit, limit).tolist()
         options = {"maxiter": LIMITS.iterations, "xatol": 1e-4 * max(abs(low), abs(high))}
         optimum = minimize_scalar(lambda T, form=form: at(T, form)[0], bounds=(low, high), options=options)
-        yield TimeDelay(near.replace("delay", form, 1), float(optimum.x), *at(float(optimum.x), form))
+        yield TimeDelay(name.replace("delay", form, 1), float(optimum.x), *at(float(optimum.x), form))
 
 
 def _delay(
@@ -105,8 +105,9 @@ def _delay(
 def common_delay(fit: ElasticFit, x: FloatArray) -> float:
     """Return the delay in s of all motions relative to the torques at which V is least, with x (n_x,) fixed.
 
-    Global search, because V is periodic in the delay at each line and has many local minima.  Logarithmic criterion;
-    steps of an eighth of the shortest period, up to half the inverse of the line spacing.
+    Global search with the logarithmic criterion, because V is periodic in the delay at each line and has many local
+    minima: their width is the shortest period, of which a step is an eighth. The range is half the inverse of the line
+    spacing, beyond which the phase between neighbouring lines is ambiguous.
     """
     evaluated = evaluate(logarithmic(on_line_subset(fit, LIMITS.n_refit_residuals)), x)
     step = 0.125 / max(e.frf.kernel.freq_hz[-1] for e in evaluated)
@@ -116,51 +117,80 @@ def common_delay(fit: ElasticFit, x: FloatArray) -> float:
     return float(delays[np.argmin(costs)])
 
 
+@dataclass(frozen=True)
+class _SearchPoint:
+    """Parameters x (n_x,) from which the time of a delay is searched, and the responses there.
+
+    free (n_x,): parameters that follow the delay; True for all.
+    """
+
+    evaluated: list[EvaluatedResponse]
+    x: FloatArray
+    free: BoolArray | bool
+
+
 def find_delays(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
     """Return the indices with the forms (delay, filter) of significant delays and of `common_delay`."""
-    optimum, result, assembly = evidence.optimum, evidence.result, evidence.assembly
+    optimum, result = evidence.optimum, evidence.result
     if not optimum.fit.n_residuals:
         return indices
-    fit, x, free = on_line_subset(optimum.fit), optimum.x, ~result.at_bound
-    evaluated, prior = evaluate(fit, x), fit.parameters.prior_slopes
-    fraction = fit.n_residuals / optimum.fit.n_residuals
-    cost = min(gauss_newton_step(UNCHANGED, evaluated, prior, free)[0], scores.cost * fraction)
-    noise = scores.noise * fraction
+    fit = on_line_subset(optimum.fit)
+    point = _SearchPoint(evaluate(fit, optimum.x), optimum.x, ~result.at_bound)
+    channels = _channels_by_delay(point.evaluated)
+    common = next(iter(channels))
+    delayed = [row for row in indices if row.name in channels and row.explained_fraction > LIMITS.min_stated_fraction]
+    delayed = delayed[: LIMITS.n_refits]
+    rows = [index for index in indices if index not in delayed]
+    points = dict.fromkeys((row.name for row in delayed), point)
+    with suppress(ElastidError):  # no equilibrium at the start
+        start = evidence.assembly.parameters.x
+        file = on_line_subset(evidence.assembly.at(start))
+        if common not in result.parameters.free_names and (T := common_delay(file, start)):
+            start = refit(ResponseChange("", "time", partial(_delay, delay, T, "", "")), file, start)[1]
+            points[common] = _SearchPoint(evaluate(file, start), start, True)
+            row = ModificationIndex(common, "time", (common,), np.zeros(1), ("s",), (False,), np.array([T]))
+            delayed, rows = ([r for r in kind if r.name != common] for kind in (delayed, rows))
+            delayed.insert(0, row)
+    prior, fraction = fit.parameters.prior_slopes, fit.n_residuals / optimum.fit.n_residuals
+    cost = min(gauss_newton_step(UNCHANGED, point.evaluated, prior, point.free)[0], scores.cost * fraction)
+    for row in delayed:
+        at = points[row.name]
+        forms = [*fit_delay_forms(at.evaluated, prior, at.free, row.name, channels[row.name], row.step)]
+        effects = {form.name: at.x + form.step - result.x for form in forms}
+        rows += _rows_of_forms(row, forms, effects, cost, scores.noise * fraction, scores)
+    return rows
+
+
+def _channels_by_delay(evaluated: Sequence[EvaluatedResponse]) -> dict[str, tuple[str, str]]:
+    """Return role and location of the channel of each delay; first the delay of all positions, with ("", "")."""
     models = [e.frf.kernel.model for e in evaluated]
     # With references, a delay of all positions is a delay of all references; torque delays are within the loop.
     common = DELAY if all(model.controller is None for model in models) else channel_name(DELAY, "r")
-    channels = {common: ("", "")} | {
+    return {common: ("", "")} | {
         channel_name(DELAY, role, location): (role, location)
         for model in models
         for role, locations in (("y", model.outputs), (model.input_role, model.driven))
         for location in locations
     }
-    delayed = [row for row in indices if row.name in channels and row.explained_fraction > LIMITS.min_stated_fraction]
-    delayed = delayed[: LIMITS.n_refits]
-    other_rows = [index for index in indices if index not in delayed]
-    points: dict[str, tuple[list[EvaluatedResponse], FloatArray, BoolArray | bool]]
-    points = {row.name: (evaluated, x, free) for row in delayed}
-    with suppress(ElastidError):  # no equilibrium there
-        start = assembly.parameters.x
-        file = on_line_subset(assembly.at(start))
-        if common not in result.parameters.free_names and (T := common_delay(file, start)):
-            start = refit(ResponseChange("", "time", partial(_delay, delay, T, "", "")), file, start)[1]
-            points[common] = evaluate(file, start), start, True
-            row = ModificationIndex(common, "time", (common,), np.zeros(1), ("s",), (False,), np.array([T]))
-            delayed, other_rows = ([r for r in rows if r.name != common] for rows in (delayed, other_rows))
-            delayed.insert(0, row)
-    for row in delayed:
-        at, near, may_follow = points[row.name]
-        best = [*fit_delay_forms(at, prior, may_follow, row.name, channels[row.name], row.step)]
-        least = min(form.cost for form in best)
-        excess = max(least - noise, 0.0)
-        tolerance = LIMITS.cost_margin * scores.variance_ratio + (1 - LIMITS.complete_fraction) * excess
-        equal = [form for form in sorted(best, key=lambda form: form.cost) if form.cost < least + tolerance]
-        for form in equal:  # those that cannot be distinguished
-            explained = (cost - form.cost) / max(cost - noise, 1e-300)
-            of_form = replace(row, name=form.name, members=(form.name,), values=row.values * (form.name == row.name))
-            of_form = replace(of_form, steps=np.array([form.time]), effects=near + form.step - result.x)
-            drop = explained * scores.excess / scores.residual_fraction
-            alike = (*(other.name for other in equal if other is not form), *row.alike)
-            other_rows.append(replace(of_form, drop=drop, explained_fraction=explained, alike=alike))
-    return other_rows
+
+
+def _rows_of_forms(
+    row: ModificationIndex, forms: Sequence[TimeDelay], effects: Mapping[str, FloatArray], cost: float, noise: float,
+    scores: Scores,
+) -> Iterator[ModificationIndex]:  # fmt: skip
+    """Yield an index for each form of a delay that cannot be distinguished from the best form.
+
+    effects: changes (n_x,) of the fitted parameters by form.  cost: V without a delay.  noise: V of a correct model.
+    """
+    least = min(form.cost for form in forms)
+    excess = max(least - noise, 0.0)
+    tolerance = LIMITS.cost_margin * scores.variance_ratio + (1 - LIMITS.complete_fraction) * excess
+    equal = [form for form in sorted(forms, key=lambda form: form.cost) if form.cost < least + tolerance]
+    for form in equal:
+        explained = (cost - form.cost) / max(cost - noise, 1e-300)
+        yield replace(
+            row, name=form.name, members=(form.name,), values=row.values * (form.name == row.name),
+            steps=np.array([form.time]), effects=effects[form.name],
+            drop=explained * scores.excess / scores.residual_fraction, explained_fraction=explained,
+            alike=(*(other.name for other in equal if other is not form), *row.alike),
+        )  # fmt: skip
