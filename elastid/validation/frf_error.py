@@ -237,7 +237,7 @@ def _expected_power(noise: SmoothedNoise | None, sigma: FloatArray) -> FloatArra
     if noise is None:
         return 1.0
     ratio = np.divide(noise.measured.variance, sigma**2, out=np.zeros(sigma.shape), where=sigma > 0)
-    return _mean(ratio / np.maximum(1 - noise.variance_influence / noise.measured.dof, 0.1)[:, None, None], sigma > 0)
+    return _mean(ratio / np.maximum(1 - noise.influence.variance / noise.measured.dof, 0.1)[:, None, None], sigma > 0)
 
 
 def _tests(

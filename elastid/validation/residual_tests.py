@@ -39,12 +39,12 @@ def power_over_noise(
 
     .. math:: \frac{\sum_k |z_k|^2}{\sum_k \mathrm{tr}(L_k^{-1} S_k L_k^{-H}) / (1 - \kappa / \nu)}
 
-    S: measured covariance; kappa: its influence on L (`smooth_covariance`); shift_dof: power of `without_shifts`, added
+    S: measured covariance; kappa: its influence on L (`SelfInfluence`); shift_dof: power of `without_shifts`, added
     to that of z.  For a correct model the ratio has mean 1 and variance 2 / d.
     """
     measured = noise.measured
     S = whiten @ measured.full() @ np.swapaxes(whiten, -1, -2).conj()
-    variance = noise.variance_influence if noise.smooth.form == "diagonal" else noise.matrix_influence
+    variance = noise.influence.variance if noise.smooth.form == "diagonal" else noise.influence.matrix
     expected = float(np.sum(np.einsum("faa->f", S).real / np.maximum(1 - variance / measured.dof, 0.1)))
     dof = 2 * int(np.count_nonzero(z)) / (1 + noise.repeats) / measured.averaging_lines
     return (float(np.sum(np.abs(z) ** 2)) + shift_dof) / max(expected, 1e-300), dof

@@ -1,22 +1,6 @@
 r"""Smoothed noise: the sample covariance of a measured response, smoothed over DFT lines in its original form.
 
-A full covariance is smoothed around a model of the noise: the sum of noise on the outputs of a response and of torques
-at its inputs that pass through it. The powers of both kinds are estimated by maximum likelihood.
-
-.. math:: C(k) = \sum_i a_i(\omega)\, e_i e_i^T + \sum_j b_j(\omega)\, g_j(k) g_j(k)^H, \qquad a_i, b_j \ge 0
-
-g_j: column j of the measured response; torque noise, friction and disturbances at motor j act on all outputs, mostly at
-the resonances. a_i: sum of white noise in position, velocity and acceleration, and of errors proportional to the gain
-\|g_i\| of the output and to its square root (friction, drifting gains). b_j: sum of white torque, torque that decreases
-with frequency, and torque proportional to the excitation. These powers theta are estimated from all lines by maximum
-likelihood of Wishart matrices with a majorisation-minimisation step,
-
-.. math:: \theta \leftarrow \theta\, \frac{\sum_k w_k\, \mathrm{tr}(Q C^{-1} S C^{-1})}
-                                          {\sum_k w_k\, \mathrm{tr}(Q C^{-1})}, \qquad C = \sum \theta Q
-
-and are far more accurate than the covariance S of a single line. w_k <= 1 is small for lines with much more noise than
-the others. (Zhou, Hu, Zhou and Lange, MM algorithms for variance components models, JCGS 28, 2019.)
-
+A full covariance is smoothed around a model of the noise (`noise_model`).
 With an exact model C = L L^H the whitened covariances X_k = L_k^{-1} S_k L_k^{-H} have the expectation 1. The errors of
 the model are estimated from the neighbouring lines:
 
@@ -29,114 +13,29 @@ lines.  A line with significantly more noise than its neighbours keeps its own p
 """
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
 from operator import is_
 from typing import Any
 
 import numpy as np
 from scipy.special import fdtr, gammainc
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value, quotient
+from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.base.large_arrays import move_beside
-from elastid.base.matrices import inverse
 from elastid.base.messages import WorkerConstant
 from elastid.base.statistics import chi_square_limit
-from elastid.record import MOTION_ORDER, Motion
+from elastid.fit.problem.noise_model import NoiseShapes, noise_model
 from elastid.response import Covariance, Response
 
-MOTIONS = 3  # number of output noise spectra: white position, velocity and acceleration
-MIN_VARIANCE_FRACTION = 1e-9  # regularisation, relative to the mean variance of an output: exact data have no noise
 
+@frozen_value
+class SelfInfluence:
+    """Influence kappa (F,) of a line on its own smoothed covariance: on the variances, and on the whole matrix.
 
-@dataclass(frozen=True)
-class NoiseShapes:
-    """Spectral shapes of the noise: p shapes of output noise (p, F, n_y), and q shapes of torque noise (q, F).
-
-    G (F, n_y, n_u): response of the outputs to torques.
+    To first order tr(C~^-1 S) is 1 - kappa / dof times its value for a sample S that is independent of C~.
     """
 
-    output: FloatArray
-    torque: FloatArray
-    G: ComplexArray
-
-    @classmethod
-    def of(
-        cls, freq_hz: FloatArray, G: ComplexArray, quantity: Motion, inverse_power: FloatArray | None
-    ) -> "NoiseShapes":
-        """Build the shapes on the lines of G; inverse_power (F,): 1 / power of the excitation, None if unknown."""
-        f = np.maximum(freq_hz, freq_hz[freq_hz > 0].min()) / freq_hz.max()
-        motion = np.stack([f ** (2 * MOTION_ORDER[quantity] - 2.0 * order) for order in range(MOTIONS)])
-        gain = np.linalg.norm(G, axis=2)
-        gain = gain / np.maximum(gain.max(axis=0), 1e-300)
-        output = np.concatenate([np.repeat(motion[:, :, None], gain.shape[1], axis=2), np.stack([gain, gain**2])])
-        torque = [np.ones_like(f), f**-2.0]
-        if inverse_power is not None and np.all(inverse_power > 0):
-            torque.append(inverse_power.mean() / inverse_power)
-        return cls(output, np.stack(torque), G)
-
-    def on(self, lines: BoolArray) -> "NoiseShapes":
-        """Return the shapes on some lines; lines (F,) is True where a line stays."""
-        return NoiseShapes(self.output[:, lines], self.torque[:, lines], self.G[lines])
-
-
-def noise_model(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
-    """Return the noise model C (F, n_y, n_y) with the largest likelihood of the sample covariances S (F, n_y, n_y).
-
-    Errors proportional to gains are included if they increase the likelihood, the sum of -ln det C - tr(C^-1 S).
-    C of every second line is estimated from the other lines, so that C is independent of the line's own S; fewer than
-    16 lines are not divided.
-    """
-    models = [_across_lines(S, shape) for shape in (replace(shapes, output=shapes.output[:MOTIONS]), shapes)]
-    return max(models, key=lambda C: -float(np.sum(np.linalg.slogdet(C)[1]) + np.sum(np.linalg.inv(C).mT * S).real))
-
-
-def _across_lines(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
-    """Return the smoothed noise C of each line, estimated from the noise powers of the other half of the lines."""
-    lines = np.arange(len(S))
-    C = np.empty(S.shape, np.complex128)
-    for half in (lines % 2 == 0, lines % 2 == 1):
-        source = ~half if len(S) >= 16 else np.ones_like(half)
-        C[half] = _fit_noise_powers(S[source], shapes.on(source))(shapes.on(half))
-    return C
-
-
-def _fit_noise_powers(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], ComplexArray]:
-    """Fit the noise powers that explain S best; returns C (F, n_y, n_y) as a function of other lines' shapes."""
-    F, n_y, n_u = shapes.G.shape
-    variance = np.einsum("faa->a", S).real / F
-    if not np.all(variance > 0):
-        diagonal = np.diag(variance + MIN_VARIANCE_FRACTION * max(float(variance.max()), 1e-200))
-        return lambda at: np.broadcast_to(diagonal, (len(at.G), n_y, n_y)).astype(np.complex128)
-    scale = np.sqrt(variance)
-    S, g = np.asarray(S / np.outer(scale, scale), np.complex128), shapes.G / scale[:, None]
-    floor = MIN_VARIANCE_FRACTION * np.eye(n_y)
-    a = 1 / np.maximum(shapes.output.mean(axis=1), 1e-300) / (2 * len(shapes.output))
-    b = quotient(F * n_y / (2 * n_u * len(shapes.torque)), np.einsum("qf,fij->qj", shapes.torque, np.abs(g) ** 2))
-    for _ in range(30):  # not to convergence: errors of the model are estimated from the neighbouring lines
-        W = inverse(_sum(a, b, shapes, g) + floor)
-        WS = W @ S
-        w = np.minimum(1.0, n_y / np.maximum(np.einsum("faa->f", WS).real, 1e-300))
-        (motion, motion_expected), (torque, torque_expected) = _powers(np.stack([WS @ W, W]), w, shapes, g)
-        a = a * quotient(np.maximum(motion, 0.0), motion_expected)
-        b = b * quotient(np.maximum(torque, 0.0), torque_expected)
-    return lambda at: np.asarray(
-        (_sum(a, b, at, at.G / scale[:, None]) + floor) * np.outer(scale, scale), np.complex128
-    )
-
-
-def _sum(a: FloatArray, b: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> ComplexArray:
-    """Return sum theta Q (F, n_y, n_y); a (p, n_y), b (q, n_u)."""
-    C = (g * (shapes.torque.T @ b)[:, None, :]) @ g.mT.conj()
-    diagonal = np.arange(g.shape[1])
-    C[:, diagonal, diagonal] += np.einsum("pfa,pa->fa", shapes.output, a)
-    return C
-
-
-def _powers(W: ComplexArray, w: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> tuple[FloatArray, FloatArray]:
-    """Return sum_k w_k tr(Q W) of W (m, F, n_y, n_y), for noise of outputs (m, p, n_y) and torques (m, q, n_u)."""
-    motion = np.einsum("pfa,mfa->mpa", shapes.output, np.einsum("mfaa->mfa", W).real * w[:, None])
-    return motion, (shapes.torque * w) @ np.einsum("fij,mfij->mfj", g.conj(), W @ g).real
+    variance: FloatArray
+    matrix: FloatArray
 
 
 @frozen_value
@@ -144,14 +43,11 @@ class SmoothedNoise(WorkerConstant):
     """Sample covariance and its smoothed value over neighbouring DFT lines, for unbiased weights 1 / v.
 
     Both covariances have the same form. Matrices of all elements are computed when needed and not stored.
-    variance_influence, matrix_influence (F,): kappa, the influence of a line on its own variance and matrix
-    (`smooth_covariance`).
     """
 
     measured: Covariance
     smooth: Covariance
-    variance_influence: FloatArray
-    matrix_influence: FloatArray
+    influence: SelfInfluence
 
     @property
     def variance(self) -> FloatArray:
@@ -165,31 +61,30 @@ class SmoothedNoise(WorkerConstant):
 
 
 def smooth_noise(response: Response) -> SmoothedNoise | None:
-    """Return the smoothed noise of a response, computed from `larger_covariance`; None without a covariance.
-
-    The covariance object caches the values for one response.
-    """
+    """Return the smoothed noise of a response, computed from `larger_covariance`; None without a covariance."""
     raw, key = larger_covariance(response), (response.G, response.freq_hz, response.quantity)
     if raw is None:
         return None
     if math.isinf(raw.dof) and raw.form != "diagonal":
-        return SmoothedNoise(raw, raw, np.zeros(len(response.G)), np.zeros(len(response.G)))
+        return SmoothedNoise(raw, raw, SelfInfluence(*np.zeros((2, len(response.G)))))
+    # Weights, residual tests and validation smooth the same covariance. Its object keeps the value for the last
+    # response, so that the value is freed with it and, as a cached property, is not sent to workers.
     cache = vars(raw)
     if not all(map(is_, key, cache.get("smooth_of", [None] * 3))):
         cache["smooth"], cache["smooth_of"] = _smooth(response, raw), key
     return SmoothedNoise(raw, *cache["smooth"])
 
 
-def _smooth(response: Response, raw: Covariance) -> tuple[Covariance, FloatArray, FloatArray]:
-    """Return the smooth covariance, variance_influence and matrix_influence (`SmoothedNoise`)."""
+def _smooth(response: Response, raw: Covariance) -> tuple[Covariance, SelfInfluence]:
+    """Return the smooth covariance in the form of `raw`, and the influence of a line on it."""
     F, n_y, n_u = response.G.shape
     if raw.form == "diagonal":
         variance, kappa = smooth_variance(raw.variance, response.G, raw.dof)
         factor = np.full(F, float(kappa.max()))
-        return Covariance(variance, raw.dof), factor, factor
+        return Covariance(variance, raw.dof), SelfInfluence(factor, factor)
     S = raw.matrix if raw.left is None or raw.right is None else raw.right
     assert S is not None
-    covariance, matrix_influence, variance_influence = smooth_covariance(S, _model(response, raw, S), raw.dof)
+    covariance, influence = smooth_covariance(S, _model(response, raw, S), raw.dof)
     power = np.einsum("faa->fa", covariance).real
     covariance = move_beside(S, covariance)
     if raw.left is None:
@@ -197,7 +92,7 @@ def _smooth(response: Response, raw: Covariance) -> tuple[Covariance, FloatArray
     else:
         variance = power[:, :, None] * np.einsum("faa->fa", raw.left).real[:, None, :]
         smooth = Covariance(variance, raw.dof, raw.left, covariance)
-    return smooth, variance_influence, matrix_influence
+    return smooth, influence
 
 
 def _model(response: Response, raw: Covariance, S: ComplexArray) -> ComplexArray:
@@ -230,14 +125,14 @@ def larger_covariance(response: Response) -> Covariance | None:
     return noise if p_value < 1e-3 else total
 
 
+# Values of rho that are compared, from the model alone to the mean of the neighbours; the likelihood is flat between.
 SHRINKAGES = (1.0, 0.7, 0.4, 0.2, 0.1, 0.03, 0.01, 0.003)
 
 
-def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float) -> tuple[ComplexArray, FloatArray, FloatArray]:
-    """Return C~ (F, n, n) of sample covariances S (F, n, n) with `dof` degrees of freedom, and two kappa (F,).
+def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float) -> tuple[ComplexArray, SelfInfluence]:
+    """Return C~ (F, n, n) of sample covariances S (F, n, n) of `dof` degrees of freedom, and a line's influence on it.
 
-    kappa: influence of a line on its own C~, and on the diagonal of C~. To first order tr(C~^-1 S) is 1 - kappa / dof
-    times its value for an S that is independent of C~.  model (F, n, n): noise model C.
+    model (F, n, n): noise model C.
     """
     F, n = S.shape[:2]
     width = min(_width(n, dof), F)
@@ -255,7 +150,7 @@ def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float) -> tuple
     inner = rho * np.eye(n) + (1 - rho) * moving_mean(X, width)
     bias = 1 - (1 - rho) * (n**2 - 1) / (n * width * dof)
     smooth = np.asarray((for_weights / bias)[:, None, None] * (L @ inner @ L.mT.conj()))
-    return smooth, *_self_influence(S, smooth, rho, width, dof)
+    return smooth, _self_influence(S, smooth, rho, width, dof)
 
 
 def _width(n: int, dof: float) -> int:
@@ -280,17 +175,14 @@ def _shrinkage(X: ComplexArray, width: int) -> float:
     return SHRINKAGES[int(np.argmax(np.sum(-np.log(values) - power / values, axis=(1, 2))))]
 
 
-def _self_influence(
-    S: ComplexArray, smooth: ComplexArray, rho: float, width: int, dof: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return kappa (F,) of C~ and of its diagonal, scaled by the mean ratio of S to C~."""
+def _self_influence(S: ComplexArray, smooth: ComplexArray, rho: float, width: int, dof: float) -> SelfInfluence:
+    """Return the influence of a line on its own C~: its fraction of the mean, times the mean ratio of S to C~."""
     F, n = S.shape[:2]
-    fractions = (1 + (1 - rho) * (n**2 - 1)) / (n * width), (1 + (1 - rho) * (n - 1)) / (n * width)
-    of_matrix = np.einsum("faa->f", np.linalg.solve(smooth, S)).real / n
     of_diagonal = np.mean(np.einsum("faa->fa", S).real / np.einsum("faa->fa", smooth).real, axis=1)
-    influences = [k * float(np.mean(z)) for k, z in zip(fractions, (of_matrix, of_diagonal), strict=True)]
-    mean, diagonal = (np.full(F, z / max(1 - z / dof, 0.1)) for z in influences)
-    return mean, diagonal
+    of_matrix = np.einsum("faa->f", np.linalg.solve(smooth, S)).real / n
+    variance = (1 + (1 - rho) * (n - 1)) / (n * width) * float(np.mean(of_diagonal))
+    matrix = (1 + (1 - rho) * (n**2 - 1)) / (n * width) * float(np.mean(of_matrix))
+    return SelfInfluence(*(np.full(F, kappa / max(1 - kappa / dof, 0.1)) for kappa in (variance, matrix)))
 
 
 def fill_zeros(variance: FloatArray) -> FloatArray:

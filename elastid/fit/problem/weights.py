@@ -197,7 +197,7 @@ def _scale(noise: SmoothedNoise | None, error_variance: FloatArray, is_joint: bo
     """
     if noise is None or math.isinf(noise.measured.dof):
         return _ones(error_variance.shape)
-    influence = noise.matrix_influence if is_joint else noise.variance_influence
+    influence = noise.influence.matrix if is_joint else noise.influence.variance
     v = noise.variance
     fraction = quotient(v, v + error_variance)
     # The limit avoids a factor without expectation, for a variance of one degree of freedom without smoothing.
