@@ -3,6 +3,9 @@ r"""Linear models of a fitted robot with locked motors in many postures: equilib
 .. math:: \frac{d(M, D, K, J)}{d\theta} = \frac{\partial(M, D, K, J)}{\partial \theta}
           - \frac{\partial(M, D, K, J)}{\partial q} K^{-1} \frac{\partial^2 V}{\partial q\, \partial \theta}
 
+M, D, K (n, n): mass, damping and stiffness of the n motions N with locked motors, SI.  J (3, n): velocity of the frame.
+V: potential energy of springs and gravity.  q (n_q,): coordinates.  theta: parameters.  lambda: forces of closed loops.
+
 The second term belongs to operating points that follow the parameters (`Linearisation.follows`). CasADi builds the
 equations once, with the fitted numbers as constants. Robots with loops are linearised posture by posture.
 """
@@ -67,6 +70,22 @@ class LockedPostures:
 
 
 @dataclass(frozen=True, eq=False)
+class _Elements:
+    """Numbers of Q postures of a robot without loops: m elements, the lower triangles of M, D and K, then vec J.
+
+    elements (Q, m, 1).  by_theta (Q, m, P), by_q (Q, m, n_free): slopes.  gradient_by_theta (Q, n_free, P): of dV/dq.
+    stiffness (Q, n_s, 1), deflection (Q, n_s, n): of springs.
+    """
+
+    elements: FloatArray
+    by_theta: FloatArray
+    by_q: FloatArray
+    gradient_by_theta: FloatArray
+    stiffness: FloatArray
+    deflection: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
 class LockedEquations:
     """Equations of a fitted robot with locked motors and its own numbers.  family: its inputs are forces of a frame."""
 
@@ -80,24 +99,45 @@ class LockedEquations:
         return np.array([row for row in estimated.dependent if estimated.names[row] not in absent], np.int64)
 
     @cached_property
-    def _functions(self) -> tuple[ca.Function, ca.Function]:
-        """q -> dV/dq, K of the free coordinates and M; q -> fields of `LockedPostures` with their slopes."""
-        model, dependent, family = self.family.model, self.dependent.tolist(), self.family
-        (q, lambda_, theta), free = model.symbols("q", "lambda", "theta"), free_coordinates(model).tolist()
-        M, D, K = model.mass(q, theta), model.damping(q, theta), model.stiffness(q, lambda_, theta)
+    def _statics(self) -> ca.Function:
+        """Function q -> dV/dq and K of the free coordinates, and M."""
+        model, (q, lambda_, theta) = self.family.model, self._symbols
+        free = free_coordinates(model).tolist()
+        gradient, K = model.potential_gradient(q, theta)[free], model.stiffness(q, lambda_, theta)[free, free]
+        return self._with_numbers({"gradient": gradient, "K": K, "M": model.mass(q, theta)})
+
+    @cached_property
+    def _linearised_elements(self) -> ca.Function:
+        """Function q -> values of `_Elements`."""
+        model, (q, lambda_, theta) = self.family.model, self._symbols
+        dependent, free = self.dependent.tolist(), free_coordinates(model).tolist()
         N = ca.sparsify(ca.DM(locked_motor_motions(model.B)))
         rows, columns = np.tril_indices(N.shape[1])
         lower = (columns * N.shape[1] + rows).tolist()  # CasADi counts column by column
-        J = model.readout(q, theta, [f"frame {family.frame} {axis}" for axis in "xyz"])[0] @ N
-        gradient, (c, b) = model.potential_gradient(q, theta)[free], model.strain(q, theta)
-        varied = ca.vertcat(*(ca.densify(N.T @ A @ N)[lower] for A in (M, D, K)), ca.vec(ca.densify(J)))
-        slopes = ca.jacobian(varied, theta)[:, dependent], ca.jacobian(varied, q)[:, free]
-        expressions = [varied, *slopes, ca.jacobian(gradient, theta)[:, dependent], c, b @ N]
-        numbers = ca.DM(model.with_payload(family.theta, family.request.payload is not False))
-        named = (ca.Function("of", [q, lambda_, theta], each) for each in ([gradient, K[free, free], M], expressions))
-        dense = ([ca.densify(expression) for expression in function(q, ca.DM(0, 1), numbers)] for function in named)
-        statics, linear = (ca.Function("at", [q], outputs, {"cse": True}) for outputs in dense)
-        return statics, linear
+        matrices = model.mass(q, theta), model.damping(q, theta), model.stiffness(q, lambda_, theta)
+        J = model.readout(q, theta, [f"frame {self.family.frame} {axis}" for axis in "xyz"])[0] @ N
+        elements = ca.vertcat(*(ca.densify(N.T @ A @ N)[lower] for A in matrices), ca.vec(ca.densify(J)))
+        c, b = model.strain(q, theta)
+        expressions = {
+            "elements": elements,
+            "by_theta": ca.jacobian(elements, theta)[:, dependent],
+            "by_q": ca.jacobian(elements, q)[:, free],
+            "gradient_by_theta": ca.jacobian(model.potential_gradient(q, theta)[free], theta)[:, dependent],
+            "stiffness": c,
+            "deflection": b @ N,
+        }
+        return self._with_numbers(expressions)
+
+    @cached_property
+    def _symbols(self) -> list[ca.SX]:
+        return self.family.model.symbols("q", "lambda", "theta")
+
+    def _with_numbers(self, expressions: dict[str, ca.SX]) -> ca.Function:
+        """Return q -> dense expressions of `_symbols`, with theta of the fit and without lambda."""
+        q, family, outputs = self._symbols[0], self.family, [*expressions.values()]
+        numbers = ca.DM(family.model.with_payload(family.theta, family.request.payload is not False))
+        values = ca.Function("of", self._symbols, outputs)(q, ca.DM(0, 1), numbers)
+        return ca.Function("at", [q], [*map(ca.densify, values)], ["q"], [*expressions], {"cse": True})
 
     def _configuration(self, angles: FloatArray) -> Configuration:
         return Configuration("posture", angles, self.family.request.payload is not False)
@@ -112,10 +152,10 @@ class LockedEquations:
             q[:, [model.index(motor) for motor in model.inputs]] = angles
             rigid, step = q.copy(), np.ones((len(angles), len(free), 1))
             for _ in range(0 if model.n_c else 10):  # each step doubles the digits
-                gradient, K, M = evaluate_rows(self._functions[0], q)
+                gradient, K, M = evaluate_rows(self._statics, q)
                 step[:] = -np.linalg.solve(K, gradient)
                 q[:, free] += step[:, :, 0]
-                if np.abs(step).max(initial=0.0) <= CONVERGED_STEP and np.abs(q - rigid).max() <= MAX_STEP:
+                if np.abs(step).max(initial=0.0) <= CONVERGED_STEP and np.abs(q - rigid).max(initial=0.0) <= MAX_STEP:
                     # LinAlgError for a posture that is unstable or without inertia.
                     np.linalg.cholesky(K), np.linalg.cholesky(M * (1 - MIN_INERTIA * np.eye(model.n_q)))
                     has_rest[:] = True
@@ -133,17 +173,20 @@ class LockedEquations:
         if model.n_c or not locked_motor_motions(model.B).size:
             fields = *zip(*map(self._linearised, angles, q), strict=True), poses.position
             return LockedPostures(*map(np.array, fields))
-        varied, slopes, of_q, pull, stiffness, deflection = evaluate_rows(self._functions[1], q)
+        function = self._linearised_elements
+        e = _Elements(**dict(zip(function.name_out(), evaluate_rows(function, q), strict=True)))
+        slopes = e.by_theta
         if follows:
-            slopes = slopes - of_q @ np.linalg.solve(evaluate_rows(self._functions[0], q)[1], pull)
-        n, n_t = deflection.shape[2], varied.shape[1] - 3 * deflection.shape[2]
+            _, K_free, _ = evaluate_rows(self._statics, q)
+            slopes = slopes - e.by_q @ np.linalg.solve(K_free, e.gradient_by_theta)
+        n, n_t = e.deflection.shape[2], e.elements.shape[1] - 3 * e.deflection.shape[2]
         (i, j), A = np.tril_indices(n), np.zeros((3, len(q), n, n))
-        A[..., i, j] = A[..., j, i] = varied[:, :n_t, 0].reshape(len(q), 3, -1).swapaxes(0, 1)
-        J = poses.rotation @ varied[:, n_t:, 0].reshape(len(q), n, 3).mT
+        A[..., i, j] = A[..., j, i] = e.elements[:, :n_t, 0].reshape(len(q), 3, -1).swapaxes(0, 1)
+        J = poses.rotation @ e.elements[:, n_t:, 0].reshape(len(q), n, 3).mT
         # A model that does not follow its parameters is affine in them: no length is free, and J is constant.
         J_slopes = np.einsum("qij,qnjp->qinp", poses.rotation, follows * slopes[:, n_t:].reshape(len(q), n, 3, -1))
         M, D, K = A
-        return LockedPostures(M, D, K, J, slopes[:, :n_t], J_slopes, stiffness[:, :, 0], deflection, poses.position)
+        return LockedPostures(M, D, K, J, slopes[:, :n_t], J_slopes, e.stiffness[:, :, 0], e.deflection, poses.position)
 
     def _linearised(self, angles: FloatArray, q: FloatArray) -> tuple[FloatArray, ...]:
         """Return the fields of `LockedPostures` except the position, for one posture of a robot with loops."""
