@@ -71,53 +71,89 @@ def outcomes(
     """
     bounds = [len(items) * i // count for i in range(count + 1)] if has_affinity else [0, len(items)]
     queues = [deque(items[first:last]) for first, last in pairwise(bounds)]
-    idle = [] if persistent is None else persistent
-    workers: list[Worker] = []
-    busy: dict[Connection, tuple[int, Worker]] = {}
+    pool = _Pool(function, queues, new_process or _local_process, [] if persistent is None else persistent)
+    try:
+        for worker in [pool.take_worker(i) for i in range(count)]:
+            yield from pool.send_next(worker, is_new=True)
+        while pool.busy:
+            ready = wait(list(pool.busy))
+            for pipe in [pipe for pipe in pool.busy if pipe in ready]:
+                yield from pool.receive(pipe)
+    finally:
+        for worker in pool.workers:
+            if worker not in pool.idle:
+                terminate(worker)
+        if persistent is None:
+            dismiss(pool.idle)
 
-    def give(worker: Worker, is_new: bool = False) -> Iterator[tuple[int, Outcome]]:
+
+@dataclass(eq=False)
+class _Pool:
+    """Workers of one call of `outcomes`, and its remaining items.
+
+    queues: of items with their indices, one for all workers or one for each.  idle: workers without an item, of this
+    and of earlier calls.  workers: of this call.  busy: worker and index of its item by pipe.
+    """
+
+    function: Callable[[Any], Any]
+    queues: Sequence[deque[tuple[int, Any]]]
+    new_process: Callable[[Connection, int], Any]
+    idle: list[Worker]
+    workers: list[Worker] = field(default_factory=list)
+    busy: dict[Connection, tuple[int, Worker]] = field(default_factory=dict)
+
+    def send_next(self, worker: Worker, is_new: bool = False) -> Iterator[tuple[int, Outcome]]:
         """Send the worker its next item, or make it idle; yield the outcome of an item if the worker has died."""
-        queue = queues[worker.index % len(queues)]
+        queue = self.queues[worker.index % len(self.queues)]
         if queue:
             index, item = queue.popleft()
-            message = worker.end.pack((function if is_new else None, item), is_new)
-            busy[worker.pipe] = index, worker
+            message = worker.end.pack((self.function if is_new else None, item), is_new)
+            self.busy[worker.pipe] = index, worker
         else:
             message = bytearray(REST)
-            idle.append(worker)
+            self.idle.append(worker)
         try:
             worker.pipe.send_bytes(message)
         except (BrokenPipeError, ConnectionResetError):
-            if worker.pipe in busy:
-                yield from replace(worker.pipe)
+            if worker.pipe in self.busy:
+                yield from self.replace(worker.pipe)
 
-    def replace(pipe: Connection) -> Iterator[tuple[int, Outcome]]:
+    def receive(self, pipe: Connection) -> Iterator[tuple[int, Outcome]]:
+        """Yield the outcome that a pipe has; its worker receives the next item."""
+        try:
+            outcome: Outcome = self.busy[pipe][1].end.unpack(pipe.recv_bytes())
+        except (EOFError, ConnectionResetError, LostError):
+            yield from self.replace(pipe)
+        else:
+            index, worker = self.busy.pop(pipe)
+            yield from self.send_next(worker)
+            yield index, outcome
+
+    def replace(self, pipe: Connection) -> Iterator[tuple[int, Outcome]]:
         """Yield the outcome of a worker that died at an item; its successor receives the next item."""
-        index, worker = busy.pop(pipe)
+        index, worker = self.busy.pop(pipe)
         terminate(worker)
         yield index, Outcome(died=True)
-        yield from give(_take_worker(idle, workers, worker.index, new_process or _local_process), is_new=True)
+        yield from self.send_next(self.take_worker(worker.index), is_new=True)
 
-    try:
-        for worker in [_take_worker(idle, workers, i, new_process or _local_process) for i in range(count)]:
-            yield from give(worker, is_new=True)
-        while busy:
-            ready = wait(list(busy))
-            for pipe in [pipe for pipe in busy if pipe in ready]:
-                try:
-                    outcome: Outcome = busy[pipe][1].end.unpack(pipe.recv_bytes())
-                except (EOFError, ConnectionResetError, LostError):
-                    yield from replace(pipe)
-                else:
-                    index, worker = busy.pop(pipe)
-                    yield from give(worker)
-                    yield index, outcome
-    finally:
-        for worker in workers:
-            if worker not in idle:
-                terminate(worker)
-        if persistent is None:
-            dismiss(idle)
+    def take_worker(self, index: int) -> Worker:
+        """Take the idle worker of an index if it lives, or start a new one; append it to `workers` before it runs."""
+        for worker in [worker for worker in self.idle if worker.index == index]:
+            self.idle.remove(worker)
+            self.workers.append(worker)
+            if worker.process.is_alive():
+                return worker
+            terminate(worker)
+        with _signals_deferred():
+            parent_end, worker_end = Pipe()
+            process = self.new_process(worker_end, index)
+            self.workers.append(Worker(process, parent_end, index))
+            # If a new interpreter dies during its start, this pipe and later the worker's pipe break.
+            with suppress(BrokenPipeError):
+                process.start()
+            if self.new_process is _local_process:
+                worker_end.close()
+        return self.workers[-1]
 
 
 def load_for_workers(modules: Sequence[str]) -> None:
@@ -140,26 +176,6 @@ def load_for_workers(modules: Sequence[str]) -> None:
 def start_method() -> str:
     """Return the start method: copies of a process with loaded libraries, or new interpreters, as on Windows."""
     return "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
-
-
-def _take_worker(idle: list[Worker], workers: list[Worker], index: int, new_process: Callable[..., Any]) -> Worker:
-    """Take the idle worker of an index if it lives, or start a new one; append it to `workers` before it runs."""
-    for worker in [worker for worker in idle if worker.index == index]:
-        idle.remove(worker)
-        workers.append(worker)
-        if worker.process.is_alive():
-            return worker
-        terminate(worker)
-    with _signals_deferred():
-        parent_end, worker_end = Pipe()
-        process = new_process(worker_end, index)
-        workers.append(Worker(process, parent_end, index))
-        # If a new interpreter dies during its start, this pipe and later the worker's pipe break.
-        with suppress(BrokenPipeError):
-            process.start()
-        if new_process is _local_process:
-            worker_end.close()
-    return workers[-1]
 
 
 @contextmanager
