@@ -98,7 +98,7 @@ def _reasons(outcomes: Sequence[Outcome]) -> list[str]:
 def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[Outcome, ...]:
     """Run all members, then repeat members whose worker died; return all outcomes."""
     work = partial(_run_member, fleet.study, folder)
-    outcomes: dict[str, Outcome] = {}
+    outcomes = {}
     for attempt in range(2):
         todo = [member for member in fleet.members if member.name not in outcomes]
         if todo and attempt:

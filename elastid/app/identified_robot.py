@@ -82,7 +82,7 @@ def with_identified_effects(
 
 
 def _compensated_laws(robot: Robot, friction: CompensatedFriction | None) -> dict[str, tuple[Friction, float]]:
-    laws: dict[str, tuple[Friction, float]] = {}
+    laws = {}
     motors = {f"motor {joint.name}": joint for joint in robot.driven}
     for row in () if friction is None else friction_rows(friction):
         joint = motors[row.place]

@@ -56,7 +56,7 @@ def in_two_files(logs: Sequence[Path], form: TextFormatSpec) -> tuple[list[tuple
     if len(kinds) != 2 or len({len(paths) for paths in kinds.values()}) > 1:
         return [], []
     is_alike = len({headings for headings, _ in kinds}) == 1  # headings do not distinguish the files
-    sides = list[tuple[list[Path], Signals]]()
+    sides = []
     for (_, quantity), paths in kinds.items():
         with open_log(paths[0], form) as log:
             clock = find_clock(log)

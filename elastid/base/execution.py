@@ -125,7 +125,7 @@ class Execution:
         if not self.is_shared(len(items)):
             yield from map(function, items)
             return
-        waiting: dict[int, Outcome] = {}
+        waiting = {}
         index = 0
         with closing(_by_workers(function, items, self.jobs, has_affinity=True)) as results:
             for index_done, outcome in results:

@@ -24,7 +24,7 @@ def value_range(blocks: Iterable[NDArray[Any]]) -> ValueRange:
     >>> value_range([np.array([2.0, 1.0]), np.array([np.nan, 5.0])])
     ValueRange(first=2.0, low=1.0, high=5.0, missing=1)
     """
-    firsts: list[float] = []
+    firsts = []
     lows, highs, missing = [np.nan], [np.nan], 0
     for block in blocks:
         values = np.abs(block) if block.dtype.kind == "c" else block

@@ -184,7 +184,7 @@ def _signals_deferred() -> Iterator[None]:
     if current_thread() is not main_thread():  # signals reach the main thread alone
         yield
         return
-    signals = list[int]()
+    signals = []
     handlers = {number: getsignal(number) for number in (SIGINT, SIGTERM) if callable(getsignal(number))}
     for number in handlers:
         signal(number, lambda number, _: signals.append(number))

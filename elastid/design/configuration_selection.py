@@ -44,7 +44,7 @@ def draw_candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float |
     reasons = [("are outside the joints' limits", ((angles < low - 1e-9) | (angles > high + 1e-9)).any(axis=1))]
     reasons += list(collisions(spec, robot, angles))
     is_admissible = np.ones(len(angles), dtype=np.bool_)
-    counts: dict[str, int] = {}
+    counts = {}
     for reason, is_bad in reasons:
         if (is_admissible & is_bad).any():
             counts[reason] = int((is_admissible & is_bad).sum())
@@ -210,7 +210,7 @@ def _name_choices(
     configurations: Sequence[Configuration], numbers: IntArray, realisations: int, reserved: Sequence[str]
 ) -> tuple[DesignedConfiguration, ...]:
     """Return the selected configurations in the order of the candidates; unnamed ones are called c1, c2 ..."""
-    selection: list[DesignedConfiguration] = []
+    selection = []
     names = {*reserved, *(c.name for c in configurations if not c.name.startswith("candidate"))}
     free = (name for name in (f"c{i}" for i in range(1, len(names) + len(configurations) + 2)) if name not in names)
     for configuration, number in zip(configurations, numbers.tolist(), strict=True):

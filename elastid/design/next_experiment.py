@@ -161,7 +161,7 @@ def next_experiment(
     completed = completed_problem(problem)
     options = _rank(completed, candidates, state, goal, execution)
     options = [option for option in options if option.time_s <= remaining_s] or options
-    refusals: list[str] = []
+    refusals = []
     for option in options[:MAX_TRIALS]:
         experiment = replace(completed.experiment, periods=option.periods)
         configuration = replace(option.configuration, name=name)

@@ -130,7 +130,7 @@ class DesignProblem:
         names: configurations that must have one.  Raises their StudyError or DataError, or the last error without any
         value.
         """
-        values: list[Value] = []
+        values = []
         error_of_last = None
         for q, configuration in enumerate(probe.configurations):
             try:

@@ -225,7 +225,7 @@ def pulses(u: FloatArray) -> IntArray | None:
 def hit_notes(record: Record) -> Iterator[Note]:
     """Yield notes on double hits, truncated hits and overloads in a record without a period, for hammer inputs only."""
     place, rate_hz = f"configuration {record.configuration.name}, record {record.name}", record.rate_hz
-    overloads = dict[str, int]()
+    overloads = {}
     for name, u in zip(record.inputs, record.u.T, strict=True):
         if (edges := pulses(u)) is None:
             continue

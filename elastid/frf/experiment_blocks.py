@@ -220,7 +220,7 @@ def gather_spectra(
     sums = (PackedSum if is_compiled() else FullSum)(amplitude_scale(realisations[0][0].record, lines, spec.quantity))
     blocks: list[Block] = []
     notes: list[Note] = []
-    scatter: list[ComplexArray] = []
+    scatter = []
     power, n_y = sums.power(), len(realisations[0][0].record.outputs)
     for group in realisations:
         Z, periods = np.empty((len(group), *sums.scale.shape[::-1]), np.complex128), np.zeros(len(group))

@@ -39,8 +39,8 @@ def stack_outputs(responses: Sequence[Response]) -> Response:
         freq_hz = np.intersect1d(freq_hz, other.freq_hz)
     if not len(freq_hz):
         raise DataError("frf/records", "the measurements have no line in common. Give all of them one period")
-    names: list[str] = []
-    blocks: list[Response] = []
+    names = []
+    blocks = []
     for response in responses:
         new = [location for location in response.outputs if location not in names]
         names += new

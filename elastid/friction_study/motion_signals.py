@@ -182,7 +182,7 @@ def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: boo
         common = min(q.max(), q_back.max()) - max(q.min(), q_back.min())
         return not has_gravity or bool(common > MIN_OVERLAP * min(np.ptp(q), np.ptp(q_back)))
 
-    pairs: list[tuple[Plateau, Plateau]] = []
+    pairs = []
     free = list(plateaus)
     while free:
         first = free.pop(0)

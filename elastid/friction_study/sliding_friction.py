@@ -61,7 +61,7 @@ def identify_sliding_friction(
     """Identify friction curve and motion of each joint; DataError for a joint without a usable record."""
     progress(0, 1 + len(joints))
     motions, commanded = _motions(robot, joints, measured), _commanded_joints(robot, measured)
-    fits = list[SlidingFriction]()
+    fits = []
     for n_done, joint in enumerate(joints, start=1):
         progress(n_done, 1 + len(joints))
         if joint.name in commanded:
@@ -348,7 +348,7 @@ def _joint_group_motion(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord
     groups: dict[tuple[str, ...], list[Mapping[str, FrictionRecord]]] = {}
     for log in logs:
         groups.setdefault(tuple(log), []).append(log)
-    evaluated: dict[str, JointMotion] = {}
+    evaluated = {}
     for joints, members in groups.items():
         robot_logs = [motion_log(robot, log, ROBOT_PASSBAND_HZ) for log in members]
         for log, motions in zip(members, robot_logs, strict=True):

@@ -221,7 +221,7 @@ def spring_notes(model: ElasticModel, theta: FloatArray, at: Iterable[OperatingP
         return ()
     points = tuple(at)
     values = dict(zip(model.parameters, np.asarray(theta, dtype=float).tolist(), strict=True))
-    notes: list[Note] = []
+    notes = []
     for joint, x, k in zip(*preloads(model, theta, points), strict=True):
         b = values.get(f"b_{joint}", 0.0)
         inside = np.flatnonzero(np.abs(x) < b + FLANK_WIDTHS * (values.get(f"e_{joint}", 0.0) * b))

@@ -96,7 +96,7 @@ def read_study_log(path: Path, recorded: RecordedSpec, robot: Robot, rate_hz: fl
     Velocities are commanded as the controller of the study feeds them forward; its gains are those of the log.
     rate_hz: in place of the study's.  StudyError if a joint has no channel of role reference, or y of its position.
     """
-    columns = dict[str, FloatArray]()
+    columns = {}
     for role in ("reference", "y"):
         channels = [_channel(recorded, role, joint) for joint in robot.driven_names]
         log = LogReport(str(path), tuple(channel.full_name for channel in channels))

@@ -80,7 +80,7 @@ def tree(robot: Robot, theta: Mapping[str, ca.SX] = NUMBERS) -> Tree:
 
     theta: names to symbols; coordinates among them are these symbols, all others numbers.
     """
-    frames: list[BodyFrame] = []
+    frames = []
     seats = {BASE: ON_BASE}
     for body in robot.all_bodies:
         seat = seats[body.parent].placed(body.placement.rotation, located(f"p_{body.name}", body.placement.xyz, theta))

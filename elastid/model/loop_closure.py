@@ -203,7 +203,7 @@ def partition(model: ElasticModel, Phi: FloatArray) -> Partition:
     tier = np.array([_tier(model, name) for name in model.coordinates])
     is_candidate = ~np.isin(model.coordinates, kept_names)
     rows: list[int] = []
-    dependent: list[int] = []
+    dependent = []
     scale = np.abs(Phi).max(axis=1, initial=0.0, keepdims=True)
     A = Phi / np.where(scale > 0, scale, 1.0)
     rank = np.linalg.matrix_rank(Phi, tol=RANK_TOLERANCE * np.abs(Phi).max(initial=0.0)) if Phi.size else 0

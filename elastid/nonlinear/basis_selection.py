@@ -102,7 +102,7 @@ _DEFLECTIONS = tuple(0.025 * 2 ** (i / 2) for i in range(15))
 
 def candidate_basis(records: Sequence[Record], signs_alone: bool) -> tuple[BasisFunction, ...]:
     """Return the candidates of every motor: signs, and unless signs_alone Stribeck curves, bristles and damping."""
-    shapes: list[BasisFunction] = []
+    shapes = []
     for location in records[0].inputs:
         motions = [motion_of(record, location) for record in records]
         speed = math.sqrt(np.mean([motion.speed**2 for motion in motions]))
@@ -186,7 +186,7 @@ def refine_basis(choice: Basis, coefficients: FloatArray, motors: Sequence[str],
     velocity noise smooths a jump of friction, which would bias its coefficient in sliding upwards.  Signs with speeds
     that differ by more than a factor 3 are not changed.
     """
-    shapes: list[BasisFunction] = []
+    shapes = []
     for motor, noise in zip(motors, velocity_noise.tolist(), strict=True):
         pairs = [
             (shape, f) for shape, f in zip(choice.shapes, coefficients.tolist(), strict=True) if shape.place == motor

@@ -94,7 +94,7 @@ class ImplicitMotion:
     def _law(self, m: int, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the force (n_x, n) at each unknown of experiment m, and its slope; x (n_x, n)."""
         force, slope = np.zeros_like(x), np.zeros_like(x)
-        shapes: dict[tuple[str, int, float], tuple[FloatArray, FloatArray]] = {}
+        shapes = {}
         for effect, f in zip(self.effects, self.magnitudes, strict=True):
             if effect.is_implicit and f:
                 j = self.drive.joints.index(effect.joint)

@@ -77,7 +77,7 @@ def through_gear(friction: Friction, n: float, to_motor: bool) -> Friction:
     scale = 1 / abs(n) if to_motor else abs(n)
     powers = {term.path: (term.power, term.turns) for term in TERMS.values() if term.path != "viscous"}
     powers["lugre.damping_velocity"] = (-1, False)  # has no name, but converts like a velocity
-    values: dict[Path, float] = {}
+    values = {}
     for path, (power, turns) in powers.items():
         keys: Path = tuple(path.split("."))
         if _present(friction, keys):
@@ -104,7 +104,7 @@ def law_of(robot: Robot, joint: str) -> Friction | None:
 
 def friction_numbers(robot: Robot) -> dict[str, tuple[float, str]]:
     """Return the link-side value and unit of each friction parameter of the robot's motors, by name."""
-    numbers: dict[str, tuple[float, str]] = {}
+    numbers = {}
     for joint in robot.driven:
         motor, law = joint.motor, law_of(robot, joint.name)
         if motor is None or law is None:
@@ -123,7 +123,7 @@ def with_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
     friction = friction_numbers(robot)
     other_values = {name: value for name, value in values.items() if name not in friction}
     new_robot = robot.with_parameters(other_values) if other_values else robot
-    laws: dict[str, tuple[Friction, float]] = {}
+    laws = {}
     for joint in new_robot.driven:
         names = {term.path: term.name(joint.name) for term in TERMS.values()}
         numbers = {path: values[name] for path, name in names.items() if name in values and name in friction}

@@ -67,7 +67,7 @@ def spring_directions(driven: Sequence[Joint], gears: Sequence[GearCoupling]) ->
 
     `k_<joint>` on the link side, unit of its joint; `km_<joint>` on the motor side.
     """
-    directions: dict[str, FloatArray] = {}
+    directions = {}
     # Exactly zero for axes without coupling.
     to_joints, total = (_without_rounding(np.linalg.inv(mixing(driven, gears, only))) for only in ("before", ""))
     for i, joint in enumerate(driven):

@@ -167,7 +167,7 @@ class _Reader:
         self.root, self.properties = root, joints
         self.links = {link.name: link for link in root.all("link")}
         for kind in ("link", "joint"):
-            names: list[str] = []
+            names = []
             for element in root.all(kind):
                 names.append(element.name)
                 try:
@@ -195,7 +195,7 @@ class _Reader:
                 raise StudyError(
                     "robot/unknown-name", f"{self.root.path} has no moving joint {name}; there are {names}", "joints"
                 )
-        bodies: list[Body] = []
+        bodies = []
         frames = [Frame(roots[0], BASE)]
         waiting = [(joint, BASE, Placement()) for joint in self.below.get(roots[0], [])]
         while waiting:

@@ -42,7 +42,7 @@ class Problem:
 
 def validate(data: Any, root: type) -> tuple[Any, list[Problem]]:
     """Make the section `root` of plain data, and no problems; or None and the problems, each once."""
-    problems: list[Problem] = []
+    problems = []
     value = None
     try:
         value = validator(root).validate_python(data)
@@ -54,7 +54,7 @@ def validate(data: Any, root: type) -> tuple[Any, list[Problem]]:
 
 
 def _find_problems(errors: Iterable[PydanticError], root: type, data: Any) -> list[Problem]:
-    problems: list[Problem] = []
+    problems = []
     unions: dict[KeyPath, list[tuple[KeyPath, PydanticError]]] = {}
     for error in errors:
         path, union = _walk(error, data)
@@ -80,7 +80,7 @@ def _find_booleans(data: Any, value: Any, root: type, path: KeyPath = ()) -> lis
 
 def _walk(error: PydanticError, data: Any) -> tuple[KeyPath, KeyPath | None]:
     """Return pydantic's location as a path through the data, and the path of the outermost union on its way."""
-    path: list[str | int] = []
+    path = []
     union = None
     for depth, step in enumerate(error["loc"], start=1):
         is_missing = error["type"] == "missing" and depth == len(error["loc"])

@@ -239,7 +239,7 @@ def explain_parameter(name: str, robot: Robot | None = None) -> str:
             side = " Motor side." if ".motor." in key.path else " Link side." if ".joints[]." in key.path else ""
             side = "" if side.lower()[1:-1] in key.text else side
             item: Any = robot
-            owners: list[str] = []
+            owners = []
             for step in steps:
                 item = item[step] if isinstance(step, int) else getattr(item, step)
                 owners += [f"{type(item).__name__.lower()} {item.name}"] if hasattr(item, "name") else []

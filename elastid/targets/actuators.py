@@ -133,7 +133,7 @@ def fit_intervals(model: FittedRobot, friction: CompensatedFriction | None) -> I
     """
     numbers = {number.name: number for number in exported_numbers(model) if math.isfinite(number.std)}
     interval_of = {row.place: row.interval for row in (friction_rows(friction) if friction else ()) if row.interval}
-    intervals: dict[tuple[str, str], tuple[float, float]] = {}
+    intervals = {}
     for joint in model.robot.driven:
         name, square = joint.name, model.robot.ratio(joint.name) ** 2
         for quantity, scale_of in (

@@ -289,7 +289,7 @@ def add_loops(root: ET.Element, elements: Elements, robot: Robot, start: Mapping
 
 def rod_positions(start: Mapping[str, RodPose], rods: Mapping[str, RodPose], robot: Robot) -> Positions:
     """Return the joint positions of all rods by name: a quaternion relative to the pose `start`, and slides, m."""
-    positions: Positions = {}
+    positions = {}
     for loop in robot.loops:
         if loop.rod is None:
             continue

@@ -76,7 +76,7 @@ def _record_of(motion: MotionFriction, records: Iterable[FrictionRecord]) -> Fri
 
 def _balance(fit: MotionFriction, record: FrictionRecord) -> TorqueBalance:
     signals = MotionSignals.of(fit.motion, fit.passband_hz)
-    components: dict[str, FloatArray] = {}
+    components = {}
     if "inertia" not in fit.regression.names:
         components[RIGID_BODY] = signals.filtered(record.torque - fit.motion.torque)
     numbers = torque_components(fit.regression, columns_of(signals, fit.terms))

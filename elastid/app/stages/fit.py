@@ -46,7 +46,7 @@ def fit(study: Study, work: Work) -> Artefacts:
 
         loop = loop_of(recorded.controller, robot.n_u)
     tests: Sequence[PlacedTest] = ()
-    tool_frfs: list[Response] = []
+    tool_frfs = []
     if study.loads is not None:
         from elastid.app.stages.measure import tests_of  # a slow import: rig and readers of logs
 

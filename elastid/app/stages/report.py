@@ -66,7 +66,7 @@ def page_artefacts(
     files: Mapping[str, Write] = MappingProxyType({}), lines: Sequence[str] = (),
 ) -> Artefacts:  # fmt: skip
     """Return a page with its figures, written after other files; lines: printed before the path of the page."""
-    pages: list[Path] = []
+    pages = []
 
     def write(path: Path, stamp: Stamp) -> None:
         with work.execution() as execution:

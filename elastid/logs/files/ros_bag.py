@@ -85,7 +85,7 @@ class _Topic:
     @cached_property
     def _columns(self) -> tuple[list[int], _Columns]:
         """Stamps (n,) in ns, and for each column the messages that hold it, and its values."""
-        stamps: list[int] = []
+        stamps = []
         columns: _Columns = {}
         for number, (stamp, message) in enumerate(self._messages()):
             stamps.append(stamp)

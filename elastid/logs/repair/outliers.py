@@ -146,7 +146,7 @@ def _replace(
     together if their median distance is larger than errors of the interpolation explain.
     """
     result, is_replaced = np.copy(x), np.zeros(len(x), dtype=np.bool_)
-    near: list[tuple[slice, FloatArray, float]] = []
+    near = []
     for at, gap in interpolations(np.where(suspects, np.nan, x), L, sign):
         if gap is None:
             continue
