@@ -23,13 +23,9 @@ from elastid.validation.frf_error import Validation
 
 
 def run(
-    study: Path | str,
-    folder: Path | str = "",
-    *stages: str,
-    set: Sequence[str] = (),
-    jobs: int = 1,
-    verbosity: int = -1,
-) -> "FinishedRun":
+    study: Path | str, folder: Path | str = "", *stages: str, set: Sequence[str] = (), jobs: int = 1,
+    verbosity: int = -1
+) -> "FinishedRun":  # fmt: skip
     """Run the stages of a study as `elastid run` does; stages with unchanged inputs keep their results.
 
     Parameters

@@ -59,11 +59,9 @@ def parameter_contents(
 
 
 def true_values(
-    robot: Robot,
-    simulated: SimulatedSpec | None,
-    estimates: Collection[str],
-    friction: CompensatedFriction | None = None,
-) -> dict[str, float] | None:
+    robot: Robot, simulated: SimulatedSpec | None, estimates: Collection[str],
+    friction: CompensatedFriction | None = None
+) -> dict[str, float] | None:  # fmt: skip
     """Return the true values of the simulated robot's parameters by name, SI; None for logs.
 
     estimates: parameters of the study.  friction: compensated in the responses; viscous coefficients that contain

@@ -162,11 +162,9 @@ def validation_summary(name: str, validation: Validation, log_comparison: LogCom
 
 
 def friction_study_summary(
-    name: str,
-    result: "FrictionResult",
-    log_comparison: LogComparison = NO_COMPARISON,
-    validation: LogComparison = NO_COMPARISON,
-) -> Content:
+    name: str, result: "FrictionResult", log_comparison: LogComparison = NO_COMPARISON,
+    validation: LogComparison = NO_COMPARISON
+) -> Content:  # fmt: skip
     """Return summary.json of a friction study.
 
     log_comparison: torque fractions of model terms, and simulation errors along the logs.  validation: the same for

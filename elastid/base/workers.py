@@ -55,13 +55,9 @@ class Outcome:
 
 
 def outcomes(
-    function: Callable[[Any], Any],
-    items: Sequence[tuple[int, Any]],
-    count: int,
-    has_affinity: bool = False,
-    new_process: Callable[[Connection, int], Any] | None = None,
-    persistent: list[Worker] | None = None,
-) -> Generator[tuple[int, Outcome], None, None]:
+    function: Callable[[Any], Any], items: Sequence[tuple[int, Any]], count: int, has_affinity: bool = False,
+    new_process: Callable[[Connection, int], Any] | None = None, persistent: list[Worker] | None = None
+) -> Generator[tuple[int, Outcome], None, None]:  # fmt: skip
     """Yield (index, outcome of function(item)) as they finish, by `count` workers; a worker that dies is replaced.
 
     The function is sent to each worker once.  has_affinity: the i-th worker computes the i-th block of neighbouring

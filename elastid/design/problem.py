@@ -90,11 +90,9 @@ class DesignProblem:
         return draw_candidates(design.candidates, self.robot, self.seed, excursion)
 
     def plan(
-        self,
-        experiment: ExperimentSpec,
-        choices: Sequence[DesignedConfiguration] = (),
-        spectra: dict[str, FloatArray] | None = None,
-    ) -> Plan:
+        self, experiment: ExperimentSpec, choices: Sequence[DesignedConfiguration] = (),
+        spectra: dict[str, FloatArray] | None = None
+    ) -> Plan:  # fmt: skip
         """Plan experiments; spectra (F, n_u) of configurations, default `typical_spectrum`."""
         spectra_of = dict(spectra or {})
         if self.typical_spectrum is not None:
@@ -213,11 +211,9 @@ def with_typical_spectrum(problem: DesignProblem, torque_rms: AskedTorque) -> De
 
 
 def best_spectra_of(
-    problem: DesignProblem,
-    experiment: ExperimentSpec,
-    choices: Sequence[DesignedConfiguration],
-    torque_rms: AskedTorque,
-) -> dict[str, FloatArray]:
+    problem: DesignProblem, experiment: ExperimentSpec, choices: Sequence[DesignedConfiguration],
+    torque_rms: AskedTorque
+) -> dict[str, FloatArray]:  # fmt: skip
     """Return the optimal spectrum (F, n_u) of each configuration; the typical one if the fit does not use it.
 
     Empty without `flat: information`.

@@ -176,11 +176,9 @@ class PreslidingFit:
 
 
 def fit_presliding_responses(
-    location: str,
-    responses: "Sequence[PreslidingResponse]",
-    joint: ElasticJoint | None = None,
-    viscous: tuple[float, float] = (0.0, 0.0),
-) -> PreslidingFit:
+    location: str, responses: "Sequence[PreslidingResponse]", joint: ElasticJoint | None = None,
+    viscous: tuple[float, float] = (0.0, 0.0)
+) -> PreslidingFit:  # fmt: skip
     """Estimate presliding from responses at one amplitude or more. joint: None for a rigid joint with unknown inertia.
 
     viscous: alpha_2 of sliding with its std, Nms/rad.  An elastic joint is near that of the robot's file, `OF_FILE`.

@@ -106,13 +106,9 @@ class GearData:
 
 
 def estimate_gear_parameters(
-    data: GearData,
-    start: GearEstimate,
-    effects: Sequence[GearEffect],
-    tolerance: float = MOVE,
-    fixed: Collection[GearEffect] = (),
-    target_cost: float = np.inf,
-) -> GearEstimate:
+    data: GearData, start: GearEstimate, effects: Sequence[GearEffect], tolerance: float = MOVE,
+    fixed: Collection[GearEffect] = (), target_cost: float = np.inf
+) -> GearEstimate:  # fmt: skip
     """Estimate parameters and magnitudes of the effects from a start, which may lack some of the effects.
 
     tolerance: largest step over its standard deviation at which the iteration ends.  fixed: effects with fixed scales.
@@ -218,12 +214,9 @@ Sums: TypeAlias = tuple[FloatArray, FloatArray, FloatArray]
 
 
 def normal_equations(
-    data: Sequence[PeriodLines],
-    drives: Sequence[DriveLines],
-    estimates: Sequence[SmoothedMotion],
-    n_x: int,
-    magnitudes: FloatArray,
-) -> tuple[Sums, float]:
+    data: Sequence[PeriodLines], drives: Sequence[DriveLines], estimates: Sequence[SmoothedMotion], n_x: int,
+    magnitudes: FloatArray
+) -> tuple[Sums, float]:  # fmt: skip
     """Sum the normal equations about magnitudes (n_f,) at fixed motion, without priors, and the weighted cost.
 
     Residuals have unit variance in each real component; n = n_x + n_f.

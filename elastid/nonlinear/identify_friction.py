@@ -52,11 +52,9 @@ class _UnsuitedRecords(ValueError):
 
 
 def identify_motor_friction(
-    measured: Sequence[Iterable[Record]],
-    spec: EstimatorSpec,
-    planned: IntArray | None = None,
-    execution: Execution | None = None,
-) -> CompensatedFriction:
+    measured: Sequence[Iterable[Record]], spec: EstimatorSpec, planned: IntArray | None = None,
+    execution: Execution | None = None
+) -> CompensatedFriction:  # fmt: skip
     """Estimate the motor friction from the records of all configurations; each record is read several times.
 
     Basis functions are selected along the motion of the samples.  If the motion between the samples changes the

@@ -40,16 +40,10 @@ FALLBACK = "stiffness, damping and friction stay those of the linear fit"
 
 
 def identify_gears(
-    measured: Sequence[Iterable[Record]],
-    responses: Sequence[Response],
-    result: Result,
-    robot: Robot,
-    spec: EstimatorSpec,
-    gears: GearsSpec,
-    execution: Execution | None = None,
-    model: ModelSpec = EXACT,
-    planned: IntArray | None = None,
-) -> GearResult:
+    measured: Sequence[Iterable[Record]], responses: Sequence[Response], result: Result, robot: Robot,
+    spec: EstimatorSpec, gears: GearsSpec, execution: Execution | None = None, model: ModelSpec = EXACT,
+    planned: IntArray | None = None
+) -> GearResult:  # fmt: skip
     """Estimate the effects of all gears together with the parameters, and the characteristics of each gear.
 
     measured, responses: of each fitted configuration, in one order.  result: fit of these responses with linear

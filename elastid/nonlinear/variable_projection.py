@@ -134,11 +134,9 @@ def weights(power: FloatArray, excited: BoolArray) -> FloatArray:
 
 
 def residual_power(
-    equations: NormalEquations,
-    motor: int,
-    members: IntArray,
-    solver: Callable[[FloatArray, FloatArray], FloatArray] = solve,
-) -> float:
+    equations: NormalEquations, motor: int, members: IntArray,
+    solver: Callable[[FloatArray, FloatArray], FloatArray] = solve
+) -> float:  # fmt: skip
     """Return the cross-validated residual power of a motor with the basis functions of indices `members`."""
     A, b = equations.A[:, members[:, None], members], equations.b[:, members]
     return cross_validated_power(A, b, equations.c[:, motor], solver)

@@ -50,14 +50,9 @@ FIFTH_ORDER = Tableau(
 
 def runge_kutta_step(
     acceleration: Callable[[Symbol, Symbol, Symbol, Symbol], Symbol],
-    advanced: Callable[[Symbol, Symbol, float], Symbol],
-    q: Symbol,
-    v: Symbol,
-    z: Symbol,
-    u: Sequence[Symbol],
-    step: float,
-    method: Tableau = CLASSICAL,
-) -> tuple[Symbol, Symbol, Symbol]:
+    advanced: Callable[[Symbol, Symbol, float], Symbol], q: Symbol, v: Symbol, z: Symbol, u: Sequence[Symbol],
+    step: float, method: Tableau = CLASSICAL
+) -> tuple[Symbol, Symbol, Symbol]:  # fmt: skip
     """Build (q, v, z) after one Runge-Kutta step, u the torque at each stage of the method.
 
     The error of the classical one is of order step^4: an oscillation at omega comes out with a relative frequency error

@@ -70,22 +70,6 @@ class LockedPostures:
 
 
 @dataclass(frozen=True, eq=False)
-class _Elements:
-    """Numbers of Q postures of a robot without loops: m elements, the lower triangles of M, D and K, then vec J.
-
-    elements (Q, m, 1).  by_theta (Q, m, P), by_q (Q, m, n_free): slopes.  gradient_by_theta (Q, n_free, P): of dV/dq.
-    stiffness (Q, n_s, 1), deflection (Q, n_s, n): of springs.
-    """
-
-    elements: FloatArray
-    by_theta: FloatArray
-    by_q: FloatArray
-    gradient_by_theta: FloatArray
-    stiffness: FloatArray
-    deflection: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
 class LockedEquations:
     """Equations of a fitted robot with locked motors and its own numbers.  family: its inputs are forces of a frame."""
 
@@ -108,7 +92,10 @@ class LockedEquations:
 
     @cached_property
     def _linearised_elements(self) -> ca.Function:
-        """Function q -> values of `_Elements`."""
+        """Function q -> m elements (lower triangles of M, D and K, then vec J) with slopes, and the springs' numbers.
+
+        by_theta (m, P), by_q (m, n_free): slopes of the elements.  gradient_by_theta (n_free, P): slopes of dV/dq.
+        """
         model, (q, lambda_, theta) = self.family.model, self._symbols
         dependent, free = self.dependent.tolist(), free_coordinates(model).tolist()
         N = ca.sparsify(ca.DM(locked_motor_motions(model.B)))
@@ -174,19 +161,21 @@ class LockedEquations:
             fields = *zip(*map(self._linearised, angles, q), strict=True), poses.position
             return LockedPostures(*map(np.array, fields))
         function = self._linearised_elements
-        e = _Elements(**dict(zip(function.name_out(), evaluate_rows(function, q), strict=True)))
-        slopes = e.by_theta
+        rows = dict(zip(function.name_out(), evaluate_rows(function, q), strict=True))
+        elements, slopes, deflection = rows["elements"], rows["by_theta"], rows["deflection"]
         if follows:
             _, K_free, _ = evaluate_rows(self._statics, q)
-            slopes = slopes - e.by_q @ np.linalg.solve(K_free, e.gradient_by_theta)
-        n, n_t = e.deflection.shape[2], e.elements.shape[1] - 3 * e.deflection.shape[2]
+            slopes = slopes - rows["by_q"] @ np.linalg.solve(K_free, rows["gradient_by_theta"])
+        n, n_t = deflection.shape[2], elements.shape[1] - 3 * deflection.shape[2]
         (i, j), A = np.tril_indices(n), np.zeros((3, len(q), n, n))
-        A[..., i, j] = A[..., j, i] = e.elements[:, :n_t, 0].reshape(len(q), 3, -1).swapaxes(0, 1)
-        J = poses.rotation @ e.elements[:, n_t:, 0].reshape(len(q), n, 3).mT
+        A[..., i, j] = A[..., j, i] = elements[:, :n_t, 0].reshape(len(q), 3, -1).swapaxes(0, 1)
+        J = poses.rotation @ elements[:, n_t:, 0].reshape(len(q), n, 3).mT
         # A model that does not follow its parameters is affine in them: no length is free, and J is constant.
         J_slopes = np.einsum("qij,qnjp->qinp", poses.rotation, follows * slopes[:, n_t:].reshape(len(q), n, 3, -1))
         M, D, K = A
-        return LockedPostures(M, D, K, J, slopes[:, :n_t], J_slopes, e.stiffness[:, :, 0], e.deflection, poses.position)
+        return LockedPostures(
+            M, D, K, J, slopes[:, :n_t], J_slopes, rows["stiffness"][:, :, 0], deflection, poses.position
+        )
 
     def _linearised(self, angles: FloatArray, q: FloatArray) -> tuple[FloatArray, ...]:
         """Return the fields of `LockedPostures` except the position, for one posture of a robot with loops."""

@@ -187,11 +187,9 @@ class Validation:
 
 
 def validate(
-    measured: Sequence[Response],
-    modelled: Sequence[Response],
-    validation: Sequence[str],
-    shifts: Mapping[str, ComplexArray] | None = None,
-) -> Validation:
+    measured: Sequence[Response], modelled: Sequence[Response], validation: Sequence[str],
+    shifts: Mapping[str, ComplexArray] | None = None
+) -> Validation:  # fmt: skip
     """Compare measured and modelled FRFs; validation: names of configurations that were not fitted.
 
     shifts (n_x, F, n_y, n_u): of `agreement`, by configuration.  ValueError if a pair differs in elements or lines.

@@ -135,12 +135,9 @@ class _Log:
 
 
 def compare_friction_logs(
-    robot: Robot,
-    joints: Sequence[JointFriction],
-    measured: FrictionRecords,
-    controller: CascadeSpec | None,
-    execution: Execution,
-) -> LogComparison:
+    robot: Robot, joints: Sequence[JointFriction], measured: FrictionRecords, controller: CascadeSpec | None,
+    execution: Execution
+) -> LogComparison:  # fmt: skip
     """Balance the torque of motions, and simulate the first log of each group of joints that moved together.
 
     The input is the logged torque, and with a known controller also the reference.  robot: with the friction of
@@ -250,12 +247,9 @@ def _in_passband(log: _Log, model: ElasticModel, trajectory: Trajectory) -> Iter
 
 
 def predict_logs(
-    robot: Robot,
-    joints: Sequence[JointFriction],
-    measured: FrictionRecords,
-    controller: CascadeSpec | None,
-    execution: Execution,
-) -> LogComparison:
+    robot: Robot, joints: Sequence[JointFriction], measured: FrictionRecords, controller: CascadeSpec | None,
+    execution: Execution
+) -> LogComparison:  # fmt: skip
     """Predict the logs of motions with the numbers of `joints` from another study; robot: with their friction."""
     by_name, predicted = {joint.joint: joint for joint in joints}, list[JointFriction]()
     reasons = dict[str, list[str]]()

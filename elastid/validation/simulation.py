@@ -40,12 +40,9 @@ LONGEST_S = 30.0  # longest simulation of a log
 
 
 def simulate_log(
-    empty: LogSimulation,
-    robot: Robot,
-    start: Configuration,
-    spec: SimulatedSpec,
-    signals_of: Callable[[Plant], Iterable[ComparedSignal]],
-) -> LogSimulation:
+    empty: LogSimulation, robot: Robot, start: Configuration, spec: SimulatedSpec,
+    signals_of: Callable[[Plant], Iterable[ComparedSignal]]
+) -> LogSimulation:  # fmt: skip
     """Return the simulation of a robot along a log, or the reason of its failure.
 
     empty: result without signals, at the rate of the samples.  spec: equations and controller of the plant.

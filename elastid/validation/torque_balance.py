@@ -42,15 +42,9 @@ from elastid.validation.log_comparison import DRY, ELASTICITY, FRICTION, RIGID_B
 
 
 def torque_balance(
-    location: str,
-    log: str,
-    unit: str,
-    rate_hz: float,
-    measured: FloatArray,
-    parts: Mapping[str, FloatArray],
-    band_hz: tuple[float, float],
-    has_rate: bool = True,
-) -> TorqueBalance:
+    location: str, log: str, unit: str, rate_hz: float, measured: FloatArray, parts: Mapping[str, FloatArray],
+    band_hz: tuple[float, float], has_rate: bool = True
+) -> TorqueBalance:  # fmt: skip
     """Return the balance of a measured torque (n,) and its components `parts` (n,), in total and by octave."""
     names, torques = tuple(parts), np.stack(list(parts.values()))
     is_no_friction = np.array([name not in FRICTION for name in names])

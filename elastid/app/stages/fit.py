@@ -21,7 +21,6 @@ from elastid.nonlinear.compensated_friction import CompensatedFriction
 from elastid.nonlinear.gear_result import GearResult
 from elastid.report.content import DENSE, MODES, dense_models
 from elastid.report.parameter_row import ParameterRow, parameter_rows
-from elastid.response import Response
 from elastid.store.measured import read_friction, read_responses
 from elastid.store.results import read_fit, read_gears, write_fit
 from elastid.study import Study

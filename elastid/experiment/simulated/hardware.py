@@ -49,14 +49,9 @@ def output_stds(noise: NoiseSpec, outputs: Sequence[str]) -> FloatArray:
 
 
 def sense(
-    q: FloatArray,
-    reading: FloatArray,
-    model: ElasticModel,
-    q0: FloatArray,
-    outputs: Sequence[str],
-    rate_hz: float,
-    period_samples: int,
-) -> FloatArray:
+    q: FloatArray, reading: FloatArray, model: ElasticModel, q0: FloatArray, outputs: Sequence[str], rate_hz: float,
+    period_samples: int
+) -> FloatArray:  # fmt: skip
     """Return logged outputs (n, n_y) of a motion q (n, n_q), without noise; reading (n, n_u): encoder positions.
 
     Joint angles in full, of bodies and frames the small angle C (q - q0) from the equilibrium q0.
