@@ -38,7 +38,7 @@ from elastid.validation.command_replay import (
     CommandedMotion,
     JointError,
     Replay,
-    Tested,
+    SettingTest,
     overall,
     pooled_joints,
     pooled_octaves,
@@ -126,7 +126,7 @@ def predict_from_commands(
         content = {
             "schema": SCHEMA, "model": str(model_path), "status": "misfit" if problem else "passed", "message": problem,
             "joints": [_joint_content(row) for row in joints],
-            "tests": [asdict(t) | {"removed_fraction": t.removed, "in_doubt": t.is_in_doubt} for t in tests],
+            "tests": [asdict(t) | {"removed_fraction": t.removed_fraction, "in_doubt": t.is_in_doubt} for t in tests],
             "logs": [_log_content(row) for row in replays], "rms": _by_predictor(overall(joints)),
         }  # fmt: skip
         write_json(summary := folder / "prediction.json", content)
@@ -188,7 +188,7 @@ def _numbers(values: FloatArray) -> str:
     return ", ".join(f"{value:g}" for value in values.tolist())
 
 
-def _problems(joints: Sequence[JointError], tests: Sequence[Tested]) -> Iterator[str]:
+def _problems(joints: Sequence[JointError], tests: Sequence[SettingTest]) -> Iterator[str]:
     """Yield the most likely wrong setting, and the joints for which a trivial predictor is as good."""
     failed_tests = [test for test in tests if test.is_in_doubt]
     if failed_tests:
@@ -199,10 +199,10 @@ def _problems(joints: Sequence[JointError], tests: Sequence[Tested]) -> Iterator
             yield "Check their inertia and friction in the model, or identify them: `elastid new DIR --from LOG`."
 
 
-def _test_sentence(test: Tested) -> str:
+def _test_sentence(test: SettingTest) -> str:
     """Describe a test: the setting, its best value, and the error with the best and with the stated value."""
     rms, as_given = number(test.rms, 3), number(test.rms_as_given, 3)
-    error = f"rms error {rms} instead of {as_given} ({100 * test.removed:.3g} % removed)"
+    error = f"rms error {rms} instead of {as_given} ({100 * test.removed_fraction:.3g} % removed)"
     match test.quantity:
         case "clock":
             return f"clock: the period of the log is {format_ratio(test.value)} times the given one; {error}"
@@ -230,7 +230,9 @@ def format_ratio(value: float) -> str:
     return f"{'1/' * (value < 1)}{nearest:g} (fitted: {value:.3g})"
 
 
-def _print(console: Console, replays: Sequence[Replay], joints: Sequence[JointError], tests: Sequence[Tested]) -> None:
+def _print(
+    console: Console, replays: Sequence[Replay], joints: Sequence[JointError], tests: Sequence[SettingTest]
+) -> None:
     console.say("predict: rms error of the positions, simulated from the commands alone, beside trivial predictors")
     heads = ["joint", "unit", *PREDICTORS, "delay of command"]
     rows = [[row.joint, row.unit, *(number(x, 3) for x in row.rms), f"{1e3 * row.delay_s:.1f} ms"] for row in joints]
@@ -243,7 +245,7 @@ def _print(console: Console, replays: Sequence[Replay], joints: Sequence[JointEr
     console.table([["octave, all joints", "", *PREDICTORS], *bands])
     for test in [test for test in tests if test.is_in_doubt]:
         console.say(f"predict: test of {_test_sentence(test)}")
-    if removed := {test.quantity: test.removed for test in tests if not test.joint and not test.is_in_doubt}:
+    if removed := {test.quantity: test.removed_fraction for test in tests if not test.joint and not test.is_in_doubt}:
         largest = f"{max(removed.values()):.1%} removed at most; limit {MAX_REMOVED:.0%}"
         console.say(f"predict: tests of {', '.join(sorted(removed))}: {largest}")
 

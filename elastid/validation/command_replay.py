@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Final, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -30,14 +30,14 @@ from elastid.validation.simulation import LONGEST_S, simulate_tracking
 from elastid.validation.torque_balance import octave_lines
 
 # Typical rate of the controllers in drives; a slower one has more delay by hold and difference quotient.
-DRIVE_HZ: Final = 2000.0
+DRIVE_HZ = 2000.0
 # Largest fraction of the mean square error that another value of a reliable number removes.
-MAX_REMOVED: Final = 0.5
+MAX_REMOVED = 0.5
 # Largest difference of a reliable number: delay of drives of 1 kHz in s, and an equivalent change of the factors.
-TOLERANCE: Final = {"delay": 1e-3, "clock": 0.04, "kp": 0.04, "kd": 0.04}
+TOLERANCE = {"delay": 1e-3, "clock": 0.04, "kp": 0.04, "kd": 0.04}
 # Least error over the best trivial predictor's with which the signs of a joint are tested.
-MIN_WEAK: Final = 0.5
-PREDICTORS: Final = ("model", "still", "command", "late command")
+MIN_WEAK = 0.5
+PREDICTORS = ("model", "still", "command", "late command")
 # Ends in Hz, and the rms error of each predictor.
 Octave: TypeAlias = tuple[float, float, tuple[float, ...]]
 Quantity: TypeAlias = Literal["clock", "delay", "kp", "kd", "position sign", "joint direction"]
@@ -94,8 +94,8 @@ class JointError:
 
 
 @frozen_value
-class Tested:
-    """Number of the replay with its best value, and the rms errors with the best and the given value.
+class SettingTest:
+    """Test of a number of the replay: its best value, and the rms errors with the best and the given value.
 
     joint: for a sign, the joint whose error is evaluated.
     """
@@ -107,7 +107,7 @@ class Tested:
     joint: str = ""
 
     @property
-    def removed(self) -> float:
+    def removed_fraction(self) -> float:
         """Fraction of the mean square error that the best value removes."""
         return 1 - (self.rms / max(self.rms_as_given, 1e-300)) ** 2
 
@@ -115,7 +115,7 @@ class Tested:
     def is_in_doubt(self) -> bool:
         """True if the best value removes most of the error and differs from the given one by more than TOLERANCE."""
         nominal = getattr(Change(), self.quantity, 1.0)
-        return self.removed > MAX_REMOVED and abs(self.value - nominal) > TOLERANCE.get(self.quantity, 0.0)
+        return self.removed_fraction > MAX_REMOVED and abs(self.value - nominal) > TOLERANCE.get(self.quantity, 0.0)
 
 
 @frozen_value
@@ -127,7 +127,7 @@ class Replay:
     measured: FloatArray
     predicted: FloatArray
     joints: tuple[JointError, ...]
-    tests: tuple[Tested, ...] = ()
+    tests: tuple[SettingTest, ...] = ()
 
 
 def replay(robot: Robot, motion: CommandedMotion, with_tests: bool = True) -> Replay:
@@ -188,7 +188,7 @@ _GRIDS: dict[Literal["clock", "delay", "kp", "kd"], tuple[float, ...]] = {
 }  # fmt: skip
 
 
-def _tests(plant: Plant, motion: CommandedMotion, predicted: FloatArray) -> Iterator[Tested]:
+def _tests(plant: Plant, motion: CommandedMotion, predicted: FloatArray) -> Iterator[SettingTest]:
     """Yield the best value of each number, by its grid and then by Brent's method."""
     from scipy.optimize import minimize_scalar  # takes a while
 
@@ -200,7 +200,7 @@ def _tests(plant: Plant, motion: CommandedMotion, predicted: FloatArray) -> Iter
         ends = grid[max(i - 1, 0)], grid[min(i + 1, len(grid) - 1)]
         best = minimize_scalar(error, bounds=ends, method="bounded", options={"maxiter": 8})
         value, rms = min((grid[i], errors[i]), (float(best.x), float(best.fun)), key=lambda pair: pair[1])
-        yield Tested(name, value, rms, nominal_rms)
+        yield SettingTest(name, value, rms, nominal_rms)
 
 
 def _error_with(plant: Plant, motion: CommandedMotion, name: str, value: float) -> float:
@@ -210,7 +210,9 @@ def _error_with(plant: Plant, motion: CommandedMotion, name: str, value: float) 
         return math.inf
 
 
-def _signs(plant: Plant, motion: CommandedMotion, predicted: FloatArray, joints: Sequence[int]) -> Iterator[Tested]:
+def _signs(
+    plant: Plant, motion: CommandedMotion, predicted: FloatArray, joints: Sequence[int]
+) -> Iterator[SettingTest]:
     """Yield tests of joints (indices) with the opposite sign of the position, and of position and command."""
     for i in joints:
         joint = plant.model.robot.driven_names[i]
@@ -222,12 +224,12 @@ def _signs(plant: Plant, motion: CommandedMotion, predicted: FloatArray, joints:
         for quantity, variant in changes.items():
             with suppress(DataError):  # the robot leaves its commands
                 rms = _rms((variant.position - predict(plant, variant))[:, i])
-                yield Tested(quantity, -1.0, rms, nominal_rms, joint)
+                yield SettingTest(quantity, -1.0, rms, nominal_rms, joint)
 
 
-def pooled_tests(replays: Sequence[Replay]) -> tuple[Tested, ...]:
+def pooled_tests(replays: Sequence[Replay]) -> tuple[SettingTest, ...]:
     """Return the tests of several logs as one, with the median of each value, the largest removed error first."""
-    families: dict[tuple[str, str], list[Tested]] = {}
+    families: dict[tuple[str, str], list[SettingTest]] = {}
     for test in (test for log in replays for test in log.tests):
         families.setdefault((test.quantity, test.joint), []).append(test)
     pooled = []
@@ -235,7 +237,7 @@ def pooled_tests(replays: Sequence[Replay]) -> tuple[Tested, ...]:
         value = float(np.median([test.value for test in rows]))
         rms, nominal_rms = np.sqrt(np.mean([(test.rms**2, test.rms_as_given**2) for test in rows], axis=0)).tolist()
         pooled.append(replace(rows[0], value=value, rms=rms, rms_as_given=nominal_rms))
-    return tuple(sorted(pooled, key=lambda test: -test.removed))
+    return tuple(sorted(pooled, key=lambda test: -test.removed_fraction))
 
 
 def pooled_joints(replays: Sequence[Replay]) -> tuple[JointError, ...]:

@@ -22,7 +22,7 @@ def motion() -> CommandedMotion:
 def best(result: Replay) -> tuple[str, float]:
     """The most likely wrong number, and its value; nothing without a doubt."""
     doubts = [test for test in pooled_tests([result, result]) if test.is_in_doubt]
-    assert all(0 < test.removed <= 1 and test in result.tests for test in doubts)
+    assert all(0 < test.removed_fraction <= 1 and test in result.tests for test in doubts)
     return (doubts[0].quantity, doubts[0].value) if doubts else ("", 1.0)
 
 
