@@ -41,31 +41,18 @@ The names below are loaded when they are first used; all others live in their ro
 # Nothing is imported here: the program's first lines (`elastid.__main__`) come after this file.
 __version__ = "0.3.0"
 
-# The module of each public name.
-_HOMES = {
-    "Robot": "elastid.robot",
-    "Record": "elastid.record",
-    "Response": "elastid.response",
-    "Parameters": "elastid.parameters",
-    "Result": "elastid.fit.result",
-    "read_robot": "elastid.api",
-    "read_records": "elastid.api",
-    "simulate": "elastid.api",
-    "choose": "elastid.api",
-    "estimate": "elastid.api",
-    "identify": "elastid.api",
-    "run": "elastid.app.finished_run",
-    "export": "elastid.app.finished_run",
-    "compare": "elastid.app.finished_run",
-    "plot": "elastid.plot",
-    "load": "elastid.api",
-    "save": "elastid.api",
-    "Configuration": "elastid.record",
-    "Body": "elastid.robot",
-    "Joint": "elastid.robot",
-    "Spring": "elastid.robot",
-    "Motor": "elastid.robot",
+_NAMES = {
+    "elastid.robot": "Robot Body Joint Spring Motor",
+    "elastid.record": "Record Configuration",
+    "elastid.response": "Response",
+    "elastid.parameters": "Parameters",
+    "elastid.fit.result": "Result",
+    "elastid.api": "read_robot read_records simulate choose estimate identify load save",
+    "elastid.app.finished_run": "run export compare",
+    "elastid.plot": "plot",
 }
+# The module of each public name.
+_HOMES = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 
 def __getattr__(name: str) -> object:

@@ -246,11 +246,9 @@ def _command_files(
         states, configurations = _configurations(len(logs), motions, robot, positions, [run[0] for run in runs])
         files = _files(paths, states, [Run({}, *run[1:]) for run in runs])
         lines = [*head_lines("elasticity", logs[0]), "robot: robot.yml", "experiment:", *configurations]
-        delay_line = (
-            "# The delay of the commands is identified, too, unless stated: delay_r: {start: 5 ms, fixed: true}"
-        )
-        method_line = "estimator: {method: auto} # one that needs fewer logs than inputs"
-        last_lines = [delay_line, *_FIT, *[method_line] * (len(names) > 1)]
+        delay = "# The delay of the commands is identified, too, unless stated: delay_r: {start: 5 ms, fixed: true}"
+        method = "estimator: {method: auto} # one that needs fewer logs than inputs"
+        last_lines = [delay, *_FIT, *[method] * (len(names) > 1)]
     else:
         lines, period = list(head_lines("friction", logs[0])), []
         lines += [

@@ -315,9 +315,10 @@ def run_all(run: Run, names: Sequence[str] = ()) -> None:
                 shutil.rmtree(run.partial(name), ignore_errors=True)
                 save_checksums(run.folder, stage.texts)
             else:
-                path, damaged = run.path(name), [run.folder / file for file in changed_texts(run.folder, stage.texts)]
-                damaged += [path] * (path.suffix == ".h5" and path.is_file() and not is_intact(path))
-                for file in damaged:
+                path, modified = run.path(name), [run.folder / file for file in changed_texts(run.folder, stage.texts)]
+                if path.suffix == ".h5" and path.is_file() and not is_intact(path):
+                    modified.append(path)
+                for file in modified:
                     run.console.warn(f"{file} was modified after it was written and is made again")
                 run_stage(run, name)
         run.console.shows_tables = True

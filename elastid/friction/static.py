@@ -163,14 +163,9 @@ def columns(conditions: Conditions, names: tuple[str, ...], eta: Mapping[str, An
     """Return Phi (n, len(names)): the derivative of s tau_f by each linear number, at the nonlinear ones eta."""
     v, s, L, theta = conditions.speed, conditions.direction, conditions.load, _theta(conditions, T_0)
     terms = {
-        "coulomb": np.ones_like(v),
-        "viscous": v,
-        "quadratic": v**2,
-        "load.coulomb": L,
-        "temperature.coulomb": theta,
-        "directions.coulomb": s,
-        "directions.viscous": s * v,
-    }
+        "coulomb": np.ones_like(v), "viscous": v, "quadratic": v**2, "load.coulomb": L, "temperature.coulomb": theta,
+        "directions.coulomb": s, "directions.viscous": s * v,
+    }  # fmt: skip
     if "stribeck_velocity" in eta:
         e = np.exp(-((v / _nu(eta, theta)) ** eta["exponent"]))
         terms |= {"stiction": e, "temperature.stiction": theta * e, "load.stiction": L * e}

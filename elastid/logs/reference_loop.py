@@ -55,9 +55,6 @@ def with_reference_loop(response: Response, recorded: RecordedSpec, robot: Robot
         terms = loop.kp * loop.ki, loop.kp + loop.kd * loop.ki, loop.kd
         motion = replace(motion, feedback=np.stack([np.diag(term[at]) for term in terms]))
     return replace(
-        response,
-        controller=ReferenceLoop(motors, rate_hz, freq_hz, feedback, feedforward, log_hz),
-        hold=ZohTorque((rate_hz,) * len(motors), sampled),
-        motion=motion,
-        bias=None,
-    )
+        response, controller=ReferenceLoop(motors, rate_hz, freq_hz, feedback, feedforward, log_hz),
+        hold=ZohTorque((rate_hz,) * len(motors), sampled), motion=motion, bias=None,
+    )  # fmt: skip

@@ -41,15 +41,10 @@ def join_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
     text = f"the periods of one excitation are from {len(in_phase)} logs: {counts}"
     note = Note("records/corrected", text, f"record {first.name}", severity="information")
     return replace(
-        first,
-        u=np.concatenate([log.u for log in in_phase]),
-        y=np.concatenate([log.y for log in in_phase]),
-        r=np.concatenate(r) if len(r) == len(in_phase) else None,
-        starts=tuple(starts[1:-1]),
-        notes=(*dict.fromkeys(notes_of(in_phase)), note),
-        repairs=dict(repairs),
-        discarded_periods=tuple(n + p for n, log in zip(starts, in_phase, strict=False) for p in log.discarded_periods),
-    )
+        first, u=np.concatenate([log.u for log in in_phase]), y=np.concatenate([log.y for log in in_phase]),
+        r=np.concatenate(r) if len(r) == len(in_phase) else None, starts=tuple(starts[1:-1]),
+        notes=(*dict.fromkeys(notes_of(in_phase)), note), repairs=dict(repairs),
+    )  # fmt: skip
 
 
 def _align_record(first: Record, record: Record, claim: str) -> Record:

@@ -41,14 +41,11 @@ def model_functions(model: FittedRobot) -> tuple[ca.Function, ...]:
         function("constraint_jacobian", ("q",), "Phi", m.constraint_jacobian(q, theta)),
     )
     return (
-        function("mass", ("q",), "M", m.mass(q, theta)),
-        function("force", ("q", "v"), "f", m.force(q, v, theta)),
+        function("mass", ("q",), "M", m.mass(q, theta)), function("force", ("q", "v"), "f", m.force(q, v, theta)),
         function("damping", ("q",), "D", m.damping(q, theta)),
         function("stiffness", ("q", "lambda_") if m.n_c else ("q",), "K", m.stiffness(q, multipliers, theta)),
-        function("input_matrix", (), "B", ca.SX(ca.DM(m.B))),
-        _equilibria(model),
-        *(constraints if m.n_c else ()),
-    )
+        function("input_matrix", (), "B", ca.SX(ca.DM(m.B))), _equilibria(model), *(constraints if m.n_c else ()),
+    )  # fmt: skip
 
 
 def _equilibria(model: FittedRobot) -> ca.Function:

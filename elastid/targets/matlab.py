@@ -73,14 +73,11 @@ def _measured(G: Response) -> Fields:
 
 def _system(system: Any) -> Fields:
     return {
-        "configuration": system.configuration.name,
-        "angles": system.configuration.angles,
-        **{name: getattr(system, name) for name in "ABCD"},
-        "InputDelay": system.delay,
-        "InputName": np.array(system.inputs, dtype=object),
-        "OutputName": np.array(system.outputs, dtype=object),
+        "configuration": system.configuration.name, "angles": system.configuration.angles,
+        **{name: getattr(system, name) for name in "ABCD"}, "InputDelay": system.delay,
+        "InputName": np.array(system.inputs, dtype=object), "OutputName": np.array(system.outputs, dtype=object),
         "quantity": system.quantity,
-    }
+    }  # fmt: skip
 
 
 def _tool(model: FittedRobot) -> Fields:
@@ -107,15 +104,11 @@ def _response(G: Any, measured: Response, variance: FloatArray | None) -> Fields
     """Return the fields of an idfrd; CovarianceData (n_y, n_u, F, 2, 2) has half of the variance per real component."""
     half = None if variance is None else np.moveaxis(variance, 0, 2) / 2
     return {
-        "configuration": measured.configuration.name,
-        "ResponseData": np.moveaxis(G, 0, 2),
-        "Frequency": measured.freq_hz,
-        "FrequencyUnit": "Hz",
-        "InputName": np.array(measured.inputs, dtype=object),
-        "OutputName": np.array(measured.outputs, dtype=object),
-        "Ts": 0.0,
+        "configuration": measured.configuration.name, "ResponseData": np.moveaxis(G, 0, 2),
+        "Frequency": measured.freq_hz, "FrequencyUnit": "Hz", "InputName": np.array(measured.inputs, dtype=object),
+        "OutputName": np.array(measured.outputs, dtype=object), "Ts": 0.0,
         "CovarianceData": np.zeros((0, 0)) if half is None else half[..., None, None] * np.eye(2),
-    }
+    }  # fmt: skip
 
 
 TARGETS = (

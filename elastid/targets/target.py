@@ -12,17 +12,14 @@ VALUES = {
     "robot": "Robot with the identified friction and gear effects",
     "robot_file": "text of the robot model with the identified parameters",
     "known": "text rows with the 95 % interval of each parameter",
-    "actuators": "Actuators: joint parameters with intervals",
-    "draws": "DrawnRobots: posterior samples",
+    "actuators": "Actuators: joint parameters with intervals", "draws": "DrawnRobots: posterior samples",
     "responses": "measured Response of each configuration",
     "modes": "Modes of each response of a study without a robot",
     "geometry": "GeometrySpec of a study without a robot, None if it is not stated",
-    "friction_result": "FrictionResult of a friction study",
-    "observers": "TrackedFriction of each joint, by its name",
-    "name": "name of the study",
-    "title": "name of the study, with the label of the group of configurations",
+    "friction_result": "FrictionResult of a friction study", "observers": "TrackedFriction of each joint, by its name",
+    "name": "name of the study", "title": "name of the study, with the label of the group of configurations",
     "warn": "function that prints a warning",
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -162,20 +162,18 @@ class LockedEquations:
             return LockedPostures(*map(np.array, fields))
         function = self._linearised_elements
         rows = dict(zip(function.name_out(), evaluate_rows(function, q), strict=True))
-        elements, slopes, deflection = rows["elements"], rows["by_theta"], rows["deflection"]
+        elements, slopes, c, b = (rows[name] for name in ("elements", "by_theta", "stiffness", "deflection"))
         if follows:
             _, K_free, _ = evaluate_rows(self._statics, q)
             slopes = slopes - rows["by_q"] @ np.linalg.solve(K_free, rows["gradient_by_theta"])
-        n, n_t = deflection.shape[2], elements.shape[1] - 3 * deflection.shape[2]
+        n, n_t = b.shape[2], elements.shape[1] - 3 * b.shape[2]
         (i, j), A = np.tril_indices(n), np.zeros((3, len(q), n, n))
         A[..., i, j] = A[..., j, i] = elements[:, :n_t, 0].reshape(len(q), 3, -1).swapaxes(0, 1)
         J = poses.rotation @ elements[:, n_t:, 0].reshape(len(q), n, 3).mT
         # A model that does not follow its parameters is affine in them: no length is free, and J is constant.
         J_slopes = np.einsum("qij,qnjp->qinp", poses.rotation, follows * slopes[:, n_t:].reshape(len(q), n, 3, -1))
         M, D, K = A
-        return LockedPostures(
-            M, D, K, J, slopes[:, :n_t], J_slopes, rows["stiffness"][:, :, 0], deflection, poses.position
-        )
+        return LockedPostures(M, D, K, J, slopes[:, :n_t], J_slopes, c[:, :, 0], b, poses.position)
 
     def _linearised(self, angles: FloatArray, q: FloatArray) -> tuple[FloatArray, ...]:
         """Return the fields of `LockedPostures` except the position, for one posture of a robot with loops."""

@@ -30,20 +30,12 @@ Kind: TypeAlias = Literal["differs", "drifts"]
 
 # Meaning of a drift, by the letters of the parameter and whether it increases.
 MEANINGS = {
-    ("k", False): "the spring softens",
-    ("b", True): "the backlash opens",
-    ("Fc", True): "Coulomb friction grows",
-    ("Fs", True): "stiction grows",
-    ("f", True): "viscous friction grows",
-    ("fm", True): "viscous friction grows",
-    ("Fb", True): "running torque behind the gear grows",
-    ("Fcl", True): "friction by load grows",
-    ("H", True): "hysteresis grows",
-    ("Hw", True): "hysteresis grows",
-    ("lost", True): "lost motion grows",
-    ("e", True): "transmission error grows",
-    ("r", True): "ripple of the torque grows",
-}
+    ("k", False): "the spring softens", ("b", True): "the backlash opens", ("Fc", True): "Coulomb friction grows",
+    ("Fs", True): "stiction grows", ("f", True): "viscous friction grows", ("fm", True): "viscous friction grows",
+    ("Fb", True): "running torque behind the gear grows", ("Fcl", True): "friction by load grows",
+    ("H", True): "hysteresis grows", ("Hw", True): "hysteresis grows", ("lost", True): "lost motion grows",
+    ("e", True): "transmission error grows", ("r", True): "ripple of the torque grows",
+}  # fmt: skip
 
 # Prior of the spread of stiffness between new gears of one type, 1 to 3 %, and its degrees of freedom. Of 200 fleets of
 # 8 good robots with a spread of 1.5 %, 4 have a finding with three dates and 9 with one; a gear that is 10 % soft is

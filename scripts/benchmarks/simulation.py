@@ -52,13 +52,12 @@ def with_friction(robot: Robot) -> Robot:
 
 def elastid_run(model: ElasticModel, gains: JointLoop, torque: np.ndarray, samples: int) -> Callable[[], Trajectory]:
     """Prepare one run of the sampled loop.  samples: number that decides if the loop is compiled."""
-    n_u, rest = model.n_u, np.zeros(model.n_q)
+    n_u, still = model.n_u, np.zeros_like(torque)
     limits, drives = np.array([[-9.0, 9.0]] * n_u), Drives(np.zeros(n_u), np.full(n_u, np.inf))
     loop = closed_loop(
         model, contacts(model, frictions(model.robot)), limits, RATE_HZ, SUBSTEPS, drives, samples=samples
     )
-    still = np.zeros_like(torque)
-    return lambda: simulate(loop, gains, Commands(still, still, torque, still, still), rest)
+    return lambda: simulate(loop, gains, Commands(still, still, torque, still, still), np.zeros(model.n_q))
 
 
 def in_mujoco(robot: Robot) -> Any:

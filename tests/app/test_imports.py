@@ -12,21 +12,10 @@ from elastid.app.cli import run_command
 
 HEAVY = {"casadi", "scipy", "h5py", "matplotlib", "control", "pandas", "jinja2"}
 SPECS = [
-    "elastid.base.errors",
-    "elastid.robot",
-    "elastid.parameters",
-    "elastid.record",
-    "elastid.response",
-    "elastid.excitation.spec",
-    "elastid.experiment.specs.experiment",
-    "elastid.frf.spec",
-    "elastid.fit.spec",
-    "elastid.model.spec",
-    "elastid.simulation.spec",
-    "elastid.validation.spec",
-    "elastid.study",
-    "elastid.app.overview",
-]
+    "elastid.base.errors", "elastid.robot", "elastid.parameters", "elastid.record", "elastid.response",
+    "elastid.excitation.spec", "elastid.experiment.specs.experiment", "elastid.frf.spec", "elastid.fit.spec",
+    "elastid.model.spec", "elastid.simulation.spec", "elastid.validation.spec", "elastid.study", "elastid.app.overview",
+]  # fmt: skip
 
 
 def loaded_after(code: str) -> set[str]:

@@ -21,8 +21,7 @@ def runge_kutta(acceleration: ca.Function, step: float, steps: int, method: Tabl
     """(q, v, u) -> (q, v) after `steps` Runge-Kutta steps of `step` s at constant torque u."""
     n, n_u = acceleration.size1_in(0), acceleration.size1_in(2)
     q0, v0, u = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("u", n_u)
-    q, v, z = q0, v0, ca.SX(0, 1)
-    torques = (u,) * len(method.weights)
+    q, v, z, torques = q0, v0, ca.SX(0, 1), (u,) * len(method.weights)
     for _ in range(steps):
         q, v, z = runge_kutta_step(
             lambda q, v, z, u: acceleration(q, v, u), lambda z, v, step: z, q, v, z, torques, step, method

@@ -99,8 +99,8 @@ def test_robot_tolerances_widen_map_as_postures(name: str) -> None:
     assert workspace["compliance_z"].std[0] == pytest.approx(model.stiffness().compliance_std[2, 2], rel=0.05)
     assert workspace["frequency_1"].std[0] == pytest.approx(model.modes().freq_std[0], rel=0.05)
     equations = LockedEquations(own.family(PredictionPorts(axes="world")))
-    at = equations.at(workspace.angles, equations.rest(workspace.angles)[0])
-    one = equations._linearised(workspace.angles[0], equations.rest(workspace.angles)[0][0])
+    q = equations.rest(workspace.angles)[0]
+    at, one = equations.at(workspace.angles, q), equations._linearised(workspace.angles[0], q[0])
     for slopes, expected in zip((at.triangles[0], at.J_slopes[0]), one[4:6], strict=True):
         np.testing.assert_allclose(slopes, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
 

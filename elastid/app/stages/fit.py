@@ -1,6 +1,6 @@
 """Stage fit: responses -> fit.h5, summary.json and identified_robot.yml; checks of a fit for other commands."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -72,10 +72,8 @@ def fit(study: Study, work: Work) -> Artefacts:
     model_of_all = FittedRobot.of(result, robot, responses, study.model)
     modelled = model_of_all.responses_by(effects)
     agreements = [agreement(m, G, m.configuration.name in validation) for m, G in zip(responses, modelled, strict=True)]
-    notes = notes_of(responses)
-    rows = fitted_rows(study, result, friction)
-    modes = modes_of(model_of_all)
-    content = summary(study.name, robot, result, rows, modes, agreements, notes, friction)
+    rows, modes = fitted_rows(study, result, friction), modes_of(model_of_all)
+    content = summary(study.name, robot, result, rows, modes, agreements, notes_of(responses), friction)
     figures = {"modes": (modes, MODES), "dense": (dense_models(model_of_all), DENSE)}
 
     def report(console: Console) -> None:
@@ -89,10 +87,10 @@ def fit(study: Study, work: Work) -> Artefacts:
         for line in (f"{status}; {result.converged_starts}", *seconds):
             console.say(f"fit: {'linear model: ' * work.has_gears}{line}")
 
-    files = robot_files(study.name, robot, result, friction, responses.names)
-    robots = {file: text(robot_file) for file, robot_file in files}
-    result_file: Mapping[str, Write] = {"fit.h5": lambda path, stamp: write_fit(path, result, stamp, modelled, figures)}
-    return Artefacts({"summary.json": as_json(content), **robots, **result_file}, report)
+    files: dict[str, Write] = {"summary.json": as_json(content)}
+    files |= {file: text(x) for file, x in robot_files(study.name, robot, result, friction, responses.names)}
+    files["fit.h5"] = lambda path, stamp: write_fit(path, result, stamp, modelled, figures)
+    return Artefacts(files, report)
 
 
 def fitted_rows(

@@ -45,18 +45,13 @@ def report(study: Study, work: Work) -> Artefacts:
         *(study.name, validation.verdict, final, tuple(zip(responses, modelled, strict=True)), validation),
         *(read_modes(files["fit"]), work.stamp.study, work.stamp.entries),
         truth=true_values(robot, simulated, study.fit.parameters, friction),
-        plan=None if plan is None else read_plan(plan),
-        forecast=None if plan is None else read_forecast(plan),
-        limit_use=None if plan is None else read_peaks(plan),
-        robot=robot,
+        plan=None if plan is None else read_plan(plan), forecast=None if plan is None else read_forecast(plan),
+        limit_use=None if plan is None else read_peaks(plan), robot=robot,
         comparison=read_comparison(work.parts.with_name("compare.json"), read_stamp(estimates) or Stamp()),
-        dense=read_dense(files["fit"]),
-        friction=friction,
-        log_comparison=read_simulation(validated),
-        contents=parameter_contents(robot, simulated is not None, friction, result.parameters, gears),
-        gears=gears,
+        dense=read_dense(files["fit"]), friction=friction, log_comparison=read_simulation(validated),
+        contents=parameter_contents(robot, simulated is not None, friction, result.parameters, gears), gears=gears,
         measured_modes=read_measured_modes(validated),
-    )
+    )  # fmt: skip
     lines = [f"report: {note}" for note in content.missing_modes]
     return page_artefacts(partial(html, content), drawings(content), study, work, lines=lines)
 
