@@ -44,6 +44,7 @@ def join_periods(records: Sequence[Record], paths: Sequence[str]) -> Record:
         first, u=np.concatenate([log.u for log in in_phase]), y=np.concatenate([log.y for log in in_phase]),
         r=np.concatenate(r) if len(r) == len(in_phase) else None, starts=tuple(starts[1:-1]),
         notes=(*dict.fromkeys(notes_of(in_phase)), note), repairs=dict(repairs),
+        discarded_periods=tuple(n + p for n, log in zip(starts, in_phase, strict=False) for p in log.discarded_periods),
     )  # fmt: skip
 
 

@@ -183,8 +183,7 @@ def _rows_of_forms(
     effects: changes (n_x,) of the fitted parameters by form.  cost: V without a delay.  noise: V of a correct model.
     """
     least = min(form.cost for form in forms)
-    excess = max(least - noise, 0.0)
-    tolerance = LIMITS.cost_margin * scores.variance_ratio + (1 - LIMITS.complete_fraction) * excess
+    tolerance = LIMITS.cost_margin * scores.variance_ratio + (1 - LIMITS.complete_fraction) * max(least - noise, 0.0)
     equal = [form for form in sorted(forms, key=lambda form: form.cost) if form.cost < least + tolerance]
     for form in equal:
         explained = (cost - form.cost) / max(cost - noise, 1e-300)
