@@ -104,9 +104,8 @@ def texts_from_logs(
         inertias = [(joint.motion.slides, joint.relation.inertia) for joint in guess.joints]
         return {"study.yml": join_lines(content), "robot.yml": join_lines(_robot(inertias, "the torque"))}
     lines = _torque_study_lines(source, folder, guess, robot, frame, positions)
-    return {
-        "study.yml": join_lines([*head_lines("responses" if robot is None else "elasticity", first), *lines, *unused])
-    }
+    kind = "responses" if robot is None else "elasticity"
+    return {"study.yml": join_lines([*head_lines(kind, first), *lines, *unused])}
 
 
 def _torque_study_lines(

@@ -27,8 +27,11 @@ from elastid.robot import Robot
 
 _FREQUENCY = re.compile(r"(.*[./_ ])?(f|freq|frequenc(y|ies)|w|omega)([ _./(\[].*)?", re.IGNORECASE)
 _RADIANS = re.compile(r"(.*[./_ ])?(w|omega)([ _./(\[].*)?|.*rad.*", re.IGNORECASE)
-# Words in headings for real and imaginary part, and for magnitude and phase.
-_PAIRS = ((("re", "real"), ("im", "imag", "imaginary")), (("mag", "magnitude", "abs"), ("phase", "arg", "angle")))
+# Both parts of a complex number, by their names in a study, and their words in headings.
+_PARTS = {
+    ("real", "imaginary"): ("re|real", "im|imag|imaginary"),
+    ("magnitude", "phase"): ("mag|magnitude|abs", "phase|arg|angle"),
+}
 _POSITION, _VELOCITY = -1.5, -0.5  # largest slope of ln |G| over ln f of positions, and of velocities
 
 
@@ -63,9 +66,8 @@ def texts_from_universal(paths: Sequence[Path], folder: Path) -> dict[str, str]:
         unit = QUANTITY_UNIT[quantity] if "r" in at else translation_unit(QUANTITY_UNIT[quantity])
         lines.append(channel_line(role, at, ChannelGuess(at, None, quantity, unit, 0, "SI")))
     files = zip(relative_paths(paths, folder), names, strict=True)
-    return {
-        "study.yml": join_lines([*lines, "    files:", *(file_line(path, configuration=name) for path, name in files)])
-    }
+    lines += ["    files:", *(file_line(path, configuration=name) for path, name in files)]
+    return {"study.yml": join_lines(lines)}
 
 
 def texts_from_responses(paths: Sequence[Path], folder: Path, robot: Robot | None) -> dict[str, str]:
@@ -172,8 +174,8 @@ def _guesses(names: Sequence[str], n: int, arrays: Mapping[str, StoredArray], un
 def _text_table(log: TextLog) -> _Table | None:
     """Pair columns re_1_1 and im_1_1, or mag_1_1 and phase_1_1, by output and input; a single pair needs no numbers."""
     frequency = next((name for name in log.headings if _FREQUENCY.fullmatch(name)), "")
-    for words in _PAIRS if frequency else ():
-        patterns = [rf"(?<![a-z])({'|'.join(side)})(?![a-z])" for side in words]
+    for names, words in _PARTS.items() if frequency else ():
+        patterns = [rf"(?<![a-z])({word})(?![a-z])" for word in words]
         first, second = ([h for h in log.headings if re.search(p, h, re.IGNORECASE)] for p in patterns)
         numbers, second_numbers = ([tuple(re.findall(r"\d+", name)[-2:]) for name in side] for side in (first, second))
         rows, columns = ([*dict.fromkeys(pair[i] for pair in numbers if len(pair) == 2)] or ["1"] for i in (0, 1))
@@ -182,8 +184,7 @@ def _text_table(log: TextLog) -> _Table | None:
             continue
         labels = [re.sub(r"(\d+)(\D+)(\d+)(\D*)$", r"{y}\2{u}\4", name) for name in (first[0], second[0])]
         x, y = (log.columns([log.headings.index(name) for name in side]) for side in (first, second))
-        is_polar = words is not _PAIRS[0]
-        names = ("magnitude", "phase") if is_polar else ("real", "imaginary")
+        is_polar = "phase" in names
         label_of = {"frequency": quote(frequency)} | dict(zip(names, map(quote, labels), strict=True))
         if is_polar:  # dB if any magnitude is negative, degrees if any phase is beyond pi; cells may be empty
             is_db = np.nanmin(x, initial=0.0) < 0

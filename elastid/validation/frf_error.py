@@ -87,9 +87,8 @@ def predict_response(result: Result, measured: Response, is_fitted: bool = False
 
     request = PredictionPorts(*locations, motors, quantity=measured.quantity, controller=measured.loop)
     family = result.family(request, measured.configuration.name)
-    band = family.at(as_configuration(measured.configuration, family.robot, ())).response_band(
-        measured.freq_hz, PROBABILITY
-    )
+    posture = family.at(as_configuration(measured.configuration, family.robot, ()))
+    band = posture.response_band(measured.freq_hz, PROBABILITY)
     predicted = replace(band.response, configuration=measured.configuration)
     return PredictedResponse(measured, predicted, band.std, band.pointwise, motors, band.by, is_fitted)
 

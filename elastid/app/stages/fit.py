@@ -99,9 +99,8 @@ def fitted_rows(
     """Return a row for each parameter, with its true value if the rig is simulated."""
     robot, simulated = study.as_robot(), study.experiment.simulated
     true = true_values(robot, simulated, study.fit.parameters, friction)
-    return parameter_rows(
-        result, true, parameter_contents(robot, simulated is not None, friction, result.parameters, gears)
-    )
+    contents = parameter_contents(robot, simulated is not None, friction, result.parameters, gears)
+    return parameter_rows(result, true, contents)
 
 
 def current_fit(run: Run) -> Result:
