@@ -33,7 +33,7 @@ _VALID_STATUSES = ("converged", "noise_unknown", "at_bound", "misfit")
 # the excited lines. With 1.7 to 7.5 % of transients k was at most 0.05 % and 1.7 std off; 23 settled sets with up to
 # 6.6 % (scripts/studies/results.csv) had no false effect. Largest encoder resolution over the deflection: k was 2.1 and
 # 4.2 std off with 1/16, 1.1 and 1.3 std with 1/65.
-MAX_DISTURBANCE_FRACTION, MAX_RESOLUTION_FRACTION = 0.1, 0.025
+MAX_DISTURBANCE, MAX_RESOLUTION = 0.1, 0.025
 # Prefixes of parameters that delay a channel.
 _DELAYS = ("delay", "low_pass", "hold", "torque_lag", "sensor_lag")
 FALLBACK = "stiffness, damping and friction stay those of the linear fit"
@@ -106,11 +106,11 @@ def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str
             f"robot's chain, or free the delay; {FALLBACK}"
         )
     ratios = {lines.configuration.name: difference(lines) for lines in data.lines}
-    if unsteady := [name for name, ratio in ratios.items() if ratio > MAX_DISTURBANCE_FRACTION]:
+    if unsteady := [name for name, ratio in ratios.items() if ratio > MAX_DISTURBANCE]:
         return (
             f"the records of {', '.join(unsteady)} are not settled, or disturbed: their periods differ by up to "
-            f"{100 * max(ratios.values()):.2g} % of the motion (limit {100 * MAX_DISTURBANCE_FRACTION:g} %). Measure more periods and "
-            f"discard the first (estimator.transient_periods); {FALLBACK}"
+            f"{100 * max(ratios.values()):.2g} % of the motion (limit {100 * MAX_DISTURBANCE:g} %). Measure more "
+            f"periods and discard the first (estimator.transient_periods); {FALLBACK}"
         )
     first = min(float(modes(drive.model, drive.theta).freq_hz.min(initial=np.inf)) for drive in drives)
     highest = max(float(lines.freq_hz[lines.excited].max()) for lines in data.lines)
@@ -146,7 +146,7 @@ def coarse_encoders(data: Sequence[PeriodLines], drives: Sequence[DriveLines]) -
             noise.append(np.sum(lines.scatter[excited] @ row**2))
             counts.append(np.abs(row) @ lines.count)
         deflection, error, count = np.sqrt(np.mean(power) / 2), np.sqrt(np.mean(noise) / 2), max(counts)
-        if error > MAX_DISTURBANCE_FRACTION * deflection or count > MAX_RESOLUTION_FRACTION * deflection:
+        if error > MAX_DISTURBANCE * deflection or count > MAX_RESOLUTION * deflection:
             text = (
                 f"the angle has {error:.2g} rad of noise at the excited lines and a resolution of {count:.2g} rad, and "
                 f"the gear deflects by {deflection:.2g} rad: effects of this gear are not detectable, and intervals of "
