@@ -54,15 +54,12 @@ def channels(task: Task, is_sensed: bool) -> Iterator[dict[str, Any]]:
 def study(task: Task, is_sensed: bool) -> dict[str, Any]:
     """Return the study: free springs, viscous friction, and the delay of the references or of the torque log."""
     experiment, route = task.experiment, task.experiment["route"]
-    record: dict[str, Any] = {
-        "rate_hz": experiment["rate_hz"],
-        "period": experiment["period_s"],
-        "channels": [*channels(task, is_sensed)],
-        "files": [
-            {"path": f"logs/{name}", "configuration": posture, "realisation": m, "experiment": i}
-            for name, posture, m, i in map(dict.values, experiment["files"])
-        ],
-    }
+    files = [
+        {"path": f"logs/{name}", "configuration": posture, "realisation": m, "experiment": i}
+        for name, posture, m, i in map(dict.values, experiment["files"])
+    ]
+    timing = {"rate_hz": experiment["rate_hz"], "period": experiment["period_s"]}
+    record: dict[str, Any] = timing | {"channels": [*channels(task, is_sensed)], "files": files}
     delay = {"command": ["delay_r"], "position": ["delay_u"]}.get(route, [])
     free = ["k_*", "d_*", *([] if is_sensed else ["fm_*"]), *delay]
     if route != "torque":

@@ -141,8 +141,7 @@ def simulate(
     reference = target if is_torque else r[np.maximum(ticks - round(law.reference_delay * law.hz), 0)]
     if cycle > 1:  # linear between the references of two cycles, with a delay of one cycle
         begin, part = ticks - ticks % cycle, (ticks % cycle)[:, None]
-        last = r[np.maximum(begin - cycle, 0)]
-        reference = last + (r[begin] - last) * part / cycle
+        reference = (last := r[np.maximum(begin - cycle, 0)]) + (r[begin] - last) * part / cycle
     disturbance = 0.01 * torque * rng.standard_normal(wave.shape)
     u, q, x, v = closed_loop(plant, law, reference, feedforward, disturbance, 2 * np.pi / COUNTS / ratio)
     u, twist = u[np.maximum(ticks - round(law.torque_delay * law.hz), 0)], x[:, plant.twists]

@@ -58,8 +58,7 @@ def enter(name: str, identify: Callable[[Task], dict[str, Any] | None]) -> None:
     arguments = options()
     path = arguments.folder / "results" / f"{name}-{arguments.seed}.json"
     path.parent.mkdir(exist_ok=True)
-    result = {"entry": name, "seed": arguments.seed, "robots": {}}
-    result |= json.loads(path.read_text()) if path.exists() else {}
+    result = json.loads(path.read_text()) if path.exists() else {"entry": name, "seed": arguments.seed, "robots": {}}
     for task in tasks(arguments.folder, arguments.seed):
         robot, begin = task.folder.name, time.process_time()
         if robot in (arguments.robots or [robot]) and (estimates := identify(task)):

@@ -42,9 +42,8 @@ def write(folder: Path, row: Row, seed: int, secret: str) -> None:
             columns |= {f"{c}_{i + 1}": logs[c][:, i] for c in public["channels"] for i in range(n)}
             path, table = place / "logs" / file["file"], np.column_stack([*columns.values()])
             np.savetxt(path, table, fmt="%.9g", delimiter=",", header=",".join(columns), comments="")
-            group = store.create_group(path.stem)
             for column, values in columns.items():
-                group[column] = values.astype(np.float32 if column[0] in "us" else np.float64)
+                store[f"{path.stem}/{column}"] = values.astype(np.float32 if column[0] in "us" else np.float64)
     tolerances = {} if row.sheet == "exact" else TOLERANCES
     delays = {"reference_delay_s": law.reference_delay, "torque_delay_s": law.torque_delay - 0.5 / law.hz}
     scored = {"scored": true.parameters, **(delays if row.route != "torque" else {}), "robot": asdict(true)}
@@ -61,29 +60,19 @@ def describe(row: Row, law: Controller, torque: Array) -> dict[str, Any]:
     channels["r"]["unit"] = "N*m" if row.route == "torque" else "rad"
     n, gains = len(torque), {"position_gain": law.kp.tolist(), "velocity_gain": law.kd.tolist()}
     logs = itertools.product(postures(row), range(3 if n == 2 else 2), range(n))
+    files = [{"file": f"{q}-{m}-{i}.csv", "posture": q, "realisation": m, "experiment": i} for q, m, i in logs]
     return {
-        "route": row.route,
-        "rate_hz": RATES_HZ[row.route],
-        "period_s": PERIOD_S,
-        "settling_periods": 1,
-        "periods": PERIODS,
-        "lines_hz": (LINES / PERIOD_S).tolist(),
-        "postures": postures(row),
-        "torque_rms": torque.tolist(),
-        "carrier_rad": row.carrier,
+        "route": row.route, "rate_hz": RATES_HZ[row.route], "period_s": PERIOD_S, "settling_periods": 1,
+        "periods": PERIODS, "lines_hz": (LINES / PERIOD_S).tolist(), "postures": postures(row),
+        "torque_rms": torque.tolist(), "carrier_rad": row.carrier,
         "controller": gains | {"velocity": "difference of two encoder positions"},
         "reference_path": "linear, each reference reached one cycle later" if row.route == "position" else "hold",
-        "channels": channels,
-        "files": [
-            {"file": f"{posture}-{m}-{i}.csv", "posture": posture, "realisation": m, "experiment": i}
-            for posture, m, i in logs
-        ],
-    }
+        "channels": channels, "files": files,
+    }  # fmt: skip
 
 
 if __name__ == "__main__":
     arguments = options(secret="")
-    for row in ROWS:
-        if row.name in (arguments.robots or [row.name]):
-            write(arguments.folder, row, arguments.seed, arguments.secret)
-            print(row.name, flush=True)
+    for row in (row for row in ROWS if row.name in (arguments.robots or [row.name])):
+        write(arguments.folder, row, arguments.seed, arguments.secret)
+        print(row.name, flush=True)

@@ -258,15 +258,12 @@ def mjcf(robot: Robot) -> str:
     if rod:
         sites = [tag("site", site=name) for name in rod.bodies]
         tendon = tag("tendon", tag("spatial", *sites, stiffness=rod.k, damping=rod.d, springlength=rod.length))
-    return tag(
-        "mujoco",
-        tag("compiler", angle="radian", inertiafromgeom="false", balanceinertia="true"),
-        tag("option", tag("flag", contact="disable"), gravity=(0, 0, -9.81), timestep=1 / STEPS_HZ, integrator="RK4"),
-        tag("worldbody", *(body(b) for b in robot.bodies if b.parent == "base")),
-        tendon,
-        tag("actuator", *(tag("general", joint=name, **state) for name, *_ in robot.bristles)),
-        model=robot.name,
-    )
+    compiler = tag("compiler", angle="radian", inertiafromgeom="false", balanceinertia="true")
+    world = tag("worldbody", *(body(b) for b in robot.bodies if b.parent == "base"))
+    actuators = tag("actuator", *(tag("general", joint=name, **state) for name, *_ in robot.bristles))
+    flag = tag("flag", contact="disable")
+    option = tag("option", flag, gravity=(0, 0, -9.81), timestep=1 / STEPS_HZ, integrator="RK4")
+    return tag("mujoco", compiler, option, world, tendon, actuators, model=robot.name)
 
 
 def composite_inertia(robot: Robot, posture: list[float]) -> dict[str, float]:

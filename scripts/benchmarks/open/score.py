@@ -57,17 +57,13 @@ def score(truth: Mapping[str, Any], estimates: Mapping[str, Any], seed: int) -> 
     values = {name: parameters[name][0] for name in scored if name in parameters}
     off = {name: 100 * abs(value / scored[name] - 1) for name, value in values.items()}
     z = np.array([(value - scored[name]) / std for name, value in values.items() if (std := parameters[name][1])])
-    k_percent, d_percent = (max((e for name, e in off.items() if name[0] == c), default=None) for c in "kd")
     return {
-        "k_percent": k_percent,
-        "d_percent": d_percent,
-        "inside": int(np.sum(np.abs(z) < 1.96)),
-        "of": len(scored),
+        **{f"{c}_percent": max((e for name, e in off.items() if name[0] == c), default=None) for c in "kd"},
+        "inside": int(np.sum(np.abs(z) < 1.96)), "of": len(scored),
         "error_over_std": float(np.sqrt(np.mean(z**2))) if z.size else None,
         "tool_percent": tool_error(Robot(**truth["robot"]), values, seed) if len(values) == len(scored) else None,
-        "cpu_s": estimates.get("cpu_s"),
-        "status": estimates.get("status"),
-    }
+        "cpu_s": estimates.get("cpu_s"), "status": estimates.get("status"),
+    }  # fmt: skip
 
 
 def main() -> None:
@@ -76,12 +72,11 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--save", type=Path)
     folder, save = vars(parser.parse_args()).values()
-    results = [json.loads(path.read_text()) for path in sorted((folder / "results").glob("*.json"))]
+    results, rows = [json.loads(path.read_text()) for path in sorted((folder / "results").glob("*.json"))], []
     for seed in sorted({result["seed"] for result in results}):
         sheets = {task.folder.name: task.sheet.parameters.items() for task in tasks(folder, seed)}
         starts = {robot: {"parameters": {name: (k, 0.0) for name, k in sheet}} for robot, sheet in sheets.items()}
         results.append({"entry": "start", "seed": seed, "robots": starts})
-    rows = []
     for result in results:
         for name, estimates in result["robots"].items():
             truth = json.loads((folder / "truth" / f"seed-{result['seed']}" / f"{name}.json").read_text())
