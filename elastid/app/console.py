@@ -162,8 +162,7 @@ def _progress_messages(title: str) -> Progress:
             start = now
         if now - last >= INTERVAL_S and 0 < done < total:
             last = now
-            remaining_s = (now - start) / done * (total - done)
-            remaining = f", about {remaining_s:.0f} s to go" if done >= MIN_DONE else ""
+            remaining = f", about {(now - start) / done * (total - done):.0f} s to go" if done >= MIN_DONE else ""
             print(f"{printable(title)}: {done} of {total} done{remaining}", file=sys.stderr, flush=True)
 
     return progress

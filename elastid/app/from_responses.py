@@ -149,7 +149,7 @@ def _matrix_table(arrays: Mapping[str, StoredArray], name: str) -> _Table | None
     axes = [key for key in arrays if not is_log or _FREQUENCY.fullmatch(key)]
     for key in sorted(axes, key=lambda key: (not _FREQUENCY.fullmatch(key), key)):
         freq = np.squeeze(np.asarray(arrays[key])) if arrays[key].is_signal else np.zeros(0)
-        if G is None or G.ndim > 3 or freq.ndim != 1 or len(freq) not in G.shape or np.any(np.diff(freq) <= 0):
+        if G is None or G.ndim > 3 or freq.ndim != 1 or G.shape.count(len(freq)) != 1 or np.any(np.diff(freq) <= 0):
             continue
         matrix = np.moveaxis(G, G.shape.index(len(freq)), 0)
         matrix = matrix.reshape((*matrix.shape, 1, 1)[: max(matrix.ndim, 3)])

@@ -109,8 +109,7 @@ def read_urdf_model(path: Path) -> Robot:
     }
 
     def with_friction(joint: Joint) -> Joint:
-        coulomb = dry.get(joint.name, 0.0)
-        return replace(joint, motor=replace(joint.motor, coulomb=coulomb)) if joint.motor else joint
+        return replace(joint, motor=replace(joint.motor, coulomb=dry.get(joint.name, 0.0))) if joint.motor else joint
 
     return with_joints(_links_of_urdf(path, 1.0), with_friction)
 

@@ -86,8 +86,7 @@ def hit_runs(logs: Sequence[Path], form: TextFormatSpec, guess: LogGuess) -> lis
     elif not (by_log := _by_names(logs, guess)):
         by_log = [{hit_place(guess): point} for point in _points_by_response(logs, form, guess)]
     first = [at for i, at in enumerate(by_log) if at not in by_log[:i]]
-    runs = [Run(at, by_log[:i].count(at), first.index(at)) for i, at in enumerate(by_log)]
-    return runs if len(first) > 1 else []
+    return [Run(at, by_log[:i].count(at), first.index(at)) for i, at in enumerate(by_log)] if len(first) > 1 else []
 
 
 def headings_of(path: Path, form: TextFormatSpec) -> tuple[str, ...]:

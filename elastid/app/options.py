@@ -105,8 +105,7 @@ def run_of(study: Path, options: dict[str, Any]) -> "Run":
 
 def call_with_run(function: str, study: Path, options: dict[str, Any], *arguments: Any) -> None:
     """Call a function `module:name` of `elastid.app` with the run of a study, arguments and the other options."""
-    request = run_of(study, options)
-    resolve_name(f"elastid.app.{function}")(request, *arguments, **options)
+    resolve_name(f"elastid.app.{function}")(run_of(study, options), *arguments, **options)
 
 
 @contextmanager

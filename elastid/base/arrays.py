@@ -24,8 +24,7 @@ def laplace_variable(freq_hz: NDArray[np.floating[Any]]) -> ComplexArray:
 
 def quotient(a: FloatArray | float, b: FloatArray, otherwise: float = 0.0) -> FloatArray:
     """Return a / b where b is positive, else `otherwise`."""
-    out = np.full(np.broadcast_shapes(np.shape(a), b.shape), otherwise)
-    return np.asarray(np.divide(a, b, out=out, where=b > 0))
+    return np.asarray(np.divide(a, b, out=np.full(np.broadcast_shapes(np.shape(a), b.shape), otherwise), where=b > 0))
 
 
 def fold_periods(x: Signals, N: int) -> Signals:

@@ -175,8 +175,7 @@ def map_dataset(path: Path, dataset: Any) -> NDArray[np.float64] | None:
     if dtype == np.float32 and len(shape) == 2:
         rows = partial(_read_single_precision, path, offset, shape[1])
         return cast(NDArray[np.float64], LargeArray(shape, dtype, rows))
-    is_mappable = dtype in (np.float64, np.complex128)
-    return FileArray.at(path.resolve(), offset, dtype, shape) if is_mappable else None
+    return FileArray.at(path.resolve(), offset, dtype, shape) if dtype in (np.float64, np.complex128) else None
 
 
 def _read_single_precision(path: Path, offset: int, columns: int, first: int, last: int) -> NDArray[Any]:

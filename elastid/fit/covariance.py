@@ -327,8 +327,7 @@ def model_error_covariance(sums: Sums, cost: float, expected_cost: float, cost_d
     power = sum(sums_q.model_error_power for sums_q in sums.line_sums)
     dof = sums.dof if math.isnan(cost_dof) else cost_dof
     margin = cost - expected_cost + 2 * expected_cost * math.sqrt(2 / max(dof, 1.0))
-    s = min(max(margin / power, 0.0), 1.0) if power else 0.0
-    return s * 0.5 * (shifts.conj().T @ shifts).real
+    return (min(max(margin / power, 0.0), 1.0) if power else 0.0) * 0.5 * (shifts.conj().T @ shifts).real
 
 
 def prior_variance(sums: Sums, nuisance: Sequence[int]) -> tuple[FloatArray, FloatArray]:

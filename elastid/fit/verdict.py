@@ -140,8 +140,8 @@ class Verdict(FitValues):
         """First cause of a model error with its remedy; a note without texts if no cause is known."""
         causes = [note for note in self.notes if note.code in CAUSES]
         if self.exceeds_noise and not self.is_within_declared:
-            causes.append(Note("", NO_CAUSE, remedy=self.test_of_causes))
-        return min(causes, key=lambda note: note.text.startswith(NO_CAUSE), default=Note("", ""))
+            causes.append(Note("fit/likely-cause", NO_CAUSE, remedy=self.test_of_causes))
+        return min(causes, key=lambda note: note.text.startswith(NO_CAUSE), default=Note("fit/likely-cause", ""))
 
     @property
     def has_cause(self) -> bool:

@@ -61,7 +61,7 @@ class DetectionLines:
 def detection_lines(lines: IntArray, half_wave: bool) -> IntArray:
     """Return unexcited lines (K,) inside the band of an odd multisine; empty if even lines were excited."""
     if half_wave or len(lines) < 2 or np.any(lines % 2 == 0):
-        return np.zeros(0, dtype=np.int64)
+        return np.zeros(0, np.int64)
     return np.setdiff1d(np.arange(lines[0], lines[-1] + 1), lines)
 
 
@@ -79,7 +79,7 @@ def detect(
     noise = np.sqrt(power(noise_cov))
 
     def line_levels(mask: BoolArray) -> LineAmplitudes | None:
-        columns = (np.asarray(x[mask], dtype=np.float64) for x in (detection * spacing_hz, amplitude, noise))
+        columns = (np.asarray(x[mask], np.float64) for x in (detection * spacing_hz, amplitude, noise))
         return LineAmplitudes(*columns) if mask.any() else None
 
     return DetectionLines(line_levels(~odd), line_levels(odd), detection[odd], error - noise_cov[odd], Y_c.shape[2])
@@ -195,8 +195,7 @@ def _velocities(records: Sequence[RecordSpectra], rows: Sequence[int], lines: In
     gain = np.where((k <= 4 * lines[-1])[:, None], omega[:, None] ** order, 0.0)
     V, N = [], first.period_samples
     for y, P in ((spectrum.record.y, spectrum.record.n_repeats) for spectrum in records):
-        mean = np.asarray(sum(y[p * N : (p + 1) * N] for p in range(P))) / P
-        V.append(real_dft(mean[None])[0][:, rows] * gain)
+        V.append(real_dft((np.asarray(sum(y[p * N : (p + 1) * N] for p in range(P))) / P)[None])[0][:, rows] * gain)
         release(y)
     return np.array(V)
 

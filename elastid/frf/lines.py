@@ -64,7 +64,7 @@ def find_excited(lines: IntArray, power: FloatArray, noise: FloatArray) -> BoolA
     """
     clear = np.where(power > 10.0 * noise, power, 0.0)  # 10 dB
     if not clear.any():
-        return np.zeros(len(lines), dtype=np.bool_)
+        return np.zeros(len(lines), np.bool_)
     flags = clear > _MIN_NEIGHBOUR_RATIO * _envelope(lines, clear)
     gaps = np.diff(lines[flags])
     return _follow_sweep(
@@ -117,7 +117,7 @@ def _envelope(lines: IntArray, amplitude: FloatArray) -> FloatArray:
 def _follow_sweep(lines: IntArray, amplitude: FloatArray, is_excited: BoolArray, step: int) -> BoolArray:
     """Return the flags with lines that are reached from flagged lines in steps of `step` lines without a steep fall."""
     by_line = np.zeros(lines[-1] + 2 * step + 1)
-    flags = np.zeros(len(by_line), dtype=np.bool_)
+    flags = np.zeros(len(by_line), np.bool_)
     by_line[lines + step], flags[lines + step] = amplitude, is_excited
     while True:
         limit = _MIN_NEIGHBOUR_RATIO * by_line * flags

@@ -75,7 +75,7 @@ class ComparedPeriods:
     def from_spectra(cls, spectra: PeriodSpectra, outlier_sigma: float) -> "ComparedPeriods":
         """Compare all periods of a record with each other, or, for many periods, with some of them."""
         some_lines = spectra.on(slice(None, None, -(-len(spectra.scale) // DISTANCE_LINES)))
-        amplitudes = np.empty((some_lines.z.shape[2], *some_lines.z.shape[:2]), dtype=np.complex128)
+        amplitudes = np.empty((some_lines.z.shape[2], *some_lines.z.shape[:2]), np.complex128)
         np.multiply(np.moveaxis(some_lines.z, 2, 0), some_lines.scale.T[:, None], out=amplitudes)
         return cls._from_amplitudes(amplitudes.view(np.float64), outlier_sigma)
 
@@ -113,7 +113,7 @@ def select_periods(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra
     """
     record = spectra.record
     spectra = spectra.only(
-        np.array([i for i, p in enumerate(spectra.periods) if p not in record.discarded_periods], dtype=int)
+        np.array([i for i, p in enumerate(spectra.periods) if p not in record.discarded_periods], int)
     )
     P = len(spectra.periods)
     if P < 2:
@@ -206,7 +206,7 @@ def _leave_one_out_median(compared: ComparedPeriods, good: IntArray) -> FloatArr
 
 
 def _flags(P: int, indices: Sequence[IntArray]) -> BoolArray:
-    flags = np.zeros(P, dtype=np.bool_)
+    flags = np.zeros(P, np.bool_)
     flags[np.concatenate(indices)] = True
     return flags
 
@@ -219,7 +219,7 @@ def _transient_periods(
     halves = [log[: len(log) - max(2 if len(logs) == 1 else 1, -(-len(log) // 2))] for log in logs]
     later = np.flatnonzero(~_flags(P, halves))
     if len(later) == P:
-        return np.zeros(P, dtype=np.bool_), ()
+        return np.zeros(P, np.bool_), ()
     leading, notes = _leading_periods(spectra, compared, logs, halves, later)
     return (leading, notes) if leading.any() else _leading_periods(spectra, compared.weigh(later), logs, halves, later)
 
@@ -230,7 +230,7 @@ def _leading_periods(
 ) -> tuple[BoolArray, tuple[Note, ...]]:  # fmt: skip
     """Flag transient periods from their distances. halves: first half of each log. later: all other periods."""
     P = len(spectra.periods)
-    none = np.zeros(P, dtype=np.bool_)
+    none = np.zeros(P, np.bool_)
     if compared.agree:
         return none, ()
     measured = distances(compared, later)

@@ -134,7 +134,7 @@ def make_segments(records: Sequence[Record], spec: EstimatorSpec) -> Segments:
     lengths = [record.n_samples for record in records]
 
     def segments_of(L: int) -> Segments:
-        return Segments(np.asarray(get_window(spec.window, L), dtype=np.float64), max(1, L - L // 2))
+        return Segments(np.asarray(get_window(spec.window, L), np.float64), max(1, L - L // 2))
 
     place = f"configuration {first.configuration.name}: "
     if spec.segment != "auto":
@@ -203,7 +203,7 @@ def cross_spectra(records: Sequence[Record], segments: Segments, spec: Estimator
     first, n_y = records[0], len(records[0].outputs)
     lines, freq_hz, scale = _lines(first, segments, spec)
     n = n_y + len(first.inputs)
-    S = np.zeros((len(lines), n, n), dtype=np.complex128)
+    S = np.zeros((len(lines), n, n), np.complex128)
     for record in records:
         check_values(record)
     for Z in _spectra(records, segments, lines):
@@ -246,8 +246,8 @@ def _by_leverage(
     lines, freq_hz, scale = _lines(records[0], segments, spec)
     in_data = np.isin(freq_hz, data.freq_hz)
     n_y, n_u = data.n_y, G.shape[2]
-    inverse = np.asarray(np.linalg.inv(data.uu), dtype=np.complex128)
-    C, squares = np.zeros((len(G), n_y, n_y), dtype=np.complex128), np.zeros(len(G))
+    inverse = np.asarray(np.linalg.inv(data.uu), np.complex128)
+    C, squares = np.zeros((len(G), n_y, n_y), np.complex128), np.zeros(len(G))
     for group in _repeats(records):
         max_values = 4_000_000 // (n_u * len(group))
         for spectra in zip_longest(*(_spectra([record], segments, lines[in_data], max_values) for record in group)):
@@ -262,7 +262,7 @@ def _leverages(
 ) -> tuple[ComplexArray, FloatArray]:
     """Return V U^H (F, n_y, n_u, K) of segments and their leverage (F, K), with repeated records summed."""
     n_y, K = G.shape[1], max(Z.shape[2] for Z in spectra)
-    E, h = np.zeros((*G.shape, K), dtype=np.complex128), np.zeros((len(G), K))
+    E, h = np.zeros((*G.shape, K), np.complex128), np.zeros((len(G), K))
     for Z in spectra:
         U = Z[:, n_y:]
         E[..., : Z.shape[2]] += (Z[:, :n_y] - G @ U)[:, :, None] * U.conj()[:, None]
@@ -357,7 +357,7 @@ def _covariances(
     # For exact data rounding errors can make the residual negative.
     S_V = S_V + np.eye(data.n_y) * np.maximum(-np.linalg.eigvalsh(S_V)[:, :1, None], 0.0)
     C_V = S_V * (data.K_e / data.K / dof)
-    input_factor = np.asarray(np.linalg.inv(data.uu), dtype=np.complex128).mT * (data.K / data.K_e)
+    input_factor = np.asarray(np.linalg.inv(data.uu), np.complex128).mT * (data.K / data.K_e)
     beta = _leakage(G, power(C_V)[:, :, None] * power(input_factor)[:, None, :], segments)
     scaled_beta = beta / np.sqrt(G.shape[2] * power(input_factor))[:, None, :]
     by_noise, by_leverage = power(C_V), power(C_h)

@@ -477,8 +477,7 @@ def _covariance(linearisation: _Linearisation, problem: _Problem, names: Sequenc
         indices = [i for i, (of, _) in enumerate(names) if of == joint]
         pairs = zip(problem.logs, problem.measured, strict=True)
         angles = [q[:, log.joints.index(joint)] if joint in log.joints else np.zeros(len(q)) for log, q in pairs]
-        state = np.concatenate(angles)[:, None]
-        factor[indices] = state_widening(inverse, scores, state, variance, dofs)[indices]
+        factor[indices] = state_widening(inverse, scores, np.concatenate(angles)[:, None], variance, dofs)[indices]
     d, between = np.array([score.sum(axis=0) for score in linearisation.scores]) @ inverse, np.maximum(m - 1, 1)
     ratio = m / between * np.sum(d**2, axis=0) / np.maximum(variance, 1e-300)
     exceeds = (m > 1) & (ratio > np.maximum(fdtri(between, dofs, 1 - SIGNIFICANCE_LEVEL), factor**2))

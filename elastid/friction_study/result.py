@@ -372,8 +372,7 @@ def _numbers(
         motion, fit = sliding.motion, sliding.motion.regression
         learnt = f"the motion, {len(motion.plateaus)} plateaus, up to {motion.passband_hz:g} Hz"
         rigid = "inertia", "offset", "gain", "gravity.cos", "gravity.sin"
-        identifiable_names = identified_names(fit.names, motion.unidentified) if static is None else rigid
-        yield from table(learnt, identifiable_names, fit)
+        yield from table(learnt, identified_names(fit.names, motion.unidentified) if static is None else rigid, fit)
     if sliding.commanded is not None:
         joint = sliding.commanded
         learnt, names = f"commands, {joint.seconds:.3g} s", joint.names

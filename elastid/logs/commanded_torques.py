@@ -192,8 +192,7 @@ def _match(drives: Drives, f: FloatArray, U: ComplexArray, R: ComplexArray, Q: C
     cycles = range(1) if Q is None else _REFERENCE_CYCLES
     starts = [(tau, k * cycle) for k in cycles for tau in np.arange(-2, 4, 0.1) * cycle]
     start = np.array(min(starts, key=unexplained))
-    simplex = start + 0.05 * cycle * np.array([[0, 0], [1, 0], [0, 1]])
-    options = {"initial_simplex": simplex, "xatol": 1e-3 * cycle}
+    options = {"initial_simplex": (start + 0.05 * cycle * np.array([[0, 0], [1, 0], [0, 1]])), "xatol": 1e-3 * cycle}
     end = minimize(unexplained, start, method="Nelder-Mead", options=options)
     delays = float(end.x[0]), 0.0 if Q is None else float(end.x[1])
     C_fb_v, C_ff_v = drives.controller_responses(f, has_position=False)

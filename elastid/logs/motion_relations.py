@@ -127,8 +127,7 @@ def sensor_gain(u: FloatArray, sensor: FloatArray, y: FloatArray, order: int, ra
         v, a = (derivative(y, k - order, rate_hz, width) for k in (1, 2))
         A = np.stack([s, a, v, np.sign(v), np.ones_like(a)], axis=1)[:: int(width / 2)]
         theta, _, alone, std = _fit(A, torque[:: int(width / 2)], 0)
-        is_rich = np.var(alone) > MIN_UNEXPLAINED_VARIANCE * np.var(A[:, 0])
-        gains += [(float(theta[0]), std)] if is_rich else []
+        gains += [(float(theta[0]), std)] if (np.var(alone) > MIN_UNEXPLAINED_VARIANCE * np.var(A[:, 0])) else []
     return min(gains, key=lambda pair: pair[1] / max(abs(pair[0]), 1e-300))
 
 

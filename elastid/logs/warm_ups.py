@@ -66,7 +66,7 @@ def find_test_passes(record: FrictionRecord, has_gravity: bool) -> tuple[Frictio
     """Find constant-velocity test runs: for each stated or recurring speed, the first run in each part of the log."""
     min_count = 1 if record.speed is not None else MIN_GROUPS
     passes = detect_passes(record, has_gravity)
-    speeds = alike_speeds(np.array([p.speed for p in passes], dtype=np.float64)).tolist()
+    speeds = alike_speeds(np.array([p.speed for p in passes], np.float64)).tolist()
     length = max(record.duration_s / GROUPS, 1e-9)
     firsts: dict[float, dict[int, FrictionRecord]] = {}
     for speed, test in zip(speeds, passes, strict=True):

@@ -59,8 +59,7 @@ def poles_over_orders(
     products = weights[:, None, None] ** 2 * np.einsum("fou,fov->fuv", G.conj(), G)
     R = scipy.linalg.toeplitz(((weights**2) @ powers).real)
     # sum_f w^2 z^(s-r) G_ov, blocks of r (numerator) and s, v (denominator); T likewise with the products.
-    weighted = weights[:, None, None] ** 2 * G
-    S = -_block_toeplitz(powers, weighted).transpose(2, 0, 1, 3)  # (n_y, n+1, n+1, n_u)
+    S = -_block_toeplitz(powers, weights[:, None, None] ** 2 * G).transpose(2, 0, 1, 3)  # (n_y, n+1, n+1, n_u)
     T = _block_toeplitz(powers, products).transpose(0, 2, 1, 3)  # (n+1, n_u, n+1, n_u)
     roots = []
     for order in range(2, max_order + 1, 1 if max_order <= 30 else 2):

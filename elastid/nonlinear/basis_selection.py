@@ -75,7 +75,7 @@ def select_basis(
 
 def motors_of(shapes: Sequence[BasisFunction], locations: Sequence[str]) -> IntArray:
     """Return the index (n_f,) of the motor of each basis function in `locations`."""
-    return np.array([locations.index(shape.place) for shape in shapes], dtype=np.int64)
+    return np.array([locations.index(shape.place) for shape in shapes], np.int64)
 
 
 def identifiable_basis(data: Sequence[ConfigurationSpectra], motor_of: IntArray) -> list[IntArray]:
@@ -159,7 +159,7 @@ def select_motor_basis(
     """
 
     def power(members: list[int]) -> float:
-        return residual_power(equations, motor, np.array(members, dtype=np.int64))
+        return residual_power(equations, motor, np.array(members, np.int64))
 
     def pays(cost: float, new_cost: float, _: list[int]) -> bool:
         return new_cost < (1 - SLIGHT) * cost  # False without residual power
@@ -176,7 +176,7 @@ def select_motor_basis(
     members, cost_of_members = greedy(partial(larger, firsts=singles), power, pays)
     if pairs and (damping := greedy(partial(larger, firsts=pairs), power, pays))[1] < PREFERRED_POWER * cost_of_members:
         members, cost_of_members = damping
-    return np.array(sorted(members), dtype=np.int64), cost_of_members / total if total > 0 else 1.0
+    return np.array(sorted(members), np.int64), cost_of_members / total if total > 0 else 1.0
 
 
 def refine_basis(choice: Basis, coefficients: FloatArray, motors: Sequence[str], velocity_noise: FloatArray) -> Basis:
@@ -207,7 +207,7 @@ def refine_basis(choice: Basis, coefficients: FloatArray, motors: Sequence[str],
 
 def basis_error_covariance(choice: Basis, coefficients: FloatArray) -> FloatArray:
     """Return the covariance (n_f, n_f) of coefficients (n_f,) by approximate basis functions, one factor per motor."""
-    is_smooth = np.array([shape.kind != "sign" for shape in choice.shapes], dtype=np.bool_) & (coefficients > 0)
+    is_smooth = np.array([shape.kind != "sign" for shape in choice.shapes], np.bool_) & (coefficients > 0)
     error = np.where(np.isin(choice.motor_of, choice.motor_of[is_smooth]), SHAPE_ERROR, SIGN_ERROR) * coefficients
     return np.where(choice.motor_of[:, None] == choice.motor_of, np.outer(error, error), 0.0)
 

@@ -266,6 +266,5 @@ def _jacobian(
             terms = [A * s**power for power, A in enumerate((change.K, change.D, change.M)) if A is not None]
             slope = slope + sensor * (CH @ (sum(terms) @ q))
         J[..., :n_x] += slope[..., None] * row
-    response = np.einsum("fan,fnmi->fami", CH, Phi) + estimate.folded[band]
-    J[..., n_x:] = -sensor[..., None] * response
+    J[..., n_x:] = -sensor[..., None] * (np.einsum("fan,fnmi->fami", CH, Phi) + estimate.folded[band])
     return J

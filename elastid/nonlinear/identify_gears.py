@@ -129,8 +129,7 @@ def refusal(data: GearData, drives: Sequence[DriveLines], result: Result) -> str
 def difference(lines: PeriodLines) -> float:
     """Return the ratio of the rms error of the mean over periods, without encoder noise, to the rms motion."""
     motion = np.sum(np.mean(np.abs(lines.Y) ** 2, axis=2), axis=0)
-    scatter = np.sum(lines.scatter - lines.noise, axis=0)
-    return math.sqrt(np.max(np.maximum(scatter, 0.0) / motion))
+    return math.sqrt(np.max(np.maximum(np.sum(lines.scatter - lines.noise, axis=0), 0.0) / motion))
 
 
 def coarse_encoders(data: Sequence[PeriodLines], drives: Sequence[DriveLines]) -> list[Note]:

@@ -162,4 +162,4 @@ def integrate(Y: ComplexArray, s: ComplexArray, order: int) -> ComplexArray:
     """Return Y / s^order (F,); its mean is 0 for a positive order."""
     if order <= 0:
         return Y if order == 0 else Y * s**-order
-    return np.concatenate([np.zeros(1, dtype=np.complex128), Y[1:] / s[1:] ** order])
+    return np.concatenate([np.zeros(1, np.complex128), Y[1:] / s[1:] ** order])

@@ -143,7 +143,7 @@ def selected_periods(
 
 def compensation_torque(coefficients: FloatArray, Phi: ComplexArray, motor_of: IntArray, n_m: int) -> ComplexArray:
     """Return the friction torque (F, n_m, K) of basis functions Phi (F, n_f, K) at motors motor_of (n_f,)."""
-    torque = np.zeros((Phi.shape[0], n_m, Phi.shape[2]), dtype=np.complex128)
+    torque = np.zeros((Phi.shape[0], n_m, Phi.shape[2]), np.complex128)
     for f in np.flatnonzero(coefficients):
         torque[:, motor_of[f]] += coefficients[f] * Phi[:, f]
     return torque

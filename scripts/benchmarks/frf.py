@@ -141,8 +141,7 @@ def case(name: str, lines: IntArray, size: tuple[int, int, int, int], repeats: i
     }
     orders = floors(records)
     times = timing.in_turn({**orders, "elastid": lambda: estimate(records, spec, lines)}, repeats)
-    floor = min(times[order] for order in orders)
-    times |= {"floor": floor, "data_gb": data_gb, "gb_above_data": above, **ratios}
+    times |= {"floor": min(times[order] for order in orders), "data_gb": data_gb, "gb_above_data": above, **ratios}
     times["log"] = log_s(records[0], repeats) * len(records)
     if peers:
         times["csd"] = timing.cpu_seconds(lambda: by_csd(records, lines), min(repeats, 3))

@@ -64,8 +64,7 @@ def study(postures: int, realisations: int, starts: int) -> str:
 
 def main() -> None:
     """Run the study. Print each stage when it ends, then one JSON line."""
-    is_quick = timing.options(__doc__, "two postures, one start").quick
-    text = study(2, 2, 1) if is_quick else study(10, 2, 20)
+    text = study(2, 2, 1) if timing.options(__doc__, "two postures, one start").quick else study(10, 2, 20)
     print(timing.machine(), flush=True)
     seconds = dict[str, float]()
     with tempfile.TemporaryDirectory() as temporary:

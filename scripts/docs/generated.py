@@ -73,8 +73,7 @@ def keys() -> dict[str, str]:
     for root, of in groupby(by_section, _root):
         parts = [NAMES, title(root)]
         for key in of:
-            heading = [] if key.path == root else [f".. _key-{key.path}:\n", title(key.path, "-")]
-            parts += [*heading, _explain(key)]
+            parts += [*([] if key.path == root else [f".. _key-{key.path}:\n", title(key.path, "-")]), _explain(key)]
         pages[f"keys/{root}"] = "\n".join(parts)
     sections = [root for root in order if f"keys/{root}" in pages]
     head = (

@@ -134,8 +134,7 @@ def main() -> None:
         for what in WRONG[:1] if options.quick else WRONG:
             for floor in (0.0, 0.01):
                 sets = DataSets(plant, options.seed + 1, what, floor)
-                row = calibrate(sets, max(20, n_sets // 10), jobs)
-                wrong[f"{plant.name}: {what}, floor {floor:g}"] = row
+                wrong[f"{plant.name}: {what}, floor {floor:g}"] = calibrate(sets, max(20, n_sets // 10), jobs)
     print(json.dumps({"calibration": results, "wrong_model": wrong}))
 
 

@@ -105,8 +105,7 @@ def one_fit(case: str, seed: int, count: int) -> dict[str, np.ndarray]:
         free |= {f"{kind}_2x": ParameterSpec(fixed=True) for kind in "kd"}
     spec = FitSpec(parameters=free, starts=1, seed=seed, weights=WeightSpec(model_error=0.0))
     # What would explain a misfit widens its intervals, and is looked for by `identify` alone.
-    fit = identify if case in MISFITS else fit_parameters
-    result = fit(measure(true, rng), model, spec)
+    result = (identify if case in MISFITS else fit_parameters)(measure(true, rng), model, spec)
     rows: dict[str, list[np.ndarray]] = {}
     for angles in random_postures(nominal, count, seed):
         C, freq_hz, G = true.tool(angles)

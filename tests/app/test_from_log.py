@@ -466,8 +466,7 @@ PROPERTIES = {
 def test_channels_of_a_scope_with_their_own_sample_times_are_in_step(tmp_path: Path) -> None:
     """Response within 0.1 % up to 50 Hz; a position whose stamps are 1 ms early leads by it."""
     freq, G = scope_export(tmp_path / "scope.csv")
-    study = new(tmp_path, tmp_path / "scope.csv")
-    recorded = study.experiment.as_recorded()
+    recorded = new(tmp_path, tmp_path / "scope.csv").experiment.as_recorded()
     assert recorded.rate_hz == 500
     assert {(c.channel, c.rate_hz) for c in recorded.channels} == {("Torque", 1000.0), ("Pos", None)}
     assert cli.run_command(["run", str(tmp_path / "new" / "study.yml"), "-q", "--run", str(tmp_path / "run")]) == 0
@@ -508,8 +507,7 @@ def test_force_and_accelerometer_in_two_files_are_one_measurement(
     axes = 0.01 * rng.normal(size=(3000, 3)) + np.array([0, 0, size])
     for name, values, head in (("acc", axes, "accel_x,accel_y,accel_z"), ("hammer", force[:, None], "force")):
         save(tmp_path / f"{name}.csv", f"time,{head}", t, values)
-    study = new(tmp_path, tmp_path / "acc.csv", tmp_path / "hammer.csv")
-    recorded = study.experiment.as_recorded()
+    recorded = new(tmp_path, tmp_path / "acc.csv", tmp_path / "hammer.csv").experiment.as_recorded()
     (file,) = recorded.files
     assert (Path(file.path).name, [Path(path).name for path in file.also]) == ("hammer.csv", ["acc.csv"])
     assert {(c.unit, c.scale, c.file) for c in recorded.channels if c.role == "y"} == {(unit, scale, 2)}

@@ -90,6 +90,14 @@ def test_responses_in_any_container_become_equal_studies(write: Callable[[Path],
     assert response.quantity == "acceleration"
 
 
+def test_units_by_the_numbers_despite_an_empty_cell(tmp_path: Path) -> None:
+    path = polar(tmp_path / "frf")
+    text = path.read_text()
+    path.write_text(text.replace(text.split(",")[3], "", 1))
+    columns = drafted(tmp_path, path).experiment.responses.columns
+    assert (columns.magnitude_unit, columns.phase_unit) == ("dB", "deg")
+
+
 def test_outputs_at_motors_have_the_quantity_of_their_slope(tmp_path: Path) -> None:
     """Positions by torques, without names or units: |G| falls by f^2; as many inputs as motors, or a refusal."""
     G = accelerations(2) / (2j * np.pi * FREQ[:, None, None]) ** 2

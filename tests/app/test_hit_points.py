@@ -57,8 +57,7 @@ def test_files_of_several_points_are_one_response_matrix(moves: str, tmp_path: P
     places = [f"{'' if moves == 'hammer' else 'sensor'}{k}" for k in range(3)]
     for k, place in enumerate(places):
         hits(tmp_path, f"{place}.csv", *((k, [0, 2]) if moves == "hammer" else (0, [k])))
-    study = drafted(tmp_path, [f"{place}.csv" for place in places])
-    run = ran(study)
+    run = ran(drafted(tmp_path, [f"{place}.csv" for place in places]))
     assert "frf/records" not in codes(run)
     V = SHAPES / np.linalg.norm(SHAPES, axis=0)
     (response,) = read_responses(run / "frf.h5")
@@ -98,8 +97,7 @@ def test_locations_of_files_are_by_names_or_responses(
     """Repetitions at a point have equal responses; a name with point or sensor counts more."""
     for i, (name, hammer) in enumerate(points):
         hits(tmp_path, f"{name}.csv", hammer, [0], noise=i)
-    study = drafted(tmp_path, [f"{name}.csv" for name, _ in points])
-    files = load(study).study.experiment.as_recorded().files
+    files = load(drafted(tmp_path, [f"{name}.csv" for name, _ in points])).study.experiment.as_recorded().files
     assert [file.at for file in files] == places
     assert len({(file.realisation, file.experiment) for file in files}) == len(files)
 
@@ -110,8 +108,7 @@ def test_headings_of_a_file_are_its_locations(tmp_path: Path) -> None:
         hits(tmp_path, f"{k}.csv", k, [0])
         text = (tmp_path / f"{k}.csv").read_text()
         (tmp_path / f"{k}.csv").write_text(text.replace("force [N]", f"force p{k} [N]"))
-    study = drafted(tmp_path, ["1.csv", "2.csv"])
-    recorded = load(study).study.experiment.as_recorded()
+    recorded = load(drafted(tmp_path, ["1.csv", "2.csv"])).study.experiment.as_recorded()
     assert recorded.places_of("bench", "u") == ("force p1", "force p2")
     hits(tmp_path, "3.csv", 0, [0, 1])
     (tmp_path / "3.csv").write_text((tmp_path / "3.csv").read_text().replace("acc_0", "sensor"))

@@ -25,8 +25,7 @@ def whole(tmp_path_factory, tiny_texts) -> Path:
     folder = tmp_path_factory.mktemp("whole")
     for name, text in zip(("study.yml", "robot.yml"), tiny_texts, strict=True):
         (folder / name).write_text(text)
-    run = run_of(folder / "study.yml", folder / "run", *OPTIONS)
-    run_all(run, STAGES)
+    run_all(run_of(folder / "study.yml", folder / "run", *OPTIONS), STAGES)
     return folder
 
 

@@ -115,8 +115,7 @@ def test_channels_and_controller_of_a_study_are_used(log: Path, tmp_path: Path) 
     study = tmp_path / "study.yml"
     for gain, expected in ((20, 0), (26, 3)):
         study.write_text(STUDY.format(gain=gain))
-        words = (model, "--log", tmp_path / "log.npz", "--study", study)
-        code, content = predicted(tmp_path / f"run {gain}", *words)
+        code, content = predicted(tmp_path / f"run {gain}", model, "--log", tmp_path / "log.npz", "--study", study)
         assert code == expected
     assert content["tests"][0]["quantity"] == "kp"
 

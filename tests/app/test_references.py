@@ -64,8 +64,7 @@ def test_numbers_from_references_are_true(
 @pytest.mark.slow
 def test_wrong_delay_is_a_misfit_whose_cause_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A stated delay that is 2.3 ms off: status misfit, and the first cause is a delay of the references."""
-    study = JOINT.write(tmp_path / "a", delay_r={"start": 0.005, "fixed": True})
-    result = fitted(study, monkeypatch)
+    result = fitted(JOINT.write(tmp_path / "a", delay_r={"start": 0.005, "fixed": True}), monkeypatch)
     assert result.status == "misfit"
     cause = max(result.indices, key=lambda index: index.explained_fraction)
     assert cause.name == "delay_r"

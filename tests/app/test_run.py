@@ -228,8 +228,7 @@ def test_left_out_configurations_are_not_fitted_and_are_judged(copy: Path, monke
         return inner(responses, *arguments, **options)
 
     monkeypatch.setattr(fitting, "identify_with_motion_bias", spy)
-    run = run_in(copy, "validation.configurations=[b]")
-    run_all(run)
+    run_all(run_in(copy, "validation.configurations=[b]"))
     assert seen == ["a"]
     summary = summary_of(copy / "run")
     assert [error["configuration"] for error in summary["frf_error"]] == ["a", "b"]

@@ -101,8 +101,7 @@ def test_motor_without_limit_moves_but_cannot_be_scaled() -> None:
 def test_constant_velocity_shows_linear_robot_despite_gravity_and_friction() -> None:
     """The planned movement's drift of angle and weight is taken out of the log; 3 % where sliding never stops."""
     plan, _, rig = within(CarrierSpec(kind="offset", velocity=0.1))
-    records = [rig.measure(e) for e in rig.experiments]
-    G = estimate(records, EstimatorSpec(), plan.lines).G
+    G = estimate([rig.measure(e) for e in rig.experiments], EstimatorSpec(), plan.lines).G
     model = serial(arm())
     linear = linearise(model, plan.configurations[0], model.theta, model.inputs, "acceleration")
     true = frequency_response(linear, linear.theta_ref, plan.freq_hz)

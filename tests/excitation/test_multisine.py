@@ -28,8 +28,7 @@ def test_inputs_have_requested_rms_in_every_experiment(spectrum: tuple[tuple[flo
     rms = np.array([12.0, 3.0, 0.5])
     amplitude = amplitudes(relative_amplitudes(line_frequencies(lines, 200.0, 2000), 0.0, spectrum), rms)
     for U in orthogonal_set(amplitude, np.random.default_rng(0)):
-        torque = synthesise(lines, U, 2000)
-        np.testing.assert_allclose(np.sqrt(np.mean(torque**2, axis=0)), rms, rtol=1e-12)
+        np.testing.assert_allclose(np.sqrt(np.mean(synthesise(lines, U, 2000) ** 2, axis=0)), rms, rtol=1e-12)
 
 
 def test_amplitude_table_is_log_linear_and_multiplies_power_law() -> None:

@@ -125,8 +125,7 @@ def test_torque_and_velocity_are_compressed_together() -> None:
     signals = Signals(lines, np.ones((1, 60, 1), complex), both, scale)
     _, S = signals.spectra(*minimise_peaks(signals, np.random.default_rng(0)))
     assert crest_factors(lines, S).max() < 1.75
-    alone = one_signal(lines, np.ones(60))
-    a, b = minimise_peaks(alone, np.random.default_rng(0))
+    a, b = minimise_peaks(one_signal(lines, np.ones(60)), np.random.default_rng(0))
     assert crest_factors(lines, signals.spectra(a, b)[1])[0, 1] > 2
 
 

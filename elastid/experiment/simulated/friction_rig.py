@@ -250,8 +250,7 @@ class SimulatedFrictionRig:
         tests = [test.start_s for test in self.plan.motions if test.joint == warm_up.joint and test.is_warm_up]
         end_s = max(warm_up.start_s + warm_up.time_s, *tests)
         samples = np.flatnonzero((time_s > warm_up.start_s - 1e-6) & (time_s < end_s + 1e-6))
-        joint = self.robot.driven_names.index(warm_up.joint)
-        rng = np.random.default_rng((self.seed, joint, 2))
+        rng = np.random.default_rng((self.seed, self.robot.driven_names.index(warm_up.joint), 2))
         std = np.nan if spec.thermometer_std is None else spec.thermometer_std
         signals = time_s[samples], power[samples[:-1]], T[samples] + std * rng.standard_normal(len(samples))
         return WarmUpLog(warm_up.joint, *signals, spec.thermometer_std or 0.0, spec.ambient, float(T[samples[0]]))

@@ -100,8 +100,7 @@ def point_acceleration(
 def _second_derivative(p: FloatArray, rate_hz: float, period_samples: int) -> FloatArray:
     n, N = len(p), min(period_samples, len(p) - 1)
     head = p[0] - np.arange(_REACH, 0, -1)[:, None] * (p[1] - p[0])
-    tail = p[n - N : n - N + _REACH] + (p[n - 1] - p[n - 1 - N])
-    extended = np.concatenate([head, p, tail])
+    extended = np.concatenate([head, p, p[n - N : n - N + _REACH] + (p[n - 1] - p[n - 1 - N])])
     return np.asarray(sum(weight * extended[i : i + n] for i, weight in enumerate(_SECOND_DERIVATIVE)) * rate_hz**2)
 
 

@@ -150,7 +150,7 @@ def with_model_error(
         if not is_compared.any():
             continue
         on, refit = is_compared[usable], fitted_response(fit, experiments, is_compared)
-        difference, variance = np.zeros(G.shape, dtype=np.complex128), np.zeros(G.shape)
+        difference, variance = np.zeros(G.shape, np.complex128), np.zeros(G.shape)
         difference[on], variance[on] = G[on] - refit.G, refit.total.variance
         is_informative = variance <= MAX_VARIANCE_RATIO * total.variance
         difference = np.where(is_informative, difference, 0.0)

@@ -165,7 +165,7 @@ def fit_ladder(Z: ComplexArray, R: ComplexArray, window: Windows, ladder: Sequen
     """
     fits = tuple(_in_blocks(Z, R, window, terms) for terms in ladder)
     best, (dof, poles) = fits[0], (fits[-1].dof, ladder[-1].poles)
-    power, selected = _power(best), np.zeros(len(window.index), dtype=np.int64)
+    power, selected = _power(best), np.zeros(len(window.index), np.int64)
     for i, fit in enumerate(fits[1:], 1):
         clear = np.max(fit.dof * np.log(power / _power(fit)), axis=1) > LOG_GAIN
         power, selected = np.where(clear[:, None], _power(fit), power), np.where(clear, i, selected)
@@ -185,7 +185,7 @@ def fit_transient(Z: ComplexArray, transient_bins: IntArray, bins: IntArray, n_y
     ladder = _transient_ladder()
     # n_y + 5 degrees of freedom for the noise estimate.
     window = windows(transient_bins, bins, ladder[-1].width(n_y + 5, 1, Z.shape[1]))
-    return fit_ladder(Z[None], np.zeros((1, len(transient_bins), 0), dtype=np.complex128), window, ladder).selected
+    return fit_ladder(Z[None], np.zeros((1, len(transient_bins), 0), np.complex128), window, ladder).selected
 
 
 def _transient_ladder() -> tuple[WindowTerms, ...]:
@@ -243,7 +243,7 @@ def _iterate(Phi: ComplexArray, Z: ComplexArray, powers: FloatArray) -> _Solutio
     """Solve for A with rows weighted by 1 / |A| of the previous iteration, then for B and T; powers (f, d, rows)."""
     X = powers[..., None] * Z[:, None]
     iterations = 4 if powers.shape[1] else 0  # further iterations change A by less than the noise
-    a = np.zeros(powers.shape[:2], dtype=np.complex128)
+    a = np.zeros(powers.shape[:2], np.complex128)
     V, tolerance = Z, 1e-9 * _rms(Z)
     for iteration in range(iterations + 1):
         scale = np.maximum(_rms(V), tolerance)

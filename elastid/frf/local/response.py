@@ -213,7 +213,7 @@ def steady_spectra(record: Record, lines: IntArray, quantity: Motion, n_discarde
         Z = np.concatenate([Y, U], axis=1) * unit_scale(record, indices * record.rate_hz / n, quantity)
     at_lines, between = np.split(Z, [len(bins)])
     fit = fit_transient(between, transient_bins, bins, n_y)
-    noise, dof = np.zeros((len(lines), Z.shape[1], Z.shape[1]), dtype=np.complex128), 0.0
+    noise, dof = np.zeros((len(lines), Z.shape[1], Z.shape[1]), np.complex128), 0.0
     if fit is not None:
         at_lines = at_lines - fit.T[:, 0]
         noise, dof = fit.scatter / fit.dof * (1 + fit.transient_factor[:, 0, None, None]), fit.dof
@@ -268,7 +268,7 @@ def _fits(
             fits.append(fit_ladder(signals.Z, signals.R, window, ladder))
     # Each at the lines with a simpler model.
     further = [(model, fits[0].selected_index < i) for i, model in enumerate(fits[0].models) if i]
-    everywhere = np.ones(len(fits[0].selected_index), dtype=np.bool_)
+    everywhere = np.ones(len(fits[0].selected_index), np.bool_)
     return fits[0], [*further, *((fit.selected, everywhere) for fit in fits[1:])] if transient else []
 
 

@@ -81,11 +81,11 @@ def cell_values(cells: Sequence[str]) -> tuple[FloatArray, BoolArray]:
     first = next(filter(None, cells), "")
     if is_number(first) or not TIME_STAMP.fullmatch(_GERMAN_DATE.sub(r"\3-\2-\1", first)):
         x = np.array([float(cell) if is_number(cell) else np.nan for cell in cells])
-        return x, np.array([not is_number(cell) for cell in cells], dtype=np.bool_)
+        return x, np.array([not is_number(cell) for cell in cells], np.bool_)
     stamps = [TIME_STAMP.fullmatch(_GERMAN_DATE.sub(r"\3-\2-\1", cell)) for cell in cells]
     texts = [f"{stamp[1] or '1970-01-01'}T{stamp[2]:0>8}" if stamp else "NaT" for stamp in stamps]
-    us = np.array(texts, dtype="datetime64[us]").astype(np.int64)
-    is_missing = np.array([stamp is None for stamp in stamps], dtype=np.bool_)
+    us = np.array(texts, "datetime64[us]").astype(np.int64)
+    is_missing = np.array([stamp is None for stamp in stamps], np.bool_)
     return np.where(is_missing, np.nan, us * 1e-6), is_missing
 
 

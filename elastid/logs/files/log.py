@@ -91,7 +91,7 @@ class StoredArray:
         return self.rows is not None and self.shape[0] == max(self.shape)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
-        return np.array(self.read(), dtype=dtype)
+        return np.array(self.read(), dtype)
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ class ArrayLog:
         is_range = span != slice(None) and array.rows is not None and array.has_pieces
         if name not in cache:
             values = array.rows(span) if is_range and array.rows is not None else np.squeeze(np.asarray(array))
-            cache[name] = np.asarray(values, dtype=np.float64)
+            cache[name] = np.asarray(values, np.float64)
         values = cache[name]
         if is_range:
             # A piece may hold fewer samples than signals.
@@ -208,4 +208,4 @@ def missing_channel_text(path: Path, channel: ChannelSpec, shapes: Mapping[str, 
 
 def seconds(stamps: NDArray[Any], first: Any) -> FloatArray:
     """Return dates and times (n,) as s from the first one; missing ones are NaN."""
-    return np.asarray((stamps - first) / np.timedelta64(1, "s"), dtype=np.float64)
+    return np.asarray((stamps - first) / np.timedelta64(1, "s"), np.float64)

@@ -119,7 +119,7 @@ def _of_joints(message: Any) -> dict[str, NDArray[Any]]:
     pairs = (
         (field, *pair) for field in _JOINT_FIELDS for pair in zip(message.name, getattr(message, field), strict=False)
     )
-    return {f"{field}.{joint}": np.asarray(value, dtype=np.float64) for field, joint, value in pairs}
+    return {f"{field}.{joint}": np.asarray(value, np.float64) for field, joint, value in pairs}
 
 
 def _numbers(message: Any, prefix: str = "") -> dict[str, NDArray[Any]]:
@@ -132,9 +132,9 @@ def _numbers(message: Any, prefix: str = "") -> dict[str, NDArray[Any]]:
         if is_dataclass(value):
             columns |= _numbers(value, f"{name}.")
         elif isinstance(value, bool | int | float):
-            columns[name] = np.asarray(value, dtype=np.float64)
+            columns[name] = np.asarray(value, np.float64)
         elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and 0 < value.size <= 64:
-            columns[name] = np.array(value, dtype=np.float64)
+            columns[name] = np.array(value, np.float64)
     return columns
 
 

@@ -230,7 +230,7 @@ def report_clipping(signals: FloatArray, L: int, log: LogReport) -> None:
     """Report each channel of finite signals (n, c) that meets its limits; DataError above 5 % of its samples."""
     for c, name in enumerate(log.names):
         x = signals[:, c]
-        is_clipped = np.zeros(len(x), dtype=np.bool_)
+        is_clipped = np.zeros(len(x), np.bool_)
         for start, end in true_runs(_at_limit(x), MIN_EQUAL):
             is_clipped[start:end] = True
         fraction, n_clipped = float(is_clipped.mean()), int(is_clipped.sum())

@@ -71,7 +71,7 @@ def without_lone_spikes(signals: FloatArray, log: LogReport, are_motions: Sequen
 
     are_motions (c,): positions, whose spikes leap by more than three times the step that 99 % of the rows stay below.
     """
-    everywhere = np.ones(len(signals), dtype=np.bool_)
+    everywhere = np.ones(len(signals), np.bool_)
     at = []
     for x, is_motion in zip(signals.T, are_motions or [False] * signals.shape[1], strict=True):
         min_jump = MIN_OVER_USUAL * float(np.quantile(np.abs(np.diff(x)), 0.99)) if is_motion else 0.0
@@ -111,14 +111,14 @@ def _spikes_of_periods(x: FloatArray, L: int, sign: int) -> IntArray:
     """Find samples (k,) of the lost messages and spikes of a signal (P L,), NaN where missing."""
     has_value, full, q = np.isfinite(x), _interpolate(x, L, sign), step(x)
     is_lost, may_be_lost = _lost_messages(x, q)
-    is_spike = np.zeros(len(x), dtype=np.bool_)
+    is_spike = np.zeros(len(x), np.bool_)
     if is_lost.any():
         to_nearest = np.min([_lone_distance(e) for e in _differences(full, L, sign)], axis=0)
         full, is_spike = _replace(full, is_lost, L, sign, to_nearest, are_lost=True)
     for _ in range(ROUNDS):
         # A sample that is off by no more than periods are from each other adds nothing to their scatter.
         noise = period_noise(full, L, sign)
-        in_all, in_any = np.ones(len(x), dtype=np.bool_), np.zeros(len(x), dtype=np.bool_)
+        in_all, in_any = np.ones(len(x), np.bool_), np.zeros(len(x), np.bool_)
         for e in _differences(full, L, sign):
             if in_all.any() or may_be_lost.any():
                 new_spikes = _spikes(x, e, has_value & ~is_spike, L, noise, MAX_RUN, q)
@@ -145,7 +145,7 @@ def _replace(
     the interpolation, another period has the spike.  are_lost: suspects close to their interpolations are replaced
     together if their median distance is larger than errors of the interpolation explain.
     """
-    result, is_replaced = np.copy(x), np.zeros(len(x), dtype=np.bool_)
+    result, is_replaced = np.copy(x), np.zeros(len(x), np.bool_)
     near = []
     for at, gap in interpolations(np.where(suspects, np.nan, x), L, sign):
         if gap is None:
@@ -246,11 +246,11 @@ def _spikes(
     rounding = 1e-7 * float(np.nanmax(x) - np.nanmin(x))  # by single precision or nine digits in a text
     threshold = np.maximum(MIN_SIGMAS * sigma, max(rounding, min_distance))
     if not np.any(d > threshold):
-        return np.zeros(len(e), dtype=np.bool_)
+        return np.zeros(len(e), np.bool_)
     # A spike changes the running median next to it, but little if e is smooth.
     beside = maximum_filter(d, MEDIAN_WINDOW) / MIN_RATIO
     short = [(a, b) for a, b in true_runs(d > np.maximum(threshold, beside)).tolist() if b - a <= max_run]
-    is_spike = np.zeros(len(e), dtype=np.bool_)
+    is_spike = np.zeros(len(e), np.bool_)
     sections = d[: len(d) // SECTIONS * SECTIONS].reshape(SECTIONS, -1)
     usual_distance = float(np.median(np.quantile(sections, USUAL_FRACTION, axis=1)))
     straight = np.copy(e)
@@ -272,18 +272,25 @@ def _spikes(
 
 def _lost_messages(x: FloatArray, q: float) -> tuple[BoolArray, BoolArray]:
     """Flag (n,) repeated values and zeros: those more frequent than by chance with steps of q, and all rare ones."""
-    change = np.abs(np.diff(x, prepend=np.nan))
-    scale, repeats, is_rare = float(np.nanmedian(change)), *np.zeros((2, len(x)), dtype=np.bool_)
-    for distance in (change, np.abs(x)):
-        is_equal, n_near = distance == 0, int(np.sum((distance > 0) & (distance <= scale)))
+    change = np.diff(x, prepend=np.nan)
+    scale, repeats, is_rare = float(np.nanmedian(np.abs(change))), *np.zeros((2, len(x)), np.bool_)
+    for distance, n_equal in ((np.abs(change), _repeats_in_motion(change, q)), (np.abs(x), np.sum(x == 0))):
+        is_equal = distance == 0
         if is_equal.mean() < MAX_FRACTION:
             is_rare |= is_equal
-            # At reversals and while it sticks, a joint repeats values more often: half as often as it moves by a step.
-            n_single = int(np.sum(np.abs(distance - q) < q / 2))
+            # While it sticks, a joint repeats values more often: half as often as it moves by a step.
+            n_near, n_single = np.sum((distance > 0) & (distance <= scale)), np.sum(np.abs(distance - q) < q / 2)
             by_chance = max(n_near * q / max(2 * scale, 1e-300), n_single / 2)
-            if by_chance < MAX_BY_CHANCE or is_equal.sum() > MIN_OVER_CHANCE * (by_chance + 2):
+            if by_chance < MAX_BY_CHANCE or n_equal > MIN_OVER_CHANCE * (by_chance + 2):
                 repeats |= is_equal
     return repeats, is_rare
+
+
+def _repeats_in_motion(change: FloatArray, q: float) -> int:
+    """Count the repeated values between two changes (n,) of at least 2 q in one direction, where no joint sticks."""
+    at = np.flatnonzero(change)
+    before, after = change[at[:-1]], change[at[1:]]
+    return int(np.sum((np.diff(at) - 1)[np.minimum(before * np.sign(after), np.abs(after)) >= 2 * q]))
 
 
 def _parabola_distance(e: FloatArray, beside: FloatArray, first: int, end: int, quantile: float) -> tuple[float, float]:

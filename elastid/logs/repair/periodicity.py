@@ -214,7 +214,7 @@ def autocorrelation(x: FloatArray) -> FloatArray:
         size = np.sqrt(np.maximum(first, 0.0) * np.maximum(last, 0.0))
         # Rounding in parts that are nothing relative to the signal correlates with anything.
         rho = np.where(size > 1e-12 * max(float(size[0]), 1e-300), product / size, 0.0)
-    return np.asarray(np.nan_to_num(rho, posinf=0.0, neginf=0.0)[: n - n // 8], dtype=np.float64)
+    return np.asarray(np.nan_to_num(rho, posinf=0.0, neginf=0.0)[: n - n // 8], np.float64)
 
 
 NO_LINES = "For an aperiodic record set period: none, and estimator.method to local_rational, local_polynomial or h1"

@@ -145,7 +145,7 @@ def _number_samples(t: FloatArray, period_s: float) -> IntArray:
     k = np.arange(len(t))
     phase = float(np.angle(np.exp(2j * np.pi / period_s * t).mean())) / (2 * np.pi)
     n_missing = np.minimum.accumulate(np.round(t / period_s - phase - k)[::-1])[::-1]
-    return np.asarray(k + (n_missing - n_missing[0]), dtype=np.int64)
+    return np.asarray(k + (n_missing - n_missing[0]), np.int64)
 
 
 def _resolution(time_s: FloatArray) -> float:

@@ -117,7 +117,7 @@ def link_side_response(
 
 def _is_spike(size: FloatArray) -> BoolArray:
     """Flag lines of magnitudes (F, ...) far above both neighbours, if these are few: no resonance in them."""
-    result = np.zeros(size.shape, dtype=np.bool_)
+    result = np.zeros(size.shape, np.bool_)
     if len(size) > 2:
         result[1:-1] = size[1:-1] > MIN_SPIKE_RATIO * np.maximum(size[:-2], size[2:])
     return np.asarray(result & (result.mean(axis=0) <= MAX_WRONG_FRACTION))
@@ -130,7 +130,7 @@ def _hold_rate_hz(channel: ChannelSpec, spec: ResponsesSpec) -> float:
 
 def _hold_response(path: Path, freq_hz: FloatArray, inputs: Sequence[ChannelSpec], spec: ResponsesSpec) -> ComplexArray:
     """Compute H (F, n_u) of inputs, 1 if not held; DataError for lines above half the rate of a command."""
-    H = np.ones((len(freq_hz), len(inputs)), dtype=np.complex128)
+    H = np.ones((len(freq_hz), len(inputs)), np.complex128)
     for j, (channel, rate_hz) in enumerate((channel, _hold_rate_hz(channel, spec)) for channel in inputs):
         if 0 < rate_hz < 2 * freq_hz[-1]:
             text = f"its lines reach {freq_hz[-1]:g} Hz; the held command {channel.name_in_file} at {rate_hz:g} Hz"

@@ -153,7 +153,7 @@ def struct_table(path: Path, leaves: Mapping[str, StoredArray], name: str) -> Re
     unit = unit or alternative
     if "timeunit" in unit.lower() and time.lower() not in ("", "seconds", "s"):
         raise table_error(path, f"{prefix}TimeUnit is not seconds. Set frequency_unit, or save it in rad/s")
-    freq = np.ravel(np.asarray(leaves[f"{prefix}Frequency"], dtype=np.float64))
+    freq = np.ravel(np.asarray(leaves[f"{prefix}Frequency"], np.float64))
     outputs, inputs = (_names(leaves, f"{prefix}{side}Name") for side in ("Output", "Input"))
     variance = _variance(path, leaves.get(f"{prefix}CovarianceData"), G)
     return ResponseTable(path, freq, unit, G, outputs, inputs, variance)
@@ -167,7 +167,7 @@ def dataset_table(path: Path, leaves: Mapping[str, StoredArray], spec: Responses
         absent = columns.response if G is None else columns.frequency
         datasets = ", ".join(f"{key} ({' x '.join(map(str, array.shape))})" for key, array in leaves.items()) or "none"
         raise table_error(path, f"no {absent} in it. Name response and frequency under columns. There are {datasets}")
-    freq = np.ravel(np.asarray(leaves[columns.frequency], dtype=np.float64))
+    freq = np.ravel(np.asarray(leaves[columns.frequency], np.float64))
     std = complex_array(leaves, columns.std) if columns.std else None
     if columns.std and std is None:
         raise table_error(path, f"column {columns.std} does not exist. Correct columns.std, or omit it")
@@ -182,16 +182,16 @@ def complex_array(leaves: Mapping[str, StoredArray], name: str) -> ComplexArray 
         return np.asarray(leaves[name]).astype(np.complex128)
     for suffixes in (("real", "imag"), ("re", "im"), ("r", "i")):
         if all(f"{name}.{suffix}" in leaves for suffix in suffixes):
-            real, imaginary = (np.asarray(leaves[f"{name}.{suffix}"], dtype=np.float64) for suffix in suffixes)
+            real, imaginary = (np.asarray(leaves[f"{name}.{suffix}"], np.float64) for suffix in suffixes)
             return (real + 1j * imaginary).astype(np.complex128)
     return None
 
 
 def _frequency_first(path: Path, array: ComplexArray, F: int, spec: ResponsesSpec) -> ComplexArray:
     axes = [axis for axis, n in enumerate(array.shape) if n == F]
-    if not axes or array.ndim > 3:
+    if len(axes) != 1 or array.ndim > 3:
         text = f"{spec.columns.response} has shape {array.shape} for {F} frequencies"
-        raise table_error(path, f"{text}; one of at most three axes must have this length")
+        raise table_error(path, f"{text}. Save it with exactly one axis of this length, of at most three")
     first = np.moveaxis(array, axes[0], 0)
     if first.ndim == 3:
         return first
@@ -203,7 +203,7 @@ def _variance(path: Path, covariance: StoredArray | None, G: ComplexArray) -> Fl
     """Return E|dG|^2, the sum of the variances of real and imaginary part."""
     if covariance is None or 0 in covariance.shape:
         return None
-    C = np.asarray(covariance, dtype=np.float64)
+    C = np.asarray(covariance, np.float64)
     F, n_y, n_u = G.shape
     if C.size != F * n_y * n_u * 4 or C.shape[-2:] != (2, 2):
         raise table_error(path, f"CovarianceData has shape {C.shape}, expected {(n_y, n_u, F, 2, 2)}")

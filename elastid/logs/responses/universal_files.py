@@ -34,7 +34,7 @@ def uff_table(path: Path, channels: tuple[ChannelSpec, ...]) -> ResponseTable:
     """Read all responses as one matrix; StudyError without pyuff or for other quantities, DataError for other lines."""
     sets = _responses(path)
     outputs, inputs = (tuple(dict.fromkeys(dof_name(data_set, side) for data_set in sets)) for side in ("rsp", "ref"))
-    freq = np.asarray(sets[0]["x"], dtype=np.float64)
+    freq = np.asarray(sets[0]["x"], np.float64)
     G = np.full((len(freq), len(outputs), len(inputs)), np.nan, dtype=np.complex128)
     for data_set in sets:
         output, input_ = dof_name(data_set, "rsp"), dof_name(data_set, "ref")

@@ -21,8 +21,7 @@ def responses(task: Task) -> tuple[Array, Array]:
     postures, n, periods = len(task.experiment["postures"]), len(task.sheet.gears), task.experiment["periods"] + 1
     logs = np.array([signals for _, signals in task.logs("uq")])
     logs = logs.reshape(postures, -1, n, 2, periods, logs.shape[2] // periods, n)
-    spectra = np.fft.rfft(logs[:, :, :, :, 1:].mean(axis=4), axis=4)[:, :, :, :, LINES]
-    U, Y = np.einsum("cmesfi->scmfie", spectra)
+    U, Y = np.einsum("cmesfi->scmfie", np.fft.rfft(logs[:, :, :, :, 1:].mean(axis=4), axis=4)[:, :, :, :, LINES])
     G = Y @ np.linalg.inv(U)
     return G.mean(axis=1), uniform_filter1d(G.var(axis=1, ddof=1) / G.shape[1], 9, axis=1, mode="nearest")
 

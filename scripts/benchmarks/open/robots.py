@@ -150,8 +150,7 @@ def postures(row: Row) -> dict[str, list[float]]:
 def draw(row: Row, seed: int) -> tuple[Robot, Robot, Array]:
     """Draw the true robot, its data sheet and the rms torques of the excitation (n,)."""
     rng = np.random.default_rng([seed, ROWS.index(row)])
-    shape = _linkage(row, rng) if row.effect == "linkage" else _serial(row, rng)
-    true, torque = _elastic(row, shape, rng)
+    true, torque = _elastic(row, _linkage(row, rng) if row.effect == "linkage" else _serial(row, rng), rng)
     return true, _sheet(row, true, rng), torque
 
 

@@ -89,8 +89,7 @@ experiment:
 def study(tmp_path_factory) -> Path:
     """A study of a log of 20 s."""
     folder = tmp_path_factory.mktemp("follow")
-    run = simulate(rich(20), seed=6, offset=0.0, stiction_ratio=1.0)
-    samples = run.samples
+    samples = simulate(rich(20), seed=6, offset=0.0, stiction_ratio=1.0).samples
     read = np.concatenate([[0.0], samples.angle[:-1]])  # when the torque begins that is then held
     rows = np.column_stack([np.arange(len(read)) / RATE_HZ, samples.torque, read])
     np.savetxt(folder / "log.csv", rows, "%.9g", ",", header="t,torque,angle", comments="")

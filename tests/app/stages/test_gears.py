@@ -174,8 +174,7 @@ def test_the_summary_has_numbers_of_gears_in_makers_units_too() -> None:
     """Nm/arcmin and arcsec where they are usual; of what was not seen its bound."""
     result, empty = some_fit(), {"parameters": {}, "notes": [], "warnings": []}
     gears = replace(sheets(), x=result.x, covariance=result.covariance)
-    content = with_gear_section(empty, result, (), gears)
-    numbers = content["gears"]["numbers"]
+    numbers = with_gear_section(empty, result, (), gears)["gears"]["numbers"]
     assert numbers["k_1"]["in_maker_unit"] == pytest.approx(2e5 / ARCMIN)
     assert numbers["e1_1"]["in_maker_unit"] == pytest.approx(2e-5 * ARCSEC)
     assert "in_maker_unit" not in numbers["H_1"]

@@ -133,8 +133,7 @@ def test_noise_has_the_power_that_its_section_states() -> None:
 
 def departure(robot: Robot, rms: float, reference: np.ndarray | None, **spec: object) -> tuple[np.ndarray, float]:
     """The response of the rig, and its rms relative distance from a reference response."""
-    simulated = rig(robot, SimulatedSpec(**spec), rms=rms, runs=2)
-    G = response(simulated)
+    G = response(rig(robot, SimulatedSpec(**spec), rms=rms, runs=2))
     return G, 0.0 if reference is None else float(np.sqrt(np.mean(np.abs(G / reference - 1) ** 2)))
 
 

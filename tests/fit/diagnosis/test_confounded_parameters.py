@@ -54,8 +54,7 @@ def test_unseen_pedestal_is_within_total_with_base() -> None:
     pedestal = Joint("post", "y", Spring(120 * k, 1e-4 * 120 * k))
     post = Body("post", joints=(pedestal,), mass=200.0, inertia=20.0)
     robot = Robot("arm on a post", (post, replace(upper, parent="post"), fore))
-    measured = measure(robot, np.random.default_rng(4), 2e-3)
-    result = identify(measured, arm(), SPEC_OF_BASE)
+    result = identify(measure(robot, np.random.default_rng(4), 2e-3), arm(), SPEC_OF_BASE)
     assert result.status == "converged"
     off = result.values["k_1"] - k
     assert abs(off) > 5 * result.std["k_1"]

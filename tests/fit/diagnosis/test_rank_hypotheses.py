@@ -224,7 +224,6 @@ def test_mass_beyond_tolerance_is_named_in_converged_fit() -> None:
     """The fore arm is 30 % lighter than its file: data move it there, and the sentence says so."""
     case = true_case()
     heavy = case.robot.with_parameters({"m_fore": 1.4 * case.robot.parameters()["m_fore"][0]})
-    robot = replace(heavy, tolerances=Tolerances())
-    result = identify(drawn(case, np.random.default_rng(0)), robot, SPEC)
+    result = identify(drawn(case, np.random.default_rng(0)), replace(heavy, tolerances=Tolerances()), SPEC)
     assert result.indices[0].name in ("m_fore", "payload_fore")
     assert "fit/likely-cause" in {note.code for note in result.notes}

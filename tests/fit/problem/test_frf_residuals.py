@@ -67,8 +67,7 @@ def test_intervals_widen_where_the_model_is_wrong(wrong):
     }[wrong][:, None, None]
     std = 0.2 * noise_of(model)
     exact = measured(model, std, np.random.default_rng(6))
-    response = replace(exact, G=exact.G * factor)
-    end, sure = estimate(response, model)
+    end, sure = estimate(replace(exact, G=exact.G * factor), model)
     error = np.abs(end.x - parameters().x)
     assert np.all(error < 3 * np.sqrt(np.diag(sure.covariance)))
     assert np.any(error > 6 * cramer_rao(model, std))

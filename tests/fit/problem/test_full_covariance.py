@@ -130,8 +130,7 @@ def test_a_robust_loss_shrugs_off_outliers():
     x = parameters().x
     errors = []
     for _ in range(15):
-        fit = elastic_fit([response], [model], [weights], parameters(), "complex")
-        x = solve(fit.problem, x).x
+        x = solve(elastic_fit([response], [model], [weights], parameters(), "complex").problem, x).x
         errors.append(np.abs(x - parameters().x).max())
         plain = weigh(response, FitSpec(weights=spec))
         factor = robust_factors(elastic_fit([response], [model], [plain], parameters(), "complex"), [plain], x)

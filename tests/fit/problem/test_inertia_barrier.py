@@ -12,8 +12,7 @@ def test_barrier_equals_closed_form_with_exact_slope() -> None:
     """-2 mu ln det(Sigma / tr Sigma) of a free tensor; its gradient is that of central differences."""
     joint = Joint("1", "z", Spring(1e4, 10.0), Motor(1e-3, 50.0))
     robot = Robot("one", (Body("load", joints=(joint,), mass=3.0, inertia=(0.4, 0.5, 0.6, 0.02, 0.03, -0.01)),))
-    spec = FitSpec(parameters={"I_load_*": ParameterSpec()})
-    parameters = choose(spec, robot, ["c1"])
+    parameters = choose(FitSpec(parameters={"I_load_*": ParameterSpec()}), robot, ["c1"])
     inertias, x = free_inertias(parameters, robot), parameters.x
     (body,) = inertias
     value, gradient, _ = barrier(inertias, parameters, x)

@@ -51,8 +51,7 @@ def test_the_factor_is_that_of_generalised_least_squares() -> None:
     """x, c minimise |r + J dx - H c|^2 + |c|^2: the same x as with the covariance I + H H^T of all residuals."""
     response = data(0, 0.01, 1.0)
     x, _, c = solved(response)
-    weights = [weigh(response, NO_FLOOR)]
-    fit = elastic_fit([response], [plant()], weights, parameters(), "complex")
+    fit = elastic_fit([response], [plant()], [weigh(response, NO_FLOOR)], parameters(), "complex")
     factors, mixing = find_factors([response]), fit.frfs[0].mixing
     r, every, _ = systematic_errors.block_with_factors(fit, x, factors, fit.frfs[0], response, mixing)
     J, slopes = np.split(every, [len(x)])

@@ -234,6 +234,8 @@ def _saved(**variables: Any) -> Callable[[Path], ResponsesSpec]:
         (_matlab, {"hold": "zero-order", "rate_hz": 30.0}, "responses/lines", ("frf.mat", "20 Hz", "30 Hz", "15 Hz")),
         (_csv, {"columns": ResponseColumnsSpec(real="Re {y}/{u}")}, "responses/table", ("Re 1/1", "freq_hz", "re_1_1")),
         (_hdf5, {"columns": ResponseColumnsSpec()}, "responses/table", "data/G (2 x 2 x 6)"),
+        # Outputs or lines: both axes are of six.
+        (_saved(G=np.ones((6, 2, 6)), f=FREQ_HZ), {"columns": ResponseColumnsSpec("f")}, "responses/table", "2, 6"),
         # Squares of such sizes would overflow or vanish.
         (partial(_csv_times, 1e250), {}, "responses/lines", "frf.csv"),
         (partial(_csv_times, 1e-250), {}, "responses/lines", "frf.csv"),
